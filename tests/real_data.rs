@@ -1,5 +1,5 @@
-//! The whole job on the bench case of `../shared/data`, by the graphs of `bench_case`: insertions judged in
-//! the region of the shadow against an independent program's renders.
+//! Whole insertions of the bench case of `../shared/data` with the graphs of `bench_case`, compared in the shadow
+//! region with the renders of an independent program.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -50,7 +50,7 @@ fn run(graph: &str, folder: &Path) {
     assert!(status.success());
 }
 
-// 16 samples leave about 1 dB of noise on the table against the 64 of `docs/evidence/bench.md`.
+// 16 samples lose about 1 dB to noise compared with the 64 of `docs/evidence/bench.md`.
 #[test]
 fn with_true_light_the_shadow_is_five_decibels_over_none() {
     let folder = tempfile::tempdir().unwrap();
@@ -62,7 +62,7 @@ fn with_true_light_the_shadow_is_five_decibels_over_none() {
     assert!(ours.iter().zip(&none).all(|(ours, none)| ours >= &(none + 5.0)), "{ours:?} {none:?}");
 }
 
-// The splats bound what can be reached (22.7 dB in the first view), so the margin is small there.
+// The splats limit the result (22.7 dB in the first view), so the margin is small there.
 #[test]
 fn end_to_end_every_view_beats_no_shadow() {
     let folder = tempfile::tempdir().unwrap();

@@ -100,7 +100,7 @@ fn bad_files_are_put_aside_and_replaced() {
     }
     fs::remove_file(&path).unwrap();
     assert_eq!(store.get_blob(&digest).unwrap(), None);
-    assert_eq!(store.take_incidents(), [], "a missing blob is no damage");
+    assert_eq!(store.take_incidents(), [], "a missing blob does not count as damage");
     fs::create_dir(&path).unwrap();
     assert_eq!(store.get_blob(&digest).unwrap(), None);
     store.put_blob(&good).unwrap();
@@ -153,7 +153,7 @@ fn flipped_small_blobs_are_lost_alone() {
         let expected: Vec<usize> = (0..5).filter(|n| *n != hit).collect();
         assert_eq!((0..5).filter(found).collect::<Vec<_>>(), expected, "byte {at}");
     }
-    // Damage under an open store: what is in memory was verified, what is not is verified now.
+    // Damage under an open store: values in memory were verified, others are verified now.
     fs::write(&log, &good).unwrap();
     let store = open(folder.path());
     store.put_blob_as(&digests[4], b"").unwrap();

@@ -1,4 +1,4 @@
-//! Looking after a cache: what a collection may take, what a check finds, what a copy holds.
+//! Maintenance of a cache: values that a collection removes, that a check finds, that a copy holds.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs::{self, File};
@@ -22,12 +22,12 @@ fn key(n: u8) -> Digest {
     Digest::of(&[n])
 }
 
-/// A value of its own of so many bytes.
+/// A distinct value of `length` bytes.
 fn value(n: u8, length: usize) -> Vec<u8> {
     (0..length).map(|at| n ^ (at % 251) as u8).collect()
 }
 
-/// Records 0 to 9: each a large blob, a small one, and one that all share. The higher, the later used.
+/// Records 0 to 9: each with a large blob, a small one, and one that all share. Higher ones were used later.
 fn filled() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
@@ -46,7 +46,7 @@ fn blob_path(folder: &Path, digest: &Digest) -> PathBuf {
     folder.join("v1/blobs").join(&name[..2]).join(name)
 }
 
-/// As if the large blob of a record had been used so many days ago.
+/// Sets the last use of the large blob of a record to this many days ago.
 fn set_used(folder: &Path, n: u8, days: u64) {
     let path = blob_path(folder, &Digest::of(&value(n, 100_000)));
     let file = File::options().write(true).open(path).unwrap();
@@ -69,7 +69,7 @@ fn size(folder: &Path) -> u64 {
     size
 }
 
-/// Which records are there, each with all its blobs; panics where one lacks something.
+/// The records that exist, each with all its blobs; panics if one lacks any.
 fn whole(folder: &Path) -> Vec<u8> {
     let store = open(folder);
     let found = |n: &u8| {
@@ -90,7 +90,7 @@ fn the_longest_unused_goes_first_and_the_limit_holds() {
     let limits = Limits { max_size: Some(600_000), ..Limits::default() };
     let store = open(folder.path());
     let plan = collect(&store, Limits { dry_run: true, ..limits });
-    assert_eq!(whole(folder.path()).len(), 10, "only told");
+    assert_eq!(whole(folder.path()).len(), 10, "only reported");
     // Reading is using: that made everything new.
     (0..10).for_each(|n| set_used(folder.path(), n, 20 - u64::from(n)));
     let done = collect(&store, limits);
@@ -112,11 +112,11 @@ fn age_books_and_pins_decide() {
     let store = open(folder.path());
     store.pin("kept", &[key(0), key(1)]).unwrap();
     assert_eq!(store.pins(), [("kept".to_owned(), 2)]);
-    // A graph that has a record in its book was run today.
+    // A graph whose history names a record was run today.
     drop(store.begin_run("graph", &|| false));
     store.history_put("graph", "node", key(2).as_bytes());
     store.flush().unwrap();
-    // Half a day beside the ages, so that no second decides.
+    // Half a day off the ages, so that no second decides.
     let old = Limits { max_age: Some(DAY * 29 / 2), ..Limits::default() };
     let done = collect(&store, old);
     assert_eq!((done.records, done.pinned), (3, 2), "3, 4 and 5 were used 17 to 15 days ago");
@@ -185,7 +185,7 @@ fn a_check_finds_exactly_what_is_damaged() {
     let healed = check(false);
     assert!(healed.is_whole() && healed.records == 7, "{healed:?}");
     assert_eq!(whole(folder.path()), [0, 1, 2, 4, 6, 7, 8]);
-    // What was put aside goes at the next collection, and what that says is left is what is there.
+    // Values moved aside are removed by the next collection, and the size that it reports is right.
     for _ in 0..2 {
         let done = collect(&open(folder.path()), Limits::default());
         assert_eq!(

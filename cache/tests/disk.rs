@@ -1,6 +1,6 @@
-//! Disks that are really full, and folders that really cannot be written. The first is a small tmpfs in a
-//! namespace of the child's own; where the system does not let us mount one, the test says so and passes, for
-//! `kill.rs` injects the same error everywhere.
+//! Full disks, and folders that cannot be written. The first is a small tmpfs in a namespace of the child's own;
+//! where the system does not let us mount one, the test reports it and passes, since `kill.rs` injects the same
+//! error everywhere.
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic and speak")]
 
@@ -55,8 +55,8 @@ fn child_on_a_small_disk() {
             }
             let _ = store.take_incidents();
         }
-        // To collect makes room where values are files; where they are in the log, which has to be written anew, it may
-        // not, and does no harm.
+        // A collection makes room where values are files; where they are in the log, which has to be rewritten, it
+        // may not, and does no harm.
         let names = |bytes: &[u8]| -> Vec<Digest> {
             let n = u32::from_be_bytes(*bytes.first_chunk().unwrap());
             vec![Digest::of(&content(n, length))]
@@ -76,7 +76,7 @@ fn child_on_a_small_disk() {
         let none = Store::open(&folder.join("more"), Options::default());
         assert!(matches!(&none, Ok(store) if store.is_read_only()), "{none:?}");
         let _ = fs::remove_file(folder.join("rest"));
-        // Space freed: on it goes.
+        // With space freed, it continues.
         let _ = (fs::remove_dir_all(cache.join("v1/blobs")), fs::remove_file(cache.join("v1/blobs.log")));
         let store = open();
         let digest = store.put_blob(&content(1, length)).unwrap();
@@ -155,7 +155,7 @@ fn a_folder_without_rights_is_read_only() {
         }
         let mut command = Command::new(&program);
         command.args(["--exact", "child_without_rights", "--ignored"]).env("CACHE_TEST_FOLDER", &cache);
-        // Root may write anywhere; so be nobody if we may.
+        // Root may write anywhere, so the child becomes `nobody` if permitted.
         let output = command.uid(65534).output().or_else(|_| {
             let mut command = Command::new(&program);
             command.args(["--exact", "child_without_rights", "--ignored"]);

@@ -1,4 +1,4 @@
-//! The index of a log only saves time: whatever happens to it or to the log, what is read is what was put.
+//! The index of a log only saves time: whatever happens to it or to the log, reads return what was put.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs;
@@ -34,7 +34,7 @@ fn filled() -> tempfile::TempDir {
     folder
 }
 
-/// How many records a new process finds; panics on a wrong value.
+/// Number of records that a new process finds; panics on a wrong value.
 fn found(store: &Store) -> u32 {
     let there = |n: &u32| {
         let value = store.get_record(&key(*n));
@@ -63,7 +63,7 @@ fn what_follows_the_index_counts_more() {
         assert_eq!(keys.len() as u32, COUNT);
         assert!(keys.is_sorted() && !keys.contains(&key(8)));
     }
-    // A second index takes all that in.
+    // A second index covers all of it.
     let store = open(folder.path());
     (COUNT..2 * COUNT).for_each(|n| store.put_record(&key(n), &payload(n)).unwrap());
     store.flush().unwrap();
@@ -98,7 +98,7 @@ fn a_damaged_index_is_not_believed() {
 }
 
 #[test]
-fn damage_behind_the_index_costs_what_it_lies_in_and_is_told() {
+fn damage_behind_the_index_costs_what_it_lies_in_and_is_reported() {
     let folder = filled();
     let path = file(folder.path(), "records.log");
     let index = fs::read(file(folder.path(), "records.index")).unwrap();
@@ -110,8 +110,8 @@ fn damage_behind_the_index_costs_what_it_lies_in_and_is_told() {
         fs::write(file(folder.path(), "records.index"), &index).unwrap();
         let store = open(folder.path());
         assert_eq!(found(&store), COUNT - 1, "byte {at}");
-        let told: Vec<String> = store.take_incidents().iter().map(ToString::to_string).collect();
-        assert!(matches!(&told[..], [one] if one.contains("damaged bytes")), "{told:?}");
+        let reported: Vec<String> = store.take_incidents().iter().map(ToString::to_string).collect();
+        assert!(matches!(&reported[..], [one] if one.contains("damaged bytes")), "{reported:?}");
         store.flush().unwrap();
         let store = open(folder.path());
         assert_eq!((found(&store), store.take_incidents()), (COUNT - 1, vec![]), "healed");
@@ -170,7 +170,7 @@ fn half_an_entry_that_was_read_does_not_hide_what_replaces_it() {
     let store = open(folder.path());
     assert_eq!(found(&store), COUNT - 1);
     store.put_record(&key(COUNT), b"in its place").unwrap();
-    // Compaction must not leave it behind either.
+    // Compaction must not lose it either.
     (0..30).for_each(|_| store.put_record(&key(COUNT + 1), &[0; 100_000]).unwrap());
     store.flush().unwrap();
     assert_eq!(store.get_record(&key(COUNT)).as_deref(), Some(&b"in its place"[..]));

@@ -50,7 +50,7 @@ fn key(fields: &[(String, Field)]) -> Key {
     walk.finish().unwrap()
 }
 
-/// What a walk means, spelled out so that only equal walks are equal.
+/// The content of a walk, spelled out so that only equal walks are equal.
 fn meaning(fields: &[(String, Field)]) -> String {
     let one = |field: &Field| match field {
         Field::F64(bits) => format!("F64({:016x})", (number(*bits) + 0.0).to_bits()),

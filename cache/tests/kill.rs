@@ -1,5 +1,5 @@
-//! Stops a process, or fails its disk, at every named place, and looks at what is left.
-//! Needs the feature `failpoints`. The children are this test program again, running `child`.
+//! Stops a process, or fails its disk, at every named place, and checks the rest. Needs the feature `failpoints`.
+//! The children are this test program again, running `child`.
 #![cfg(feature = "failpoints")]
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -24,10 +24,10 @@ fn key(n: u8) -> Digest {
 
 const ROUNDS: u8 = 6;
 
-/// Does everything once or more, and writes down what was acknowledged.
+/// Does everything at least once, and writes down what was acknowledged.
 fn work(folder: &Path) -> Result<()> {
     let mut acknowledged = OpenOptions::new().create(true).append(true).open(folder.join("log")).unwrap();
-    // One write a line, so that a kill leaves no half of one.
+    // One write per line, so that a kill leaves no half line.
     let mut note = |line: String| acknowledged.write_all((line + "\n").as_bytes()).unwrap();
     let mut store = open(&folder.join("cache"))?;
     if store.is_read_only() {
@@ -56,7 +56,7 @@ fn work(folder: &Path) -> Result<()> {
     fs::write(folder.join("cache/v1/blobs").join(&name[..2]).join(&name), b"bad").unwrap();
     assert_eq!(store.get_blob(&bad)?, None);
     store.flush()?;
-    // A collection takes what no record names, and nothing else.
+    // A collection removes values that no record names, and nothing else.
     let orphan = store.put_blob(&[78; 9000])?;
     let names = |payload: &[u8]| vec![Digest::of(payload)];
     store.collect(&Limits::default(), &names, std::time::Duration::from_secs(60))?;
@@ -91,8 +91,8 @@ fn run(folder: &Path, failpoint: Option<&str>) -> bool {
     }
     let output = command.output().unwrap();
     // 101 is a panic, and a failed test; an abort has no code at all.
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_ne!(output.status.code(), Some(101), "{failpoint:?}: {said}");
+    let printed = String::from_utf8_lossy(&output.stderr);
+    assert_ne!(output.status.code(), Some(101), "{failpoint:?}: {printed}");
     !output.status.success()
 }
 
@@ -120,7 +120,7 @@ fn check(folder: &Path, what: &str) {
         assert!(blob.is_none() || blob == Some(content(n)), "{what}: wrong blob {n}");
         assert!(matches!(store.lease(&key(n)), LeaseState::Acquired(_)), "{what}: a dead holder");
     }
-    assert_eq!(store.take_incidents(), [], "{what}: a stop is no damage");
+    assert_eq!(store.take_incidents(), [], "{what}: a stop does not count as damage");
     match fs::read(folder.join("out/picture.png")) {
         Ok(found) => {
             assert_eq!(found, vec![found[0]; 3000], "{what}: half a file");
@@ -130,7 +130,7 @@ fn check(folder: &Path, what: &str) {
     }
 }
 
-/// How many children are stopped at each place: the whole work passes none of them more often than this.
+/// Number of children stopped at each place: the whole work passes none of them more often.
 const COUNTS: [u64; 5] = [1, 2, 3, 7, 12];
 
 #[test]
@@ -145,7 +145,7 @@ fn killed_at_every_place_nothing_acknowledged_is_lost() {
                 break;
             }
             check(folder.path(), &place);
-            // Killed once more while it recovers, then left to finish.
+            // Killed again while it recovers, then left to finish.
             run(folder.path(), Some(&place));
             check(folder.path(), &place);
             assert!(!run(folder.path(), None), "{place}: the work cannot be finished");
@@ -156,7 +156,7 @@ fn killed_at_every_place_nothing_acknowledged_is_lost() {
 }
 
 #[test]
-fn errors_at_every_place_are_said_and_harm_nothing() {
+fn errors_at_every_place_are_reported_and_harm_nothing() {
     for name in failpoint::NAMES {
         for (count, effect) in [(1, "error"), (2, "full"), (5, "error")] {
             let folder = tempfile::tempdir().unwrap();

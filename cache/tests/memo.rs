@@ -52,10 +52,10 @@ fn a_settled_memo_serves_and_a_fresh_one_does_not() {
     fs::rename(folder.path().join("new"), &path).unwrap();
     assert_eq!(store.digest_file(&path).unwrap(), (Digest::of(b"two"), 3));
 
-    // The same file, rewritten in place, with its time restored: only ctime tells.
+    // The same file, rewritten in place, with its time restored: only ctime differs.
     let known = settled(FileStamp::of(&path).unwrap());
     store.memo_put(&path, &known, &Digest::of(b"two"));
-    // As coarse as the clock of the file system may be, it moves on.
+    // However coarse the clock of the file system, it advances.
     while FileStamp::of(&path).unwrap().ctime_ns == known.ctime_ns {
         std::thread::sleep(Duration::from_millis(5));
         fs::write(&path, b"six").unwrap();
@@ -96,7 +96,8 @@ fn a_clock_that_jumps_costs_reading_and_gives_no_wrong_digest() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(&folder.path().join("cache"));
     let path = folder.path().join("source");
-    // When the memo is taken, the clock stands a year back, and files seem to be from the future; or a year ahead.
+    // When the memo is taken, the clock is a year behind, and files seem to be from the future; or it is a year
+    // ahead.
     for (jump, trusted) in [(-YEAR, false), (YEAR, true)] {
         fs::write(&path, b"one").unwrap();
         let mut stamp = FileStamp::of(&path).unwrap();

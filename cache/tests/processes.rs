@@ -55,7 +55,7 @@ fn child() {
                 let LeaseState::Acquired(_lease) =
                     store.wait_for_lease(&key, Duration::from_secs(60), &|| false)
                 else {
-                    panic!("waited in vain");
+                    panic!("timed out");
                 };
                 let path = Path::new(&folder).join("number");
                 let number: u32 = fs::read_to_string(&path).unwrap().parse().unwrap();

@@ -1,5 +1,5 @@
-//! How long the cache takes:
-//! `cargo test --release -p lightharmony-cache --test speed -- --ignored --nocapture`.
+//! The time that the cache takes: `cargo test --release -p lightharmony-cache --test speed -- --ignored
+//! --nocapture`.
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a measurement for people")]
 
 use std::time::Instant;
@@ -79,7 +79,7 @@ fn speed() {
     });
 
     for (name, fsync) in [("off", Fsync::Off), ("batch", Fsync::Batch), ("always", Fsync::Always)] {
-        // As a run does: a large value and its record, two hundred times, and the end of the run.
+        // Like a run: a large value and its record, two hundred times, and the end of the run.
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path(), Options { fsync, read_only: false }).unwrap();
         let start = Instant::now();

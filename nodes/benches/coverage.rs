@@ -1,6 +1,6 @@
-//! How often the true value lies within the standard errors that a run tells, over twenty seeds: of the ratio
-//! `with / without` by `path-trace`, and of the finished picture by `composite`. The tables of `docs/evidence/trade.md`.
-//! `cargo bench -p lightharmony-nodes --bench coverage`, of a checkout that has `shared` beside it; `-- small` only tries it.
+//! How often the true value lies within the reported standard errors, over twenty seeds: of the ratio `with /
+//! without` by `path-trace`, and of the finished picture by `composite`. The tables of `docs/evidence/trade.md`.
+//! `cargo bench -p lightharmony-nodes --bench coverage`, in a checkout next to `shared`; `-- small` only tries it.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
 use std::path::Path;
@@ -19,7 +19,7 @@ use nodes::types::{Environment, Images, Mesh, Placed, Rig};
 /// How much is traced.
 struct Effort {
     seeds: u64,
-    /// Seeds and samples of what is taken for the truth. They are none of those above.
+    /// Seeds and samples of the truth, different from those above.
     truth: (u64, u32),
     /// The most samples where an error is asked for.
     most: u32,
@@ -32,7 +32,7 @@ const SMALL: Effort = Effort { seeds: 2, truth: (2, 8), most: 8 };
 const ASKED: f64 = 0.03;
 const TILE: usize = 8;
 
-/// What `trace` reads in a graph of `tests/tables`, and the background of its picture.
+/// The inputs of `trace` in a graph of `tests/tables`, and the background of its picture.
 struct Place {
     receiver: Arc<Mesh>,
     objects: Vec<Arc<Placed>>,
@@ -41,7 +41,7 @@ struct Place {
     background: Arc<Images>,
 }
 
-/// Values of pixels with what is told of their standard errors; 0 where there is no noise.
+/// Values of pixels with their reported standard errors; 0 where there is no noise.
 type Told = Vec<[f64; 2]>;
 
 impl Place {

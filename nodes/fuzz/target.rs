@@ -1,4 +1,4 @@
-//! What every target does: reads, and holds the result against what a reader promises.
+//! The body of every target: reads, and checks the guarantees of a reader.
 
 use engine::{Context, Scene, Up};
 use nodes::io::splats::{Frame, from_bytes};

@@ -43,6 +43,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<cube_rig::CubeRig>(),
         KindEntry::of::<demo_scene::DemoScene>(),
         KindEntry::of::<denoise::Denoise>(),
+        KindEntry::of::<extract_mesh::ExtractMesh>(),
         KindEntry::of::<fit_probe::FitProbe>(),
         KindEntry::of::<fuse_hdr::FuseHdr>(),
         KindEntry::of::<join_reports::JoinReports>(),
@@ -56,6 +57,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<override_material::OverrideMaterial>(),
         KindEntry::of::<path_trace::PathTrace>(),
         KindEntry::of::<place::Place>(),
+        KindEntry::of::<plane::Plane>(),
         KindEntry::of::<pose::PoseNode>(),
         KindEntry::of::<predict_exposure::PredictExposure>(),
         KindEntry::of::<region_masks::RegionMasks>(),
@@ -68,6 +70,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<write_animation::WriteAnimation>(),
         KindEntry::of::<write_exr::WriteExr>(),
         KindEntry::of::<write_image::WriteImage>(),
+        KindEntry::of::<write_mesh::WriteMesh>(),
         KindEntry::of::<write_report::WriteReport>(),
     ])
 }

@@ -1,5 +1,5 @@
-//! That nodes take what they said they would: every allocation is counted, each case in a process of its own.
-#![allow(clippy::print_stdout, reason = "a process tells another one what it took")]
+//! Nodes stay within their estimates: every allocation is counted, each case in a process of its own.
+#![allow(clippy::print_stdout, reason = "a process reports its memory to another one")]
 
 use std::alloc::System;
 use std::fmt::Write as _;
@@ -17,7 +17,7 @@ use nodes::io::{exr, jpeg, png};
 static COUNTED: Cap<System> = Cap::new(System, usize::MAX);
 
 const MIB: u64 = 1 << 20;
-/// What the program takes besides: threads, names, a store in memory.
+/// Other memory of the program: threads, names, a store in memory.
 const REST: f64 = 2.0 * MIB as f64;
 
 /// Pictures of one size and mesh, splats, as files.
@@ -34,7 +34,7 @@ fn files(folder: &Path) {
     ] {
         let code = |i: usize| if noisy { noise(i) & largest } else { 7 };
         let codes = (0..width * height * channels).map(code).collect();
-        let raster = Raster { width, height, channels, largest, codes, ignored: Vec::new() };
+        let raster = Raster { width, height, channels, largest, codes, ignored: Vec::new(), linear: false };
         put(name, png::write_for(&raster, Packing::Fast, true, &[], Stretch::ALONE).expect("packs"));
         if name == "noise.png" {
             put("noise.jpg", jpeg::write(&raster, 90, None).expect("packs"));
@@ -92,7 +92,7 @@ fn files(folder: &Path) {
     put("splats.ply", ply);
 }
 
-/// Nodes, and how many times what they really take may be the budget that they ask for.
+/// Nodes, and the largest permitted ratio of the estimate to the actual memory.
 const CASES: [(&str, f64); 22] = [
     (r#"a: LoadImage(path: "noise.png")"#, 1.2),
     (r#"a: LoadImage(path: "flat.png")"#, 1.2),
@@ -118,7 +118,7 @@ const CASES: [(&str, f64); 22] = [
     (r#"a: LoadImage(path: "noise.png"), b: WriteAnimation(frames: ["a", "a", "a"], path: "a.png")"#, 1.5),
 ];
 
-/// Runs a case with a budget; the most that was allocated meanwhile, or `None` where a node asked for more.
+/// Runs a case with a budget. Returns the peak of allocations, or `None` if a node asked for more.
 fn run(folder: &Path, nodes: &str, memory: u64) -> Option<u64> {
     let text = format!("Graph(version: 1, scene: (up: \"+z\"), nodes: ({nodes}))");
     let graph = Graph::parse(Source::new("g.ron", text), &nodes::registry(), SourceRoot::new(folder));
@@ -136,7 +136,7 @@ fn run(folder: &Path, nodes: &str, memory: u64) -> Option<u64> {
     None
 }
 
-/// One case in a process of its own: what another one took is not to be told from it.
+/// One case in a process of its own, since allocations of several cases cannot be separated.
 #[test]
 #[ignore = "is run by the other test"]
 fn child() {
@@ -156,13 +156,14 @@ fn in_a_process(folder: &Path, case: usize, budget: u64) -> Option<u64> {
         .output()
         .expect("runs");
     let text = String::from_utf8_lossy(&output.stdout);
-    let told = text.lines().find_map(|line| line.split_once("most: ")).map(|(_, told)| told.trim());
-    let told = told
+    let reported =
+        text.lines().find_map(|line| line.split_once("most: ")).map(|(_, reported)| reported.trim());
+    let reported = reported
         .unwrap_or_else(|| panic!("{}: {text}{}", CASES[case].0, String::from_utf8_lossy(&output.stderr)));
-    told.parse().ok()
+    reported.parse().ok()
 }
 
-/// `--memory` holds within 20 %: whatever takes more is refused first. And it is not refused for nothing.
+/// `--memory` holds within 20 %: nodes that take more are refused first, and no others.
 #[test]
 #[ignore = "on demand: it starts some seventy processes"]
 fn a_budget_holds_within_a_fifth() {

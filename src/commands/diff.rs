@@ -281,6 +281,7 @@ impl Diff {
             preset: Vec::new(),
             overlay: Vec::new(),
             only: Vec::new(),
+            frames: None,
             inputs: self.origin.inputs.clone(),
             other_versions: self.origin.other_versions,
         };

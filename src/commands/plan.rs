@@ -38,7 +38,11 @@ impl Plan {
             if node.fate == Fate::Known && !self.verbose {
                 continue;
             }
-            let about = node.forecast.map(|s| format!("about {}", seconds_text(s))).unwrap_or_default();
+            let about = match (node.forecast, &node.fate) {
+                (Some(seconds), _) => format!("about {}", seconds_text(seconds)),
+                (None, Fate::Known | Fate::Fails(_)) => String::new(),
+                (None, _) => "unknown".to_owned(),
+            };
             let why = reason(graph, index, &node.fate);
             text.push_str(&format!("{:<12} {:<16} {about:<14} {why}\n", node.id, node.kind));
             let past = self.verbose.then(|| engine.past(graph, index, node));

@@ -6,7 +6,7 @@ use clap::Args;
 use trade::Metric;
 use trade::bench::{Bench, Miss};
 use trade::plot::tick_text;
-use trade::report::{Measured, Stop, measure_all, page, told};
+use trade::report::{Measured, Stop, as_json, measure_all, page};
 
 use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
 use crate::terminal;
@@ -53,7 +53,7 @@ impl MakeReport {
         let measured = measure_all(&mut bench, &metric, !self.no_reverse, |bench, at| {
             bench.new_remarks().iter().for_each(|remark| terminal::remark(remark));
             let point = &bench.points[at];
-            let (name, error) = (bench.name(&point.assignment), metric.told(metric.error(&point.off)));
+            let (name, error) = (bench.name(&point.assignment), metric.shown(metric.error(&point.off)));
             terminal::remark(&format!("measured {name}: work {}, error {error}", tick_text(point.work)));
         });
         let Measured { presets, now, attributions } = match measured {
@@ -68,7 +68,7 @@ impl MakeReport {
         })?;
         cache::publish_file(&self.out, page.finish(&format!("Work and error of {name}")).as_bytes())?;
         if self.json {
-            terminal::print(&format!("{}\n", told(&bench, &metric, now, &attributions)))?;
+            terminal::print(&format!("{}\n", as_json(&bench, &metric, now, &attributions)))?;
         } else {
             terminal::print(&format!("{}\n", self.out.display()))?;
         }

@@ -69,7 +69,7 @@ impl Tune {
             if !self.json {
                 let point = &bench.points[at];
                 let (work, seconds) = (tick_text(point.work), tick_text(point.cpu_seconds));
-                let error = wanted.metric.told(wanted.metric.error(&point.off));
+                let error = wanted.metric.shown(wanted.metric.error(&point.off));
                 let name = bench.name(&point.assignment);
                 terminal::remark(&format!(
                     "measured work {work:>8}, {seconds:>7} CPU-s, error {error:>8}  {name}"
@@ -115,7 +115,7 @@ impl Tune {
         let work = self.max_work.map(|value| ("--max-work", value));
         let (option, value) = seconds.or(work).ok_or_else(no_goal)?;
         if !(value > 0.0 && value.is_finite()) {
-            return Err(Error::usage(format!("{option} must be above 0, and is {value}")));
+            return Err(Error::usage(format!("{option} must be a number above 0, and is {value}")));
         }
         let unit = if self.max_seconds.is_some() { Unit::CpuSeconds } else { Unit::Rays };
         Ok(Wanted { metric, goal: Goal::Cost(value), unit, budget })

@@ -53,7 +53,7 @@ impl Verify {
         let verbose = self.verbose;
         let tell = |event: engine::Event| {
             if verbose || matches!(event, engine::Event::Warning { .. }) {
-                report.tell(&event);
+                report.show(&event);
             }
         };
         let verified = verify(&mut bundle, &nodes::registry(), &options, tell).map_err(named)?;

@@ -89,7 +89,7 @@ impl Watch {
             };
             Load { graph: loaded.map_err(refusal), texts }
         };
-        let wrong = watch.run(&engine, load, |event| report.tell(&event));
+        let wrong = watch.run(&engine, load, |event| report.show(&event));
         if !self.json {
             for path in wrong {
                 terminal::remark(&format!("{} does not show what the graph says now", path.display()));

@@ -73,7 +73,7 @@ pub fn pilot(loaded: &Loaded, engine: &Engine) -> Result<Option<(Arc<Graph>, Cho
     let plan = engine.plan(&graph, &loaded.only);
     let untimed = plan.iter().zip(&graph.nodes).any(|(planned, node)| {
         let open = matches!(planned.fate, Fate::Runs(_) | Fate::Follows(_) | Fate::Lost);
-        open && planned.forecast.is_none() && node.kind.refines.is_some()
+        open && planned.forecast.is_none() && node.kind.preview.refines.is_some()
     });
     Ok(untimed.then(|| (graph, settings(&fields(&own, FEWEST)))))
 }
@@ -97,7 +97,8 @@ pub fn to_time(loaded: Loaded, engine: &Engine, seconds: f64) -> Result<(Loaded,
 /// The knobs of a graph that say how many samples a node takes, and how many.
 fn samples(graph: &Graph, only: &[usize]) -> Vec<(GraphKnob, u64)> {
     let counts = |knob: &GraphKnob| {
-        !knob.varies && graph.nodes[graph.find_all(&knob.node)[0]].kind.refines == Some(knob.parameter)
+        !knob.varies
+            && graph.nodes[graph.find_all(&knob.node)[0]].kind.preview.refines == Some(knob.parameter)
     };
     let knobs = graph.knobs(only).into_iter().filter(counts);
     knobs.filter_map(|knob| knob.value.parse().ok().map(|n| (knob, n))).collect()

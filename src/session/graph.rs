@@ -9,8 +9,9 @@ use engine::{EditError, Engine, Graph, ReadFiles, Registry, Setting, Source, Sou
 
 use super::engine::EngineArgs;
 use super::error::Error;
+use super::names::wanted;
 use super::origin::{Origin, OriginArgs, is_picture};
-use crate::terminal::{self, names};
+use crate::terminal;
 
 /// Which graph, with which values in place of those written in it.
 #[derive(Debug, Args)]
@@ -33,6 +34,10 @@ pub struct GraphArgs {
     /// Only these nodes and what they need, separated by commas; default: every sink
     #[arg(long, value_name = "NODES", value_delimiter = ',')]
     pub only: Vec<String>,
+    /// Only these values of the axis `frame`, such as 1001-1050 or 7: of the nodes of `--only`, or of the sinks that write
+    /// a file for each frame
+    #[arg(long, value_name = "FIRST-LAST")]
+    pub frames: Option<String>,
     // Not flattened from `OriginArgs`: an optional `GraphArgs` is there only if clap sees an argument of its own.
     /// For a bundle or a picture: a folder whose files the graph may read, as often as needed
     #[arg(long, value_name = "DIR")]
@@ -129,24 +134,17 @@ impl GraphArgs {
         known.reparse(text, nodes::registry)
     }
 
-    /// Checks a graph that was read, and opens an engine. A large graph comes by way of its compiled form; a wrong
-    /// one that is small leaves no cache behind.
+    /// Checks a graph that was read, and opens an engine. A wrong graph leaves no cache behind.
     pub fn check_with(
         &self,
         origin: Origin,
         texts: &[PathBuf],
         engine: &EngineArgs,
     ) -> Result<(Loaded, Engine), Error> {
-        let mut opened = None;
         let loaded = self.check(origin, texts, |source, registry, root| {
-            if source.text.len() < Graph::WORTH_COMPILING {
-                return Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph);
-            }
-            let engine = opened.insert(engine.open()?);
-            Graph::parse_cached(source, registry, root, engine.store()).map(Arc::new).map_err(Error::Graph)
+            Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph)
         })?;
-        let engine = opened.map_or_else(|| engine.open(), Ok)?;
-        Ok((loaded, engine))
+        Ok((loaded, engine.open()?))
     }
 
     /// Reads the graph, what is laid over it and what it includes. The files of that go to `texts`, found or not.
@@ -167,7 +165,7 @@ impl GraphArgs {
         for path in &self.overlay {
             if root.is_strange(path) {
                 return Err(Error::usage(format!(
-                    "`{}` came out of a bundle and could make this graph read any file; remove \
+                    "`{}` belongs to an unpacked bundle and could make this graph read any file; remove \
                      `.lightharmony-bundle` from its folder if you trust it",
                     path.display()
                 )));
@@ -197,6 +195,28 @@ impl GraphArgs {
         Ok(Origin { source, root, lock, recipe, unpacked })
     }
 
+    /// Adds to mistakes of `--set` how a list of numbers is written in a shell.
+    fn with_shell_forms(&self, error: Error) -> Error {
+        let Error::Graph(mut mistakes) = error else { return error };
+        for setting in &self.set {
+            let Some((place, value)) = setting.split_once('=') else { continue };
+            let field = place.rsplit('.').next().unwrap_or_default().trim();
+            let numbers: Vec<&str> = value.split(',').map(str::trim).collect();
+            if numbers.len() < 2 || numbers.iter().any(|number| number.parse::<f64>().is_err()) {
+                continue;
+            }
+            for mistake in &mut mistakes.list {
+                if mistake.message.starts_with(&format!("`{field}` takes")) {
+                    let (open, close) =
+                        if mistake.message.contains("in ( )") { ('(', ')') } else { ('[', ']') };
+                    let value = numbers.join(", ");
+                    mistake.hints.push(format!("in a shell: --set '{}={open}{value}{close}'", place.trim()));
+                }
+            }
+        }
+        Error::Graph(mistakes)
+    }
+
     fn check(
         &self,
         origin: Origin,
@@ -204,7 +224,7 @@ impl GraphArgs {
         parse: impl FnOnce(Source, &Registry, SourceRoot) -> Result<Arc<Graph>, Error>,
     ) -> Result<Loaded, Error> {
         let Origin { source, root, lock, recipe, unpacked } = origin;
-        let graph = parse(source, &nodes::registry(), root)?;
+        let graph = parse(source, &nodes::registry(), root).map_err(|error| self.with_shell_forms(error))?;
         let as_it_was =
             self.set.is_empty() && !self.exhaustive && self.preset.is_empty() && self.overlay.is_empty();
         if let Some(recipe) = recipe.filter(|_| as_it_was) {
@@ -214,41 +234,7 @@ impl GraphArgs {
                 return Err(Error::usage(format!("`{path}` was made from other files:\n{other}")));
             }
         }
-        if self.only.iter().any(|name| name.trim().is_empty()) {
-            return Err(Error::usage("`--only` takes names of nodes separated by single commas"));
-        }
-        let only =
-            self.only.iter().map(|name| find_all(&graph, name.trim())).collect::<Result<Vec<_>, _>>()?;
-        Ok(Loaded { graph, only: only.concat(), texts: texts.to_vec(), lock, unpacked })
-    }
-}
-
-/// The one node of a name, or an error that lists those there are.
-pub fn find(graph: &Graph, name: &str) -> Result<usize, Error> {
-    match find_all(graph, name)?.as_slice() {
-        [node] => Ok(*node),
-        nodes => Err(Error::usage(format!(
-            "`{name}` is several nodes; name one of {}",
-            names(graph, nodes.iter().copied())
-        ))),
-    }
-}
-
-/// Every node of a name; axes make several of one.
-fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
-    let found = graph.find_all(name);
-    match found.as_slice() {
-        [] => {
-            if let Some(of) = graph.source.gathered(name) {
-                return Err(Error::usage(format!(
-                    "`{name}` is a Gather, not a node; use `{of}`, or a node that reads `{name}`"
-                )));
-            }
-            let near = engine::nearest(name, graph.nodes.iter().map(|node| node.id.as_str()));
-            let hint = near.map(|near| format!(" (did you mean `{near}`?)")).unwrap_or_default();
-            let known = names(graph, 0..graph.nodes.len());
-            Err(Error::usage(format!("the graph has no node `{name}`{hint}; its nodes are {known}")))
-        }
-        _ => Ok(found),
+        let only = wanted(&graph, &self.only, self.frames.as_deref())?;
+        Ok(Loaded { graph, only, texts: texts.to_vec(), lock, unpacked })
     }
 }

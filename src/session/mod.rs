@@ -5,9 +5,11 @@ mod engine;
 mod error;
 mod graph;
 pub mod locked;
+mod names;
 pub mod origin;
 pub mod splats;
 
 pub use engine::{EngineArgs, cache_folder, on_interrupt, size, time};
 pub use error::Error;
-pub use graph::{GraphArgs, Loaded, find};
+pub use graph::{GraphArgs, Loaded};
+pub use names::find;

@@ -32,7 +32,7 @@ pub fn no_file(graph: &Graph, only: &[usize]) -> Option<String> {
 }
 
 /// The first names of some nodes.
-pub fn names(graph: &Graph, nodes: impl Iterator<Item = usize>) -> String {
+fn names(graph: &Graph, nodes: impl Iterator<Item = usize>) -> String {
     const MOST: usize = 40;
     let mut names: Vec<&str> = nodes.take(MOST + 1).map(|node| graph.nodes[node].id.as_str()).collect();
     if names.len() > MOST {

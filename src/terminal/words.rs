@@ -2,15 +2,19 @@
 
 use engine::{Counts, Forecast, Totals};
 
-/// `5 of 14 nodes may run, about 8.0 s, 1 never timed`.
+/// `5 of 14 nodes may run, about 8.0 s`. The time of a node whose kind never ran is unknown, and not nothing.
 pub fn forecast_text(forecast: &Forecast) -> String {
     let Forecast { open, wanted, seconds, untimed } = forecast;
     let mut text = format!("{open} of {wanted} nodes may run");
-    if *seconds >= 0.05 {
-        text.push_str(&format!(", about {}", seconds_text(*seconds)));
-    }
-    if *untimed > 0 {
-        text.push_str(&format!(", {untimed} never timed"));
+    let known = (*seconds >= 0.05).then(|| format!("about {}", seconds_text(*seconds)));
+    match (*untimed, known) {
+        (0, None) => {}
+        (0, Some(known)) => text.push_str(&format!(", {known}")),
+        (n, _) if n == *open => text.push_str(", time unknown: they never ran"),
+        (n, None) => text.push_str(&format!(", time unknown: {n} of them never ran")),
+        (n, Some(known)) => {
+            text.push_str(&format!(", time unknown: {n} of them never ran, the others take {known}"));
+        }
     }
     text
 }
@@ -69,4 +73,22 @@ pub fn columns(rows: &[Vec<String>]) -> String {
         format!("{}\n", cells.collect::<Vec<_>>().join("  ").trim_end())
     };
     rows.iter().map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_never_ran_has_no_forecast() {
+        let text = |open, seconds, untimed| forecast_text(&Forecast { open, wanted: 9, seconds, untimed });
+        assert_eq!(text(0, 0.0, 0), "0 of 9 nodes may run");
+        assert_eq!(text(5, 8.0, 0), "5 of 9 nodes may run, about 8.00 s");
+        assert_eq!(text(5, 0.0, 5), "5 of 9 nodes may run, time unknown: they never ran");
+        let some = text(5, 0.43, 2);
+        assert_eq!(
+            some,
+            "5 of 9 nodes may run, time unknown: 2 of them never ran, the others take about 0.43 s"
+        );
+    }
 }

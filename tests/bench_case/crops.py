@@ -1,4 +1,4 @@
-"""Cuts the three views of the bench case down to what object and shadow take of them, a sixth of their pixels, and
+"""Crops the three views of the bench case to the object and its shadow, a sixth of their pixels, and
 writes an overlay that has `oracle.ron` and `ablations.ron` render these in place of the whole views:
 
     python3 tests/bench_case/crops.py ../shared/data/bench-case FOLDER

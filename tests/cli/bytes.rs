@@ -1,4 +1,4 @@
-//! The same bytes whatever the threads, the folder and the order of things.
+//! The same bytes for any number of threads, any folder and any order.
 
 use crate::{INSERT, Place};
 
@@ -76,13 +76,13 @@ fn sixteen_processes_on_one_cache_compute_each_key_once() {
     let children: Vec<_> = (0..16).map(start).collect();
     let mut ran = 0;
     for child in children {
-        let told = child.wait_with_output().unwrap();
-        assert!(told.status.success());
-        let text = String::from_utf8(told.stdout).unwrap();
+        let reported = child.wait_with_output().unwrap();
+        assert!(reported.status.success());
+        let text = String::from_utf8(reported.stdout).unwrap();
         let done: serde_json::Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
         ran += done["ran"].as_u64().unwrap() as usize;
     }
-    // A loader's values are made again where its sink is another's: that is no run of it.
+    // A loader's values are made again where its sink runs in another process; that does not count as a run.
     assert_eq!(ran, NODES, "each of the keys was computed by one of the processes");
     let first = crate::files(&place.path(&out(0)));
     assert_eq!(first.len(), NODES / 2);

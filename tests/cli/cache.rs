@@ -1,4 +1,4 @@
-//! `cache`: looking after it as a person does.
+//! The verb `cache`, used as a person does.
 
 use std::path::PathBuf;
 
@@ -20,7 +20,7 @@ fn place() -> Place {
     place
 }
 
-fn said(place: &Place, arguments: &[&str]) -> (i32, String) {
+fn printed(place: &Place, arguments: &[&str]) -> (i32, String) {
     let output = place.call(&[&["cache"], arguments].concat());
     let text = [output.stdout, output.stderr].concat();
     (output.status.code().unwrap(), String::from_utf8(text).unwrap())
@@ -38,20 +38,20 @@ fn large_blobs(place: &Place) -> Vec<PathBuf> {
 fn damage_is_named_put_aside_and_made_again() {
     let place = place();
     let bytes = place.outputs();
-    let (code, text) = said(&place, &["stat"]);
+    let (code, text) = printed(&place, &["stat"]);
     assert!(code == 0 && text.contains("2 records"), "{text}");
-    assert_eq!(said(&place, &["verify"]).0, 0);
+    assert_eq!(printed(&place, &["verify"]).0, 0);
     let blobs = large_blobs(&place);
     assert_eq!(blobs.len(), 1, "the file of the sink");
     std::fs::write(&blobs[0], b"nonsense").unwrap();
     for _ in 0..2 {
-        let (code, text) = said(&place, &["verify"]);
+        let (code, text) = printed(&place, &["verify"]);
         assert_eq!((code, text.matches("damaged: value").count()), (1, 1), "{text}");
         assert!(text.contains(blobs[0].file_name().unwrap().to_str().unwrap()), "{text}");
     }
-    let (code, text) = said(&place, &["repair"]);
+    let (code, text) = printed(&place, &["repair"]);
     assert!(code == 0 && text.contains("put aside"), "{text}");
-    assert_eq!(said(&place, &["verify"]).0, 0);
+    assert_eq!(printed(&place, &["verify"]).0, 0);
     std::fs::remove_dir_all(place.path("out")).unwrap();
     assert_eq!(place.run(&[]).good().nodes("ran"), ["save"]);
     assert!(place.outputs() == bytes);
@@ -60,35 +60,35 @@ fn damage_is_named_put_aside_and_made_again() {
 #[test]
 fn collecting_pinning_and_copying() {
     let place = place();
-    let (code, text) = said(&place, &["gc", "--max-size", "0", "--dry-run"]);
+    let (code, text) = printed(&place, &["gc", "--max-size", "0", "--dry-run"]);
     assert!(code == 0 && text.starts_with("would remove 2 results"), "{text}");
-    let (code, text) = said(&place, &["copy", "--to", "other", "graph.ron"]);
+    let (code, text) = printed(&place, &["copy", "--to", "other", "graph.ron"]);
     assert!(code == 0 && text.starts_with("copied 2 results"), "{text}");
-    let (code, text) = said(&place, &["copy", "--to", "whole"]);
+    let (code, text) = printed(&place, &["copy", "--to", "whole"]);
     assert!(code == 0 && text.starts_with("copied 2 results"), "everything: {text}");
-    assert_eq!(said(&place, &["pin"]), (0, "nothing is pinned\n".to_owned()));
-    let (code, text) = said(&place, &["pin", "graph.ron"]);
+    assert_eq!(printed(&place, &["pin"]), (0, "nothing is pinned\n".to_owned()));
+    let (code, text) = printed(&place, &["pin", "graph.ron"]);
     assert!(code == 0 && text.contains("2 of 2 results are known"), "{text}");
-    let (code, text) = said(&place, &["gc", "--max-size", "0"]);
+    let (code, text) = printed(&place, &["gc", "--max-size", "0"]);
     assert!(code == 0 && text.contains("2 results are pinned and stay"), "{text}");
     assert_eq!(place.run(&[]).good().nodes("cached"), ["pic", "save"]);
-    assert!(said(&place, &["stat"]).1.contains("graph.ron: 2 records"));
-    assert_eq!(said(&place, &["pin", "graph.ron", "--remove"]).0, 0);
-    assert!(!said(&place, &["stat"]).1.contains("graph.ron"));
-    assert!(said(&place, &["gc", "--max-size", "0"]).1.starts_with("removed 2 results"));
+    assert!(printed(&place, &["stat"]).1.contains("graph.ron: 2 records"));
+    assert_eq!(printed(&place, &["pin", "graph.ron", "--remove"]).0, 0);
+    assert!(!printed(&place, &["stat"]).1.contains("graph.ron"));
+    assert!(printed(&place, &["gc", "--max-size", "0"]).1.starts_with("removed 2 results"));
     assert_eq!(place.run(&["--cache", "other"]).good().nodes("cached"), ["pic", "save"], "from the copy");
     assert_eq!(place.run(&[]).good().nodes("ran"), ["pic", "save"]);
-    assert!(said(&place, &["gc", "--max-age", "1d"]).1.starts_with("removed 0 results"), "just used");
+    assert!(printed(&place, &["gc", "--max-age", "1d"]).1.starts_with("removed 0 results"), "just used");
 }
 
 #[test]
 fn wrong_arguments_say_what_to_write() {
     let place = place();
-    let (code, text) = said(&place, &["gc", "--max-age", "soon"]);
+    let (code, text) = printed(&place, &["gc", "--max-age", "soon"]);
     assert!(code == 2 && text.contains("`soon` is not a time"), "{text}");
-    let (code, text) = said(&place, &["gc", "--max-size", "much"]);
+    let (code, text) = printed(&place, &["gc", "--max-size", "much"]);
     assert!(code == 2 && text.contains("`much` is not a size"), "{text}");
-    let (code, text) = said(&place, &["stat", "--cache", "nowhere"]);
+    let (code, text) = printed(&place, &["stat", "--cache", "nowhere"]);
     assert!(code == 2 && text.contains("there is no cache in `nowhere`"), "{text}");
     assert!(!place.path("nowhere").exists());
     for fsync in ["always", "off", "batch"] {

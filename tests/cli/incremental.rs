@@ -1,13 +1,13 @@
-//! What an edit reruns: the first invalidation tests of the design, on the event stream of real runs.
+//! Nodes that run again after an edit, checked on the event stream of real runs.
 
-use crate::{INSERT, Place, Told};
+use crate::{INSERT, Place, RunLog};
 
 fn edited(from: &str, to: &str) -> String {
     assert!(INSERT.contains(from), "{from}");
     INSERT.replace(from, to)
 }
 
-fn ran(place: &Place, graph: &str) -> Told {
+fn ran(place: &Place, graph: &str) -> RunLog {
     place.write(graph);
     place.run(&[]).good()
 }
@@ -33,7 +33,7 @@ fn edits_rerun_what_they_touch_and_nothing_else() {
     let shuffled = lines.join("\n// a comment\n") + "\n";
     assert_eq!(ran(&place, &shuffled).nodes("ran"), [""; 0]);
 
-    // A default that is written out is no edit.
+    // Writing out a default is not an edit.
     let spelt = edited("size_px: 32)", "size_px: 32, guard_deg: 3.0)");
     assert_eq!(ran(&place, &spelt).nodes("ran"), [""; 0]);
 
@@ -41,11 +41,11 @@ fn edits_rerun_what_they_touch_and_nothing_else() {
     place.write(INSERT);
     assert_eq!(place.run(&[]).good().nodes("ran"), [""; 0]);
 
-    // gamma: the ratio, the composite, the sinks that show them.
+    // gamma: the ratio, the composite, and their sinks.
     let gamma = ran(&place, &edited("gamma: 0.8", "gamma: 0.7"));
     assert_eq!(gamma.nodes("ran"), ["final", "layers", "save", "shadow"]);
 
-    // Camera: the view, the trace and what follows, not the light.
+    // Camera: the view, the trace and the nodes below, not the light.
     let camera = ran(&place, &edited("fov_y_deg: 40.0", "fov_y_deg: 41.0"));
     assert_eq!(camera.nodes("ran"), ["camera", "final", "layers", "save", "shadow", "trace", "view"]);
 
@@ -55,7 +55,7 @@ fn edits_rerun_what_they_touch_and_nothing_else() {
     assert!(!yaw.parts("trace", "cached").is_empty(), "R0 comes from the cache");
     assert!(yaw.parts("trace", "ran").iter().all(|part| *part != "r0"));
 
-    // Translation: the probe, what it lights and what follows, and not the background.
+    // Translation: the probe and all nodes below it, not the background.
     let moved = ran(&place, &edited("translation: (0.0, 0.0, 0.0)", "translation: (0.1, 0.0, 0.0)"));
     assert_eq!(
         moved.nodes("ran"),
@@ -81,10 +81,10 @@ const FLOOR: &str = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\n
     element face 4\nproperty list uchar int vertex_indices\nend_header\n-3 -3 0\n3 -3 0\n3 3 0\n-3 3 0\n\
     -0.1 -0.1 0.03\n0.1 -0.1 0.03\n0.1 0.1 0.03\n-0.1 0.1 0.03\n3 0 1 2\n3 0 2 3\n3 4 5 6\n3 4 6 7\n";
 
-/// Another scale of the capture, with an object as large in the picture as before: the same bytes for receiver, object,
-/// camera and sky, and an error of the mesh that is twice as high.
+/// Another scale of the capture with an object of the same size in the picture: the same bytes for receiver,
+/// object, camera and sky, but twice the error of the mesh.
 #[test]
-fn what_another_metre_changes_is_traced_anew() {
+fn what_another_metre_changes_is_traced_again() {
     let graph = |metres_per_unit: f64| {
         format!(
             r#"Graph(version: 1, scene: (up: "+z", seed: 3, metres_per_unit: {metres_per_unit:?}), nodes: (

@@ -5,21 +5,20 @@ use std::process::Stdio;
 
 use crate::{INSERT, Place};
 
-/// How often a cold run is killed. The issue asks for 50; `LIGHTHARMONY_KILLS` sets another number.
+/// Number of times a cold run is killed; `LIGHTHARMONY_KILLS` sets another number.
 fn rounds() -> usize {
     std::env::var("LIGHTHARMONY_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(12)
 }
 
-/// Kills a run once it has told so many lines, so that the moments spread over the run on a machine of any
-/// speed.
+/// Kills a run after this many lines of output, so that the moments spread over the run on a machine of any speed.
 fn kill_after(place: &Place, lines: usize) {
     let mut command = place.command(&["run", "graph.ron", "--json"]);
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
-    let told = BufReader::new(child.stdout.take().unwrap()).lines().take(lines).count();
-    // It may have come to its end before.
+    let reported = BufReader::new(child.stdout.take().unwrap()).lines().take(lines).count();
+    // It may have ended before.
     let _ = child.kill();
     child.wait().unwrap();
-    assert!(told <= lines);
+    assert!(reported <= lines);
 }
 
 #[test]
@@ -39,7 +38,7 @@ fn killed_runs_leave_nothing_wrong_behind() {
     }
 }
 
-/// A picture, a report, a few blobs: every sort of write, in milliseconds.
+/// A picture, a report, a few blobs: every kind of write, in milliseconds.
 const TINY: &str = r#"Graph(
     version: 1,
     scene: (up: "+z", seed: 3),
@@ -77,7 +76,7 @@ fn runs_stopped_at_every_failpoint_leave_nothing_wrong_behind() {
                 .stderr(Stdio::null())
                 .status()
                 .unwrap();
-            // A place that is not met once is not met three times.
+            // A place that is not reached once is not reached three times.
             if status.success() {
                 break;
             }

@@ -1,4 +1,4 @@
-//! What a compositing program gets.
+//! Layers for a compositing program.
 
 use nodes::io::exr::{self, Planes};
 
@@ -8,7 +8,8 @@ fn read(bytes: &[u8]) -> Planes {
     exr::read("file", bytes).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// `graphs/files.ron` with a made-up place for the files, small, and with the picture in linear light beside it.
+/// `graphs/files.ron` with a small generated place instead of the files, and the picture in linear light as an
+/// additional output.
 fn files() -> String {
     let text = include_str!("../../graphs/files.ron");
     let loaders = [
@@ -33,13 +34,13 @@ fn files() -> String {
     })
 }
 
-// Mutations: `encoding: Linear` or `shadow: "shadow"` out of the graph; alpha decoded as colour is; the matte of the
+// Mutations: `encoding: Linear` or `shadow: "shadow"` out of the graph; alpha decoded like colour; the matte of the
 // formula taken from `in_object`.
 #[test]
 fn layers_of_the_own_capture_compose_to_its_picture() {
     let place = Place::new(&files());
-    let told = place.run(&["--only", "layers,exact"]).good();
-    for (node, id, text) in told.notes() {
+    let reported = place.run(&["--only", "layers,exact"]).good();
+    for (node, id, text) in reported.notes() {
         assert!(!["no-shadow-known", "mixed-encodings"].contains(&&*id), "{node}: {text}");
     }
     let outputs = place.outputs();

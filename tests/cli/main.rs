@@ -7,6 +7,7 @@ mod incremental;
 mod kill;
 mod layers;
 mod messages;
+mod names;
 mod share;
 mod splats;
 mod stop;
@@ -21,7 +22,7 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-/// The main job on a small demo scene, every knob turned down.
+/// A whole insertion on a small demo scene, every knob turned down.
 pub const INSERT: &str = r#"Graph(
     version: 1,
     scene: (up: "+z", seed: 3),
@@ -51,8 +52,8 @@ pub struct Place {
     pub folder: tempfile::TempDir,
 }
 
-/// What one run told, line by line.
-pub struct Told {
+/// The output of one run, line by line.
+pub struct RunLog {
     pub code: i32,
     pub events: Vec<Value>,
     pub errors: String,
@@ -84,10 +85,10 @@ impl Place {
     }
 
     /// `run graph.ron --json` with more arguments.
-    pub fn run(&self, arguments: &[&str]) -> Told {
+    pub fn run(&self, arguments: &[&str]) -> RunLog {
         let output = self.call(&[&["run", "graph.ron", "--json"], arguments].concat());
         let text = String::from_utf8(output.stdout).unwrap();
-        Told {
+        RunLog {
             code: output.status.code().unwrap_or(-1),
             events: text.lines().map(|line| serde_json::from_str(line).unwrap()).collect(),
             errors: String::from_utf8_lossy(&output.stderr).into_owned(),
@@ -100,8 +101,8 @@ impl Place {
     }
 }
 
-/// What lies in a folder, without the unnamed rest of a write that was killed: the next runs sweep it when it
-/// is a day old, since a younger one may belong to a living process.
+/// The files of a folder, without the temporary rest of a killed write: later runs remove it, but not while it may
+/// belong to a living process.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
@@ -113,7 +114,7 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     found
 }
 
-impl Told {
+impl RunLog {
     /// Names of the nodes that ended in a state, in order of the alphabet.
     pub fn nodes(&self, state: &str) -> Vec<&str> {
         let of = |event: &&Value| event["event"] == "node" && event["state"] == state;

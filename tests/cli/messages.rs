@@ -1,4 +1,4 @@
-//! What a person reads when something is wrong, and the exit codes.
+//! Error messages and exit codes.
 
 use crate::{INSERT, Place};
 
@@ -7,7 +7,7 @@ fn text(bytes: &[u8]) -> String {
 }
 
 #[test]
-fn every_mistake_of_a_graph_is_told_at_once_with_its_place() {
+fn every_mistake_of_a_graph_is_reported_at_once_with_its_place() {
     let graph = INSERT
         .replace("Stitch(views", "Stich(views")
         .replace("width_px: 64)", "widht_px: 64)")
@@ -48,28 +48,28 @@ fn a_failing_node_is_named_and_the_others_finish() {
         "        broken: LoadMesh(path: \"graph.ron\"),\n        cut: CropMesh(mesh: \"broken\"),\n        save:",
     );
     let place = Place::new(&graph.replace("receiver: \"demo.proxy\"", "receiver: \"cut\""));
-    let told = place.run(&[]);
-    assert_eq!(told.code, 1);
-    assert_eq!(told.nodes("failed"), ["broken"]);
-    assert!(told.nodes("ran").contains(&"light"), "what does not need it is finished");
-    assert!(told.nodes("skipped").contains(&"save"));
+    let reported = place.run(&[]);
+    assert_eq!(reported.code, 1);
+    assert_eq!(reported.nodes("failed"), ["broken"]);
+    assert!(reported.nodes("ran").contains(&"light"), "what does not need it is finished");
+    assert!(reported.nodes("skipped").contains(&"save"));
     let plain = place.call(&["run", "graph.ron"]);
     assert_eq!(plain.status.code(), Some(1));
     let errors = text(&plain.stderr);
-    assert_eq!(errors.matches("`broken` failed").count(), 1, "told once:\n{errors}");
+    assert_eq!(errors.matches("`broken` failed").count(), 1, "reported once:\n{errors}");
     assert!(errors.contains("graph.ron:"), "{errors}");
 }
 
 #[test]
 fn absurd_sizes_are_refused_before_they_are_allocated() {
     let place = Place::new(INSERT);
-    let told =
+    let reported =
         place.run(&["--set", "camera.width_px=60000", "--set", "camera.height_px=60000", "--memory", "2G"]);
-    assert_eq!(told.code, 1);
+    assert_eq!(reported.code, 1);
     assert!(
-        told.events.iter().any(|e| e["error"].as_str().is_some_and(|t| t.contains("memory"))),
+        reported.events.iter().any(|e| e["error"].as_str().is_some_and(|t| t.contains("memory"))),
         "{}",
-        told.errors
+        reported.errors
     );
 }
 
@@ -104,7 +104,7 @@ fn drawings_name_every_node() {
 }
 
 #[test]
-fn what_is_wired_wrong_is_told_before_anything_runs() {
+fn what_is_wired_wrong_is_reported_before_anything_runs() {
     let place = Place::new(
         r#"Graph(version: 1, scene: (up: "+z"), nodes: (
         demo:  DemoScene(), pose: Pose(), probe: CubeRig(at: "pose"), cameras: LoadCameras(path: "cameras.json"),
@@ -126,21 +126,21 @@ fn what_is_wired_wrong_is_told_before_anything_runs() {
     let check = || -> Vec<serde_json::Value> {
         let output = place.call(&["check", "graph.ron", "--json"]);
         assert_eq!(output.status.code(), Some(2));
-        let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-        told["list"].as_array().unwrap().clone()
+        let reported: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        reported["list"].as_array().unwrap().clone()
     };
-    let told = check();
+    let reported = check();
     let found: Vec<(u64, &str)> =
-        told.iter().map(|one| (one["line"].as_u64().unwrap(), one["code"].as_str().unwrap())).collect();
+        reported.iter().map(|one| (one["line"].as_u64().unwrap(), one["code"].as_str().unwrap())).collect();
     let (path, wiring) = ("output-path", "wiring");
     let expected = [(5, path), (6, path), (8, wiring), (9, wiring), (10, wiring), (11, wiring), (12, wiring)];
-    assert_eq!(found, expected, "{told:#?}");
-    assert!(told[0]["message"].as_str().unwrap().contains("6 views come to it"));
-    assert_eq!(told[1]["hints"][0], "put `{view}` into the path: \"out/two_{view}.png\"");
+    assert_eq!(found, expected, "{reported:#?}");
+    assert!(reported[0]["message"].as_str().unwrap().contains("there are 6 views"));
+    assert_eq!(reported[1]["hints"][0], "put `{view}` into the path: \"out/two_{view}.png\"");
 }
 
 #[test]
-fn every_setting_that_is_wrong_is_told_at_once() {
+fn every_setting_that_is_wrong_is_reported_at_once() {
     let place = Place::new(INSERT);
     let errors = |settings: &[&str]| {
         let sets = settings.iter().flat_map(|setting| ["--set", setting]);
@@ -148,7 +148,7 @@ fn every_setting_that_is_wrong_is_told_at_once() {
         assert_eq!(output.status.code(), Some(2));
         text(&output.stderr)
     };
-    let told = errors(&["pose.yaw_deg=abc", "poose.x=1", "camera.eye=(1, 2)", "trace.samples=64"]);
+    let reported = errors(&["pose.yaw_deg=abc", "poose.x=1", "camera.eye=(1, 2)", "trace.samples=64"]);
     for part in [
         "`yaw_deg` takes a number, not text",
         "--> --set:1:14",
@@ -156,26 +156,32 @@ fn every_setting_that_is_wrong_is_told_at_once() {
         "did you mean `pose`?",
         "`eye` takes 3 numbers in ( ), not only 2",
     ] {
-        assert!(told.contains(part), "{part} is missing in\n{told}");
+        assert!(reported.contains(part), "{part} is missing in\n{reported}");
     }
-    assert_eq!(told.matches("error: ").count(), 3, "{told}");
-    let told = errors(&["bad", "pose.yaw_deg=1", "worse="]);
-    assert!(told.contains("`--set bad` is no setting") && told.contains("`--set worse=`"), "{told}");
+    assert_eq!(reported.matches("error: ").count(), 3, "{reported}");
+    let reported = errors(&["bad", "pose.yaw_deg=1", "worse="]);
+    assert!(
+        reported.contains("`--set bad` is no setting") && reported.contains("`--set worse=`"),
+        "{reported}"
+    );
 }
 
 #[test]
-fn a_missing_file_is_told_beside_what_else_is_wrong_with_its_node() {
+fn a_missing_file_is_reported_beside_what_else_is_wrong_with_its_node() {
     let place = Place::new(
         &INSERT.replace("nodes: (", "nodes: (e: LoadEnvironment(path: \"gone.hdr\", scale: -1e99),"),
     );
-    let told = text(&place.call(&["check", "graph.ron"]).stderr);
-    assert!(told.contains("`gone.hdr` does not exist") && told.contains("`scale` is out of range"), "{told}");
+    let reported = text(&place.call(&["check", "graph.ron"]).stderr);
+    assert!(
+        reported.contains("`gone.hdr` does not exist") && reported.contains("`scale` is out of range"),
+        "{reported}"
+    );
 }
 
-// What a choice holds is told by itself, not as if the choice were wrong; the ends of a range are in it.
+// A wrong value inside a choice is reported itself, not as if the choice were wrong; the ends of a range are valid.
 // Mutation: `begins` always false; `within` of f32 in f64.
 #[test]
-fn what_a_method_holds_wrongly_is_told() {
+fn what_a_method_holds_wrongly_is_reported() {
     let errors = |method: &str| {
         let place = Place::new(&INSERT.replace("method: Region", &format!("method: {method}")));
         text(&place.call(&["check", "graph.ron"]).stderr)
@@ -193,9 +199,9 @@ fn what_a_method_holds_wrongly_is_told() {
 #[cfg(not(feature = "learned"))]
 // Mutation: the arm of identifiers dropped in `value_mistake`; the lowest number of layers taken for 0.
 #[test]
-fn what_a_choice_holds_wrongly_is_told() {
-    for (wrong, told) in [
-        ("Within(2.0)", "what stands in the brackets needs its name"),
+fn what_a_choice_holds_wrongly_is_reported() {
+    for (wrong, reported) in [
+        ("Within(2.0)", "fields in the brackets need names"),
         ("Within(2.0)", "expected Within(metres: number, bounces: false)"),
         ("Room(layers: 0)", "`layers` must lie between 1 and 16, and is 0"),
         ("Within(metres: -1.0)", "`metres` must be at least 0, and is -1"),
@@ -203,7 +209,7 @@ fn what_a_choice_holds_wrongly_is_told() {
     ] {
         let graph = INSERT.replace("samples: 4", &format!("samples: 4, surroundings: {wrong}"));
         let errors = text(&Place::new(&graph).call(&["check", "graph.ron"]).stderr);
-        assert!(errors.contains(told), "{wrong}: {told} is missing in\n{errors}");
+        assert!(errors.contains(reported), "{wrong}: {reported} is missing in\n{errors}");
     }
 }
 
@@ -226,44 +232,44 @@ fn former_parameters_are_errors_with_the_new_spelling() {
 }
 
 #[test]
-fn what_is_not_built_in_is_told() {
-    let told = Place::new("").call(&["train-exposure", "panoramas", "--out", "a.safetensors"]);
-    assert_eq!(told.status.code(), Some(2));
-    assert!(text(&told.stderr).contains("--features learned"), "{}", text(&told.stderr));
+fn what_is_not_built_in_is_reported() {
+    let reported = Place::new("").call(&["train-exposure", "panoramas", "--out", "a.safetensors"]);
+    assert_eq!(reported.status.code(), Some(2));
+    assert!(text(&reported.stderr).contains("--features learned"), "{}", text(&reported.stderr));
     let help = Place::new("").call(&["train-exposure", "--help"]);
     assert_eq!(help.status.code(), Some(0));
     assert!(text(&help.stdout).contains("--features learned"), "{}", text(&help.stdout));
 }
 
 #[test]
-fn programs_are_told_mistakes_as_json() {
+fn programs_are_reported_mistakes_as_json() {
     let place = Place::new(&INSERT.replace("gamma: 0.8", "gama: 0.8"));
     for verb in ["check", "run"] {
         let output = place.call(&[verb, "graph.ron", "--json"]);
         assert_eq!((output.status.code(), text(&output.stderr)), (Some(2), String::new()));
-        let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-        assert_eq!(told["event"], "mistakes");
-        let told = &told["list"][0];
-        assert_eq!(told["code"], "unknown-field");
-        assert_eq!((&told["file"], &told["line"]), (&"graph.ron".into(), &16.into()));
-        assert_eq!(told["hints"][0], "did you mean `gamma`?");
+        let reported: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(reported["event"], "mistakes");
+        let reported = &reported["list"][0];
+        assert_eq!(reported["code"], "unknown-field");
+        assert_eq!((&reported["file"], &reported["line"]), (&"graph.ron".into(), &16.into()));
+        assert_eq!(reported["hints"][0], "did you mean `gamma`?");
     }
     let output = place.call(&["run", "graph.ron", "--json", "--set", "shadow.gama="]);
-    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(told["event"], "error");
+    let reported: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(reported["event"], "error");
     place.write("Graph(version: 1, scene: (up: \"+z\"), nodes: ())");
     assert!(text(&place.call(&["run", "graph.ron"]).stderr).contains("the graph has no nodes"));
     place.write("Graph(version: 1, scene: (up: \"+z\"), nodes: (a: Pose()))");
-    let told = place.run(&["--jobs", "0"]).good();
-    assert!(told.events.iter().any(|event| event["id"] == "no-file"), "{:?}", told.events);
-    assert_eq!(told.events.last().map(|event| &event["event"]), Some(&"done".into()));
-    let told = text(&place.call(&["run", "graph.ron", "--overlay", "gone.ron"]).stderr);
-    assert!(told.contains("cannot read the overlay `gone.ron`: No such file"), "{told}");
-    let told = text(&place.call(&["run", "graph.ron", "--locked"]).stderr);
-    assert!(told.contains("there is no lock `graph.lock`; `lightharmony lock` writes it"), "{told}");
-    // What was tried, and what the system said.
-    let told = text(&place.call(&["init", "graph.ron/below"]).stderr);
-    assert!(told.contains("cannot create graph.ron/below: Not a directory"), "{told}");
+    let reported = place.run(&["--jobs", "0"]).good();
+    assert!(reported.events.iter().any(|event| event["id"] == "no-file"), "{:?}", reported.events);
+    assert_eq!(reported.events.last().map(|event| &event["event"]), Some(&"done".into()));
+    let reported = text(&place.call(&["run", "graph.ron", "--overlay", "gone.ron"]).stderr);
+    assert!(reported.contains("cannot read the overlay `gone.ron`: No such file"), "{reported}");
+    let reported = text(&place.call(&["run", "graph.ron", "--locked"]).stderr);
+    assert!(reported.contains("there is no lock `graph.lock`; `lightharmony lock` writes it"), "{reported}");
+    // The attempt, and the error of the system.
+    let reported = text(&place.call(&["init", "graph.ron/below"]).stderr);
+    assert!(reported.contains("cannot create graph.ron/below: Not a directory"), "{reported}");
     let wrong = place.call(&["run", "graph.ron", "--cache", "graph.ron"]);
     let errors = text(&wrong.stderr);
     assert!(errors.contains("`graph.ron`: cannot create") && errors.contains("os error"), "{errors}");

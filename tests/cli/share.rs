@@ -1,4 +1,4 @@
-//! Handing a graph on: as a bundle, as a picture that carries its recipe, against a lock.
+//! Sharing a graph: as a bundle, as a picture with its recipe, with a lock.
 
 use std::path::Path;
 use std::process::Output;
@@ -22,7 +22,7 @@ fn radiance(shift: u8) -> Vec<u8> {
     bytes
 }
 
-/// A project in a folder of its own, whose graph reads a file beside it and one elsewhere.
+/// A project in its own folder, whose graph reads a file next to it and one elsewhere.
 fn place() -> Place {
     let place = Place::new("");
     for folder in ["project", "photos"] {
@@ -43,7 +43,7 @@ fn good(output: Output) -> String {
     text(&output.stdout)
 }
 
-/// What went wrong, with this exit code.
+/// The error message, with this exit code.
 fn bad(output: Output, code: i32) -> String {
     assert_eq!(output.status.code(), Some(code), "{}{}", text(&output.stdout), text(&output.stderr));
     text(&output.stderr)
@@ -62,8 +62,8 @@ fn a_bundle_is_verified_and_run_elsewhere() {
     assert!(bytes == pack(&place(), "b.lhb"), "from another folder and cache: the same bytes");
     std::fs::write(there.path("a.lhb"), &bytes).unwrap();
 
-    let told = good(there.call(&["verify", "a.lhb", "--all"]));
-    assert_eq!(told.lines().filter(|line| line.starts_with("equal")).count(), 6, "{told}");
+    let reported = good(there.call(&["verify", "a.lhb", "--all"]));
+    assert_eq!(reported.lines().filter(|line| line.starts_with("equal")).count(), 6, "{reported}");
     let listed = good(there.call(&["unpack", "a.lhb", "--list"]));
     assert!(listed.contains("inputs/0/small.hdr") && !there.path("a").exists(), "{listed}");
 
@@ -79,12 +79,12 @@ fn a_bundle_is_verified_and_run_elsewhere() {
             assert!(read(&here, "out") == read(&there, out), "{out}/{file}");
         }
     }
-    // With the results of somebody trusted nothing runs at all.
+    // With trusted results nothing runs.
     let mut trusting = there.command(&["unpack", "a.lhb", "c", "--trust-results"]);
     good(trusting.env("LIGHTHARMONY_CACHE", there.path("third")).output().unwrap());
-    let mut told = there.command(&["run", "c/graph.ron", "--json", "--out", "four"]);
-    let told = good(told.env("LIGHTHARMONY_CACHE", there.path("third")).output().unwrap());
-    assert!(told.contains("\"ran\":0") && there.path("four/deep/view.png").exists(), "{told}");
+    let mut reported = there.command(&["run", "c/graph.ron", "--json", "--out", "four"]);
+    let reported = good(reported.env("LIGHTHARMONY_CACHE", there.path("third")).output().unwrap());
+    assert!(reported.contains("\"ran\":0") && there.path("four/deep/view.png").exists(), "{reported}");
 
     let differences = here.call(&["diff", "project/graph.ron", "a.lhb"]);
     assert_eq!(differences.status.code(), Some(1));
@@ -112,7 +112,7 @@ fn a_damaged_or_hostile_bundle_leaves_nothing() {
         assert!(!folder(name).with_extension("").exists());
     }
     std::fs::create_dir_all(folder("full/of")).unwrap();
-    assert!(bad(place.call(&["unpack", "a.lhb", "full"]), 2).contains("is there already"));
+    assert!(bad(place.call(&["unpack", "a.lhb", "full"]), 2).contains("exists already"));
 }
 
 #[test]
@@ -133,14 +133,14 @@ fn a_picture_is_made_again_where_its_inputs_are_at_hand() {
         let read = |path: std::path::PathBuf| std::fs::read(path).unwrap();
         assert!(read(place.path("again").join(file)) == read(place.path("out").join(name)), "{name}");
     }
-    assert!(bad(place.call(&["run", "out/bare.png"]), 2).contains("carries no recipe"));
+    assert!(bad(place.call(&["run", "out/bare.png"]), 2).contains("has no recipe"));
     assert!(!text(&out("bare.png")).contains("LoadImage"), "a recipe can be left out");
 
-    // Another file of the same name is not the one that was read.
+    // Another file of the same name is refused.
     std::fs::write(place.path("photos/small.hdr"), radiance(1)).unwrap();
     let arguments = ["run", "out/view.jpg", "--inputs", "project", "--inputs", "photos"];
     assert!(bad(place.call(&arguments), 2).contains("`small.hdr` with the content"));
-    // Another version of a kind is told.
+    // Another version of a kind is reported.
     let mut picture = out("view.jpg");
     let place_of = picture.windows(11).position(|w| w == b"load-image ").unwrap();
     picture[place_of + 11] = b'7';
@@ -150,7 +150,7 @@ fn a_picture_is_made_again_where_its_inputs_are_at_hand() {
 }
 
 #[test]
-fn a_strangers_graph_stays_inside() {
+fn a_untrusted_graph_stays_inside() {
     let (here, place) = (place(), Place::new(""));
     std::fs::write(place.path("a.lhb"), pack(&here, "a.lhb")).unwrap();
     good(place.call(&["unpack", "a.lhb"]));
@@ -185,7 +185,7 @@ fn no_way_leads_around_the_mark_of_a_bundle() {
     assert!(bad(deep("../../secret.hdr"), 2).contains("may not be read"));
     let secret = place.path("secret.hdr");
     assert!(bad(deep(secret.to_str().unwrap()), 2).contains("may not be read"));
-    // A graph of one's own that would read for it.
+    // A graph of the user that would read it on behalf of the bundle.
     std::fs::write(place.path("a/over.ron"), "Overlay(nodes: (p: (path: \"secret.hdr\")))").unwrap();
     for (name, text) in [
         ("one.ron", "Graph(version: 1, include: [\"a/graph.ron\"], nodes: ())"),
@@ -194,15 +194,15 @@ fn no_way_leads_around_the_mark_of_a_bundle() {
         std::fs::write(place.path(name), text).unwrap();
         let errors = bad(place.call(&["check", name]), 2);
         assert!(
-            errors.contains("`a/graph.ron` came out of a bundle") && errors.contains("remove"),
+            errors.contains("`a/graph.ron` belongs to an unpacked bundle") && errors.contains("remove"),
             "{errors}"
         );
     }
     let own = "Graph(version: 1, scene: (up: \"+z\"), nodes: (p: LoadImage(path: \"secret.hdr\"),))";
     std::fs::write(place.path("own.ron"), own).unwrap();
     let errors = bad(place.call(&["check", "own.ron", "--overlay", "a/over.ron"]), 2);
-    assert!(errors.contains("`a/over.ron` came out of a bundle"), "{errors}");
-    // A stranger's graph that includes what it may not read is told why.
+    assert!(errors.contains("`a/over.ron` belongs to an unpacked bundle"), "{errors}");
+    // An untrusted graph that includes a forbidden file is refused with the reason.
     std::fs::write(place.path("a/deep/e.ron"), "Graph(version: 1, include: [\"../../own.ron\"], nodes: ())")
         .unwrap();
     assert!(bad(place.call(&["check", "a/deep/e.ron"]), 2).contains("`../../own.ron` may not be read"));
@@ -270,42 +270,42 @@ fn a_locked_run_refuses_what_differs() {
     let place = place();
     good(place.call(&["run", "project/graph.ron"]));
     assert!(bad(place.call(&["run", "project/graph.ron", "--locked"]), 2).contains("graph.lock"));
-    let told = good(place.call(&["lock", "project/graph.ron"]));
-    assert!(told.ends_with("graph.lock: 2 inputs, 3 kinds, 6 results of 6 nodes\n"), "{told}");
+    let reported = good(place.call(&["lock", "project/graph.ron"]));
+    assert!(reported.ends_with("graph.lock: 2 inputs, 3 kinds, 6 results of 6 nodes\n"), "{reported}");
     good(place.call(&["run", "project/graph.ron", "--locked", "--cache", "fresh"]));
     std::fs::write(place.path("photos/small.hdr"), radiance(1)).unwrap();
     let errors = bad(place.call(&["run", "project/graph.ron", "--locked"]), 2);
     assert!(errors.contains("`../photos/small.hdr` has other content"), "{errors}");
     std::fs::write(place.path("photos/small.hdr"), radiance(0)).unwrap();
-    // The same inputs, and yet something else comes out.
+    // The same inputs, but another result.
     let set = ["run", "project/graph.ron", "--locked", "--set", "jpeg.quality=50"];
-    assert!(bad(place.call(&set), 1).contains("`jpeg.files` came out as"));
+    assert!(bad(place.call(&set), 1).contains("the result of `jpeg.files` is"));
 }
 
 #[test]
-fn what_differs_is_told_in_the_terms_of_pictures() {
+fn what_differs_is_reported_in_the_terms_of_pictures() {
     let place = place();
     good(place.call(&["run", "project/graph.ron"]));
     let same = place.call(&["diff", "project/graph.ron", "project/graph.ron"]);
     assert_eq!(good(same), "the graphs say the same\n6 results compared, all equal\n");
     good(place.call(&["run", "project/graph.ron", "--set", "mask.encoding=Linear"]));
     let other = ["diff", "project/graph.ron", "project/graph.ron", "--set-b", "mask.encoding=Linear"];
-    let told = text(&place.call(&other).stdout);
-    assert!(told.starts_with("~ mask.encoding Data -> Linear\nfirst mask.image: "), "{told}");
-    assert!(told.contains("then  bare.files: mask: PSNR 12.82 dB, 18 samples differ"), "{told}");
+    let reported = text(&place.call(&other).stdout);
+    assert!(reported.starts_with("~ mask.encoding Data -> Linear\nfirst mask.image: "), "{reported}");
+    assert!(reported.contains("then  bare.files: mask: PSNR 12.82 dB, 18 samples differ"), "{reported}");
 }
 
 #[test]
 fn a_new_folder_runs_and_shells_know_the_verbs() {
     let place = Place::new("");
     assert_eq!(good(place.call(&["init", "new"])), "new/graph.ron\n");
-    assert!(bad(place.call(&["init", "new"]), 2).contains("is there already"));
-    // Most folders of a repository have some of it.
+    assert!(bad(place.call(&["init", "new"]), 2).contains("exists already"));
+    // Most folders of a repository have such a file.
     std::fs::create_dir(place.path("old")).unwrap();
     std::fs::write(place.path("old/.gitignore"), "mine\n").unwrap();
-    let told = place.call(&["init", "old"]);
-    assert!(text(&told.stderr).contains("old/.gitignore is there already and stays as it is"));
-    assert_eq!(good(told), "old/graph.ron\n");
+    let reported = place.call(&["init", "old"]);
+    assert!(text(&reported.stderr).contains("old/.gitignore is there already and stays as it is"));
+    assert_eq!(good(reported), "old/graph.ron\n");
     assert_eq!(std::fs::read_to_string(place.path("old/.gitignore")).unwrap(), "mine\n");
     good(place.call(&["check", "new/graph.ron"]));
     for shell in ["bash", "zsh", "fish"] {
@@ -317,7 +317,7 @@ fn a_new_folder_runs_and_shells_know_the_verbs() {
 }
 
 #[test]
-fn a_bundle_without_values_is_no_damage_and_tells_of_what_was_asked_for() {
+fn a_bundle_without_values_is_no_damage_and_reports_of_what_was_asked_for() {
     let place = place();
     good(place.call(&["run", "project/graph.ron", "--only", "save"]));
     let packed = place.call(&["pack", "project/graph.ron", "a.lhb", "--only", "save"]);
@@ -331,37 +331,41 @@ fn a_bundle_without_values_is_no_damage_and_tells_of_what_was_asked_for() {
     good(place.call(&["run", "project/graph.ron"]));
     good(place.call(&["pack", "project/graph.ron", "c.lhb", "--results", "none"]));
     for seed in ["0", "1", "2", "3"] {
-        let told = place.call(&["verify", "c.lhb", "--sample", "1", "--seed", seed]);
-        assert!(told.stderr.is_empty(), "{}", text(&told.stderr));
-        assert!(good(told).contains("1 of 1 computed anew are equal"));
+        let reported = place.call(&["verify", "c.lhb", "--sample", "1", "--seed", seed]);
+        assert!(reported.stderr.is_empty(), "{}", text(&reported.stderr));
+        assert!(good(reported).contains("1 of 1 computed anew are equal"));
     }
     good(place.call(&["unpack", "c.lhb", "c", "--trust-results", "--cache", "trusting"]));
-    let told = place.call(&["run", "c/graph.ron", "--cache", "trusting", "--out", "again"]);
-    assert!(!text(&told.stderr).contains("cache-damage"), "{}", text(&told.stderr));
-    assert_eq!(told.status.code(), Some(0));
+    let reported = place.call(&["run", "c/graph.ron", "--cache", "trusting", "--out", "again"]);
+    assert!(!text(&reported.stderr).contains("cache-damage"), "{}", text(&reported.stderr));
+    assert_eq!(reported.status.code(), Some(0));
 }
 
 #[test]
 fn a_difference_says_what_was_not_compared_and_pictures_need_no_files() {
     let place = place();
     good(place.call(&["run", "project/graph.ron"]));
-    let told = place.call(&["diff", "project/graph.ron", "project/graph.ron", "--set-b", "jpeg.quality=50"]);
-    let said = text(&told.stdout);
-    assert!(said.contains("5 results compared, all equal\n"), "{said}");
-    assert!(said.ends_with("no result of the second is known of jpeg; run it first\n"), "{said}");
+    let reported =
+        place.call(&["diff", "project/graph.ron", "project/graph.ron", "--set-b", "jpeg.quality=50"]);
+    let printed = text(&reported.stdout);
+    assert!(printed.contains("5 results compared, all equal\n"), "{printed}");
+    assert!(printed.ends_with("no result of the second is known of jpeg; run it first\n"), "{printed}");
 
     std::fs::copy(place.path("out/deep/view.png"), place.path("t1.png")).unwrap();
     std::fs::copy(place.path("out/deep/view.png"), place.path("t2.png")).unwrap();
-    let said = good(place.call(&["diff", "t1.png", "t2.png"]));
-    assert_eq!(said, "the graphs say the same\npictures: equal\n");
+    let printed = good(place.call(&["diff", "t1.png", "t2.png"]));
+    assert_eq!(printed, "the graphs say the same\npictures: equal\n");
     good(place.call(&["run", "project/graph.ron", "--only", "save", "--set", "save.recipe=false"]));
-    let said = good(place.call(&["diff", "t1.png", "out/deep/view.png"]));
-    assert_eq!(said, "out/deep/view.png carries no recipe\npictures: equal\n");
+    let printed = good(place.call(&["diff", "t1.png", "out/deep/view.png"]));
+    assert_eq!(printed, "out/deep/view.png carries no recipe\npictures: equal\n");
     std::fs::write(place.path("photos/small.hdr"), radiance(1)).unwrap();
     good(place.call(&["run", "project/graph.ron", "--only", "save", "--set", "photo.encoding=Linear"]));
-    let told = place.call(&["diff", "t1.png", "out/deep/view.png"]);
-    let said = text(&told.stdout);
-    assert_eq!(told.status.code(), Some(1));
-    assert!(said.contains("~ n0.encoding Auto -> Linear\n"), "{said}");
-    assert!(said.contains("~ n0.the content of small.hdr ") && said.contains("\npictures: "), "{said}");
+    let reported = place.call(&["diff", "t1.png", "out/deep/view.png"]);
+    let printed = text(&reported.stdout);
+    assert_eq!(reported.status.code(), Some(1));
+    assert!(printed.contains("~ n0.encoding Auto -> Linear\n"), "{printed}");
+    assert!(
+        printed.contains("~ n0.the content of small.hdr ") && printed.contains("\npictures: "),
+        "{printed}"
+    );
 }

@@ -1,11 +1,11 @@
-//! `inspect` and `convert`: what they say of files, and what they refuse.
+//! `inspect` and `convert`: their output and their refusals.
 
 use std::fmt::Write as _;
 
 use crate::Place;
 
-/// An INRIA PLY of splats that lie flat in a floor and round above it, +z up: 10 times `scale` wide, of which
-/// `log` is the logarithm.
+/// An INRIA PLY with flat splats in a floor and round ones above it, +z up, 10 times `scale` wide; `log` is the
+/// logarithm of `scale`.
 fn room(scale: f32, log: f32) -> Vec<u8> {
     let fields = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
     let mut text = "ply\nformat binary_little_endian 1.0\nelement vertex 900\n".to_owned();
@@ -25,22 +25,22 @@ fn room(scale: f32, log: f32) -> Vec<u8> {
     bytes
 }
 
-fn said(output: &std::process::Output) -> (Option<i32>, String) {
+fn printed(output: &std::process::Output) -> (Option<i32>, String) {
     let text = [&output.stdout[..], &output.stderr[..]].concat();
     (output.status.code(), String::from_utf8(text).unwrap())
 }
 
 #[test]
-fn scenes_are_told_with_the_digits_they_need() {
+fn scenes_are_reported_with_the_digits_they_need() {
     let place = Place::new("");
     std::fs::write(place.path("large.ply"), room(1.0, 0.0)).unwrap();
     std::fs::write(place.path("small.ply"), room(0.001, -6.908)).unwrap();
-    let (code, text) = said(&place.call(&["inspect", "large.ply"]));
+    let (code, text) = printed(&place.call(&["inspect", "large.ply"]));
     assert_eq!(code, Some(0), "{text}");
     assert!(
         text.contains("900") && text.contains("+z with confidence") && text.contains("floor at z = -2.4")
     );
-    let (_, text) = said(&place.call(&["inspect", "small.ply"]));
+    let (_, text) = printed(&place.call(&["inspect", "small.ply"]));
     assert!(text.contains("floor at z = -0.0024"), "{text}");
 }
 
@@ -48,17 +48,17 @@ fn scenes_are_told_with_the_digits_they_need() {
 fn converting_says_what_it_took_for_granted() {
     let place = Place::new("");
     std::fs::write(place.path("room.ply"), room(1.0, 0.0)).unwrap();
-    // The floor says +z, and nobody said otherwise.
-    let (code, text) = said(&place.call(&["convert", "room.ply", "room.spz"]));
+    // The floor indicates +z, and no option contradicts it.
+    let (code, text) = printed(&place.call(&["convert", "room.ply", "room.spz"]));
     assert!(code == Some(0) && text.contains("[up-unlikely]") && text.contains("`--up`"), "{text}");
-    let (code, text) = said(&place.call(&["convert", "room.ply", "room.spz", "--up", "+z"]));
+    let (code, text) = printed(&place.call(&["convert", "room.ply", "room.spz", "--up", "+z"]));
     assert!(code == Some(0) && !text.contains("up-unlikely") && text.contains("900 splats"), "{text}");
-    let (code, text) = said(&place.call(&["convert", "room.spz", "four.spz", "--spz4"]));
+    let (code, text) = printed(&place.call(&["convert", "room.spz", "four.spz", "--spz4"]));
     assert!(
         code == Some(0) && std::fs::read(place.path("four.spz")).unwrap().starts_with(b"NGSP\x04"),
         "{text}"
     );
-    let (_, text) = said(&place.call(&["inspect", "four.spz"]));
+    let (_, text) = printed(&place.call(&["inspect", "four.spz"]));
     assert!(text.contains("+y by its format") && text.contains("+y with confidence"), "{text}");
     for wrong in [
         &["convert", "room.ply", "a.spz", "--up", "+z", "--as-stored"][..],
@@ -74,9 +74,9 @@ fn converting_says_what_it_took_for_granted() {
 #[cfg(unix)]
 fn what_is_no_file_is_refused_at_once() {
     let place = Place::new("");
-    let (code, text) = said(&place.call(&["inspect", "/dev/zero"]));
+    let (code, text) = printed(&place.call(&["inspect", "/dev/zero"]));
     assert!(code == Some(1) && text.contains("neither a regular file nor a folder"), "{text}");
-    let (code, text) = said(&place.call(&["convert", "/dev/zero", "a.ply"]));
+    let (code, text) = printed(&place.call(&["convert", "/dev/zero", "a.ply"]));
     assert!(code == Some(1) && text.contains("neither a regular file nor a folder"), "{text}");
 }
 
@@ -85,19 +85,19 @@ fn converting_makes_no_folder_and_no_empty_scene() {
     let place = Place::new("");
     let whole = room(1.0, 0.0);
     std::fs::write(place.path("room.ply"), &whole).unwrap();
-    let (code, text) = said(&place.call(&["convert", "room.ply", "new/room.spz"]));
+    let (code, text) = printed(&place.call(&["convert", "room.ply", "new/room.spz"]));
     assert!(code == Some(1) && text.contains("there is no folder `new`"), "{text}");
     assert!(!place.path("new").exists());
     // Every number NaN.
     let head = whole.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
     let broken: Vec<u8> = whole[..head].iter().copied().chain(vec![0xff; whole.len() - head]).collect();
     std::fs::write(place.path("broken.ply"), broken).unwrap();
-    let (code, text) = said(&place.call(&["convert", "broken.ply", "a.spz"]));
+    let (code, text) = printed(&place.call(&["convert", "broken.ply", "a.spz"]));
     assert!(code == Some(1) && text.contains("no splat that can be drawn"), "{text}");
     assert!(text.contains("900 splats of `broken.ply` with a field that is NaN"), "{text}");
     assert!(!place.path("a.spz").exists());
     // Splats of 1000 units are cut to 379, which is more than a note.
     std::fs::write(place.path("large.ply"), room(1.0, 10.8)).unwrap();
-    let (code, text) = said(&place.call(&["convert", "large.ply", "large.spz", "--up", "+z"]));
+    let (code, text) = printed(&place.call(&["convert", "large.ply", "large.spz", "--up", "+z"]));
     assert!(code == Some(0) && text.contains("warning 2100 of 2700 axes lie beyond"), "{text}");
 }

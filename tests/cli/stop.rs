@@ -1,4 +1,4 @@
-//! Asked to stop at any moment: the exit code says so, what was finished is kept, and the next run completes.
+//! Stopped at any moment: the exit code reports it, finished results are kept, and the next run completes.
 #![cfg(unix)]
 
 use std::io::{BufRead, BufReader};
@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::{INSERT, Place};
 
-/// How often a run is stopped; `LIGHTHARMONY_STOPS` sets another number.
+/// Number of times a run is stopped; `LIGHTHARMONY_STOPS` sets another number.
 fn rounds() -> usize {
     std::env::var("LIGHTHARMONY_STOPS").ok().and_then(|n| n.parse().ok()).unwrap_or(6)
 }
@@ -22,17 +22,17 @@ fn runs_stopped_at_any_moment_keep_what_finished() {
         let place = Place::new(INSERT);
         let mut child =
             place.command(&["run", "graph.ron", "--json"]).stdout(Stdio::piped()).spawn().unwrap();
-        let mut told = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
-        // Once it has told so many lines, so that the moments spread over a run on a machine of any speed.
-        let mut events: Vec<String> = told.by_ref().take(1 + lines * round / rounds()).collect();
+        let mut reported = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
+        // After this many lines of output, so that the moments spread over a run on a machine of any speed.
+        let mut events: Vec<String> = reported.by_ref().take(1 + lines * round / rounds()).collect();
         let signal = ["-INT", "-TERM", "-HUP"][round % 3];
         Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
-        events.extend(told);
+        events.extend(reported);
         let code = child.wait().unwrap().code();
         let events: Vec<Value> = events.iter().map(|line| serde_json::from_str(line).unwrap()).collect();
         let done = events.last().unwrap();
-        assert_eq!(done["event"], "done", "{signal}: the end is told");
-        // It may have come to its end before it heard.
+        assert_eq!(done["event"], "done", "{signal}: the end is reported");
+        // It may have ended before the signal arrived.
         assert_eq!(code, Some(if done["stopped"] == true { 130 } else { 0 }), "{signal} in round {round}");
         let after = place.run(&[]).good();
         let ran = after.nodes("ran");

@@ -1,16 +1,16 @@
-//! Knobs, presets, and what is built on them.
+//! Knobs, presets, and the verbs that use them.
 
 use serde_json::Value;
 
-use crate::{INSERT, Place, Told};
+use crate::{INSERT, Place, RunLog};
 
 #[test]
 fn knobs_tell_what_they_reach_and_presets_set_them() {
     let place = Place::new(INSERT);
-    let told = place.call(&["knobs", "graph.ron", "--json"]);
-    let told: Value = serde_json::from_slice(&told.stdout).unwrap();
+    let reported = place.call(&["knobs", "graph.ron", "--json"]);
+    let reported: Value = serde_json::from_slice(&reported.stdout).unwrap();
     let knob = |node: &str, parameter: &str| {
-        let mut all = told["knobs"].as_array().unwrap().iter();
+        let mut all = reported["knobs"].as_array().unwrap().iter();
         all.find(|knob| knob["node"] == node && knob["parameter"] == parameter).unwrap().clone()
     };
     let samples = knob("trace", "samples");
@@ -25,57 +25,62 @@ fn knobs_tell_what_they_reach_and_presets_set_them() {
     assert_eq!(line.split_whitespace().nth(2), Some("16"), "{text}");
 }
 
-/// An error is laid over what takes samples until one is reached; a run that misses it is degraded.
+/// `--max-error` sets the error of nodes that take samples; a run that misses it is degraded.
 #[test]
 fn a_run_is_given_an_error() {
     let place = Place::new(INSERT);
-    let notes = |told: &Told| -> Vec<String> {
-        let trace = told.events.iter().find(|e| e["event"] == "node" && e["id"] == "trace").unwrap();
+    let notes = |reported: &RunLog| -> Vec<String> {
+        let trace = reported.events.iter().find(|e| e["event"] == "node" && e["id"] == "trace").unwrap();
         trace["notes"].as_array().unwrap().iter().map(|n| n["id"].as_str().unwrap().to_owned()).collect()
     };
-    let told = place.run(&["--max-error", "1.0", "--set", "trace.samples=16"]);
-    assert_eq!(told.code, 0, "{}", told.errors);
-    assert!(notes(&told).iter().any(|id| id == "sample-plan"));
+    let reported = place.run(&["--max-error", "1.0", "--set", "trace.samples=16"]);
+    assert_eq!(reported.code, 0, "{}", reported.errors);
+    assert!(notes(&reported).iter().any(|id| id == "sample-plan"));
     let short = place.run(&["--max-error", "1e-6"]);
     assert_eq!(short.code, 3, "{}", short.errors);
     assert!(notes(&short).iter().any(|id| id == "error-not-reached"));
     assert_eq!(place.run(&["--max-error", "7"]).code, 2);
-    // A preset of few samples bounds a run that is given no error, and not one that is.
+    // A preset with few samples bounds a run without `--max-error`, and not one with it.
     place.write(&INSERT.replace("samples: 4", "samples: 16"));
     let chosen = |arguments: &[&str]| -> Vec<Value> {
-        let told = place.run(&[&["--max-error", "1.0"], arguments].concat());
-        assert_eq!(told.code, 0, "{}", told.errors);
-        told.events.into_iter().filter(|e| e["event"] == "chosen").map(|e| e["settings"].clone()).collect()
+        let reported = place.run(&[&["--max-error", "1.0"], arguments].concat());
+        assert_eq!(reported.code, 0, "{}", reported.errors);
+        reported
+            .events
+            .into_iter()
+            .filter(|e| e["event"] == "chosen")
+            .map(|e| e["settings"].clone())
+            .collect()
     };
     assert_eq!(chosen(&["--preset", "draft"]), [serde_json::json!(["trace.samples=16"])]);
     assert!(chosen(&["--preset", "final"]).is_empty() && chosen(&["--set", "trace.samples=2"]).is_empty());
     let without = Place::new(r#"Graph(version: 1, scene: (up: "+z"), nodes: (demo: DemoScene()))"#);
-    let told = without.run(&["--max-error", "0.1"]);
-    assert!(told.code == 2 && told.events[0]["message"].as_str().unwrap().contains("takes samples"));
+    let reported = without.run(&["--max-error", "0.1"]);
+    assert!(reported.code == 2 && reported.events[0]["message"].as_str().unwrap().contains("takes samples"));
 }
 
-/// A time becomes a number of samples before the run, by what runs of the kind took.
+/// A time becomes a number of samples before the run, from the times of earlier runs of the kind.
 #[test]
 fn a_run_is_given_a_time() {
     let place = Place::new(&INSERT.replace("samples: 4", "samples: 16"));
-    // Nothing is known of samples at first, so a few are taken to find out, and kept.
+    // Without earlier timings a few samples are taken first, and kept.
     let all = (["trace.samples=4", "trace.samples=16"], ["trace.samples=16"]);
     let few = (["trace.samples=4", "trace.samples=4"], ["trace.samples=4"]);
     for (time, (cold, warm)) in [("9d", all), ("1ms", few)] {
         let _ = std::fs::remove_dir_all(place.path("cache"));
         for (yaw, settings) in [("50", &cold[..]), ("70", &warm[..])] {
-            let told = place.run(&["--time", time, "--set", &format!("pose.yaw_deg={yaw}")]);
-            let chosen = told.events.iter().filter(|event| event["event"] == "chosen");
+            let reported = place.run(&["--time", time, "--set", &format!("pose.yaw_deg={yaw}")]);
+            let chosen = reported.events.iter().filter(|event| event["event"] == "chosen");
             let chosen: Vec<&str> = chosen.map(|event| event["settings"][0].as_str().unwrap()).collect();
-            assert_eq!((told.code, chosen), (0, settings.to_vec()), "{}", told.errors);
-            assert_eq!(told.events.iter().filter(|event| event["event"] == "done").count(), 1);
-            let missed = told.events.iter().any(|event| event["id"] == "time-missed");
-            assert_eq!(missed, time == "1ms", "a time that was not kept is told");
+            assert_eq!((reported.code, chosen), (0, settings.to_vec()), "{}", reported.errors);
+            assert_eq!(reported.events.iter().filter(|event| event["event"] == "done").count(), 1);
+            let missed = reported.events.iter().any(|event| event["id"] == "time-missed");
+            assert_eq!(missed, time == "1ms", "a missed time is reported");
         }
     }
-    let told = place.outputs();
+    let reported = place.outputs();
     let plain = place.run(&["--set", "trace.samples=4", "--set", "pose.yaw_deg=70"]);
-    assert_eq!((plain.code, place.outputs()), (0, told), "the same as where the number was given");
+    assert_eq!((plain.code, place.outputs()), (0, reported), "the same as where the number was given");
     assert_eq!([["--time", "soon"], ["--time", "0s"]].map(|time| place.run(&time).code), [2, 2]);
 }
 
@@ -100,9 +105,10 @@ fn a_preset_of_the_graph_wins_over_the_one_of_that_name() {
 #[test]
 fn knobs_show_what_the_graphs_own_presets_say_and_the_range() {
     let place = Place::new(&INSERT.replace("nodes: (", "presets: (draft: (trace: (samples: 7))), nodes: ("));
-    let told: Value = serde_json::from_slice(&place.call(&["knobs", "graph.ron", "--json"]).stdout).unwrap();
+    let reported: Value =
+        serde_json::from_slice(&place.call(&["knobs", "graph.ron", "--json"]).stdout).unwrap();
     let knob = |name: &str| {
-        let mut all = told["knobs"].as_array().unwrap().iter();
+        let mut all = reported["knobs"].as_array().unwrap().iter();
         all.find(|knob| knob["node"] == "trace" && knob["parameter"] == name).unwrap().clone()
     };
     let samples = knob("samples");
@@ -116,7 +122,8 @@ fn knobs_show_what_the_graphs_own_presets_say_and_the_range() {
     assert_eq!(probe.split_whitespace().nth(3), Some("32"), "{probe}");
 }
 
-/// A photograph may be the background, what no knob reaches is left out, and a search tells how it ended.
+/// A photograph may be the background, outputs that no knob affects are left out, and a search reports how it
+/// ended.
 #[test]
 fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
     let few = "presets: (draft: (trace: (samples: 1)), preview: (trace: (samples: 2)), final: (trace: (samples: 3)), \
@@ -127,12 +134,12 @@ fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
         (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
     };
     for value in ["0", "-3", "nan", "inf"] {
-        let (code, told) = error(&[&format!("--max-work={value}")]);
-        assert!(code == Some(2) && told.contains("--max-work must be a number above 0"), "{told}");
+        let (code, reported) = error(&[&format!("--max-work={value}")]);
+        assert!(code == Some(2) && reported.contains("--max-work must be a number above 0"), "{reported}");
     }
     assert_eq!(error(&["--max-error", "flip=0.1", "--metric", "rmse"]).0, Some(2));
     assert_eq!(error(&["--max-work", "1e9", "--budget", "0"]).0, Some(2));
-    assert!(error(&["--max-work", "1e9", "--metric", "foo"]).1.contains("no measure of error"));
+    assert!(error(&["--max-work", "1e9", "--metric", "foo"]).1.contains("not a measure of error"));
     assert!(error(&["--max-error", "flip"]).1.contains("write METRIC=VALUE"));
 
     let drawn = place.run(&["--only", "save"]);
@@ -142,7 +149,7 @@ fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
         .replace("background: \"view\"", "background: \"photo\"")
         .replace("save: ", "photo: LoadImage(path: \"out/final.png\"), same: WriteImage(image: \"photo\", path: \"b.png\"), save: ");
     place.write(&photographed);
-    let told = place.call(&[
+    let reported = place.call(&[
         "tune",
         "graph.ron",
         "--max-work",
@@ -153,19 +160,23 @@ fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
         "6",
         "--json",
     ]);
-    let errors = String::from_utf8_lossy(&told.stderr);
-    assert!(told.status.success() && errors.contains("no knob reaches `photo`"), "{errors}");
-    let told: Value = serde_json::from_slice(&told.stdout).unwrap();
-    assert!(told["finished"] == false && told["ended"].as_str().unwrap().contains("budget"), "{told}");
-    let best = told["measured"].as_array().unwrap().iter().find(|point| point["best"] == true).unwrap();
-    assert_eq!(best["error"], "inf", "the reference is within the work: {told}");
+    let errors = String::from_utf8_lossy(&reported.stderr);
+    assert!(reported.status.success() && errors.contains("no knob affects `photo`"), "{errors}");
+    let reported: Value = serde_json::from_slice(&reported.stdout).unwrap();
+    assert!(
+        reported["finished"] == false && reported["ended"].as_str().unwrap().contains("budget"),
+        "{reported}"
+    );
+    let best = reported["measured"].as_array().unwrap().iter().find(|point| point["best"] == true).unwrap();
+    assert_eq!(best["error"], "inf", "the reference is within the work: {reported}");
 
     place.write(r#"Graph(version: 1, scene: (up: "+z"), nodes: (photo: LoadImage(path: "out/final.png"), save: WriteImage(image: "photo", path: "b.png")))"#);
-    let (code, told) = error(&["--max-work", "1e9"]);
-    assert!(code == Some(2) && told.contains("no knob reaches `photo`"), "{told}");
+    let (code, reported) = error(&["--max-work", "1e9"]);
+    assert!(code == Some(2) && reported.contains("no knob affects `photo`"), "{reported}");
 }
 
-/// A preset that sets what varies along an axis makes other nodes: what would compare pictures by place says so.
+/// A preset that sets a field that varies along an axis gives other nodes, so comparing pictures fails with that
+/// reason.
 #[test]
 fn a_preset_that_takes_an_axis_away_is_named() {
     let graph = r#"Graph(version: 1, scene: (up: "+z"), axes: (q: List([4, 16])),
@@ -181,9 +192,9 @@ fn a_preset_that_takes_an_axis_away_is_named() {
     let place = Place::new(graph);
     for verb in [&["report", "graph.ron"][..], &["tune", "graph.ron", "--max-error", "flip=0.1"]] {
         for only in [&[][..], &["--only", "final"], &["--only", "final/q=4"]] {
-            let told = place.call(&[verb, only].concat());
-            let errors = String::from_utf8_lossy(&told.stderr);
-            assert!(told.status.code() == Some(2), "{errors}");
+            let reported = place.call(&[verb, only].concat());
+            let errors = String::from_utf8_lossy(&reported.stderr);
+            assert!(reported.status.code() == Some(2), "{errors}");
             assert!(
                 errors.contains("--preset reference") && errors.contains("varies along an axis"),
                 "{errors}"

@@ -1,8 +1,8 @@
-//! One graph, twelve pictures: what a turn does not touch runs once.
+//! One graph, twelve pictures: nodes that the turn does not affect run once.
 
 use crate::{INSERT, Place};
 
-/// The main job at 12 angles.
+/// A whole insertion at 12 angles.
 fn turntable() -> String {
     INSERT
         .replace("nodes: (", "axes: (frame: Range(0, 12)),\n    nodes: (")
@@ -20,8 +20,8 @@ fn turntable() -> String {
 #[test]
 fn twelve_frames_share_what_the_turn_does_not_touch() {
     let place = Place::new(&turntable());
-    let told = place.run(&["--only", "save,film,sheet"]).good();
-    let ran = told.nodes("ran");
+    let reported = place.run(&["--only", "save,film,sheet"]).good();
+    let ran = reported.nodes("ran");
     let times = |name: &str| ran.iter().filter(|id| id.split('/').next() == Some(name)).count();
     for once in ["demo", "camera", "faces", "pano", "dark", "env", "view", "film", "sheet"] {
         assert_eq!(times(once), 1, "{once} in {ran:?}");
@@ -29,7 +29,7 @@ fn twelve_frames_share_what_the_turn_does_not_touch() {
     for each in ["trace", "shadow", "final", "save"] {
         assert_eq!(times(each), 12, "{each}");
     }
-    // A frame is the picture that a graph of that angle alone gives, its recipe too.
+    // A frame equals the picture of a graph with that angle alone, including its recipe.
     let frames = place.outputs();
     let one = INSERT.replace("yaw_deg: 30.0", "yaw_deg: 90.0").replace("samples: 4", "samples: 1");
     let alone = Place::new(&one);
@@ -37,7 +37,7 @@ fn twelve_frames_share_what_the_turn_does_not_touch() {
     assert_eq!(frames["final_03.png"], alone.outputs()["final.png"]);
     assert_ne!(frames["final_03.png"], frames["final_04.png"]);
     assert!(frames.contains_key("film.png"));
-    // Twelve more that lie between: the old ones are known.
+    // Twelve more in between: the old ones come from the cache.
     let finer = place.run(&[
         "--only",
         "save",

@@ -36,7 +36,7 @@ impl Watch {
         Self { child, lines }
     }
 
-    /// Everything it tells until it rests.
+    /// All output until it is idle.
     fn rest(&mut self) -> Vec<Value> {
         let mut events: Vec<Value> = Vec::new();
         while events.last().is_none_or(|event| event["event"] != "idle") {
@@ -67,7 +67,7 @@ fn a_front_end_follows_edits_mistakes_and_repairs() {
     assert_eq!(of(&first, "file")[0]["path"], "out/photo.png");
     let before = place.outputs();
 
-    // A new photo, saved as editors do that write beside and rename.
+    // A new photo, saved like editors that write a temporary file and rename it.
     std::fs::write(place.path("photo.new"), photo(128)).unwrap();
     std::fs::rename(place.path("photo.new"), place.path("photo.hdr")).unwrap();
     assert_eq!(of(&watch.rest(), "done")[0]["ran"], 2);

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What it costs to find out that nothing is to be done: lightharmony beside ninja, on graphs of one shape.
+"""The cost of a run with nothing to do: lightharmony compared with ninja, on graphs of the same shape.
 
 usage: ninja.py LIGHTHARMONY NINJA WORK [SIZES]     prints the table of docs/evidence/bench.md
 

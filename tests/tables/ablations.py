@@ -16,14 +16,14 @@ PROGRAM, DATA, WORK = (os.path.abspath(word) for word in sys.argv[1:4])
 SMALL = sys.argv[4:] == ["small"]
 SAMPLES, CHOICES = ([2], 2) if SMALL else ([4, 16, 64], 16)
 LIGHTS = [("far", "far", "distant", "distant_raw"), ("near", "trace", "whole", "raw")]
-# What is changed, and whose report tells of it; and whether it says anything of the object.
+# The change, the report that measures it, and whether it affects the object.
 ROWS = [("all of it", "whole", True), ("no mask and no epsilon (`form: Paper`)", "unmasked", False),
         ("light above 1 kept (`s_max: 2`)", "bright", False), ("one ratio of luminance", "grey", False),
         ("far light (`surroundings: Distant`)", "distant", True), ("not denoised", "raw", True),
         ("the mesh as it is (`contact_metres: 0`), not denoised", "level", True),
         ("a grey mask over the picture (`alpha-shadow`)", "overlay", False),
         ("visibility as printed (`surroundings: Paper`), not denoised", "paper", True), ("no shadow", "bare", False)]
-# Those that trace anew, and are not tried small.
+# Those that trace again, and have no small form.
 TRACED = ["level", "paper"]
 
 def run(samples, reports):
@@ -38,7 +38,7 @@ def run(samples, reports):
     events = [json.loads(line) for line in done.stdout.splitlines()]
     return {event["id"]: event["cpu_seconds"] for event in events if event["event"] == "node" and event["state"] == "ran"}
 
-def told(report, region):
+def cell(report, region):
     return decibels(rows(os.path.join(WORK, f"out/ablation_{report}.md")), "image", region)
 
 def main():
@@ -54,14 +54,14 @@ def main():
         spent = run(samples, [name for _, _, clean, raw in LIGHTS for name in [clean, raw]])
         for light, node, clean, raw in LIGHTS:
             known[node] = known.get(node, 0.0) + spent.get(node, 0.0)
-            cells = [told(report, region) for region in ["shadow", "object"] for report in [raw, clean]]
+            cells = [cell(report, region) for region in ["shadow", "object"] for report in [raw, clean]]
             noise[light, samples] = f"| {light} | {samples} | {' | '.join(cells)} |"
-            cells = [told(clean, region) for region in ["shadow", "object", "whole"]]
+            cells = [cell(clean, region) for region in ["shadow", "object", "whole"]]
             lights[light, samples] = f"| {light} | {samples} | {' | '.join(cells)} | {known[node]:.3g} |"
         if samples == CHOICES:
             kept = [row for row in ROWS if not (SMALL and row[1] in TRACED)]
             run(samples, [report for _, report, _ in kept])
-            choices = [f"| {what} | {told(report, 'shadow')} | {told(report, 'object') if is_object else ''} |"
+            choices = [f"| {what} | {cell(report, 'shadow')} | {cell(report, 'object') if is_object else ''} |"
                        for what, report, is_object in kept]
     def table(head, lines):
         print(f"{head}\n{'|---' * (head.count('|') - 1)}|", *lines, "", sep="\n")

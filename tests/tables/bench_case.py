@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The insertions of tests/bench_case beside the truth: PSNR inside the shadow and on the object, and CPU seconds.
+"""The insertions of tests/bench_case compared with the truth: PSNR inside the shadow and on the object, and CPU seconds.
 
 usage: bench_case.py LIGHTHARMONY DATA WORK [small]    prints the table of README.md and two of docs/evidence/bench.md; WORK is a folder to
 fill; `small` only tries it: one sample

@@ -4,7 +4,7 @@ import math, re
 from page import blocks
 
 # CPU-seconds and errors of other programs on the sunny plane, measured on a machine of the same sort: the object by
-# `cycles_render.py --passes O` at 1, 4, 16, 64 and 256 samples beside its own 1024.
+# `cycles_render.py --passes O` at 1, 4, 16, 64 and 256 samples compared with its own 1024.
 CYCLES = {"without": [(1.81, .0939), (1.37, .0199), (1.74, .00135), (3.33, .000232), (9.59, .000054)],
           "S": [(3.9, .0557), (4.0, .0223), (7.1, .0103)],
           "object": [(1.51, .0270), (1.55, .00667), (1.80, .00105), (2.42, .000224), (5.53, .000052)]}

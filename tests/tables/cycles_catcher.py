@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""S of a scene by the shadow catcher of Blender Cycles, and what it costs beyond start-up.
+"""S of a scene by the shadow catcher of Blender Cycles, and its cost beyond start-up.
 
 usage: cycles_catcher.py DRIVER SCENE.json OUT [SAMPLES..]        by a Python that has bpy, OpenEXR and trimesh
 

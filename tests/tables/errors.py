@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How far a trace with `max_error` is off: the duck of render-refs, beside plain traces.
+"""Errors of traces with `max_error`: the duck of render-refs, compared with plain traces.
 
 usage: errors.py LIGHTHARMONY DATA WORK [small]    prints the table of docs/evidence/trade.md; WORK is a folder to fill; `small` only
 tries it: a sixteenth of the pixels, few samples
@@ -45,7 +45,7 @@ def graph(scene):
 """
 
 def trace(name, **fields):
-    """S, the object, what the report tells, and CPU-seconds."""
+    """S, the object, the samples of the report, and CPU-seconds."""
     out = os.path.join(WORK, name)
     seed = fields.pop("seed", 7)
     sets = [f"--set=trace.{field}={value}" for field, value in fields.items()] + [f"--set=scene.seed={seed}"]

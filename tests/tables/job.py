@@ -1,16 +1,16 @@
-"""What makes tables: a program, its data, and a folder to work in."""
+"""Makes tables: a program, its data, and a folder to work in."""
 import os, resource, shutil, subprocess
 
 ROOT = os.path.abspath(os.path.join(os.path.dirname(__file__), "../.."))
 HERE = "tests/tables"
-# What a graph becomes where a job is only tried: few splats, small pictures, few samples.
+# Replacements in a graph if a job is only tried: few splats, small pictures, few samples.
 SMALL = [("splats: 60000, width_px: 160, height_px: 120", "splats: 4000, width_px: 32, height_px: 24, truth_width_px: 32"),
          ("resolution: 0.25", "resolution: 0.06"), ("width_px: 128, height_px: 96", "width_px: 32, height_px: 24"),
          ("samples: 256, max_bounces: 16", "samples: 64, max_bounces: 4"), ("size_px: 512", "size_px: 64"),
          ("width_px: 1024", "width_px: 128")]
 
 class Failed(Exception):
-    """A command that failed, or a table that is not what it should be."""
+    """A command that failed, or a malformed table."""
 
 class Job:
     def __init__(self, program, benches, data, work, small):
@@ -20,20 +20,20 @@ class Job:
         return os.path.join(self.work, *names)
 
     def call(self, *command, quiet=False):
-        """What a command prints."""
+        """Output of a command."""
         done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE if quiet else None, text=True)
         if done.returncode:
             raise Failed(f"{' '.join(command)} ended with {done.returncode}" + (f": {done.stderr[-2000:]}" if quiet else ""))
         return done.stdout
 
     def script(self, name, *words):
-        """What a script beside this one prints, of a new folder."""
+        """Output of a script of this folder, run in a new folder."""
         folder = self.path(name)
         shutil.rmtree(folder, ignore_errors=True)
         return self.call("python3", f"{HERE}/{name}.py", self.program, *words, folder, *["small"] * self.small)
 
     def bench(self, name, *words):
-        """What a bench prints: one that was built into a folder, or by cargo."""
+        """Output of a bench, built into a folder or by cargo."""
         if self.benches:
             return self.call(os.path.join(self.benches, name), *words)
         return self.call("cargo", "bench", "-q", "-p", "lightharmony-nodes", "--bench", name, "--", *words)

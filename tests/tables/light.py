@@ -9,7 +9,7 @@ HDRI holds the panoramas, PEERS the script of measures that was fixed before (`e
 are used), each FOLDER one EXR of recovered light for each panorama, by name, from what never saw its place. Prints the
 mean of each measure, of each folder also by the paper's bracket and one to -15; strong lights and others apart;
 differences of the first folder with intervals of 95 % (paired, 10,000 resamples of places); and, of a folder with
-`regions.csv`, how often the truth lies within the uncertainty that is told, and what the rule for suns brings.
+`regions.csv`, how often the truth lies within the reported uncertainty, and the effect of the rule for suns.
 """
 
 import csv
@@ -106,7 +106,7 @@ for other in scores:
 
 
 def regions(path):
-    """Uncertainty told for regions of unseen places, whose residual is from the other parts, and the rule for suns."""
+    """Reported uncertainty of regions of unseen places, whose residual is from the other parts, and the rule for suns."""
     names, *numbers = zip(*list(csv.reader(open(path)))[1:])
     part, open_flux, sun, visible, hidden, told, given, apart = np.array(numbers, float)
     index = np.unique(names, return_inverse=True)[1]
@@ -126,7 +126,7 @@ def regions(path):
         print(f"{title} ({chosen.sum()}): {within[0]:.0%} within one, {within[1]:.0%} within two, rms {rms:.2f}")
 
     def irradiance(flux):
-        """Error of each panorama where the sun gives at least `flux` of what is open."""
+        """Error of each panorama where the sun gives at least `flux` of the visible flux."""
         light = np.where((sun > 0) & (told > 0), np.maximum(told, sun * flux * open_flux), told)
         seen = np.bincount(index, visible) + open_flux[np.unique(index, return_index=True)[1]]
         return np.abs(np.log2((seen + np.bincount(index, light)) / (seen + np.bincount(index, hidden))))

@@ -1,8 +1,8 @@
-"""The baselines of docs/evidence/light.md: the evidence's regression by region and its network, made anew in each part of the places.
+"""The baselines of docs/evidence/light.md: the regression by region and the network of the prior study, trained again in each part of the places.
 
     python tests/tables/light_baselines.py HDRI PEERS OUT [STEPS]
 
-HDRI holds the panoramas, PEERS the evidence's own scripts, which are imported: `eval_pano.py` (regression) and
+HDRI holds the panoramas, PEERS the scripts of the prior study, which are imported: `eval_pano.py` (regression) and
 `train_unet.py` (network, its sampling, loss and optimiser; its clock is replaced by STEPS steps, by default 700, of six
 pictures). Places and parts are those of `train-exposure`. Writes OUT/region/NAME.exr and OUT/network/NAME.exr, each
 from what never saw its place; networks that are done are kept in OUT and not trained again.
@@ -35,7 +35,7 @@ class Clock:
 
 
 def trained(panoramas, part):
-    """The evidence's network, trained for STEPS steps on these panoramas."""
+    """The network of the prior study, trained for STEPS steps on these panoramas."""
     for seed in range(SEED, SEED + 5):
         path = os.path.join(out, f"network-{part}of{PARTS}-{STEPS}-{seed}")
         if not os.path.exists(path + ".pt"):
@@ -43,14 +43,14 @@ def trained(panoramas, part):
             unet.main(None, path, STEPS / 60, seed)
         network = unet.Net()
         network.load_state_dict(torch.load(path + ".pt"))
-        # About one training in three ends in NaN, as one of the evidence's did: then another seed.
+        # About one training in three ends in NaN, as one of the prior study's did: then another seed.
         if all(bool(v.isfinite().all()) for v in network.state_dict().values()):
             return network.eval()
     raise SystemExit("no seed gives a finite network")
 
 
 def light(photograph, luminance):
-    """The photograph's colours, as bright as told."""
+    """The photograph's colours, at the predicted brightness."""
     linear = photograph**pl.G
     return linear * (luminance / np.maximum(linear @ pl.W, 1e-6))[..., None]
 

@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
-"""Makes the tables of the docs anew.
+"""Makes the tables of the docs.
 
-usage: make.py [--data DIR] [--work DIR] [NAME..]      default: ../shared/data, a new folder, all for which all is there
+usage: make.py [--data DIR] [--work DIR] [NAME..]      default: ../shared/data, a new folder, all tables whose needs are met
        make.py --try [NAME..]                          the smallest form of each job, whose tables go nowhere
-       make.py --list                                  what there is, what it takes and needs
+       make.py --list                                  the tables, with their time and needs
 
 The program is that of target/release, or of LIGHTHARMONY; benches are built by cargo, or lie in the folder
 LIGHTHARMONY_BENCHES. `tune` takes references that `presets` made in the same folder.
 
 Every command prints markdown tables, which are kept below the folder as NAME.md; each takes the place of the table in the
-page that has the same first row, of several those in their order, and gets a line that says by which command and at which
-commit. Text around them is not touched: read it again. What fails is told at the end, and the rest is made. Deterministic
+page with the same first row (of several in their order), with a line that names the command and the commit. The text
+around them is not changed: read it again. Failures are reported at the end, and the rest is made. Deterministic
 counts are not made here but guarded by tests (tests/tables/counts.tsv, which UPDATE_GOLDEN=1 cargo test --release renews).
 """
 import argparse, os, shutil, sys, tempfile, time
@@ -20,8 +20,8 @@ from job import Failed, HERE, Job, ROOT, cpu
 from page import renew
 from trade import bad, presets, tune
 
-# Name: pages, seeds or None, CPU-minutes on an idle machine, what it needs beside the program (below the data, or a command), what
-# makes its tables, and whether there is a small form of that.
+# Name: pages, seeds or None, CPU-minutes on an idle machine, what it needs in addition to the program (below the data, or a command),
+# the function that makes its tables, and whether it has a small form.
 def tables(job):
     trade, small = ["docs/evidence/trade.md"], ["small"] * job.small
     traced = lambda: curves(job.bench("trace", job.data, "plane", "ratio", *small), job.picture("trace"))
@@ -41,11 +41,11 @@ def tables(job):
         "noop": (["docs/evidence/bench.md"], None, 4, "ninja", lambda: job.call("python3", "tests/noop/ninja.py", job.program, "ninja", job.path("noop")), False),
     }
 
-# What decides what a table says: all but the pages that tables go to.
+# Files that affect the content of a table: all but the pages that tables go to.
 ALL_BUT_PAGES = ["--", ".", ":!docs", ":!README.md"]
 
 def missing(data, needs):
-    """What a table needs and is not there; None where all is."""
+    """The missing requirement of a table; None if there is none."""
     there = needs is None or (shutil.which(needs) if needs == "ninja" else os.path.exists(os.path.join(data, needs)))
     return None if there else needs
 
@@ -73,12 +73,12 @@ def main():
         sys.exit(f"there is no program {program}: cargo build --release, or name one by LIGHTHARMONY")
     os.makedirs(job.work, exist_ok=True)
     commit = job.call("git", "rev-parse", "--short", "HEAD").strip() + ("+" if job.call("git", "status", "--short", "-uno", *ALL_BUT_PAGES) else "")
-    told = []
+    results = []
     for name in asked.names or known:
         pages, seed, _, needs, make, has_small = known[name]
         lacks = missing(job.data, needs)
         if lacks or (job.small and not has_small):
-            told.append((name, f"left out: there is no {lacks or 'small form of it'}"))
+            results.append((name, f"left out: there is no {lacks or 'small form of it'}"))
             continue
         begun, spent = time.monotonic(), cpu()
         try:
@@ -88,13 +88,13 @@ def main():
                 seeded = f", seed{'s' * isinstance(seed, str)} {seed}" if seed is not None else ""
                 renew(pages, text, f"*Made by `{HERE}/make.py {name}`, commit {commit}{seeded}.*", keep=job.small)
             how = "made"
-        # What one table runs into, the others need not.
+        # A failure of one table does not stop the others.
         except Exception as error:
             how = f"failed: {error if isinstance(error, Failed) else repr(error)}"
-        told.append((name, f"{how}, after {time.monotonic() - begun:.0f} s and {cpu() - spent:.0f} CPU-s"))
-        print(f"{name}: {told[-1][1]}", file=sys.stderr, flush=True)
-    print(f"\nin {job.work}:", *(f"  {name:9} {how}" for name, how in told), sep="\n", file=sys.stderr)
-    sys.exit(any(how.startswith("failed") for _, how in told))
+        results.append((name, f"{how}, after {time.monotonic() - begun:.0f} s and {cpu() - spent:.0f} CPU-s"))
+        print(f"{name}: {results[-1][1]}", file=sys.stderr, flush=True)
+    print(f"\nin {job.work}:", *(f"  {name:9} {how}" for name, how in results), sep="\n", file=sys.stderr)
+    sys.exit(any(how.startswith("failed") for _, how in results))
 
 if __name__ == "__main__":
     main()

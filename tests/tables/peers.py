@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Light transport beside Mitsuba and Cycles: the same scene, in turn, on one machine.
+"""Light transport compared with Mitsuba and Cycles: the same scene, alternating, on one machine.
 
 usage: peers.py --peers FOLDER --python PYTHON [--data DIR] [--rounds N] [--threads N] [--work DIR]
 
 FOLDER has mitsuba_render.py and cycles_render.py; PYTHON is one with mitsuba, bpy, OpenEXR, numpy and trimesh (DRJIT_LIBLLVM_PATH
-must name libLLVM for Mitsuba). DIR is ../shared/data unless told. A round runs Mitsuba, ours, Cycles and ours again, each as a fresh
+must name libLLVM for Mitsuba). DIR is ../shared/data by default. A round runs Mitsuba, ours, Cycles and ours again, each as a fresh
 process; five rounds or more. Theirs run on two threads (Mitsuba 3.9 waits for ever on one). Seconds are CPU seconds: ours of one thread as the bench `trace` tells them, theirs of their
 own clocks. Ratios are of the runs of one round, so of one state of the machine; printed are medians, least and most.
 """
@@ -77,7 +77,7 @@ def main():
         return of(cover == 0), of((cover > 0) & (cover < 1))
 
     def ours(numbers):
-        told = lines(run([program, "--bench", asked.data, "beside", asked.work, *map(str, numbers)]))
+        told = lines(run([program, "--bench", asked.data, "peers", asked.work, *map(str, numbers)]))
         return {line["samples"]: line for line in told}
 
     def by_mitsuba():

@@ -38,7 +38,7 @@ def main():
     for unit in ["CPU", "wall"]:
         own, found = ratios["A to A", unit], ratios["B to A", unit]
         beyond = max(min(found) - 1, 1 - max(found))
-        word = "another" if beyond > max(own) - min(own) else "not told apart"
+        word = "another" if beyond > max(own) - min(own) else "not distinguishable"
         print(f"{unit}: {word}, at a load of {os.getloadavg()[0]:.1f}")
 
 if __name__ == "__main__":

@@ -29,8 +29,7 @@ GRAPH = """Graph(version: 1, scene: (up: "+z", seed: 3), nodes: (
 """
 UPPER = "demo,pose,placed,turned,env"
 HIGH = ["pose.translation=(0.0, 0.0, 30.0)"]
-# What is left out; the node that is run; what has it done all the same, and what leaves it out; what is known before;
-# the count that tells.
+# The skipped work; the node that runs; settings that do the work and that skip it; nodes known before; the count.
 ROWS = [
     ("the prediction of clipped light", "none", ["--exhaustive"], [], "grey", "pixels"),
     ("telling the receiver from its light", "trace", ["trace.surroundings=Projected"], [], UPPER, "rays"),

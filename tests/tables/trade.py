@@ -40,7 +40,7 @@ def presets(job):
         for preset in PRESETS:
             point = next(p for p in told["points"] if p["setting"] == preset)
             def worst(region, column):
-                # Equal pictures have no finite PSNR, which JSON tells as the text `inf`.
+                # Equal pictures have no finite PSNR, which JSON has as the text `inf`.
                 values = [float(row["values"][column]) for row in point["off"]
                           if row["picture"] == "image" and row["region"] == region]
                 return short(max(10 ** (-v / 20) if "psnr" in column else v for v in values))
@@ -53,7 +53,7 @@ def presets(job):
     return text
 
 def bad(job):
-    """Which node is named, and what `tune` finds."""
+    """The blamed node, and the result of `tune`."""
     with open(job.graph("bad")) as file:
         good = file.read()
     text = ("| made bad | error | named | its own error | the next one's | left with it repaired | `tune` to 0.02: cost | "
@@ -86,7 +86,7 @@ TUNED = [("demo", ["flip=0.02", "flip=0.012", "flip=0.008"]), ("plaza", ["flip=0
          ("real", ["flip=0.02"]), ("bad", ["flip=0.03", "flip=0.02", "flip=0.012", "flip=0.008"])]
 
 def tune(job):
-    """What `tune` finds for an error, beside the cheapest preset that reaches it."""
+    """The result of `tune` for an error, compared with the cheapest preset that reaches it."""
     text = ("| graph | error asked for | cheapest preset: work, error | tuned: work, error | of the preset's work | settings measured |\n"
             "|---|---|---|---|---|---|\n")
     for name, bounds in TUNED:

@@ -56,7 +56,7 @@ GROUPS = [
 ]
 
 def cpu(command):
-    """CPU-seconds of a process, and what it wrote."""
+    """CPU-seconds of a process, and its output."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(command, capture_output=True, text=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

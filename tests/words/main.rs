@@ -1,4 +1,5 @@
-//! Plain English in comments, messages and pages: fails on the words of `words.tsv`, which has what to write instead.
+//! Plain English in comments, messages and pages: fails on the words of `words.tsv`, which lists a replacement for
+//! each.
 //!
 //! A pattern is a sequence of words and punctuation; `*` stands for any word, and `^` for the start of a doc comment.
 //! `allowed.txt` has longer phrases in which a pattern is right. Code between backticks or in a fence does not count.
@@ -14,7 +15,18 @@ const WORDS: &str = include_str!("words.tsv");
 const ALLOWED: &str = include_str!("allowed.txt");
 
 /// The folders and files that are held to the list.
-const HELD: &[&str] = &["docs", "graphs", "README.md", "CHANGELOG.md"];
+const HELD: &[&str] = &[
+    "docs",
+    "graphs",
+    "README.md",
+    "CHANGELOG.md",
+    "extras",
+    "trade",
+    "cache/tests",
+    "nodes/benches",
+    "nodes/fuzz",
+    "engine/examples",
+];
 
 fn workspace() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -123,7 +135,7 @@ fn patterns_are_found_across_lines_and_only_in_prose() {
 /// ```
 /// let x = "told";
 /// ```
-fn a() { let b = 'a'; let c = '"'; let d = "is \"anew\" \
+fn a() { let b = 'a'; let c = '"'; let d = "is \"anew\" {told} \
     made"; let e = r#"beside "it""#; let told = '\''; // `told` and what_is_told
 }
 /* there is no fault, and it is no longer one; this

@@ -1,4 +1,4 @@
-//! What a run left out because a check found that the scene does not need it, and what each check found.
+//! Work that a run skipped because a check found that the scene does not need it, and the finding of each check.
 
 use std::collections::BTreeSet;
 
@@ -7,36 +7,36 @@ use nodes::types::{Cell, Report};
 use crate::bench::NodeCost;
 use crate::plot::tick_text;
 
-/// Something that is modelled only where a check says that the scene needs it.
+/// Something that is modelled only if a check finds that the scene needs it.
 struct Skip {
     what: &'static str,
     check: &'static str,
-    /// What has it modelled all the same.
+    /// The setting that forces it.
     force: &'static str,
-    /// The kinds that ask.
+    /// The kinds that check.
     kinds: &'static [&'static str],
-    /// Whether it was left out, and what the check found.
+    /// True if it was skipped, and the finding of the check.
     judge: fn(&Evidence<'_>) -> Option<(bool, String)>,
 }
 
-/// What a check found at a node.
+/// The finding of a check at a node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeftOut {
-    /// What is modelled only where a check asks for it.
+    /// The work that is skipped unless a check requires it.
     pub what: &'static str,
-    /// Where; several nodes that found the same stand together.
+    /// The nodes; several with the same finding are listed together.
     pub nodes: Vec<String>,
-    /// `None` where there was nothing to ask.
+    /// `None` if there was nothing to check.
     pub left_out: Option<bool>,
-    /// What the check found.
+    /// The finding of the check.
     pub found: String,
     /// The check.
     pub check: &'static str,
-    /// What forces it to be modelled.
+    /// The setting that forces it.
     pub force: &'static str,
 }
 
-/// What a node told of a run.
+/// Notes and reports of a node.
 struct Evidence<'s> {
     node: &'s NodeCost,
     reports: &'s [(String, Report)],
@@ -64,7 +64,7 @@ impl Evidence<'_> {
         cells.collect()
     }
 
-    /// The value beside a name in a table of two columns.
+    /// The value next to a name in a table of two columns.
     fn value(&self, table: &str, name: &str) -> Option<String> {
         let names = self.column(table, "what").into_iter().zip(self.column(table, "value"));
         names.into_iter().find_map(|(what, value)| match (what, value) {
@@ -179,7 +179,7 @@ const SKIPS: [Skip; 8] = [
     },
 ];
 
-/// What was left out and what was not, in the order of `docs/trade.md`; what no node of a run asks for, too.
+/// Skipped and forced work in the order of `docs/trade.md`, including checks that no node of a run makes.
 pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut> {
     let mut all: Vec<LeftOut> = Vec::new();
     for Skip { what, check, force, kinds, judge } in SKIPS {
@@ -194,14 +194,14 @@ pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut
             }
         }
         if all.len() == start {
-            all.push(row(Vec::new(), None, format!("no {} told of it", kinds.join(" or "))));
+            all.push(row(Vec::new(), None, format!("no {} reported it", kinds.join(" or "))));
         }
     }
     all.push(frames(nodes));
     all
 }
 
-/// What the points of axes share.
+/// Results shared by the values of axes.
 fn frames(nodes: &[NodeCost]) -> LeftOut {
     let varying = || nodes.iter().filter(|node| node.varies);
     let keys: BTreeSet<_> = varying().filter_map(|node| node.key).collect();
@@ -259,7 +259,7 @@ mod tests {
         let rows = left_out(&[], &[]);
         assert_eq!(rows.len(), SKIPS.len() + 1);
         assert!(rows.iter().all(|row| row.left_out.is_none() && !row.force.is_empty()));
-        assert_eq!(rows[0].found, "no predict-exposure told of it");
+        assert_eq!(rows[0].found, "no predict-exposure reported it");
     }
 
     #[test]
@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn a_probe_that_was_fitted_is_told_beside_advice() {
+    fn a_probe_that_was_fitted_is_reported_beside_advice() {
         let (mut fit, trace) = (node("fit", "fit-probe"), node("trace", "path-trace"));
         let text = "views of 64 px in place of 512 do: the objects are matte";
         fit.notes.push(note("probe-size", text));

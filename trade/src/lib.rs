@@ -9,6 +9,7 @@ pub mod attribution;
 pub mod below;
 pub mod bench;
 mod error;
+pub mod escape;
 pub mod html;
 pub mod judge;
 pub mod knobs;

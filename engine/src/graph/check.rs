@@ -1,43 +1,32 @@
-//! Checking a graph: kinds known, parameters in range, files there, all mistakes at once. Wires are in `wires`.
+//! The check of a graph: kinds, parameters and files. Wires are checked in `wires`. All mistakes are reported
+//! together.
 
-use crate::graph::checker::Check;
-use crate::graph::checker::Field;
-use crate::graph::checker::at_each;
-use crate::graph::graph::Graph;
-use crate::graph::graph::Parts;
-use crate::graph::lazy::FieldPlaces;
-use crate::graph::order::describe_cycle;
-use crate::graph::order::order_of;
-use crate::text::diag::Diagnostics;
-use crate::text::include::parse_all;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
 use crate::graph::axis::{Axis, axes_read};
-use crate::graph::checker::{GATHER, Template};
-use crate::graph::lazy::Places;
-use crate::graph::node::Node;
-use crate::graph::order::Wiring;
+use crate::graph::checker::{Check, Field, GATHER, Template, at_each};
+use crate::graph::graph::{Graph, Parts};
+use crate::graph::node::{FieldPlaces, Node};
+use crate::graph::order::{Wiring, describe_cycle, order_of};
 use crate::kind::context::{Scene, Up};
 use crate::kind::fields::Fields;
 use crate::kind::param_type::Role;
 use crate::kind::registry::{KindEntry, Registry, Step};
-use crate::text::diag::{Code, Diagnostic, shown};
+use crate::text::diag::{Code, Diagnostic, Diagnostics, shown};
 use crate::text::document::{Document, RawField, RawNode, RawScene};
-use crate::text::include::outside;
-use crate::text::source::Source;
-use crate::text::source::folder_of;
+use crate::text::include::{outside, parse_all};
+use crate::text::source::{Source, folder_of};
 use crate::text::subgraph::{in_place, strings};
 use crate::text::syntax::twice;
-use crate::value::root::InputFile;
-use crate::value::root::SourceRoot;
+use crate::value::root::{InputFile, SourceRoot};
 
-/// What the `scene` block may hold.
+/// The fields of the `scene` block.
 pub(crate) const SCENE_FIELDS: [&str; 4] = ["up", "metres_per_unit", "seed", "exhaustive"];
 
 impl<'t, 'a> Check<'t, 'a> {
-    /// What stands beside the nodes.
+    /// Checks everything except the nodes.
     pub fn document(&mut self, document: &'a Document<'t>) -> Option<Scene> {
         let whole = 0..self.text.len().min(1);
         let versions = document.others.iter().filter_map(|(version, _)| version.as_ref());
@@ -48,7 +37,7 @@ impl<'t, 'a> Check<'t, 'a> {
         }
         if document.version.is_none() && document.whole {
             self.report(
-                Diagnostic::of(Code::Missing, whole.clone(), "the graph does not state its version")
+                Diagnostic::of(Code::Missing, whole.clone(), "the graph has no `version`")
                     .hint("begin it with `version: 1,`"),
             );
         }
@@ -66,7 +55,7 @@ impl<'t, 'a> Check<'t, 'a> {
                 "add `nodes: (name: Kind(field: value, ..), ..)`; `lightharmony nodes` lists the kinds",
             ));
         }
-        // The one that counts may be that of another file, too.
+        // The scene in use may come from an included file, which is checked once.
         let own = document.scene.as_ref().map(|scene| &scene.span);
         for scene in document.others.iter().filter_map(|(_, scene)| scene.as_ref()) {
             if Some(&scene.span) != own {
@@ -84,7 +73,7 @@ impl<'t, 'a> Check<'t, 'a> {
         self.scene(scene)
     }
 
-    /// Reads one `scene` block.
+    /// Checks a `scene` block.
     fn scene(&mut self, RawScene { span, fields }: &RawScene<'t>) -> Option<Scene> {
         let before = self.diagnostics.len();
         for field in fields {
@@ -113,7 +102,7 @@ impl<'t, 'a> Check<'t, 'a> {
         Some(Scene { up: up?, metres_per_unit: metres_per_unit?, seed: seed?, exhaustive: exhaustive? })
     }
 
-    /// The nodes that are right, and which reads which, of all of them.
+    /// Checks the nodes. Returns those without mistakes, and the wiring of all.
     pub fn nodes(&mut self, raw: &'a [RawNode<'t>]) -> (Vec<Option<Template<'a, 't>>>, Wiring) {
         for (index, node) in raw.iter().enumerate() {
             if let Some(&first) = self.ids.get(&*node.id) {
@@ -141,7 +130,7 @@ impl<'t, 'a> Check<'t, 'a> {
         for ((node, kind), reads) in raw.iter().zip(&kinds).zip(&mut wiring) {
             let before = self.mistakes();
             templates.push(kind.as_ref().and_then(|kind| self.node(node, kind, &kinds, reads)));
-            self.tell_use(node, before);
+            self.add_use(node, before);
         }
         self.sink_paths(&templates);
         (templates, wiring)
@@ -221,7 +210,7 @@ impl<'t, 'a> Check<'t, 'a> {
         for (index, port) in kind.inputs.iter().enumerate() {
             inputs.push(self.wires(raw, kind, (index, port), kinds, reads, &mut gathers));
         }
-        // What an axis that could not be read gives is not known.
+        // The values of an axis with a mistake are unknown.
         if !own.iter().all(|&axis| self.axes[axis].is_whole()) {
             return None;
         }
@@ -241,14 +230,14 @@ impl<'t, 'a> Check<'t, 'a> {
             sink_path,
             point: Vec::new(),
             span: raw.id_span.start..raw.span.end,
-            places: Places::Read(places),
-            step: step.into(),
+            places,
+            step,
         };
         (self.mistakes() == before).then_some(Template { node, raw, fields, own, gathers })
     }
 
-    /// What a node does, where it writes, and where its fields stand, of a node of known fields in a graph without
-    /// axes. Its wires are not looked at.
+    /// Checks the parameters of a single node in a graph without axes. Returns its parameters, its output path and
+    /// the places of its fields. Wires are not checked.
     pub fn alone(
         &mut self,
         raw: &RawNode<'t>,
@@ -264,7 +253,7 @@ impl<'t, 'a> Check<'t, 'a> {
         Some((step, sink_path, places(raw, kind, &fields)))
     }
 
-    /// A parameter as it is read, and the axes that it runs along.
+    /// A field with its parameters inserted, and the axes that it reads.
     fn field(&self, raw: &RawField<'t>, is_path: bool) -> Result<(Field<'t>, Vec<usize>), Diagnostic> {
         let folder_at = |offset: usize| {
             let index = self.pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
@@ -276,8 +265,8 @@ impl<'t, 'a> Check<'t, 'a> {
         Ok((Field { name: raw.name, text, span }, axes))
     }
 
-    /// Mistakes in a subgraph are said to come of its use, and those in what it is given, where that is read.
-    fn tell_use(&mut self, node: &RawNode<'t>, before: usize) {
+    /// Adds the use of the subgraph to mistakes inside it, and the place of reading to mistakes in given values.
+    fn add_use(&mut self, node: &RawNode<'t>, before: usize) {
         let scope = &self.scopes[node.scope];
         let Some((used, _)) = &scope.used else { return };
         for mistake in &mut self.diagnostics[before..] {
@@ -291,7 +280,7 @@ impl<'t, 'a> Check<'t, 'a> {
         }
     }
 
-    /// Reads the parameters of a node, the values of axes in place: what it does and where it writes.
+    /// Reads the parameters of a node after axis values were inserted. Returns the parameters and the output path.
     pub fn step(
         &mut self,
         raw: &RawNode<'t>,
@@ -312,12 +301,12 @@ impl<'t, 'a> Check<'t, 'a> {
         let mistaken: Vec<Range<usize>> =
             self.diagnostics[before..].iter().map(|one| one.span.clone()).collect();
         for param in kind.params.iter().filter(|param| param.role == Role::Input) {
-            // What is no value of the field names no file either.
+            // A field with an invalid value does not name a file.
             let sound = |field: &&Field<'_>| {
                 field.name == param.name && !mistaken.iter().any(|span| field.span.contains(&span.start))
             };
             if let Some(field) = fields.iter().find(sound) {
-                // Said of the first file only: one sentence tells where all of them are.
+                // The download hint is given once per node.
                 let mut supplied = kind.supplied;
                 for (path, _) in strings(&field.text) {
                     self.source(kind, field, path, &mut supplied);
@@ -344,7 +333,8 @@ impl<'t, 'a> Check<'t, 'a> {
         Some((step, sink_path))
     }
 
-    /// A file that a field names must be there, and be one. Where it is not, `supplied` says where it is to be had.
+    /// Checks that a source file exists and is a file. If it is missing, `supplied` is the hint on where to
+    /// download it.
     fn source(&mut self, kind: &KindEntry, field: &Field<'_>, path: String, supplied: &mut Option<&str>) {
         let file = self.root.file(&InputFile(path.clone()));
         let place = field.span.clone();
@@ -394,7 +384,7 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 }
 
-/// Where the fields of a node stand: parameters where their value is written, wires where they are.
+/// The places of the fields of a node: of the value for parameters, of the field for wires.
 fn places(raw: &RawNode<'_>, kind: &KindEntry, fields: &[Field<'_>]) -> FieldPlaces {
     let place = |name: &'static str| {
         let param = fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
@@ -405,7 +395,7 @@ fn places(raw: &RawNode<'_>, kind: &KindEntry, fields: &[Field<'_>]) -> FieldPla
     names.filter_map(place).collect()
 }
 
-/// Sinks write under the output folder and nowhere else.
+/// Checks that the path of a sink stays within the output folder.
 fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
     use std::path::Component;
     if path.is_empty() || path.ends_with('/') {
@@ -418,7 +408,7 @@ fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
     if plain.contains(['{', '}']) {
         return Err("the only placeholders are `{view}`, the name of the view, and the names of axes");
     }
-    // They would mean something else on another system.
+    // These characters have other meanings on other systems.
     if path.contains(['\\', ':']) || path.chars().any(char::is_control) {
         return Err("write `/` between folders, and no `\\` or `:`");
     }
@@ -435,7 +425,10 @@ fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
 }
 
 impl Graph {
-    /// Reads and checks a graph file, whose paths are relative to `folder`.
+    /// Parses and checks a graph file. Paths are relative to the folder of `root`.
+    ///
+    /// # Errors
+    /// All mistakes in the graph.
     pub fn parse(source: Source, registry: &Registry, root: SourceRoot) -> Result<Self, Diagnostics> {
         let joined = source.clone();
         let mut diagnostics = Vec::new();

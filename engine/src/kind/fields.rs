@@ -1,4 +1,4 @@
-//! The fields of one node on the way to the parameters of its kind.
+//! Reads the fields of a node as the parameters of its kind.
 
 use std::ops::Range;
 
@@ -20,7 +20,7 @@ fn read_value<T: ParamType>(text: &str) -> Result<T, ron::Error> {
     })
 }
 
-/// The fields of one node while its parameters are read. Collects every mistake.
+/// The fields of a node while its parameters are read. Collects all mistakes.
 pub struct Fields<'t, 'a> {
     pub(crate) fields: &'a [RawField<'t>],
     pub(crate) node_span: Range<usize>,
@@ -29,7 +29,7 @@ pub struct Fields<'t, 'a> {
 }
 
 impl Fields<'_, '_> {
-    /// Reads one parameter: its value, its default, or `None` after reporting what is wrong.
+    /// Reads a parameter: its value or default, or `None` after reporting a mistake.
     pub fn parameter<T: ParamType>(
         &mut self,
         name: &'static str,

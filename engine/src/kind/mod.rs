@@ -1,4 +1,4 @@
-//! The contract with the crates of kinds: what a kind declares, and what its code may ask for.
+//! The contract with crates of kinds: declarations of kinds, and the services available to their code.
 
 pub(crate) mod context;
 pub(crate) mod contract;
@@ -8,3 +8,4 @@ pub(crate) mod param_type;
 pub(crate) mod params;
 pub(crate) mod port;
 pub(crate) mod registry;
+pub(crate) mod tiles;

@@ -1,58 +1,56 @@
-//! Parameters: typed values of a node, declared once with default, range, unit and doc.
-
-use crate::kind::param_type::ParamValue;
-use crate::kind::param_type::Role;
+//! Parameters: typed values of a node, declared with default, range, unit and documentation.
 
 use crate::kind::fields::Fields;
 use crate::kind::knob::Knob;
+use crate::kind::param_type::{ParamValue, Role};
 
-/// A parameter as the reference page and the table-driven tests see it.
+/// Description of a parameter, for reference pages and tests.
 #[derive(Debug, Clone)]
 pub struct ParamSpec {
     /// Name in the graph file.
     pub name: &'static str,
-    /// What it does.
+    /// Documentation.
     pub doc: &'static str,
-    /// What a person writes.
+    /// Description of the values.
     pub describe: fn() -> String,
-    /// The choices of an enumeration with their documentation; empty for other types.
+    /// Names of the choices, each with its documentation; empty for other types.
     pub choices: fn() -> Vec<(&'static str, &'static str)>,
-    /// Canonical text of the default, made when asked for; `None` where the parameter must be given.
+    /// Canonical text of the default; `None` if the parameter is required.
     pub default: fn() -> Option<String>,
-    /// Closed range of every number in it.
+    /// Closed range of every number in the value.
     pub range: Option<(f64, f64)>,
-    /// Unit, empty where there is none.
+    /// Unit; empty if there is none.
     pub unit: &'static str,
-    /// Another valid value in RON, which the tests set in place of the default.
+    /// Another valid value in RON, for tests.
     pub other: Option<&'static str>,
-    /// Why another value may leave the output as it is (a speed setting, say).
+    /// Why the output may be equal for another value (a speed setting, for example).
     pub inert: Option<&'static str>,
-    /// How it trades work for accuracy, where it does.
+    /// How it trades work for accuracy, if it does.
     pub knob: Option<Knob>,
-    /// What it names outside of the graph.
+    /// Whether it names a file.
     pub role: Role,
 }
 
-/// The parameters of a kind; written by [`params!`](crate::params).
+/// The parameters of a kind; implemented by [`params!`](crate::params).
 pub trait Params: Sized + std::fmt::Debug + Clone + PartialEq + Send + Sync + 'static {
-    /// The doc comment of the struct, which is the doc of the kind.
+    /// The documentation of the kind.
     const DOC: &'static str;
-    /// One entry a parameter, in the order of declaration.
+    /// The parameters in the order of declaration.
     fn specs() -> Vec<ParamSpec>;
-    /// Reads the fields of a node; every mistake is reported to `fields`, and then there is no value.
+    /// Reads the fields of a node. Mistakes are reported to `fields`, and the result is then `None`.
     fn read(fields: &mut Fields<'_, '_>) -> Option<Self>;
     /// Visits (name, value) in the order of declaration.
     fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
 }
 
-/// A kind's own parameters, and those that it shares with others; the doc is that of its own.
+/// The parameters of a kind followed by shared ones. The documentation is that of the former.
 impl<Own: Params, Shared: Params> Params for (Own, Shared) {
     const DOC: &'static str = Own::DOC;
     fn specs() -> Vec<ParamSpec> {
         [Own::specs(), Shared::specs()].concat()
     }
     fn read(fields: &mut Fields<'_, '_>) -> Option<Self> {
-        // Both, so that all mistakes are told.
+        // Both are read before `?`, so that all mistakes are reported.
         let (own, shared) = (Own::read(fields), Shared::read(fields));
         Some((own?, shared?))
     }

@@ -1,9 +1,5 @@
-//! Running one node on the shared threads.
+//! The work of a thread for one node.
 
-use crate::kind::context::ContextField;
-use crate::run::message::Finished;
-use crate::run::message::Message;
-use crate::value::error::guarded;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex};
@@ -13,41 +9,43 @@ use cache::{Digest, Lease, LeaseState, Store};
 
 use crate::graph::graph::Graph;
 use crate::graph::node::{Node, Wire};
-use crate::kind::context::{Context, Part, PartStore};
+use crate::kind::context::{Context, ContextField, Part, PartStore};
 use crate::kind::contract::Keep;
 use crate::kind::port::PortSpec;
+use crate::kind::tiles::Threads;
 use crate::record::action::{Action, look_up};
 use crate::record::key::part_key;
 use crate::record::pace::Pace;
 use crate::record::record::{FileRecord, Output, PartRecord, Record, Spent};
 use crate::run::event::{Event, State};
-use crate::run::remembered::values::{Name, ValueCache};
+use crate::run::message::{Finished, Message};
 use crate::run::trace::Tracer;
+use crate::run::value_cache::{Name, ValueCache};
 use crate::value::artifact::{AnyArtifact, ArtifactType};
 use crate::value::counts::Effort;
-use crate::value::error::{NodeError, NodeErrorKind};
+use crate::value::error::{NodeError, NodeErrorKind, guarded};
 use crate::value::files::Files;
 
-/// Counts that every node has: bytes of its input values and of the files it reads, and of its output values, each as
-/// it lies in memory.
+/// Counts of every node: bytes in memory of its inputs and source files, and of its outputs.
 const BYTES_READ: &str = "bytes_read";
 const BYTES_MADE: &str = "bytes_made";
 
-/// One node whose code is to run, on one of the threads.
+/// A node whose code runs on a thread.
 pub(crate) struct Job<'a> {
     pub store: &'a Arc<Store>,
     pub prepared: &'a Arc<ValueCache>,
+    pub threads: &'a Arc<Threads>,
     pub graph: &'a Graph,
     pub node: usize,
     pub inputs: Vec<Vec<AnyArtifact>>,
     pub input_digests: Vec<(&'static str, Vec<Digest>)>,
     pub key: Digest,
-    /// Its key is absent where only values are wanted, since there is a record then.
+    /// Without a key if only values are needed, since there is a record then.
     pub action: Action,
-    /// Only the values are wanted.
+    /// Whether only values are needed.
     pub remake: bool,
     pub work: f64,
-    /// Bytes that it was admitted with.
+    /// Memory in bytes that it was admitted with.
     pub memory: u64,
     pub tracer: Tracer,
     pub cancel: Arc<AtomicBool>,
@@ -59,9 +57,9 @@ impl Job<'_> {
         &self.graph.nodes[self.node]
     }
 
-    /// Runs the node, tells its values, then stores them.
+    /// Runs the code, reports the values and then stores them.
     pub fn run(self) {
-        // The scheduler outlives every job, so telling it cannot fail.
+        // The scheduler outlives every job, so sending cannot fail.
         let (index, tell, store, key) = (self.node, self.tell.clone(), self.store, self.key);
         let finish = |outcome: Result<Finished, NodeError>| {
             let _ = tell.send(Message::Finished { node: index, outcome: outcome.map(Box::new) });
@@ -71,7 +69,7 @@ impl Job<'_> {
             return;
         };
         let mut error = None;
-        // Another process may have had the lease before, and left its result.
+        // Another process may have held the lease before and stored the result.
         match look_up(store, self.node(), &key).filter(|_| !self.remake) {
             Some(record) => {
                 let (values, effort) = (Vec::new(), Effort::default());
@@ -118,14 +116,14 @@ impl Job<'_> {
         let _ = tell.send(Message::Stored { node: index, error });
     }
 
-    /// The result of the code. `spent` is what it took, be it not the end.
+    /// Runs the code and encodes its outputs. `spent` is set even if the code fails.
     fn compute(self, spent: &mut Effort) -> Result<(Finished, Vec<Vec<u8>>), NodeError> {
         let graph = self.graph;
         let node = &graph.nodes[self.node];
         let (id, tell) = (node.id.clone(), Mutex::new(self.tell.clone()));
         let last = Mutex::new(Instant::now());
         let progress = move |fraction: f32| {
-            // A bar needs no more than twenty steps a second.
+            // At most twenty reports per second.
             let mut last = last.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             if fraction >= 1.0 || last.elapsed() > Duration::from_millis(50) {
                 *last = Instant::now();
@@ -135,6 +133,7 @@ impl Job<'_> {
         };
         let context = Context {
             cancel: self.cancel,
+            threads: Some(self.threads.clone()),
             progress: Box::new(progress),
             parts: Some(Box::new(StoredParts {
                 store: self.store.clone(),
@@ -156,7 +155,7 @@ impl Job<'_> {
         let outcome = context.on_cpu(|| node.step.run(self.inputs, &context));
         let seconds = start.elapsed().as_secs_f64();
         self.tracer.tell(&node.id, "code", seconds);
-        // What a codec says of bytes that ended because of the stop is no failure either.
+        // After a cancellation, a codec may report the truncated data as an error.
         if context.told.load(Ordering::Relaxed) {
             return Err(NodeError::cancelled());
         }
@@ -173,7 +172,7 @@ impl Job<'_> {
         let made = bytes_of(node.kind.outputs.iter().map(|port| port.artifact).zip(&values));
         let memory = self.memory.max(made);
         let mut whole = context.known.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-        // Not those of parts that were known, which are no inputs.
+        // Parts from the cache are not inputs, so their counts are left out.
         effort.counts.insert(BYTES_READ.to_owned(), of_values + of_files);
         effort.counts.insert(BYTES_MADE.to_owned(), made);
         whole.add(&effort);
@@ -206,7 +205,7 @@ pub(crate) fn encode(node: &Node, values: &[AnyArtifact]) -> (Vec<Output>, Vec<V
     node.kind.outputs.iter().zip(values).map(one).unzip()
 }
 
-/// Parts in the store, each a record that names the digest and a blob, and those in memory.
+/// Parts in the store (a record with the digest of a blob) and in memory.
 struct StoredParts {
     store: Arc<Store>,
     prepared: Arc<ValueCache>,
@@ -252,7 +251,7 @@ impl PartStore for StoredParts {
         let seconds = spent.seconds;
         self.tracer.tell(&self.id, part.name, seconds);
         let Some(key) = self.key(part, extra) else { return Ok(()) };
-        // A part that cannot be stored is only computed again; the node's own result says what is wrong.
+        // A part that cannot be stored is recomputed later. The result of the node reports the problem.
         if let Ok(blob) = self.store.put_blob(encoded) {
             let _ = self.store.put_record(&key, &PartRecord { blob, spent }.encode());
         }
@@ -271,25 +270,25 @@ impl PartStore for StoredParts {
     }
 }
 
-/// A part that stays in memory goes by its key.
+/// The name of a part in memory, which is its key.
 fn of_part(key: Digest, part: Part<'_>) -> Name {
     (key, "part", part.version)
 }
 
-/// A value out of the store; `None` when it is missing, damaged or of another form.
+/// Reads a value from the store; `None` if it is missing, damaged or of another format.
 pub(crate) fn stored_value(store: &Store, artifact: &ArtifactType, digest: &Digest) -> Option<AnyArtifact> {
     let bytes = store.get_blob(digest).ok()??;
     guarded(|| Ok((artifact.decode)(&bytes)?)).ok()
 }
 
-/// Reads one stored output, and tells `None` when it is missing or damaged.
+/// Reads a stored output and sends it, or `None` if it is missing or damaged.
 pub(crate) fn load(store: &Store, graph: &Graph, wire: Wire, output: &Output, tell: &Sender<Message>) {
     let Wire { node, port } = wire;
     let value = stored_value(store, &graph.nodes[node].kind.outputs[port].artifact, &output.digest);
     let _ = tell.send(Message::Loaded { node, port, value });
 }
 
-/// What the code of a node may ask for: no parts and no cancellation yet.
+/// The context for the code of a node, without parts and cancellation.
 pub(crate) fn context_of(graph: &Graph, index: usize, action: &Action) -> Context {
     Context {
         reads: graph.nodes[index].kind.reads,

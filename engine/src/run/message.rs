@@ -11,7 +11,7 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::counts::Effort;
 use crate::value::error::NodeError;
 
-/// What the threads tell the scheduler.
+/// A message from a thread to the scheduler.
 pub(crate) enum Message {
     Event(Event),
     Sources {
@@ -23,14 +23,14 @@ pub(crate) enum Message {
         port: usize,
         value: Option<AnyArtifact>,
     },
-    /// Another computes this key, which is that of the node or of a part of it.
+    /// The key of the node or of a part of it is being computed elsewhere.
     Busy {
         node: usize,
         key: Digest,
-        /// What was done until then, of which stored parts are.
+        /// Work done so far; its parts are stored.
         spent: Effort,
     },
-    /// `Stored` follows.
+    /// The code ended. `Stored` follows.
     Finished {
         node: usize,
         outcome: Result<Box<Finished>, NodeError>,
@@ -45,16 +45,16 @@ pub(crate) enum Message {
     },
 }
 
-/// The result of a node's code, or of another process that was faster.
+/// The result of a node, from its code or from another process.
 pub(crate) struct Finished {
     pub record: Record,
-    /// One value an output; empty where another process made them.
+    /// One value per output; empty if another process computed them.
     pub values: Vec<AnyArtifact>,
-    /// That of this run.
+    /// Work done in this run.
     pub effort: Effort,
-    /// False where another process made them.
+    /// Whether the code ran here.
     pub ran: bool,
 }
 
-/// Each file and whether it had to be written.
+/// Output files, and whether each was written.
 pub(crate) type Placed = Vec<(PathBuf, bool)>;

@@ -1,37 +1,37 @@
-//! The text of a graph: one file, or several joined behind lines `//@@ role name`, which are comments in RON.
+//! The text of a graph: one file, or several joined by lines `//@@ role name`, which are comments in RON.
 //!
-//! So whatever knows a graph by its text (its place in diagnostics, its digest, a bundle) knows all of it.
+//! The joined text is the whole graph: diagnostics, digests and bundles use it alone.
 
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A text with the name it is known by.
+/// A text and its name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
-    /// Path or other name, as diagnostics print it.
+    /// Path or other name for diagnostics.
     pub name: String,
     /// The whole text.
     pub text: Arc<str>,
 }
 
-/// What a part of a joined text is.
+/// The role of a piece of a joined text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum PieceRole {
-    /// The graph itself, which comes first.
+    /// The graph file itself, which is first.
     Graph,
-    /// A file that it includes.
+    /// An included file.
     Include,
-    /// A file that it uses as a subgraph.
+    /// A file used as a subgraph.
     Subgraph,
-    /// Values in place of others.
+    /// An overlay.
     Overlay,
-    /// One value in place of another: `node.field=value`.
+    /// A setting `node.field=value`.
     Setting,
-    /// The name of a preset.
+    /// The name of a preset of the graph.
     Preset,
 }
 
-/// Where a file stands in a joined text.
+/// One file in a joined text.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Piece<'t> {
     pub role: PieceRole,
@@ -41,16 +41,16 @@ pub(crate) struct Piece<'t> {
 
 const MARK: &str = "\n//@@ ";
 
-/// What the name of an overlay begins with that is a preset of the program's.
+/// Prefix of the name of an overlay that is a built-in preset.
 const BUILT_IN_PRESET: &str = "--preset ";
 
 impl Source {
-    /// A text of the given name.
+    /// A text with a name.
     pub fn new(name: impl Into<String>, text: impl Into<Arc<str>>) -> Self {
         Self { name: name.into(), text: text.into() }
     }
 
-    /// Line and column, both from 1, of a byte offset in the file it lies in; columns count characters.
+    /// Line and column, both from 1, of a byte offset within its file. Columns count characters.
     pub fn position(&self, offset: usize) -> (usize, usize) {
         let before = &self.text
             [self.piece(offset).span.start..self.text.floor_char_boundary(offset.min(self.text.len()))];
@@ -58,18 +58,18 @@ impl Source {
         (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
     }
 
-    /// Lays the text of an overlay over the graph: `Overlay(nodes: (trace: (samples: 16)))`. Later ones win.
+    /// Adds an overlay, `Overlay(nodes: (trace: (samples: 16)))`, which overrides earlier ones.
     pub fn overlaid(self, name: &str, text: &str) -> Self {
         self.joined("overlay", name, text)
     }
 
-    /// The graph with all that is laid over it but presets.
+    /// The graph with its overlays and settings but without presets.
     pub fn without_presets(&self) -> Self {
         let is_preset =
             |piece: &Piece<'_>| piece.role == PieceRole::Preset || piece.name.starts_with(BUILT_IN_PRESET);
         let (mut text, mut from) = (String::new(), 0);
         for piece in self.pieces() {
-            // With the line that says what it is, which stands before it.
+            // Including the line in front of it that states its role.
             if !is_preset(&piece) {
                 text.push_str(&self.text[from..piece.span.end]);
             }
@@ -78,17 +78,17 @@ impl Source {
         Self::new(self.name.clone(), text)
     }
 
-    /// Lays a preset of the program's over the graph, as an overlay.
+    /// Adds a built-in preset as an overlay.
     pub(crate) fn with_built_in_preset(self, preset: &str, text: &str) -> Self {
         self.joined("overlay", &format!("{BUILT_IN_PRESET}{preset}"), text)
     }
 
-    /// Lays one of the graph's own `presets` over it.
+    /// Adds one of the graph's own `presets`.
     pub(crate) fn with_own_preset(self, preset: &str) -> Self {
         self.joined("preset", "--preset", preset)
     }
 
-    /// Lays one value over the graph: `trace.samples=16`.
+    /// Adds a setting `trace.samples=16`.
     pub(crate) fn set(self, setting: &str) -> Self {
         self.joined("set", "--set", setting)
     }
@@ -98,7 +98,7 @@ impl Source {
         Self::new(self.name, text)
     }
 
-    /// The files of the text, in order.
+    /// The pieces of the text, in order.
     pub(crate) fn pieces(&self) -> Vec<Piece<'_>> {
         let mut pieces = vec![Piece { role: PieceRole::Graph, name: &self.name, span: 0..self.text.len() }];
         let mut at = 0;
@@ -113,7 +113,7 @@ impl Source {
                 Some(("set", name)) => (PieceRole::Setting, name),
                 Some(("overlay", name)) => (PieceRole::Overlay, name),
                 Some(("preset", name)) => (PieceRole::Preset, name),
-                // A comment that only looks alike.
+                // A user's comment that only resembles a mark.
                 _ => continue,
             };
             if let Some(last) = pieces.last_mut() {
@@ -125,7 +125,7 @@ impl Source {
         pieces
     }
 
-    /// The file that a place of the text is in.
+    /// The piece that contains a byte offset.
     pub(crate) fn piece(&self, offset: usize) -> Piece<'_> {
         let mut pieces = self.pieces();
         let index = pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
@@ -133,7 +133,7 @@ impl Source {
     }
 }
 
-/// The folder of an included file or subgraph, relative to that of the graph; empty or with a `/` at its end.
+/// The folder of an included file or subgraph relative to that of the graph: empty, or ending with a `/`.
 pub(crate) fn folder_of<'t>(piece: &Piece<'t>) -> &'t str {
     match piece.role {
         PieceRole::Include | PieceRole::Subgraph => {
@@ -143,7 +143,7 @@ pub(crate) fn folder_of<'t>(piece: &Piece<'t>) -> &'t str {
     }
 }
 
-/// A path from a folder, without the detours that would give one file two names.
+/// A path relative to a folder in normal form, so that every file has one name.
 pub(crate) fn plain(folder: &str, path: &str) -> String {
     if path.starts_with('/') {
         return path.to_owned();

@@ -1,41 +1,41 @@
-//! The files that a graph is made of, and whether they are still what they were.
+//! The watched files, and detection of changes.
 //!
-//! What the system tells of a folder is only a hint to look: it may come late, come twice, or get lost.
-//! Whether a file changed is decided by its stamp, or by a hint that names it.
+//! Notifications of the system are only hints: they may be late, repeated or lost. Whether a file changed is
+//! decided by its stamp, or by a notification that names it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
 use cache::FileStamp;
 
-/// Hears of changes in folders.
+/// Notification of changes in folders.
 pub(crate) trait Ears: Send {
-    /// Begins to hear of a folder, not of those below it.
+    /// Starts notifications for a folder, without its subfolders.
     fn listen(&mut self, folder: &Path) -> Result<(), String>;
-    /// Hears of it no more.
+    /// Stops notifications for a folder.
     fn ignore(&mut self, folder: &Path);
 }
 
-/// The followed files.
+/// The watched files.
 pub(crate) struct Files {
     ears: Option<Box<dyn Ears>>,
-    /// Why folders cannot be heard of, until that was told.
+    /// Why there are no notifications; `None` once it was reported.
     deaf: Option<String>,
-    /// Each with its stamp when it was last looked at; `None` for a missing one.
+    /// Stamp of each file when it was last inspected; `None` if it is missing.
     stamps: BTreeMap<PathBuf, Option<FileStamp>>,
-    /// The names on the way to a followed file that decide what lies there.
+    /// The paths (links on the way and the last name) that determine what each watched file is.
     names: BTreeMap<PathBuf, PathBuf>,
-    /// The folders listened to, each with what it was then.
+    /// Folders with notifications, and the identity that each had then.
     folders: BTreeMap<PathBuf, Option<Identity>>,
-    /// Followed files that a hint named since the last look.
+    /// Watched files named by notifications since the last inspection.
     touched: BTreeSet<PathBuf>,
 }
 
-/// Which folder it is, whatever its name: device and inode.
+/// Identity of a folder: device and inode.
 type Identity = (u64, u64);
 
 impl Files {
-    /// Follows nothing yet. Without `ears`, only [`look`](Self::look) finds changes.
+    /// Watches nothing yet. Without notifications, only [`look`](Self::look) finds changes.
     pub fn new(ears: Result<Box<dyn Ears>, String>) -> Self {
         let (ears, deaf) = match ears {
             Ok(ears) => (Some(ears), None),
@@ -51,18 +51,18 @@ impl Files {
         }
     }
 
-    /// Whether changes are heard of, and need not be looked for.
+    /// Whether there are notifications, so that polling is not needed.
     pub fn hears(&self) -> bool {
         self.ears.is_some()
     }
 
-    /// Why changes are not heard of; said once.
+    /// Why there are no notifications; returned once.
     pub fn take_deafness(&mut self) -> Option<String> {
         self.deaf.take()
     }
 
-    /// Follows these files and no others. True when one of them was not followed before: what was read of
-    /// it until now may have changed unseen.
+    /// Watches exactly these files. Returns true if one of them was not watched before, so that an earlier change
+    /// to it may have been missed.
     pub fn follow(&mut self, paths: &[PathBuf]) -> bool {
         let mut stamps = BTreeMap::new();
         let mut new = false;
@@ -74,7 +74,7 @@ impl Files {
         }
         let paths: Vec<PathBuf> = stamps.keys().cloned().collect();
         self.listen(&paths);
-        // Stamped after listening, so that no change falls between.
+        // Stamps are taken after notifications start, so that no change is missed in between.
         self.stamps = stamps
             .into_iter()
             .map(|(path, known)| (path.clone(), known.unwrap_or_else(|| stamp(&path))))
@@ -82,7 +82,7 @@ impl Files {
         new
     }
 
-    /// Listens to every folder in which something may change what lies at the paths.
+    /// Starts notifications for every folder in which a change may affect one of the paths.
     fn listen(&mut self, paths: &[PathBuf]) {
         self.names = paths
             .iter()
@@ -110,12 +110,12 @@ impl Files {
         }
         self.folders = wanted;
         if self.deaf.is_some() {
-            // Half of the folders would be worse than none: nobody could tell which.
+            // Notifications for only some folders would be misleading.
             self.ears = None;
         }
     }
 
-    /// Something happened at these paths. True when it is time to look soon.
+    /// Handles a notification. Returns true if the files should be inspected soon.
     pub fn heard(&mut self, paths: &[PathBuf]) -> bool {
         let mut ours = paths.is_empty();
         for path in paths {
@@ -128,7 +128,7 @@ impl Files {
         ours
     }
 
-    /// The followed files that changed since the last look, or may have.
+    /// The watched files that changed, or may have changed, since the last inspection.
     pub fn look(&mut self) -> BTreeSet<PathBuf> {
         let mut changed = std::mem::take(&mut self.touched);
         for (path, known) in &mut self.stamps {
@@ -140,24 +140,24 @@ impl Files {
         }
         let moved = self.folders.iter().any(|(folder, was)| identity(folder) != *was);
         if moved || !changed.is_empty() {
-            // A link may lead elsewhere now, a folder may be another one.
+            // A link may have a new target, or a folder may be a different one.
             let paths: Vec<PathBuf> = self.stamps.keys().cloned().collect();
             self.listen(&paths);
         }
         changed
     }
 
-    /// The followed files.
+    /// The watched files.
     pub fn paths(&self) -> Vec<PathBuf> {
         self.stamps.keys().cloned().collect()
     }
 
-    /// How many files are followed.
+    /// Number of watched files.
     pub fn count(&self) -> usize {
         self.stamps.len()
     }
 
-    /// Counts these as changed at the next look, whatever their stamps say.
+    /// Treats these files as changed at the next inspection, whatever their stamps are.
     pub fn doubt(&mut self, paths: impl IntoIterator<Item = PathBuf>) {
         self.touched.extend(paths);
     }
@@ -171,11 +171,11 @@ fn identity(folder: &Path) -> Option<Identity> {
     stamp(folder).map(|stamp| (stamp.dev, stamp.inode))
 }
 
-/// More links than this on the way to a file are a circle.
+/// Maximum number of links on the way to a file; more are taken for a cycle.
 const MOST_LINKS: usize = 40;
 
-/// The names that decide what lies at an absolute path: the links on the way to it and its own last name,
-/// each below the true path of its folder; or the first name that is missing.
+/// The paths that determine what an absolute path refers to: each link on the way and its own last name, in folders
+/// without links; or the first missing name.
 fn names_to(path: &Path) -> Vec<PathBuf> {
     let mut names = Vec::new();
     let mut at = PathBuf::new();
@@ -202,7 +202,7 @@ fn names_to(path: &Path) -> Vec<PathBuf> {
                 left.extend(target.components().rev().map(|part| PathBuf::from(part.as_os_str())));
             }
             Ok(_) if !left.is_empty() => {}
-            // The file itself, or the place where the way ends.
+            // The file itself, or the first missing name.
             _ => {
                 names.push(at);
                 return names;
@@ -258,7 +258,7 @@ mod tests {
             std::fs::write(self.path(name), text).unwrap();
         }
 
-        /// Whether the one followed file counts as changed, and that once.
+        /// Whether the file counts as changed, exactly once.
         fn changed(&mut self) -> bool {
             let changed = !self.files.look().is_empty();
             assert!(self.files.look().is_empty(), "told once");
@@ -281,14 +281,14 @@ mod tests {
         assert!(!place.changed());
         std::fs::read(&path).unwrap();
         assert!(!place.changed());
-        // An editor that writes in place.
+        // Writing in place.
         place.write("home/a.ron", "three");
         assert!(place.changed());
-        // One that saves by rename, as `sed -i` and `git checkout` do.
+        // Saving by rename, like `sed -i` and `git checkout`.
         place.write("home/.a.swp", "fives");
         std::fs::rename(place.path("home/.a.swp"), &path).unwrap();
         assert!(place.changed());
-        // One that truncates first.
+        // Truncating first.
         place.write("home/a.ron", "");
         assert!(place.changed());
         place.write("home/a.ron", "whole");
@@ -319,7 +319,7 @@ mod tests {
     #[test]
     fn a_link_that_leads_elsewhere_is_a_change() {
         use std::os::unix::fs::symlink;
-        // As mounted configuration does: graph.ron -> data/graph.ron, data -> v1, and data is swapped.
+        // Like mounted configuration: graph.ron -> data/graph.ron, data -> v1, and then data is swapped.
         let mut place = Place::new(None);
         for (version, text) in [("v1", "one"), ("v2", "two")] {
             std::fs::create_dir(place.path(version)).unwrap();
@@ -370,7 +370,7 @@ mod tests {
         assert!(place.files.heard(&[place.path("home/deep")]));
         assert!(place.changed());
         assert_eq!(place.log(), "-home +deep");
-        // Another folder of the same name, where even the stamp of the file may be equal.
+        // Another folder of the same name, in which the file may even have an equal stamp.
         std::fs::rename(place.path("home/deep"), place.path("home/gone")).unwrap();
         std::fs::create_dir(place.path("home/deep")).unwrap();
         std::fs::rename(place.path("home/gone/a.ron"), place.path("home/deep/a.ron")).unwrap();

@@ -1,40 +1,40 @@
-//! When to look: soon after the last of several changes, and not later than a while after the first.
+//! Waits until changes settle: shortly after the last one, but not too long after the first.
 
 use std::time::{Duration, Instant};
 
-/// Gathers hints that something changed until it is time to look.
+/// Collects notifications until the files should be inspected.
 #[derive(Debug)]
 pub(crate) struct Pace {
     settle: Duration,
     longest: Duration,
-    /// When the first hint came, and when to look if no more come.
+    /// Time of the first notification, and of the inspection if no more follow.
     pending: Option<(Instant, Instant)>,
 }
 
 impl Pace {
-    /// Looks `settle` after a hint; hints that go on coming delay that to `longest` after the first.
+    /// Inspects `settle` after the last notification, and at most `longest` after the first.
     pub fn new(settle: Duration, longest: Duration) -> Self {
         Self { settle, longest, pending: None }
     }
 
-    /// Something changed.
+    /// Handles a notification.
     pub fn hint(&mut self, now: Instant) {
         self.wait(now, self.settle);
     }
 
-    /// Something may not be whole yet: looks once more after `patience`.
+    /// Inspects after `patience`, since something may be incomplete.
     pub fn wait(&mut self, now: Instant, patience: Duration) {
         let first = self.pending.map_or(now, |(first, _)| first);
         let latest = first + self.longest.max(patience);
         self.pending = Some((first, (now + patience).min(latest)));
     }
 
-    /// When to look.
+    /// Time of the inspection.
     pub fn due(&self) -> Option<Instant> {
         self.pending.map(|(_, due)| due)
     }
 
-    /// True once when the time has come.
+    /// Whether it is time to inspect; true once.
     pub fn take(&mut self, now: Instant) -> bool {
         let come = self.due().is_some_and(|due| due <= now);
         if come {

@@ -1,9 +1,9 @@
-//! Watching: the graph runs again whenever one of the files it is made of changes.
+//! Watching: runs a graph again whenever one of its files changes.
 //!
-//! One thread decides; it sleeps until a folder is heard of, the run tells something, or it is time to
-//! look. A run is on a thread of its own and is cancelled by a newer graph; what it finished is kept. What
-//! takes long is shown early: the passes before the last one cap a parameter (`samples`), and since its
-//! node works in parts, each pass pays only for what the one before did not do.
+//! One thread decides. It sleeps until a notification, an event of the run, or the time of the next inspection. A
+//! run has its own thread and is cancelled by a newer graph; finished nodes are kept. Long runs are preceded by
+//! previews that limit a parameter (`samples`). Since the work of such nodes is cached in chunks, each run computes
+//! only what the one before did not.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -15,60 +15,58 @@ use std::time::{Duration, Instant};
 use crate::graph::graph::Graph;
 use crate::plan::plan::Fate;
 use crate::run::engine::Engine;
-use crate::run::event::Forecast;
-use crate::run::event::{Event, State};
+use crate::run::event::{Event, Forecast, State};
 use crate::run::options::RunOptions;
-use crate::text::diag::Diagnostics;
-use crate::text::diag::Mistake;
+use crate::text::diag::{Diagnostics, Mistake};
 use crate::watch::files::Files;
 use crate::watch::handle::{Handle, Input};
 use crate::watch::listener::listen;
 use crate::watch::settling::Pace;
 
-/// What is watched, as read from its files at one moment.
+/// The watched graph as read at one moment.
 pub struct Load {
-    /// The graph and the nodes wanted of it (none: its targets), or what is wrong with it.
+    /// The graph and its targets (empty: the default ones), or its mistakes.
     pub graph: Result<(Arc<Graph>, Vec<usize>), Refusal>,
-    /// The files that the graph itself was read from, whether they are there or not.
+    /// The files of the graph itself, whether they exist or not.
     pub texts: Vec<PathBuf>,
 }
 
 /// Why there is no graph to run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refusal {
-    /// The mistakes in the graph, each with its place.
+    /// The mistakes with their places.
     pub list: Vec<Mistake>,
-    /// All of it for a person.
+    /// The mistakes as text for a person.
     pub text: String,
-    /// Files that the graph names; it may be right once one of them changes.
+    /// Files that the graph names; a change to one may resolve the mistakes.
     pub files: Vec<PathBuf>,
 }
 
 impl Refusal {
-    /// The mistakes of a graph; `colour` for a terminal.
+    /// The mistakes of a graph; `colour` for terminals.
     pub fn mistakes(diagnostics: &Diagnostics, colour: bool) -> Self {
         let (list, files) = (diagnostics.mistakes(), diagnostics.files.clone());
         Self { list, text: diagnostics.render(colour), files }
     }
 
-    /// Anything else, such as a file that cannot be read.
+    /// Any other cause, such as a file that cannot be read.
     pub fn other(text: String) -> Self {
         Self { list: Vec::new(), text, files: Vec::new() }
     }
 }
 
-/// How to watch.
+/// Options of a watch.
 #[derive(Debug, Clone)]
 pub struct WatchOptions {
-    /// Folder that sinks write under.
+    /// Output folder of sinks.
     pub out: PathBuf,
-    /// The parameter that passes cap, so that a rough picture comes early.
+    /// The parameter that previews limit.
     pub refine: Option<&'static str>,
-    /// Looks at the files every half second in place of listening to their folders.
+    /// Inspects the files every half second and does not use notifications.
     pub poll: bool,
-    /// A change is acted on when nothing else changed for so long.
+    /// Time without further changes before a change is handled.
     pub settle: Duration,
-    /// A graph that is wrong may be half written: it is told to be wrong after so long.
+    /// Time before mistakes are reported, since a graph may be half written.
     pub patience: Duration,
 }
 
@@ -84,28 +82,28 @@ impl Default for WatchOptions {
     }
 }
 
-/// Changes that go on and on are acted on after so long.
+/// Maximum time before continuous changes are handled.
 const LONGEST: Duration = Duration::from_millis(300);
-/// How often the files are looked at where no folder can be listened to.
+/// Interval of inspections without notifications.
 const POLL: Duration = Duration::from_millis(500);
-/// And where one can: network drives do not tell everything, and events may be lost.
+/// Interval of inspections with notifications, which network drives omit and systems lose.
 const DOUBT: Duration = Duration::from_secs(2);
-/// A pass that is done within this time is no preview but the picture.
+/// Time in seconds below which no preview is needed.
 const SOON: f64 = 0.5;
 
-/// A first look is made of all pixels where they take no longer than this, in seconds, and else of fewer.
+/// Time in seconds below which the first preview computes all pixels.
 const AT_ONCE: f64 = 0.3;
 
-/// What waiting came to.
+/// The result of waiting.
 enum Next {
-    /// Files changed, and the graph is to be shown anew.
+    /// Files changed, and the graph must run again.
     Changed(Box<Load>),
-    /// The run is over.
+    /// The run ended.
     Ended,
     Quit,
 }
 
-/// A watch that has not begun.
+/// A watch that has not started.
 pub struct Watch {
     options: WatchOptions,
     inputs: Receiver<Input>,
@@ -114,25 +112,25 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Listens to folders as the system lets it.
+    /// A watch with notifications, if the system provides them.
     pub fn new(options: WatchOptions) -> Self {
         let (sender, inputs) = channel();
         let handle = Handle(sender);
         let ears = match options.poll {
-            true => Err("as asked for".to_owned()),
+            true => Err("polling was requested".to_owned()),
             false => listen(handle.clone()),
         };
         Self { options, inputs, handle, files: Files::new(ears) }
     }
 
-    /// What ends it from outside.
+    /// A handle to end the watch from outside.
     pub fn handle(&self) -> Handle {
         self.handle.clone()
     }
 
-    /// Watches until [`Handle::quit`]. `load` reads the graph, now and after every change; it is told whether the
-    /// files that nodes read are as they were, so that a graph of the same text need not be checked again. Gives
-    /// the files that do not show what the graph last said.
+    /// Watches until [`Handle::quit`]. `load` reads the graph, at the start and after every change; its argument is
+    /// true if no source file of a node changed, so that a graph with the same text need not be checked again.
+    /// Returns the files that do not show the current graph.
     pub fn run(
         self,
         engine: &Engine,
@@ -151,20 +149,20 @@ impl Watch {
     }
 }
 
-/// A file that a sink wrote.
+/// A file written by a sink.
 struct SinkFile {
     id: String,
     shown: Shown,
 }
 
-/// What a file of a sink shows.
+/// The state of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Shown {
-    /// What the graph says.
+    /// Up to date.
     Right,
-    /// The same with less work.
+    /// A preview.
     Preview,
-    /// What the graph said before.
+    /// From an earlier version of the graph.
     Stale,
 }
 
@@ -178,9 +176,9 @@ struct Session<'a, L, T> {
     load: L,
     tell: T,
     shown: BTreeMap<PathBuf, SinkFile>,
-    /// The graph was found wrong and is given time to become whole.
+    /// The graph has mistakes but may be half written.
     doubted: bool,
-    /// The last run came to its end, and nothing failed.
+    /// Whether the last run was successful.
     good: bool,
 }
 
@@ -211,7 +209,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    /// Runs a graph, roughly first where the whole takes long.
+    /// Runs a graph, after previews if it takes long.
     fn show(&mut self, current: &Load, graph: &Graph, only: &[usize]) -> Next {
         self.shown.retain(|_, file| graph.find(&file.id).is_some());
         let plan = self.engine.plan_next(graph, only, &self.options.out);
@@ -239,7 +237,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         self.pass(current, graph, only, Vec::new())
     }
 
-    /// One run, until it ends or something newer is to be shown.
+    /// Runs once, until the end or until a newer graph.
     fn pass(&mut self, current: &Load, graph: &Graph, only: &[usize], rough: Vec<usize>) -> Next {
         let cancel = Arc::new(AtomicBool::new(false));
         let options = RunOptions {
@@ -253,7 +251,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         let (engine, handle) = (self.engine, self.handle.clone());
         std::thread::scope(|scope| {
             scope.spawn(|| {
-                // Told even where the engine panics, so that nobody waits for ever.
+                // Sent even if the engine panics, so that nothing waits for ever.
                 let ended = Ended(handle);
                 let outcome = engine.run(graph, &options, |event| drop(ended.0.0.send(Input::Told(event))));
                 if let Some(failures) = outcome.failures {
@@ -266,7 +264,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
                 cancel.store(true, Ordering::Relaxed);
                 while let Ok(input) = self.inputs.recv() {
                     match input {
-                        // It is not skipped but about to run anew.
+                        // The node is about to run in the next run.
                         Input::Told(Event::Node { state: State::Skipped, .. }) => {}
                         Input::Told(event) => self.pass_on(event),
                         Input::Heard(paths) => self.hear(&paths),
@@ -279,7 +277,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         })
     }
 
-    /// Sleeps until files changed for good, the run is over, or it is time to quit.
+    /// Waits until changes settled, the run ended, or the watch is to end.
     fn wait(&mut self, current: &Load, running: bool) -> Next {
         let pause = if self.files.hears() { DOUBT } else { POLL };
         let mut look = Instant::now() + pause;
@@ -316,7 +314,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    /// The new graph, where what changed means something; or the same one, where what it came to is not there.
+    /// The graph to run, if its meaning changed, or if its results are not up to date.
     fn changed(&mut self, current: &Load, running: bool) -> Option<Load> {
         let changed = self.files.look();
         if changed.is_empty() {
@@ -334,7 +332,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         if same && only_texts {
             self.doubted = false;
             (self.tell)(Event::Same);
-            // Saved once more, it is tried once more.
+            // Saving an unchanged graph retries what failed.
             let in_place = |(path, file): (&PathBuf, &SinkFile)| file.shown == Shown::Right && path.exists();
             let again = !running && load.graph.is_ok() && !(self.good && self.shown.iter().all(in_place));
             return again.then_some(load);
@@ -348,20 +346,22 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         Some(load)
     }
 
-    /// Reads the graph, and once more where it names files that nobody followed while they were read.
+    /// Reads the graph, and reads it again if it names files that were not watched during reading.
     fn read(&mut self, mut same_files: bool) -> Load {
         loop {
             let load = (self.load)(std::mem::replace(&mut same_files, false));
             let mut paths = load.texts.clone();
             match &load.graph {
                 Ok((graph, _)) => paths.extend(graph.files()),
-                // What was read before may be what is missing now.
+                // The files of the last graph stay watched, since one of them may be missing now.
                 Err(refusal) => paths.extend(refusal.files.iter().cloned().chain(self.files.paths())),
             }
             let new = self.files.follow(&paths);
             if let Some(why) = self.files.take_deafness() {
-                let text =
-                    format!("folders are not listened to ({why}): looking every {} ms", POLL.as_millis());
+                let text = format!(
+                    "no notifications from the system ({why}): checking files every {} ms",
+                    POLL.as_millis()
+                );
                 (self.tell)(Event::Warning { id: "watch-polls", text });
             }
             if !new {
@@ -370,7 +370,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    /// Passes an event on, and keeps book of what files show.
+    /// Forwards an event and records the state of files.
     fn pass_on(&mut self, event: Event) {
         let mut stale = None;
         match &event {
@@ -388,7 +388,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    /// Marks the files of one sink, or all, as showing what the graph said before.
+    /// Marks the files of one sink, or all files, as stale.
     fn turn_stale(&mut self, id: Option<&str>) {
         for (path, file) in &mut self.shown {
             if file.shown != Shown::Stale && id.is_none_or(|id| file.id == id) {
@@ -399,7 +399,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
     }
 }
 
-/// Tells that a run is over when it is let go.
+/// Reports the end of a run when dropped.
 struct Ended(Handle);
 
 impl Drop for Ended {
@@ -408,29 +408,29 @@ impl Drop for Ended {
     }
 }
 
-/// What a rough pass does.
+/// The reduction of a preview.
 #[derive(Debug, PartialEq, Eq)]
 struct Level {
-    /// The cap of the parameter.
+    /// Limit of the parameter.
     level: u64,
     /// Side of the blocks of pixels of which one is computed.
     coarse: u64,
 }
 
-/// The passes before the last one, for a parameter that is at most `most` and takes `seconds` in all, where that is
-/// known. The caps are those at which a node that works in parts cuts its work, and one sample in front of them;
-/// where that takes long, too, and some node can, a part of the pixels comes first.
+/// The previews for a parameter with maximum `most` and a total time of `seconds`, if known. The limits are the
+/// chunk boundaries of nodes that work in chunks, and 1. If even that takes long and a node supports it, the first
+/// preview computes a subset of the pixels.
 fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Level> {
     let takes = |level: u64| seconds.map_or(f64::INFINITY, |all| all * level as f64 / most.max(1) as f64);
     let block = match takes(1) {
         ..=AT_ONCE => None,
-        // Of 2 by 2 pixels one takes a quarter.
+        // Blocks of 2 by 2 pixels take a quarter of the time.
         time if time <= 4.0 * AT_ONCE => Some(2),
         _ => Some(4),
     };
     let first = block.filter(|_| coarse && most > 0).map(|coarse| Level { level: 1, coarse });
     let steps = std::iter::successors(Some(1_u64), |step| step.checked_mul(4));
-    // A level is left out where the next one comes soon, too.
+    // A preview is left out if the next one comes soon.
     let levels = steps
         .take_while(|step| *step < most)
         .filter(|step| takes(step.saturating_mul(4).min(most)) > SOON)

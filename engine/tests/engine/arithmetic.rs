@@ -1,4 +1,4 @@
-//! Small kinds whose results anybody can check: what the engine's tests run in place of rendering.
+//! Small kinds with results that anybody can check, which the engine's tests run in place of rendering.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -15,13 +15,13 @@ pub fn registry() -> Registry {
     Registry::new(entries())
 }
 
-/// The same with another entry in place of the one of its name.
+/// The same with another entry instead of the one with its name.
 pub fn registry_with(entry: KindEntry) -> Registry {
     let others = entries().into_iter().filter(|other| other.name != entry.name);
     Registry::new(others.collect()).with(entry)
 }
 
-/// The same, but for a `scale` that gives something else under the same name and version.
+/// The same, but with a `scale` that returns another result under the same name and version.
 pub fn registry_of_a_cheat() -> Registry {
     registry_with(KindEntry::of::<Cheat>())
 }
@@ -58,6 +58,7 @@ fn entries() -> Vec<KindEntry> {
         KindEntry::of::<Refuse>(),
         KindEntry::of::<Remark>(),
         KindEntry::of::<Slow>(),
+        KindEntry::of::<Tiled>(),
         KindEntry::of::<Heavy>(),
         KindEntry::of::<Panic>(),
         KindEntry::of::<Drift>(),
@@ -152,7 +153,7 @@ simple!(
         let bytes = cx.read(&params.path)?;
         let text = String::from_utf8_lossy(&bytes);
         let parsed = text.trim().parse();
-        give(parsed.map_err(|_| NodeError::new(format!("`{}` is no number", text.trim())).at("path"))?)
+        give(parsed.map_err(|_| NodeError::new(format!("`{}` is not a number", text.trim())).at("path"))?)
     },
     const STORE: Keep = Keep::Cheap;,
     const SUPPLIED: Option<&'static str> = Some("ask whoever counted");,
@@ -162,7 +163,7 @@ simple!(
 );
 
 engine::params! {
-    /// Digits: the numbers of several files one behind the other, a folder for the `.txt` files in it.
+    /// Digits: the numbers of several files one after another, a folder for the `.txt` files in it.
     pub struct LoadDigits {
         /// A file or folder.
         path: InputFile, other("\"b.txt\"");
@@ -240,7 +241,7 @@ simple!(
 );
 
 engine::choices! {
-    /// Which whole number.
+    /// The choice of a whole number.
     pub enum Towards {
         /** The nearest. */ Nearest,
         /** The one below. */ Down,
@@ -274,7 +275,7 @@ engine::outputs! {
     pub struct Parts {
         /// The whole part.
         whole: Arc<Num>,
-        /// What is left.
+        /// The rest.
         rest: Arc<Num>,
         /// Both.
         both: Arc<Numbers>,
@@ -325,7 +326,7 @@ engine::params! {
         /// Scales the mean; no part depends on it.
         gain: f64 = 1.0, other("2.0");
         /// How long a part takes; no part depends on it.
-        millis: u64 = 0, inert("time is no part of the result");
+        millis: u64 = 0, inert("time is not part of the result");
     }
 }
 simple!(
@@ -346,12 +347,12 @@ simple!(
         }
         give(sum / f64::from(params.samples) * params.gain + f64::from(params.coarse - 1))
     },
-    const REFINES: Option<&'static str> = Some("samples");,
-    const COARSE: Option<&'static str> = Some("coarse");
+    const PREVIEW: engine::Preview =
+        engine::Preview { refines: Some("samples"), coarse: Some("coarse"), ..engine::Preview::NONE };
 );
 
 engine::params! {
-    /// Its input, by way of what it keeps in memory for others, plus a number.
+    /// Its input, through a part kept in memory for others, plus a number.
     pub struct Prepared {
         /// Added.
         plus: f64 = 0.0, other("1.0");
@@ -399,7 +400,7 @@ impl Kind for Ramp {
 engine::params! {
     /// The sum of a list.
     pub struct Sum {
-        /// How often it is counted.
+        /// The number of times it is counted.
         times: u32 = 1, range(1, 10), other("2");
     }
 }
@@ -408,13 +409,13 @@ simple!(
     Sum = "sum",
     Listed,
     |params, inputs, _cx| give(inputs.numbers.0.iter().sum::<f64>() * f64::from(params.times)),
-    const ROUGH: &'static [(&'static str, &'static str)] = &[("times", "1")];
+    const PREVIEW: engine::Preview = engine::Preview { rough: &[("times", "1")], ..engine::Preview::NONE };
 );
 
 engine::params! {
     /// Passes a number on, or fails.
     pub struct Refuse {
-        /// The largest number that is let through.
+        /// The largest number that is passed on.
         above: f64 = 10.0, other("20.0");
     }
 }
@@ -427,9 +428,9 @@ simple!(Refuse = "refuse", One, |params, inputs, _cx| {
 });
 
 engine::params! {
-    /// Passes a number on and has something to say.
+    /// Passes a number on with a note.
     pub struct Remark {
-        /// Says that the result is less than what was asked for.
+        /// Marks the result as less than asked for.
         degraded: bool = false, other("true");
     }
 }
@@ -473,7 +474,29 @@ simple!(
     }
 );
 
-/// How many [`Heavy`] nodes run now, and the most there ever were.
+engine::params! {
+    /// Passes a number on through tiles that sleep.
+    pub struct Tiled {
+        /// Number of tiles.
+        tiles: u32 = 4, range(1, 100000), inert("only the time differs");
+        /// Duration of each tile.
+        millis: u32 = 1, unit("ms"), inert("only the time differs");
+    }
+}
+simple!(
+    Tiled = "tiled",
+    One,
+    |params, inputs, cx| {
+        let pause = Duration::from_millis(params.millis.into());
+        cx.for_each_tile(params.tiles as usize, |_| std::thread::sleep(pause))?;
+        give(inputs.value.0)
+    },
+    fn work(params: &Self, _sizes: &Sizes) -> f64 {
+        f64::from(params.tiles) * f64::from(params.millis)
+    }
+);
+
+/// Number of [`Heavy`] nodes that run now, and the maximum so far.
 pub static HEAVY: (AtomicUsize, AtomicUsize) = (AtomicUsize::new(0), AtomicUsize::new(0));
 
 engine::params! {
@@ -499,7 +522,7 @@ simple!(
 );
 
 engine::params! {
-    /// Panics, where its number is not zero.
+    /// Panics if its number is not zero.
     pub struct Panic {
         /// Panics in the estimate already.
         early: bool = false, other("true");
@@ -521,7 +544,7 @@ simple!(
 static DRIFTS: AtomicUsize = AtomicUsize::new(0);
 
 engine::params! {
-    /// Gives another number each time it runs, which no kind may do.
+    /// Returns another number each time it runs, which no kind may do.
     pub struct Drift {}
 }
 simple!(
@@ -536,9 +559,9 @@ engine::params! {
     pub struct WriteNumber {
         /// The file.
         path: OutputFile, other("\"b.txt\"");
-        /// One file a number rather than one for all.
+        /// One file per number instead of one for all.
         each: bool = false, other("true");
-        /// Names of the views, in place of `a`, `b` and so on.
+        /// Names of the views instead of `a`, `b` and so on.
         views: Vec<String> = Vec::new(), other("[\"x\"]");
     }
 }

@@ -1,4 +1,4 @@
-//! One node, many values: what runs how often, and what is said where that makes no sense.
+//! One node, many values: how often each node runs, and the mistakes that are reported.
 
 use crate::lab::{Lab, Log};
 
@@ -28,7 +28,7 @@ fn a_node_runs_once_for_each_value_that_it_or_its_inputs_read() {
     assert_eq!(log.outcome.totals.ran, 4 + 3 * 6);
     assert_eq!(lab.out("2/frame_0.txt"), "37.0\n");
     assert_eq!(lab.out("3/frame_2.txt"), "49.0\n");
-    // One more value of one axis costs what is new.
+    // One more value of one axis runs only the new instances.
     let more = run(
         &lab,
         "by: List([2.0, 3.0]), frame: Range(0, 4)",
@@ -118,7 +118,7 @@ fn mistakes_of_axes_have_their_place() {
     for (axes, nodes, wanted) in [
         (yaw, r#"a: Number(value: Axis("yow")),"#, &["no axis `yow`", "did you mean `yaw`?"][..]),
         ("", r#"a: Number(value: Axis("yaw")),"#, &["no axis `yaw`", "axes stand beside `nodes`"]),
-        ("yaw: Lst([1])", "a: Number,", &["`yaw` is no axis", "an axis is written"]),
+        ("yaw: Lst([1])", "a: Number,", &["`yaw` is not an axis", "an axis is written"]),
         ("yaw: Range(0, 1e12)", "a: Number,", &["has more than 100000 values"]),
         ("view: Range(0, 2)", "a: Number,", &["cannot be named `view`"]),
         (yaw, r#"a: Number, b: Scale(value: "a", by: Axis("yaw")),"#, &["`by` is out of range: 200.0"]),
@@ -131,12 +131,12 @@ fn mistakes_of_axes_have_their_place() {
         (
             yaw,
             r#"a: Number, s: WriteNumber(number: "a", path: "{yaw}.txt"),"#,
-            &["`s` is the same along `yaw`", "leave `{yaw}` out"],
+            &["`s` does not vary along `yaw`", "leave `{yaw}` out"],
         ),
         (
             yaw,
             r#"a: Number, all: Gather(input: "a", over: "yaw"), s: Add(terms: "all"),"#,
-            &["`a` is the same along `yaw`", "nothing to gather"],
+            &["`a` does not vary along `yaw`", "nothing to gather"],
         ),
         (
             yaw,
@@ -162,12 +162,12 @@ fn mistakes_of_axes_have_their_place() {
         (
             r#"file: List(["a/b", "a_b"])"#,
             r#"a: LoadNumber(path: Axis("file")), s: WriteNumber(number: "a", path: "{file}.txt"),"#,
-            &["the values \"a/b\" and \"a_b\" of `file` would be one file", "name one of them otherwise"],
+            &["the values \"a/b\" and \"a_b\" of `file` give the same file name", "rename one of them"],
         ),
         (
             yaw,
             r#"a: Number(value: Axis("yaw")), s: Add(terms: Gather(input: "a", over: "yaw")),"#,
-            &["is not a wire", "a node stands in `nodes`, under a name"],
+            &["is not a wire", "a node must be in `nodes` and have a name"],
         ),
         (yaw, r#"all: Gather(inputs: "a"),"#, &["no field `inputs`", "`Gather` needs `over`"]),
         (
@@ -198,7 +198,7 @@ fn a_long_axis_is_one_node_a_value() {
 }
 
 #[test]
-fn an_instance_that_is_wrong_is_told_once_however_its_neighbours_are_wired() {
+fn an_instance_that_is_wrong_is_reported_once_however_its_neighbours_are_wired() {
     let lab = Lab::in_memory();
     for by in ["Axis(\"n\")", "Track(\"n\", [(0, 1.0), (50, 101.0)])"] {
         let nodes = format!(

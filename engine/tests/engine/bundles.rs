@@ -1,4 +1,4 @@
-//! Graphs that are handed on: packed, unpacked elsewhere, verified, confined, locked.
+//! Shared graphs: packed, unpacked elsewhere, verified, confined, locked.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -20,7 +20,7 @@ const NODES: &str = r#"
     r: WriteRecipe(number: ["sum"], path: "r.txt"),
 "#;
 
-/// A lab whose graph reads a file beside it and one above.
+/// A lab whose graph reads a file next to it and one above.
 fn lab(outer: &Path) -> (Lab, Graph) {
     let lab = Lab::on_disk();
     let folder = outer.join("project");
@@ -88,11 +88,11 @@ fn a_bundle_gives_the_same_bytes_elsewhere() {
         assert_eq!(lab.out(file), third.out(file), "{file}");
     }
     let again = Bundle::open(Cursor::new(&bytes)).unwrap().unpack(&target).unwrap_err().to_string();
-    assert!(again.contains("is there already"), "{again}");
+    assert!(again.contains("exists already"), "{again}");
 }
 
 #[test]
-fn verifying_computes_anew_and_tells_what_is_not_so() {
+fn verifying_computes_again_and_reports_what_is_not_so() {
     let outer = tempfile::tempdir().unwrap();
     let (lab, graph) = lab(outer.path());
     run(&lab, &graph, "out");
@@ -108,7 +108,7 @@ fn verifying_computes_anew_and_tells_what_is_not_so() {
         assert!((2..20).any(|seed| names(seed) != names(1)));
     }
 
-    // A packer whose `scale` gave something else.
+    // A packer whose `scale` gave another result.
     let cheat = Lab { registry: crate::arithmetic::registry_of_a_cheat(), ..Lab::on_disk() };
     let folder = outer.path().join("project");
     let graph = parse(&cheat, &graph_text(NODES), SourceRoot::new(folder)).unwrap();
@@ -136,7 +136,7 @@ fn what_never_ran_is_packed_without_results() {
 
 #[cfg(unix)]
 #[test]
-fn a_strangers_graph_reads_and_writes_where_it_may() {
+fn a_untrusted_graph_reads_and_writes_where_it_may() {
     let lab = Lab::on_disk();
     std::fs::create_dir_all(lab.path("in/deep")).unwrap();
     std::fs::create_dir_all(lab.path("elsewhere")).unwrap();
@@ -159,14 +159,14 @@ fn a_strangers_graph_reads_and_writes_where_it_may() {
     assert!(outcome.failures.unwrap().render(false).contains("is a link"));
     assert_eq!(std::fs::read_dir(lab.path("elsewhere")).unwrap().count(), 0);
     assert_eq!(run(&lab, &graph, "other").totals.failed, 0);
-    // One's own graph may.
+    // The user's own graph may.
     let own = parse(&lab, &text, SourceRoot::new(lab.path("in"))).unwrap();
     assert_eq!(run(&lab, &own, "out").totals.failed, 0);
     assert_eq!(std::fs::read_dir(lab.path("elsewhere")).unwrap().count(), 1);
 }
 
 #[test]
-fn a_lock_tells_what_differs() {
+fn a_lock_reports_what_differs() {
     let outer = tempfile::tempdir().unwrap();
     let (lab, graph) = lab(outer.path());
     let lock = |graph: &Graph| lab.engine().lock(graph, &[]).unwrap();
@@ -188,10 +188,10 @@ fn a_lock_tells_what_differs() {
     );
     let other = Lock { kinds: [("add".to_owned(), (2, "portable".to_owned()))].into(), ..known.clone() };
     let changed = known.differences(&other);
-    assert_eq!(changed.before, ["`add` is version 2 (portable), and the lock has 1 (portable)"]);
+    assert_eq!(changed.before, ["`add` is version 2 (portable), but the lock has 1 (portable)"]);
     let mut other = known.clone();
     other.results.get_mut("b").unwrap().insert("number".to_owned(), "0".repeat(64));
-    assert!(known.differences(&other).results[0].starts_with("`b.number` came out as 000000000000"));
+    assert!(known.differences(&other).results[0].starts_with("the result of `b.number` is 000000000000"));
 }
 
 #[test]
@@ -229,7 +229,7 @@ fn a_recipe_runs_again_where_its_files_are() {
 }
 
 #[test]
-fn graphs_and_results_are_told_apart() {
+fn graphs_and_results_are_distinguished() {
     let outer = tempfile::tempdir().unwrap();
     let (lab, a) = lab(outer.path());
     run(&lab, &a, "out");
@@ -238,7 +238,7 @@ fn graphs_and_results_are_told_apart() {
         NODES.replace("by: 3.0", "by: 4.0").replace("s: Slow(", "t: Slow(").replace("\"s\"", "\"t\"");
     let b = parse(&lab, &graph_text(&edited), root()).unwrap();
     run(&lab, &b, "out");
-    let told = engine::graph_differences(&a, &b);
+    let reported = engine::graph_differences(&a, &b);
     let change = |path: &str, old: &str, new: &str| {
         let (old, new) = (Some(old.to_owned()), Some(new.to_owned()));
         NodeDifference::Changed(vec![engine::Change { path: path.to_owned(), old, new }])
@@ -249,12 +249,12 @@ fn graphs_and_results_are_told_apart() {
         ("sum", change("terms", "s.number, far.number", "t.number, far.number")),
         ("t", NodeDifference::New),
     ];
-    assert_eq!(told, expected.map(|(id, difference)| (id.to_owned(), difference)));
+    assert_eq!(reported, expected.map(|(id, difference)| (id.to_owned(), difference)));
     let engine = lab.engine();
     let came = engine::result_differences((&engine, &a), (&engine, &b), engine::Artifact::difference);
     assert_eq!(came.compared, 6);
     let short: Vec<_> = came.unequal.iter().map(|node| (node.id.as_str(), node.first)).collect();
-    // The node between them has another name, so the sum is where the next difference begins.
+    // The node between them has another name, so the next difference begins at the sum.
     assert_eq!(short, [("b", true), ("sum", true), ("r", false), ("w", false)]);
     assert!(came.unequal[0].outputs[0].1.as_ref().is_some_and(|difference| !difference.equal));
     assert!(engine::graph_differences(&a, &a).is_empty());
@@ -301,7 +301,7 @@ fn a_bundle_holds_what_a_graph_includes() {
     assert!(error.contains("`\"n.txt\"` in `../shared/part.ron`"), "{error}");
 }
 
-/// A folder with files of digits; what a `LoadDigits` with these fields came to, and its recipe.
+/// A folder with files of digits, the result of a `LoadDigits` with these fields, and its recipe.
 fn digits(fields: &str) -> (Lab, Graph, tempfile::TempDir, Recipe) {
     let (lab, outer) = (Lab::on_disk(), tempfile::tempdir().unwrap());
     let files =
@@ -350,7 +350,7 @@ fn files_of_one_name_are_those_that_were_read_in_order() {
         let verified = checked(&lab, &bytes, 9, 0);
         assert!(verified.is_good() && verified.nodes.len() == 3, "{fields}: {verified:?}");
     }
-    // The folder itself counts, by its name, and not only what is in it.
+    // The folder itself counts, by its name, and not only its content.
     let (lab, _, outer, recipe) = digits(r#"path: "../c""#);
     let settle = |folder: &str| {
         let folder = outer.path().join("in").join(folder);
@@ -362,18 +362,18 @@ fn files_of_one_name_are_those_that_were_read_in_order() {
 }
 
 #[test]
-fn files_that_cannot_be_told_apart_are_refused() {
+fn files_that_cannot_be_distinguished_are_refused() {
     let (lab, graph, outer, recipe) = digits(r#"path: "../a/p.txt", more: ["../b/p.txt"]"#);
     let folders = [outer.path().join("in")];
     let settle = |recipe: &Recipe| {
         recipe.settle("recipe", "r.txt", &lab.registry, &folders, &engine::Store::in_memory())
     };
-    // One of two files is not told of.
+    // One of two files is not listed.
     let line = recipe.text().lines().last().unwrap();
     let short = Recipe::parse(&recipe.text().replace(&format!("{line}\n"), "")).unwrap();
     let errors = settle(&short).unwrap_err().to_string();
     assert!(errors.contains("does not tell which file `p.txt` is"), "{errors}");
-    // The right files in another place, one less, and one more, are other files.
+    // The right files in another order, one less, and one more, are other files.
     let others = |fields: &str| {
         let text = graph_text(&format!("n0: LoadDigits({fields})"));
         let graph = parse(&lab, &text, graph.root.clone()).unwrap();
@@ -396,7 +396,7 @@ fn nodes_of_recipes_are_paired_from_the_sink_upward() {
         assert_eq!(run(&lab, &graph, "out").totals.failed, 0);
         Recipe::parse(&lab.out("r.txt")).unwrap()
     };
-    let told = |a: &Recipe, b: &Recipe| {
+    let reported = |a: &Recipe, b: &Recipe| {
         let text = |(id, difference): &(String, NodeDifference)| match difference {
             NodeDifference::Gone => format!("- {id}"),
             NodeDifference::New => format!("+ {id}"),
@@ -409,17 +409,17 @@ fn nodes_of_recipes_are_paired_from_the_sink_upward() {
     };
     let ends = |inner: &str| format!("{inner} end: Add(terms: [\"x\", \"y\"]),");
     let plain = recipe(&ends("x: Number(value: 1.0), n: Number(value: 2.0), y: Round(value: \"n\"),"));
-    assert_eq!(told(&plain, &plain), [""; 0]);
-    // One put in before the first: all the numbers are other ones.
+    assert_eq!(reported(&plain, &plain), [""; 0]);
+    // One inserted before the first: all numbers differ.
     let more = recipe(&ends(
         "m: Number(value: 1.0), x: Scale(value: \"m\", by: 2.0), n: Number(value: 2.0), y: Round(value: \"n\"),",
     ));
-    assert_eq!(told(&plain, &more), ["~ n3.terms", "+ b.n1 scale"]);
-    assert_eq!(told(&more, &plain), ["- n1 scale", "~ n4.terms"]);
-    // A node of another kind in place of two, and a value below it.
+    assert_eq!(reported(&plain, &more), ["~ n3.terms", "+ b.n1 scale"]);
+    assert_eq!(reported(&more, &plain), ["- n1 scale", "~ n4.terms"]);
+    // A node of another kind instead of two, and a value below it.
     let other = recipe(&ends("x: Number(value: 1.0), y: Number(value: 3.0),"));
-    let differences = told(&plain, &other);
+    let differences = reported(&plain, &other);
     assert_eq!(differences.len(), 3, "{differences:?}");
     let value = recipe(&ends("x: Number(value: 1.0), n: Number(value: 2.5), y: Round(value: \"n\"),"));
-    assert_eq!(told(&plain, &value), ["~ n1.value"]);
+    assert_eq!(reported(&plain, &value), ["~ n1.value"]);
 }

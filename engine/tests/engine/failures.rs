@@ -1,4 +1,4 @@
-//! Nodes that fail, warn, give less than asked for, or are stopped.
+//! Nodes that fail, warn, return less than asked for, or are stopped.
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -96,7 +96,7 @@ fn a_stopped_run_keeps_what_finished() {
 #[test]
 fn a_node_that_ends_after_the_stop_without_noticing_is_kept() {
     let lab = Lab::on_disk();
-    // `Heavy` never asks whether it is to stop.
+    // `Heavy` never checks for a stop.
     let nodes = "a: Number(value: 5), h: Heavy(value: \"a\"), t: Scale(value: \"h\")";
     let log = lab.run_until(&graph_text(nodes), &[], |event, cancel| {
         if matches!(event, Event::Start { id, .. } if id == "h") {
@@ -141,11 +141,11 @@ fn a_file_that_changes_or_goes_is_an_error_at_its_path() {
     assert!(failures.contains("graph.ron:2:21") && failures.contains("cannot read"), "{failures}");
     lab.write("a.txt", "many");
     let log = lab.run_text(&text);
-    assert!(log.failures().contains("`many` is no number"), "{}", log.failures());
+    assert!(log.failures().contains("`many` is not a number"), "{}", log.failures());
 }
 
 #[test]
-fn failures_are_told_in_the_order_of_the_file() {
+fn failures_are_reported_in_the_order_of_the_file() {
     let nodes: String = (0..40)
         .map(|n| format!("a{n}: Number(value: {n}), b{n}: Refuse(value: \"a{n}\", above: -1.0),\n"))
         .collect();

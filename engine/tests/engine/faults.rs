@@ -17,7 +17,7 @@ const GRAPH: &str = r#"
     save: WriteNumber(number: ["twice", "mean"], path: "save.txt"),
 "#;
 
-/// A graph whose last steps are new, so that everything below `second` wants values from the store.
+/// A graph whose last steps are new, so that everything below `second` needs values from the store.
 fn edited() -> String {
     let third =
         "third: Sum(numbers: \"first\", times: 2), more: WriteNumber(number: \"third\", path: \"more.txt\"),";
@@ -29,7 +29,7 @@ struct Warm {
     expected: (String, String),
 }
 
-/// A warm cache, and what the edited graph gives in an empty one.
+/// A warm cache, and the result of the edited graph in an empty one.
 fn warm() -> Warm {
     let clean = Lab::on_disk();
     clean.write("a.txt", "3");
@@ -40,7 +40,7 @@ fn warm() -> Warm {
     Warm { lab, expected: (clean.out("save.txt"), clean.out("more.txt")) }
 }
 
-/// Runs after some damage and checks what always holds.
+/// Runs after some damage and checks the invariants.
 fn recover(warm: &Warm, what: &str) -> Log {
     let log = warm.lab.run(&edited());
     assert_eq!(log.exit_code(), 0, "{what}: {}", log.failures());
@@ -50,7 +50,7 @@ fn recover(warm: &Warm, what: &str) -> Log {
     log
 }
 
-/// What may happen to the bytes of a file.
+/// Ways to damage the bytes of a file.
 fn damage(path: &Path, how: usize) {
     let mut bytes = fs::read(path).unwrap();
     let middle = bytes.len() / 2;
@@ -75,7 +75,7 @@ fn damaged_values_are_made_again_with_one_warning_each() {
         assert_eq!(blobs.len(), 2);
         blobs.iter().for_each(|path| damage(path, how));
         let log = recover(&warm, &format!("damage {how}"));
-        // `third` reads the first list; nothing that is new reads the second.
+        // `third` reads the first list; no new node reads the second.
         let warnings = log.warnings();
         assert_eq!(warnings.len(), 1, "{how}: {warnings:?}");
         assert_eq!(warnings[0].0, "cache-damage");
@@ -133,7 +133,7 @@ fn a_chain_of_lost_values_is_made_again_from_its_start() {
     };
     lab.run(&nodes("e: Scale(value: \"s59\"),"));
     let expected = lab.out("w");
-    // The records stay, every value goes.
+    // The records stay, every value is removed.
     fs::remove_file(lab.cache().join("v1/blobs.log")).unwrap();
     fs::remove_file(lab.path("out/w")).unwrap();
     let log = lab.run(&nodes("e: Scale(value: \"s59\"),"));
@@ -149,7 +149,7 @@ fn values_that_cannot_be_made_again_stop_only_their_readers() {
         w: WriteNumber(number: \"s\", path: \"w\"), p: Drift(value: \"a\"), q: Scale(value: \"p\")";
     lab.run_only(&graph_text(nodes), &["w", "q"]);
     fs::remove_dir_all(lab.cache().join("v1/blobs")).unwrap();
-    // `q` is new and needs `p`, which gives something else; `w` needs `r`, which is fine.
+    // `q` is new and needs `p`, which returns another result; `w` needs `r`, which is fine.
     let new = nodes.replace("Scale(value", "Scale(by: 5.0, value") + ", t: Sum(numbers: \"r\", times: 2)";
     let log = lab.run_only(&graph_text(&new), &["w", "q", "t"]);
     assert_eq!((log.failed().as_str(), log.skipped().as_str()), ("p", "q"));
@@ -157,7 +157,7 @@ fn values_that_cannot_be_made_again_stop_only_their_readers() {
 }
 
 #[test]
-fn a_cache_that_cannot_be_written_is_said_once_and_the_run_completes() {
+fn a_cache_that_cannot_be_written_is_reported_once_and_the_run_completes() {
     let warm = warm();
     let mut lab = warm.lab;
     lab.options.read_only = true;
@@ -170,7 +170,7 @@ fn a_cache_that_cannot_be_written_is_said_once_and_the_run_completes() {
         assert_eq!((lab.out("save.txt"), lab.out("more.txt")), warm.expected);
     }
     assert_eq!(lab.cache_files(), before);
-    // One without anything in it, too.
+    // An empty one, too.
     let mut lab = Lab::on_disk();
     lab.write("a.txt", "3");
     lab.options.read_only = true;
@@ -189,7 +189,7 @@ fn collections_beside_runs_take_nothing_that_a_run_needs() {
     let collected = std::thread::scope(|scope| {
         let collector = scope.spawn(|| {
             let mut collected = 0;
-            // Once at least: when the runs are over nothing keeps it away.
+            // At least once: after the runs nothing blocks it.
             while !done.load(Ordering::Relaxed) || collected == 0 {
                 let store = Store::open(&warm.lab.cache(), Options::default()).unwrap();
                 let limits = Limits { max_size: Some(20_000 * (collected % 3)), ..Limits::default() };

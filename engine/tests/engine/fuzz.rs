@@ -1,11 +1,11 @@
-//! Bytes changed at random, from fixed seeds: whatever is read, nothing panics, and what still runs is right.
+//! Bytes changed at random, from fixed seeds: nothing panics, and every run that completes is right.
 //!
 //! A few hundred rounds here; `LIGHTHARMONY_FUZZ_SECONDS` makes each test go on for that long.
 
 use std::time::{Duration, Instant};
 
 use cache::{Digest, Options, Store};
-use engine::{Engine, Event, Graph, RunOptions, Source, SourceRoot, apply};
+use engine::{Engine, Event, Graph, RunOptions, Source, apply};
 
 use crate::lab::{Lab, graph_text};
 
@@ -125,7 +125,8 @@ fn graph_files() {
     assert!(good > 0 && bad > good / 20, "{good} good, {bad} bad");
 }
 
-/// A run that may go any way but a panic, with what always holds of its events; how many nodes it told of.
+/// A run that may end in any way but a panic, with the invariants of its events; returns the number of nodes
+/// reported.
 fn run(lab: &Lab, engine: &Engine, graph: &Graph) -> usize {
     let options = RunOptions { out: lab.path("out"), ..RunOptions::default() };
     let mut ends = 0;
@@ -160,31 +161,6 @@ fn records() {
 }
 
 #[test]
-fn compiled_graphs() {
-    let lab = Lab::on_disk();
-    lab.write("a.txt", "3");
-    let text = format!("// {}\n{}", "long ".repeat(4000), text());
-    let load = |store: &Store| {
-        let (source, root) = (Source::new("graph.ron", &*text), SourceRoot::new(lab.path("")));
-        Graph::parse_cached(source, &lab.registry, root, store).unwrap()
-    };
-    let engine = Engine::new(Store::in_memory(), 1, 1 << 30);
-    let store = engine.store();
-    load(store);
-    let key = store.record_keys().unwrap()[0];
-    let good =
-        store.get_record(&key).and_then(|blob| store.get_blob(&engine::blobs_of(&blob)[0]).ok()?).unwrap();
-    for mut random in rounds(600) {
-        let mut bytes = good.clone();
-        mutate(&mut bytes, &mut random, &[]);
-        let blob = store.put_blob(&bytes).unwrap();
-        store.put_record(&key, blob.as_bytes()).unwrap();
-        // What is no compiled graph is parsed anew; what is one may be another graph.
-        run(&lab, &engine, &load(store));
-    }
-}
-
-#[test]
 fn logs_blobs_and_indices() {
     let lab = Lab::on_disk();
     lab.write("a.txt", "3");
@@ -198,7 +174,7 @@ fn logs_blobs_and_indices() {
             if random.below(3) == 0 {
                 mutate(&mut bytes, &mut random, &["LHe1"]);
             }
-            // A repair removes the folder of what last runs looked up.
+            // A repair removes the folder with the lookups of last runs.
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
             std::fs::write(path, bytes).unwrap();
         }

@@ -1,4 +1,4 @@
-//! A graph of several files: what is included, what is laid over it, and where mistakes are said to be.
+//! A graph of several files: includes, overlays, and the positions of mistakes.
 
 use engine::{Graph, Source, SourceRoot};
 
@@ -43,11 +43,7 @@ fn nodes_of_included_files_are_nodes_of_the_graph() {
         "[\"lib/more.ron\"]",
         "sum: Add(terms: [\"five\", \"ten\"]), s: WriteNumber(number: \"sum\", path: \"s.txt\"),",
     );
-    assert_eq!(
-        lab.run_text(&lab.joined(&text)).ran(),
-        "five s sum ten",
-        "a circle of includes is no trouble"
-    );
+    assert_eq!(lab.run_text(&lab.joined(&text)).ran(), "five s sum ten", "circular includes are harmless");
     assert_eq!(lab.out("s.txt"), "15.0\n");
     // The same in one file is the same: nothing runs.
     lab.write("five.txt", "5");
@@ -71,7 +67,7 @@ fn the_scene_and_the_axes_may_come_from_an_included_file() {
 }
 
 #[test]
-fn mistakes_are_said_to_be_where_they_are() {
+fn mistakes_are_reported_to_be_where_they_are() {
     let lab = Lab::in_memory();
     lab.write("part.ron", &part("", "five: Nmber,\n    one: Scale(value: \"none\"),\n    twin: Number,"));
     let mistakes = lab.mistakes(
@@ -152,7 +148,7 @@ fn mistakes_of_overlays_lie_in_them() {
         ),
         (
             source().overlaid("mine.ron", "(two: (by: 1))"),
-            &["mine.ron:1:1\n", "an overlay begins with `Overlay(`"],
+            &["mine.ron:1:1\n", "an overlay must begin with `Overlay(`"],
         ),
         (source().overlaid("mine.ron", "Overlay(nodes: ("), &["mine.ron:1:16\n", "no matching"]),
         (

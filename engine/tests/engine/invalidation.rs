@@ -1,4 +1,4 @@
-//! What makes a node run again, and what does not.
+//! Changes that make a node run again, and changes that do not.
 
 use std::time::Duration;
 
@@ -32,7 +32,7 @@ fn warm() -> Lab {
     lab
 }
 
-/// However a number is written it is one value, and -0 is 0; what is no number is a mistake at its place.
+/// All spellings of a number are one value, and -0 is 0; NaN is a mistake at its place.
 #[test]
 fn equal_values_have_equal_keys_however_they_are_written() {
     let lab = Lab::in_memory();
@@ -45,8 +45,8 @@ fn equal_values_have_equal_keys_however_they_are_written() {
     }
     assert_eq!(lab.run(&nodes("0.10000000000000002")).ran(), "a b");
     for none in ["NaN", "-NaN", "inf", "-inf"] {
-        let told = lab.mistakes(&graph_text(&nodes(none)));
-        assert!(told.contains("graph.ron:2:") && told.contains("value"), "{none}: {told}");
+        let reported = lab.mistakes(&graph_text(&nodes(none)));
+        assert!(reported.contains("graph.ron:2:") && reported.contains("value"), "{none}: {reported}");
     }
 }
 
@@ -182,7 +182,7 @@ fn keys_do_not_depend_on_threads_or_folder() {
 }
 
 #[test]
-fn a_recipe_tells_how_and_not_where() {
+fn a_recipe_reports_how_and_not_where() {
     let lab = Lab::on_disk();
     lab.write("a.txt", "4");
     let nodes = "x: LoadNumber(path: \"a.txt\"), two: Scale(value: \"x\", by: 2.0), \

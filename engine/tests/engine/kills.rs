@@ -1,5 +1,5 @@
-//! A process that is killed at any moment leaves a cache that the next run completes from, with the bytes
-//! of a run that nobody disturbed, without a repair and without a warning.
+//! A process that is killed at any moment leaves a cache from which the next run completes, with the bytes of an
+//! undisturbed run, without a repair and without a warning.
 
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
@@ -29,7 +29,7 @@ fn graph() -> String {
     graph_text(&format!("a: LoadNumber(path: \"a.txt\"),\n{lists}"))
 }
 
-/// Not a test of its own: what the other tests start and kill.
+/// Not a test of its own: the process that the other tests start and kill.
 #[test]
 #[ignore = "a part of the other tests"]
 fn child() {
@@ -78,7 +78,7 @@ fn assert_recovers(lab: &Lab, expected: &[String], what: &str) {
     assert_eq!((again.ran().as_str(), again.warnings()), ("", vec![]), "{what}");
 }
 
-/// How often to try; `LIGHTHARMONY_KILLS` sets another number for a long run.
+/// Number of attempts; `LIGHTHARMONY_KILLS` sets another number for a long run.
 fn rounds(usual: u64) -> u64 {
     std::env::var("LIGHTHARMONY_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(usual)
 }
@@ -109,7 +109,7 @@ fn killed_at_any_moment_and_again_while_it_recovers() {
         for moment in [round % 16 * 4, round % 40 * 2 + 3] {
             let mut child = start(&lab, None);
             std::thread::sleep(Duration::from_millis(moment));
-            // It may have come to its end before.
+            // It may have ended before.
             let _ = child.kill();
             child.wait().unwrap();
         }
@@ -123,7 +123,7 @@ fn errors_of_the_disk_at_every_place_are_survived() {
     for name in failpoint::NAMES {
         for effect in ["error", "full"] {
             let (lab, place) = (lab(), format!("{name}:2:{effect}"));
-            // It may fail, where a file of the user cannot be written, but ends by itself.
+            // It may fail, if a file of the user cannot be written, but it ends without a signal.
             assert_eq!(start(&lab, Some(&place)).wait().unwrap().signal(), None, "{place}");
             assert_recovers(&lab, &expected, &place);
         }

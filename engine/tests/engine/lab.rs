@@ -10,11 +10,11 @@ use engine::{Diagnostics, Engine, Event, Graph, Outcome, Registry, RunOptions, S
 
 use crate::arithmetic::registry;
 
-/// Where a graph runs.
+/// A place to run graphs.
 pub struct Lab {
     pub folder: tempfile::TempDir,
     pub registry: Registry,
-    /// Where it does not run on disk: the engine that keeps everything.
+    /// The engine that keeps everything, for a lab without a disk.
     pub memory: Option<Engine>,
     pub jobs: usize,
     pub budget: u64,
@@ -27,7 +27,7 @@ pub fn graph_text(nodes: &str) -> String {
 }
 
 impl Lab {
-    /// With a cache on disk, opened anew by every run, as by a new process.
+    /// With a cache on disk, opened again by every run, as by a new process.
     pub fn on_disk() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let (jobs, budget) = (2, 1 << 30);
@@ -104,7 +104,7 @@ impl Lab {
         self.run_only(text, &[])
     }
 
-    /// Runs what the named nodes need.
+    /// Runs the named nodes and those they need.
     pub fn run_only(&self, text: &str, only: &[&str]) -> Log {
         self.run_until(text, only, |_, _| {})
     }
@@ -117,7 +117,7 @@ impl Lab {
         }
     }
 
-    /// Runs a graph on an engine of one's own.
+    /// Runs a graph on a given engine.
     pub fn run_on(
         &self,
         engine: &Engine,
@@ -144,14 +144,14 @@ impl Lab {
     }
 }
 
-/// What a run told.
+/// The events of a run.
 pub struct Log {
     pub events: Vec<Event>,
     pub outcome: Outcome,
 }
 
 impl Log {
-    /// What holds of every run: one end a node, and totals that agree with the events.
+    /// Invariants of every run: one end per node, and totals that agree with the events.
     fn check(&self) {
         let mut ends: BTreeMap<&str, State> = BTreeMap::new();
         for event in &self.events {
@@ -160,7 +160,7 @@ impl Log {
                 assert_eq!(error.is_some(), *state == State::Failed, "{id}");
                 assert!(key.is_some() || !done, "{id}");
                 let before = ends.insert(id, *state);
-                // Only one that must be made once more and cannot is taken back.
+                // Only the result of a node that must run again and cannot is withdrawn.
                 assert!(before.is_none() || *state == State::Failed, "{id}: {before:?}, then {state:?}");
             }
         }
@@ -209,7 +209,7 @@ impl Log {
         self.outcome.totals.exit_code()
     }
 
-    /// Names of the nodes that were made once more for their values.
+    /// Names of the nodes that ran again for their values.
     pub fn remade(&self) -> String {
         let mut ids: Vec<&str> = self
             .events
@@ -251,7 +251,7 @@ impl Log {
             .collect()
     }
 
-    /// How many parts ran and how many were known.
+    /// Number of parts that ran, and of parts from the cache.
     pub fn parts(&self) -> (usize, usize) {
         let count = |wanted: State| {
             self.events
@@ -276,7 +276,7 @@ impl Log {
         keys
     }
 
-    /// What went wrong, as a person reads it.
+    /// The errors as printed.
     pub fn failures(&self) -> String {
         self.outcome.failures.as_ref().map(|failures| failures.render(false)).unwrap_or_default()
     }

@@ -1,4 +1,4 @@
-//! What the engine promises, asserted on the log of events of graphs of small arithmetic kinds.
+//! The guarantees of the engine, asserted on the events of graphs of small arithmetic kinds.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 #![allow(missing_docs, reason = "the names say it")]
 
@@ -6,7 +6,6 @@ mod architecture;
 mod arithmetic;
 mod axes;
 mod bundles;
-mod compiled_graph;
 mod failures;
 mod faults;
 mod fuzz;
@@ -21,6 +20,7 @@ mod plans;
 mod previous_run;
 mod reparse;
 mod running;
+mod scheduling;
 mod shapes;
 mod subgraphs;
 mod watching;

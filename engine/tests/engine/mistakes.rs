@@ -1,4 +1,4 @@
-//! What is wrong in a graph file, as a person reads it.
+//! Mistakes in graph files, as printed.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crate::lab::{Lab, graph_text};
 use crate::shapes::spent;
 
-/// Compares with a file of this folder, or writes it where `UPDATE_SNAPSHOTS` is set.
+/// Compares with a file of this folder, or writes it if `UPDATE_SNAPSHOTS` is set.
 fn assert_snapshot(name: &str, expected: &str, found: &str) {
     if std::env::var_os("UPDATE_SNAPSHOTS").is_some() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/engine/mistakes");
@@ -17,10 +17,10 @@ fn assert_snapshot(name: &str, expected: &str, found: &str) {
 }
 
 #[test]
-fn every_mistake_of_a_file_is_told_at_once() {
+fn every_mistake_of_a_file_is_reported_at_once() {
     let lab = Lab::on_disk();
     let text = include_str!("mistakes/every.ron");
-    // Where the lab lies is another place each time.
+    // The folder of the lab differs each time.
     let found = lab.mistakes(text).replace(&*lab.path("").to_string_lossy(), "FOLDER/");
     assert_snapshot("every.txt", include_str!("mistakes/every.txt"), &(found + "\n"));
 }
@@ -76,7 +76,7 @@ fn a_half_edited_file_gives_a_diagnostic_or_a_graph_and_never_a_panic() {
                 assert!(!one.message.is_empty() && one.span.start <= one.span.end, "{text}: {one:?}");
             }
             assert!(diagnostics.render(false).contains("error: "), "{text}");
-            // And nobody gets a wall of text for one slip.
+            // And one slip gives few messages.
             assert!(diagnostics.list.len() <= 7, "{text}\n{}", diagnostics.render(false));
         }
     };
@@ -114,7 +114,7 @@ fn one_slip_gives_one_mistake() {
         assert!(GOOD.contains(from));
         let wrong = lab.mistakes(&GOOD.replacen(from, to, 1));
         let count = wrong.matches("error: ").count();
-        // A parenthesis that is missing shows more than once: where something else stands, and at the end.
+        // A missing parenthesis is reported more than once: at the next token, and at the end.
         assert!(count <= 3, "{from} -> {to}: {count}\n{wrong}");
     }
 }

@@ -1,4 +1,4 @@
-//! A run that finds everything as it was tells what an ordinary one would; whatever else there is makes it ordinary.
+//! A run that finds everything unchanged reports the same as an ordinary one; any difference makes it ordinary.
 
 use std::fs;
 use std::path::Path;
@@ -15,7 +15,7 @@ fn text() -> String {
     )
 }
 
-/// What memos say once a file was left alone for long enough.
+/// Makes memos of files that have not changed for long enough.
 fn settle(lab: &Lab, names: &[&str]) {
     let engine = lab.engine();
     for path in names.iter().map(|name| lab.path(name)) {
@@ -26,7 +26,7 @@ fn settle(lab: &Lab, names: &[&str]) {
     engine.store().flush().unwrap();
 }
 
-/// A graph that was run, and run again when there was nothing to do.
+/// A graph that was run, and run again with nothing to do.
 fn ready() -> (Lab, Log) {
     let lab = Lab::on_disk();
     lab.write("a.txt", "3");
@@ -49,8 +49,8 @@ fn is_unchanged(lab: &Lab) -> bool {
     again(lab, &text(), &lab.registry, "out").is_some()
 }
 
-/// The events but for how long it took, in an order of their own.
-fn told(events: &[Event]) -> Vec<String> {
+/// The events without times, sorted.
+fn reported(events: &[Event]) -> Vec<String> {
     let line = |event: &Event| match event {
         Event::Done(totals) => {
             format!("{:?}", engine::Totals { seconds: 0.0, cpu_seconds: 0.0, ..totals.clone() })
@@ -63,12 +63,12 @@ fn told(events: &[Event]) -> Vec<String> {
 }
 
 #[test]
-fn tells_what_an_ordinary_run_tells() {
+fn tells_what_an_ordinary_run_reports() {
     let (lab, log) = ready();
     let (events, outcome) = again(&lab, &text(), &lab.registry, "out").unwrap();
-    assert_eq!(told(&events), told(&log.events));
+    assert_eq!(reported(&events), reported(&log.events));
     assert_eq!((outcome.totals.exit_code(), log.exit_code()), (3, 3), "degraded, each time");
-    // What stands above comes first, and a file right before its node.
+    // Nodes above come first, and a file directly before its node.
     let place = |wanted: &str| {
         let is = |event: &Event| matches!(event, Event::Node { id, .. } if id == wanted);
         events.iter().position(is).unwrap()
@@ -122,14 +122,14 @@ fn whatever_changed_makes_it_an_ordinary_run() {
     newer.version += 1;
     assert!(again(&lab, &text(), &registry_with(newer), "out").is_none(), "a kind of another version");
     let mut weights = KindEntry::of::<LoadNumber>();
-    weights.data = b"trained anew";
+    weights.data = b"trained again";
     assert!(again(&lab, &text(), &registry_with(weights), "out").is_none(), "other data in a kind");
     let source = Source::new("graph.ron", text());
     let root = SourceRoot::confined(lab.folder.path(), &[]).unwrap();
     let out = lab.path("out");
     assert!(
         run_unchanged(&lab.cache(), &source, &lab.registry, &root, &out, |_| {}).is_none(),
-        "a stranger's"
+        "an untrusted graph"
     );
     assert!(is_unchanged(&lab));
 }

@@ -1,4 +1,4 @@
-//! What a run would do and why, told without running anything.
+//! The steps of a run and their reasons, reported without running anything.
 
 use engine::{Fate, Why};
 
@@ -13,7 +13,7 @@ const GRAPH: &str = r#"
     x: Scale(value: "a", by: 9.0),
 "#;
 
-/// One word or line a node.
+/// One word or line per node.
 fn plan(lab: &Lab, nodes: &str, only: &[&str]) -> Vec<String> {
     let graph = lab.parse(&graph_text(nodes)).unwrap();
     let only: Vec<usize> = only.iter().map(|id| graph.find(id).unwrap()).collect();
@@ -41,7 +41,7 @@ fn plan(lab: &Lab, nodes: &str, only: &[&str]) -> Vec<String> {
 }
 
 #[test]
-fn a_plan_tells_what_is_known_what_changed_and_what_depends_on_it() {
+fn a_plan_reports_what_is_known_what_changed_and_what_depends_on_it() {
     let lab = Lab::on_disk();
     lab.write("a.txt", "2");
     let new = ["a new", "b after a", "c after b", "d after c", "w after d", "x unwanted"];
@@ -144,7 +144,7 @@ fn what_changed_is_remembered_after_the_run() {
 }
 
 #[test]
-fn a_trace_tells_what_ran_when_and_where() {
+fn a_trace_reports_what_ran_when_and_where() {
     let lab = Lab::on_disk();
     let graph = lab.parse(&graph_text("a: Number(), s: Series(value: \"a\")")).unwrap();
     let options = engine::RunOptions { out: lab.path("out"), trace: true, ..Default::default() };
@@ -163,7 +163,7 @@ fn a_trace_tells_what_ran_when_and_where() {
 
 #[test]
 fn keys_are_what_they_have_always_been() {
-    // A change here makes every result of every user run once more: raise the format in `key` and say so.
+    // A change here makes every result of every user run again: raise the format in `key` and document it.
     let lab = Lab::on_disk();
     lab.write("a.txt", "2");
     let log = lab.run(GRAPH);

@@ -1,5 +1,4 @@
-//! A run of a process that ran the graph before looks at what is another one since then, and gives what a whole run
-//! gives.
+//! A run in a process that ran the graph before visits only changed nodes, and gives the results of a whole run.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -21,7 +20,7 @@ fn text() -> String {
     )
 }
 
-/// For each node that was told of how it ended.
+/// The end of each reported node.
 type Ends = BTreeMap<String, String>;
 
 fn run(engine: &Engine, graph: &Graph, out: &Path) -> (Ends, Outcome) {
@@ -40,7 +39,7 @@ fn run(engine: &Engine, graph: &Graph, out: &Path) -> (Ends, Outcome) {
     (ends, outcome)
 }
 
-/// What of an outcome does not depend on what was known.
+/// The parts of an outcome that do not depend on the cache.
 fn sums(outcome: &Outcome) -> (usize, [usize; 3], u8, String) {
     let totals = &outcome.totals;
     let failures = outcome.failures.as_ref().map(|failures| failures.render(false)).unwrap_or_default();
@@ -53,16 +52,16 @@ fn names(ends: &Ends) -> String {
 }
 
 #[test]
-fn only_what_an_edit_reaches_is_told_of() {
+fn only_what_an_edit_reaches_is_reported_of() {
     let lab = Lab::in_memory();
     lab.write("a.txt", "3");
     let engine = Engine::new(Store::in_memory(), 2, 1 << 30).keeping();
     let out = lab.path("out");
-    // What cannot be done is tried again each time.
+    // Failed nodes are tried again each time.
     let text = text().replace("no: Refuse(value: \"one\", above: 1.6)", "no: Scale(value: \"one\", by: 1.0)");
     let graph = Arc::new(lab.parse(&text).unwrap());
     assert_eq!(run(&engine, &graph, &out).0.len(), 14);
-    // As an old file would be; a young one may have changed unseen, and its sink is looked at.
+    // Like an old file; a young one may have changed unseen, and its sink is checked.
     let settle = || {
         for path in [lab.path("a.txt"), out.join("w.txt"), out.join("deep/v.txt"), out.join("x.txt")] {
             let mut stamp = cache::FileStamp::of(&path).unwrap();
@@ -93,7 +92,7 @@ fn only_what_an_edit_reaches_is_told_of() {
     assert_eq!(names(&run(&engine, &graph, &other).0), "v w x", "another folder");
 }
 
-/// Edits at random, one after the other: what is kept from run to run and a run from nothing agree.
+/// Random edits, one after the other: a run with kept state and a run from nothing agree.
 #[test]
 fn whatever_happens_it_is_what_a_whole_run_gives() {
     const EDITS: [(&str, [&str; 3]); 7] = [
@@ -132,9 +131,9 @@ fn whatever_happens_it_is_what_a_whole_run_gives() {
                 graph = graph.reparse(text, registry).unwrap();
             }
         }
-        let (told, outcome) = run(&warm, &graph, &out);
-        untold += graph.nodes.len() - told.len();
-        known.extend(told);
+        let (reported, outcome) = run(&warm, &graph, &out);
+        untold += graph.nodes.len() - reported.len();
+        known.extend(reported);
         let _ = std::fs::remove_dir_all(&clean);
         let (all, whole) = run(&Engine::new(Store::in_memory(), 2, 1 << 30), &graph, &clean);
         assert_eq!(known, all, "round {round}");

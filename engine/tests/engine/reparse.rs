@@ -1,4 +1,4 @@
-//! A graph that an edit left mostly as it was is the one that its new text gives.
+//! A graph updated by an edit equals the graph of its new text.
 
 use std::sync::Arc;
 
@@ -19,14 +19,14 @@ fn text() -> String {
 fn run(lab: &Lab, graph: &Graph) -> (Vec<String>, String) {
     let engine = Engine::new(Store::in_memory(), 1, 1 << 30);
     let options = RunOptions { out: lab.path("out"), ..RunOptions::default() };
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     let outcome = engine.run(graph, &options, |event| {
         if let Event::Node { id, kind, key, notes, .. } = event {
-            told.push(format!("{id} {kind} {key:?} {notes:?}"));
+            reported.push(format!("{id} {kind} {key:?} {notes:?}"));
         }
     });
-    told.sort();
-    (told, outcome.failures.map(|failures| failures.render(false)).unwrap_or_default())
+    reported.sort();
+    (reported, outcome.failures.map(|failures| failures.render(false)).unwrap_or_default())
 }
 
 fn shape(graph: &Graph) -> String {
@@ -38,7 +38,7 @@ fn shape(graph: &Graph) -> String {
     format!("{:?} {:?} {:?}", nodes.map(node).collect::<Vec<_>>(), graph.order(), graph.scene)
 }
 
-/// Replaces what stands once in a text.
+/// Replaces a part that occurs once in a text.
 fn with(text: &str, old: &str, new: &str) -> String {
     assert_eq!(text.matches(old).count(), 1, "{old}");
     text.replace(old, new)
@@ -95,7 +95,7 @@ fn parameters_and_comments_are_read_alone_and_all_else_is_not() {
     assert!(graph.reparse(axes.replace("by: 2.0", "by: 3.0"), registry).is_none(), "one of several nodes");
 }
 
-/// Edits at random, one after the other, each through both ways.
+/// Random edits, one after the other, each in both ways.
 #[test]
 fn whatever_was_edited_it_is_the_graph_of_its_text() {
     const PIECES: [&str; 18] = [
@@ -139,7 +139,7 @@ fn whatever_was_edited_it_is_the_graph_of_its_text() {
                 assert_eq!(shape(&edited), shape(&whole), "round {round}");
                 assert_eq!(run(&lab, &edited), run(&lab, &whole), "round {round}\n{old}\n---\n{new}");
                 read_alone += 1;
-                // Not longer and longer, and with every node where it was at times.
+                // Reset from time to time, so that the text does not grow without end.
                 graph = if round % 40 == 0 { Arc::new(lab.parse(&text()).unwrap()) } else { edited };
             }
             None => parsed += usize::from(whole.is_ok()),

@@ -19,7 +19,7 @@ fn more_samples_compute_only_new_parts() {
         assert_eq!((log.parts(), log.outcome.totals.counts["samples"]), ((12, 4), 192));
         let grown = lab.out("s");
         assert_eq!((Lab::on_disk().run(&more).parts(), lab.run(&more).parts()), ((16, 0), (0, 0)));
-        // A parameter that no part names leaves them all as they are.
+        // A parameter that no part names changes none of them.
         assert_eq!(lab.run(&more.replace("samples", "gain: 2.0, samples")).parts(), (0, 16));
         assert_eq!(lab.run(&more.replace("Number()", "Number(value: 2)")).parts(), (16, 0));
         let fresh = Lab::on_disk();
@@ -36,7 +36,7 @@ fn what_stays_in_memory_is_made_once_for_equal_inputs() {
     let numbers = "a: Number(value: 271828), b: Number(value: 314159),";
     let all = [node("p", "a", 1), node("q", "a", 2), node("r", "b", 3)].concat();
     let sum = "t: Add(terms: [\"p\", \"q\", \"r\"]), w: WriteNumber(number: \"t\", path: \"t\")";
-    // One after the other, since those that run at once each make their own.
+    // One after the other, since nodes that run at once each make their own.
     lab.run(&format!("{numbers}{all}{sum}"));
     let made = MADE.lock().unwrap();
     let times = |number: f64| made.iter().filter(|made| **made == number).count();
@@ -82,7 +82,7 @@ fn files_are_kept_equal_without_running_nodes() {
     std::fs::write(&file, "6.1\n").unwrap();
     assert_eq!(lab.run(nodes).files(), "w.txt*");
     assert_eq!(lab.out("deep/w.txt"), "6.0\n");
-    // Another name for the file is no new result.
+    // Another file name does not make a new result.
     let log = lab.run(&nodes.replace("w.txt", "v.txt"));
     assert_eq!((log.files().as_str(), log.ran().as_str()), ("v.txt*", ""));
     let log = lab.run(&nodes.replace("w.txt", "w.csv"));
@@ -124,7 +124,7 @@ fn views_cannot_lead_out_of_the_folder_nor_onto_each_other() {
     assert!(!lab.path("out/w.txt").exists() && lab.path("out/in/__/w.txt").exists());
     let two = "a: Number(), b: Number(value: 2), w: WriteNumber(number: [\"a\", \"b\"], each: true, views: [\"x/y\", \"x_y\"], path: \"{view}.txt\")";
     let log = lab.run(two);
-    assert!(log.failures().contains("`x/y` and `x_y` would be one file"), "{}", log.failures());
+    assert!(log.failures().contains("`x/y` and `x_y` give the same file name"), "{}", log.failures());
     let sinks = "a: Number(), v: WriteNumber(number: \"a\", each: true, path: \"w_{view}.txt\"), w: WriteNumber(number: \"a\", path: \"w_a.txt\")";
     let log = lab.run(sinks);
     assert_eq!(log.exit_code(), 1);
@@ -158,7 +158,7 @@ fn only_what_is_named_runs() {
     let log = lab.run_only(&text, &["w", "t"]);
     assert_eq!((log.ran().as_str(), log.files().as_str()), ("t w", "w*"));
     assert_eq!(lab.run_text(&text).ran(), "v");
-    // Without sinks, what nothing reads is wanted.
+    // Without sinks, nodes that no other node reads are wanted.
     assert_eq!(
         Lab::on_disk().run("a: Number(), s: Scale(value: \"a\"), t: Scale(value: \"a\", by: 3.0)").ran(),
         "a s t"
@@ -177,7 +177,7 @@ fn one_key_is_computed_once() {
         let totals = &log.outcome.totals;
         assert_eq!((totals.ran, totals.cached), (3, 57));
     }
-    // Nor twice where nothing can be kept, whether the second is met while the first runs or later.
+    // Nor twice if nothing can be kept, whether the second starts while the first runs or later.
     let mut lab = Lab::on_disk();
     lab.run("a: Number()");
     lab.options.read_only = true;
@@ -196,7 +196,7 @@ fn what_needs_more_memory_than_there_is_never_starts() {
     assert_eq!((log.failed().as_str(), log.skipped().as_str()), ("h", "s"));
     assert!(!log.events.iter().any(|event| matches!(event, Event::Start { id, .. } if id == "h")));
     let text = log.failures();
-    assert!(text.contains("needs about 3906.2 GiB of memory, the budget is 100.0 MiB"), "{text}");
+    assert!(text.contains("needs about 3906.2 GiB of memory, but the budget is 100.0 MiB"), "{text}");
 }
 
 #[test]
@@ -212,12 +212,12 @@ fn two_that_do_not_fit_together_run_one_after_the_other() {
     lab.budget = 1000 << 20;
     // On a busy machine a thread may come too late to meet another one, but not every time.
     let together = (1..50).any(|time| {
-        // Other nodes than before, which are in the cache.
+        // Other nodes than before, since those are in the cache.
         let others = nodes.replace("Number(value: ", &format!("Number(value: {time}"));
         assert_eq!(lab.run(&others).outcome.totals.ran, 8);
         HEAVY.1.load(Ordering::SeqCst) > 1
     });
-    assert!(together, "with memory enough they run beside each other");
+    assert!(together, "with enough memory they run concurrently");
 }
 
 #[test]
@@ -265,7 +265,7 @@ fn a_part_that_several_want_at_once_is_computed_once() {
     let lab = Lab::on_disk();
     let log = lab.run_text(&graph_text(&format!("n: Number(value: 3), {}{}", series(1), series(2))));
     assert_eq!((log.outcome.totals.ran, samples(&[log])), (3, 48));
-    // Runs beside each other.
+    // Concurrent runs.
     let lab = Lab::on_disk();
     let run = |gain| {
         let text = graph_text(&format!("n: Number(value: 3), {}", series(gain)));
@@ -280,7 +280,7 @@ fn a_part_that_several_want_at_once_is_computed_once() {
 
 #[test]
 fn a_busy_key_does_not_hold_up_the_rest() {
-    // Where the machine is so busy that the key is free before we ask for it, it is held for longer.
+    // On a machine so busy that the key is free before it is asked for, it is held for longer.
     let went_ahead = [400, 4_000, 40_000].into_iter().any(|millis| {
         let mut lab = Lab::on_disk();
         lab.jobs = 1;
@@ -363,7 +363,7 @@ fn who_waits_for_another_process_says_so() {
     let held = std::cell::Cell::new(Some(lease));
     let log = lab.run_on(&lab.engine(), &text, &[], |event, _| {
         if matches!(event, Event::Warning { id: "waits", text } if text.starts_with("`a` waits")) {
-            assert!(held.take().is_some(), "told once");
+            assert!(held.take().is_some(), "reported once");
         }
     });
     assert!(held.take().is_none());

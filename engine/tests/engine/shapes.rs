@@ -1,18 +1,17 @@
-//! Graphs of many nodes: nothing recurses over them, and time grows as they do.
+//! Graphs of many nodes: nothing recurses over them, and time grows linearly.
 
 use std::time::{Duration, Instant};
 
 use crate::lab::{Lab, graph_text};
 
-/// How long this thread, which is the one that decides, has been computing: other work on the machine does
-/// not count where the system tells.
+/// CPU time of this thread, which is the deciding one; wall time where the system does not report it.
 pub fn spent(start: Instant) -> Duration {
-    let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
-    let nanos = told.and_then(|text| text.split(' ').next()?.parse().ok());
+    let reported = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
+    let nanos = reported.and_then(|text| text.split(' ').next()?.parse().ok());
     nanos.map_or_else(|| start.elapsed(), Duration::from_nanos)
 }
 
-/// Parses, runs cold and runs warm in memory, and says how long deciding took.
+/// Parses, runs cold and runs warm in memory, and returns the time of the deciding thread.
 fn times(nodes: &str, count: usize) -> [Duration; 3] {
     let lab = Lab::in_memory();
     let text = graph_text(nodes);
@@ -54,7 +53,7 @@ fn chain(count: usize) -> String {
     std::iter::once("n0: Number(),\n".to_owned()).chain(below).collect()
 }
 
-/// One node that everybody reads, and one that reads everybody.
+/// One node that all others read, and one that reads all others.
 fn fan(count: usize) -> String {
     let middle = 1..count - 1;
     let rays: String = middle.clone().map(|n| format!("n{n}: Scale(value: \"n0\", by: {n}e-4),\n")).collect();
@@ -71,7 +70,7 @@ fn diamonds(count: usize) -> String {
     std::iter::once("n0: Number(),\n".to_owned()).chain(below).collect()
 }
 
-/// A graph of nothing is a mistake, which is told; so nothing runs over no nodes.
+/// An empty graph is a reported mistake, so no run has zero nodes.
 #[test]
 fn no_nodes_is_a_mistake() {
     assert!(Lab::in_memory().mistakes(&graph_text("")).contains("the graph has no nodes"));

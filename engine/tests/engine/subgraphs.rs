@@ -1,10 +1,10 @@
-//! Subgraphs: the nodes of a file, as often as it is used, each time with other values.
+//! Subgraphs: the nodes of a file, once per use, each time with other values.
 
 use engine::{Source, SourceRoot};
 
 use crate::lab::{Lab, graph_text};
 
-/// Adds what it is given, scales the sum and writes it.
+/// Adds its inputs, scales the sum and writes it.
 const TWICE: &str = r#"Graph(
     version: 1,
     parameters: (value: Required, by: 2.0, path: "unnamed.txt"),
@@ -73,7 +73,7 @@ fn settings_reach_what_is_given_and_what_is_inside() {
     assert_eq!(run(&["n.value=0"]).1, "30.0\n");
     lab.write("parts/minus.ron", &TWICE.replace("bias: 0.0", "bias: -1.0"));
     assert_eq!(run(&["a.graph=parts/minus.ron"]).0, "6.0\n", "another file, too");
-    // And an overlay alike.
+    // The same with an overlay.
     let overlay = "Overlay(nodes: (a: (by: 3.0), a.sum: (bias: 2.0)))";
     let text = lab.used(Source::new("graph.ron", two_uses()).overlaid("mine.ron", overlay));
     lab.run_text(&text);
@@ -139,11 +139,11 @@ fn paths_begin_where_they_are_written() {
     lab.run_text(&lab.set(&graph_text(nodes), &[]));
     assert_eq!(lab.out("s.txt"), "6.0\n");
     assert_eq!(lab.run_text(&lab.set(&graph_text(nodes), &["a.n.path=here.txt"])).failed(), "");
-    assert_eq!(lab.out("s.txt"), "10.0\n", "a setting is written beside the graph");
+    assert_eq!(lab.out("s.txt"), "10.0\n", "the path of a setting is relative to the graph");
 }
 
 #[test]
-fn mistakes_are_said_where_they_are_and_where_they_come_from() {
+fn mistakes_are_reported_where_they_are_and_where_they_come_from() {
     let lab = Lab::with_parts(&[
         (
             "slip.ron",
@@ -209,11 +209,11 @@ fn mistakes_are_said_where_they_are_and_where_they_come_from() {
             &[],
             &["the graph has no parameter `x`", "parameters stand beside"],
         ),
-        (r#"n: Number(value: Param(x))"#, &[], &["is not how a parameter is read"]),
+        (r#"n: Number(value: Param(x))"#, &[], &["does not read a parameter"]),
         (
             r#"n: Number, b: Scale(value: "n")"#,
             &["b.by.x=3"],
-            &["no node is named `b.by`", "a parameter is set whole, with all that is in it: `b.by=..`"],
+            &["no node is named `b.by`", "set the whole parameter: `b.by=..`"],
         ),
         (
             r#"n: Number, a: Subgraph(graph: "parts/twice.ron", value: "n")"#,
@@ -238,7 +238,7 @@ fn mistakes_are_said_where_they_are_and_where_they_come_from() {
     assert_eq!(
         twice.matches("error: ").count(),
         2,
-        "a slip in the file is told once, not for each use\n{twice}"
+        "a mistake in the file is reported once, not for each use\n{twice}"
     );
 }
 

@@ -1,5 +1,4 @@
-//! A graph runs again when its files change: every step waits for the event that ends it, however long
-//! that takes.
+//! A graph runs again when its files change. Every step waits for the event that ends it, however long that takes.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -18,7 +17,7 @@ struct Session {
     thread: Option<std::thread::JoinHandle<Vec<PathBuf>>>,
 }
 
-/// Far more than any step takes.
+/// Far longer than any step.
 const LONG: Duration = Duration::from_secs(120);
 
 impl Session {
@@ -53,13 +52,13 @@ impl Session {
         self.lab.write("graph.ron", &graph_text(nodes));
     }
 
-    /// Everything up to and with the first event of the kind looked for.
+    /// Everything up to and including the first matching event.
     fn until(&self, found: impl Fn(&Event) -> bool) -> Vec<Event> {
         let mut events = Vec::new();
         loop {
             match self.events.recv_timeout(LONG) {
                 Ok(event) => events.push(event),
-                Err(RecvTimeoutError::Timeout) => panic!("waited in vain after {events:#?}"),
+                Err(RecvTimeoutError::Timeout) => panic!("timed out after {events:#?}"),
                 Err(RecvTimeoutError::Disconnected) => panic!("it ended after {events:#?}"),
             }
             if events.last().is_some_and(&found) {
@@ -121,7 +120,7 @@ fn an_edit_reruns_what_it_touches_and_a_comment_nothing() {
     assert!(first.iter().any(planned), "{first:?}");
     assert!(matches!(first.last(), Some(Event::Idle { files: 2 })), "the graph and what it reads");
     assert_eq!(watch.lab.out("sum.txt"), "6.0\n");
-    // A comment is an edit that says nothing, so the next thing told is the edit after it.
+    // A comment is an edit without effect, so the next event is of the edit after it.
     watch.save(&format!("// nothing\n{SUM}"));
     std::thread::sleep(Duration::from_millis(100));
     watch.save(&SUM.replace("1.0", "2.0"));
@@ -136,7 +135,7 @@ fn an_edit_reruns_what_it_touches_and_a_comment_nothing() {
 }
 
 #[test]
-fn a_wrong_graph_is_told_and_the_picture_stays_until_it_is_right_again() {
+fn a_wrong_graph_is_reported_and_the_picture_stays_until_it_is_right_again() {
     let mut watch = Session::of(SUM);
     watch.rest();
     watch.save(&SUM.replace("Add(", "Ad("));
@@ -152,14 +151,14 @@ fn a_wrong_graph_is_told_and_the_picture_stays_until_it_is_right_again() {
     let right = watch.rest();
     assert_eq!((ran(&right).len(), mistakes(&right).len()), (0, 0), "{right:?}");
     assert!(right.iter().any(|event| matches!(event, Event::File { preview: false, .. })), "no longer stale");
-    // Half of a graph, as an editor leaves it that truncates first.
+    // Half of a graph, as left by an editor that truncates first.
     watch.lab.write("graph.ron", "");
     assert!(!mistakes(&watch.rest()).is_empty());
     // Without a graph, with the graph back.
     std::fs::remove_file(watch.lab.path("graph.ron")).unwrap();
     let gone = watch.rest();
     assert!(!mistakes(&gone).is_empty());
-    assert_eq!(stale(&gone), 0, "it was told before");
+    assert_eq!(stale(&gone), 0, "it was reported before");
     assert_eq!(watch.quit(), [watch.lab.path("out/sum.txt")], "what is stale is said at the end");
 }
 
@@ -177,7 +176,7 @@ fn a_file_that_is_missing_is_waited_for() {
     watch.lab.write("five.txt", "5");
     let back = watch.rest();
     assert_eq!((ran(&back).len(), mistakes(&back).len()), (0, 0), "its content is known");
-    // A file whose content is wrong fails its node, and its repair is a change as any other.
+    // A file with wrong content fails its node, and its repair is a change like any other.
     watch.lab.write("five.txt", "five");
     let failed = watch.rest();
     assert_eq!((mistakes(&failed).len(), stale(&failed)), (1, 1), "{failed:?}");
@@ -229,7 +228,7 @@ fn rough_passes_come_first_and_the_last_one_pays_only_the_rest() {
     let of = |wanted: &str| shown.iter().filter(|(id, _)| *id == wanted).map(|(_, p)| *p).collect::<Vec<_>>();
     assert_eq!(of("save"), [true, true, true, true, true, false]);
     assert_eq!(of("note"), [false; 6], "it does not depend on what is rough");
-    // The same bytes as at once, and the plan knows nothing of the rough ones.
+    // The same bytes as in one pass, and the plan ignores the rough ones.
     let last = watch.lab.out("s.txt");
     let at_once = Lab::on_disk();
     at_once.run(series);
@@ -278,8 +277,8 @@ fn looking_finds_what_listening_would() {
     assert_eq!(ran(&watch.rest()), ["one", "save", "sum"]);
 }
 
-/// Clocks that jump, saves within one tick, files that are half there: what is shown in the end is what a plain run makes
-/// of what then lies there.
+/// Clocks that jump, saves within one tick, half-written files: the final output equals that of a plain run on the
+/// final files.
 #[test]
 fn clocks_that_jump_and_half_files_end_as_a_plain_run() {
     let watch = Session::of(SUM);
@@ -325,7 +324,7 @@ fn a_storm_of_saves_ends_as_the_last_one_says() {
 
 #[test]
 fn values_stay_in_memory_between_runs() {
-    // Only the digest of a loaded number is kept in the store, so that without memory it would be made once more.
+    // Only the digest of a loaded number is kept in the store, so without memory it would be made again.
     let watch = Session::of(SUM);
     watch.rest();
     watch.save(&SUM.replace("1.0", "3.0"));
@@ -342,12 +341,12 @@ fn saved_once_more_it_is_tried_once_more() {
     let shown = watch.lab.out("s.txt");
     watch.save(nodes);
     watch.until(|event| matches!(event, Event::Same));
-    // What was removed comes back.
+    // Removed files come back.
     std::fs::remove_file(watch.lab.path("out/s.txt")).unwrap();
     watch.save(nodes);
     watch.rest();
     assert_eq!(watch.lab.out("s.txt"), shown);
-    // And what failed, once nothing is in its way.
+    // And failed nodes, once nothing blocks them.
     std::fs::remove_dir_all(watch.lab.path("out")).unwrap();
     watch.lab.write("out", "in the way");
     watch.save(nodes);

@@ -24,14 +24,14 @@ pub struct Examples {
     pub near: Vec<f32>,
     /// The same for the other cells.
     pub far: Vec<f32>,
-    /// Of each panorama: visible flux, on the plane from near the light, on it from elsewhere; the same three
-    /// of the truth; hidden flux; hidden flux as the amount that was fitted has it.
+    /// For each panorama: visible flux, on the plane from near the light, on it from elsewhere; the same three of
+    /// the truth; hidden flux; hidden flux by the fitted amount.
     pub fluxes: Vec<[f32; 8]>,
     /// How much each counts.
     pub weight: Vec<f32>,
 }
 
-/// What is chosen about training. The values are those of the shipped weights.
+/// Settings of the training. The values are those of the shipped weights.
 #[derive(Debug, Clone)]
 pub struct Recipe {
     /// Hidden units of the score.
@@ -74,7 +74,7 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// Of rows of `columns` numbers, those that `counts` says.
+    /// Selects from rows of `columns` numbers those for which `counts` is true.
     pub fn of(values: &[f32], columns: usize, counts: impl Fn(usize) -> bool) -> Self {
         let (mut sums, mut squares, mut n) = (vec![0.0_f64; columns], vec![0.0_f64; columns], 0.0);
         for (_, row) in values.chunks_exact(columns).enumerate().filter(|(i, _)| counts(*i)) {

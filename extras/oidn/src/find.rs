@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// what it needs first.
 const FILE: &str = "libOpenImageDenoise.so.2";
 const CORE: &[u8] = b"libOpenImageDenoise_core.so.";
-/// Names the folder of the library, where it is none of the usual ones.
+/// Names the folder of the library, if it is not one of the usual ones.
 const FOLDER: &str = "LIGHTHARMONY_OIDN";
 /// Folders of shared libraries: of what an administrator has built, of Debian, of Fedora, of Arch.
 const USUAL: [&str; 5] =
@@ -33,7 +33,7 @@ pub struct Missing {
 }
 
 impl Missing {
-    /// What to do.
+    /// The remedy.
     pub const HINT: &str =
         "install it (https://www.openimagedenoise.org), or set LIGHTHARMONY_OIDN to the folder that holds it";
 }
@@ -43,7 +43,11 @@ fn listed(folders: &[PathBuf]) -> String {
 }
 
 fn but(others: &[PathBuf]) -> String {
-    if others.is_empty() { String::new() } else { format!(" of version 2; {} is none", listed(others)) }
+    if others.is_empty() {
+        String::new()
+    } else {
+        format!(" of version 2; other versions: {}", listed(others))
+    }
 }
 
 /// Looks for the library in the folder that `LIGHTHARMONY_OIDN` names; where that is not set, in those of
@@ -110,7 +114,7 @@ mod tests {
         let text = missing.to_string();
         assert!(text.contains(FILE) && text.contains(&empty.path().display().to_string()), "{text}");
         assert!(
-            text.ends_with(&format!(" of version 2; `{}` is none", old.path().join(FILE).display())),
+            text.ends_with(&format!(" of version 2; other versions: `{}`", old.path().join(FILE).display())),
             "{text}"
         );
     }

@@ -1,9 +1,9 @@
 //! Open Image Denoise, the denoiser of Intel's that Blender has too, loaded where it is installed. Nothing here is
 //! in a default build; the feature `oidn` of `lightharmony` brings it in.
 //!
-//! The crate knows the library and arrays of colours, and neither graphs nor images. [`find()`] looks for the library
-//! and tells where it looked; [`Found::load`] loads it; [`Library::denoise`] filters one picture on the thread that
-//! calls it. Version 2 for Linux is known; version 1 has other names.
+//! The crate knows the library and arrays of colours, and neither graphs nor images. [`find()`] looks for the
+//! library and reports where it looked; [`Found::load`] loads it; [`Library::denoise`] filters one picture on the
+//! thread that calls it. Version 2 for Linux is known; version 1 has other names.
 
 mod find;
 mod library;
@@ -22,7 +22,7 @@ pub enum Error {
     Load {
         /// The file.
         path: String,
-        /// What the linker says.
+        /// The linker's message.
         why: String,
     },
     /// It refused the work.
@@ -30,20 +30,20 @@ pub enum Error {
     Failed {
         /// Its version.
         version: String,
-        /// What it says.
+        /// The library's message.
         why: String,
     },
 }
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::print_stderr, reason = "what is left out is told")]
+    #![allow(clippy::print_stderr, reason = "skipped tests are printed")]
 
     use super::*;
 
     const SIZE: [usize; 2] = [48, 40];
 
-    /// The library, where it is installed; else the name of the test that is left out is told.
+    /// The library, where it is installed; else the name of the skipped test is printed.
     fn installed(test: &str) -> Option<Library> {
         match find() {
             Ok(found) => Some(found.load().expect("what is installed can be loaded")),
@@ -87,18 +87,18 @@ mod tests {
     }
 
     #[test]
-    fn where_it_is_installed_it_stops_when_told() {
-        let Some(library) = installed("where_it_is_installed_it_stops_when_told") else { return };
+    fn where_it_is_installed_it_stops_when_reported() {
+        let Some(library) = installed("where_it_is_installed_it_stops_when_reported") else { return };
         let stopped = library.denoise(SIZE, &noisy(), None, &|| false);
         assert_eq!(stopped, Err(Error::Stopped));
     }
 
     #[test]
-    fn what_is_not_the_library_is_told() {
+    fn what_is_not_the_library_is_reported() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("libOpenImageDenoise.so.2");
         std::fs::write(&path, b"\0libOpenImageDenoise_core.so.2.3.3\0").expect("is written");
-        let error = Found { path, version: "2.3.3".to_owned() }.load().err().expect("is no library");
+        let error = Found { path, version: "2.3.3".to_owned() }.load().err().expect("not a library");
         let text = error.to_string();
         assert!(text.contains("libOpenImageDenoise.so.2` cannot be loaded: "), "{text}");
     }

@@ -19,7 +19,7 @@ const FLOAT3: c_int = 3;
 /// Bytes that it takes for itself, at most and about; pictures that need more are filtered in tiles.
 pub const MEMORY_BYTES: u64 = 1 << 30;
 
-/// What is called of the library, as `OpenImageDenoise/oidn.h` of version 2 declares it.
+/// The functions of the library that are called, as `OpenImageDenoise/oidn.h` of version 2 declares them.
 pub struct Library {
     version: String,
     new_device: unsafe extern "C" fn(c_int) -> Device,
@@ -37,7 +37,7 @@ pub struct Library {
     release_filter: unsafe extern "C" fn(Filter),
 }
 
-/// What is known of the surfaces in a picture, three floats a pixel like the picture itself.
+/// Guides of a picture, three floats per pixel like the picture itself.
 #[derive(Debug, Clone, Copy)]
 pub struct Surfaces<'a> {
     /// Reflectance, 0 to 1.

@@ -1,5 +1,5 @@
-//! How fast a scene is loaded: 1 million rows of INRIA PLY of degree 3 (62 floats, 248 MB), beside what reading
-//! and hashing the same bytes costs.
+//! Speed of loading a scene: 1 million rows of INRIA PLY of degree 3 (62 floats, 248 MB), compared with reading and
+//! hashing the same bytes.
 
 use std::sync::Arc;
 use std::time::Instant;

@@ -88,7 +88,7 @@ impl Case {
         Self { folder, receiver, object, env, rig: Arc::new(Rig { cameras: vec![camera] }) }
     }
 
-    /// The same from so many times as far, of a receiver as much larger.
+    /// The same with the camera `times` as far away, and a receiver larger by as much.
     pub fn with_camera_at(&self, times: f32) -> Self {
         let mut receiver = Mesh::clone(&self.receiver);
         receiver.positions.iter_mut().flatten().for_each(|v| *v *= times);
@@ -156,7 +156,7 @@ impl Case {
     }
 }
 
-/// What a trace gave and cost.
+/// Result and cost of a trace.
 pub struct Traced {
     pub seconds: f64,
     pub setup: f64,

@@ -45,9 +45,9 @@ pub fn rooms(data: &Path) {
     }
 }
 
-/// How far the luminance of two pictures with errors of their own in each pixel lies apart over blocks of 8 by 8 pixels, in
-/// standard errors that the spread of the differences within a block tells: the mean over the blocks, and the share of
-/// them beyond 3, of which Student's distribution has 0.0039. Blocks without light are left out.
+/// Difference of the luminance of two pictures with independent errors per pixel, over blocks of 8 by 8 pixels, in
+/// standard errors from the spread within a block: the mean over the blocks, and the share of them beyond 3 (0.0039
+/// for Student's distribution). Blocks without light are left out.
 fn block_scores(ours: &[f32], other: &[f32], width: usize) -> (f64, f64) {
     let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
     let apart: Vec<f64> = ours.chunks(3).map(y).zip(other.chunks(3).map(y)).map(|(a, b)| a - b).collect();
@@ -65,8 +65,8 @@ fn block_scores(ours: &[f32], other: &[f32], width: usize) -> (f64, f64) {
 
 fn table(name: &str, case: &Case, how: Surroundings, outside: &[f32], effort: &Effort) {
     println!("{name} {how:?}\n");
-    // The same estimator with other random numbers: what it has in common with ours beside them, the tests
-    // against other programs would show.
+    // The same estimator with other random numbers: errors common to both would show in the tests against other
+    // programs.
     let own = case.trace(99, effort.reference, true, how);
     let [b0, b1, bo] = [&own.out.without, &own.out.with, &own.out.object].map(|i| rgb(i));
     println!(

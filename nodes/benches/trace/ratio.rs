@@ -48,8 +48,8 @@ pub fn clean(data: &Path, out: &Out) -> (denoise::Out, f64) {
     (clean, super::cpu_seconds() - start)
 }
 
-/// Prints the table, or only tries it. A turn of the object keeps `without`, so it costs what the objects cost beside it and the
-/// filter; a step costs all.
+/// Prints the table, or only tries it. A turn of the object keeps `without`, so its cost is that of the objects and
+/// the filter; a step costs all.
 pub fn table(data: &Path, numbers: &[u32], small: bool) {
     let (seeds, most) = if small { (1, 8) } else { (SEEDS, 128) };
     let case = Case::load(data, "sunny_plane");

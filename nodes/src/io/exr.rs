@@ -334,7 +334,7 @@ mod tests {
     /// What a file says of its colours is read; those of sRGB, as rounded as they are written, are no others.
     /// Mutation: `off` with `all` for `any`.
     #[test]
-    fn chromaticities_of_other_colours_are_told_apart() {
+    fn chromaticities_of_other_colours_are_distinguished() {
         use exr::meta::attribute::Chromaticities;
         let read_with = |green: Option<(f32, f32)>| {
             let at = |[x, y]: [f32; 2]| exr::math::Vec2(x, y);

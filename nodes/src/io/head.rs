@@ -5,6 +5,8 @@ use std::io::{BufRead, Read, Seek, SeekFrom};
 use exr::meta::attribute::SampleType;
 use exr::prelude::MetaData;
 
+use super::ply;
+
 /// What the head of a file says of the picture in it, unchecked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Head {
@@ -146,24 +148,14 @@ fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     Some(Head { pixels: width.saturating_mul(height), channels, decoded, floats: true })
 }
 
-/// Elements of a PLY by name, how many of each and how many fields; empty where its header does not end soon.
+/// Elements of a PLY by name, with the number of rows and of properties; empty where the header is longer than 64 KiB or
+/// not one.
 pub fn ply_elements(reader: &mut impl BufRead) -> Vec<(String, u64, u64)> {
-    let (mut found, mut line) = (Vec::<(String, u64, u64)>::new(), String::new());
-    let mut head = reader.take(1 << 16);
-    while head.read_line(&mut line).is_ok_and(|read| read > 0) {
-        match line.split_ascii_whitespace().collect::<Vec<_>>()[..] {
-            ["element", name, count] => found.push((name.to_owned(), count.parse().unwrap_or(0), 0)),
-            ["property", ..] => {
-                if let Some((.., fields)) = found.last_mut() {
-                    *fields += 1;
-                }
-            }
-            ["end_header"] => return found,
-            _ => {}
-        }
-        line.clear();
-    }
-    Vec::new()
+    let mut head = Vec::new();
+    let read = reader.take(1 << 16).read_to_end(&mut head);
+    let header = read.ok().and_then(|_| ply::header("", &head).ok());
+    let elements = header.map_or_else(Vec::new, |header| header.elements);
+    elements.into_iter().map(|e| (e.name, e.rows, e.properties.len() as u64)).collect()
 }
 
 #[cfg(test)]
@@ -186,6 +178,7 @@ mod tests {
             largest: 255,
             codes: vec![9; 31 * 7 * channels],
             ignored: Vec::new(),
+            linear: false,
         };
         let plane = |name: &str| {
             let samples = vec![0.5; 31 * 7];

@@ -47,12 +47,12 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
     let mut codes = Vec::with_capacity(raw.len());
     stretch.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
     let turned = decoder.exif().and_then(|exif| Orientation::from_exif_chunk(exif));
-    let mut ignored: Vec<String> =
-        decoder.icc_profile().and_then(|profile| icc::other(&profile)).into_iter().collect();
+    let meaning = decoder.icc_profile().map(|profile| icc::meaning(&profile)).unwrap_or_default();
+    let mut ignored = Vec::from_iter(meaning.ignored);
     if turned.is_some_and(|turn| turn != Orientation::NoTransforms) {
         ignored.push("an orientation other than upright (EXIF)".to_owned());
     }
-    Ok(Raster { width, height, channels: 3, largest: 255, codes, ignored })
+    Ok(Raster { width, height, channels: 3, largest: 255, codes, ignored, linear: meaning.linear })
 }
 
 /// Writes 8-bit RGB or grey codes as a JPEG of a quality from 1 to 100, with a comment where given.
@@ -102,7 +102,7 @@ mod tests {
         let (width, height) = (61, 34);
         let codes =
             (0..width * height).flat_map(|i| [(i % width * 4) as u16, (i / width * 7) as u16, 90]).collect();
-        Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new() }
+        Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false }
     }
 
     #[test]

@@ -9,6 +9,7 @@ pub mod hdr;
 pub mod head;
 pub mod icc;
 pub mod jpeg;
+pub mod mesh;
 pub mod picture;
 pub mod ply;
 pub mod png;

@@ -14,7 +14,8 @@ use crate::types::{Data, Image, Linear, Picture, Srgb};
 engine::choices! {
     /// What the numbers of a file mean.
     pub enum FileEncoding {
-        /// PNG and JPEG: display colours; OpenEXR and Radiance: linear light.
+        /// PNG and JPEG hold display colours, unless their colour profile says linear light; OpenEXR and Radiance hold
+        /// linear light.
         Auto,
         /// Display colours with the sRGB curve.
         Srgb,
@@ -96,7 +97,14 @@ fn whole(
         FileEncoding::Data => (raster.channels, raster.samples()),
         _ => raster.colours(stretch)?,
     };
-    Ok((raster.width, raster.height, channels, samples, false))
+    let linear = raster.linear && encoding == FileEncoding::Auto;
+    if linear {
+        notes.decision(
+            "linear-profile",
+            "the colour profile of the file says that it holds linear light, and it is read as that",
+        );
+    }
+    Ok((raster.width, raster.height, channels, samples, linear))
 }
 
 /// Notes on what of an EXR file was passed over.
@@ -193,7 +201,8 @@ mod tests {
     }
     fn png_of(channels: usize, largest: u16, codes: Vec<u16>) -> Vec<u8> {
         let width = codes.len() / channels;
-        let raster = Raster { width, height: 1, channels, largest, codes, ignored: Vec::new() };
+        let raster =
+            Raster { width, height: 1, channels, largest, codes, ignored: Vec::new(), linear: false };
         png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"))
     }
 
@@ -209,6 +218,22 @@ mod tests {
         assert_eq!((picture.encoding(), picture.size()), ("linear", (2, 1, 3)));
         assert_eq!(picture.samples()[3..], [0.2; 3]);
         assert_eq!(load(&grey, FileEncoding::Data, "").0.size(), (2, 1, 1));
+    }
+
+    // Once decoded as display colours: 0.5 became 0.21.
+    #[test]
+    fn a_picture_with_a_linear_profile_is_linear_light() {
+        let profile = crate::io::icc::tests::profile(
+            "Linear sRGB",
+            &moxcms::ColorProfile::new_srgb(),
+            moxcms::ToneReprCurve::Lut(Vec::new()),
+        );
+        let file = png::tests::with_profile(&profile);
+        let (picture, notes) = load(&file, FileEncoding::Auto, "");
+        assert_eq!((picture.encoding(), picture.samples()[0]), ("linear", 128.0 / 255.0));
+        assert!(notes.iter().any(|note| note.id == "linear-profile"));
+        let (picture, notes) = load(&file, FileEncoding::Srgb, "");
+        assert_eq!((picture.encoding(), notes.iter().count()), ("srgb", 0));
     }
 
     #[test]

@@ -121,7 +121,8 @@ const HEADER_LIMIT: usize = 1 << 20;
 /// Reads the header. `file` names the file in errors.
 pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
     let bad = |what: String| Error::format(file, what);
-    if !bytes.starts_with(b"ply\n") && !bytes.starts_with(b"ply\r\n") {
+    let first = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
+    if first.len() == bytes.len() || first.trim_ascii_end() != b"ply" {
         return Err(bad("not a PLY file: it does not start with the line `ply`".to_owned()));
     }
     let (mut format, mut elements, mut comments) = (None, Vec::<Element>::new(), Vec::new());
@@ -138,6 +139,9 @@ pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
             .trim_end();
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         let odd = || bad(format!("line {number} of the header, `{line}`, is not understood"));
+        let named = |word: &str| {
+            Scalar::named(word).ok_or_else(|| bad(format!("property type `{word}` is not a type of PLY")))
+        };
         match words.as_slice() {
             ["ply"] if number == 1 => {}
             [] => {}
@@ -158,12 +162,12 @@ pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
             }
             ["property", "list", count, item, name] => {
                 let count = Scalar::named(count).filter(|c| c.whole_range().is_some()).ok_or_else(odd)?;
-                let scalar = Scalar::named(item).ok_or_else(odd)?;
+                let scalar = named(item)?;
                 let property = Property { name: (*name).to_owned(), scalar, count: Some(count) };
                 elements.last_mut().ok_or_else(odd)?.properties.push(property);
             }
             ["property", scalar, name] => {
-                let scalar = Scalar::named(scalar).ok_or_else(odd)?;
+                let scalar = named(scalar)?;
                 let property = Property { name: (*name).to_owned(), scalar, count: None };
                 elements.last_mut().ok_or_else(odd)?.properties.push(property);
             }

@@ -1,5 +1,8 @@
 //! PNG: reading to f32 samples, and writing the same bytes every time.
 
+use std::io::Read as _;
+
+use flate2::read::ZlibDecoder;
 use png::{BitDepth, ColorType, Decoder, Encoder, Limits, Transformations};
 
 use super::icc;
@@ -20,7 +23,9 @@ pub struct Raster {
     pub largest: u16,
     /// Codes, row by row.
     pub codes: Vec<u16>,
-    /// What the file says and we pass over, such as a gamma other than sRGB's.
+    /// Whether the colour profile says that codes are linear light.
+    pub linear: bool,
+    /// What the file says and is not used, such as a gamma other than that of sRGB.
     pub ignored: Vec<String>,
 }
 
@@ -97,12 +102,17 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
         Limits { bytes: (bytes.len() + 65_536).saturating_mul(2_200) },
     );
     decoder.set_transformations(Transformations::EXPAND);
+    // It would inflate a profile of any size; `profile` stops at the largest that is read.
+    decoder.set_ignore_iccp_chunk(true);
     let mut reader = decoder.read_info().map_err(bad)?;
     let info = reader.info();
     let (width, height) = (info.width, info.height);
-    let mut ignored = Vec::new();
+    let (mut ignored, mut linear) = (Vec::new(), false);
     if info.srgb.is_none() {
-        ignored.extend(info.icc_profile.as_deref().and_then(icc::other));
+        if let Some(meaning) = profile(bytes) {
+            linear = meaning.linear;
+            ignored.extend(meaning.ignored);
+        }
         if let Some(gamma) = info.gama_chunk.map(|g| g.into_value())
             && (gamma - 0.45455).abs() > 0.001
         {
@@ -134,7 +144,36 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
         stretch.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
     }
     let largest = if wide { 65_535 } else { 255 };
-    Ok(Raster { width, height, channels, largest, codes, ignored })
+    Ok(Raster { width, height, channels, largest, codes, ignored, linear })
+}
+
+/// What the colour profile of a PNG says; `None` without one. It is inflated to [`icc::LARGEST`] bytes at most.
+fn profile(bytes: &[u8]) -> Option<icc::Meaning> {
+    let mut rest = bytes.get(8..)?;
+    loop {
+        let length = u32::from_be_bytes(*rest.first_chunk()?) as usize;
+        let data = rest.get(8..)?.get(..length)?;
+        match &rest[4..8] {
+            // After its name, a byte that says that it is deflated.
+            b"iCCP" => {
+                let name = data.iter().take(80).position(|byte| *byte == 0)?;
+                let most = icc::LARGEST as u64 + 1;
+                let mut inflated = Vec::new();
+                let read = ZlibDecoder::new(data.get(name + 2..)?).take(most).read_to_end(&mut inflated);
+                return Some(match read {
+                    Ok(_) if inflated.len() <= icc::LARGEST => icc::meaning(&inflated),
+                    Ok(_) => {
+                        let text = format!("an ICC profile of more than {} MiB", icc::LARGEST >> 20);
+                        icc::Meaning { linear: false, ignored: Some(text) }
+                    }
+                    Err(_) => icc::meaning(&[]),
+                });
+            }
+            b"IDAT" => return None,
+            // Length, name and check sum.
+            _ => rest = rest.get(length + 12..)?,
+        }
+    }
 }
 
 /// How much time packing may take.
@@ -241,17 +280,18 @@ fn frame_control(sequence: u32, frame: &Raster, (numerator, denominator): (u16, 
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::io::exr;
     use crate::testing::row;
+    use moxcms::{ColorProfile, ToneReprCurve};
 
     pub(crate) fn raster(channels: usize, largest: u16) -> Raster {
         let (width, height) = (37, 5);
         let codes = (0..width * height * channels)
             .map(|i| ((i * 7919) % (usize::from(largest) + 1)) as u16)
             .collect();
-        Raster { width, height, channels, largest, codes, ignored: Vec::new() }
+        Raster { width, height, channels, largest, codes, ignored: Vec::new(), linear: false }
     }
 
     #[test]
@@ -326,7 +366,34 @@ mod tests {
         let profile = file(ColorType::Grayscale, BitDepth::Eight, &ramp, &|info| {
             info.icc_profile = Some(vec![1, 2, 3].into());
         });
-        assert_eq!((profile.codes, profile.ignored), (codes(&ramp), vec!["an ICC profile".to_owned()]));
+        assert_eq!(
+            (profile.codes, profile.ignored),
+            (codes(&ramp), vec!["an ICC profile that cannot be read".to_owned()])
+        );
+    }
+
+    /// A PNG of 4 by 4 grey pixels with a profile.
+    pub(crate) fn with_profile(profile: &[u8]) -> Vec<u8> {
+        let mut info = png::Info::with_size(4, 4);
+        (info.color_type, info.bit_depth) = (ColorType::Grayscale, BitDepth::Eight);
+        info.icc_profile = Some(profile.into());
+        let mut bytes = Vec::new();
+        let mut writer =
+            Encoder::with_info(&mut bytes, info).and_then(Encoder::write_header).expect("writes");
+        writer.write_image_data(&[128; 16]).expect("writes");
+        writer.finish().expect("writes");
+        bytes
+    }
+
+    // A profile is inflated as far as it is read; one of 3 GB in 3 MB was once taken into memory whole.
+    #[test]
+    fn profiles_that_inflate_without_end_are_not_read() {
+        let read = read("a.png", &with_profile(&vec![0; icc::LARGEST + 1])).expect("reads");
+        assert_eq!(read.ignored, ["an ICC profile of more than 16 MiB"]);
+        let linear =
+            icc::tests::profile("Linear sRGB", &ColorProfile::new_srgb(), ToneReprCurve::Lut(vec![]));
+        let read = super::read("a.png", &with_profile(&linear)).expect("reads");
+        assert!(read.linear && read.ignored.is_empty());
     }
 
     /// One pixel, prime sizes, 30,000 columns or rows, through every format that is written; sizes of which width times
@@ -337,7 +404,15 @@ mod tests {
         assert!(believable("a", 1 << 32, 1 << 32, 1, usize::MAX, 1).is_err());
         for (width, height) in [(1, 1), (30_000, 7), (3, 30_011), (127, 61)] {
             let codes = (0..width * height * 3).map(|i| (i % 251) as u16).collect();
-            let raster = Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new() };
+            let raster = Raster {
+                width,
+                height,
+                channels: 3,
+                largest: 255,
+                codes,
+                ignored: Vec::new(),
+                linear: false,
+            };
             let bytes = write(&raster, true, &[]).unwrap_or_else(|e| panic!("{e}"));
             let same = read("a.png", &bytes).is_ok_and(|back| back == raster);
             row(65, "sizes that do not come back", f64::from(u8::from(!same)), 0.0);

@@ -167,7 +167,7 @@ mod tests {
             ((i * 7 / channels) as u32 % 1999 + (state >> 8) % noise) as u16 & largest
         };
         let codes = (0..width * height * channels).map(&mut code).collect();
-        Raster { width, height, channels, largest, codes, ignored: Vec::new() }
+        Raster { width, height, channels, largest, codes, ignored: Vec::new(), linear: false }
     }
 
     /// What the library makes of the whole picture at once.

@@ -93,7 +93,7 @@ pub(crate) fn quantise(
         lost.add(row_lost);
     }
     let channels = colours + usize::from(keep_alpha);
-    Ok((Raster { width, height, channels, largest, codes, ignored: Vec::new() }, lost))
+    Ok((Raster { width, height, channels, largest, codes, ignored: Vec::new(), linear: false }, lost))
 }
 
 fn code(value: f32, largest: u16, lost: &mut Lost) -> u16 {

@@ -68,6 +68,7 @@ mod tests {
             largest: 255,
             codes: vec![7; 3],
             ignored: vec![],
+            linear: false,
         };
         let packed = |length: usize| {
             let mut bytes = Vec::new();
@@ -101,6 +102,7 @@ mod tests {
             largest: 255,
             codes: vec![7; 18],
             ignored: Vec::new(),
+            linear: false,
         };
         let channel = exr::Channel { name: "Y".to_owned(), samples: vec![0.5; 6] };
         let files = [

@@ -195,7 +195,8 @@ mod tests {
         let (width, height) = (512, 600);
         let noise = |i: usize| ((i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 56) as u16;
         let codes = (0..width * height * 3).map(noise).collect();
-        let raster = Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new() };
+        let raster =
+            Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false };
         let planes = || {
             let samples: Vec<f32> = (0..width * height).map(|i| f32::from(noise(i))).collect();
             ["R", "G", "B"].map(|name| {

@@ -22,15 +22,16 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
     believable(file, width.into(), height.into(), channels as u64, most, 4096 * 4)?;
     let mut codes = vec![0_u8; width as usize * height as usize * channels];
     decoder.read_image(&mut codes).map_err(bad)?;
-    let ignored =
-        decoder.icc_profile().map_err(bad)?.and_then(|profile| icc::other(&profile)).into_iter().collect();
+    let meaning =
+        decoder.icc_profile().map_err(bad)?.map(|profile| icc::meaning(&profile)).unwrap_or_default();
     Ok(Raster {
         width: width as usize,
         height: height as usize,
         channels,
         largest: 255,
         codes: codes.into_iter().map(u16::from).collect(),
-        ignored,
+        ignored: Vec::from_iter(meaning.ignored),
+        linear: meaning.linear,
     })
 }
 

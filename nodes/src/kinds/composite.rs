@@ -10,14 +10,13 @@ use crate::types::layers::{linear, matching};
 use crate::types::{Data, Image, Images, Linear, NamedImage, Picture};
 
 engine::params! {
-    /// Puts the rendered objects over the background, which the shadow darkens first.
+    /// Composites the rendered objects over the background, after darkening it by the shadow.
     ///
-    /// In linear light and per pixel `(B * S + A) * (1 - M) + O`, where `B` is the background, `S` the shadow,
-    /// `A` added light, `O` the object premultiplied by its alpha `M`. With `front` wired, `F` with alpha `a`, it is
-    /// `((B - F) * S + A * (1 - a)) * (1 - M) + F + O * (1 - a)`: the background already shows `F`, so it is taken out
-    /// of `B` first, and never more than there is.
-    /// A splat render is un-premultiplied before it is decoded.
-    /// Holes of the background show `backdrop`; with `backdrop: None` they stay transparent.
+    /// In linear light and per pixel `(B * S + A) * (1 - M) + O`, where `B` is the background, `S` the shadow, `A`
+    /// added light, `O` the object premultiplied by its alpha `M`. With `front` wired, `F` with alpha `a`, it is
+    /// `((B - F) * S + A * (1 - a)) * (1 - M) + F + O * (1 - a)`: the background already shows `F`, so it is
+    /// subtracted from `B` first, limited to what `B` contains. A splat render is un-premultiplied before it is
+    /// decoded. Holes of the background show `backdrop`; with `backdrop: None` they stay transparent.
     pub struct Composite {
         /// Linear colour behind the holes of the background; `None` keeps the alpha channel.
         backdrop: Option<[f64; 3]> = Some([0.0; 3]), range(0.0, 1e6), other("(0.5, 0.25, 1.0)");
@@ -27,18 +26,20 @@ engine::params! {
 engine::inputs! {
     /// Inputs of [`Composite`].
     pub struct In {
-        /// What the camera sees without the objects; a splat render or a photograph.
+        /// View without the objects: a splat render or a photograph.
         background: Arc<Images>,
         /// The objects, linear, premultiplied, with alpha.
         object: Arc<Images>,
-        /// Factor of the background for each channel; without it there is no shadow.
+        /// Factor applied to each channel of the background; without it there is no shadow.
         shadow: Option<Arc<Images>>,
-        /// Light that the objects give to the background, or take where it is negative; by `shadow-ratio`.
+        /// Light that the objects add to the background (negative where they remove it), from `shadow-ratio`.
         added: Option<Arc<Images>>,
-        /// The part of the background that lies in front of the objects, premultiplied, with alpha: a `splat-render`
-        /// with `limit: "trace.nearest"`. It covers them and their shadow; a mesh in front has cut their alpha already.
+        /// The part of the background that lies in front of the objects, premultiplied, with alpha: a
+        /// `splat-render` with `limit: "trace.nearest"`. It covers them and their shadow; a mesh in front is
+        /// already accounted for in their alpha.
         front: Option<Arc<Images>>,
-        /// Variance of the trace that the object and the shadow come from, as `path-trace` gives it, for `error`.
+        /// Variance of the trace that the object and the shadow come from, an output of `path-trace`. Needed for
+        /// `error`.
         variance: Option<Arc<Images>>,
     }
 }
@@ -48,15 +49,15 @@ engine::outputs! {
     pub struct Out {
         /// The picture, linear; RGB over the backdrop, or premultiplied RGBA without one.
         image: Arc<Images>,
-        /// Standard error of the luminance of `image` by the noise of the trace, linear, in the unit of `image`; 0
-        /// without `variance`. It assumes the shadow as `shadow-ratio` makes it by default, without other shaping, and is an
-        /// upper estimate where `denoise` came between. It leaves out the noise of `added` light, and that of
-        /// alpha: of an object's antialiased outline and of blended surfaces in front of a brighter background.
+        /// Standard error of the luminance of `image` due to the noise of the trace, linear, in the unit of
+        /// `image`; 0 without `variance`. It assumes the default form of `shadow-ratio` without further shaping,
+        /// and is an upper estimate if `denoise` was applied in between. It excludes the noise of `added` light and
+        /// of alpha (antialiased outlines, and blended surfaces in front of a brighter background).
         error: Arc<Images>,
     }
 }
 
-/// The layers of one view, all of one size.
+/// The layers of one view, all of the same size.
 struct Layers<'a> {
     background: &'a Image<Linear>,
     object: &'a Image<Linear>,
@@ -67,7 +68,7 @@ struct Layers<'a> {
 }
 
 impl Layers<'_> {
-    /// What of the background lies in front of the objects, never more than there is, and its alpha.
+    /// The part of the background in front of the objects, limited to what the background contains, and its alpha.
     fn in_front(&self, x: usize, y: usize) -> ([f32; 3], f32) {
         let Some(front) = &self.front else { return ([0.0; 3], 0.0) };
         let (b, f) = (self.background.pixel(x, y), front.pixel(x, y));
@@ -95,7 +96,7 @@ impl Layers<'_> {
 }
 
 impl Composite {
-    /// The picture, and how many of its samples were not finite.
+    /// The picture, and the number of its samples that were not finite.
     fn view(&self, layers: &Layers<'_>, cx: &Context) -> Result<(Image<Linear>, u64), NodeError> {
         let Layers { background, object, .. } = *layers;
         let (width, height) = (background.width, background.height);
@@ -111,7 +112,7 @@ impl Composite {
                 let (kept, hidden) = layers.in_front(x, y);
                 for c in 0..3 {
                     let factor = layers.shadow.as_ref().map_or(1.0, |s| s.pixel(x, y)[c]);
-                    // The shadow falls on what lies behind; a factor of 1 leaves all bits.
+                    // The shadow falls on the background behind the front layer; a factor of 1 changes no bit.
                     let mut under = b[c] * factor + kept[c] * (1.0 - factor);
                     if let Some(added) = &layers.added {
                         let light = added.pixel(x, y)[c] * behind * (1.0 - hidden);
@@ -206,7 +207,7 @@ impl Kind for Composite {
     }
 }
 
-/// A shadow or added light as plain numbers, whatever encoding they are tagged with: they are no colour.
+/// A shadow or added light as plain numbers, whatever encoding they are tagged with: they are not colours.
 fn factors(picture: &Picture, port: &'static str) -> Result<Image<Linear>, NodeError> {
     let (width, height, channels) = picture.size();
     match channels {
@@ -246,7 +247,7 @@ mod tests {
         Image::<Linear>::from_samples(1, 1, 3, c.to_vec()).into()
     }
 
-    /// And no shadow leaves the background bit for bit.
+    /// Without a shadow the background stays the same bit for bit.
     #[test]
     fn full_and_empty_masks_are_exact() {
         let (b, s) = ([0.1, 0.7, 3.3], [0.25, 0.5, 1.0]);
@@ -261,7 +262,7 @@ mod tests {
         assert_eq!(run(None, rgb([0.5; 3]), [0.25, 0.0, 0.0, 0.0], [1.0; 3]), [0.75, 0.5, 0.5]);
     }
 
-    /// What an object of a colour and a coverage gives, premultiplied or by the formula for straight alpha.
+    /// The result for an object of a colour and a coverage, premultiplied or by the formula for straight alpha.
     #[test]
     fn premultiplied_is_straight_times_alpha() {
         let (b, colour) = (0.4_f32, 0.7_f32);
@@ -273,7 +274,7 @@ mod tests {
         row(58, "difference of premultiplied and straight", error.fold(0.0, f64::max), 1e-6);
     }
 
-    /// Holes show the backdrop or stay open, and the alpha that leaves is that of "over".
+    /// Holes show the backdrop or stay open, and the resulting alpha is that of the "over" operator.
     #[test]
     fn holes_show_the_backdrop_or_stay_open() {
         let half: Picture = Image::<Linear>::from_samples(1, 1, 4, vec![0.2, 0.2, 0.2, 0.5]).into();
@@ -291,7 +292,7 @@ mod tests {
         assert!((out[0] - 0.5 * crate::math::color::linear_from_srgb(0.5)).abs() < 1e-7);
     }
 
-    // Added light falls on what is behind the object, and no more is taken than there is.
+    // Added light falls behind the object, and the result never goes below 0.
     #[test]
     fn light_is_added_under_the_object() {
         let data = |v: [f32; 3]| Some(one(Image::<Data>::from_samples(1, 1, 3, v.to_vec())));
@@ -308,7 +309,7 @@ mod tests {
         assert_eq!(out.image.0[0].picture.samples(), expected);
     }
 
-    // What is in front covers the object as far as it does, and is in the background already elsewhere.
+    // The front layer covers the object by its alpha; elsewhere the background already contains it.
     #[test]
     fn the_front_is_laid_over_the_object_only() {
         let over = |alpha: f32, f: f32| {
@@ -330,8 +331,8 @@ mod tests {
         assert_eq!(over(0.5, 1.0), [0.25, 0.25 + 0.15, 0.25]);
     }
 
-    // The shadow and the light of objects fall on what lies behind a railing, not on it, and no more of the background
-    // is in front than there is.
+    // The shadow and the light of objects fall on the background behind a railing, not on the railing, and the
+    // front layer is limited to what the background contains.
     #[test]
     fn what_is_in_front_stands_in_no_shadow() {
         let data = |v: f32| Some(one(Image::<Data>::from_samples(1, 1, 3, vec![v; 3])));
@@ -354,8 +355,8 @@ mod tests {
         assert_eq!(railing([0.25, 0.25, 0.25, 0.5], 1.0, -9.0), 0.25);
     }
 
-    // Half covered: half of the background's share of the error of the ratio, beside that of the object, of which
-    // a quarter lies behind something.
+    // Half covered: half of the error of the ratio that belongs to the background, plus that of the object, a
+    // quarter of which is behind the front layer.
     #[test]
     fn the_error_is_that_of_the_ratio_and_of_the_object() {
         let data = |v: Vec<f32>| one(Image::<Data>::from_samples(1, 1, v.len(), v));

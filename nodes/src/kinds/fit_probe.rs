@@ -1,4 +1,4 @@
-//! `fit-probe`: a rig for a panorama with no more pixels than material and shadow show.
+//! `fit-probe`: reduces a rig to the resolution that materials and shadows can show.
 
 use std::sync::Arc;
 
@@ -9,14 +9,15 @@ use crate::light::panorama::COLUMNS_A_PIXEL;
 use crate::types::{Environment, Placed, Rig};
 
 engine::params! {
-    /// Makes the views around a point no finer than what they light can show.
+    /// Reduces the resolution of the views around a point to what the objects lit by them can show.
     ///
-    /// A coarse panorama of the same light, of 128 columns say, shows how large its lights are; the objects tell how
-    /// smooth the smoothest of their materials is. Both decide how many columns a panorama needs (`path-trace` reports
-    /// the same number), and a view gets half as many pixels to a side. No view becomes finer than it was. Give `stitch`
-    /// `as_views: true`, so that it makes as many columns as its views are worth.
+    /// A coarse panorama of the same light (128 columns, for example) gives the size of its lights; the objects
+    /// give the roughness of their smoothest material. Both determine how many columns the panorama needs
+    /// (`path-trace` reports the same number), and a view gets half that number of pixels per side. Views are never
+    /// enlarged. Set `as_views: true` on `stitch` so that the panorama gets the number of columns that its views
+    /// support.
     pub struct FitProbe {
-        /// Whether to leave out pixels that are not needed; `false` leaves the rig as it is, and reports what would suffice.
+        /// Whether to reduce the views; `false` keeps the rig and only reports the resolution that would be enough.
         skip_fine: bool = true, other("false");
     }
 }
@@ -25,16 +26,16 @@ engine::inputs! {
     pub struct In {
         /// The views at full size, each as wide as high: those of a `cube-rig`.
         rig: Arc<Rig>,
-        /// What the light is for.
+        /// Objects to be lit.
         objects: Vec<Arc<Placed>>,
-        /// A coarse panorama of the same light. Its pixels widen lights by less than half a pixel, which is taken off.
+        /// Coarse panorama of the same light. Its pixels widen lights by up to half a pixel, which is subtracted.
         look: Arc<Environment>,
     }
 }
 engine::outputs! {
     /// Outputs of [`FitProbe`].
     pub struct Out {
-        /// The same views with as many pixels as are needed.
+        /// The same views with the reduced number of pixels.
         rig: Arc<Rig>,
     }
 }
@@ -43,7 +44,7 @@ impl Kind for FitProbe {
     const NAME: &'static str = "fit-probe";
     const VERSION: u32 = 2;
     const STORE: Keep = Keep::Cheap;
-    const LOOKS: &'static [&'static str] = &["look"];
+    const PREVIEW: engine::Preview = engine::Preview { looks: &["look"], ..engine::Preview::NONE };
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -102,7 +103,7 @@ mod tests {
     use crate::math::equirect::{axes, direction};
     use crate::types::{Image, Material, Object, Primitive};
 
-    /// A dim sky with a disc of light of so many degrees, 40 degrees up.
+    /// A dim sky with a disc of light of the given diameter in degrees, 40 degrees above the horizon.
     fn lit(width: usize, disc_deg: f64) -> Arc<Environment> {
         let (sin, cos) = crate::math::num::sin_cos_deg(40.0);
         let (towards, edge) = (DVec3::new(cos, 0.0, sin), crate::math::num::sin_cos_deg(disc_deg / 2.0).1);
@@ -164,7 +165,7 @@ mod tests {
         }
     }
 
-    /// As seen by so many times fewer columns.
+    /// The environment with `times` fewer columns.
     fn seen_by_fewer(environment: &Environment, times: usize) -> Arc<Environment> {
         let fine = &environment.image;
         let (width, height) = (fine.width / times, fine.height / times);
@@ -177,7 +178,8 @@ mod tests {
         Arc::new(Environment { image, up: environment.up, origin: None })
     }
 
-    // What a coarse look asks for is what all pixels do, or up to twice that. Mutation: no blur taken off.
+    // A coarse look asks for the same number of columns as the full image, or up to twice as many. Mutation: blur
+    // not subtracted.
     #[test]
     fn a_coarse_look_asks_for_no_less() {
         for disc_deg in [30.0, 24.0, 22.0, 15.0, 11.0, 9.0, 6.0, 5.0, 4.0] {

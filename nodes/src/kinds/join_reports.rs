@@ -1,4 +1,4 @@
-//! `join-reports`: the tables of many reports as one.
+//! `join-reports`: joins the tables of many reports.
 
 use std::sync::Arc;
 
@@ -7,23 +7,23 @@ use engine::{Context, ContextField, Kind, NodeError, Notes};
 use crate::types::{Cell, Report, Table};
 
 engine::params! {
-    /// Puts the tables of many reports below each other: those of a `Gather`, say, where each row is told by
-    /// the values of its axes.
+    /// Concatenates the tables of many reports, such as those of a `Gather`, where each row starts with the values
+    /// of its axes.
     ///
-    /// Tables of one name must have the same columns.
+    /// Tables with the same name must have the same columns.
     pub struct JoinReports {}
 }
 engine::inputs! {
-    /// What to join.
+    /// Reports to join.
     pub struct In {
         /// The reports, in order.
         reports: Vec<Arc<Report>>,
     }
 }
 engine::outputs! {
-    /// All of it.
+    /// The joined report.
     pub struct Out {
-        /// A table for each name of a table, with a column for each axis in front.
+        /// One table per table name, with a leading column per axis.
         report: Arc<Report>,
     }
 }
@@ -77,7 +77,7 @@ impl Kind for JoinReports {
     }
 }
 
-/// A number where it is one.
+/// The text as a number if it is one.
 fn cell(value: &str) -> Cell {
     match (value.parse::<u64>(), value.parse::<f64>()) {
         (Ok(count), _) => Cell::Count(count),

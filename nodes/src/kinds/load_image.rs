@@ -1,4 +1,4 @@
-//! `load-image`: a picture from a file.
+//! `load-image`: pictures from files.
 
 use std::sync::Arc;
 
@@ -12,39 +12,39 @@ use crate::types::{Images, NamedImage};
 pub use crate::io::picture::FileEncoding;
 
 engine::params! {
-    /// Loads a picture: PNG, JPEG, OpenEXR or Radiance HDR.
+    /// Loads pictures: PNG, JPEG, OpenEXR or Radiance HDR.
     ///
-    /// Codes become numbers from 0 to 1; nothing is converted, `encoding` only says what they mean. Alpha
-    /// is premultiplied where the file has it straight (PNG).
+    /// Integer codes become numbers from 0 to 1. Values are not converted; `encoding` declares what they mean.
+    /// Straight alpha (PNG) is premultiplied.
     pub struct LoadImage {
         /// The file.
         path: InputFile, other("\"b.png\"");
         /// Pictures of further views, such as those of a rig of several cameras.
         more: Vec<InputFile> = Vec::new(), other("[\"photo.png\"]");
-        /// What the numbers mean.
+        /// Meaning of the numbers.
         encoding: FileEncoding = FileEncoding::Auto, other("Data");
-        /// Which layer of an OpenEXR file: `R0` takes `R0.R`, `R0.G` and `R0.B`, `Z` the channel Z. By
-        /// default the layer without a name.
+        /// Layer of an OpenEXR file: `R0` reads `R0.R`, `R0.G` and `R0.B`, `Z` reads the channel Z. The default is
+        /// the unnamed layer.
         layer: String = String::new(), other("\"Z\""), inert("only OpenEXR has layers");
-        /// Names of the views, one a file; by default the names of the files without folder and ending.
+        /// Names of the views, one per file. The default is the file name without folder and extension.
         names: Vec<String> = Vec::new(), other("[\"left\"]");
     }
 }
 engine::inputs! {
-    /// None.
+    /// No inputs.
     pub struct In {}
 }
 engine::outputs! {
-    /// The picture.
+    /// Outputs of [`LoadImage`].
     pub struct Out {
-        /// The pictures, one view a file.
+        /// The pictures, one view per file.
         image: Arc<Images>,
     }
 }
 
 impl Kind for LoadImage {
     const NAME: &'static str = "load-image";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;
@@ -55,7 +55,7 @@ impl Kind for LoadImage {
     }
 
     fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
-        // One after the other; what was read before is held meanwhile.
+        // Files are read one after the other, while the earlier ones are held.
         let (mut held, mut most) = (0_u64, 0_u64);
         for file in files {
             let [reading, floats] = floats_of(file);

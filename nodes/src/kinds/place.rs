@@ -8,23 +8,23 @@ use crate::types::frame::world_from_gltf;
 use crate::types::{Object, Placed, Pose};
 
 engine::params! {
-    /// Puts an object where a pose says.
+    /// Places an object at a pose.
     ///
-    /// Objects come in the frame of glTF, y up and in metres; the scene block's `up` and
-    /// `metres_per_unit` turn that into the world.
+    /// Objects come in the frame of glTF, y up and in metres; `up` and `metres_per_unit` of the scene convert that
+    /// to the world.
     pub struct Place {}
 }
 engine::inputs! {
-    /// What to put where.
+    /// Object and pose.
     pub struct In {
         /// The object.
         object: Arc<Object>,
-        /// Where it stands.
+        /// Where the object is placed.
         pose: Arc<Pose>,
     }
 }
 engine::outputs! {
-    /// The object in the world.
+    /// Outputs of [`Place`].
     pub struct Out {
         /// The object and its transform to the world.
         placed: Arc<Placed>,

@@ -12,30 +12,30 @@ use crate::types::{Images, Picture};
 engine::params! {
     /// Writes frames as an animated PNG (APNG), which every browser plays; other programs show the first one.
     ///
-    /// Frames are encoded as `write-image` does, in 8 bits without alpha. Where frames have several views,
-    /// each view is a file. The same frames give the same bytes.
+    /// Frames are encoded as `write-image` does, in 8 bits without alpha. If frames have several views, each view
+    /// is written to its own file. The same frames give the same bytes.
     pub struct WriteAnimation {
-        /// The file: `.png` or `.apng`. With `{view}` in it where there are several views.
+        /// The file: `.png` or `.apng`. Must contain `{view}` if there are several views.
         path: OutputFile, other("\"b.apng\"");
-        /// Frames a second.
+        /// Frames per second.
         fps: f64 = 12.0, range(0.02, 1000.0), unit("1/s"), other("25.0");
-        /// How often it plays; 0 for ever.
+        /// Number of times the animation plays; 0 repeats for ever.
         plays: u32 = 0, range(0, 1_000_000), other("1");
         /// Writes the graph that made the frames into the metadata, by content and without paths.
         recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
     }
 }
 engine::inputs! {
-    /// What to write.
+    /// Frames to write.
     pub struct In {
-        /// The frames in order, all of one size: those of a `Gather`, say.
+        /// The frames in order, all of the same size: the output of a `Gather`, for example.
         frames: Vec<Arc<Images>>,
     }
 }
 engine::outputs! {
-    /// The files.
+    /// Outputs of [`WriteAnimation`].
     pub struct Out {
-        /// One file a view.
+        /// One file per view.
         files: Arc<Files>,
     }
 }
@@ -63,8 +63,8 @@ impl Kind for WriteAnimation {
         };
         let all: u64 = inputs.frames.iter().map(|frame| samples(frame)).sum();
         let views = inputs.frames.first().map_or(1, |frame| frame.0.len().max(1)) as u64;
-        // Codes of two bytes of all frames of a view, and a file that grows to twice what it holds; then the files of all
-        // views, once more to be stored.
+        // Codes of two bytes for all frames of a view, and a file that grows to twice its content; then the files
+        // of all views, and a copy while they are stored.
         Cost { bytes: 4 * all / views + 2 * (all - all / views) }
     }
 
@@ -112,8 +112,8 @@ fn picture_of<'a>(frame: &'a Images, view: &str, index: usize) -> Result<&'a Pic
     frame.view(view).ok_or_else(missing)
 }
 
-/// How long a frame is shown, as a fraction of a second of two u16: in milliseconds, or tenths of them where
-/// frames are short.
+/// Duration of a frame, as a fraction of a second of two u16: in milliseconds, or in tenths of them for short
+/// frames.
 fn delay(fps: f64) -> (u16, u16) {
     let unit: u16 = if fps > 100.0 { 10_000 } else { 1000 };
     (((f64::from(unit) / fps).round()).clamp(1.0, f64::from(u16::MAX)) as u16, unit)

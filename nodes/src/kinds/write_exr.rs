@@ -12,51 +12,52 @@ use crate::types::layers::decoded;
 use crate::types::{Encoding, Images, Linear, Picture};
 
 engine::choices! {
-    /// In which numbers colours are written.
+    /// Encoding of the written colours.
     pub enum WrittenEncoding {
-        /// Each picture's own: a splat render is display-encoded.
+        /// The encoding of each picture: a splat render stays display-encoded.
         Keep,
-        /// Linear light, as other programs take what an OpenEXR file holds.
+        /// Linear light, which other programs expect in OpenEXR files.
         Linear,
     }
 }
 engine::params! {
-    /// Writes pictures as OpenEXR, one of them or many as named layers.
+    /// Writes pictures as OpenEXR: a single picture, or several as named layers.
     ///
-    /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is called after the
-    /// output its wire comes from, or as `names` says. A layer of colour becomes `name.R`, `name.G`, `name.B` (and `name.A`), one of a single channel
-    /// `name`, and a layer named N `N.X`, `N.Y`, `N.Z`. Colours stay in their own encoding unless `encoding` is `Linear`;
-    /// the attribute `lightharmony:encoding` names it, layer by layer. Other programs know nothing of that attribute and
-    /// take all colours as linear, so layers of unlike encodings are reported. The same input gives the same bytes.
+    /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is named after the output
+    /// that its wire comes from, or by `names`. A layer of colour becomes `name.R`, `name.G`, `name.B` (and
+    /// `name.A`), one of a single channel `name`, and a layer named N `N.X`, `N.Y`, `N.Z`. Colours keep their
+    /// encoding unless `encoding` is `Linear`; the attribute `lightharmony:encoding` records it per layer. Other
+    /// programs ignore that attribute and treat all colours as linear, so mixed encodings are reported. The same
+    /// input gives the same bytes.
     pub struct WriteExr {
-        /// The file: `.exr`. With `{view}` in it where there are several views.
+        /// The file: `.exr`. Must contain `{view}` if there are several views.
         path: OutputFile, other("\"b.exr\""), inert("the path is not in the file");
-        /// Names of the layers, in the order of the wires: B, R0, R1, S, O, M, Z, N, variance, or others. None:
-        /// the names of the outputs they come from.
+        /// Names of the layers, in the order of the wires: B, R0, R1, S, O, M, Z, N, variance, or others. The
+        /// default is the names of the outputs that the wires come from.
         names: Vec<String> = Vec::new(), other("[\"B\"]");
-        /// Colours as 16-bit floats: half the size, three digits; what overflows is counted. Data (depth,
-        /// masks, variance) stays in 32 bits.
+        /// Whether to write colours as 16-bit floats: half the size, three digits; samples that overflow are
+        /// counted. Data (depth, masks, variance) stays in 32 bits.
         half: bool = false, other("true");
-        /// In which numbers colours are written. `Linear` un-premultiplies, decodes and premultiplies what is
-        /// display-encoded; alpha, linear light and data stay as they are.
+        /// Encoding of the written colours. `Linear` un-premultiplies display-encoded colours, decodes them and
+        /// premultiplies them again; alpha, linear light and data are unchanged.
         encoding: WrittenEncoding = WrittenEncoding::Keep, other("Linear");
         /// Writes the graph that made the picture into its metadata, by content and without paths.
         recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
     }
 }
 engine::inputs! {
-    /// What to write.
+    /// Pictures to write.
     pub struct In {
-        /// One picture a view.
+        /// One picture per view.
         image: Option<Arc<Images>>,
         /// Pictures that belong together, one layer each; they must have the same views and size.
         layers: Vec<Arc<Images>>,
     }
 }
 engine::outputs! {
-    /// The files.
+    /// Outputs of [`WriteExr`].
     pub struct Out {
-        /// One file a view.
+        /// One file per view.
         files: Arc<Files>,
     }
 }
@@ -104,8 +105,8 @@ impl Kind for WriteExr {
         };
         let pictures = || layers().flat_map(|images| &images.0).map(|image| bytes(&image.picture));
         let views = layers().map(|images| images.0.len()).max().unwrap_or(1).max(1) as u64;
-        // The planes of one file, and packed, which is at most as long, those of all of them; these once more while they
-        // are stored.
+        // The planes of one file, the packed bytes of all files (at most as long as the planes), and a copy of
+        // these while they are stored.
         let planes = pictures().map(|(floats, _)| floats).sum::<u64>() / views;
         let packed: u64 = pictures().map(|(_, packed)| packed).sum();
         Cost { bytes: (planes + packed).max(2 * packed) }
@@ -121,7 +122,7 @@ impl Kind for WriteExr {
         if p.encoding == WrittenEncoding::Keep {
             report_encodings(&layers, &mut notes);
         }
-        // Of equally many views those of the first layer.
+        // The first of the layers with the most views.
         let views: &[_] = layers
             .iter()
             .rev()
@@ -168,8 +169,8 @@ impl Kind for WriteExr {
     }
 }
 
-/// The name of each layer: as `names` says, or as the outputs that they come from are called. One picture
-/// needs none.
+/// The name of each layer: from `names`, or the name of the output that it comes from. A single picture has no
+/// name.
 fn layer_names<'a>(
     p: &'a WriteExr,
     images: usize,
@@ -203,13 +204,13 @@ fn layer_names<'a>(
 }
 
 impl WriteExr {
-    /// Whether a picture is written in other numbers than its own.
+    /// Whether a picture is decoded before it is written.
     fn decodes(&self, picture: &Picture) -> bool {
         self.encoding == WrittenEncoding::Linear && matches!(picture, Picture::Srgb(_))
     }
 }
 
-/// Tells of display-encoded layers beside linear ones.
+/// Warns about display-encoded layers next to linear ones.
 fn report_encodings(layers: &[(&str, &Images)], notes: &mut Notes) {
     let of = |is: fn(&Picture) -> bool| {
         let found = layers.iter().filter(|(_, images)| images.0.iter().any(|image| is(&image.picture)));
@@ -316,8 +317,8 @@ mod tests {
         assert!(files[0].bytes.windows(text.len()).any(|w| w == text));
     }
 
-    // Mutations: alpha decoded too; colours decoded as they are, still premultiplied; linear light decoded once more;
-    // the attribute left as it is.
+    // Mutations: alpha decoded too; premultiplied colours decoded directly; linear light decoded again; the
+    // attribute not changed.
     #[test]
     fn linear_decodes_what_is_display_encoded_and_nothing_else() {
         let of = |channels, samples: &[f32]| {
@@ -363,9 +364,10 @@ mod tests {
         }
     }
 
-    // Mutations: data taken for linear light; layers named that are not display-encoded; `Linear` told of as well.
+    // Mutations: data treated as linear light; layers listed that are not display-encoded; a warning for `Linear`
+    // too.
     #[test]
-    fn unlike_encodings_are_told_by_layer_and_like_ones_are_not() {
+    fn unlike_encodings_are_reported_by_layer_and_like_ones_are_not() {
         let encoded = || Arc::new(Images::single("v", Image::<Srgb>::new(3, 2, 3)));
         let told = |encoding, names: &[&str], layers| {
             let p = WriteExr { encoding, ..node(names) };

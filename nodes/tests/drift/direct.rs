@@ -1,5 +1,5 @@
-//! A path-trace of direct light beside the sum over all directions in float64: a matte floor under a small sky, a box on
-//! it, and the top of the box.
+//! Direct light of `path-trace` compared with the sum over all directions in float64: a matte floor under a small
+//! sky, a box on it, and the top of the box.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -24,7 +24,7 @@ pub struct Direct {
     pub without: [Vec<f64>; 2],
     pub with: [Vec<f64>; 2],
     pub object: [Vec<f64>; 2],
-    /// What is told of the luminance of `without` and `with`, pixel after pixel.
+    /// The reported variance of the luminance of `without` and `with`, pixel after pixel.
     pub variance: [Vec<f64>; 2],
 }
 
@@ -79,7 +79,7 @@ fn camera() -> Camera {
     Camera { name, width_px: WIDTH, height_px: HEIGHT, fx: f, fy: f, cx, cy, world_from_camera }
 }
 
-/// A bright patch in a coloured sky, of texels so large that nothing is narrow.
+/// A bright patch in a coloured sky, with texels so large that nothing is narrow.
 fn sky() -> Environment {
     let texel = |i: usize| {
         let bright = if i % 16 == 5 && (1..3).contains(&(i / 16)) { 8.0 } else { 0.4 };
@@ -117,8 +117,8 @@ fn block() -> Placed {
     Placed { object: Arc::new(object), world_from_object: DMat4::IDENTITY }
 }
 
-/// Directions above the horizon with the light that each stands for, times its cosine: 24 by 24 a texel, of equal
-/// solid angle within one.
+/// Directions above the horizon with the light of each, times its cosine: 24 by 24 per texel, of equal solid angle
+/// within a texel.
 fn directions(sky: &Environment) -> Vec<(DVec3, [f64; 3])> {
     const ACROSS: usize = 24;
     let (width, height) = (sky.image.width, sky.image.height);
@@ -138,14 +138,14 @@ fn directions(sky: &Environment) -> Vec<(DVec3, [f64; 3])> {
     all
 }
 
-/// Whether a ray meets the box: slabs.
+/// True if a ray meets the box, by slabs.
 fn meets(from: DVec3, direction: DVec3) -> bool {
     let (a, b) = ((LOW - from) / direction, (HIGH - from) / direction);
     a.max(b).min_element() > a.min(b).max_element().max(0.0)
 }
 
-/// Places along a row or column of pixels, 3 in each piece, with the share of the pixel that each stands for: a pixel is
-/// cut where it shows an edge of the box's base, at which the light jumps.
+/// Places along a row or column of pixels, 3 in each piece, with the share of the pixel that each represents: a
+/// pixel is split at an edge of the box's base, where the light jumps.
 fn places(pixel: u32, edges: [f64; 2]) -> Vec<(f64, f64)> {
     let (first, last) = (f64::from(pixel), f64::from(pixel + 1));
     let mut cuts = vec![first, last];

@@ -1,22 +1,22 @@
-//! What an object stands on, in float64: every triangle asked along every line, and the plane that holds most of what
-//! is there found by trying many more than the node does.
+//! The ground under an object, in float64: every triangle tested against every line, and the plane with most points
+//! found by trying many more than the node does.
 
 use glam::{DMat3, DVec3};
 use nodes::types::{Cell, Mesh, Placed, Report};
 
 /// Lines along each side of the region under the foot.
 const GRID: u32 = 24;
-/// Points within 2 cm of a plane are of it.
+/// Points within 2 cm of a plane belong to it.
 const NEAR: f64 = 0.02;
 
-/// What the report tells: how far it moved, and the normal.
-pub fn told(report: &Report) -> Vec<f64> {
+/// The distance moved and the normal, from the report.
+pub fn reported(report: &Report) -> Vec<f64> {
     let number = |cell: &Cell| if let Cell::Number(n) = cell { *n } else { f64::NAN };
     let row: Vec<f64> = report.tables[0].rows[0].iter().map(number).collect();
     vec![row[0], row[2], row[3], row[4]]
 }
 
-/// The same of an object at most `reach` above or below the ground, of a world of metres with z up.
+/// The same for an object at most `reach` above or below the ground, in a world of metres with z up.
 pub fn found(mesh: &Mesh, placed: &Placed, reach: f64) -> Vec<f64> {
     let corners: Vec<DVec3> = placed
         .object
@@ -30,7 +30,7 @@ pub fn found(mesh: &Mesh, placed: &Placed, reach: f64) -> Vec<f64> {
         (fold(DVec3::min), fold(DVec3::max))
     };
     let (low, high) = bounds(&corners);
-    // The foot is the lowest fiftieth of the height; around it half as much again is looked at.
+    // The foot is the lowest fiftieth of the height; the region is half as large again around it.
     let foot: Vec<DVec3> =
         corners.iter().copied().filter(|p| p.z <= low.z + 0.02 * (high.z - low.z)).collect();
     let (a, b) = bounds(&foot);
@@ -42,7 +42,7 @@ pub fn found(mesh: &Mesh, placed: &Placed, reach: f64) -> Vec<f64> {
         let (x, y) = (place[0] * half.x, place[1] * half.y);
         for [a, b, c] in &triangles {
             let normal = (*b - *a).cross(*c - *a);
-            // Ground looks up, no steeper than 45 degrees.
+            // Ground faces up, no steeper than 45 degrees.
             if normal.normalize_or_zero().z < 0.7 {
                 continue;
             }
@@ -70,7 +70,7 @@ fn over(plane: DVec3, p: DVec3) -> f64 {
     p.z - plane.x - plane.y * p.x - plane.z * p.y
 }
 
-/// The plane that holds most points, of all level ones and of those through any three of every 23rd point.
+/// The plane with most points, of all level ones and of those through any three of every 23rd point.
 fn densest(points: &[DVec3]) -> DVec3 {
     let some: Vec<DVec3> = points.iter().copied().step_by(23).collect();
     let mut planes: Vec<DVec3> = points.iter().map(|p| DVec3::new(p.z, 0.0, 0.0)).collect();

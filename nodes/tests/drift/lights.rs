@@ -1,4 +1,4 @@
-//! How far one environment of light is off another: the scores of `score-env`, from texels and not from cells.
+//! The difference of two environments: the scores of `score-env`, from texels and not from cells.
 
 use std::f64::consts::PI;
 
@@ -13,7 +13,7 @@ use super::references::luminance;
 /// Direction, solid angle and radiance.
 type Texel = (DVec3, f64, [f64; 3]);
 
-/// The texels of an environment with z up, each cut into so many columns and rows, as large as the sphere has them.
+/// The texels of an environment with z up, each split into this many columns and rows, with their solid angles.
 fn texels(environment: &Environment, [across, down]: [usize; 2]) -> Vec<Texel> {
     let (width, height) = (environment.image.width * across, environment.image.height * down);
     let texel = |i: usize| {
@@ -35,7 +35,7 @@ fn irradiance(texels: &[Texel], normal: DVec3) -> [f64; 3] {
     [0, 1, 2].map(each)
 }
 
-/// The scores that are told in [`told`]'s order, of environments of at most 128 columns, the truth the coarser one.
+/// The scores in the order of [`reported`], for environments of at most 128 columns, the truth being the coarser one.
 pub fn scores(found: &Environment, truth: &Environment) -> Vec<f64> {
     // Large texels are cut so that there are at least half as many columns as the program's grid has.
     let fine = |of: &Environment| texels(of, [128 / of.image.width, 64 / of.image.height].map(|n| n.max(1)));
@@ -63,7 +63,7 @@ pub fn scores(found: &Environment, truth: &Environment) -> Vec<f64> {
         let [found, want] = [&all, &all_truth].map(|of| luminance(&irradiance(of, normal)));
         scores.push(stops(found, want));
     }
-    // By texel of the truth, each beside the mean of what lies there in what was found.
+    // By texel of the truth, each with the mean of the found texels there.
     let across = found.image.width / truth.image.width;
     let [whole_found, whole_truth] = [found, truth].map(|of| texels(of, [1, 1]));
     let (mut off, mut energies) = (0.0, [0.0; 2]);
@@ -92,7 +92,7 @@ fn matte(texels: &[Texel], normal: DVec3) -> [f64; 3] {
     irradiance(texels, normal).map(|e| e / PI)
 }
 
-/// The direction in which a mirror that is seen along +y shows.
+/// The direction that a mirror seen along +y shows.
 fn reflected(normal: DVec3) -> DVec3 {
     DVec3::Y - 2.0 * DVec3::Y.dot(normal) * normal
 }
@@ -120,8 +120,8 @@ fn sphere(shade: fn(&[Texel], DVec3) -> [f64; 3], found: &[Texel], truth: &[Texe
     (off / square).sqrt()
 }
 
-/// What the report says of the same.
-pub fn told(report: &Report) -> Vec<f64> {
+/// The same scores from the report.
+pub fn reported(report: &Report) -> Vec<f64> {
     let begins = [
         "mean irradiance",
         "irradiance, relative RMS",

@@ -1,9 +1,9 @@
-//! How far every node is off: the largest error and the one that a thousandth exceed, against a slow reference in
-//! float64 written from the node's definition, or against the node itself at a finer setting where it samples. Which
-//! nodes need none is in `docs/evidence/README.md`.
+//! Errors of every node: the largest and the one that a thousandth exceed, compared with a slow reference in
+//! float64 written from the node's definition, or with the node itself at a finer setting where it samples.
+//! `docs/evidence/README.md` lists the nodes that need none.
 //!
-//! Everything is deterministic, so `errors.tsv` holds what comes out to its last digit, on any machine. A change
-//! there is a change of a picture: look at it, then renew the file with `UPDATE_GOLDEN=1`.
+//! Everything is deterministic, so `errors.tsv` holds the results to the last digit, on any machine. A change there
+//! is a change of a picture: look at it, then update the file with `UPDATE_GOLDEN=1`.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod direct;
@@ -20,7 +20,7 @@ use std::path::Path;
 use engine::{Artifact, Engine, Graph, RunOptions, Source, SourceRoot, Store, Wire};
 use nodes::types::{Brackets, Environment, Images, Mesh, Panorama, Placed, Report, Rig, Splats, Views};
 
-/// How far metrics may be off what the publications have, since ours take the rounded matrices, white and curves of
+/// Permitted difference of metrics from the publications, since ours use the rounded matrices, white and curves of
 /// published tools.
 const CONSTANTS: f64 = 1e-4;
 
@@ -28,8 +28,8 @@ const CONSTANTS: f64 = 1e-4;
 struct Case {
     name: &'static str,
     against: &'static str,
-    /// No error may be larger, whatever the file says: what the format and the order of sums allow; of what is
-    /// sampled, that nothing is lost.
+    /// The largest permitted error, whatever the file holds: the rounding of the format and of the order of sums;
+    /// for sampled values, no loss.
     bound: f64,
     errors: Vec<f64>,
 }
@@ -90,7 +90,7 @@ fn cases(run: &Run) -> Vec<Case> {
     let panorama: Vec<f64> = pano.image.samples().iter().map(|v| f64::from(*v)).collect();
     let shown = references::shown(&finished, &view);
     let scores = references::scores(&shown, 64);
-    let told = references::scores_of(&run.value::<Report>("score.report"));
+    let reported = references::scores_of(&run.value::<Report>("score.report"));
     let camera = &run.value::<Rig>("demo.rig").cameras[0];
     let splatted = scenes::splatted(&run.value::<Splats>("demo.splats"), camera);
     let nearest =
@@ -120,7 +120,7 @@ fn cases(run: &Run) -> Vec<Case> {
     vec![
         finer(
             "stitch",
-            "float64, 12x12 samples a pixel",
+            "float64, 12x12 samples per pixel",
             0.05,
             apart(&panorama, &stitched).into_iter().enumerate().filter_map(seam).collect(),
         ),
@@ -138,8 +138,8 @@ fn cases(run: &Run) -> Vec<Case> {
         ),
         exact("composite", 1e-6, apart(&finished, &composite)),
         exact("region-masks", 0.0, apart(&masks.concat(), &references::masks(&object, &shadow, 64))),
-        exact("compare", 1e-9, apart(&told[..4], &scores[..4])),
-        exact("compare, FLIP and CIEDE2000 told", CONSTANTS, apart(&told[4..], &scores[4..])),
+        exact("compare", 1e-9, apart(&reported[..4], &scores[..4])),
+        exact("compare, FLIP and CIEDE2000 reported", CONSTANTS, apart(&reported[4..], &scores[4..])),
         exact(
             "compare, FLIP",
             CONSTANTS,
@@ -148,12 +148,16 @@ fn cases(run: &Run) -> Vec<Case> {
         exact(
             "score-env",
             1e-9,
-            apart(&lights::told(&run.value("lights.report")), &lights::scores(&lights[0], &lights[1])),
+            apart(&lights::reported(&run.value("lights.report")), &lights::scores(&lights[0], &lights[1])),
         ),
         exact("splat-render, EWA as published", 1e-5, apart(&view, &splatted)),
         exact("splat-panorama, EWA as published", 1e-4, around),
-        exact("snap, metres and normal", 1e-5, apart(&ground::told(&run.value("stands.report")), &stands)),
-        // Where nothing is met both are infinite.
+        exact(
+            "snap, metres and normal",
+            1e-5,
+            apart(&ground::reported(&run.value("stands.report")), &stands),
+        ),
+        // Where no surface is hit both are infinite.
         exact(
             "path-trace depth, relative",
             1e-5,
@@ -216,8 +220,8 @@ fn summary(errors: &[f64]) -> [f64; 2] {
     [sorted[last], sorted[last - last / 1000]]
 }
 
-/// Three digits; below 1e-12 stands what the order of a sum leaves of float64.
-fn told(error: f64) -> String {
+/// Three digits; below 1e-12 is the rounding of sums in float64.
+fn digits(error: f64) -> String {
     match error {
         0.0 => "0".to_owned(),
         _ if error < 1e-12 => "<1e-12".to_owned(),
@@ -233,7 +237,7 @@ fn no_error_drifts() {
         if largest.is_nan() || largest > bound {
             writeln!(wrong, "{name} is off by {largest}, which may be {bound}").unwrap();
         }
-        let [largest, most] = [largest, most].map(told);
+        let [largest, most] = [largest, most].map(digits);
         writeln!(text, "{name}\t{against}\t{}\t{largest}\t{most}", errors.len()).unwrap();
     }
     assert!(wrong.is_empty(), "{wrong}\n{text}");
@@ -248,8 +252,8 @@ fn no_error_drifts() {
     assert_eq!(text.lines().count(), known.lines().count());
 }
 
-/// In the mean the light is that of the sum over all directions: pixels lie on both sides of it, and no farther off than
-/// their own variance says.
+/// The mean light is that of the sum over all directions: pixels lie on both sides of it, within their own
+/// variance.
 #[test]
 fn direct_light_is_that_of_all_directions() {
     let direct = direct::Direct::new(64);
@@ -263,7 +267,7 @@ fn direct_light_is_that_of_all_directions() {
         assert!(n > 100.0 && mean.abs() < 4.0 / n.sqrt(), "{mean} of {n}");
         assert!(square < 1.3, "{square}");
     }
-    // The top of the box sees all of the sky, so its light is known to the samples alone.
+    // The top of the box sees all of the sky, so its light is limited by the samples alone.
     let [traced, expected] = direct.object.map(|light| light.iter().sum::<f64>());
     assert!((traced / expected - 1.0).abs() < 0.01, "{traced} {expected}");
 }

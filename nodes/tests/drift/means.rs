@@ -1,11 +1,11 @@
-//! Non-local means as `denoise` has it, in float64 and pixel by pixel (Rousselle, Knaus and Zwicker 2012).
+//! Non-local means as in `denoise`, in float64 and pixel by pixel (Rousselle, Knaus and Zwicker 2012).
 
 use glam::DVec3;
 use nodes::math::num;
 
 use super::references::luminance;
 
-/// What `path-trace` renders of one view, samples side by side.
+/// The outputs of `path-trace` for one view, channels interleaved.
 pub struct Layers {
     pub width: usize,
     pub without: Vec<f64>,
@@ -20,9 +20,9 @@ pub struct Layers {
 struct Pixel {
     signal: [f64; 3],
     variance: f64,
-    /// Its variance as told, and up to which one it is averaged in full.
+    /// Its reported variance, and the variance up to which it is averaged in full.
     doubt: [f64; 2],
-    /// What is averaged.
+    /// The averaged values.
     values: [f64; 6],
     there: bool,
     normal: DVec3,
@@ -58,7 +58,7 @@ impl Layers {
         [without, with, object].concat()
     }
 
-    /// By the ratio and its variance, without what a lucky path has lit.
+    /// By the ratio and its variance, without fireflies.
     fn receiver(&self) -> Field<'_> {
         let pixel = |i: usize| {
             let (r0, r1) = (&self.without[3 * i..3 * i + 3], &self.with[3 * i..3 * i + 3]);
@@ -119,7 +119,7 @@ impl Layers {
 }
 
 impl Field<'_> {
-    /// The pixels at most so many columns and rows away, row by row.
+    /// The pixels at most `reach` columns and rows away, row by row.
     fn around(&self, i: usize, reach: usize) -> impl Iterator<Item = usize> {
         let (width, height) = (self.layers.width, self.pixels.len() / self.layers.width);
         let (x, y) = (i % width, i / width);
@@ -159,7 +159,8 @@ impl Field<'_> {
         self
     }
 
-    /// How nearness changes from column to column, or from row to row: the smaller step of both sides, if they agree.
+    /// The change of inverse depth from column to column, or from row to row: the smaller step of both sides, if
+    /// they agree in sign.
     fn slope(&self, i: usize, step: usize, before: bool, after: bool) -> f64 {
         if !(before && after) {
             return 0.0;
@@ -175,7 +176,7 @@ impl Field<'_> {
         }
     }
 
-    /// Squared distance of two pixels less what noise gives, in units of it.
+    /// Squared distance of two pixels minus that of noise, in units of it.
     fn apart(&self, p: &Pixel, q: &Pixel, strength: f64) -> f64 {
         let square =
             (0..3).map(|k| (p.signal[k] - q.signal[k]) * (p.signal[k] - q.signal[k])).sum::<f64>() / 3.0;

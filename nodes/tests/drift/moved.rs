@@ -1,4 +1,4 @@
-//! The whole insertion in a world that is elsewhere, or larger or smaller: the same pictures.
+//! The whole insertion in a world that is moved, enlarged or reduced: the same pictures.
 
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ mod row;
 /// The samples of the picture of a step, by its name.
 type Step = (&'static str, Vec<f32>);
 
-/// What a graph loads.
+/// The inputs of a graph.
 struct World {
     splats: Splats,
     mesh: Mesh,
@@ -34,13 +34,13 @@ struct World {
     pose: Pose,
     rig: Rig,
     near: f64,
-    /// What of the mesh lies below this height is the receiver.
+    /// The receiver is the part of the mesh below this height.
     below: f64,
     metres_per_unit: f64,
     origin: DVec3,
 }
 
-/// A number and what f32 loses of it, of each coordinate.
+/// Each coordinate as f32 and its remainder.
 fn halves(place: DVec3) -> [[f32; 3]; 2] {
     let high = place.to_array().map(|v| v as f32);
     let low = place - DVec3::from(high.map(f64::from));
@@ -153,8 +153,8 @@ fn off(world: &World, here: &[Step]) -> Vec<(&'static str, f64)> {
     world.inserted().iter().zip(here).map(worst).collect()
 }
 
-/// Splats, mesh, cropped and stood upon, cameras, probe and object, moved by a million units, or made a million times larger or smaller, with
-/// all that is told in world units: no step gives another picture. It does where the mesh has lost what f32 loses.
+/// Splats, mesh, cameras, probe and object moved by a million units, or scaled by a million up or down, with all
+/// parameters in world units: no step gives another picture. It does if the mesh is rounded to f32.
 #[test]
 fn the_whole_insertion_does_not_depend_on_where_or_how_large_the_world_is() {
     let run = Run::new();

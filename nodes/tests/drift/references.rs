@@ -1,4 +1,4 @@
-//! Slow references in float64, written from what the docs of a node say and not from its code.
+//! Slow references in float64, written from the documentation of a node and not from its code.
 
 use std::f64::consts::PI;
 
@@ -28,8 +28,8 @@ pub fn light(pixel: &[f64]) -> [f64; 4] {
     [linear(0), linear(1), linear(2), alpha]
 }
 
-/// The mean of the views over each pixel of a panorama with z up, 12x12 samples a pixel by solid angle, in display
-/// values; and how much of each pixel was seen.
+/// The mean of the views over each pixel of a panorama with z up, 12x12 samples per pixel by solid angle, in
+/// display values; and the seen share of each pixel.
 pub fn stitch(views: &Views, width: usize) -> (Vec<f64>, Vec<f64>) {
     const ACROSS: usize = 12;
     let height = width / 2;
@@ -60,7 +60,7 @@ pub fn stitch(views: &Views, width: usize) -> (Vec<f64>, Vec<f64>) {
     (colours, seen)
 }
 
-/// What all views show in a direction. Each weighs by how far from its border it shows it: a smooth step over the
+/// The mean of all views in a direction, each weighted by the distance from its border: a smooth step over the
 /// outer 8 % of its shorter side.
 fn around(views: &Views, faces: &[Vec<[f64; 4]>], direction: DVec3) -> [f64; 4] {
     let (mut sum, mut total) = ([0.0; 4], 0.0);
@@ -91,12 +91,12 @@ fn around(views: &Views, faces: &[Vec<[f64; 4]>], direction: DVec3) -> [f64; 4] 
     if total > 0.0 { sum.map(|v| v / total) } else { sum }
 }
 
-/// The exposures that were predicted, one after another.
+/// The predicted exposures, one after another.
 pub fn taken(brackets: &Brackets) -> Vec<f64> {
     brackets.exposures.iter().flat_map(|image| image.samples.iter().map(|v| f64::from(*v))).collect()
 }
 
-/// What a camera would take of a panorama at each exposure, by the gain that was predicted: no more than white.
+/// A photograph of a panorama at each exposure, by the predicted gain: no more than white.
 pub fn exposed(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     let gains = &brackets.log2_gain.samples;
     let at = |ev: f64| {
@@ -109,7 +109,7 @@ pub fn exposed(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     brackets.evs.iter().flat_map(|ev| at(*ev)).collect()
 }
 
-/// The factor in linear light of a grey mask over display values: the share of luminance that is taken, as black.
+/// The factor in linear light of a grey mask over display values: the blocked share of luminance, as black.
 pub fn grey(without: &[f64], with: &[f64], strength: f64) -> Vec<f64> {
     let pairs = without.chunks_exact(3).zip(with.chunks_exact(3));
     let factor = |(a, b): (&[f64], &[f64])| {
@@ -120,7 +120,7 @@ pub fn grey(without: &[f64], with: &[f64], strength: f64) -> Vec<f64> {
 }
 
 /// The fusion of a panorama and its exposures, the darkest first, each taking over from the darker ones where it is
-/// not clipped: a ramp of its brightest channel from 0.9 to 1. Nothing becomes darker by it.
+/// not clipped: a ramp of its brightest channel from 0.9 to 1. Nothing becomes darker.
 pub fn fuse(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     let linear = |samples: &[f32], at: usize| [0, 1, 2].map(|c| decoded(f64::from(samples[3 * at + c])));
     let base = base.image.samples();
@@ -153,7 +153,7 @@ pub struct Ratio {
 
 impl Ratio {
     /// The factor of the background, from R0 and R1 of three channels. Where the mean of R0 around a pixel is less
-    /// than `min_energy` of the median of what is lit there is none, and up to twice as much the less.
+    /// than `min_energy` of the median of lit pixels the factor is 1, with a ramp up to twice as much.
     pub fn of(&self, without: &[f64], with: &[f64], width: usize) -> Vec<f64> {
         let mut sorted: Vec<f64> = without.iter().copied().filter(|v| *v > 0.0).collect();
         sorted.sort_by(f64::total_cmp);
@@ -195,7 +195,7 @@ pub fn masks(object: &[f64], shadow: &[f64], width: usize) -> Vec<f64> {
     let rows: Vec<usize> = (0..alpha.len()).filter(|&i| inside(i)).map(|i| i / width).collect();
     let tall = rows.last().zip(rows.first()).map_or(0, |(last, first)| last - first + 1);
     let deep = (0.05 * tall as f64).round() as usize;
-    // The lowest pixel of the object in the column stands at most so many rows above.
+    // The lowest pixel of the object in the column is at most this many rows above.
     let touches = |i: usize| {
         let lowest = (0..alpha.len() / width).rev().find(|row| inside(row * width + i % width));
         lowest.is_some_and(|row| i / width > row && i / width - row <= deep)
@@ -222,7 +222,7 @@ const SCORES: [&str; 7] = [
     "ciede2000 mean",
 ];
 
-/// What `compare` tells of the whole picture, in the order of [`scores`].
+/// The scores of the whole picture by `compare`, in the order of [`scores`].
 pub fn scores_of(report: &Report) -> Vec<f64> {
     let table = &report.tables[0];
     let whole = &table.rows[0];
@@ -233,15 +233,15 @@ pub fn scores_of(report: &Report) -> Vec<f64> {
     SCORES.iter().map(number).collect()
 }
 
-/// What a display shows of linear light, and of premultiplied display values.
+/// Display values of linear light, and of premultiplied display values.
 pub fn shown(image: &[f64], reference: &[f64]) -> [Vec<f64>; 2] {
     let encode = |pixel: &[f64]| [0, 1, 2].map(|c| f64::from(encoded(pixel[c]) as f32).clamp(0.0, 1.0));
     let cut = |pixel: &[f64]| [pixel[0], pixel[1], pixel[2]].map(|v| v.clamp(0.0, 1.0));
     [image.chunks_exact(3).flat_map(encode).collect(), reference.chunks_exact(4).flat_map(cut).collect()]
 }
 
-/// Mean absolute error, PSNR, and SSIM with zeros beyond the border and without the border, the window as it is
-/// defined, in two dimensions; then mean and 95th percentile of FLIP, and the mean of CIEDE2000. Of display values.
+/// Mean absolute error, PSNR, and SSIM with zeros beyond the border and without the border, the window in two
+/// dimensions; then mean and 95th percentile of FLIP, and the mean of CIEDE2000. Of display values.
 pub fn scores([a, b]: &[Vec<f64>; 2], width: usize) -> Vec<f64> {
     let apart: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
     let count = apart.len() as f64;
@@ -296,7 +296,7 @@ fn similarity(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
     (0..width * height).map(|pixel| (0..3).map(|c| at_pixel(pixel, c)).sum::<f64>() / 3.0).collect()
 }
 
-/// A filter over squares of pixels around each, with what lies at the border going on outside.
+/// A filter over squares of pixels around each, with the border repeated outside.
 fn filtered(channel: &[f64], width: usize, reach: i64, kernel: &dyn Fn(i64, i64) -> f64) -> Vec<f64> {
     let height = channel.len() / width;
     let offsets: Vec<(i64, i64)> =
@@ -356,7 +356,7 @@ pub fn flip(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
     a.iter().zip(&b).map(pixel).collect()
 }
 
-/// Colour after the eye's filters, and how much of an edge and of a point there is.
+/// Colour after the eye's filters, and the strength of edges and points.
 type Seen = ([f64; 3], f64, f64);
 
 fn seen(picture: &[f64], width: usize, density: f64) -> Vec<Seen> {
@@ -419,8 +419,8 @@ fn hyab(a: [f64; 3], b: [f64; 3]) -> f64 {
     num::pow(l.abs() + (p * p + q * q).sqrt(), 0.7)
 }
 
-/// CIEDE2000 of two display colours (CIE 142, in the notation of Sharma, Wu and Dalal 2005), with the rounded matrix
-/// and white that the node names.
+/// CIEDE2000 of two display colours (CIE 142, in the notation of Sharma, Wu and Dalal 2005), with the rounded
+/// matrix and white of the node.
 fn ciede2000(a: &[f64], b: &[f64]) -> f64 {
     let rows = [
         [0.412_453, 0.357_580, 0.180_423],
@@ -438,7 +438,7 @@ fn ciede2000(a: &[f64], b: &[f64]) -> f64 {
     let (a1, a2) = ((1.0 + g) * a1, (1.0 + g) * a2);
     let (c1, c2) = (chroma(a1, b1), chroma(a2, b2));
     let grey = c1 * c2 == 0.0;
-    // The turn from one hue to the other, the shorter way; the mean hue lies half of it further.
+    // The shorter turn from one hue to the other; the mean hue is half of it further.
     let (h1, h2) = (num::atan2(b1, a1), num::atan2(b2, a2));
     let turn = if grey { 0.0 } else { (h2 - h1 + 3.0 * PI).rem_euclid(2.0 * PI) - PI };
     let hue = if grey { h1 + h2 } else { h1 + 0.5 * turn }.to_degrees().rem_euclid(360.0);

@@ -1,4 +1,4 @@
-//! What a camera sees of splats and of triangles, in float64 and by looking at all of them for each pixel.
+//! Pictures of splats and of triangles, in float64, testing all of them for each pixel.
 
 use std::f64::consts::PI;
 
@@ -48,7 +48,7 @@ struct Footprint {
 }
 
 impl Footprint {
-    /// Of a splat whose centre stands there and whose axes come to these columns and rows; 0.3 is the filter.
+    /// The footprint of a splat with this centre and these projected axes; 0.3 is the filter.
     fn new(splats: &Splats, i: usize, eye: DVec3, depth: f64, centre: [f64; 2], rows: [DVec3; 2]) -> Self {
         let [xx, xy, yy] = [rows[0].dot(rows[0]) + 0.3, rows[0].dot(rows[1]), rows[1].dot(rows[1]) + 0.3];
         let determinant = xx * yy - xy * xy;
@@ -72,14 +72,14 @@ fn axes(splats: &Splats, i: usize) -> DMat3 {
     turn * DMat3::from_diagonal(DVec3::from(splats.scales[i].map(f64::from)))
 }
 
-/// Premultiplied colour and alpha of sorted splats at a place; one of a period goes on at the other edge.
+/// Premultiplied colour and alpha of sorted splats at a position; with a period the picture wraps.
 fn blended(footprints: &[Footprint], at: [f64; 2], period: Option<f64>) -> [f64; 4] {
     let (mut rgb, mut clear) = ([0.0; 3], 1.0);
     for Footprint { centre, shape: [xx, xy, yy], opacity, rgb: colour, .. } in footprints {
         let [dx, dy] = [at[0] - centre[0], at[1] - centre[1]];
         let dx = period.map_or(dx, |period| dx - period * (dx / period).round());
         let power = -0.5 * (xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy);
-        // Nothing that is cut is worth an exponential.
+        // No exponential for a splat below the cut.
         let alpha = if power < -6.0 { 0.0 } else { (opacity * num::f64::exp(power)).min(0.99) };
         if alpha < 1.0 / 255.0 {
             continue;
@@ -94,8 +94,8 @@ fn blended(footprints: &[Footprint], at: [f64; 2], period: Option<f64>) -> [f64;
     [r, g, b, 1.0 - clear]
 }
 
-/// Premultiplied colour and alpha of each pixel: EWA splatting as Zwicker et al.
-/// 2001 and Kerbl et al. 2023 have it, with the constants of the latter.
+/// Premultiplied colour and alpha of each pixel: EWA splatting as in Zwicker et al. 2001 and Kerbl et al. 2023,
+/// with the constants of the latter.
 pub fn splatted(splats: &Splats, camera: &Camera) -> Vec<f64> {
     let world = camera.world_from_camera();
     let turn = DMat3::from_mat4(world).transpose();
@@ -108,7 +108,7 @@ pub fn splatted(splats: &Splats, camera: &Camera) -> Vec<f64> {
             return None;
         }
         let axes = turn * axes(splats, i);
-        // Far outside of the picture the slope of the projection is held.
+        // Far outside of the picture the slope of the projection is clamped.
         let held = |k: usize| (p[k] / p.z).clamp(-0.65 * size[k] / focal[k], 0.65 * size[k] / focal[k]);
         let rows = [0, 1].map(|k| {
             let mut row = DVec3::ZERO;
@@ -126,9 +126,9 @@ pub fn splatted(splats: &Splats, camera: &Camera) -> Vec<f64> {
     places.flat_map(|at| blended(&footprints, at, None)).collect()
 }
 
-/// Display values of the belt of a panorama with z up, between 30 degrees from either pole, and how much of each pixel is
-/// seen: the mean light of 2 by 2 samples a pixel, each blended as above in the plane of both angles, nearest first. The
-/// derivatives of the angles are differences.
+/// Display values of the belt of a panorama with z up, between 30 degrees from either pole, and the seen share of
+/// each pixel: the mean light of 2 by 2 samples per pixel, each blended as above in the plane of both angles,
+/// nearest first. The derivatives of the angles are finite differences.
 pub fn belt(splats: &Splats, eye: DVec3, width: usize) -> (Vec<f64>, Vec<f64>) {
     let fine = 2.0 * width as f64;
     let angles = |p: DVec3| {
@@ -138,7 +138,7 @@ pub fn belt(splats: &Splats, eye: DVec3, width: usize) -> (Vec<f64>, Vec<f64>) {
     let footprint = |i: usize| {
         let p = splats.mean(i) - eye;
         let (rho, distance) = (p.truncate().length(), p.length());
-        // What is drawn out along all of a row shows in a cap alone.
+        // Splats stretched along a whole row are drawn by a cap.
         if distance <= 0.2 || rho < 0.005 * distance {
             return None;
         }
@@ -172,7 +172,7 @@ pub fn belt(splats: &Splats, eye: DVec3, width: usize) -> (Vec<f64>, Vec<f64>) {
     (colours, seen)
 }
 
-/// Planar depth at the centre of each pixel of the nearest of all triangles, +inf where there is none.
+/// Planar depth of the nearest triangle at the centre of each pixel, +inf where there is none.
 pub fn nearest(mesh: &Mesh, placed: &Placed, camera: &Camera) -> Vec<f64> {
     let of_mesh = mesh.triangles.iter().map(|t| t.map(|i| mesh.position(i)));
     let of_object = placed.object.primitives.iter().flat_map(|primitive| {

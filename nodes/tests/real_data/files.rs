@@ -213,7 +213,7 @@ fn cut_and_flipped_objects_are_errors_or_objects() {
         std::fs::write(folder.path().join("a.glb"), &bytes[..bytes.len() * step / 300]).unwrap();
         assert!(LoadObject::run(&p, load_object::In {}, &cx).is_err());
         let mut hurt = bytes.clone();
-        // Three in four in the JSON, where every bit means something.
+        // Three in four in the JSON, where every bit counts.
         let at = if step % 4 == 0 { bytes.len() * step / 300 } else { text * step / 300 };
         hurt[at] ^= 1 << (step % 8);
         std::fs::write(folder.path().join("a.glb"), &hurt).unwrap();

@@ -45,7 +45,7 @@ fn biker_is_the_same_in_both_formats() {
     assert!(notes.iter().any(|note| note.id == "frame"));
     // SPZ steps by 1/4096; a chunk of the PLY is at most some 3 wide and has 1023 or 2047 steps.
     let centres = off(spz.means.as_flattened(), ply.means.as_flattened());
-    // Bytes of 1/255 over 0.15 beside bytes over the range of a chunk.
+    // Bytes of 1/255 over 0.15 compared with bytes over the range of a chunk.
     let colours = off(spz.sh.as_flattened(), ply.sh.as_flattened());
     let opacities = off(&spz.opacities, &ply.opacities);
     // SPZ knows no smaller scale than e^-10, and steps by 1/16.

@@ -46,8 +46,8 @@ fn number(cell: &Cell) -> f64 {
     if let Cell::Number(value) = cell { *value } else { f64::NAN }
 }
 
-// The sun of the bench case lies at pixel (273.9, 80.6) of 768x384 by its README. What is clipped around
-// it is a few degrees wide and not symmetric, hence 5 degrees.
+// The sun of the bench case lies at pixel (273.9, 80.6) of 768x384 by its README. The clipped region around it is a
+// few degrees wide and not symmetric, hence 5 degrees.
 #[test]
 fn the_sun_of_the_bench_case_is_the_strongest_light() {
     let base = pano();
@@ -65,8 +65,8 @@ fn the_sun_of_the_bench_case_is_the_strongest_light() {
     assert!((elevation - want_elevation).abs() < 5.0, "{elevation} {want_elevation}");
 }
 
-// With the true bracket all but the sun comes back to the step of an 8-bit code; the sun (radiance 1500)
-// is above the 64 that EV -6 can hold, which must be said.
+// With the true bracket all but the sun comes back to the step of an 8-bit code; the sun (radiance 1500) is above
+// the 64 that EV -6 can hold, which must be reported.
 #[test]
 fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
     let exposures = vec![picture("truth_equirect_ev-6.png"), picture("truth_equirect_ev-3.png")];
@@ -96,7 +96,7 @@ fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
     assert!(judged > 290_000 && off * 100 < judged, "{off} of {judged} pixels are off");
 }
 
-/// Of every second panorama that the weights were trained on, photographed at EV 0, the mean errors of irradiance and of
+/// Over every second panorama that the weights were trained on, photographed at EV 0, the mean errors of irradiance and of
 /// contrast, in stops, as photographed and with the light that a method recovers.
 fn errors(method: &Method) -> [[f64; 2]; 2] {
     let mut files: Vec<_> =
@@ -136,8 +136,8 @@ fn errors(method: &Method) -> [[f64; 2]; 2] {
     sums
 }
 
-// As docs/light.md says of places that the shipped weights have seen: 0.51 and 1.08 stops over all 74, 0.48 and 1.04 over
-// these 37. A number that is read wrongly costs more than the rest to the bounds.
+// As docs/light.md states for places that the shipped weights were trained on: 0.51 and 1.08 stops over all 74,
+// 0.48 and 1.04 over these 37. Reading one number wrongly costs more than the margin of the bounds.
 // Mutation: two numbers of `OVERVIEW` exchanged, or of `CELL`.
 #[test]
 fn learned_light_is_as_good_as_the_docs_say() {

@@ -77,7 +77,7 @@ fn render(path: &str, scale: f64, at: DVec3, rig: Rig, samples: u32) -> (Vec<f32
     (out.object.0[0].picture.samples().to_vec(), notes)
 }
 
-// Every file shows, whole, and nothing of it is left out.
+// Every file is rendered completely.
 #[test]
 fn every_object_of_the_shared_data_shows() {
     for (path, scale, y, size) in [

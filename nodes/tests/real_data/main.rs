@@ -1,6 +1,6 @@
-//! Tests on real captures, objects and reference renders, which lie in `../shared/data` beside the
-//! checkout. A missing file is a failure here, never a skip; `cargo test` without the feature
-//! `real-data` leaves the whole set out, and `.ci/run` says so.
+//! Tests on real captures, objects and reference renders, which are in `../shared/data` next to the checkout. A
+//! missing file is a failure here, never a skip; `cargo test` without the feature `real-data` leaves the whole set
+//! out, and `.ci/run` reports it.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 #![allow(clippy::print_stdout, reason = "figures are for those who run with --nocapture")]
 
@@ -8,6 +8,7 @@ mod files;
 mod formats;
 mod light;
 mod looks;
+mod mesh;
 mod metrics;
 mod splat;
 mod trace;

@@ -17,7 +17,7 @@ fn context() -> Context {
     Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, data(""))
 }
 
-fn load(path: &str, more: &[&str]) -> Arc<Splats> {
+pub fn load(path: &str, more: &[&str]) -> Arc<Splats> {
     let file = |path: &str| InputFile(path.to_owned());
     let params = LoadSplats {
         path: file(path),
@@ -93,8 +93,8 @@ fn against(seen: &Rendered, reference: &[f32]) -> (f64, f64) {
     (-10.0 * nodes::math::num::f64::log10(squares / reference.len() as f64), largest)
 }
 
-// The bars are those of `notes/splats.md`, section 4: rounding of the positions to f32 in a SOG file's
-// decoding, and pairs that fall on the other side of the alpha cut, leave the rest.
+// The bounds are those of `notes/splats.md`, section 4: rounding of the positions to f32 in a SOG file's decoding,
+// and pairs that fall on the other side of the alpha cut, cause the rest.
 #[test]
 fn references_are_met() {
     let garden = load("splats/garden_sog/2_0/meta.json", &["splats/garden_sog/2_1/meta.json"]);
@@ -165,7 +165,8 @@ fn threads_and_instruction_sets_give_the_same_bytes() {
     }
 }
 
-// All 843 thousand splats around a point: f32 is f64 but for pairs at the cut, and threads do not show.
+// All 843 thousand splats around a point: f32 equals f64 but for pairs at the cut, and the number of threads has no
+// effect.
 #[test]
 fn panoramas_of_a_capture_are_exact() {
     let garden = load("splats/garden_sog/2_0/meta.json", &["splats/garden_sog/2_1/meta.json"]);
@@ -187,8 +188,8 @@ fn panoramas_of_a_capture_are_exact() {
     assert!(psnr >= 90.0, "{psnr:.1} dB");
 }
 
-// Captures are stored along a curve through space, so that blocks of them are small: around a point most are not
-// looked at, and no bit tells.
+// Captures are stored along a curve through space, so blocks of them are small: around a point most are skipped,
+// and no bit changes.
 #[test]
 fn what_no_view_shows_is_not_looked_at() {
     let garden = load("splats/garden_sog/2_0/meta.json", &["splats/garden_sog/2_1/meta.json"]);

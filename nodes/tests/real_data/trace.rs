@@ -149,8 +149,9 @@ fn compare(name: &str, ours: &[f32], reference: &[f32]) -> (f64, f64) {
     (ratio, relmse)
 }
 
-/// How far the luminance of `without` is from another program's, in standard errors of both: the mean over the pixels, and
-/// the share of them beyond 3. The other's variance is taken to be so many times its square plus 0.01, as its notes tell.
+/// Difference of the luminance of `without` from another program's, in standard errors of both: the mean over the
+/// pixels, and the share of them beyond 3. The other's variance is assumed to be `noise` times its square plus
+/// 0.01, as stated in its notes.
 fn z_scores(out: &path_trace::Out, outside: &[f32], noise: f64) -> (f64, f64) {
     let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
     let variance = out.variance.0[0].picture.samples().chunks(4).map(|v| f64::from(v[0]));
@@ -159,14 +160,14 @@ fn z_scores(out: &path_trace::Out, outside: &[f32], noise: f64) -> (f64, f64) {
     let scores: Vec<f64> = ours.chunks(3).map(y).zip(pairs).map(z).collect();
     let beyond = scores.iter().filter(|z| z.abs() > 3.0).count() as f64;
     let n = scores.len() as f64;
-    let told = (scores.iter().sum::<f64>() / n, beyond / n);
-    println!("  z: {:.3} on average, {:.5} beyond 3", told.0, told.1);
-    told
+    let reported = (scores.iter().sum::<f64>() / n, beyond / n);
+    println!("  z: {:.3} on average, {:.5} beyond 3", reported.0, reported.1);
+    reported
 }
 
-/// How far the luminance of two pictures with errors of their own in each pixel lies apart over blocks of 8 by 8 pixels, in
-/// standard errors that the spread of the differences within a block tells: the mean over the blocks, and the share of
-/// them beyond 3, of which Student's distribution has 0.0039. Blocks without light are left out.
+/// Difference of the luminance of two pictures with independent errors per pixel, over blocks of 8 by 8 pixels, in
+/// standard errors from the spread within a block: the mean over the blocks, and the share of them beyond 3 (0.0039
+/// for Student's distribution). Blocks without light are left out.
 fn block_scores(ours: &[f32], other: &[f32], width: usize) -> (f64, f64) {
     let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
     let apart: Vec<f64> = ours.chunks(3).map(y).zip(other.chunks(3).map(y)).map(|(a, b)| a - b).collect();
@@ -182,8 +183,8 @@ fn block_scores(ours: &[f32], other: &[f32], width: usize) -> (f64, f64) {
     (scores.iter().sum::<f64>() / n, scores.iter().filter(|z| z.abs() > 3.0).count() as f64 / n)
 }
 
-// Mitsuba, 4096 samples, own noise about 2e-5. Bars of the notes, section 7: mean within 0.5 % and relMSE 1.9e-4, which
-// Mitsuba's multijitter has at 64 samples.
+// Mitsuba, 4096 samples, own noise about 2e-5. Bounds: mean within 0.5 % and relMSE 1.9e-4, which Mitsuba's
+// multijitter has at 64 samples.
 #[test]
 fn sunny_plane_agrees_with_mitsuba_and_cycles() {
     let case = case("sunny_plane");
@@ -191,8 +192,8 @@ fn sunny_plane_agrees_with_mitsuba_and_cycles() {
     let r0 = rgb(&out.without);
     let (ratio, relmse) = compare("R0 / Mitsuba", &r0, &case.reference("ref-mitsuba/R0.exr"));
     assert!((ratio - 1.0).abs() < 0.005 && relmse < 1.9e-4, "{ratio} {relmse}");
-    // No farther than its own noise tells: of normal errors 0.0027 lie beyond 3. Mitsuba's panorama brings 0.1 to 0.2 % more
-    // light than the sum of its texels, which is the mean.
+    // Within its own noise: of normal errors 0.0027 lie beyond 3. Mitsuba's panorama brings 0.1 to 0.2 % more light
+    // than the sum of its texels, which is the mean.
     let (mean, beyond) = z_scores(&out, &case.reference("ref-mitsuba/R0.exr"), 2e-5);
     assert!(mean.abs() < 0.5 && beyond < 0.0027, "{mean} {beyond}");
     let (ratio, _) = compare("R0 / Cycles", &r0, &case.reference("ref-cycles/R0.exr"));
@@ -218,9 +219,10 @@ fn sunny_plane_agrees_with_mitsuba_and_cycles() {
     println!("  RMSE of S {:.4}", (squares / n).sqrt());
 }
 
-// The prototype with independent samples, 512 a pixel: means of the receiver within 0.5 %, of the object, whose smooth
-// normals meet light below the horizon otherwise, within 1 %; relMSE is nearly all the prototype's own noise, a third as
-// much again as was measured (1.5e-3 to 1.8e-3 where walls send no light, 6.2e-3 to 7.0e-3 where they do).
+// The prototype with 512 independent samples per pixel: means of the receiver within 0.5 %, of the object, whose
+// smooth normals treat light below the horizon differently, within 1 %; relMSE is nearly all the prototype's own
+// noise, with a margin of a third over the measured values (1.5e-3 to 1.8e-3 where walls reflect no light, 6.2e-3
+// to 7.0e-3 where they do).
 #[test]
 fn closed_room_agrees_with_the_prototype_in_every_mode() {
     let case = case("closed_room");
@@ -254,8 +256,8 @@ fn closed_room_agrees_with_the_prototype_in_every_mode() {
     }
 }
 
-/// RMSE of the ratio against that of two renders with shared numbers: of what no object covers, and of what
-/// one covers in part.
+/// RMSE of the ratio compared with that of two renders with shared random numbers: of pixels that no object covers,
+/// and of partly covered ones.
 fn ratio_error(out: &path_trace::Out, pair: [&Images; 2], reference: [&[f32]; 2]) -> [f64; 2] {
     let ratio = |without: &[f32], with: &[f32], i: usize| f64::from(with[i] / without[i]).min(1.0);
     let alpha: Vec<f32> = out.object.0[0].picture.samples().chunks(4).map(|p| p[3]).collect();
@@ -271,8 +273,8 @@ fn ratio_error(out: &path_trace::Out, pair: [&Images; 2], reference: [&[f32]; 2]
     })
 }
 
-// Bars of the notes, section 7: RMSE(S) 0.0103 (Cycles' catcher with a denoiser, at 4 samples) and 0.02 at the
-// object's rim at 16 (0.119 there); both are met at 4.
+// Bounds: RMSE(S) 0.0103 (Cycles' catcher with a denoiser, at 4 samples) and 0.02 at the object's rim at 16 (0.119
+// there); both are met at 4.
 #[test]
 fn the_ratio_raw_and_denoised_is_within_its_bars() {
     let case = case("sunny_plane");

@@ -1,4 +1,4 @@
-//! Small files of the formats that loaders read and no sink writes.
+//! Small files in formats that loaders read and no sink writes.
 
 use safetensors::tensor::{Dtype, TensorView, serialize};
 
@@ -104,7 +104,7 @@ pub fn object_glb() -> Vec<u8> {
     glb
 }
 
-/// Weights of LPIPS with AlexNet of two channels a layer.
+/// Weights of LPIPS with AlexNet of two channels per layer.
 pub fn lpips_safetensors() -> Vec<u8> {
     let value = |i: usize| ((i * 7919) % 31) as f32 / 64.0;
     let bytes = |n: usize| (0..n).flat_map(|i| (value(i) - 0.2).to_le_bytes()).collect::<Vec<u8>>();
@@ -121,7 +121,7 @@ pub fn lpips_safetensors() -> Vec<u8> {
     serialize(views, None).expect("names differ")
 }
 
-/// The weights that ship, with another amount of hidden light.
+/// The shipped weights, with another amount of hidden light.
 pub fn exposure_safetensors() -> Vec<u8> {
     let shipped = include_bytes!("../../weights/exposure.safetensors");
     let shipped = safetensors::SafeTensors::deserialize(shipped).expect("is sound");

@@ -12,7 +12,7 @@ use engine::{
     Digest, Engine, Event, Graph, ParamSpec, Registry, Role, RunOptions, Setting, Source, SourceRoot, State,
 };
 
-/// What a run of the fixture gave for each node: its key and the digests of its outputs.
+/// The result of a run of the fixture for each node: its key and the digests of its outputs.
 type Results = BTreeMap<String, (Digest, Vec<Digest>)>;
 
 struct Fixture {
@@ -21,8 +21,8 @@ struct Fixture {
     folder: PathBuf,
 }
 
-/// One fixture serves all tests: its cold run is the dear part. One test at a time, since the digests of a node
-/// are those of its last run, whoever ran it.
+/// One fixture serves all tests: its cold run is expensive. One test at a time, since the digests of a node are
+/// those of its last run, whoever ran it.
 static SHARED: LazyLock<Mutex<Fixture>> = LazyLock::new(|| Mutex::new(Fixture::new()));
 
 fn shared() -> MutexGuard<'static, Fixture> {
@@ -58,7 +58,7 @@ impl Fixture {
     }
 
     fn run(&self, graph: &Graph) -> (Results, String) {
-        // Every node, not only what a sink wants.
+        // Every node, not only those that a sink needs.
         let only = (0..graph.nodes.len()).collect();
         let options = RunOptions { out: self.folder.clone(), only, ..RunOptions::default() };
         let mut results = Results::new();
@@ -130,28 +130,6 @@ fn fixture_holds_every_kind_and_runs() {
 }
 
 #[test]
-fn a_compiled_graph_gives_what_its_text_gives() {
-    let fixture = shared();
-    let text = format!("// {}\n{FIXTURE}", "long enough to be compiled ".repeat(1000));
-    let store = engine::Store::in_memory();
-    let load = || {
-        let (source, root) = (Source::new("fixture.ron", &*text), SourceRoot::new(&fixture.folder));
-        Graph::parse_cached(source, &fixture.registry, root, &store).unwrap_or_else(|e| panic!("{e}"))
-    };
-    let parsed = load();
-    assert_eq!(store.record_keys().unwrap().len(), 1, "it was compiled");
-    let compiled = load();
-    assert_eq!(fixture.run(&compiled), fixture.run(&parsed));
-    // Its code runs on the values that were read from it.
-    let cold = Fixture {
-        engine: Engine::new(engine::Store::in_memory(), 2, 8 << 30),
-        registry: nodes::registry(),
-        folder: fixture.folder.clone(),
-    };
-    assert_eq!(cold.run(&compiled), fixture.run(&parsed));
-}
-
-#[test]
 fn values_outside_their_range_are_refused() {
     let fixture = shared();
     let graph = fixture.parse(FIXTURE, &[]).unwrap_or_else(|e| panic!("{e}"));
@@ -163,7 +141,7 @@ fn values_outside_their_range_are_refused() {
                 continue;
             }
             for wrong in [low - 1.0 - low.abs(), high + 1.0 + high.abs(), f64::NAN, f64::INFINITY] {
-                // Whole numbers are refused for their form where they are not for their range.
+                // Whole numbers outside of the range are refused for the range, others for their form.
                 let text = if wrong.fract() == 0.0 && wrong.abs() < 1e18 {
                     format!("{wrong:.0}")
                 } else {
@@ -177,7 +155,7 @@ fn values_outside_their_range_are_refused() {
     }
 }
 
-/// Every rung of every ladder is a value that the node takes, and the presets are graphs.
+/// Every value of every knob is valid for its node, and the presets are valid graphs.
 #[test]
 fn every_value_of_a_knob_is_one_that_its_node_takes() {
     let fixture = shared();
@@ -198,7 +176,7 @@ fn every_value_of_a_knob_is_one_that_its_node_takes() {
         let laid = Graph::parse(source, &fixture.registry, root).unwrap_or_else(|e| panic!("{preset}: {e}"));
         for (knob, before) in laid.knobs(&[]).iter().zip(graph.knobs(&[])) {
             let rung = knob.knob.ladder[engine::PRESETS.iter().position(|name| *name == preset).unwrap()];
-            // Canonical text may write a number otherwise.
+            // Canonical text may format a number differently.
             let equal = |a: &str, b: &str| a == b || a.parse::<f64>().ok() == b.parse::<f64>().ok();
             let want = if rung.is_empty() { before.value.as_str() } else { rung };
             assert!(equal(&knob.value, want), "{preset}: {}.{} is {}", knob.node, knob.parameter, knob.value);
@@ -211,12 +189,12 @@ fn every_parameter_changes_the_key_and_the_output() {
     let fixture = shared();
     let graph = fixture.parse(FIXTURE, &[]).unwrap_or_else(|e| panic!("{e}"));
     let (before, _) = fixture.run(&graph);
-    // A parameter is right when one node of its kind shows it.
+    // A parameter passes if one node of its kind shows it.
     let (mut wrong, mut right) = (BTreeMap::<_, Vec<String>>::new(), BTreeSet::new());
     for node in &graph.nodes {
         for spec in &node.kind.params {
             let Some(other) = spec.other else { continue };
-            // Another file is not there; another value of a parameter that may name files is.
+            // A file of another name does not exist; another value of a parameter that may name files does.
             if spec.role != Role::Value && other.contains('"') {
                 continue;
             }
@@ -282,9 +260,9 @@ fn decoding_then_encoding_gives_the_same_bytes() {
     assert!(types.len() >= 6, "only {types:?} are stored");
 }
 
-/// A line for each node: its kind, key and the digests of its outputs. A key holds the kind's VERSION and the
-/// content of everything that the node reads, so equal keys with unequal outputs are a VERSION that was
-/// forgotten. A key that is not in the file is no mistake: something above it, or its VERSION, changed.
+/// One line per node: its kind, key and the digests of its outputs. A key holds the kind's VERSION and the content
+/// of everything that the node reads, so equal keys with unequal outputs mean a forgotten VERSION. A key that is
+/// not in the file is not a mistake: a node above it, or its VERSION, changed.
 #[test]
 fn equal_keys_give_the_outputs_they_have_always_given() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/table/golden.txt");
@@ -296,7 +274,7 @@ fn equal_keys_give_the_outputs_they_have_always_given() {
         .iter()
         .filter_map(|node| {
             let (key, outputs) = results.get(&node.id)?;
-            // Half of a digest tells as well, and keeps the lines short.
+            // Half of a digest suffices, and keeps the lines short.
             let half = |digest: &Digest| digest.to_string()[..32].to_owned();
             let outputs: Vec<String> = outputs.iter().map(half).collect();
             Some([node.kind.name.to_owned(), half(key), outputs.join(" ")])

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use engine::{Graph, Planned};
-use trade::html::escaped;
+use trade::escape::escaped;
 
 use super::state;
 

@@ -50,6 +50,9 @@ pub struct Run {
     verbose: bool,
 }
 
+/// A plan of more nodes than these takes longer than the forecast is worth.
+const MOST_PLANNED: usize = 2000;
+
 impl Run {
     /// Runs the graph; gives the exit code of the run.
     pub fn run(self) -> Result<u8, Error> {
@@ -95,7 +98,7 @@ impl Run {
         }
         let mut report = self.report();
         if let Some(text) = terminal::no_file(graph, only) {
-            report.tell(&Event::Warning { id: "no-file", text });
+            report.show(&Event::Warning { id: "no-file", text });
         }
         let options = RunOptions {
             out: self.out,
@@ -105,6 +108,9 @@ impl Run {
             trace: self.trace.is_some(),
             ..RunOptions::default()
         };
+        if report.shows_forecast() && graph.nodes.len() <= MOST_PLANNED {
+            report.expect(&engine.plan(graph, only));
+        }
         let mut trace = Trace::default();
         // What failed comes before the end, which is the last line of JSON.
         let mut end = None;
@@ -112,7 +118,7 @@ impl Run {
             trace.tell(&event);
             match event {
                 Event::Done(_) if self.json => end = Some(event),
-                event => report.tell(&event),
+                event => report.show(&event),
             }
         });
         if let Some(path) = &self.trace {
@@ -124,12 +130,12 @@ impl Run {
         if let Some(time) = time.filter(|time| begin.elapsed() > *time) {
             let [took, asked] =
                 [begin.elapsed(), time].map(|time| terminal::seconds_text(time.as_secs_f64()));
-            report.tell(&Event::Warning {
+            report.show(&Event::Warning {
                 id: "time-missed",
                 text: format!("the run took {took}, where {asked} was asked for"),
             });
         }
-        end.iter().for_each(|end| report.tell(end));
+        end.iter().for_each(|end| report.show(end));
         if let Some(lock) = &locked {
             let now = engine.lock(graph, only)?;
             let results = lock.differences(&now).results;
@@ -147,13 +153,13 @@ impl Run {
     /// a run needs the graph.
     fn unchanged(&self, origin: &Origin) -> Result<Option<Outcome>, Error> {
         let asked = self.max_error.is_some() || self.time.is_some() || self.locked || self.trace.is_some();
-        if asked || !self.graph.only.is_empty() {
+        if asked || !self.graph.only.is_empty() || self.graph.frames.is_some() {
             return Ok(None);
         }
         self.engine.memory()?;
         let mut report = self.report();
         let (folder, kinds) = (cache_folder(self.engine.cache.as_deref())?, nodes::registry());
-        let tell = |event| report.tell(&event);
+        let tell = |event| report.show(&event);
         Ok(run_unchanged(&folder, &origin.source, &kinds, &origin.root, &self.out, tell))
     }
 
@@ -181,7 +187,7 @@ impl Run {
                 *degraded = false;
             }
             if !matches!(event, Event::Done(_)) {
-                report.tell(&event);
+                report.show(&event);
             }
         });
         if let Some(failures) = &outcome.failures {

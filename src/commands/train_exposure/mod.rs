@@ -12,6 +12,7 @@ use lora::TrainLora;
 
 use crate::session::Error;
 use crate::terminal;
+use crate::terminal::training::Follow;
 
 /// Trains the learned exposure prediction on HDR panoramas.
 #[derive(Debug, Args)]

@@ -1,37 +1,37 @@
-//! Which node the error comes from: each set to the reference alone, and the reverse.
+//! Attribution of the error to nodes: each set to the reference alone, and the reverse.
 
 use crate::bench::Bench;
 use crate::metric::Metric;
 use crate::tunables::Assignment;
 
-/// What setting one node to the reference gains, and what leaving it as it is costs.
+/// The gain of setting one node to the reference, and the cost of leaving it as it is.
 #[derive(Debug)]
 pub struct Attribution {
     /// Name of the node.
     pub node: String,
     /// Error with this node alone at the reference.
     pub alone: Option<f64>,
-    /// Error with all at the reference but this one: what it does by itself. `None` where it was not measured.
+    /// Error with all at the reference but this one: its own error. `None` if it was not measured.
     pub all_but: Option<f64>,
     /// Work with this node alone at the reference.
     pub work_alone: f64,
 }
 
-/// The node that comes first, and what is to be said of it.
+/// The first node, and its blame.
 #[derive(Debug, PartialEq)]
 pub enum Blame<'a> {
-    /// By itself it makes this error.
+    /// Its own error.
     Makes(&'a str, f64),
-    /// Setting it to the reference helps most; what it makes by itself was not measured.
+    /// Setting it to the reference helps most; its own error was not measured.
     Helps(&'a str),
-    /// None makes an error, or none helps.
+    /// No node causes an error, or none helps.
     None,
     /// The error was not computed.
     Unknown,
 }
 
 impl<'a> Blame<'a> {
-    /// That of the worst, which comes first, beside the error of the graph as it is.
+    /// The blame of the worst node, which comes first, given the error of the graph as it is.
     pub fn of(attributions: &'a [Attribution], error: Option<f64>) -> Self {
         let Some(first) = attributions.first() else { return Self::Unknown };
         match (first.all_but, first.alone, error) {
@@ -44,8 +44,8 @@ impl<'a> Blame<'a> {
     }
 }
 
-/// Every node that has something to turn, the worst first: the one whose own error is largest, and of equal ones
-/// the one whose repair leaves least. `measure` gives the index of a point; its failure ends it all.
+/// Every node with a tunable, the worst first: the one with the largest own error, and of equal ones the one whose
+/// repair leaves least. `measure` returns the index of a point; its failure ends the attribution.
 pub fn attributions<E>(
     bench: &mut Bench<'_>,
     metric: &Metric,

@@ -1,11 +1,12 @@
-//! What `report` measures: the graph at its presets and as it is, and with one node at the reference at a time.
+//! The measurements of `report`: the graph at its presets and as it is, and with one node at the reference at a
+//! time.
 
 mod json;
 mod page;
 
 use engine::PRESETS;
 
-pub use json::told;
+pub use json::as_json;
 pub use page::page;
 
 use crate::attribution::{Attribution, attributions};
@@ -14,7 +15,7 @@ use crate::error::Error;
 use crate::metric::Metric;
 use crate::tunables::Assignment;
 
-/// Why measuring ended early.
+/// The reason why measuring ended early.
 #[derive(Debug)]
 pub enum Stop {
     /// The user interrupted it.

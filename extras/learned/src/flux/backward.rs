@@ -16,7 +16,7 @@ use super::rope::Place;
 use super::transformer::{Begun, Transformer};
 use super::watch::Watch;
 
-/// What the transformer is given.
+/// Inputs of the transformer.
 pub struct Given<'a> {
     /// As in [`Transformer::forward`].
     pub tokens: &'a Tensor,

@@ -5,7 +5,7 @@ use candle_core::Tensor;
 use super::error::Result;
 use super::watch::Watch;
 
-/// What lies beside the left and right edges.
+/// Padding beyond the left and right edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Edge {
     /// Zeros.

@@ -1,4 +1,4 @@
-//! What can go wrong between a file of weights and a picture.
+//! Errors between a file of weights and a picture.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ pub enum Error {
     File {
         /// The file.
         file: PathBuf,
-        /// What is wrong with it, and what to do.
+        /// The problem and the remedy.
         what: String,
     },
     /// Values that do not belong together: sizes, options.
@@ -36,7 +36,7 @@ impl Error {
     }
 }
 
-/// What the functions here give.
+/// Result of the functions of this crate.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// The first few of many names, for a message.

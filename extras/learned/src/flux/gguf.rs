@@ -55,7 +55,7 @@ pub(crate) fn header(file: &mut File, path: &Path, index: usize) -> Result<BTree
     for (name, entry) in &mut entries {
         entry.start = entry.start.saturating_add(first);
         if entry.start.saturating_add(entry.bytes) > length {
-            return Err(header.wrong(format!("tensor `{name}` lies beyond its end; copy it anew")));
+            return Err(header.wrong(format!("tensor `{name}` lies beyond its end; copy it again")));
         }
     }
     Ok(entries)
@@ -68,7 +68,7 @@ struct Header<'a> {
 
 impl Header<'_> {
     fn wrong(&self, what: String) -> Error {
-        Error::file(self.path, format!("is no sound GGUF file: {what}"))
+        Error::file(self.path, format!("is not a valid GGUF file: {what}"))
     }
 
     fn take<const N: usize>(&mut self) -> Result<[u8; N]> {

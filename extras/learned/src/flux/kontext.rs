@@ -1,4 +1,4 @@
-//! Editing a picture: encode it, take noise to a picture beside it step by step, decode that.
+//! Editing a picture: encode it, turn noise into a picture conditioned on it step by step, and decode that.
 
 use std::path::PathBuf;
 
@@ -37,7 +37,7 @@ pub struct Settings {
     pub steps: usize,
     /// How strongly the model follows the prompt; it was trained with this number as an input.
     pub guidance: f32,
-    /// Of the noise.
+    /// Seed of the noise.
     pub seed: u64,
     /// Left and right edge belong together. Convolutions then go round, and every step is done twice, once on the
     /// picture turned by half a circle, since attention knows columns as far apart that are neighbours across the

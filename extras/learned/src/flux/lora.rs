@@ -36,7 +36,7 @@ struct Found {
     alpha: Option<String>,
 }
 
-/// What may stand before the name of a module: `diffusers` and peft, other trainers, kohya.
+/// Prefixes of module names: `diffusers` and peft, other trainers, kohya.
 const PREFIXES: [&str; 5] =
     ["transformer.", "base_model.model.", "diffusion_model.", "lora_unet_", "lora_transformer_"];
 
@@ -197,7 +197,7 @@ fn targets(config: &Config) -> BTreeMap<String, Target> {
 fn header_alpha(source: &Source) -> Result<Option<f64>> {
     let Some(text) = source.metadata().get("lora_adapter_metadata") else { return Ok(None) };
     let json: serde_json::Value = serde_json::from_str(text).map_err(|error| {
-        source.wrong(format!("`lora_adapter_metadata` in its header is no JSON: {error}"))
+        source.wrong(format!("`lora_adapter_metadata` in its header is not JSON: {error}"))
     })?;
     let field = |name: &str| json.get(format!("transformer.{name}")).or_else(|| json.get(name));
     for (unsupported, what) in [("use_dora", "DoRA"), ("use_rslora", "a scale of alpha / sqrt(rank)")] {

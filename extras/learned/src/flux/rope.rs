@@ -17,7 +17,7 @@ pub fn grid(frame: f32, rows: usize, columns: usize) -> Vec<Place> {
 /// the weights have: eight bits tell only 256 columns apart.
 #[derive(Debug, Clone)]
 pub struct Rotations {
-    /// Of the angle by which each pair of numbers is turned.
+    /// Cosine of the angle by which each pair of numbers is turned.
     pub cos: Tensor,
     /// As [`Rotations::cos`].
     pub sin: Tensor,

@@ -29,7 +29,7 @@ pub struct TrainSettings {
     pub rate: f64,
     /// The strength of guidance during training; 1 for the published model.
     pub guidance: f32,
-    /// Of the first weights, the noise, and the order of pairs.
+    /// Seed of the first weights, the noise, and the order of pairs.
     pub seed: u64,
 }
 
@@ -42,7 +42,7 @@ pub struct Pair {
 
 /// An update that is being trained, and its two running means (Adam, Kingma and Ba 2015).
 struct Adapter {
-    /// Of `diffusers`, without `transformer.`.
+    /// Name in `diffusers`, without `transformer.`.
     module: String,
     rows: (usize, usize),
     layer: String,
@@ -255,10 +255,10 @@ impl Trainer {
         if said != Some(&settings) {
             let said = said.map_or("unknown settings", String::as_str);
             return Err(source
-                .wrong(format!("is of a training with {said}, not {settings}; remove it to begin anew")));
+                .wrong(format!("is of a training with {said}, not {settings}; remove it to begin again")));
         }
         if source.metadata().get("from").map(String::as_str) != Some(learned_from) {
-            return Err(source.wrong("is of a training with other panoramas, another width, prompt or model; remove it to begin anew"));
+            return Err(source.wrong("is of a training with other panoramas, another width, prompt or model; remove it to begin again"));
         }
         let done = source.metadata().get("done").and_then(|text| text.parse().ok());
         self.done = done.ok_or_else(|| source.wrong("does not say how many steps are done"))?;

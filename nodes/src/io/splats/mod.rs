@@ -3,12 +3,12 @@
 
 mod accessor;
 mod bytes;
+mod fixed_rows;
 mod frame;
 mod gltf;
 mod inflate;
 mod ksplat;
 mod ply;
-mod ply_header;
 mod ply_packed;
 mod rows;
 pub mod save;
@@ -157,7 +157,7 @@ pub(crate) fn load(
 ) -> Result<Loaded, NodeError> {
     match Format::of(file, bytes)? {
         Format::Ply => {
-            let header = ply_header::Header::read(file, bytes)?;
+            let header = fixed_rows::FixedRows::read(file, bytes)?;
             let packed = ply_packed::is_packed(&header);
             let read = if packed { ply_packed::load } else { ply::load };
             let loaded = read(file, bytes, &header, reading, notes)?;

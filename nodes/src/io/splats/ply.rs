@@ -7,10 +7,11 @@
 
 use engine::{NodeError, Notes};
 
-use super::ply_header::{Element, Field, Header, Number};
+use super::fixed_rows::{Element, Field, FixedRows};
 use super::rows::{Row, RowFault};
 use super::{Loaded, Reading};
 use crate::error::Error;
+use crate::io::ply::Scalar;
 
 /// Where the fields of a row lie.
 struct Layout {
@@ -31,7 +32,8 @@ struct Layout {
 
 impl Layout {
     fn of(file: &str, vertex: &Element) -> Result<Self, Error> {
-        let find = |name: &str| vertex.find(name).filter(|field| field.number.is_real());
+        let find =
+            |name: &str| vertex.find(name).filter(|field| matches!(field.scalar, Scalar::F32 | Scalar::F64));
         let need = |name: &str| {
             find(name).ok_or_else(|| {
                 let hint = if name == "scale_2" {
@@ -56,8 +58,7 @@ impl Layout {
         };
         let rest = (0..rest_count).map(|i| need(&format!("f_rest_{i}"))).collect::<Result<Vec<_>, _>>()?;
         let first = rest.first().map_or(0, |field: &Field| field.at);
-        let in_line =
-            rest.iter().enumerate().all(|(i, f)| f.number == Number::Single && f.at == first + i * 4);
+        let in_line = rest.iter().enumerate().all(|(i, f)| f.scalar == Scalar::F32 && f.at == first + i * 4);
         let known = |name: &str| {
             ["x", "y", "z", "nx", "ny", "nz", "opacity", "filter_3D"].contains(&name)
                 || ["f_dc_", "f_rest_", "scale_", "rot_"].iter().any(|prefix| name.starts_with(prefix))
@@ -111,7 +112,7 @@ impl Layout {
 pub(super) fn load(
     file: &str,
     bytes: &[u8],
-    header: &Header,
+    header: &FixedRows,
     reading: &Reading<'_>,
     notes: &mut Notes,
 ) -> Result<Loaded, NodeError> {

@@ -352,7 +352,7 @@ fn sog_versions_and_wrappings_agree() {
 
 // The smallest bytes: what is wrong is told, not that nothing is known of such a file.
 #[test]
-fn files_that_were_cut_off_are_told_as_what_they_were() {
+fn files_that_were_cut_off_are_reported_as_what_they_were() {
     let told = |name: &str, bytes: &[u8]| {
         from_bytes(name, bytes, Frame::ByFormat, &context()).err().unwrap().message().to_owned()
     };
@@ -370,7 +370,7 @@ fn files_that_were_cut_off_are_told_as_what_they_were() {
 }
 
 #[test]
-fn what_follows_the_splats_is_told() {
+fn what_follows_the_splats_is_reported() {
     for (name, mut bytes) in [
         ("ply", build::ply(&[PlyRow::default()], 0)),
         ("ksplat", build::ksplat(1, 1)),
@@ -423,4 +423,32 @@ fn unknown_content_is_refused_in_words() {
         let error = read(bytes).err().unwrap();
         assert!(error.message().contains(says), "{error}");
     }
+}
+
+// A chunk that arrives, or goes, between the listing of the folder and the run.
+#[test]
+fn chunks_that_come_and_go_while_it_runs_ask_for_another_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let chunk = build::zip("", &build::sog(2), false);
+    let write = |name: &str| std::fs::write(folder.path().join(name), &chunk).unwrap();
+    write("one.sog");
+    write("two.sog");
+    let params = LoadSplats {
+        path: InputFile(".".to_owned()),
+        more: Vec::new(),
+        strict: true,
+        max_extent: 1e6,
+        frame: Frame::ByFormat,
+    };
+    let sources = LoadSplats::sources(&params, &SourceRoot::new(folder.path())).unwrap();
+    let scene = engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+    let cx = Context::detached(scene, folder.path()).having_listed(&sources);
+    let error = || LoadSplats::run(&params, In {}, &cx).err().map(|e| e.to_string()).unwrap_or_default();
+    assert_eq!(error(), "");
+    write("three.sog");
+    assert!(error().contains("three.sog` changed while the graph was running"), "{}", error());
+    for name in ["one.sog", "three.sog"] {
+        std::fs::remove_file(folder.path().join(name)).unwrap();
+    }
+    assert!(error().contains("one.sog` changed while the graph was running"), "{}", error());
 }

@@ -1,6 +1,5 @@
-//! Light in a demo place: sun, sky through an opening or overhead, a lamp, and what surfaces pass on.
-//! Direct light is sampled at every point that asks; what comes by way of other surfaces is kept at
-//! scattered points and interpolated.
+//! Light in a demo scene: sun, sky through an opening or overhead, a lamp, and interreflection. Direct light is
+//! sampled at every point; indirect light is cached at scattered points and interpolated.
 
 use std::f64::consts::PI;
 
@@ -40,7 +39,7 @@ pub(super) struct Lamp {
     pub radiance: Rgb,
 }
 
-/// What lies beyond the place.
+/// Sky and surroundings of the scene.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sky {
     pub zenith: Rgb,
@@ -52,7 +51,7 @@ pub(super) struct Sky {
     pub sun_irradiance: Rgb,
     /// Sine of the angular radius of the sun.
     pub sun_sine: f64,
-    /// How much brighter the sky is around the sun.
+    /// Additional brightness of the sky around the sun.
     pub glow: f64,
 }
 
@@ -80,7 +79,7 @@ impl Sky {
     }
 }
 
-/// How many rays each sort of light gets.
+/// Number of rays for each kind of light.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Effort {
     pub sky: usize,
@@ -88,7 +87,7 @@ pub(super) struct Effort {
     pub lamp: usize,
 }
 
-/// A place with its light.
+/// A scene with its light.
 pub(super) struct Lit<'a> {
     pub quads: &'a [Quad],
     pub caster: Caster,
@@ -482,7 +481,7 @@ fn closeness(p: DVec3, n: DVec3, point: &Point) -> f64 {
     if near <= 0.0 {
         return 0.0;
     }
-    // Points that face another way or lie on another surface count only where there are no better ones.
+    // Points with another orientation or on another surface count only if there are no better ones.
     let alike = n.dot(point.n).max(0.03);
     let off = (1.0 - 4.0 * way.dot(n).abs() / RADIUS).max(0.02);
     let near = near * near;

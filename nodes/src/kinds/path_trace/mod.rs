@@ -233,8 +233,8 @@ impl Kind for PathTrace {
     const VERSION: u32 = 20;
     const READS: &'static [ContextField] =
         &[ContextField::Exhaustive, ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
-    const REFINES: Option<&'static str> = Some("samples");
-    const COARSE: Option<&'static str> = Some("coarse_px");
+    const PREVIEW: engine::Preview =
+        engine::Preview { refines: Some("samples"), coarse: Some("coarse_px"), ..engine::Preview::NONE };
     type Params = Self;
     type In = In;
     type Out = Out;

@@ -72,7 +72,7 @@ mod tests {
 
     /// Mutation: `TOO_LARGE` 0; `is_empty` not asked.
     #[test]
-    fn what_is_larger_than_the_place_is_told() {
+    fn what_is_larger_than_the_place_is_reported() {
         let floor = Mesh {
             positions: vec![[0.0; 3], [6.0, 0.0, 0.0], [0.0, 6.0, 0.0]],
             triangles: vec![[0, 1, 2]],
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_sees_nothing_is_told_where_the_objects_are() {
+    fn a_camera_that_sees_nothing_is_reported_where_the_objects_are() {
         let boxes = [cube(9.0, 1.0), Aabb::EMPTY, cube(5.0, 1.0)];
         let text = why_not_seen("a", Vec3::new(5.0, 5.0, 2.0), &boxes);
         assert!(

@@ -1,4 +1,4 @@
-//! Lights that the user states.
+//! Lights given by the user.
 
 use engine::{Context, NodeError, Notes, Up};
 
@@ -6,10 +6,10 @@ use crate::light::linear::LinearPixels;
 use crate::math::equirect::direction;
 use crate::math::num;
 
-/// Largest gain that may be stated, in stops.
+/// Largest gain of a light, in stops.
 const STOPS: f64 = 24.0;
 
-/// Refuses what is no light.
+/// Checks the ranges of the lights.
 pub(super) fn check(emitters: &[[f64; 4]]) -> Result<(), NodeError> {
     for (i, &[azimuth, elevation, radius, stops]) in emitters.iter().enumerate() {
         let wrong = if azimuth.abs() > 360.0 {
@@ -30,7 +30,7 @@ pub(super) fn check(emitters: &[[f64; 4]]) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// The log2 gain of every pixel: that of the narrowest emitter that reaches it (of equal ones the nearest), 0
+/// The log2 gain of every pixel: that of the narrowest emitter that covers it (the nearest among equal ones), 0
 /// elsewhere.
 pub(super) fn predict(
     emitters: &[[f64; 4]],
@@ -49,7 +49,7 @@ pub(super) fn predict(
             let d = direction(up, (x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64);
             let cosines = lights.iter().map(|(light, _)| d.dot(*light)).enumerate();
             let within = cosines.filter(|(i, cosine)| *cosine >= lights[*i].1);
-            // The larger its cosine the narrower is an emitter, and the nearer; the first of equal ones.
+            // The larger its cosine, the narrower or nearer is an emitter; the first among equal ones.
             let rank = |&(i, cosine): &(usize, f64)| (lights[i].1, cosine);
             within.reduce(|a, b| if rank(&b) > rank(&a) { b } else { a }).map(|(i, _)| i)
         };

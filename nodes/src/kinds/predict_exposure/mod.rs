@@ -1,4 +1,4 @@
-//! `predict-exposure`: how bright the clipped parts of a panorama really are.
+//! `predict-exposure`: estimates the brightness of the clipped parts of a panorama.
 
 use std::sync::Arc;
 
@@ -43,31 +43,31 @@ pub mod training;
 pub use method::Method;
 
 engine::params! {
-    /// Predicts how bright the clipped parts of a panorama really are.
-    /// A capture cannot hold the sun, a lamp or a window: they clip to white. This estimates the light
-    /// that clipping hid, as a gain for every pixel, and from it what a camera would have taken at any
-    /// darker exposure. Where nothing is clipped nothing is changed.
+    /// Estimates the true brightness of the clipped parts of a panorama.
+    ///
+    /// A capture clips the sun, lamps and windows to white. This node estimates the hidden light as a gain per
+    /// pixel, and derives the photographs that a camera would take at darker exposures. Unclipped pixels are not
+    /// changed.
     pub struct PredictExposure {
-        /// Exposures to derive, in stops below the panorama (which is EV 0), in any order; for `Photographs`
-        /// those at which the files were taken, in the order of the files.
+        /// Exposures to derive, in stops below the panorama (which is EV 0), in any order; for `Photographs`, the
+        /// exposures of the files, in their order.
         evs: Vec<f64> = vec![-6.0, -3.0], range(-24.0, -0.1), unit("EV"), other("[-9.0, -4.0]");
-        /// How hidden light is estimated.
-        /// `Learned`: how much in all by a regression on what is visible, and where by small networks.
-        /// `Region`: for each connected clipped region by a regression on nine numbers.
-        /// `Manual`: as stated, each light by azimuth (degrees clockwise from forward, seen from above; -360 to 360),
-        /// elevation (degrees above the horizon; -90 to 90), radius of the disc of clipped pixels that it acts on
-        /// (degrees; above 0 to 180), and stops that these are brighter than they show (0 to 24). Of
-        /// several lights that cover a pixel the narrowest counts; what none covers stays clipped.
-        /// `Photographs`: as darker photographs show it, one file for each of `evs`, of the panorama's place and size. They
-        /// are turned with it. OpenEXR and Radiance have no ceiling.
-        /// `Skip`: what is clipped stays clipped.
-        /// `FluxKontext`: by a diffusion model and weights of your own (feature `learned`): `strength` of the LoRA 0 to 4,
-        /// `steps` 1 to 200 for each exposure, `guidance` 0 to 20, `width_px` at which it works at most 64 to 4096.
+        /// Method of estimating hidden light. `Learned`: total amount by a regression on the visible light, and its
+        /// distribution by small networks. `Region`: by a regression on nine numbers of each connected clipped
+        /// region. `Manual`: lights given by the user, each by azimuth (degrees clockwise from forward, seen from
+        /// above; -360 to 360), elevation (degrees above the horizon; -90 to 90), radius of the disc of clipped
+        /// pixels it acts on (degrees; above 0 to 180), and stops by which these are brighter than they appear (0
+        /// to 24); the narrowest light that covers a pixel is used, and pixels without one stay clipped.
+        /// `Photographs`: measured from darker photographs of the same scene and size, one file for each of `evs`,
+        /// which are rotated with the panorama; OpenEXR and Radiance files are not clipped. `Skip`: clipped pixels
+        /// stay clipped. `FluxKontext`: by a diffusion model with weights of your own (feature `learned`);
+        /// `strength` of the LoRA 0 to 4, `steps` 1 to 200 for each exposure, `guidance` 0 to 20, `width_px` at
+        /// most 64 to 4096.
         method: Method = Method::Learned, other("Skip");
-        /// The value from which a channel counts as clipped, in linear light of which 1 is white. Lower it for pictures
-        /// whose whites end below that, as those of splats and of video may.
+        /// Value from which a channel counts as clipped, in linear light with white at 1. Lower it for pictures
+        /// whose whites end below 1, as those of splats and of video may.
         white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
-        /// Weights for `Learned` in place of those that ship: a file that `train-exposure` wrote.
+        /// Weights for `Learned` that replace the built-in ones: a file written by `train-exposure`.
         weights: Option<InputFile> = None, other("\"exposure.safetensors\"");
     }
 }
@@ -75,7 +75,7 @@ engine::params! {
 engine::inputs! {
     /// Inputs of `predict-exposure`.
     pub struct In {
-        /// The panorama, in which light may be clipped.
+        /// Panorama whose lights may be clipped.
         pano: Arc<Panorama>,
     }
 }
@@ -83,29 +83,30 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of `predict-exposure`.
     pub struct Out {
-        /// The log2 gain of every pixel, the exposures derived from it, and each region found.
+        /// The log2 gain per pixel, the exposures derived from it, and the regions.
         brackets: Arc<Brackets>,
         /// The exposures as pictures, one view each: `ev_-6`.
         exposures: Arc<Images>,
-        /// The regions, and the light of the panorama before and after, in all and of each light.
+        /// The regions, and the light of the panorama before and after: in total and for each light.
         report: Arc<Report>,
     }
 }
 
 /// The middle of the ramp from 0.9 to 1 on which the regression was fitted.
 pub const CLIPPED: f32 = 0.95;
-/// Exposures cost memory, and beyond a few say nothing new.
+/// Exposures take memory, and more than a few add no information.
 const MOST_EXPOSURES: usize = 64;
-/// A light is spread by at most this, in radians: two cells of the grid.
+/// A light is spread by at most this angle, in radians: two cells of the grid.
 const SPREAD: f64 = 0.05;
-/// Pixels seen less than this were filled in, so they say nothing about clipping.
+/// Pixels with a smaller alpha were filled, so they say nothing about clipping.
 const SEEN: f32 = 0.5;
-/// In a panorama of fewer columns, 5.6 degrees each, many lamps are averaged with what is around them and clip nowhere.
+/// In a panorama of fewer columns, 5.6 degrees each, many lamps are averaged with their surroundings and do not
+/// clip.
 const COARSE: usize = 64;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 11;
+    const VERSION: u32 = 12;
     const READS: &'static [ContextField] = &[ContextField::Exhaustive];
     const DATA: &'static [u8] = network::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
@@ -115,15 +116,15 @@ impl Kind for PredictExposure {
 
     fn estimate(params: &Self, inputs: &In) -> Cost {
         let pano = &inputs.pano.alpha;
-        let own = pano.samples.len() * (136 + 12 * params.evs.len());
+        let pixels = pano.samples.len() as u64;
         let model = params.method.kontext().map_or(0, |kontext| kontext.memory(pano.width));
         let read = match &params.method {
-            Method::Photographs { files } => pano.samples.len() * (48 + 16 * files.len()),
+            Method::Photographs { files } => (pixels, 48 + 16 * files.len() as u64),
             // Enlarged, at most 510 columns by as many rows.
-            Method::Learned if pano.width < grid::WIDTH => 136 * 510 * 510,
-            _ => 0,
+            Method::Learned if pano.width < grid::WIDTH => (136, 510 * 510),
+            _ => (0, 0),
         };
-        Cost { bytes: (own + read) as u64 + model }
+        Cost::of([(pixels, 136 + 12 * params.evs.len() as u64), read, (model, 1)])
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {
@@ -159,7 +160,7 @@ impl Kind for PredictExposure {
     }
 
     fn former(name: &str, _: &[(&str, &str)]) -> Option<Former> {
-        (name == "force").then(|| Former::exhaustive(&["force"], 10))
+        (name == "force").then(|| Former::exhaustive(&["force"], 11))
     }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
@@ -244,7 +245,7 @@ impl Kind for PredictExposure {
         if kept > 0 && matches!(params.method, Method::Skip | Method::Manual { .. }) {
             notes.warning("clipping-kept", format!("{kept} of {clipped} clipped pixels stay as they are"));
         }
-        // Whatever the method, the report is of the regions that are there.
+        // With any method, the report lists the regions of the panorama.
         let regions = if clipped > 0 && regions.is_empty() { on_grid().told(&log2_gain) } else { regions };
         if regions.iter().any(|region| region.sun) {
             notes.decision(
@@ -277,7 +278,8 @@ impl Kind for PredictExposure {
     }
 }
 
-/// The networks of `Learned`, those that ship or of the user; also where nothing is clipped, so that a wrong file is found.
+/// The networks of `Learned`, built in or from the user's file. The file is read even if nothing is clipped, so
+/// that a wrong file is reported.
 fn learned(
     params: &PredictExposure,
     notes: &mut Notes,
@@ -297,12 +299,12 @@ fn learned(
     Ok(Some(parsed.map_err(|error| NodeError::from(error).at("weights"))?))
 }
 
-/// What is clipped of a panorama, on the grid that light is judged on.
+/// The clipped parts of a panorama, on the grid.
 struct Clipped<'a> {
     up: Up,
     pixels: &'a LinearPixels,
     mask: &'a [bool],
-    /// Where the whites of the panorama end, above 0 to 1.
+    /// White level of the panorama, above 0 to 1.
     ceiling: f64,
     grid: Grid,
     labels: Regions,
@@ -310,7 +312,7 @@ struct Clipped<'a> {
     members: Vec<Vec<usize>>,
 }
 
-/// What was found about one region.
+/// Estimate for one region.
 struct RegionLight {
     sun: bool,
     azimuth_deg: f64,
@@ -318,7 +320,7 @@ struct RegionLight {
     solid_angle: f64,
     mean_log2_gain: f64,
     peak_log2_gain: f64,
-    /// How far off the mean gain may be, in stops, one standard deviation; `None` where it is not known.
+    /// Standard deviation of the mean gain, in stops; `None` if unknown.
     uncertainty: Option<f64>,
 }
 
@@ -335,7 +337,7 @@ impl<'a> Clipped<'a> {
         Self { up, pixels, mask, ceiling, grid, labels, members }
     }
 
-    /// The regions, with the gain that was predicted pixel by pixel.
+    /// The regions, with the predicted gain.
     fn told(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
         let n = self.labels.count;
         let (mut size, mut before, mut after) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
@@ -379,7 +381,7 @@ fn sorted(evs: &[f64]) -> Vec<f64> {
     evs
 }
 
-/// Linear light as a camera holds it: no more than white where the panorama is display-encoded.
+/// Linear light as a camera records it: limited to white if the panorama is display-encoded.
 fn clipped_light(pano: &Panorama, notes: &mut Notes) -> Result<LinearPixels, NodeError> {
     if matches!(pano.image, Picture::Data(_)) {
         return Err(Error::Mismatch("the panorama holds data, not colour".to_owned()).into());
@@ -405,7 +407,7 @@ fn clip_mask(pano: &Panorama, pixels: &LinearPixels, white: f32) -> Vec<bool> {
     pixels.rgb.iter().zip(&pano.alpha.samples).map(|(rgb, alpha)| *alpha >= SEEN && clipped(*rgb)).collect()
 }
 
-/// White that was mostly filled in is not taken for clipped, and gets no light.
+/// Reports white pixels that were mostly filled: they do not count as clipped and get no light.
 fn tell_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Notes) {
     let unseen = |(rgb, alpha): &(&[f32; 3], &f32)| **alpha < SEEN && **alpha > 0.0 && max3(**rgb) > white;
     let count = pixels.rgb.iter().zip(alpha).filter(unseen).count();
@@ -417,7 +419,8 @@ fn tell_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Not
     }
 }
 
-/// A lamp that is smaller than a pixel may clip nowhere, and another light then seems to be the strongest.
+/// Warns about a coarse panorama: a lamp smaller than a pixel may not clip, and another light then seems to be the
+/// strongest.
 fn tell_coarse(width: usize, notes: &mut Notes) {
     if width < COARSE {
         let text = format!(
@@ -463,12 +466,12 @@ fn tell_nothing_clipped(
     notes.decision("nothing-clipped", format!("{why}; {then}"));
 }
 
-/// What a camera would take at `ev`: display-encoded, no more than white.
+/// The photograph of a camera at `ev`: display-encoded, limited to white.
 fn expose(pixels: &LinearPixels, log2_gain: &[f32], ev: f64) -> Vec<f32> {
     pixels.rgb.iter().zip(log2_gain).flat_map(|(rgb, gain)| exposed(*rgb, *gain, ev, 1.0)).collect()
 }
 
-/// The same of one pixel, no more than `white`.
+/// The same for one pixel, limited to `white`.
 fn exposed(rgb: [f32; 3], log2_gain: f32, ev: f64, white: f32) -> [f32; 3] {
     let scale = num::f64::exp2(f64::from(log2_gain) + ev);
     rgb.map(|v| srgb_from_linear(((f64::from(v) * scale) as f32).min(white)))

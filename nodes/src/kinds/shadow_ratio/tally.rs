@@ -1,25 +1,26 @@
-//! What became of the samples, to be told.
+//! Counts of samples that were clipped or left out, for notes.
 
 use engine::Notes;
 
-/// How many times brighter than it may be a sample is counted: less is noise, and not seen.
+/// A sample counts as clipped if it is this many times brighter than allowed; less is invisible noise.
 pub(super) const SEEN: f64 = 1.01;
-/// From how many times on objects shine on a place, or throw light onto it: matte ones hardly brighten what is beside them.
+/// Objects add visible light from this factor on; matte objects hardly brighten what is next to them.
 pub(super) const SHONE_ON: f64 = 1.5;
-/// A largest ratio that lets through what most lamps do: where it does not, the place is next to dark without them.
+/// A value of `s_max` that lets the light of most lamps through; where it does not, the place is almost dark
+/// without them.
 const LARGE: f64 = 8.0;
-/// Share of all samples from which on that is more than fireflies.
+/// Share of all samples above which bright samples are more than fireflies.
 const MANY: f64 = 1e-3;
 
-/// What became of the samples of one view.
+/// Counts for the samples of one view.
 #[derive(Default)]
 pub(super) struct Tally {
     pub(super) samples: u64,
     pub(super) dark: u64,
     pub(super) clipped: u64,
-    /// Of these those of places that objects shine on.
+    /// Those of them in places that objects brighten.
     pub(super) shone_on: u64,
-    /// Of the ratios that are clipped the sums of what they are made of: with the objects and without.
+    /// Sums of the clipped ratios' terms: with the objects and without.
     pub(super) bright: [f64; 2],
     pub(super) broken: u64,
 }
@@ -36,7 +37,7 @@ impl Tally {
         self.broken += other.broken;
     }
 
-    /// Notes of what was left out, and of how much of all it is.
+    /// Adds notes on samples that were left out, with their share of all.
     pub(super) fn tell(&self, s_max: f64, notes: &mut Notes) {
         if self.broken > 0 {
             notes.warning("not-finite", format!("{} samples are not finite and cast no shadow", self.broken));

@@ -13,7 +13,7 @@ fn ratios(params: &ShadowRatio, r0: &[f32], r1: &[f32]) -> Vec<f32> {
     out.shadow.0[0].picture.samples().chunks(3).map(|p| p[0]).collect()
 }
 
-// What the camera sees of the sun says nothing of how dark a shadow is, and what is held back of a ratio is counted.
+// The sun in the picture does not affect how dark a shadow is, and clipped ratios are counted.
 #[test]
 fn the_sun_in_the_picture_puts_no_shadow_out() {
     let with_sun = |radiance: f32| {
@@ -29,9 +29,9 @@ fn the_sun_in_the_picture_puts_no_shadow_out() {
     assert!(told.is_some_and(|text| text.starts_with("6 samples (100.00 %)")));
 }
 
-/// A difference has no use for what shapes a ratio, and says so of what is set.
+/// `Difference` ignores the parameters that shape a ratio, and reports those that are set.
 #[test]
-fn what_shapes_no_difference_is_told() {
+fn what_shapes_no_difference_is_reported() {
     let difference = || ShadowRatio { form: RatioForm::Difference, ..ShadowRatio::default() };
     let set = ShadowRatio { gamma: 0.5, s_max: 2.0, ..difference() };
     let lambda = ShadowRatio { lambda: 0.5, ..difference() };
@@ -48,9 +48,9 @@ fn what_shapes_no_difference_is_told() {
     }
 }
 
-/// A few samples on black do not rule how much brighter the others are.
+/// A few samples on black do not dominate the reported brightness.
 #[test]
-fn how_much_brighter_is_told_by_sums() {
+fn how_much_brighter_is_reported_by_sums() {
     let (mut r0, mut r1) = ([1.0; 100], [1.2; 100]);
     (r0[0], r1[0]) = (0.002, 1.0);
     let inputs = In { without: image(&r0), with: image(&r1) };
@@ -60,11 +60,10 @@ fn how_much_brighter_is_told_by_sums() {
     assert!(told.text.contains("1.210 times"), "{}", told.text);
 }
 
-/// The light of an inserted lamp that `s_max` keeps from the picture is a warning with its remedy; what a matte object throws back beside
-/// it, noise and a firefly are none.
-/// Mutation: `SHONE_ON` 1, `SEEN` 1, `is_shone_on` always true.
+/// Light of an inserted lamp that `s_max` clips is a warning with a remedy; the reflection of a matte object, noise
+/// and a firefly are not. Mutation: `SHONE_ON` 1, `SEEN` 1, `is_shone_on` always true.
 #[test]
-fn light_that_is_kept_from_the_picture_is_told() {
+fn light_that_is_kept_from_the_picture_is_reported() {
     let told = |s_max: f64, bright: &[f32]| {
         let mut r1 = vec![1.002; 1000];
         r1[..bright.len()].copy_from_slice(bright);
@@ -83,9 +82,9 @@ fn light_that_is_kept_from_the_picture_is_told() {
     assert!(!told(1.0, &[]).iter().any(|id| id == "clipped"), "noise");
 }
 
-// `Hybrid` adds what is brighter, so that nothing is clipped.
+// `Hybrid` adds light, so nothing is clipped.
 #[test]
-fn what_is_added_is_not_told_as_clipped() {
+fn what_is_added_is_not_reported_as_clipped() {
     let clipped = |form, s_max| {
         let p = ShadowRatio { form, s_max, ..ShadowRatio::default() };
         let run = ShadowRatio::run(&p, In { without: image(&[1.0]), with: image(&[2.0]) }, &context());
@@ -95,10 +94,10 @@ fn what_is_added_is_not_told_as_clipped() {
     assert!(!clipped(RatioForm::Hybrid, 100.0) && clipped(RatioForm::Hybrid, 0.5));
 }
 
-/// A shadow that is one grey everywhere is refused, and a picture that is darkened everywhere is told.
+/// Bounds that give the same factor everywhere are refused, and bounds that darken the whole picture are reported.
 /// Mutation: `powered` left out of `check`.
 #[test]
-fn bounds_that_leave_no_shadow_are_told() {
+fn bounds_that_leave_no_shadow_are_reported() {
     let of = |s_min, s_max, gamma| ShadowRatio { s_min, s_max, gamma, ..ShadowRatio::default() };
     for (s_min, s_max, gamma, good) in
         [(0.9, 0.5, 1.0, false), (0.6, 0.5, 0.5, true), (0.8, 0.5, 0.5, false), (1.0, 1.0, 1.0, true)]
@@ -122,7 +121,7 @@ fn nothing_over_nothing_is_one() {
         let run = ShadowRatio::run(&p, In { without: image(&[0.0]), with: image(&[0.0]) }, &context());
         assert!(run.expect("runs").1.iter().any(|note| note.id == "all-dark"));
         assert_eq!(ratios(&p, &[0.0, 1.0], &[0.0, 1.0])[0], 1.0);
-        // The noise of what is next to black, beside what is lit.
+        // The noise of an almost dark area, next to a lit one.
         let (r0, r1) = ([1.0, 1e-8, 1e-8, 1e-8_f32], [0.5, 1e-3, 1e-3, 1e-3_f32]);
         assert_eq!(ratios(&ShadowRatio { s_max: 100.0, ..p }, &r0, &r1)[2..], [1.0; 2]);
     }
@@ -141,7 +140,7 @@ fn exposure_does_not_change_the_ratio() {
     row(52, "change of the ratio at 1e-6 and 1e6 of the light", change(1e-6).max(change(1e6)), 1e-6);
 }
 
-/// They are counted, and add no light.
+/// Such samples are counted, and add no light.
 #[test]
 fn dark_and_broken_samples_cast_no_shadow() {
     let r0 = [1.0, 1e-8, f32::NAN, f32::INFINITY, 1.0];
@@ -157,7 +156,8 @@ fn dark_and_broken_samples_cast_no_shadow() {
             .expect("runs");
     assert!(notes.iter().any(|n| n.id == "not-finite" && n.text.starts_with("9 ")));
     assert_eq!(out.added.0[0].picture.samples()[6..], [0.0; 9]);
-    // What surrounds a broken pixel is what it is without it, though neighbours decide together what is too dark.
+    // The neighbours of a broken pixel are the same as without it, though neighbours decide together what is too
+    // dark.
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         for (r0, r1) in [(bad, 0.5), (0.5, bad), (bad, bad)] {
             let (mut without, mut with) = ([0.5; 7], [0.2; 7]);
@@ -194,7 +194,7 @@ fn shaping_follows_the_paper() {
     }
 }
 
-/// Without it, it is cut, and the share of it told.
+/// Without `s_max`, added light is clipped, and its share reported.
 #[test]
 fn added_light_needs_s_max() {
     let inputs = In { without: image(&[1.0; 4]), with: image(&[1.3, 0.5, 1.0, 0.9]) };
@@ -233,7 +233,7 @@ fn parameters_out_of_range_are_named() {
     }
 }
 
-/// As the bound of energy is swept no ratio jumps by more than a part of the sweep.
+/// As the energy bound is swept, no ratio jumps by more than a fraction of the sweep.
 #[test]
 fn the_mask_has_no_edge() {
     let at = |least: f64| {
@@ -244,7 +244,7 @@ fn the_mask_has_no_edge() {
     assert!(sweep.windows(2).all(|w| w[1] >= w[0]), "{sweep:?}");
     let jump = sweep.windows(2).map(|w| f64::from(w[1] - w[0])).fold(0.0, f64::max);
     row(50, "largest step of the ratio over 200 bounds of energy", jump, 0.04);
-    // Nor does the noise of one pixel decide: among lit ones it has their ratio.
+    // Nor does the noise of one pixel decide: a pixel among lit ones has their ratio.
     let lit = ShadowRatio { epsilon: 0.0, ..ShadowRatio::default() };
     for ratio in ratios(&lit, &[0.5, 1e-5, 0.5], &[0.25, 5e-6, 0.25]) {
         assert!((ratio - 0.5).abs() < 1e-6, "{ratio}");
@@ -273,7 +273,7 @@ fn difference_and_hybrid_add_light() {
     assert!(added[0] == 0.0 && (added[1] - 0.4).abs() < 1e-6 && (added[2] - 0.3).abs() < 1e-6);
 }
 
-// A luminance ratio loses the colour of what is left and keeps its amount.
+// A luminance ratio drops the colour of the remaining light and keeps its amount.
 #[test]
 fn luminance_is_grey() {
     let colour =

@@ -1,4 +1,4 @@
-//! A mesh as vertical rays under an object's foot feel it.
+//! Probing of a mesh by vertical rays below an object's foot.
 
 use engine::{Context, NodeError, Notes};
 use glam::{DVec3, Vec3};
@@ -8,27 +8,28 @@ use crate::geometry::bvh::{Bvh, Ray};
 use crate::geometry::support::{Foot, median};
 use crate::types::Mesh;
 
-/// Columns and rows of the rays.
+/// Number of columns and of rows of rays.
 const GRID: u32 = 24;
-/// The thickest shell of ground, in metres. Rooms are higher: where normals point out of one, its floor looks down and
-/// the next that looks up is its ceiling.
+/// Largest thickness of a shell of ground, in metres. Rooms are higher: with normals that point out of a room, its
+/// floor faces down and the next surface that faces up is its ceiling.
 const SHELL: f64 = 2.0;
 
-/// A mesh by its tree, from the middle of a foot at the height of its base.
+/// A mesh with its tree, relative to the middle of a foot at the height of its base.
 pub(super) struct Felt {
     pub(super) around: DVec3,
     pub(super) corners: Vec<[Vec3; 3]>,
     pub(super) bvh: Bvh,
 }
 
-/// Where vertical lines through a foot meet a mesh: places from the foot's middle, heights over its base, in world units.
+/// Intersections of vertical lines through a foot with a mesh: positions relative to the middle of the foot,
+/// heights relative to its base, in world units.
 #[derive(Default)]
 pub(super) struct Columns {
-    /// Of what looks up.
+    /// Hits on surfaces that face up.
     pub(super) up: Vec<[f64; 3]>,
-    /// Of what looks down.
+    /// Hits on surfaces that face down.
     pub(super) down: Vec<[f64; 3]>,
-    /// Whether anything there is steeper than ground may be.
+    /// Whether any surface there is steeper than ground may be.
     steep: bool,
 }
 
@@ -40,13 +41,13 @@ impl Felt {
         Self { around, bvh: Bvh::build(&corners), corners }
     }
 
-    /// How far a triangle looks up: the cosine between its normal and up.
+    /// The cosine between the normal of a triangle and up.
     fn facing(&self, triangle: u32, up: DVec3) -> f64 {
         let [a, b, c] = self.corners[triangle as usize].map(|p| p.as_dvec3());
         (b - a).cross(c - a).normalize_or_zero().dot(up)
     }
 
-    /// What vertical lines through the foot meet, as far up and down.
+    /// Intersections of a grid of vertical lines through the foot, within `reach` up and down.
     pub(super) fn columns(
         &self,
         foot: &Foot,
@@ -72,15 +73,15 @@ impl Felt {
                 columns.steep |= facing.abs() < STEEPEST;
                 false
             });
-            // The tree has no order, and tells an edge twice.
+            // The tree returns hits in no order, and reports an edge twice.
             columns.up[first[0]..].sort_by(|a, b| a[2].total_cmp(&b[2]));
             columns.down[first[1]..].sort_by(|a, b| a[2].total_cmp(&b[2]));
         }
         Ok(columns)
     }
 
-    /// The ground within reach: what looks up, or where nothing does what looks down, unless that is the underside of
-    /// a shell.
+    /// The ground within reach: surfaces that face up, or if there are none those that face down, unless they are
+    /// the underside of a shell.
     pub(super) fn ground(
         &self,
         foot: &Foot,
@@ -111,8 +112,8 @@ impl Felt {
         }
     }
 
-    /// Of places that look down the middle height, and that of what looks up over them, at most so far; none where over
-    /// half of them there is nothing such.
+    /// The median height of surfaces that face down, and of surfaces that face up above them within `thickest`;
+    /// `None` if fewer than half of them have one.
     fn shell(&self, down: &[[f64; 3]], up: DVec3, thickest: f64) -> Option<[f64; 2]> {
         let axes = Foot::axes(up);
         let pair = |&[x, y, height]: &[f64; 3]| {
@@ -130,8 +131,8 @@ impl Felt {
     }
 }
 
-/// Within reach there is the underside of a shell alone. Reach, its height over the foot and that of its upper side, in
-/// metres.
+/// Error that only the underside of a shell is within reach. The arguments are the reach, its height above the foot
+/// and that of its upper side, in metres.
 fn under_a_shell([reach, under, upper]: [f64; 3]) -> NodeError {
     let side = if under > 0.0 { "above" } else { "below" };
     let text = format!(
@@ -139,7 +140,7 @@ fn under_a_shell([reach, under, upper]: [f64; 3]) -> NodeError {
          upper side is {upper:.2} m above it",
         under.abs()
     );
-    // A whole centimetre above it.
+    // One centimetre more, rounded to centimetres.
     let enough = ((upper * 100.0).round() + 1.0) / 100.0;
     let hint = format!("move the pose up by {upper:.2} m, or raise `reach_metres` to {enough:.2}");
     NodeError::new(text).at("pose").hint(hint)

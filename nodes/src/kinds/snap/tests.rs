@@ -2,7 +2,7 @@ use super::*;
 use crate::testing::context;
 use crate::types::Primitive;
 
-/// A pyramid of 0.4 by 0.4 by 1 that stands on its square, y up as glTF has it.
+/// A pyramid of 0.4 by 0.4 by 1 that stands on its square, y up as in glTF.
 fn object() -> Arc<Object> {
     let primitive = Primitive {
         positions: vec![
@@ -18,7 +18,7 @@ fn object() -> Arc<Object> {
     Arc::new(Object { primitives: vec![primitive], ..Object::default() })
 }
 
-/// A quad of 4 by 4 at a height, with a rise along x.
+/// A quad of 4 by 4 at a height, with a slope along x.
 fn plane(height: f32, rise: f32) -> Mesh {
     let corner = |x: f32, y: f32| [x, y, height + rise * x];
     Mesh {
@@ -52,9 +52,9 @@ fn objects_come_to_stand_from_above_and_below() {
     assert!(run(None, None, 0.0, false).is_err());
 }
 
-/// An object whose origin is its middle, as of many models: its foot is far under a pose that is near the ground.
+/// An object whose origin is its middle, as in many models: its foot is far below a pose that is near the ground.
 #[test]
-fn what_is_too_far_is_told_by_the_foot() {
+fn what_is_too_far_is_reported_by_the_foot() {
     let mut object = (*object()).clone();
     object.primitives[0].positions.iter_mut().for_each(|p| p[1] -= 0.9);
     let pose = Pose { world_from_local: DMat4::from_translation(DVec3::new(0.3, 0.1, 0.1)) };
@@ -99,7 +99,7 @@ fn block() -> Arc<Object> {
     Arc::new(Object { primitives: vec![primitive], ..Object::default() })
 }
 
-/// Ground of 80 by 80 cells, 2 wide, at heights given by a function of the place.
+/// Ground of 80 by 80 cells, 2 wide, at heights given by a function of the position.
 fn relief(height: impl Fn(f64, f64) -> f64) -> Mesh {
     let side = 81_u32;
     let mut mesh = Mesh::default();
@@ -113,8 +113,8 @@ fn relief(height: impl Fn(f64, f64) -> f64) -> Mesh {
     mesh
 }
 
-/// On a mound a block stands on the top of it, in a hollow on its rim, on a rounded kerb on the kerb's edge and, if
-/// turned, on the street too: nothing of the ground is in it and it touches. Before, the mound stood 43 mm into it.
+/// A block stands on top of a mound, on the rim of a hollow, and on the edge of a rounded kerb and, if rotated,
+/// also on the street: it touches the ground and does not intersect it. Earlier, the mound intersected it by 43 mm.
 #[test]
 fn on_curved_ground_objects_stand_on_what_they_touch() {
     let exp = |v: f64| f64::from(crate::math::num::f32::exp(v as f32));
@@ -153,7 +153,7 @@ fn on_curved_ground_objects_stand_on_what_they_touch() {
             let tilt = pose.transform_vector3(DVec3::Z).truncate().length();
             assert_eq!(tilt > 0.05, align && tilts, "{name}: {tilt}");
             if align && tilts {
-                // Three contacts: the middle is as low as it can be, so contacts lie on both sides of it.
+                // Three contacts: the middle is as low as possible, so contacts lie on both sides of it.
                 let near = |side: f64| {
                     let at = |i: usize| f64::from((i % 41) as u32) * 0.01 - 0.2;
                     gaps.iter().enumerate().any(|(i, gap)| at(i) * side > 0.0 && *gap < 4e-3)
@@ -164,7 +164,7 @@ fn on_curved_ground_objects_stand_on_what_they_touch() {
     }
 }
 
-// On a slope the middle of the foot comes to stand, however large the foot is.
+// On a slope the middle of the foot stands on the ground, however large the foot.
 /// Mutation: level planes alone in `bearing` (seen red).
 #[test]
 fn slopes_hold_the_middle_of_the_foot() {
@@ -177,8 +177,8 @@ fn slopes_hold_the_middle_of_the_foot() {
     }
 }
 
-/// A table top has an underside, on which nothing stands; where all looks down it is the ground, and told.
-/// Mutation: `facing` taken without its sign in `Felt::columns` (seen red).
+/// Nothing stands on the underside of a table top; if all surfaces face down they are the ground, which is
+/// reported. Mutation: `facing` taken without its sign in `Felt::columns` (seen red).
 #[test]
 fn nothing_stands_on_what_looks_down() {
     let mut slab = plane(0.45, 0.0);
@@ -197,12 +197,12 @@ fn nothing_stands_on_what_looks_down() {
     }
 }
 
-/// What stands on a table near its edge, or on a stool that is hardly larger than it, stays there: the floor goes on
-/// beneath it and beside it. Beyond the edge it goes to the floor.
-/// Mutation: an infinite `reach` in `bearing` (seen red).
+/// An object on a table near the edge, or on a stool hardly larger than the object, stays there although the floor
+/// extends below and around it. Beyond the edge it moves to the floor. Mutation: an infinite `reach` in `bearing`
+/// (seen red).
 #[test]
 fn what_stands_at_an_edge_stays() {
-    // A block of 0.4 at x = 0.3 over a top that ends so far beside its middle.
+    // A block of 0.4 at x = 0.3 on a top that ends at this distance from its middle.
     for (ends, splats, expected) in
         [(0.21, false, 0.44), (0.2, false, 0.44), (0.1, false, 0.44), (-0.1, false, 0.0), (0.21, true, 0.44)]
     {
@@ -236,9 +236,9 @@ fn what_stands_at_an_edge_stays() {
     }
 }
 
-/// From under a closed shell of ground its underside alone is within reach. It bears nothing, and the message leads to the
-/// ground. A room whose normals point out of it is no shell: its floor looks down, and its ceiling up.
-/// Mutation: without `shell` in `Felt::ground` (seen red).
+/// From below a closed shell of ground only its underside is within reach. It supports nothing, and the message
+/// says where the ground is. A room whose normals point out of it is not a shell: its floor faces down, and its
+/// ceiling up. Mutation: without `shell` in `Felt::ground` (seen red).
 #[test]
 fn the_underside_of_a_shell_bears_nothing() {
     let closed = |top: f32| {
@@ -268,7 +268,7 @@ fn the_underside_of_a_shell_bears_nothing() {
     assert!(pose.w_axis.z.abs() < 1e-6, "{pose}");
 }
 
-// A table over a floor: the object goes to what it was near.
+// A table above a floor: the object moves to the nearer one.
 #[test]
 fn of_two_levels_the_nearer_one_holds() {
     let mut both = plane(0.0, 0.0);

@@ -5,6 +5,7 @@
 use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*, u32x8};
 
 use super::bin::TILE;
+use super::peak::Peak;
 use super::project::Footprint;
 use super::tile::{Blended, Pixel, Task};
 use super::{DepthMode, Sort};
@@ -44,6 +45,7 @@ fn exp2<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
 const EXPECTED: u8 = 0;
 const MEDIAN: u8 = 1;
 const TRANSMITTANCE: u8 = 2;
+const RAY_MEDIAN: u8 = 3;
 
 /// Blends the footprints of a tile, front to back.
 pub(super) fn blend(level: Level, task: &Task<'_, '_>) -> Blended {
@@ -51,6 +53,7 @@ pub(super) fn blend(level: Level, task: &Task<'_, '_>) -> Blended {
         DepthMode::Expected => dispatch!(level, simd => tile::<_, EXPECTED>(simd, task)),
         DepthMode::Median => dispatch!(level, simd => tile::<_, MEDIAN>(simd, task)),
         DepthMode::Transmittance => dispatch!(level, simd => tile::<_, TRANSMITTANCE>(simd, task)),
+        DepthMode::RayMedian => dispatch!(level, simd => tile::<_, RAY_MEDIAN>(simd, task)),
     }
 }
 
@@ -63,7 +66,7 @@ struct Pixels {
     green: [[f32; LANES]; TILE * HALVES],
     blue: [[f32; LANES]; TILE * HALVES],
     depth: [[f32; LANES]; TILE * HALVES],
-    /// What `depth` is to be divided by, of `Transmittance`.
+    /// What `depth` is to be divided by, of `Transmittance`; the sum of inverse depths by weight, of `RayMedian`.
     depth_weight: [[f32; LANES]; TILE * HALVES],
     /// Blends, where they are counted.
     count: [[f32; LANES]; TILE * HALVES],
@@ -124,6 +127,7 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
 
     let mut batch = [Footprint::NONE; BATCH];
     let mut margins = [0.0_f32; BATCH];
+    let mut peaks = [Peak::NONE; BATCH];
     for indices in list.chunks(BATCH) {
         if live == 0 || cx.cancelled() {
             break;
@@ -136,10 +140,16 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
                 *to = projected.margin(*index);
             }
         }
-        for (f, margin) in batch[..indices.len()].iter().zip(&margins) {
+        if DEPTH == RAY_MEDIAN {
+            for (to, index) in peaks.iter_mut().zip(indices) {
+                *to = *projected.peak(*index);
+            }
+        }
+        for ((f, margin), peak) in batch[..indices.len()].iter().zip(&margins).zip(&peaks) {
             // Offsets from the tile's first pixel in f64, so that f32 only sees what is near.
             let (mut dx, dy) = (left - f.u, top - f.v);
             let mut along = [lanes * f.l11 as f32; HALVES];
+            let mut columns = [lanes, lanes + LANES as f32];
             // In a panorama the copy of the splat counts that is nearest to the pixel.
             let mut split = false;
             if let Some(period) = period {
@@ -157,16 +167,25 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
                             (f.l11 * (lane as f64 + turns * period)) as f32
                         });
                         *along = f32x8::from_slice(simd, &offset);
+                        if DEPTH == RAY_MEDIAN {
+                            let column: [f32; LANES] = std::array::from_fn(|lane| {
+                                let here = dx + (half * LANES + lane) as f64;
+                                let turns = f64::from(u8::from(here < -0.5 * period))
+                                    - f64::from(u8::from(here > 0.5 * period));
+                                ((half * LANES + lane) as f64 + turns * period) as f32
+                            });
+                            columns[half] = f32x8::from_slice(simd, &column);
+                        }
                     }
                 }
             }
             let (l11, l21, l22) = (f.l11 as f32, f.l21 as f32, f.l22 as f32);
             let t = rows * l21 + (f.l11 * dx + f.l21 * dy) as f32;
             let s = (rows + dy as f32) * l22;
-            let peak = f32x16::splat(simd, f.log2_opacity) - s * s;
+            let exponents = f32x16::splat(simd, f.log2_opacity) - s * s;
             // How far t may be from 0; a little more, since rounding must not lose a pixel.
-            let reach = (peak - (log2_cut - 1e-4)).max(0.0).sqrt();
-            let seen = peak.simd_ge(log2_cut - 1e-4);
+            let reach = (exponents - (log2_cut - 1e-4)).max(0.0).sqrt();
+            let seen = exponents.simd_ge(log2_cut - 1e-4);
             let in_left = seen & t.simd_le(reach) & (t + 7.0 * l11).simd_ge(-reach);
             let right = t + 8.0 * l11;
             let in_right = seen & right.simd_le(reach) & (t + 15.0 * l11).simd_ge(-reach);
@@ -182,7 +201,15 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
             let (mut t_of, mut peak_of) = ([0.0_f32; TILE * HALVES], [0.0_f32; TILE]);
             t.store_slice(&mut t_of[..TILE]);
             right.store_slice(&mut t_of[TILE..]);
-            peak.store_slice(&mut peak_of);
+            exponents.store_slice(&mut peak_of);
+            // One over the depth of the splat's peak, in the first column; to first order, see [`Peak`].
+            let mut inverse_of = [0.0_f32; TILE];
+            let inverse_step = (peak.inverse * peak.across) as f32;
+            if DEPTH == RAY_MEDIAN {
+                let first = peak.inverse * (1.0 + peak.across * dx + peak.down * dy);
+                let inverses = rows * (peak.inverse * peak.down) as f32 + first as f32;
+                inverses.store_slice(&mut inverse_of);
+            }
             while todo != 0 {
                 let vector = todo.trailing_zeros() as usize % (TILE * HALVES);
                 todo &= todo - 1;
@@ -218,6 +245,18 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
                         let crossing = going & before.simd_gt(half_seen) & after.simd_le(half_seen);
                         crossing.select(f32x8::splat(simd, f.z), depth)
                     }
+                    RAY_MEDIAN => {
+                        let inverse = columns[vector / TILE] * inverse_step + inverse_of[vector % TILE];
+                        let inverse = inverse.max(peak.least as f32).min(peak.most as f32);
+                        let sum = &mut pixels.depth_weight[vector];
+                        (f32x8::from_slice(simd, sum) + weight * inverse).store_slice(sum);
+                        let crossing = going & before.simd_gt(half_seen) & after.simd_le(half_seen);
+                        if !crossing.any_true() {
+                            depth
+                        } else {
+                            crossing.select(f32x8::splat(simd, 1.0) / inverse, depth)
+                        }
+                    }
                     _ => {
                         let weight = going.select(weight * before, zero);
                         let sum = &mut pixels.depth_weight[vector];
@@ -247,10 +286,12 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
         let depth = match DEPTH {
             _ if sum <= 0.0 || alpha <= 0.0 => f32::INFINITY,
             EXPECTED => sum / alpha,
-            MEDIAN => sum,
+            MEDIAN | RAY_MEDIAN => sum,
             _ => sum / pixels.depth_weight[vector][lane],
         };
-        Pixel { rgba: [r, g, b, alpha], depth, blends: pixels.count[vector][lane] }
+        let inverse = pixels.depth_weight[vector][lane] / alpha;
+        let spread = if depth.is_finite() { (inverse * depth - 1.0).abs() } else { 0.0 };
+        Pixel { rgba: [r, g, b, alpha], depth, blends: pixels.count[vector][lane], spread }
     });
     Blended { evaluations, blends }
 }

@@ -24,6 +24,7 @@ pub(super) fn blend(task: &Task<'_, '_>) -> Blended {
         }
         let f = projected.footprint(*index);
         let margin = projected.margin(*index);
+        let peak = projected.peak(*index);
         let opacity = f64::from(f.opacity);
         // Looser than the test on alpha below by far more than rounding; it only saves time.
         let reach = num::f64::log2(opacity / settings.alpha_cut) + 1e-6;
@@ -74,6 +75,13 @@ pub(super) fn blend(task: &Task<'_, '_>) -> Blended {
                         depth[at] = f64::from(f.z);
                     }
                     DepthMode::Median => {}
+                    DepthMode::RayMedian => {
+                        let inverse = peak.inverse_at(dx, dy);
+                        if transmittance[at] > 0.5 && after <= 0.5 {
+                            depth[at] = 1.0 / inverse;
+                        }
+                        depth_weight[at] += weight * inverse;
+                    }
                     DepthMode::Transmittance => {
                         depth[at] += weight * transmittance[at] * f64::from(f.z);
                         depth_weight[at] += weight * transmittance[at];
@@ -92,10 +100,14 @@ pub(super) fn blend(task: &Task<'_, '_>) -> Blended {
         let depth = match settings.depth {
             _ if depth[at] <= 0.0 => f32::INFINITY,
             DepthMode::Expected => (depth[at] / (1.0 - t)) as f32,
-            DepthMode::Median => depth[at] as f32,
+            DepthMode::Median | DepthMode::RayMedian => depth[at] as f32,
             DepthMode::Transmittance => (depth[at] / depth_weight[at]) as f32,
         };
-        Pixel { rgba: [r, g, b, (1.0 - t) as f32], depth, blends: counts.get(at).copied().unwrap_or(0.0) }
+        // Of `RayMedian`: the mean inverse depth over that of the pixel.
+        let spread = (depth_weight[at] / (1.0 - t) * f64::from(depth) - 1.0).abs() as f32;
+        let spread = if depth.is_finite() { spread } else { 0.0 };
+        let blends = counts.get(at).copied().unwrap_or(0.0);
+        Pixel { rgba: [r, g, b, (1.0 - t) as f32], depth, blends, spread }
     });
     Blended { evaluations, blends }
 }

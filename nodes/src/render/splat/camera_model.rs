@@ -60,6 +60,9 @@ pub(super) trait CameraModel: Sync {
     fn is_aside(&self, d: DVec3, world: f64, pixels: f64) -> bool;
     /// The point at `d`, which is neither.
     fn project_centre(&self, d: DVec3) -> ProjectedCentre;
+    /// Derivatives of the ray through a point at `d`, scaled to depth 1, by pixels to the right and down, and the direction in
+    /// which depth grows.
+    fn ray_slopes(&self, d: DVec3) -> ([DVec3; 2], DVec3);
     /// True where every splat of the block is behind or aside, each of which spreads over at most `sigmas` times its
     /// longest axis and so many pixels beyond that.
     fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool;
@@ -119,6 +122,15 @@ pub(super) fn columns(left: f64, right: f64, span: (u16, u16), period: Option<u3
         Some(period) => tiles_around(left, right, period),
     };
     found.filter(|(first, end)| first < end).unwrap_or((span.0, span.0))
+}
+
+/// [`CameraModel::ray_slopes`] where depth is distance: steps along the sphere through `d` that move the picture by a pixel.
+fn ray_slopes_by_distance(d: DVec3, centre: &ProjectedCentre) -> ([DVec3; 2], DVec3) {
+    let (distance, row_x, row_y) = (d.length(), centre.row_x, centre.row_y);
+    let outwards = d / distance;
+    let across = row_y.cross(outwards);
+    let scale = 1.0 / (row_x.dot(across) * distance);
+    ([across * scale, outwards.cross(row_x) * scale], outwards)
 }
 
 /// A pinhole camera.
@@ -237,6 +249,13 @@ impl CameraModel for Pinhole {
         }
     }
 
+    fn ray_slopes(&self, d: DVec3) -> ([DVec3; 2], DVec3) {
+        if self.by_distance {
+            return ray_slopes_by_distance(d, &self.project_centre(d));
+        }
+        ([self.right / self.fx, self.down / self.fy], self.forward)
+    }
+
     /// The tests of one splat are linear in its centre, so over a box they are largest at a corner.
     #[inline(always)]
     fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool {
@@ -349,6 +368,10 @@ impl CameraModel for Sphere {
             row_y: downwards * (per_radian / distance),
             depth: distance,
         }
+    }
+
+    fn ray_slopes(&self, d: DVec3) -> ([DVec3; 2], DVec3) {
+        ray_slopes_by_distance(d, &self.project_centre(d))
     }
 
     /// It looks everywhere.

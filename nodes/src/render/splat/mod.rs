@@ -13,6 +13,7 @@ mod blend64;
 mod block;
 mod camera_model;
 mod panorama;
+mod peak;
 mod project;
 mod settings;
 mod sh;
@@ -133,6 +134,9 @@ pub struct Rendered {
     pub depth: Vec<f32>,
     /// Splats added to each pixel; empty unless they were counted.
     pub blends: Vec<f32>,
+    /// How far the mean of what was blended lies from the depth, as a share of it: near 0 where one surface is seen, large
+    /// where several are. Of `RayMedian` alone; else empty, and of panoramas.
+    pub spread: Vec<f32>,
     /// What it took.
     pub work: Work,
     /// Seconds in project, sort, bin and blend by the clock that was given, 0 without; for benches, never part
@@ -236,7 +240,7 @@ pub fn calibrate(splats: usize, level: Level, clock: Clock<'_>, cx: &Context) ->
     let settings = Settings { stop: 0.0, ..Settings::default() };
     let projected = Projected::of(vec![wide]);
     let (mut rgba, mut depth) = ([[0.0; 4]; TILE * TILE], [0.0; TILE * TILE]);
-    let strips = Strip::of(TILE, &mut rgba, &mut depth, &mut []);
+    let strips = Strip::of(TILE, &mut rgba, &mut depth, [&mut [], &mut []]);
     let task = Task {
         projected: &projected,
         list: &list,
@@ -289,7 +293,8 @@ fn draw<L: CameraModel>(
     let pixels = width * height;
     let (mut rgba, mut depth) = (vec![0.0_f32; pixels * 4], vec![0.0_f32; pixels]);
     let mut blends = vec![0.0_f32; if settings.count_blends { pixels } else { 0 }];
-    let strips = Strip::of(width, rgba.as_chunks_mut().0, &mut depth, &mut blends);
+    let mut spread = vec![0.0_f32; if settings.depth == DepthMode::RayMedian { pixels } else { 0 }];
+    let strips = Strip::of(width, rgba.as_chunks_mut().0, &mut depth, [&mut blends, &mut spread]);
     for group in bin::groups(&projected, (columns, rows), settings) {
         let sorted = bin::sort(&projected, &group, settings, cx)?;
         seconds[1] += lap();
@@ -318,5 +323,5 @@ fn draw<L: CameraModel>(
         seconds[3] += lap();
     }
     drop(strips);
-    Ok(Rendered { rgba, depth, blends, work, seconds })
+    Ok(Rendered { rgba, depth, blends, spread, work, seconds })
 }

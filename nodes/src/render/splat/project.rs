@@ -10,8 +10,9 @@ use glam::DVec3;
 use super::bin::{Listed, TILE, clip};
 use super::block::{BLOCK, Blocks};
 use super::camera_model::{CameraModel, SLACK_PX, TileRange};
+use super::peak::Peak;
 use super::shape::{BATCH, Batch, Shape};
-use super::{Bounds, Precision, Settings, Sort, Work, sh};
+use super::{Bounds, DepthMode, Precision, Settings, Sort, Work, sh};
 use crate::math::num;
 use crate::types::Splats;
 
@@ -56,6 +57,8 @@ struct Chunk {
     /// How far before a limit each centre must lie, in world units; none where there is no limit, or nothing is
     /// asked for.
     margins: Vec<f32>,
+    /// Where each is densest along rays, of `RayMedian`.
+    peaks: Vec<Peak>,
     reaches: Vec<(u64, TileRange)>,
     skipped: u64,
     directed: u64,
@@ -125,6 +128,13 @@ impl Projected {
     pub(super) fn margin(&self, index: u32) -> f32 {
         let margins = &self.chunks[(index >> CHUNK_BITS) as usize].margins;
         margins.get(index as usize % CHUNK).copied().unwrap_or(0.0)
+    }
+
+    /// Where this one is densest along rays, of `RayMedian`.
+    #[inline(always)]
+    pub(super) fn peak(&self, index: u32) -> &Peak {
+        let peaks = &self.chunks[(index >> CHUNK_BITS) as usize].peaks;
+        peaks.get(index as usize % CHUNK).unwrap_or(&Peak::NONE)
     }
 
     /// What the projection took.
@@ -390,6 +400,10 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         out.reaches.push((key, reach));
         let (opacity, log2_opacity, z) = (opacity as f32, log2_opacity as f32, depth as f32);
         out.footprints.push(Footprint { u, v, l11, l21, l22, opacity, log2_opacity, rgb, z });
+        if settings.depth == DepthMode::RayMedian {
+            let (quat, scale) = (splats.quats[index], splats.scales[index]);
+            out.peaks.push(Peak::of(camera_model, offset, (depth, settings.near), quat, scale));
+        }
         if self.limit_sigmas > 0.0 {
             let [a, b, c] = splats.scales[index].map(f64::from);
             let middle = a.max(b).min(a.min(b).max(c));

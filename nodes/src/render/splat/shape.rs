@@ -63,7 +63,7 @@ fn at<const N: usize>(lanes: &[Lanes; N], lane: usize) -> [f64; N] {
 
 /// The principal axes of a splat, each as long as the standard deviation.
 #[inline(always)]
-fn axes([w, x, y, z]: [f64; 4], scale: [f64; 3]) -> [DVec3; 3] {
+pub(super) fn axes([w, x, y, z]: [f64; 4], scale: [f64; 3]) -> [DVec3; 3] {
     [
         DVec3::new(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)) * scale[0],
         DVec3::new(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)) * scale[1],

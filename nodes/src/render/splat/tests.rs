@@ -9,6 +9,7 @@ mod extremes;
 mod groups;
 mod modes;
 mod panorama;
+mod peaks;
 
 /// Numbers in [0, 1), the same on every machine.
 struct Random(u64);
@@ -95,7 +96,7 @@ fn largest_difference(a: &Rendered, b: &Rendered) -> f64 {
 }
 
 fn bits(seen: &Rendered) -> Vec<u32> {
-    seen.rgba.iter().chain(&seen.depth).map(|v| v.to_bits()).collect()
+    seen.rgba.iter().chain(&seen.depth).chain(&seen.spread).map(|v| v.to_bits()).collect()
 }
 
 const F64: Settings = Settings {
@@ -232,7 +233,7 @@ fn every_instruction_set_and_thread_count_gives_the_same_bytes() {
     let settings = Settings { precision: Precision::F32, ..F64 };
     let expected = draw(&splats, &camera, settings);
     for level in levels() {
-        for depth in [DepthMode::Expected, DepthMode::Median] {
+        for depth in [DepthMode::Expected, DepthMode::Median, DepthMode::RayMedian] {
             let settings = Settings { depth, ..settings };
             let here =
                 render_at(&splats, &camera, None, &settings, &context(), (level, &|| 0.0)).expect("renders");

@@ -4,9 +4,9 @@ use std::sync::{Mutex, PoisonError};
 
 use engine::Context;
 
-use super::Settings;
 use super::bin::TILE;
 use super::project::Projected;
+use super::{DepthMode, Settings};
 use crate::types::{Data, Image};
 
 /// The rows of a picture that a row of tiles shows: tiles put their pixels there as they are finished.
@@ -17,6 +17,8 @@ pub(super) struct Strip<'a> {
     depth: &'a mut [f32],
     /// Empty unless blends are counted.
     blends: &'a mut [f32],
+    /// Empty unless the depth has a spread.
+    spread: &'a mut [f32],
 }
 
 impl<'a> Strip<'a> {
@@ -25,12 +27,15 @@ impl<'a> Strip<'a> {
         width: usize,
         rgba: &'a mut [[f32; 4]],
         depth: &'a mut [f32],
-        blends: &'a mut [f32],
+        [blends, spread]: [&'a mut [f32]; 2],
     ) -> Vec<Mutex<Self>> {
         let pixels = (width * TILE).max(1);
-        let mut blends = blends.chunks_mut(pixels);
+        let (mut blends, mut spread) = (blends.chunks_mut(pixels), spread.chunks_mut(pixels));
         let both = rgba.chunks_mut(pixels).zip(depth.chunks_mut(pixels));
-        let strip = |(rgba, depth)| Self { width, rgba, depth, blends: blends.next().unwrap_or_default() };
+        let strip = |(rgba, depth)| {
+            let (blends, spread) = (blends.next().unwrap_or_default(), spread.next().unwrap_or_default());
+            Self { width, rgba, depth, blends, spread }
+        };
         both.map(strip).map(Mutex::new).collect()
     }
 }
@@ -53,6 +58,7 @@ pub(super) struct Pixel {
     pub rgba: [f32; 4],
     pub depth: f32,
     pub blends: f32,
+    pub spread: f32,
 }
 
 impl Task<'_, '_> {
@@ -64,11 +70,14 @@ impl Task<'_, '_> {
         for row in 0..height {
             let at = row * strip.width + x0;
             for column in 0..width {
-                let Pixel { rgba, depth, blends } = pixel(row, column);
+                let Pixel { rgba, depth, blends, spread } = pixel(row, column);
                 strip.rgba[at + column] = rgba;
                 strip.depth[at + column] = depth;
                 if self.settings.count_blends {
                     strip.blends[at + column] = blends;
+                }
+                if self.settings.depth == DepthMode::RayMedian {
+                    strip.spread[at + column] = spread;
                 }
             }
         }

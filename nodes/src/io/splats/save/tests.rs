@@ -207,7 +207,7 @@ fn rotations_of_spz_come_back_as_they_were() {
 
 /// Thin axes grow too, though their splats are large otherwise.
 #[test]
-fn every_axis_that_grows_is_told() {
+fn every_axis_that_grows_is_reported() {
     let mut scene = scene(40, 0);
     scene.scales[3] = [0.1, 1e-6, 0.2];
     scene.scales[7] = [1e-7, 1e-8, 0.2];

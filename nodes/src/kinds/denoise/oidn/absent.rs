@@ -1,4 +1,4 @@
-//! A build that cannot load it.
+//! Stand-in for builds without Open Image Denoise: every call is an error that names the feature.
 
 use engine::{Context, NodeError, Notes, SourceFile};
 

@@ -1,8 +1,8 @@
-//! The books of the light: what each step adds, and where it goes.
+//! The energy report: what each step adds, and to which lights.
 
 use super::*;
 
-// Lights that have no row of their own are in the books together. Mutation: `LISTED..` to `..LISTED` in `table`.
+// Lights without a row of their own are summed in the report. Mutation: `LISTED..` to `..LISTED` in `table`.
 #[test]
 fn lights_that_are_not_listed_are_in_the_books() {
     let even = |at: usize| at.is_multiple_of(2) && (at / W).is_multiple_of(2);
@@ -20,8 +20,8 @@ fn lights_that_are_not_listed_are_in_the_books() {
     assert_eq!(out.report.tables[1].rows[2][1], Cell::Number(after));
 }
 
-// The books: what each step adds to the whole it adds to the lights, and the steps that share light out anew give back
-// what was predicted. Mutation: `feather` without `before / after`, or a step entered before it is done.
+// What each step adds to the total it adds to the lights, and the steps that redistribute light keep the predicted
+// total. Mutation: `feather` without `before / after`, or a step recorded before it is done.
 #[test]
 fn every_step_is_in_the_books() {
     let light = |at: usize| if (at / W == 9 || at / W == 10) && at % W < 9 { [30.0; 3] } else { [0.1; 3] };
@@ -39,7 +39,7 @@ fn every_step_is_in_the_books() {
     let (power, facing) = (row(0), row(3));
     let near = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-5;
     assert!(power[1..].iter().all(|p| near(*p, power[1])) && power[1] > 1.2 * power[0], "{power:?}");
-    // The light is small, so a plane that faces it has about its power; feathered, it is moved inwards.
+    // The light is small, so a plane that faces it has about its power; feathering moves it inwards.
     assert!(near(facing[1], facing[2]) && near(facing[2], facing[3]) && facing[4] > facing[3], "{facing:?}");
     assert!((facing[1] - facing[0]) / (power[1] - power[0]) > 0.8);
     assert!(near(facing[4], facing[5]));
@@ -54,8 +54,8 @@ fn steps(report: &Report, row: usize) -> Vec<(&str, f64)> {
     table.columns[1..].iter().map(String::as_str).zip(table.rows[row][1..].iter().map(number)).collect()
 }
 
-// What the paper's equation makes darker is in the books, and told.
-// Mutation: `&self.darker` dropped in `groups`.
+// Pixels that the paper's equation makes darker are in the report, with a warning. Mutation: `&self.darker` dropped
+// in `groups`.
 #[test]
 fn what_gets_darker_is_in_the_books() {
     let lit = |at: usize| if at == 500 { [40.0; 3] } else { [0.95; 3] };
@@ -74,8 +74,8 @@ fn what_gets_darker_is_in_the_books() {
     }
 }
 
-// What the white of the darkest exposure cuts off is a step of its own; without exposures the reason is told.
-// Mutation: `direct` entered after the exposures; `no-exposures` told for `Direct`.
+// Light cut off by the white of the darkest exposure is a step of its own; without exposures the reason is
+// reported. Mutation: `direct` recorded after the exposures; `no-exposures` reported for `Direct`.
 #[test]
 fn what_exposures_cut_off_is_in_the_books() {
     let lit = |at: usize| if at == 500 { [4000.0; 3] } else { [0.2; 3] };
@@ -93,7 +93,7 @@ fn what_exposures_cut_off_is_in_the_books() {
     }
 }
 
-// A light whose pixels are barely clipped still gets all that was predicted for it.
+// A light whose pixels are barely clipped still gets all the predicted light.
 #[test]
 fn the_ramp_keeps_the_flux_of_a_light() {
     let (base, _) = photograph(&|at| if at == 500 { [0.96; 3] } else { [0.1; 3] }, &[], Transfer::Srgb, None);
@@ -115,8 +115,8 @@ fn the_ramp_keeps_the_flux_of_a_light() {
 }
 
 // A disc of light rises over the same angle at the horizon and near the zenith, across the seam, and at any size of
-// the picture; it gives as much as without, and nothing outside of it changes.
-// Mutation: `* high.min(low)` dropped in `angle_to_edge`.
+// the picture; its total is the same as without, and nothing outside of it changes. Mutation: `* high.min(low)`
+// dropped in `angle_to_edge`.
 #[test]
 fn a_feather_is_an_angle_and_keeps_the_light() {
     for (elevation_deg, azimuth_deg) in [(0.0_f64, 10.0_f64), (0.0, 178.0), (70.0, 0.0)] {

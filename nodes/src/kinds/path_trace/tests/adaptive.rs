@@ -184,7 +184,7 @@ fn intervals_cover_where_samples_are_adapted() {
 
 /// Where the error is not reached the note tells what would reach it: errors fall with the root of the samples.
 #[test]
-fn what_would_reach_the_error_is_told() {
+fn what_would_reach_the_error_is_reported() {
     use crate::kinds::path_trace::reporting::report_plan;
     use crate::render::transport::picture::accumulator::ReachedError;
     let told = |asked: f64, worst: f64| {

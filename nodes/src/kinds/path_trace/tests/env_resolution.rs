@@ -86,7 +86,7 @@ fn an_aureole_does_not_widen_the_sun() {
 
 /// What suffices changes the shadow by less than 1 % and the object by less than 2 %, both root mean square.
 #[test]
-fn what_is_said_to_suffice_does() {
+fn what_is_reported_to_suffice_does() {
     let fine = lit(512, 24.0);
     let camera = rig(DVec3::new(0.0, -2.2, 1.6), DVec3::new(0.0, 0.1, 0.2), 32, 1.6);
     for material in [matte(0.5), plastic(0.5)] {

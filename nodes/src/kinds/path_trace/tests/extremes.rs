@@ -106,7 +106,7 @@ fn a_stray_triangle_and_a_huge_floor_change_nothing() {
 
 // Where coordinates are too coarse all the same, that is told.
 #[test]
-fn an_object_too_far_for_its_size_is_told() {
+fn an_object_too_far_for_its_size_is_reported() {
     let told = |distance: f64| {
         let camera = rig(DVec3::new(0.0, -distance, 0.0), DVec3::ZERO, 4, 2.0 * distance);
         let object = [ball(0.5, matte(0.5), DVec3::ZERO)];
@@ -277,7 +277,7 @@ fn the_noise_of_the_ratio_is_that_of_any_light() {
 
 // One sample tells no variance, and says so.
 #[test]
-fn one_sample_tells_no_variance() {
+fn one_sample_reports_no_variance() {
     let (plane, objects, rig) = shadowed();
     let told = |n| {
         let (out, notes) = render(&params(n, Surroundings::OPEN), &plane, &objects, &rig, &sunny());

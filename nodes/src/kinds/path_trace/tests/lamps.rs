@@ -312,7 +312,7 @@ fn a_point_of_capture_under_the_ground_is_taken_over_it() {
 /// out, is not.
 /// Mutation: each of the conditions of `CapturePoint::checked` turned off (seen red).
 #[test]
-fn a_point_of_capture_where_no_camera_stood_is_told() {
+fn a_point_of_capture_where_no_camera_stood_is_reported() {
     let cupboard = box_mesh([-0.6, 0.8, 0.05], [0.9, 1.5, 1.7], false);
     let (furnished, outward) = (merge(room(), cupboard), box_mesh([-2.0, -2.0, 0.0], [2.0, 2.0, 4.0], false));
     let (behind, on) = (Some("capture-behind-surfaces"), Some("capture-on-surface"));

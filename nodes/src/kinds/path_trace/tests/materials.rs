@@ -195,7 +195,7 @@ fn lamps_light_what_is_around_them() {
 
 /// Clear sheets in a row pass all light until there are more than paths may have vertices, which is told.
 #[test]
-fn paths_that_are_too_long_are_told() {
+fn paths_that_are_too_long_are_reported() {
     let clear = Material { transmission: Map::of(1.0), roughness: 0.0, ..matte(1.0) };
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 8, 8.0);
     for (sheets, max_bounces, told) in [(6, 8, false), (12, 8, true), (12, 16, false)] {

@@ -293,7 +293,7 @@ fn light_samples_and_scattered_rays_agree_through_bodies() {
 
 // More bodies in one another than a path knows are told.
 #[test]
-fn bodies_beyond_the_deepest_are_told() {
+fn bodies_beyond_the_deepest_are_reported() {
     let told = |count: u32| {
         let bodies: Vec<_> = (0..count)
             .map(|k| {

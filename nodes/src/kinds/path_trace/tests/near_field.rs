@@ -353,7 +353,7 @@ fn a_white_room_stays_white_in_a_mirror() {
 /// not.
 /// Mutation: `all` to `any` in `report_unseen_places`, and its call left out (each seen red).
 #[test]
-fn an_object_that_the_point_of_capture_does_not_see_is_told() {
+fn an_object_that_the_point_of_capture_does_not_see_is_reported() {
     let cupboard = box_mesh([-0.6, 0.8, 0.0], [0.9, 1.5, 1.7], false);
     let mut next = box_mesh([2.0, -2.0, 0.0], [6.0, 2.0, 4.0], true);
     // Nothing but a half of the wall between the two.

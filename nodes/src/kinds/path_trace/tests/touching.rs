@@ -202,7 +202,7 @@ fn a_rug_under_a_table_stays_on_the_floor() {
 /// rough ground nothing is told.
 /// Mutation: `TOLD` from 0.7 on (seen red).
 #[test]
-fn a_picture_in_a_rough_wall_is_told() {
+fn a_picture_in_a_rough_wall_is_reported() {
     let camera = rig(DVec3::new(0.3, -3.0, 0.2), DVec3::ZERO, 16, 1.5);
     let picture = |y: f64| {
         let card = Mesh {

@@ -14,7 +14,7 @@ fn solid_box_is_black() {
 
 // That a picture is black is told, with the reason.
 #[test]
-fn darkness_is_told() {
+fn darkness_is_reported() {
     let told = |mesh: &Mesh, block, env: &Environment| {
         let (_, notes) = render(&params(1, block), mesh, &[], &inside(), env);
         notes.iter().find(|note| note.id == "no-light").map(|note| note.text.clone()).unwrap_or_default()
@@ -60,7 +60,7 @@ fn printed_visibility_lights_nothing() {
 
 // What counts twice is told, with its size.
 #[test]
-fn double_counting_is_told() {
+fn double_counting_is_reported() {
     let told = |bounces, max_bounces| {
         let p = PathTrace { max_bounces, ..params(1, Surroundings::Transparent { bounces }) };
         let (_, notes) = render(&p, &room(), &[], &inside(), &white());

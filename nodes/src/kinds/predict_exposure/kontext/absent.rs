@@ -1,4 +1,4 @@
-//! A build without a tensor library.
+//! Stand-in for builds without a tensor library: every call is an error that names the feature.
 
 use engine::{Context, NodeError, Notes, SourceFile, SourceRoot};
 

@@ -1,4 +1,4 @@
-//! Running the model on a panorama.
+//! Runs the diffusion model on a panorama.
 
 use engine::{Context, NodeError, Notes, SourceFile, SourceRoot};
 use learned::flux::{DType, Error, Files, Kontext as Model, Settings, Watch};
@@ -11,7 +11,7 @@ use crate::light::linear::LinearPixels;
 use crate::math::color::{linear_from_srgb, luminance};
 use crate::math::num;
 
-/// The most passes: from EV 0 to EV -24, the darkest exposure that can be asked for.
+/// Largest number of passes: from EV 0 to EV -24, the darkest exposure that can be requested.
 const MAX_PASSES: f64 = 8.0;
 
 impl Kontext<'_> {
@@ -19,19 +19,20 @@ impl Kontext<'_> {
         Ok(())
     }
 
-    /// What the published model takes for a panorama of `width` columns beside its files, in bytes; a smaller one takes
-    /// less.
+    /// Memory of the published model for a panorama of `width` columns in addition to its files, in bytes; a
+    /// smaller model needs less.
     pub(in super::super) fn memory(&self, width: usize) -> u64 {
         let width = self.width(width);
         learned::flux::Memory::published((width, width / 2))
     }
 
-    /// At how many columns it works.
+    /// Number of columns at which the model works.
     fn width(&self, width: usize) -> usize {
         width.min(self.width_px as usize) / 32 * 32
     }
 
-    /// Its files, with shards and the `config.json` beside them. What is missing is said with where it is to be had.
+    /// Its files, with shards and the `config.json` next to them. The error about a missing file says where to
+    /// download it.
     pub(in super::super) fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         let mut files = Vec::new();
         for file in self.files() {
@@ -55,7 +56,7 @@ impl Kontext<'_> {
         }
     }
 
-    /// The log2 gain of every clipped pixel, by the brightest exposure in which it is not clipped any more.
+    /// The log2 gain of every clipped pixel, from the brightest exposure in which it is not clipped.
     pub(in super::super) fn predict(
         &self,
         pixels: &LinearPixels,
@@ -116,8 +117,8 @@ impl Kontext<'_> {
     }
 }
 
-/// Enters the light of the picture `small` as the model sees it, and with its gains in the part of each pixel that is
-/// clipped in the panorama.
+/// Records the light of the picture `small` as passed to the model, and with its gains in the clipped part of each
+/// pixel.
 fn enter(
     books: &mut Books,
     (width, height): (usize, usize),
@@ -150,7 +151,7 @@ fn error(error: Error) -> NodeError {
     }
 }
 
-/// Follows the model for the engine.
+/// Forwards progress and cancellation between the model and the engine.
 struct Follow<'a>(&'a Context);
 
 impl Watch for Follow<'_> {

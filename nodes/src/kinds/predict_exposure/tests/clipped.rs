@@ -1,9 +1,9 @@
-//! Which pixels are clipped, and that nothing else is given light.
+//! Which pixels count as clipped, and that no other pixel gets light.
 
 use super::*;
 
-// What the check leaves out is nothing: asked all the same, no method gives light to a panorama in which nothing is
-// clipped, be it black, grey, or a room whose window and lamp end just below.
+// Skipping the method changes nothing: when forced, no method adds light to a panorama in which nothing is clipped,
+// whether black, grey, or a room whose window and lamp end just below white.
 #[test]
 fn a_prediction_that_is_forced_where_nothing_is_clipped_changes_no_bit() {
     let mut room = (*room(128)).clone();
@@ -60,8 +60,8 @@ fn holes_are_not_clipped() {
     assert!(notes.iter().any(|note| note.id == "nothing-clipped"));
 }
 
-// What a hole was filled with tells nothing of the light, also where a cell of the grid is part hole.
-// Mutation: the two sums of `Grid::new` taken together, or alpha not asked in `first_column`.
+// The fill of a hole says nothing about the light, also if a cell of the grid is partly a hole. Mutation: the two
+// sums of `Grid::new` taken together, or alpha not checked in `first_column`.
 #[test]
 fn what_fills_a_hole_changes_no_gain() {
     for method in METHODS {
@@ -80,9 +80,9 @@ fn what_fills_a_hole_changes_no_gain() {
     }
 }
 
-// White that is mostly transparent is told, and nothing contradicts it. Mutation: `tell_unseen` not asked.
+// White that is mostly transparent is reported, without a contradiction. Mutation: `tell_unseen` not called.
 #[test]
-fn white_that_is_mostly_transparent_is_told() {
+fn white_that_is_mostly_transparent_is_reported() {
     let mut pano = (*pano(64, |x, y| if (x, y) == (5, 8) { [1.0; 3] } else { [0.5; 3] })).clone();
     pano.alpha.samples[8 * 64 + 5] = 0.4;
     let (_, notes) = run(Arc::new(pano), &[-3.0]);
@@ -91,8 +91,8 @@ fn white_that_is_mostly_transparent_is_told() {
     assert!(text("nothing-clipped").contains("reaches 0.214 "), "{notes:?}");
 }
 
-// Linear light that ends at white was clipped there; where it goes on above, what lies near white is what it is.
-// Mutation: `pixels.ceiling` not asked in `clip_mask`.
+// Linear light that ends at white was clipped there; with values above white, values near white are unclipped.
+// Mutation: `pixels.ceiling` not checked in `clip_mask`.
 #[test]
 fn linear_light_is_clipped_at_white_unless_it_holds_more() {
     let mut pano = (*pano(64, |_, _| [0.5; 3])).clone();
@@ -110,7 +110,7 @@ fn linear_light_is_clipped_at_white_unless_it_holds_more() {
     }
 }
 
-// Whites may end early; from `white` on a channel is clipped, and lights that are stated for pixels below it are told.
+// Whites may end early: a channel is clipped from `white` on, and given lights for pixels below it are reported.
 // Mutation: `CLIPPED` for `white` in `clip_mask`; the warning dropped in `tell_nothing_clipped`.
 #[test]
 fn white_is_where_the_user_says() {

@@ -1,4 +1,4 @@
-//! The method that draws exposures with a diffusion model.
+//! The method that makes exposures by a diffusion model.
 
 use super::*;
 
@@ -42,8 +42,8 @@ fn files_of_the_diffusion_model_count_by_content_and_a_build_without_it_says_so(
     }
 }
 
-/// The small model with random weights, through the kind: it predicts nothing sensible, but where it should and
-/// the same each time.
+/// The small model with random weights, through the kind: its predictions are not sensible, but in the right pixels
+/// and reproducible.
 #[cfg(all(feature = "learned", feature = "real-data"))]
 #[test]
 fn the_diffusion_model_fills_clipped_pixels_only() {
@@ -71,7 +71,7 @@ fn the_diffusion_model_fills_clipped_pixels_only() {
     };
     let cx = cx();
     let sources = PredictExposure::sources(&params, &SourceRoot::new(".")).expect("are there");
-    // The four files, and what stands beside two of them.
+    // The four files, and the files next to two of them.
     assert_eq!(sources.len(), 6);
     let (out, notes) = PredictExposure::run(&params, In { pano: room(128) }, &cx).expect("runs");
     assert!(notes.iter().any(|note| note.id == "kontext" && note.text.contains("2 exposures at 64 x 32")));

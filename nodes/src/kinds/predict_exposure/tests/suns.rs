@@ -2,10 +2,10 @@
 
 use super::*;
 
-// A clipped disc of a few pixels at 45 degrees is the sun where it stands in a clear sky, also in the white balance of a
-// sunset, and no sun in a blue room, under a white ceiling over a brown floor, or in an overcast sky; where little of the
-// sky is seen it gives a part.
-// Mutation: `with_suns` without its loop; `clear` 1; either number of `CLEAR` 0.
+// A clipped disc of a few pixels at 45 degrees is the sun where it stands in a clear sky, also in the white balance
+// of a sunset, and is not the sun in a blue room, under a white ceiling over a brown floor, or in an overcast sky;
+// where little of the sky is visible it counts in part. Mutation: `with_suns` without its loop; `clear` 1; either
+// number of `CLEAR` 0.
 #[test]
 fn a_lone_small_light_in_a_sky_bluer_than_the_ground_is_taken_for_the_sun() {
     for method in METHODS {
@@ -33,14 +33,14 @@ fn a_lone_small_light_in_a_sky_bluer_than_the_ground_is_taken_for_the_sun() {
             let (lamp, told) = share(sky, ground);
             assert!(!told && lamp < 0.35, "{method:?}: no sky, no sun: {lamp}");
         }
-        // The sky is seen in 45 of 256 columns, between grey walls.
+        // The sky is visible in 45 of 256 columns, between grey walls.
         let (part, told) = seen(45, [0.3, 0.45, 0.7], [0.5; 3]);
         assert!(told && part < 0.45, "{method:?}: {part}");
     }
 }
 
-// White pixels of the ground, glints or snow, take no sun away: what is clipped below the horizon is lit, no light.
-// Mutation: `height(c) > 0.0` to `true` in `hues`.
+// White pixels of the ground, glints or snow, do not prevent the detection of the sun: clipped pixels below the
+// horizon are lit surfaces. Mutation: `height(c) > 0.0` to `true` in `hues`.
 #[test]
 fn glints_on_the_ground_leave_the_sun_one() {
     for method in METHODS {
@@ -60,13 +60,13 @@ fn glints_on_the_ground_leave_the_sun_one() {
         for every in [64, 8] {
             let (sun, below, told) = glints(every);
             assert!(told && sun > 0.48, "{method:?}, {every}: {sun}");
-            // No brighter than white paper in all that shines from above. Mutation: `lit_below` not asked.
+            // No brighter than white paper in all the light from above. Mutation: `lit_below` not called.
             assert!(method == Method::Region || below < 1.0, "{below} stops on the ground");
         }
     }
 }
 
-// There is one sun: of two lights that may be it the larger. Mutation: the others kept in `suns`.
+// There is one sun: the larger of two candidates. Mutation: the others kept in `suns`.
 #[test]
 fn there_is_one_sun() {
     for method in METHODS {
@@ -86,10 +86,10 @@ fn there_is_one_sun() {
     }
 }
 
-// A sun over water, which is as blue as the sky, is told to be one that may be missed; a lamp in a grey room is not.
+// A sun over water, which is as blue as the sky, is reported as possibly missed; a lamp in a grey room is not.
 // Mutation: `*blue > BLUE` to `false`, or to `true`.
 #[test]
-fn a_sun_over_water_is_told_to_be_doubtful() {
+fn a_sun_over_water_is_reported_to_be_doubtful() {
     for method in METHODS {
         let told = |colour: [f32; 3]| {
             let source = pano(256, |x, y| match (x, y) {

@@ -164,7 +164,7 @@ fn a_mesh_a_little_under_its_splats_keeps_them() {
 
 // An empty picture is no error, but it is told with its likely cause.
 #[test]
-fn an_empty_view_is_told_with_its_cause() {
+fn an_empty_view_is_reported_with_its_cause() {
     let splats = cloud(300, 5);
     let told = |camera: &Camera, near: f64| {
         let mut notes = Notes::none();
@@ -210,7 +210,7 @@ fn a_stopped_run_ends_within_a_tile() {
             .expect("projects");
         let evaluations = || {
             let (mut rgba, mut depth) = ([[0.0; 4]; TILE * TILE], [0.0; TILE * TILE]);
-            let strips = Strip::of(TILE, &mut rgba, &mut depth, &mut []);
+            let strips = Strip::of(TILE, &mut rgba, &mut depth, [&mut [], &mut []]);
             let task = Task {
                 projected: &projected,
                 list: &list,

@@ -1,112 +1,91 @@
-//! A run of a graph: what is wanted and not known runs, on shared threads, within a memory budget.
+//! The scheduler: runs everything that is needed and not in the cache, on several threads and within a memory
+//! budget.
 //!
-//! One thread decides, the others compute. Deciding is a walk over the graph: a node whose inputs are
-//! known by digest is *resolved* by looking its key up; where nothing is found its input values are
-//! brought to memory (see `supply`) and its code is queued. Nothing here recurses over the graph.
+//! One thread decides, the others compute. A node whose inputs are known by digest is *resolved*: its key is looked
+//! up in the store. On a miss, its input values are loaded (see `supply`) and its code is queued. Nothing here
+//! recurses over the graph.
 
-use std::cell::OnceCell;
-use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
-use std::path::PathBuf;
+mod begin;
+mod failure;
+mod launch;
+mod placing;
+mod supply;
+
+use std::collections::VecDeque;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
-use cache::Digest;
-
 use crate::graph::graph::Graph;
 use crate::graph::node::Wire;
-use crate::graph::reads::ReadFiles;
 use crate::kind::context::ReadSource;
 use crate::record::action::{digest_sources, known_sources, look_up, prepare, remember};
 use crate::record::record::{Output, Record};
+use crate::run::claims::Claims;
 use crate::run::engine::Engine;
 use crate::run::event::{Event, State, Totals};
+use crate::run::known::Known;
+use crate::run::memory::Memory;
 use crate::run::message::{Finished, Message};
 use crate::run::options::{Outcome, RunOptions};
-use crate::run::remembered::lookups::LookupMemo;
-use crate::run::remembered::unchanged as noop_check;
+use crate::run::queue::Queue;
 use crate::run::slot::{Life, Slot};
 use crate::run::trace::Tracer;
+use crate::run::unchanged;
+use crate::run::workers::{Work, Workers};
 use crate::text::diag::{Diagnostic, Diagnostics};
 use crate::value::artifact::AnyArtifact;
 use crate::value::counts::Effort;
 use crate::value::cpu;
-use crate::value::error::NodeError;
-use crate::value::error::guarded;
+use crate::value::error::{NodeError, guarded};
 
-/// What the deciding thread has yet to do.
-pub(crate) enum Task {
+/// A pending step of the scheduler.
+enum Task {
     Resolve(usize),
     Gather(usize),
-    /// Bring an output of a node to memory.
+    /// Load an output of a node.
     Bring(Wire),
     Files(usize),
 }
 
-/// What a thread is to do for a node; it tells what came of it.
-pub(crate) struct Errand<'a> {
+/// Work for a node that was not passed to a thread yet.
+struct Errand<'a> {
     node: usize,
-    act: Box<dyn FnOnce() + Send + 'a>,
+    is_code: bool,
+    work: Work<'a>,
 }
 
-/// A node that waits for a key that another computes.
-pub(crate) struct Parked {
-    pub node: usize,
-    pub key: Digest,
-    /// Since when it waits, until that was told.
-    pub since: Option<Instant>,
-    /// When to ask.
-    pub when: Instant,
-    pub pause: Duration,
-}
-
+/// A run of a graph. Its parts maintain their own counters; the methods here and in the submodules decide.
 pub(crate) struct Run<'a> {
-    pub engine: &'a Engine,
-    pub graph: &'a Graph,
-    pub options: &'a RunOptions,
-    pub sender: Sender<Message>,
-    pub tell: &'a mut dyn FnMut(Event),
-    pub slots: Vec<Slot>,
-    /// Position of each node in the order of the graph: what comes first there runs first.
-    pub rank: Vec<usize>,
-    pub todo: VecDeque<Task>,
-    /// What threads are to do and were not given yet.
-    pub errands: Vec<Errand<'a>>,
-    /// Nodes that are [`Life::Ready`], [`Life::Queued`] and [`Life::Parked`], by rank.
-    pub ready: BTreeSet<(usize, usize)>,
-    pub queue: BTreeSet<(usize, usize)>,
-    pub parked: Vec<Parked>,
-    /// Nodes being computed, by key, each with those of the same key.
-    pub in_flight: HashMap<Digest, Vec<usize>>,
-    /// Nodes whose code ran in this run, by key: asked before the store, which may not keep everything.
-    pub made: HashMap<Digest, usize>,
-    /// Name of the book in which keys are remembered.
-    pub last_keys: String,
-    /// What the last run looked up, and whether this one comes to something else.
-    pub known: LookupMemo,
-    pub news: bool,
-    /// Whether every node is looked at, and not only what changed since the last run of this process.
-    pub whole: bool,
-    /// Memory in which keys are written.
-    pub scratch: Vec<u8>,
-    /// Which sink writes a file.
-    pub claims: BTreeMap<PathBuf, usize>,
-    /// What no sink may write over.
-    pub read: OnceCell<ReadFiles>,
-    /// Nodes whose life is [`Life::Gathering`] or [`Life::Queued`], remakes left out.
-    pub supplied: usize,
-    pub running: usize,
-    /// Messages that threads still owe.
-    pub busy: usize,
-    /// Bytes of values in memory, and bytes that running code was admitted with.
-    pub held: u64,
-    pub reserved: u64,
-    pub store_failed: bool,
-    pub failures: Vec<Diagnostic>,
-    pub totals: Totals,
-    pub tracer: Tracer,
-    pub start: Instant,
-    pub start_cpu: Duration,
+    engine: &'a Engine,
+    graph: &'a Graph,
+    options: &'a RunOptions,
+    sender: Sender<Message>,
+    tell: &'a mut dyn FnMut(Event),
+    slots: Vec<Slot>,
+    todo: VecDeque<Task>,
+    /// Work that was not passed to a thread yet.
+    errands: Vec<Errand<'a>>,
+    /// The nodes whose code is to run.
+    queue: Queue,
+    /// Bytes of values and of running code.
+    memory: Memory,
+    /// Keys of this run.
+    known: Known,
+    /// Buffer for keys.
+    scratch: Vec<u8>,
+    /// The files of sinks.
+    claims: Claims,
+    /// Whether all nodes were inspected and no file was written.
+    unchanged: bool,
+    /// Number of messages that threads are still to send.
+    owed: usize,
+    store_failed: bool,
+    failures: Vec<Diagnostic>,
+    totals: Totals,
+    tracer: Tracer,
+    start: Instant,
+    start_cpu: Duration,
 }
 
 impl<'a> Run<'a> {
@@ -114,28 +93,35 @@ impl<'a> Run<'a> {
         self.options.cancel.load(Ordering::Relaxed)
     }
 
-    /// Runs to the end. Threads are started only for what needs them: a run that finds nothing to do is over
-    /// before they would be there.
+    /// Runs to the end. Threads start only if there is work for them.
     pub fn run(&mut self, receiver: &Receiver<Message>) {
         self.decide();
         if self.errands.is_empty() {
             return;
         }
-        match self.engine.pool() {
-            Ok(pool) => pool.in_place_scope(|scope| self.coordinate(scope, receiver)),
-            Err(error) => {
-                let error = NodeError::from(error).hint("ask for fewer threads with `--jobs`");
-                for Errand { node, .. } in std::mem::take(&mut self.errands) {
-                    match self.slots[node].life {
-                        Life::Done => self.lose(node, Some(&error)),
-                        _ => self.stumble(node, &error),
-                    }
-                }
-            }
+        let workers = Workers::new(self.engine.threads(), self.engine.limits().jobs);
+        std::thread::scope(|scope| {
+            let _closing = workers.closing();
+            self.coordinate(scope, &workers, receiver);
+        });
+    }
+
+    /// Fails a node for which no thread could be started.
+    fn without_thread(&mut self, node: usize, is_code: bool, error: &std::io::Error) {
+        let error = NodeError::new(format!("cannot start a thread: {error}"))
+            .hint("ask for fewer threads with `--jobs`");
+        self.settle_debt(node);
+        if is_code {
+            self.end_running(node);
+            self.slots[node].storing = false;
+        }
+        match self.slots[node].life {
+            Life::Done => self.lose(node, Some(&error)),
+            _ => self.stumble(node, &error),
         }
     }
 
-    /// Does whatever needs no thread, until there is nothing of that.
+    /// Does everything that needs no thread.
     fn decide(&mut self) {
         while !self.stopped() {
             match self.todo.pop_front() {
@@ -143,7 +129,7 @@ impl<'a> Run<'a> {
                 Some(Task::Gather(node)) => self.gather(node),
                 Some(Task::Bring(wire)) => self.bring(wire),
                 Some(Task::Files(node)) => self.place_files(node),
-                // Launching may fail nodes and supplying may lose values, which gives tasks again.
+                // Both may fail nodes, which adds tasks.
                 None => {
                     self.unpark();
                     self.supply();
@@ -156,28 +142,40 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Has a thread do something for a node, of which it tells in a message.
+    /// Has a thread do work for a node, which ends with a message.
     pub fn send(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
-        self.busy += 1;
-        self.errands.push(Errand { node, act: Box::new(act) });
+        self.owed += 1;
+        self.slots[node].owed += 1;
+        self.errands.push(Errand { node, is_code: false, work: Box::new(act) });
     }
 
-    /// Decides until nothing is left to do, or the run is stopped and the threads are idle.
-    fn coordinate<'s>(&mut self, scope: &rayon::Scope<'s>, receiver: &Receiver<Message>)
-    where
-        'a: 's,
-    {
+    /// Has a thread run the code of a node.
+    pub fn send_code(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
+        self.owed += 1;
+        self.slots[node].owed += 1;
+        self.errands.push(Errand { node, is_code: true, work: Box::new(act) });
+    }
+
+    /// Decides until nothing is left to do, or the run is cancelled and the threads are idle.
+    fn coordinate<'s>(
+        &mut self,
+        scope: &'s std::thread::Scope<'s, '_>,
+        workers: &'s Workers<'a>,
+        receiver: &Receiver<Message>,
+    ) {
         loop {
             self.decide();
-            for Errand { act, .. } in self.errands.drain(..) {
-                scope.spawn(move |_| act());
+            for Errand { node, is_code, work } in std::mem::take(&mut self.errands) {
+                if let Err(error) = workers.hand(scope, is_code, work) {
+                    self.without_thread(node, is_code, &error);
+                }
             }
-            let idle = self.todo.is_empty() && self.queue.is_empty() && self.parked.is_empty();
-            if self.busy == 0 && (self.stopped() || idle) {
+            let idle = self.todo.is_empty() && self.queue.nothing_waits();
+            if self.owed == 0 && (self.stopped() || idle) {
                 return;
             }
-            // Short enough to notice that the run was stopped.
-            let patience = if self.parked.is_empty() { 100 } else { 5 };
+            // Short enough to notice a cancellation.
+            let patience = if self.queue.has_parked() { 5 } else { 100 };
             match receiver.recv_timeout(Duration::from_millis(patience)) {
                 Ok(message) => self.receive(message),
                 Err(RecvTimeoutError::Timeout) => {}
@@ -189,25 +187,49 @@ impl<'a> Run<'a> {
         }
     }
 
+    /// Compares all counters with the slots.
+    fn check(&self) {
+        self.queue.check(&self.slots);
+        self.memory.check(self.graph, &self.slots);
+        self.known.check(&self.slots);
+        assert_eq!(self.owed, self.slots.iter().map(|slot| slot.owed).sum::<usize>(), "messages owed");
+        let unstarted = self.errands.len();
+        assert!(unstarted <= self.owed, "messages owed by work that waits for a thread");
+    }
+
+    /// Counts a message of a thread.
+    fn settle_debt(&mut self, node: usize) {
+        self.owed -= 1;
+        self.slots[node].owed -= 1;
+    }
+
     fn receive(&mut self, message: Message) {
+        self.act_on(message);
+        // For large graphs this would dominate the run.
+        if cfg!(debug_assertions) && self.slots.len() < 1000 {
+            self.check();
+        }
+    }
+
+    fn act_on(&mut self, message: Message) {
         match message {
             Message::Event(event) => (self.tell)(event),
             Message::Sources { node, sources } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 match sources {
                     Ok(sources) => self.look_up(node, sources),
                     Err(error) => self.fail(node, &error),
                 }
             }
             Message::Loaded { node, port, value } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 match value {
                     Some(value) => self.arrive(node, port, value),
                     None => self.missing(node, port),
                 }
             }
             Message::Busy { node, key, spent } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 self.end_running(node);
                 self.slots[node].effort.add(&spent);
                 self.park(node, key);
@@ -221,26 +243,26 @@ impl<'a> Run<'a> {
                 }
             }
             Message::Stored { node, error } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 self.slots[node].storing = false;
                 if let Some(error) = error {
                     self.unstored(node, error);
                 }
-                self.drop_unread(node);
+                self.memory.drop_unread(&mut self.slots[node]);
             }
             Message::Placed { node, placed } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 self.placed(node, placed);
             }
         }
     }
 
     fn end_running(&mut self, index: usize) {
-        self.running -= 1;
-        self.reserved -= std::mem::take(&mut self.slots[index].reserved);
+        self.queue.end(&self.slots[index]);
+        self.memory.release(&mut self.slots[index]);
     }
 
-    /// All inputs of a node are known by digest: so is its key, once the files it reads are.
+    /// Resolves a node whose inputs are known by digest: its key is known once its source files are.
     fn resolve(&mut self, index: usize) {
         let (graph, engine) = (self.graph, self.engine);
         if !graph.nodes[index].kind.reads_files {
@@ -253,7 +275,7 @@ impl<'a> Run<'a> {
         if let Some(sources) = known_sources(&files, &engine.store) {
             return self.look_up(index, sources);
         }
-        // Gigabytes may have to be hashed, so this is not for the thread that decides.
+        // Gigabytes may have to be hashed, so a thread does it.
         self.slots[index].life = Life::Reading;
         let (sender, tracer) = (self.sender.clone(), self.tracer.clone());
         self.send(index, move || {
@@ -271,44 +293,39 @@ impl<'a> Run<'a> {
         };
         let sources_above = |above: usize| slots[above].action.sources.as_slice();
         let scratch = std::mem::take(&mut self.scratch);
-        let mut action = match prepare(self.graph, index, sources, output, sources_above, scratch) {
+        let action = match prepare(self.graph, index, sources, output, sources_above, scratch) {
             Ok(action) => action,
             Err(error) => return self.fail(index, &error),
         };
         let key = action.digest();
         self.slots[index].key = Some(key);
-        if let Some(record) = self.known.record(self.graph, index, &key) {
-            self.scratch = action.take_memory();
-            self.slots[index].action = action;
-            return self.settle_known(index, record);
-        }
-        self.news = true;
         self.slots[index].action = action;
-        if let Some(&twin) = self.made.get(&key) {
+        if let Some(twin) = self.known.made_by(&key) {
             let record = self.slots[twin].record.clone().expect("what was made has a record");
             self.copy_values(twin, index);
             return self.settle(index, record, State::Cached, Effort::default());
         }
-        if let Some(followers) = self.in_flight.get_mut(&key) {
-            followers.push(index);
+        if self.known.follow(&key, index) {
             self.slots[index].life = Life::Following;
             return;
         }
         if let Some(record) = look_up(&self.engine.store, node, &key) {
             return self.settle(index, record, State::Cached, Effort::default());
         }
-        self.in_flight.insert(key, Vec::new());
-        self.slots[index].life = Life::Ready;
-        self.ready.insert((self.rank[index], index));
+        if let Err(error) = self.forecast(index) {
+            return self.fail(index, &error);
+        }
+        self.known.begin(key);
+        self.queue.make_ready(index, &mut self.slots[index]);
     }
 
     fn finished(&mut self, index: usize, finished: Finished) {
         let Finished { mut record, values, mut effort, ran } = finished;
-        // What it did before it had to wait is known by now, and was done in this run all the same.
+        // Work done before the node was parked belongs to this run as well.
         effort.add(&std::mem::take(&mut self.slots[index].effort));
         let followers = self.take_followers(index);
         if let (true, Some(key)) = (ran, self.slots[index].key) {
-            self.made.insert(key, index);
+            self.known.set_made(key, index);
             if let Some(why) = self.engine.store.why_read_only() {
                 record.outputs.iter_mut().for_each(|output| output.stored = false);
                 self.warn_unstored("cache-read-only", format!("the cache cannot be written ({why})"));
@@ -319,25 +336,12 @@ impl<'a> Run<'a> {
             self.settle(follower, record.clone(), State::Cached, Effort::default());
         }
         self.hold(index, &values);
-        // Another process may have been faster.
+        // Another process may have computed it first.
         self.settle(index, record, if ran { State::Ran } else { State::Cached }, effort);
     }
 
-    /// The outputs of a node are known: what waited for that is resolved.
+    /// Records the outputs of a node and resolves the nodes that waited for them.
     fn settle(&mut self, index: usize, record: Record, state: State, effort: Effort) {
-        let rough = self.graph.reads(index).iter().any(|&above| self.slots[above].rough);
-        if let Some(key) = self.slots[index].key.filter(|_| !rough && !self.slots[index].rough) {
-            remember(&self.engine.store, &self.last_keys, &self.graph.nodes[index], &key);
-        }
-        self.settle_as(index, record, state, effort);
-    }
-
-    /// Nothing about the node is new.
-    fn settle_known(&mut self, index: usize, record: Record) {
-        self.settle_as(index, record, State::Cached, Effort::default());
-    }
-
-    fn settle_as(&mut self, index: usize, record: Record, state: State, effort: Effort) {
         let graph = self.graph;
         let node = &graph.nodes[index];
         let inherited = graph.reads(index).iter().any(|&above| self.slots[above].degraded);
@@ -345,10 +349,13 @@ impl<'a> Run<'a> {
         let slot = &mut self.slots[index];
         slot.degraded = inherited || record.notes.is_degraded();
         slot.rough |= rough;
+        if let Some(key) = slot.key.filter(|_| !slot.rough) {
+            remember(&self.engine.store, self.known.history(), node, &key);
+        }
         slot.record = Some(record);
         slot.end = Some(state);
-        // What the key was made of is in the record, and a large graph would hold it all.
-        slot.action.key = None;
+        // The manifest is in the record, and those of a large graph would take much memory.
+        self.scratch = slot.action.take_memory();
         for (name, n) in &effort.counts {
             *self.totals.counts.entry(name.clone()).or_default() += n;
         }
@@ -363,7 +370,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Tells that a node is done, and wakes those below.
+    /// Reports that a node is done, and resolves the nodes below.
     pub fn done(&mut self, index: usize, effort: Effort) {
         let graph = self.graph;
         let node = &graph.nodes[index];
@@ -392,10 +399,10 @@ impl<'a> Run<'a> {
                 self.todo.push_back(Task::Resolve(below));
             }
         }
-        self.drop_unread(index);
+        self.memory.drop_unread(&mut self.slots[index]);
     }
 
-    /// Ends the run. Gives what became of each node as well.
+    /// Ends the run. Returns its outcome and the end state of each node.
     pub fn finish(mut self) -> (Outcome, Vec<Slot>) {
         for index in 0..self.slots.len() {
             let slot = &self.slots[index];
@@ -406,10 +413,7 @@ impl<'a> Run<'a> {
             }
         }
         let store = &self.engine.store;
-        if self.whole && self.news && !self.store_failed {
-            self.known.write(store, &self.last_keys, &self.slots);
-        }
-        let mut quiet = self.whole && !self.news;
+        let mut quiet = self.unchanged;
         if let Err(error) = store.flush() {
             let text = NodeError::from(error).to_string();
             (self.tell)(Event::Warning { id: "cache-write", text });
@@ -419,9 +423,10 @@ impl<'a> Run<'a> {
             (self.tell)(Event::Warning { id: "cache-damage", text: incident.to_string() });
             quiet = false;
         }
+        self.totals.peak_bytes = self.memory.peak();
         self.totals.stopped = self.stopped();
         if quiet && self.all_is_known() {
-            noop_check::keep(store, self.graph, &self.options.out, &self.slots);
+            unchanged::keep(store, self.graph, &self.options.out, &self.slots);
         }
         self.totals.seconds = self.start.elapsed().as_secs_f64();
         self.totals.cpu_seconds = (cpu::of_process() - self.start_cpu).as_secs_f64();
@@ -431,7 +436,7 @@ impl<'a> Run<'a> {
         (Outcome { totals: self.totals, failures }, self.slots)
     }
 
-    /// Whether every sink was found to be in place, and nothing had to be done for that.
+    /// Whether all sinks were up to date and nothing had to be done.
     fn all_is_known(&self) -> bool {
         let Totals { ran: 0, remade: 0, failed: 0, skipped: 0, stopped: false, .. } = self.totals else {
             return false;
@@ -440,7 +445,7 @@ impl<'a> Run<'a> {
         asked && self.graph.nodes.iter().any(|node| node.sink_path.is_some())
     }
 
-    /// Values of a node of the same key, for the readers of this one.
+    /// Copies the values of a node with the same key for the readers of this one.
     fn copy_values(&mut self, from: usize, to: usize) {
         let outputs = self.graph.nodes[from].kind.outputs.len();
         let values: Option<Vec<AnyArtifact>> =

@@ -1,21 +1,20 @@
-//! What a run that found nothing to do was of, and what it told: where all of that is as it was, the next run tells
-//! the same, and neither reads the graph nor makes a key.
+//! The memory of a run that found everything up to date, across processes. If nothing changed since, the next run
+//! reports the same without parsing the graph or making keys.
 //!
-//! What a run comes to is a function of the text of its graph, the kinds in it, the files that its nodes read, and
-//! what lies where its sinks write. Text and kinds are compared by digest; which files are read is found out anew, and
-//! files are compared as memos do, by a stamp that any later change shows in. Whatever is another one, or cannot be
-//! told, makes the run an ordinary one.
+//! A run depends on the text of the graph, the kinds in it, the source files, and the output files. Text, kinds and
+//! program are compared by digest or stamp; source files are found again; and files are compared by a stamp that
+//! reflects any later change. If anything differs or is uncertain, the run is an ordinary one.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use cache::{Digest, FileStamp, Store};
 
-use crate::graph::compiled::shape;
 use crate::graph::graph::Graph;
 use crate::kind::registry::{KindEntry, Registry};
-use crate::record::action::book;
-use crate::record::record::{self, Record};
+use crate::record::action::history_name;
+use crate::record::record;
+use crate::record::record::Record;
 use crate::run::event::{Event, State, Totals};
 use crate::run::options::Outcome;
 use crate::run::sink;
@@ -25,11 +24,11 @@ use crate::value::artifact::{Corrupt, Decoder, Encoder};
 use crate::value::cpu;
 use crate::value::root::SourceRoot;
 
-/// Raised when the bytes change their form.
-const FORMAT: &str = "lightharmony unchanged 1";
+/// Raised when the byte layout changes.
+const FORMAT: &str = "lightharmony unchanged 2";
 
-/// Tells what a run of all sinks of a graph would tell, where it would find nothing to do and everything that it
-/// depends on is as an earlier one left it in the cache in `folder`. Else tells nothing: the graph is to be run.
+/// Reports what a run of all sinks would report, if an earlier run in the cache in `folder` found everything up to
+/// date and nothing changed since. Otherwise reports nothing and returns `None`, and the graph must be run.
 pub fn run_unchanged(
     folder: &Path,
     source: &Source,
@@ -45,8 +44,8 @@ pub fn run_unchanged(
     Some(Outcome { totals, failures: None })
 }
 
-/// Keeps what a run found that had nothing to do. Nothing is kept where the graph is a stranger's, whose links have to
-/// be looked at each time, or where a file is so young that it may change without showing it.
+/// Stores the outcome of a run that found everything up to date. Nothing is stored for an untrusted graph, whose
+/// links must be checked every time, or if a file is so recent that it may change without a new stamp.
 pub(crate) fn keep(store: &Store, graph: &Graph, out: &Path, slots: &[Slot]) {
     if let Some(bytes) = written(store, graph, out, slots) {
         store.last_run_put(&name(&graph.source, &graph.root), &bytes);
@@ -54,17 +53,18 @@ pub(crate) fn keep(store: &Store, graph: &Graph, out: &Path, slots: &[Slot]) {
 }
 
 fn name(source: &Source, root: &SourceRoot) -> String {
-    format!("unchanged\n{}", book(source, root))
+    format!("unchanged\n{}", history_name(source, root))
 }
 
-/// Everything that a run depends on, but for kinds and files.
+/// Digest of everything that a run depends on except kinds and files.
 fn premise(source: &Source, root: &SourceRoot, out: &Path) -> Option<Digest> {
     let mut of = Encoder::default();
     of.str(FORMAT);
-    of.str(env!("CARGO_PKG_VERSION"));
+    // Another build may check graphs by other rules, find other source files, or report something else.
+    of.raw(&FileStamp::of(&std::env::current_exe().ok()?).ok()?.to_bytes());
     of.str(crate::record::key::FORMAT);
     of.str(crate::record::recipe::HEAD);
-    // That results were used is noted once a day, by an ordinary run.
+    // The use of results is recorded once a day by an ordinary run.
     of.u64(cache::today());
     of.u8s(Digest::of(source.text.as_bytes()).as_bytes());
     of.u8s(root.folder().as_os_str().as_encoded_bytes());
@@ -73,15 +73,16 @@ fn premise(source: &Source, root: &SourceRoot, out: &Path) -> Option<Digest> {
     (!root.is_confined()).then(|| Digest::of(&of.finish()))
 }
 
-/// What a kind is, with what is compiled into it.
+/// Digest of a kind, including compiled-in data.
 fn kind_digest(kind: &KindEntry) -> Digest {
     let mut of = Encoder::default();
-    of.raw(shape(kind).as_bytes());
+    of.u32(kind.version);
+    of.str(kind.profile);
     of.raw(Digest::of(kind.data).as_bytes());
     Digest::of(&of.finish())
 }
 
-/// The stamp of a file that is known to have had this digest ever since it had this stamp.
+/// The stamp of a file, if the file is known to have had this digest since it got the stamp.
 fn trusted(store: &Store, path: &Path, digest: &Digest) -> Option<[u8; 40]> {
     let stamp = FileStamp::of(path).ok()?;
     (store.memo_get(path, &stamp)? == *digest).then(|| stamp.to_bytes())
@@ -136,7 +137,7 @@ fn written(store: &Store, graph: &Graph, out: &Path, slots: &[Slot]) -> Option<V
     Some(to.finish())
 }
 
-/// What is to be told, but for the end; `None` where something is not as it was.
+/// The events to report except `Done`; `None` if anything changed.
 fn read(
     bytes: &[u8],
     source: &Source,

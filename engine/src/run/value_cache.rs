@@ -1,4 +1,4 @@
-//! Values that outlive a run, for an engine that runs again and again: what the next run reads is at hand.
+//! A cache of values in memory, limited in bytes.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Mutex, PoisonError};
@@ -8,14 +8,14 @@ use cache::Digest;
 use crate::record::record::Output;
 use crate::value::artifact::AnyArtifact;
 
-/// The values read last, by digest, type and format, up to a limit of bytes.
+/// The values used last, by digest, type and format.
 #[derive(Default)]
 pub(crate) struct ValueCache {
     limit: u64,
     entries: Mutex<Entries>,
 }
 
-/// What a value goes by.
+/// The name of a value: digest, type and format.
 pub(crate) type Name = (Digest, &'static str, u32);
 
 #[derive(Default)]
@@ -23,7 +23,7 @@ struct Entries {
     held: u64,
     clock: u64,
     values: HashMap<Name, Kept>,
-    /// Names by the time of their last use; the first goes first.
+    /// Names by time of last use, the oldest first.
     ages: BTreeMap<u64, Name>,
 }
 
@@ -34,14 +34,26 @@ struct Kept {
 }
 
 impl Output {
-    /// What its value goes by in memory.
+    /// The name of the value in memory.
     pub(crate) fn name(&self) -> Name {
         (self.digest, self.type_name, self.format)
     }
 }
 
+impl Entries {
+    /// Returns a value and marks it as used last.
+    fn touch(&mut self, name: &Name) -> Option<AnyArtifact> {
+        let kept = self.values.get_mut(name)?;
+        self.ages.remove(&kept.used);
+        self.clock += 1;
+        kept.used = self.clock;
+        self.ages.insert(kept.used, *name);
+        Some(kept.value.clone())
+    }
+}
+
 impl ValueCache {
-    /// Keeps at most `limit` bytes; nothing at all for 0.
+    /// A cache of at most `limit` bytes; 0 keeps nothing.
     pub fn new(limit: u64) -> Self {
         Self { limit, ..Self::default() }
     }
@@ -51,26 +63,24 @@ impl ValueCache {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner).held
     }
 
-    /// The value of a name, if it is kept.
+    /// The value with a name, if it is in the cache.
     pub fn get(&self, name: &Name) -> Option<AnyArtifact> {
         if self.limit == 0 {
             return None;
         }
-        let entries = &mut *self.entries.lock().unwrap_or_else(PoisonError::into_inner);
-        let kept = entries.values.get_mut(name)?;
-        entries.ages.remove(&kept.used);
-        entries.clock += 1;
-        kept.used = entries.clock;
-        entries.ages.insert(kept.used, *name);
-        Some(kept.value.clone())
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner).touch(name)
     }
 
-    /// Keeps a value of so many bytes; those not used for longest make room.
+    /// Adds a value of the given size and evicts those not used for longest.
     pub fn put(&self, name: &Name, value: &AnyArtifact, bytes: u64) {
-        if bytes > self.limit || self.get(name).is_some() {
+        if bytes > self.limit || self.limit == 0 {
             return;
         }
+        // The lock is held from the look-up to the insertion, since two nodes may add the same value at once.
         let entries = &mut *self.entries.lock().unwrap_or_else(PoisonError::into_inner);
+        if entries.touch(name).is_some() {
+            return;
+        }
         while entries.held + bytes > self.limit
             && let Some((_, oldest)) = entries.ages.pop_first()
         {
@@ -83,7 +93,7 @@ impl ValueCache {
     }
 }
 
-/// Bytes of memory that may be used without swapping; 8 GiB where the system does not tell.
+/// Available memory in bytes without swapping; 8 GiB if the system does not report it.
 pub(crate) fn free_memory() -> u64 {
     let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));

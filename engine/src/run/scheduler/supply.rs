@@ -1,7 +1,7 @@
-//! Values in memory: bringing them there for code that is to run, and letting go.
+//! Loading of input values, and dropping of values that are not needed any more.
 //!
-//! A value comes from the store, or by running its node once more where only its digest was kept or the
-//! stored bytes are gone. It stays while somebody may read it: see [`Slot::readers`].
+//! A value comes from the store, or from a rerun of its node if only its digest was stored or the stored bytes are
+//! missing. It stays in memory while it may be read: see [`Slot::readers`].
 //!
 //! [`Slot::readers`]: crate::run::slot::Slot::readers
 
@@ -18,21 +18,18 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
 
 impl<'a> Run<'a> {
-    /// Lets ready nodes gather their inputs: as many as there are threads to keep busy, and no more while
-    /// memory is full, so that a wide graph does not come to memory all at once.
+    /// Lets ready nodes load their inputs: as many as there are threads, and no more while memory is full, so that
+    /// the values of a wide graph are not loaded all at once.
     pub fn supply(&mut self) {
-        while let Some(&first @ (_, index)) = self.ready.first()
-            && self.supplied < self.engine.limits().jobs
-            && (self.held + self.reserved < self.engine.limits().memory || self.supplied + self.running == 0)
+        while let Some(index) = self.queue.next_ready()
+            && (self.memory.has_room() || self.queue.is_idle())
         {
-            self.ready.remove(&first);
-            self.slots[index].life = Life::Gathering;
-            self.supplied += 1;
+            self.queue.supply(index, &mut self.slots[index]);
             self.gather(index);
         }
     }
 
-    /// Asks for every input value of a node whose code is to run.
+    /// Requests all input values of a node.
     pub fn gather(&mut self, index: usize) {
         let graph = self.graph;
         self.slots[index].missing = 0;
@@ -47,19 +44,18 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Its input values are there.
+    /// Queues a node whose input values are in memory.
     pub fn enqueue(&mut self, index: usize) {
-        self.slots[index].life = Life::Queued;
-        self.queue.insert((self.rank[index], index));
+        self.queue.enqueue(index, &mut self.slots[index]);
     }
 
-    /// Has an output brought to memory for `waiter`.
+    /// Requests an output for `waiter`.
     pub fn request(&mut self, wire: Wire, waiter: Waiter) {
         self.slots[wire.node].waiters.push((wire.port, waiter));
         self.todo.push_back(Task::Bring(wire));
     }
 
-    /// Loads an output, or has it made once more.
+    /// Loads an output, or reruns its node.
     pub fn bring(&mut self, wire: Wire) {
         let Wire { node, port } = wire;
         let slot = &mut self.slots[node];
@@ -71,11 +67,11 @@ impl<'a> Run<'a> {
         }
         let Some(record) = slot.record.as_ref().filter(|_| slot.remaking.is_none()) else { return };
         let output = record.outputs[port].clone();
-        if let Some(value) = self.engine.kept.get(&output.name()) {
+        if let Some(value) = self.engine.warm.as_ref().and_then(|warm| warm.values.get(&output.name())) {
             return self.arrive(node, port, value);
         }
         if !output.stored {
-            return self.remake(node, "only its digest was kept");
+            return self.remake(node, "only its digest was stored");
         }
         if slot.begin_loading(port) {
             let (engine, graph, sender) = (self.engine, self.graph, self.sender.clone());
@@ -87,7 +83,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// A value is not in the store although its record says so.
+    /// Handles a value that is missing in the store although its record exists.
     pub fn missing(&mut self, index: usize, port: usize) {
         let node = &self.graph.nodes[index];
         let slot = &mut self.slots[index];
@@ -101,7 +97,7 @@ impl<'a> Run<'a> {
             (self.tell)(Event::Warning { id: "cache-damage", text });
         }
         if let (false, Some(digest)) = (told, digest) {
-            let text = format!("`{}`: its stored value {} is gone", node.id, digest.short());
+            let text = format!("`{}`: its stored value {} is missing", node.id, digest.short());
             (self.tell)(Event::Warning { id: "cache-damage", text });
         }
         self.remake(index, "its stored bytes were missing or damaged");
@@ -119,24 +115,30 @@ impl<'a> Run<'a> {
         }
         let id = self.graph.nodes[index].id.clone();
         (self.tell)(Event::Remake { id, reason: reason.to_owned() });
-        self.todo.push_back(Task::Gather(index));
+        match self.forecast(index) {
+            Ok(()) => self.todo.push_back(Task::Gather(index)),
+            Err(error) => self.lose(index, Some(&error)),
+        }
     }
 
-    /// A remake is over, whatever came of it.
+    /// Ends a rerun for values, whatever its outcome.
     pub fn end_remake(&mut self, index: usize) {
-        let Some(life) = self.slots[index].remaking.take() else { return };
-        self.queue.remove(&(self.rank[index], index));
-        self.slots[index].life = life;
+        let slot = &mut self.slots[index];
+        if slot.remaking.is_none() {
+            return;
+        }
+        self.queue.leave(index, slot);
+        slot.life = slot.remaking.take().unwrap_or(slot.life);
         self.release_inputs(index);
     }
 
-    /// The code of a node ran once more.
+    /// Handles the result of a rerun for values.
     pub fn remade(&mut self, index: usize, finished: Finished) {
         let digests = |outputs: &[Output]| -> Vec<Digest> { outputs.iter().map(|o| o.digest).collect() };
         let known = self.slots[index].record.as_ref().map(|record| digests(&record.outputs));
         if known != Some(digests(&finished.record.outputs)) {
-            let error = NodeError::new("made once more, it gave another result for the same inputs").hint(
-                "its kind is not deterministic, or a file changed while the graph ran; please report the former",
+            let error = NodeError::new("a rerun gave another result for the same inputs").hint(
+                "a file changed while the graph ran, or its kind is not deterministic; please report the latter",
             );
             return self.lose(index, Some(&error));
         }
@@ -150,7 +152,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Keeps the values that a node's code gave.
+    /// Keeps the values computed by a node.
     pub fn hold(&mut self, index: usize, values: &[AnyArtifact]) {
         for (port, value) in values.iter().enumerate() {
             self.take_in(index, port, value.clone());
@@ -159,31 +161,29 @@ impl<'a> Run<'a> {
 
     fn take_in(&mut self, index: usize, port: usize, value: AnyArtifact) {
         let bytes = (self.graph.nodes[index].kind.outputs[port].artifact.bytes)(&value) as u64;
-        if self.slots[index].keep(port, value, bytes) {
-            self.held += bytes;
-            self.totals.peak_bytes = self.totals.peak_bytes.max(self.held);
-        }
+        self.memory.keep(&mut self.slots[index], port, value, bytes);
         self.keep_for_later(index);
     }
 
-    /// Offers the values of a node whose outputs are known to the memory that outlives the run.
+    /// Offers the values of a node to the cache that outlives the run.
     pub fn keep_for_later(&self, index: usize) {
+        let Some(warm) = &self.engine.warm else { return };
         let slot = &self.slots[index];
         for (port, output) in slot.record.iter().flat_map(|record| &record.outputs).enumerate() {
             if let Some((value, bytes)) = slot.sized_value(port) {
-                self.engine.kept.put(&output.name(), value, bytes);
+                warm.values.put(&output.name(), value, bytes);
             }
         }
     }
 
-    /// A value came to memory.
+    /// Handles a value that was loaded or recomputed.
     pub fn arrive(&mut self, index: usize, port: usize, value: AnyArtifact) {
         self.take_in(index, port, value);
         self.wake(index, port);
-        self.drop_unread(index);
+        self.memory.drop_unread(&mut self.slots[index]);
     }
 
-    /// Whoever waited for a value goes on.
+    /// Continues everything that waited for a value.
     fn wake(&mut self, index: usize, port: usize) {
         let waiters = std::mem::take(&mut self.slots[index].waiters);
         let (woken, rest): (Vec<_>, Vec<_>) = waiters.into_iter().partition(|(wanted, _)| *wanted == port);
@@ -197,13 +197,13 @@ impl<'a> Run<'a> {
                         self.enqueue(node);
                     }
                 }
-                // It was skipped in the meantime.
+                // The reader was skipped meanwhile.
                 Waiter::Code(_) => {}
             }
         }
     }
 
-    /// A result could not be stored: its values are only in memory.
+    /// Handles a result that could not be stored.
     pub fn unstored(&mut self, index: usize, error: String) {
         if let Some(record) = &mut self.slots[index].record {
             record.outputs.iter_mut().for_each(|output| output.stored = false);
@@ -211,27 +211,19 @@ impl<'a> Run<'a> {
         self.warn_unstored("cache-write", error);
     }
 
-    /// Says once that not everything is kept.
+    /// Warns once that not all results are stored.
     pub fn warn_unstored(&mut self, id: &'static str, why: String) {
         if !std::mem::replace(&mut self.store_failed, true) {
-            let text = format!("results of this run are not all kept: {why}");
+            let text = format!("not all results of this run were stored: {why}");
             (self.tell)(Event::Warning { id, text });
         }
     }
 
-    /// The node reads its inputs no more.
+    /// Removes a node from the readers of its inputs.
     pub fn release_inputs(&mut self, index: usize) {
         let graph = self.graph;
         for &above in graph.reads(index) {
-            self.slots[above].readers -= 1;
-            self.drop_unread(above);
-        }
-    }
-
-    /// Lets go of values that nobody will ask for.
-    pub fn drop_unread(&mut self, index: usize) {
-        if self.slots[index].is_unread() {
-            self.held -= self.slots[index].drop_values();
+            self.memory.remove_reader(&mut self.slots[above]);
         }
     }
 }

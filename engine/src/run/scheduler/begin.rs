@@ -1,28 +1,27 @@
-//! How a run begins: with all nodes that are wanted, or with those that are other ones than in the run before.
+//! The start of a run: with all needed nodes, or with those that changed since the previous run.
 
-use crate::run::options::Outcome;
-use std::cell::OnceCell;
-use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::Sender;
-use std::sync::mpsc::channel;
+use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
 
 use crate::graph::graph::Graph;
-use crate::record::action::last_keys;
+use crate::record::action::history_of;
+use crate::run::claims::Claims;
 use crate::run::engine::Engine;
 use crate::run::event::{Event, State, Totals};
+use crate::run::known::Known;
+use crate::run::memory::Memory;
 use crate::run::message::Message;
-use crate::run::options::RunOptions;
-use crate::run::remembered::lookups::LookupMemo;
-use crate::run::remembered::previous::{Cone, PreviousRun};
+use crate::run::options::{Outcome, RunOptions};
+use crate::run::previous::{Cone, PreviousRun};
+use crate::run::queue::Queue;
 use crate::run::scheduler::{Run, Task};
 use crate::run::slot::{Life, Slot};
 use crate::run::trace::Tracer;
 use crate::value::cpu;
 
 impl<'a> Run<'a> {
-    /// A run in which nothing is done yet.
+    /// A run that has not started.
     pub fn new(
         engine: &'a Engine,
         graph: &'a Graph,
@@ -37,7 +36,7 @@ impl<'a> Run<'a> {
         for (position, &node) in graph.order().iter().enumerate() {
             rank[node] = position;
         }
-        let previous_run = engine.previous_run().take();
+        let previous_run = engine.warm.as_ref().and_then(|warm| warm.previous().take());
         let cone = previous_run.as_ref().and_then(|previous_run| {
             previous_run.cone(graph, &options.only, &wanted, &options.out, &engine.store)
         });
@@ -78,12 +77,7 @@ impl<'a> Run<'a> {
         }
         let ready = graph.order().iter().filter(|&&node| open(node) && slots[node].unresolved == 0);
         let todo = ready.map(|&node| Task::Resolve(node)).collect();
-        let last_keys = last_keys(graph);
-        let known = if whole {
-            LookupMemo::read(&engine.store, &last_keys, graph.nodes.len())
-        } else {
-            LookupMemo::default()
-        };
+        let history = history_of(graph);
         Self {
             engine,
             graph,
@@ -91,29 +85,18 @@ impl<'a> Run<'a> {
             sender,
             tell,
             slots,
-            rank,
             todo,
             errands: Vec::new(),
-            ready: BTreeSet::new(),
-            queue: BTreeSet::new(),
-            parked: Vec::new(),
-            in_flight: HashMap::new(),
-            made: HashMap::new(),
-            last_keys,
-            known,
-            news: false,
+            queue: Queue::new(engine.limits().jobs, rank),
+            memory: Memory::new(engine.limits().memory),
+            known: Known::new(history),
             scratch: Vec::new(),
-            claims: BTreeMap::new(),
-            read: OnceCell::new(),
-            supplied: 0,
-            running: 0,
-            busy: 0,
-            held: 0,
-            reserved: 0,
+            claims: Claims::default(),
+            unchanged: whole,
+            owed: 0,
             store_failed: false,
             failures: Vec::new(),
             totals,
-            whole,
             tracer,
             start,
             start_cpu,
@@ -122,16 +105,16 @@ impl<'a> Run<'a> {
 }
 
 impl Engine {
-    /// Runs a graph. Every event is told on the calling thread, in order.
+    /// Runs a graph. Events are sent to `tell` on the calling thread, in order.
     pub fn run(&self, graph: &Graph, options: &RunOptions, mut tell: impl FnMut(Event)) -> Outcome {
         let cancelled = || options.cancel.load(Ordering::Relaxed);
-        let _running = self.store.begin_run(&last_keys(graph), &cancelled);
+        let _running = self.store.begin_run(&history_of(graph), &cancelled);
         let (sender, receiver) = channel();
         let mut run = Run::new(self, graph, options, sender, &mut tell);
         run.run(&receiver);
         let (outcome, slots) = run.finish();
-        if self.keeps {
-            *self.previous_run() = PreviousRun::of(graph, &options.only, slots);
+        if let Some(warm) = &self.warm {
+            *warm.previous() = PreviousRun::of(graph, &options.only, slots);
         }
         outcome
     }

@@ -1,4 +1,4 @@
-//! What becomes of a run when a node fails, is skipped, or loses its values.
+//! Nodes that fail, are skipped, or lose their values.
 
 use crate::run::event::{Event, State};
 use crate::run::scheduler::{Run, Task};
@@ -8,7 +8,7 @@ use crate::value::counts::Counts;
 use crate::value::error::NodeError;
 
 impl Run<'_> {
-    /// A node cannot give its outputs: everything below it is skipped, everything else goes on.
+    /// Fails a node: all nodes below it are skipped, everything else continues.
     pub fn fail(&mut self, index: usize, error: &NodeError) {
         if error.is_cancelled() {
             return self.skip(index);
@@ -21,7 +21,7 @@ impl Run<'_> {
         self.give_up(index, Life::Failed);
     }
 
-    /// A node is not tried. Others of its key are, since their inputs may be at hand.
+    /// Skips a node. Other nodes with its key are tried, since their inputs may be in memory.
     pub fn skip(&mut self, index: usize) {
         for follower in self.take_followers(index) {
             self.slots[follower].life = Life::Waiting;
@@ -31,7 +31,7 @@ impl Run<'_> {
         self.give_up(index, Life::Skipped);
     }
 
-    /// Takes a node out of the run, and everything below it that is not resolved.
+    /// Removes a node and all unresolved nodes below it from the run.
     fn give_up(&mut self, index: usize, life: Life) {
         let graph = self.graph;
         self.leave(index, life);
@@ -46,27 +46,21 @@ impl Run<'_> {
     }
 
     fn leave(&mut self, index: usize, life: Life) {
-        let place = (self.rank[index], index);
         let settled = self.slots[index].record.is_some();
-        match self.slots[index].life {
-            Life::Ready => drop(self.ready.remove(&place)),
-            Life::Gathering => self.supplied -= 1,
-            Life::Queued => {
-                self.supplied -= 1;
-                self.queue.remove(&place);
-            }
-            Life::Placing => self.slots[index].readers -= 1,
-            _ => {}
-        }
-        self.slots[index].life = life;
+        let slot = &mut self.slots[index];
+        self.queue.leave(index, slot);
+        // Its files will not be written.
+        let is_sink = self.graph.nodes[index].sink_path.is_some();
+        slot.readers -= usize::from(is_sink && slot.life != Life::Done);
+        slot.life = life;
         if settled {
-            self.drop_unread(index);
+            self.memory.drop_unread(&mut self.slots[index]);
         } else {
             self.release_inputs(index);
         }
     }
 
-    /// Tells that a node failed. Where it had been told to be done, that is taken back.
+    /// Reports a failed node. If it was reported as done before, the totals are corrected.
     pub fn report(&mut self, index: usize, error: &NodeError) {
         let node = &self.graph.nodes[index];
         let message = format!("`{}` failed: {error}", node.id);
@@ -110,8 +104,8 @@ impl Run<'_> {
         });
     }
 
-    /// The values of a node cannot be had once more: what waits for them is skipped. What is known by
-    /// digest below it stays known.
+    /// Gives up the values of a node: everything that waits for them is skipped. Nodes below that are known by
+    /// digest stay known.
     pub fn lose(&mut self, index: usize, error: Option<&NodeError>) {
         let mut error = error.filter(|error| !error.is_cancelled());
         let mut lost = vec![index];
@@ -136,11 +130,11 @@ impl Run<'_> {
                     self.skip(reader);
                 }
             }
-            self.drop_unread(node);
+            self.memory.drop_unread(&mut self.slots[node]);
         }
     }
 
-    /// A node that runs or is about to cannot.
+    /// Fails a node, or the rerun of a node, that runs or is about to run.
     pub fn stumble(&mut self, index: usize, error: &NodeError) {
         if self.slots[index].remaking.is_some() {
             self.lose(index, Some(error));
@@ -149,10 +143,10 @@ impl Run<'_> {
         }
     }
 
-    /// The nodes that wait for this one because they have the same key.
+    /// Removes and returns the nodes that wait for this one because they have the same key.
     pub fn take_followers(&mut self, index: usize) -> Vec<usize> {
         let slot = &self.slots[index];
         let key = slot.key.filter(|_| slot.leads());
-        key.and_then(|key| self.in_flight.remove(&key)).unwrap_or_default()
+        key.map(|key| self.known.end(&key)).unwrap_or_default()
     }
 }

@@ -1,4 +1,4 @@
-//! Files of sinks, put in place once what is in them is known.
+//! Writing the files of sinks.
 
 use crate::graph::node::Wire;
 use crate::graph::reads::{OTHER_FILE, ReadFiles, over_text};
@@ -7,11 +7,10 @@ use crate::run::message::{Message, Placed};
 use crate::run::scheduler::Run;
 use crate::run::sink;
 use crate::run::slot::{Life, Waiter};
-use crate::value::error::NodeError;
-use crate::value::error::guarded;
+use crate::value::error::{NodeError, guarded};
 
 impl Run<'_> {
-    /// Compares the files of a sink with what lies there, and writes those that differ.
+    /// Compares the files of a sink with existing ones and writes those that differ.
     pub fn place_files(&mut self, index: usize) {
         let (graph, engine) = (self.graph, self.engine);
         let node = &graph.nodes[index];
@@ -21,11 +20,7 @@ impl Run<'_> {
             Err(error) => return self.fail(index, &error),
         };
         for (path, _) in &targets {
-            let other = self.claims.insert(path.clone(), index);
-            let Some(other) = other.filter(|&other| other != index) else { continue };
-            // Whichever comes first while it runs, the later one in the file is in the wrong.
-            let (first, second) = (other.min(index), other.max(index));
-            self.claims.insert(path.clone(), first);
+            let Some([first, second]) = self.claims.claim(path, index) else { continue };
             let message = format!("`{}` writes to {} too", graph.nodes[first].id, path.display());
             self.fail(second, &NodeError::new(message).at("path").hint("give each its own path"));
             if second == index {
@@ -36,9 +31,9 @@ impl Run<'_> {
         if let Some(placed) = sink::in_place(&engine.store, &targets, confined) {
             return self.placed(index, Ok(Some(placed)));
         }
-        // Looked for only where something may be written, since it takes a look at every file.
+        // Computed only if something may be written, since it inspects every file.
         let texts = &self.options.texts;
-        let read = self.read.get_or_init(|| ReadFiles::new(texts.iter().cloned().chain(graph.files())));
+        let read = self.claims.read(|| ReadFiles::new(texts.iter().cloned().chain(graph.files())));
         if let Some((path, _)) = targets.iter().find(|(path, _)| read.has(path)) {
             return self.fail(index, &NodeError::new(over_text(path)).at("path").hint(OTHER_FILE));
         }
@@ -51,7 +46,7 @@ impl Run<'_> {
         });
     }
 
-    /// What came of that.
+    /// Handles the outcome of writing.
     pub fn placed(&mut self, index: usize, placed: Result<Option<Placed>, NodeError>) {
         if self.slots[index].life != Life::Placing {
             return;
@@ -59,7 +54,7 @@ impl Run<'_> {
         match placed {
             Ok(Some(files)) => {
                 for (path, written) in files {
-                    self.news |= written;
+                    self.unchanged &= !written;
                     let (id, preview) = (self.graph.nodes[index].id.clone(), self.slots[index].rough);
                     (self.tell)(Event::File { id, path, written, preview });
                 }

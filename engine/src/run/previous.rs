@@ -1,5 +1,5 @@
-//! What a run left behind, for the next one in the same process: where the graph is the same but for some nodes, only
-//! these and what follows from them is looked at.
+//! The end state of the previous run in the same process. If few nodes of the graph changed, the next run inspects
+//! only these and the nodes below them.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use crate::run::sink;
 use crate::run::slot::{Life, Slot};
 use crate::value::root::SourceRoot;
 
-/// The end of a run.
+/// The end state of a run.
 pub(crate) struct PreviousRun {
     nodes: Vec<Arc<Node>>,
     scene: Scene,
@@ -23,25 +23,25 @@ pub(crate) struct PreviousRun {
     pub slots: Vec<Slot>,
 }
 
-/// What of a graph may have another result than in the run before.
+/// The nodes whose results may differ from those of the previous run.
 pub(crate) struct Cone {
-    /// Whether a node is in it, or not wanted.
+    /// Whether each node is included; true for nodes that no target needs.
     pub of: Vec<bool>,
-    /// The files of sinks that are not, all in place.
+    /// The files of sinks that are not included. All of them are up to date.
     pub kept: Vec<(usize, PathBuf)>,
 }
 
 impl PreviousRun {
-    /// Keeps what became of each node, and no values. Nothing is kept of a stranger's graph, the links in whose folder
-    /// have to be looked at each time.
+    /// Keeps the end state of each node, without values. `None` for an untrusted graph, whose links must be checked
+    /// every time.
     pub fn of(graph: &Graph, only: &[usize], mut slots: Vec<Slot>) -> Option<Self> {
         slots.iter_mut().for_each(Slot::rest);
         let (nodes, root) = (graph.nodes.clone(), graph.root.clone());
         (!root.is_confined()).then(|| Self { nodes, scene: graph.scene, root, only: only.to_vec(), slots })
     }
 
-    /// The wanted nodes that are other ones now, that read other files, that did not come to a good end, or whose files are not
-    /// in place, and all below; `None` where the graph is another one altogether.
+    /// The needed nodes that changed, whose source files changed, that did not succeed, or whose files are not up
+    /// to date, and all nodes below them. `None` if the graph as a whole differs.
     pub fn cone(
         &self,
         graph: &Graph,
@@ -68,7 +68,7 @@ impl PreviousRun {
         Some(Cone { of, kept })
     }
 
-    /// Whether what became of a node that is the same as before is still so.
+    /// Whether the result of an unchanged node is still up to date.
     fn stands(
         &self,
         graph: &Graph,

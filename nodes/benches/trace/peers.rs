@@ -14,9 +14,9 @@ fn write(path: &Path, images: &Images) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// For each number of samples the CPU seconds of one thread, after loading: setting up, the receiver alone, what the object
-/// costs beside it, what its shadow alone does, and the filter. `without`, `with` and the denoised `with` go to a folder as RGB
-/// in little-endian f32.
+/// For each number of samples the CPU seconds of one thread, after loading: setting up, the receiver alone, the
+/// additional cost of the object, that of its shadow alone, and the filter. `without`, `with` and the denoised
+/// `with` go to a folder as RGB in little-endian f32.
 pub fn once(data: &Path, folder: &Path, numbers: &[u32]) {
     let case = Case::load(data, "sunny_plane");
     std::fs::create_dir_all(folder).unwrap();
@@ -25,9 +25,13 @@ pub fn once(data: &Path, folder: &Path, numbers: &[u32]) {
         let alone = case.trace(1, samples, false, how);
         let all = case.trace(1, samples, true, how);
         let shadow = case.shadow(1, samples, how);
-        // One sample tells no variance, so nothing can be filtered by it.
+        // One sample has no variance, so nothing can be filtered.
         let (clean, filter) = ratio::clean(data, &all.out);
-        assert_eq!(rgb(&shadow.out.with), rgb(&all.out.with), "the shadow is the same beside the object");
+        assert_eq!(
+            rgb(&shadow.out.with),
+            rgb(&all.out.with),
+            "the shadow is the same without the object layer"
+        );
         let pictures = [
             ("without", Arc::clone(&all.out.without)),
             ("with", Arc::clone(&all.out.with)),

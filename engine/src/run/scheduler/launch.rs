@@ -1,4 +1,4 @@
-//! Starting code: what is queued runs where a thread is free and memory lasts.
+//! Starting the code of queued nodes when threads and memory are available.
 
 use std::time::{Duration, Instant};
 
@@ -9,27 +9,26 @@ use crate::record::action::{Action, sizes};
 use crate::record::record::Output;
 use crate::run::event::Event;
 use crate::run::job::Job;
-use crate::run::scheduler::{Parked, Run};
-use crate::run::slot::Life;
+use crate::run::queue::Parked;
+use crate::run::scheduler::Run;
 use crate::value::artifact::AnyArtifact;
-use crate::value::error::NodeError;
-use crate::value::error::guarded;
+use crate::value::error::{NodeError, guarded};
 use crate::value::root::FileHead;
 use crate::value::units::bytes_text;
 
-/// How long a node waits before it asks again for a key that another computes, at first and at most.
+/// First and longest pause before a node asks again for a key that is being computed elsewhere.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
-/// After how long it is told that a node waits for that.
+/// Forecast in seconds below which a node does not wait for others to end.
+const SHORT: f64 = 1.0;
+/// Time after which waiting for another process is reported.
 const TOLD_AFTER: Duration = Duration::from_secs(2);
 
 impl<'a> Run<'a> {
-    /// Starts queued code while threads and memory last. One node always runs, however large it is
-    /// within the budget as a whole.
+    /// Starts queued nodes while threads and memory are available. One node always runs, even if it needs the whole
+    /// budget.
     pub fn launch(&mut self) {
-        while let Some(&(rank, index)) = self.queue.first()
-            && self.running < self.engine.limits().jobs
-        {
+        while let Some(index) = self.queue.next_queued() {
             let bytes = match self.cost(index) {
                 Ok(bytes) => bytes,
                 Err(error) => {
@@ -37,12 +36,26 @@ impl<'a> Run<'a> {
                     continue;
                 }
             };
-            if self.running > 0 && self.held + self.reserved + bytes > self.engine.limits().memory {
+            if !self.queue.nothing_runs() && !self.memory.fits(bytes) {
                 return;
             }
-            self.queue.remove(&(rank, index));
             self.start(index, bytes);
         }
+    }
+
+    /// Computes the work of a node with known inputs, and whether it is short.
+    pub fn forecast(&mut self, index: usize) -> Result<(), NodeError> {
+        let (node, store) = (&self.graph.nodes[index], &self.engine.store);
+        let output = |wire: Wire| -> &Output {
+            &self.slots[wire.node].record.as_ref().expect("inputs are resolved first").outputs[wire.port]
+        };
+        let sizes = sizes(node, &self.slots[index].action.sources, output);
+        let work = guarded(|| Ok(node.step.work(&sizes)))?;
+        let seconds = self.known.seconds(store, &node.kind, work);
+        let slot = &mut self.slots[index];
+        slot.work = work;
+        slot.short = node.kind.instant || seconds.is_some_and(|seconds| seconds < SHORT);
+        Ok(())
     }
 
     fn inputs(&self, index: usize) -> Vec<Vec<AnyArtifact>> {
@@ -62,24 +75,24 @@ impl<'a> Run<'a> {
         let heads: Vec<_> = sources.iter().map(|source| FileHead::new(&source.file, source.bytes)).collect();
         let parts = || Ok([node.step.estimate(inputs), node.step.estimate_files(&heads)]);
         let bytes = guarded(parts)?.iter().fold(0, |sum: u64, part| sum.saturating_add(part.bytes));
-        let (held, budget) = (self.input_bytes(index), self.engine.limits().memory);
+        let (held, budget) = (self.input_bytes(index), self.memory.limit());
         if bytes.saturating_add(held) > budget {
             let beside = if bytes > budget || held < budget / 16 {
                 String::new()
             } else {
-                format!(" beside the {} of its inputs", bytes_text(held))
+                format!(" in addition to the {} of its inputs", bytes_text(held))
             };
             let (needs, budget) = (bytes_text(bytes), bytes_text(budget));
             return Err(NodeError::new(format!(
-                "needs about {needs} of memory{beside}, the budget is {budget}"
+                "needs about {needs} of memory{beside}, but the budget is {budget}"
             ))
-            .hint("ask for less (a smaller size, fewer views), or raise `--memory`"));
+            .hint("reduce the size or the number of views, or raise `--memory`"));
         }
         self.slots[index].cost = Some(bytes);
         Ok(bytes)
     }
 
-    /// What the values that a node reads take, each counted once.
+    /// Bytes of the values that a node reads, each counted once.
     fn input_bytes(&self, index: usize) -> u64 {
         let mut wires: Vec<Wire> = self.graph.nodes[index].inputs.iter().flatten().copied().collect();
         wires.sort_unstable_by_key(|wire| (wire.node, wire.port));
@@ -99,20 +112,14 @@ impl<'a> Run<'a> {
         let input_digests =
             ports.map(|(port, wires)| (port.name, wires.iter().filter_map(digest).collect())).collect();
         let inputs = self.inputs(index);
-        let output = |wire: Wire| -> &Output {
-            &self.slots[wire.node].record.as_ref().expect("inputs are resolved first").outputs[wire.port]
-        };
-        let work = node.step.work(&sizes(node, &self.slots[index].action.sources, output));
         let slot = &mut self.slots[index];
-        if slot.remaking.is_none() {
-            self.supplied -= 1;
-        }
-        slot.life = Life::Running;
-        slot.reserved = bytes;
+        self.queue.start(index, slot);
+        self.memory.reserve(slot, bytes);
         slot.storing = true;
         let job = Job {
             store: &engine.store,
             prepared: engine.prepared(),
+            threads: engine.threads(),
             graph,
             node: index,
             inputs,
@@ -124,55 +131,48 @@ impl<'a> Run<'a> {
                 key: slot.action.key.clone(),
             },
             remake: slot.remaking.is_some(),
-            work,
+            work: slot.work,
             memory: bytes,
             tracer: self.tracer.clone(),
             cancel: self.options.cancel.clone(),
             tell: self.sender.clone(),
         };
-        self.reserved += bytes;
-        self.running += 1;
-        self.send(index, move || job.run());
+        self.send_code(index, move || job.run());
     }
 
-    /// Another computes the key of this node or of a part of it; its thread is free for others meanwhile.
+    /// Parks a node whose key, or that of a part of it, is being computed elsewhere. Its thread is free meanwhile.
     pub fn park(&mut self, node: usize, key: Digest) {
         let slot = &mut self.slots[node];
         slot.storing = false;
-        slot.life = Life::Parked;
         let now = Instant::now();
         let (since, when) = (Some(now), now + FIRST_PAUSE);
-        self.parked.push(Parked { node, key, since, when, pause: FIRST_PAUSE });
+        self.queue.park(Parked { node, key, since, when, pause: FIRST_PAUSE }, slot);
     }
 
-    /// Queues parked nodes whose key is free.
+    /// Queues the parked nodes whose key is free.
     pub fn unpark(&mut self) {
         let now = Instant::now();
         let store = &self.engine.store;
-        let (free, rest): (Vec<_>, Vec<_>) =
-            std::mem::take(&mut self.parked).into_iter().partition(|parked| {
-                parked.when <= now && matches!(store.lease(&parked.key), LeaseState::Acquired(_))
-            });
-        self.parked = rest;
-        // Where code of this run is at work it may be that which is waited for.
-        let idle = self.running == 0;
-        for parked in self.parked.iter_mut().filter(|parked| parked.when <= now) {
+        let is_free = |parked: &Parked| {
+            parked.when <= now && matches!(store.lease(&parked.key), LeaseState::Acquired(_))
+        };
+        let free = self.queue.take_parked(is_free);
+        // While nodes of this run are running, one of them may hold the key.
+        let idle = self.queue.nothing_runs();
+        for parked in self.queue.parked().iter_mut().filter(|parked| parked.when <= now) {
             parked.pause = (parked.pause * 2).min(LONGEST_PAUSE);
             parked.when = now + parked.pause;
             if idle && parked.since.is_some_and(|since| now - since >= TOLD_AFTER) {
                 parked.since = None;
                 let id = &self.graph.nodes[parked.node].id;
                 let text = format!(
-                    "`{id}` waits for another process that computes it in the same cache; should that be stopped, end it"
+                    "`{id}` waits for another process that is computing it in the same cache; if that process is suspended, end it"
                 );
                 (self.tell)(Event::Warning { id: "waits", text });
             }
         }
-        for Parked { node, .. } in free {
-            if self.slots[node].remaking.is_none() {
-                self.supplied += 1;
-            }
-            self.enqueue(node);
+        for node in free {
+            self.queue.unpark(node, &mut self.slots[node]);
         }
     }
 }

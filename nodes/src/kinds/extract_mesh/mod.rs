@@ -1,0 +1,213 @@
+//! `extract-mesh`: the surface of a scene, from its splats.
+
+mod report;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+
+use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes};
+use glam::{DVec3, Vec3};
+
+use crate::math::equirect;
+use crate::render::fusion::cubes::wanted;
+use crate::render::fusion::field::{self, Field};
+use crate::render::fusion::levels::Levels;
+use crate::render::fusion::places::{Ground, Places};
+use crate::render::fusion::surface::Surface;
+use crate::render::fusion::{depth_view, pieces, simplify, tint};
+use crate::render::splat::{Blocks, Settings};
+use crate::types::{Mesh, Pose, Report, Rig, Splats};
+
+engine::params! {
+    /// Makes the mesh of a scene from its splats: what objects stand on, throw shadows on and are hidden by.
+    ///
+    /// Looks at the splats from places that it grows through space which was seen to be empty, from `around` and `cameras` on, and
+    /// from above what lies around `around`. The depths of these views (`RayMedian` of `splat-render`) are fused into distances
+    /// to the surface, in cells that are fine around `around` and coarser farther off. The mesh is closed only where the scene
+    /// was seen, and holds nothing beyond `reach_metres`: neither sky nor backdrop. Its colours are those of the splats, without
+    /// what depends on the direction.
+    pub struct ExtractMesh {
+        /// Side of the finest cells: those within `radius_metres` of `around`. They double in size in steps farther off.
+        voxel_metres: f64 = 0.015, range(1e-4, 10.0), unit("m"), other("0.2"),
+            knob(Resolution, "0.04", "0.02", "0.015", "0.01");
+        /// Distance from `around` up to which cells are finest.
+        radius_metres: f64 = 1.5, range(0.01, 1000.0), unit("m"), other("0.4");
+        /// Distance from `around`, or where that is not wired from the cameras, up to which there is a mesh.
+        reach_metres: f64 = 12.0, range(0.1, 10000.0), unit("m"), other("1.0");
+        /// Places to look from, those of `around` and of the cameras among them.
+        places: u32 = 28, range(1, 1000), other("3"), knob(Samples, "8", "14", "28", "56");
+        /// Side of each of the six faces of what is seen from a place.
+        size_px: u32 = 192, range(16, 2048), unit("px"), other("40"), knob(Resolution, "96", "128", "192", "320");
+        /// Error up to which triangles are joined, in cells.
+        error_cells: f64 = 0.25, range(0.0, 10.0), unit("cells"), other("0.0");
+        /// Pieces are left out that have less area than a square of this side.
+        least_piece_metres: f64 = 0.15, range(0.0, 100.0), unit("m"), other("5.0");
+    }
+}
+
+engine::inputs! {
+    /// Inputs of [`ExtractMesh`].
+    pub struct In {
+        /// The scene.
+        splats: Arc<Splats>,
+        /// Cameras in empty space: those that the scene was captured with, or those that pictures are wanted from.
+        cameras: Option<Arc<Rig>>,
+        /// Where an object will stand.
+        around: Option<Arc<Pose>>,
+    }
+}
+
+engine::outputs! {
+    /// Outputs of [`ExtractMesh`].
+    pub struct Out {
+        /// The mesh.
+        mesh: Arc<Mesh>,
+        /// What it was made from, and how well it fits.
+        report: Arc<Report>,
+    }
+}
+
+/// Height of a place above where an object stands.
+const EYE_METRES: f64 = 0.45;
+/// Depth at which a view counts half.
+const HALF_METRES: f64 = 2.0;
+/// Longest edge, in cells.
+const LONGEST_CELLS: f64 = 16.0;
+/// Cubes that are kept at most.
+const MOST_CUBES: usize = 1 << 16;
+
+impl Kind for ExtractMesh {
+    const NAME: &'static str = "extract-mesh";
+    const VERSION: u32 = 1;
+    const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn estimate(params: &Self, inputs: &In) -> Cost {
+        let pixels = u64::from(params.size_px) * u64::from(params.size_px);
+        let views = u64::from(params.places) * 6 + 16;
+        let drawn = crate::render::splat::most_bytes(
+            inputs.splats.len() as u64,
+            (params.size_px.into(), params.size_px.into()),
+        );
+        let field = MOST_CUBES as u64 * field::BLOCK_BYTES;
+        Cost { bytes: views * depth_view::DepthView::bytes(pixels) + drawn.max(field) }
+    }
+
+    fn work(params: &Self, sizes: &Sizes) -> f64 {
+        let pixels = f64::from(params.size_px) * f64::from(params.size_px);
+        f64::from(params.places) * (sizes.of("splats") * 0.3 + 10.0 * pixels)
+    }
+
+    fn run(
+        params: &Self,
+        In { splats, cameras, around }: In,
+        cx: &Context,
+    ) -> Result<(Out, Notes), NodeError> {
+        let mut notes = Notes::none();
+        let metre = 1.0 / cx.metres_per_unit();
+        let axes = equirect::axes(cx.up());
+        let eyes: Vec<DVec3> =
+            cameras.iter().flat_map(|rig| rig.cameras.iter().map(|camera| camera.eye())).collect();
+        let at = around.as_deref().map(Pose::translation);
+        let Some(origin) = at.or(eyes.first().copied()) else {
+            return Err(NodeError::new("nothing says where the scene is empty")
+                .at("around")
+                .hint("wire `around`, the pose of an object, or `cameras`, some of which stand in it"));
+        };
+        let local = |point: DVec3| (point - origin).as_vec3();
+        let above = at.map(|foot| local(foot + axes[2] * (EYE_METRES * metre)));
+        let seeds: Vec<Vec3> = above.into_iter().chain(eyes.iter().map(|eye| local(*eye))).collect();
+
+        let settings = Settings { sh_degree: 0, compensate: splats.antialiased, ..Settings::default() };
+        let blocks = Blocks::of(&splats, cx)?;
+        let ground = Ground {
+            splats: &splats,
+            blocks: &blocks,
+            settings: &settings,
+            origin,
+            axes,
+            metre,
+            size_px: params.size_px,
+        };
+        let focus = at.map(local);
+        let progress = |done: f32| cx.progress(0.5 * done);
+        let places = Places::grown(&ground, &seeds, focus, params.places as usize, &progress, cx)?;
+
+        let [cell, radius, reach] = [params.voxel_metres, params.radius_metres, params.reach_metres]
+            .map(|metres| (metres * metre) as f32);
+        let levels = match focus {
+            Some(focus) => Levels::new(cell, vec![focus], radius, reach),
+            None => Levels::new(2.0 * cell, places.eyes[..places.given].to_vec(), 2.0 * radius, reach),
+        };
+        let (cubes, too_many) = wanted(&places.views, &levels, MOST_CUBES, cx)?;
+        if too_many {
+            let farthest = cubes.iter().map(|cube| levels.distance_to(*cube)).fold(0.0, f32::max);
+            let text = format!(
+                "{MOST_CUBES} cubes of cells are full at {:.2} m; raise `voxel_metres` for more",
+                f64::from(farthest) / metre
+            );
+            notes.degraded("mesh-cut", text);
+        }
+        cx.progress(0.55);
+        let field = Field::fused(&cubes, &places.views, &levels, (HALF_METRES * metre) as f32, cx)?;
+        cx.progress(0.75);
+        let mut surface = Surface::of(&field, cx)?;
+        let held = field.blocks.len();
+        drop(field);
+        let raw = surface.triangles.len();
+        let side = params.least_piece_metres * metre;
+        let pieces = pieces::without_small(&mut surface, &|level| {
+            side.max(4.0 * f64::from(levels.cell_of(level)))
+                * side.max(4.0 * f64::from(levels.cell_of(level)))
+        });
+        let seen = tint::seen(&surface, &places.views, &levels, cx)?;
+        cx.progress(0.85);
+        let bounds = |level: u8| {
+            let cell = f64::from(levels.cell_of(level));
+            (params.error_cells * cell, LONGEST_CELLS * cell)
+        };
+        let (surface, seen) = simplify::simplified(surface, seen, &bounds, cx)?;
+        if surface.triangles.is_empty() {
+            notes.degraded("empty", "no surface was seen");
+        }
+
+        let far = surface.points.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
+        let whole = |point: &Vec3| origin + point.as_dvec3();
+        let high = |point: &Vec3| whole(point).as_vec3();
+        // Where f32 would move a point by a hundredth of a cell.
+        let coarse =
+            (origin.abs().max_element() + f64::from(far)) * f64::from(f32::EPSILON) > 0.01 * f64::from(cell);
+        let low = |point: &Vec3| (whole(point) - high(point).as_dvec3()).as_vec3().to_array();
+        let mesh = Mesh {
+            positions: surface.points.iter().map(|point| high(point).to_array()).collect(),
+            positions_low: if coarse { surface.points.iter().map(low).collect() } else { Vec::new() },
+            colours: seen.iter().map(|seen| seen.colour).collect(),
+            triangles: surface.triangles.clone(),
+        };
+        cx.count("mesh_views", places.views.len() as u64);
+        cx.count("mesh_cubes", held as u64);
+        cx.count("mesh_triangles", mesh.triangles.len() as u64);
+        let mut tables = vec![report::counts(&[
+            ("places", places.eyes.len()),
+            ("places given", places.given),
+            ("places too near to something", places.failed),
+            ("views from above", places.steep),
+            ("cubes of cells", held),
+            ("triangles before they were joined", raw),
+            ("triangles", mesh.triangles.len()),
+            ("vertices", mesh.positions.len()),
+            ("pieces", pieces.kept),
+            ("pieces left out", pieces.dropped),
+        ])];
+        tables.extend(focus.map(|focus| report::ground(&surface, &seen, focus, axes, metre)));
+        if let Some(rig) = &cameras {
+            let scene = (&*splats, &blocks, &settings);
+            tables.push(report::views(scene, (&surface, origin), rig, (&levels, metre), cx)?);
+        }
+        let report = Report { title: "Mesh from splats".to_owned(), tables };
+        Ok((Out { mesh: Arc::new(mesh), report: Arc::new(report) }, notes))
+    }
+}

@@ -1,0 +1,116 @@
+//! What `extract-mesh` reports: counts, the ground around the focus, and how the mesh fits each camera.
+
+use engine::{Context, NodeError};
+use glam::{DVec3, Vec3};
+
+use crate::geometry::bvh::Bvh;
+use crate::geometry::support::Level;
+use crate::render::fusion::fit::fit;
+use crate::render::fusion::levels::Levels;
+use crate::render::fusion::surface::Surface;
+use crate::render::fusion::tint::Seen;
+use crate::render::splat::{Blocks, Settings};
+use crate::types::{Camera, Cell, Rig, Splats, Table};
+
+/// Cameras that are compared at most.
+const CAMERAS: usize = 16;
+/// Distance from the focus within which the ground is measured, in metres.
+const GROUND_METRES: f64 = 0.5;
+/// The same, up and down.
+const HEIGHT_METRES: f64 = 0.25;
+
+fn count(name: &str, value: usize) -> Vec<Cell> {
+    vec![Cell::Text(name.to_owned()), Cell::Count(value as u64)]
+}
+
+/// Counts by name.
+pub(super) fn counts(rows: &[(&str, usize)]) -> Table {
+    Table::new("counts", ["what", "number"], rows.iter().map(|(name, value)| count(name, *value)).collect())
+}
+
+/// Millimetres.
+fn mm(units: Option<f64>, metre: f64) -> Cell {
+    units.map_or(Cell::Missing, |units| Cell::Number(units / metre * 1000.0))
+}
+
+/// Height, slope and roughness of the surface around a focus, and how well it is known.
+pub(super) fn ground(surface: &Surface, seen: &[Seen], focus: Vec3, axes: [DVec3; 3], metre: f64) -> Table {
+    let (radius, height) = ((GROUND_METRES * metre) as f32, (HEIGHT_METRES * metre) as f32);
+    let [right, forward, up] = axes.map(|axis| axis.as_vec3());
+    let mut points = Vec::new();
+    let (mut views, mut deviations) = (Vec::new(), Vec::new());
+    for (point, seen) in surface.points.iter().zip(seen) {
+        let offset = *point - focus;
+        let [x, y, z] = [right, forward, up].map(|axis| offset.dot(axis));
+        if x * x + y * y < radius * radius && z.abs() < height {
+            points.push([x, y, z].map(f64::from));
+            views.push(f64::from(seen.views));
+            deviations.push(f64::from(seen.deviation));
+        }
+    }
+    let level = Level::of(&points);
+    let median = |mut values: Vec<f64>| {
+        values.sort_unstable_by(f64::total_cmp);
+        values.get(values.len() / 2).copied()
+    };
+    let slope = level.map(|level| {
+        let [x, y] = level.slope;
+        (x * x + y * y).sqrt()
+    });
+    let rows = vec![vec![
+        Cell::Count(points.len() as u64),
+        mm(level.map(|level| level.height), metre),
+        slope.map_or(Cell::Missing, Cell::Number),
+        mm(level.map(|level| level.roughness), metre),
+        median(views).map_or(Cell::Missing, Cell::Number),
+        mm(median(deviations), metre),
+    ]];
+    let columns = [
+        "vertices",
+        "height over `around` (mm)",
+        "slope (rise over run)",
+        "roughness (mm)",
+        "views, median",
+        "deviation between views, median (mm)",
+    ];
+    Table::new("ground", columns, rows)
+}
+
+/// How the mesh fits what each camera sees of the splats.
+pub(super) fn views(
+    scene: (&Splats, &Blocks, &Settings),
+    (surface, origin): (&Surface, DVec3),
+    rig: &Rig,
+    (levels, metre): (&Levels, f64),
+    cx: &Context,
+) -> Result<Table, NodeError> {
+    let (splats, blocks, settings) = scene;
+    let corners: Vec<[Vec3; 3]> =
+        surface.triangles.iter().map(|triangle| triangle.map(|i| surface.points[i as usize])).collect();
+    let triangles = Bvh::build(&corners);
+    drop(corners);
+    let every = rig.cameras.len().div_ceil(CAMERAS).max(1);
+    let within = |point: Vec3| levels.cube_at(point).is_some();
+    let row = |camera: &Camera| {
+        let fit = fit((splats, blocks), (&triangles, origin), camera, &within, settings, cx)?;
+        let share = |share: f64| Cell::Number(share * 100.0);
+        Ok(vec![
+            Cell::Text(camera.name.clone()),
+            mm(fit.median, metre),
+            mm(fit.most, metre),
+            share(fit.holes),
+            share(fit.extra),
+            share(fit.backs),
+        ])
+    };
+    let rows = rig.cameras.iter().step_by(every).map(row).collect::<Result<Vec<_>, NodeError>>()?;
+    let columns = [
+        "view",
+        "off the splats, median (mm)",
+        "off the splats, 95 of 100 (mm)",
+        "splats without mesh (%)",
+        "mesh without splats (%)",
+        "mesh from behind (%)",
+    ];
+    Ok(Table::new("views", columns, rows))
+}

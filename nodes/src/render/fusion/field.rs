@@ -1,0 +1,264 @@
+//! Distances to the surface at the corners of cells, fused from what the views see (Curless and Levoy 1996). Each corner is
+//! made by one thread from the views in their order, so the field has the same bits for any number of threads.
+
+use engine::{Context, NodeError};
+use glam::Vec3;
+
+use super::depth_view::DepthView;
+use super::levels::{Cube, Levels, SIDE};
+
+/// Corners along the side of a cube. Those on its sides belong to its neighbours as well, which hold the same numbers.
+pub const CORNERS: usize = SIDE as usize + 1;
+/// Corners of a cube.
+const ALL: usize = CORNERS * CORNERS * CORNERS;
+
+/// How far from the surface distances are told apart, in cells.
+const BAND: f32 = 3.0;
+/// How far behind a surface along a slanting ray it is still taken to be, in bands.
+const BEHIND: f32 = 3.0;
+/// Least cosine between ray and normal of a surface that is taken for one.
+const FLATTEST: f32 = 0.1;
+/// What a view that sees through a corner counts, of one that sees a surface there head on.
+const THROUGH: f32 = 0.25;
+/// What a pixel at the edge of two surfaces counts.
+const AT_EDGE: f32 = 0.25;
+/// Views that must have seen the surface from a corner behind it.
+const VIEWS: u8 = 2;
+
+/// The field in a cube.
+pub struct Block {
+    pub cube: Cube,
+    /// Distance to the surface in world units, negative behind it; 0 where no view says.
+    distance: Box<[f32; ALL]>,
+    /// Views that see the surface near each corner, or through it; 0 where none does.
+    views: Box<[u8; ALL]>,
+    /// Bits of the cells all of whose corners have a distance.
+    whole: [u64; SIDE as usize],
+}
+
+/// The number of a corner.
+pub fn corner(x: usize, y: usize, z: usize) -> usize {
+    (z * CORNERS + y) * CORNERS + x
+}
+
+impl Block {
+    /// Distance to the surface at a corner, and the views that say so.
+    pub fn at(&self, corner: usize) -> (f32, u8) {
+        (self.distance[corner], self.views[corner])
+    }
+
+    /// Whether the surface passes between two of its corners, the one behind it having been seen often enough.
+    pub fn crosses(&self, from: usize, to: usize) -> bool {
+        let ((a, a_views), (b, b_views)) = (self.at(from), self.at(to));
+        a_views > 0
+            && b_views > 0
+            && (a < 0.0) != (b < 0.0)
+            && (if a < 0.0 { a_views } else { b_views }) >= VIEWS
+    }
+
+    /// Whether all corners of a cell have a distance.
+    pub fn is_whole(&self, cell: usize) -> bool {
+        self.whole[cell / 64] >> (cell % 64) & 1 == 1
+    }
+
+    fn mark_whole(&mut self) {
+        self.whole = [0; SIDE as usize];
+        let side = SIDE as usize;
+        for (z, bits) in self.whole.iter_mut().enumerate() {
+            for y in 0..side {
+                for x in 0..side {
+                    let known =
+                        |k: usize| self.views[corner(x + (k & 1), y + (k >> 1 & 1), z + (k >> 2))] > 0;
+                    *bits |= u64::from((0..8).all(known)) << (y * side + x);
+                }
+            }
+        }
+    }
+}
+
+/// Bytes of a block.
+pub const BLOCK_BYTES: u64 = (ALL * 5 + 128) as u64;
+
+/// The field: its blocks in the order of their cubes.
+pub struct Field<'a> {
+    pub levels: &'a Levels,
+    pub blocks: Vec<Block>,
+}
+
+/// One block.
+fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
+    let cell = levels.cell_of(cube.level);
+    let first = cube.corner();
+    let place = |x: usize, y: usize, z: usize| {
+        let at = [x, y, z].map(|i| i as i32 * cube.step());
+        Vec3::from([0, 1, 2].map(|k| (first[k] + at[k]) as f32)) * levels.cell
+    };
+    let band = BAND * cell;
+    let half = 0.5 * SIDE as f32 * cell;
+    let (middle, radius) = (place(0, 0, 0) + Vec3::splat(half), half * 1.7321);
+    let (mut sums, mut weights, mut counts) = ([0.0_f32; ALL], [0.0_f32; ALL], [0_u8; ALL]);
+    for view in views.iter().filter(|view| view.may_see(middle, radius)) {
+        for z in 0..CORNERS {
+            for y in 0..CORNERS {
+                for x in 0..CORNERS {
+                    let Some(on) = view.project(place(x, y, z)) else { continue };
+                    let (inverse, one_surface, nearest) = view.surface(on.at);
+                    let [trust, cosine] = view.marks[nearest].map(|mark| f32::from(mark) * (1.0 / 255.0));
+                    let at = corner(x, y, z);
+                    let near = 1.0 / (1.0 + on.depth * on.depth * far);
+                    let mut weight = trust * near * if one_surface { 1.0 } else { AT_EDGE };
+                    // How far it lies before the surface, along the ray and at a right angle to the surface.
+                    let before =
+                        if inverse > 0.0 { (1.0 / inverse - on.depth) * on.stretch } else { f32::INFINITY };
+                    let mut distance = before * cosine;
+                    if distance >= band || cosine < FLATTEST && before > BEHIND * band {
+                        weight *= THROUGH;
+                        distance = band;
+                    } else if distance < -band || before < -BEHIND * band || cosine < FLATTEST {
+                        continue;
+                    } else {
+                        weight *= cosine * cosine;
+                        counts[at] = counts[at].saturating_add(u8::from(weight > 0.0));
+                    }
+                    sums[at] += weight * distance;
+                    weights[at] += weight;
+                }
+            }
+        }
+    }
+    let mut block =
+        Block { cube, distance: Box::new([0.0; ALL]), views: Box::new([0; ALL]), whole: [0; SIDE as usize] };
+    for at in 0..ALL {
+        if weights[at] > 0.0 {
+            block.distance[at] = sums[at] / weights[at];
+            block.views[at] = counts[at].max(1);
+        }
+    }
+    block.mark_whole();
+    block
+}
+
+impl DepthView {
+    /// Whether a ball may be on the picture.
+    fn may_see(&self, middle: Vec3, radius: f32) -> bool {
+        let offset = middle - self.eye;
+        let depth = offset.dot(self.forward);
+        if depth < -radius {
+            return false;
+        }
+        // The four planes through the eye and the edges, times the lengths of their normals.
+        let edge = |side: Vec3, focal: f32, room: f32| {
+            let along = focal * offset.dot(side) - room * depth;
+            along * along.abs() <= radius * radius * (focal * focal + room * room)
+        };
+        let (width, height) = (self.width as f32, self.height as f32);
+        edge(self.right, self.focal[0], width - self.middle[0])
+            && edge(-self.right, self.focal[0], self.middle[0])
+            && edge(self.down, self.focal[1], height - self.middle[1])
+            && edge(-self.down, self.focal[1], self.middle[1])
+    }
+}
+
+impl<'a> Field<'a> {
+    /// Fuses the views in these cubes, which are in order. A surface at a depth of `half_at` world units counts half of what one
+    /// near by does.
+    pub fn fused(
+        cubes: &[Cube],
+        views: &[DepthView],
+        levels: &'a Levels,
+        half_at: f32,
+        cx: &Context,
+    ) -> Result<Self, NodeError> {
+        const GROUP: usize = 16;
+        let far = 1.0 / (half_at * half_at);
+        let groups = cx.for_each_tile(cubes.len().div_ceil(GROUP), |group| {
+            let cubes = &cubes[group * GROUP..((group + 1) * GROUP).min(cubes.len())];
+            let kept =
+                cubes.iter().map(|cube| fused(*cube, views, levels, far)).filter(|block| block.is_of_use());
+            kept.collect::<Vec<_>>()
+        })?;
+        let mut field = Self { levels, blocks: groups.into_iter().flatten().collect() };
+        field.join_levels(cx)?;
+        Ok(field)
+    }
+
+    /// The block whose space holds a finest cell, and the number of the cell of it that does.
+    pub fn locate(&self, at: [i32; 3]) -> Option<(usize, usize)> {
+        for level in 0..self.levels.reach.len() as u8 {
+            let cell = at.map(|v| v >> level);
+            let cube = Cube { level, at: cell.map(|v| v.div_euclid(SIDE)) };
+            if let Ok(index) = self.blocks.binary_search_by(|block| block.cube.cmp(&cube)) {
+                let [x, y, z] = cell.map(|v| v.rem_euclid(SIDE) as usize);
+                return Some((index, (z * SIDE as usize + y) * SIDE as usize + x));
+            }
+        }
+        None
+    }
+
+    /// Where cubes of two sizes meet, the corners of both have the distance that the finer one says.
+    fn join_levels(&mut self, cx: &Context) -> Result<(), NodeError> {
+        for level in 1..self.levels.reach.len() as u8 {
+            let blocks: Vec<usize> =
+                (0..self.blocks.len()).filter(|i| self.blocks[*i].cube.level == level).collect();
+            let field = &*self;
+            let changes = cx.for_each_tile(blocks.len(), |i| field.from_finer(&field.blocks[blocks[i]]))?;
+            for (block, changes) in blocks.into_iter().zip(changes).filter(|(_, changes)| !changes.is_empty())
+            {
+                let block = &mut self.blocks[block];
+                for (corner, distance, views) in changes {
+                    block.distance[corner] = distance;
+                    block.views[corner] = views;
+                }
+                block.mark_whole();
+            }
+        }
+        Ok(())
+    }
+
+    /// The corners of a block that finer ones share: number, distance and views.
+    fn from_finer(&self, block: &Block) -> Vec<(usize, f32, u8)> {
+        let level = block.cube.level;
+        let side = self.levels.cell_of(level) * SIDE as f32;
+        if self.levels.distance_to(block.cube) - 1.8 * side >= self.levels.reach[level as usize - 1] {
+            return Vec::new();
+        }
+        let (first, mut changes) = (block.cube.corner(), Vec::new());
+        let last = CORNERS - 1;
+        for z in 0..CORNERS {
+            for y in 0..CORNERS {
+                for x in 0..CORNERS {
+                    if ![x, y, z].iter().any(|i| *i == 0 || *i == last) {
+                        continue;
+                    }
+                    let at: [i32; 3] =
+                        std::array::from_fn(|k| first[k] + [x, y, z][k] as i32 * block.cube.step());
+                    let mut finest: Option<(u8, f32, u8)> = None;
+                    for around in 0..8 {
+                        let cell: [i32; 3] = std::array::from_fn(|k| at[k] - (around >> k & 1));
+                        let Some((index, _)) = self.locate(cell) else { continue };
+                        let other = &self.blocks[index];
+                        if other.cube.level >= finest.map_or(level, |(level, ..)| level) {
+                            continue;
+                        }
+                        let origin = other.cube.corner();
+                        let [x, y, z]: [usize; 3] =
+                            std::array::from_fn(|k| ((at[k] - origin[k]) >> other.cube.level) as usize);
+                        let (distance, views) = other.at(corner(x, y, z));
+                        if views > 0 {
+                            finest = Some((other.cube.level, distance, views));
+                        }
+                    }
+                    changes.extend(finest.map(|(_, distance, views)| (corner(x, y, z), distance, views)));
+                }
+            }
+        }
+        changes
+    }
+}
+
+impl Block {
+    /// Whether a surface may pass through it or along it.
+    fn is_of_use(&self) -> bool {
+        self.whole.iter().any(|bits| *bits != 0)
+    }
+}

@@ -1,0 +1,95 @@
+//! How fine space is divided: cubes of eight cells a side, whose cells double in size with the distance from where objects will
+//! stand.
+
+use glam::Vec3;
+
+/// Cells along the side of a cube.
+pub const SIDE: i32 = 8;
+
+/// How much farther each level reaches than the one before.
+const GROWTH: f32 = 2.5;
+
+/// Most levels.
+pub const MOST: usize = 7;
+
+/// A cube of cells: its level, and its place in cubes of that level.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Cube {
+    /// Cells have the side of the finest ones times two to this power.
+    pub level: u8,
+    /// Place along x, y and z.
+    pub at: [i32; 3],
+}
+
+impl Cube {
+    /// Side of its cells in finest cells.
+    pub fn step(self) -> i32 {
+        1 << self.level
+    }
+
+    /// Its first corner, in finest cells.
+    pub fn corner(self) -> [i32; 3] {
+        self.at.map(|at| at * (SIDE << self.level))
+    }
+}
+
+/// Sizes of cells by place.
+#[derive(Debug, Clone)]
+pub struct Levels {
+    /// Side of the finest cells, in world units.
+    pub cell: f32,
+    /// Where it is finest.
+    pub foci: Vec<Vec3>,
+    /// How far each level reaches from the nearest of these, in world units; the last one is the end of the mesh.
+    pub reach: Vec<f32>,
+}
+
+impl Levels {
+    /// Levels that start with cells of a side up to a radius around some places, and end at a reach.
+    pub fn new(cell: f32, foci: Vec<Vec3>, radius: f32, reach: f32) -> Self {
+        let mut reaches = vec![radius.min(reach)];
+        while let Some(last) = reaches.last().copied().filter(|last| *last < reach) {
+            let next = if reaches.len() + 1 == MOST { reach } else { (last * GROWTH).min(reach) };
+            reaches.push(next);
+        }
+        Self { cell, foci, reach: reaches }
+    }
+
+    /// Side of the cells of a level, in world units.
+    pub fn cell_of(&self, level: u8) -> f32 {
+        self.cell * (1_u32 << level) as f32
+    }
+
+    /// Distance from the nearest focus to a box.
+    fn distance(&self, low: Vec3, high: Vec3) -> f32 {
+        let of = |focus: &Vec3| (*focus - focus.clamp(low, high)).length_squared();
+        self.foci.iter().map(of).fold(f32::INFINITY, f32::min).sqrt()
+    }
+
+    /// Distance from the nearest focus to a cube.
+    pub fn distance_to(&self, cube: Cube) -> f32 {
+        let side = self.cell_of(cube.level) * SIDE as f32;
+        let low = Vec3::from(cube.at.map(|at| at as f32)) * side;
+        self.distance(low, low + Vec3::splat(side))
+    }
+
+    /// Whether the space of this cube is divided into smaller ones.
+    pub fn is_split(&self, cube: Cube) -> bool {
+        cube.level > 0 && self.distance_to(cube) < self.reach[cube.level as usize - 1]
+    }
+
+    /// The cube that holds a point; `None` beyond the reach.
+    pub fn cube_at(&self, point: Vec3) -> Option<Cube> {
+        if !point.is_finite() || self.distance(point, point) >= *self.reach.last()? {
+            return None;
+        }
+        for level in (0..self.reach.len() as u8).rev() {
+            let side = self.cell_of(level) * SIDE as f32;
+            let cube = Cube { level, at: (point / side).to_array().map(|v| v.floor() as i32) };
+            if !self.is_split(cube) {
+                return Some(cube);
+            }
+        }
+        None
+    }
+}

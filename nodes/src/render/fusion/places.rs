@@ -1,0 +1,303 @@
+//! Where to look from: places in space that was seen to be empty, grown from where something is known to stand or to look.
+
+use engine::{Context, NodeError};
+use glam::{DVec3, Vec3};
+
+use super::depth_view::DepthView;
+use crate::math::num;
+use crate::render::splat::{Blocks, Settings};
+use crate::types::{Camera, Splats};
+
+/// Degrees that a face reaches beyond 45, so that no point lies between the pixels of two faces.
+const GUARD_DEG: f64 = 3.0;
+/// Places in a row that turn out too near to something before no more are tried.
+const FAILURES: usize = 8;
+/// How far from each other places stand, in clearances.
+const APART: f32 = 1.8;
+/// Steps from one place to the next, in clearances.
+const STEPS: [f32; 3] = [2.0, 4.0, 7.0];
+/// Directions around a place.
+const AZIMUTHS: usize = 12;
+/// Rises of a step, in clearances.
+const RISES: [f32; 3] = [-1.2, 0.0, 1.6];
+/// The share of what is seen from a place that may lie nearer than the clearance.
+const NEARER: f64 = 0.02;
+/// Degrees across of the views from above.
+const STEEP_DEG: f64 = 70.0;
+/// Where they stand: metres above the ground and aside, tried from the first to the last.
+const STEEP: [[f64; 2]; 4] = [[1.8, 0.7], [1.2, 0.5], [0.7, 0.35], [0.35, 0.2]];
+
+/// What growing needs to know.
+pub struct Ground<'a> {
+    pub splats: &'a Splats,
+    pub blocks: &'a Blocks,
+    pub settings: &'a Settings,
+    /// Origin of the views.
+    pub origin: DVec3,
+    /// Right, forward and up.
+    pub axes: [DVec3; 3],
+    /// World units a metre.
+    pub metre: f64,
+    /// Pixels of a face.
+    pub size_px: u32,
+}
+
+/// Views from grown places.
+pub struct Places {
+    pub views: Vec<DepthView>,
+    /// The eyes of the places, relative to the origin.
+    pub eyes: Vec<Vec3>,
+    /// The first so many of which were given.
+    pub given: usize,
+    /// Clearance, in world units.
+    pub clearance: f32,
+    /// Places that turned out too near to something.
+    pub failed: usize,
+    /// Views from above what stands at the focus.
+    pub steep: usize,
+    /// The median distance of what the given places see.
+    pub median: f32,
+}
+
+impl Ground<'_> {
+    fn view(&self, camera: &Camera, cx: &Context) -> Result<DepthView, NodeError> {
+        DepthView::of(self.splats, self.blocks, camera, self.origin, self.settings, cx)
+    }
+
+    /// The six faces around a place, turned by its number, so that the pixels of no two places lie alike.
+    fn around(&self, eye: Vec3, number: usize, cx: &Context) -> Result<Vec<DepthView>, NodeError> {
+        let eye = self.origin + eye.as_dvec3();
+        let (sin, cos) = num::sin_cos(0.47 + 2.399_963 * number as f64);
+        let [right, forward, up] = self.axes;
+        let (right, forward) = (right * cos + forward * sin, forward * cos - right * sin);
+        // Off the axes, since captures are quantised along them.
+        let (sin, cos) = num::sin_cos(0.33);
+        let (forward, up) = (forward * cos + up * sin, up * cos - forward * sin);
+        let half = 0.5 * f64::from(self.size_px);
+        let focal = half / num::f64::tan((45.0 + GUARD_DEG).to_radians());
+        let faces = [
+            (right, forward),
+            (-forward, right),
+            (-right, -forward),
+            (forward, -right),
+            (right, up),
+            (right, -up),
+        ];
+        let see = |(x, z): (DVec3, DVec3)| {
+            self.view(&Camera::centred("face", [self.size_px; 2], focal, [x, z.cross(x), z], eye), cx)
+        };
+        faces.into_iter().map(see).collect()
+    }
+}
+
+/// The distances of what a view shows, from near to far; infinite where it shows nothing.
+fn distances(views: &[DepthView]) -> Vec<f32> {
+    let mut all = Vec::new();
+    for view in views {
+        for y in (0..view.height).step_by(2) {
+            for x in (0..view.width).step_by(2) {
+                all.push(view.point(x, y).map_or(f32::INFINITY, Vec3::length));
+            }
+        }
+    }
+    all.sort_unstable_by(f32::total_cmp);
+    all
+}
+
+/// How far one can go from a place towards a point `ahead` of it with so much room around, as one of its faces shows it.
+fn room(faces: &[DepthView], ahead: Vec3, clearance: f32) -> f32 {
+    let length = ahead.length();
+    for view in faces {
+        let Some(on) = view.project(view.eye + ahead) else { continue };
+        let reach = (view.focal[0] * clearance / on.depth).min(0.25 * view.width as f32) as i32;
+        let [x, y] = on.at.map(|v| v as i32);
+        let mut least = f32::INFINITY;
+        for row in (y - reach).max(0)..=(y + reach).min(view.height as i32 - 1) {
+            for column in (x - reach).max(0)..=(x + reach).min(view.width as i32 - 1) {
+                let distance = view.point(column as usize, row as usize).map_or(f32::INFINITY, Vec3::length);
+                least = least.min(distance);
+            }
+        }
+        return least - clearance;
+    }
+    -length
+}
+
+impl Places {
+    /// Grows up to so many places from given ones, the views from above a focus included.
+    pub fn grown(
+        ground: &Ground<'_>,
+        seeds: &[Vec3],
+        focus: Option<Vec3>,
+        most: usize,
+        progress: &dyn Fn(f32),
+        cx: &Context,
+    ) -> Result<Self, NodeError> {
+        let up = ground.axes[2].as_vec3();
+        let mut places = Self {
+            views: Vec::new(),
+            eyes: Vec::new(),
+            given: 0,
+            clearance: 0.0,
+            failed: 0,
+            steep: 0,
+            median: 0.0,
+        };
+        let mut nearest = Vec::new();
+        let mut all = Vec::new();
+        for seed in farthest_first(seeds, most) {
+            cx.check()?;
+            let faces = ground.around(seed, places.eyes.len(), cx)?;
+            let distances = distances(&faces);
+            nearest.push(distances[(NEARER * distances.len() as f64) as usize]);
+            all.extend(distances.iter().filter(|d| d.is_finite()));
+            places.eyes.push(seed);
+            places.views.extend(faces);
+            progress(places.eyes.len() as f32 / most as f32);
+        }
+        places.given = places.eyes.len();
+        all.sort_unstable_by(f32::total_cmp);
+        places.median = all.get(all.len() / 2).copied().unwrap_or(f32::INFINITY);
+        nearest.sort_unstable_by(f32::total_cmp);
+        // Half of what is nearest to the given place in the middle: where one can stand, one can stand again.
+        let roomy = nearest.get(nearest.len() / 2).copied().unwrap_or(f32::INFINITY);
+        places.clearance = ((0.35 * ground.metre) as f32).min(0.5 * roomy);
+        if places.clearance.is_finite() && places.clearance > 0.0 {
+            places.grow(ground, focus, most, up, progress, cx)?;
+        }
+        if let Some(focus) = focus {
+            places.look_down(ground, focus, up, cx)?;
+        }
+        Ok(places)
+    }
+
+    fn faces(&self, place: usize) -> &[DepthView] {
+        &self.views[6 * place..6 * place + 6]
+    }
+
+    fn grow(
+        &mut self,
+        ground: &Ground<'_>,
+        focus: Option<Vec3>,
+        most: usize,
+        up: Vec3,
+        progress: &dyn Fn(f32),
+        cx: &Context,
+    ) -> Result<(), NodeError> {
+        let [right, forward] = [ground.axes[0].as_vec3(), ground.axes[1].as_vec3()];
+        let clearance = self.clearance;
+        let heights = self.eyes.iter().map(|eye| eye.dot(up));
+        let low = heights.clone().fold(f32::INFINITY, f32::min) - 0.3 * clearance;
+        let high = heights.fold(f32::NEG_INFINITY, f32::max) + 5.5 * clearance;
+        let middle = focus.unwrap_or(self.eyes[0]);
+        let mut candidates: Vec<Vec3> = Vec::new();
+        let mut looked_from = 0;
+        let mut in_a_row = 0;
+        while self.eyes.len() < most && in_a_row < FAILURES {
+            cx.check()?;
+            for place in looked_from..self.eyes.len() {
+                let eye = self.eyes[place];
+                for (i, step) in STEPS.into_iter().enumerate() {
+                    for azimuth in 0..AZIMUTHS {
+                        let turns = azimuth as f32 / AZIMUTHS as f32 + 0.618_034 * (place * 3 + i) as f32;
+                        let (sin, cos) = crate::geometry::sampling::circle(turns.fract());
+                        for rise in RISES {
+                            let ahead =
+                                (right * cos + forward * sin) * (step * clearance) + up * (rise * clearance);
+                            let height = (eye + ahead).dot(up);
+                            if (low..=high).contains(&height)
+                                && room(self.faces(place), ahead, clearance) >= ahead.length()
+                            {
+                                candidates.push(eye + ahead);
+                            }
+                        }
+                    }
+                }
+            }
+            looked_from = self.eyes.len();
+            let apart = |point: Vec3| {
+                self.eyes.iter().map(|eye| (*eye - point).length()).fold(f32::INFINITY, f32::min)
+            };
+            candidates.retain(|point| apart(*point) >= APART * clearance);
+            // Far from the others, but not from the middle.
+            let worth = |point: Vec3| apart(point) / (1.0 + (point - middle).length() / (12.0 * clearance));
+            let best = candidates.iter().enumerate().fold(None, |best: Option<(usize, f32)>, (i, point)| {
+                let worth = worth(*point);
+                if best.is_some_and(|(_, most)| most >= worth) { best } else { Some((i, worth)) }
+            });
+            let Some((index, _)) = best else { break };
+            let point = candidates.swap_remove(index);
+            let faces = ground.around(point, self.eyes.len(), cx)?;
+            let distances = distances(&faces);
+            if distances[(NEARER * distances.len() as f64) as usize] < 0.8 * clearance {
+                candidates.retain(|other| (*other - point).length() >= 0.5 * clearance);
+                self.failed += 1;
+                in_a_row += 1;
+                continue;
+            }
+            in_a_row = 0;
+            self.eyes.push(point);
+            self.views.extend(faces);
+            progress(self.eyes.len() as f32 / most as f32);
+        }
+        Ok(())
+    }
+
+    /// Whether a place saw that there is room at a point.
+    fn is_free(&self, point: Vec3, clearance: f32) -> bool {
+        (0..self.eyes.len()).any(|place| {
+            let ahead = point - self.eyes[place];
+            room(self.faces(place), ahead, clearance) >= ahead.length()
+        })
+    }
+
+    /// Adds views from above a focus, from all around: at a slant, depth is biased whatever is blended.
+    fn look_down(
+        &mut self,
+        ground: &Ground<'_>,
+        focus: Vec3,
+        up: Vec3,
+        cx: &Context,
+    ) -> Result<(), NodeError> {
+        let [right, forward] = [ground.axes[0].as_vec3(), ground.axes[1].as_vec3()];
+        let room = 0.3 * self.clearance;
+        let size = ground.size_px * 4 / 3;
+        let focal = 0.5 * f64::from(size) / num::f64::tan((0.5 * STEEP_DEG).to_radians());
+        for azimuth in 0..8 {
+            let (sin, cos) = crate::geometry::sampling::circle((azimuth as f32 + 0.25) / 8.0);
+            let side = right * cos + forward * sin;
+            let stand = STEEP.iter().map(|[height, aside]| {
+                focus + up * (height * ground.metre) as f32 + side * (aside * ground.metre) as f32
+            });
+            let Some(eye) = stand.into_iter().find(|eye| self.is_free(*eye, room)) else { continue };
+            let z = (focus - eye).normalize().as_dvec3();
+            let x = z.cross(up.as_dvec3()).normalize();
+            let eye = ground.origin + eye.as_dvec3();
+            let camera = Camera::centred("steep", [size; 2], focal, [x, z.cross(x), z], eye);
+            self.views.push(ground.view(&camera, cx)?);
+            self.steep += 1;
+        }
+        Ok(())
+    }
+}
+
+/// At most so many of some points, each as far from those before it as can be.
+fn farthest_first(points: &[Vec3], most: usize) -> Vec<Vec3> {
+    let mut kept: Vec<Vec3> = points.first().copied().into_iter().collect();
+    let mut apart: Vec<f32> = points.iter().map(|point| (*point - kept[0]).length_squared()).collect();
+    while kept.len() < most.max(1) {
+        let best = apart
+            .iter()
+            .enumerate()
+            .fold((0, 0.0), |best, (i, far)| if *far > best.1 { (i, *far) } else { best });
+        if best.1 == 0.0 {
+            break;
+        }
+        let point = points[best.0];
+        kept.push(point);
+        for (far, other) in apart.iter_mut().zip(points) {
+            *far = far.min((*other - point).length_squared());
+        }
+    }
+    kept
+}

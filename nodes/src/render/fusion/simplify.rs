@@ -1,0 +1,297 @@
+//! Fewer triangles within an error: edges are contracted in the order of what that costs (Garland and Heckbert 1997), where cost is
+//! the mean square distance from the planes of the triangles that a point stands for, by area. Nothing folds over, no hole is
+//! closed, and ties go by the numbers of points, so the result is the same everywhere.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use engine::{Context, NodeError};
+use glam::{DMat3, DVec3};
+
+use super::surface::Surface;
+use super::tint::Seen;
+
+/// How much a point is drawn to the middle of an edge where planes leave it free.
+const TIDY: f64 = 1e-3;
+/// What the end of the surface counts, by the square of its length.
+const BORDER: f64 = 10.0;
+/// Least cosine between the normals of a triangle before and after.
+const TURNED: f64 = 0.3;
+/// Contractions between two looks at whether the run is stopped.
+const CHECKED: usize = 1 << 12;
+
+/// Sum of squares of distances from planes, by weight: `x.A x + 2 b.x + c`.
+#[derive(Debug, Clone, Copy)]
+struct Quadric {
+    a: [f64; 6],
+    b: DVec3,
+    c: f64,
+    weight: f64,
+}
+
+impl Quadric {
+    const ZERO: Self = Self { a: [0.0; 6], b: DVec3::ZERO, c: 0.0, weight: 0.0 };
+
+    fn plane(normal: DVec3, point: DVec3, weight: f64) -> Self {
+        let (n, d) = (normal, -normal.dot(point));
+        Self {
+            a: [n.x * n.x, n.x * n.y, n.x * n.z, n.y * n.y, n.y * n.z, n.z * n.z].map(|v| v * weight),
+            b: n * (d * weight),
+            c: d * d * weight,
+            weight,
+        }
+    }
+
+    fn add(&mut self, other: &Self) {
+        for (a, other) in self.a.iter_mut().zip(other.a) {
+            *a += other;
+        }
+        self.b += other.b;
+        self.c += other.c;
+        self.weight += other.weight;
+    }
+
+    fn at(&self, x: DVec3) -> f64 {
+        let [xx, xy, xz, yy, yz, zz] = self.a;
+        let ax = DVec3::new(
+            xx * x.x + xy * x.y + xz * x.z,
+            xy * x.x + yy * x.y + yz * x.z,
+            xz * x.x + yz * x.y + zz * x.z,
+        );
+        (x.dot(ax) + 2.0 * self.b.dot(x) + self.c).max(0.0)
+    }
+
+    /// Where it is least, drawn a little to `middle`.
+    fn least(&self, middle: DVec3) -> DVec3 {
+        let [xx, xy, xz, yy, yz, zz] = self.a;
+        let tidy = TIDY * self.weight;
+        let a = DMat3::from_cols(
+            DVec3::new(xx + tidy, xy, xz),
+            DVec3::new(xy, yy + tidy, yz),
+            DVec3::new(xz, yz, zz + tidy),
+        );
+        let x = a.inverse() * (middle * tidy - self.b);
+        if x.is_finite() { x } else { middle }
+    }
+}
+
+/// How far a surface may be changed, by the level of the cells a point was made in: the error, and the longest edge, in world
+/// units.
+pub type Bounds<'a> = &'a dyn Fn(u8) -> (f64, f64);
+
+struct Mesh<'a> {
+    points: Vec<DVec3>,
+    levels: Vec<u8>,
+    seen: Vec<Seen>,
+    quadrics: Vec<Quadric>,
+    /// Triangles at each point, some of which may be gone.
+    at: Vec<Vec<u32>>,
+    triangles: Vec<[u32; 3]>,
+    gone: Vec<bool>,
+    /// Raised whenever a point moves; `u32::MAX` once it is gone.
+    stamps: Vec<u32>,
+    bounds: Bounds<'a>,
+}
+
+/// An edge to be contracted: the bits of its cost, its points, and their stamps.
+type Entry = Reverse<(u64, u32, u32, u32, u32)>;
+
+impl Mesh<'_> {
+    fn normal(&self, [a, b, c]: [u32; 3]) -> DVec3 {
+        let [a, b, c] = [a, b, c].map(|i| self.points[i as usize]);
+        (b - a).cross(c - a)
+    }
+
+    fn triangles_at(&self, point: u32) -> impl Iterator<Item = u32> {
+        self.at[point as usize].iter().copied().filter(|t| !self.gone[*t as usize])
+    }
+
+    /// The points around one, in order, each as often as there are triangles with both.
+    fn around(&self, point: u32, to: &mut Vec<u32>) {
+        to.clear();
+        to.extend(
+            self.triangles_at(point).flat_map(|t| self.triangles[t as usize]).filter(|other| *other != point),
+        );
+        to.sort_unstable();
+    }
+
+    fn entry(&self, a: u32, b: u32) -> Option<Entry> {
+        let (a, b) = (a.min(b), a.max(b));
+        let (cost, place, _) = self.joined(a, b);
+        let level = self.levels[a as usize].min(self.levels[b as usize]);
+        let (error, _) = (self.bounds)(level);
+        (cost <= error * error && place.is_finite())
+            .then(|| Reverse((cost.to_bits(), a, b, self.stamps[a as usize], self.stamps[b as usize])))
+    }
+
+    fn joined(&self, a: u32, b: u32) -> (f64, DVec3, Quadric) {
+        let mut quadric = self.quadrics[a as usize];
+        quadric.add(&self.quadrics[b as usize]);
+        let middle = (self.points[a as usize] + self.points[b as usize]) * 0.5;
+        let place = quadric.least(middle);
+        let cost = if quadric.weight > 0.0 { quadric.at(place) / quadric.weight } else { 0.0 };
+        (cost, place, quadric)
+    }
+
+    /// Contracts an edge into its first point, unless the surface would fold, or be another one.
+    fn contract(&mut self, a: u32, b: u32, [around_a, around_b]: [&mut Vec<u32>; 2]) -> bool {
+        self.around(a, around_a);
+        self.around(b, around_b);
+        let shared = around_a.iter().filter(|other| **other == b).count();
+        if !(1..=2).contains(&shared) {
+            return false;
+        }
+        // Points of a border have a neighbour with which they share but one triangle.
+        let on_border = |around: &[u32]| around.chunk_by(|x, y| x == y).any(|same| same.len() == 1);
+        let manifold = |around: &[u32]| around.chunk_by(|x, y| x == y).all(|same| same.len() <= 2);
+        if !manifold(around_a)
+            || !manifold(around_b)
+            || shared == 2 && on_border(around_a) && on_border(around_b)
+        {
+            return false;
+        }
+        around_a.dedup();
+        around_b.dedup();
+        let common = around_a.iter().filter(|other| around_b.binary_search(other).is_ok()).count();
+        if common != shared {
+            return false;
+        }
+        let (_, place, quadric) = self.joined(a, b);
+        let level = self.levels[a as usize].min(self.levels[b as usize]);
+        let (_, longest) = (self.bounds)(level);
+        let far = |around: &[u32]| {
+            around.iter().filter(|other| **other != a && **other != b).any(|other| {
+                let before = (self.points[*other as usize] - self.points[a as usize])
+                    .length()
+                    .max((self.points[*other as usize] - self.points[b as usize]).length());
+                let after = (self.points[*other as usize] - place).length();
+                after > longest && after > before
+            })
+        };
+        if far(around_a) || far(around_b) {
+            return false;
+        }
+        for (point, other) in [(a, b), (b, a)] {
+            for t in self.triangles_at(point) {
+                let corners = self.triangles[t as usize];
+                if corners.contains(&other) {
+                    continue;
+                }
+                let [p, q, r] = corners.map(|i| if i == point { place } else { self.points[i as usize] });
+                let (before, after) = (self.normal(corners), (q - p).cross(r - p));
+                if before.dot(after) <= TURNED * before.length() * after.length() {
+                    return false;
+                }
+            }
+        }
+        let at_b = std::mem::take(&mut self.at[b as usize]);
+        for t in at_b {
+            let corners = &mut self.triangles[t as usize];
+            if self.gone[t as usize] {
+                continue;
+            }
+            if corners.contains(&a) {
+                self.gone[t as usize] = true;
+            } else {
+                corners.iter_mut().filter(|corner| **corner == b).for_each(|corner| *corner = a);
+                self.at[a as usize].push(t);
+            }
+        }
+        let gone = &self.gone;
+        self.at[a as usize].retain(|t| !gone[*t as usize]);
+        let share = self.quadrics[b as usize].weight / quadric.weight.max(f64::MIN_POSITIVE);
+        self.seen[a as usize] = mixed(&self.seen[a as usize], &self.seen[b as usize], share as f32);
+        self.points[a as usize] = place;
+        self.quadrics[a as usize] = quadric;
+        self.levels[a as usize] = level;
+        self.stamps[a as usize] += 1;
+        self.stamps[b as usize] = u32::MAX;
+        true
+    }
+}
+
+/// What is said of two points together, the second of which has such a share.
+fn mixed(a: &Seen, b: &Seen, share: f32) -> Seen {
+    let mix = |a: f32, b: f32| a + (b - a) * share;
+    Seen {
+        colour: std::array::from_fn(|c| mix(a.colour[c], b.colour[c])),
+        views: a.views.min(b.views),
+        deviation: mix(a.deviation, b.deviation),
+    }
+}
+
+/// Contracts edges as long as that stays within the bounds.
+pub fn simplified(
+    surface: Surface,
+    seen: Vec<Seen>,
+    bounds: Bounds<'_>,
+    cx: &Context,
+) -> Result<(Surface, Vec<Seen>), NodeError> {
+    let count = surface.points.len();
+    let mut mesh = Mesh {
+        points: surface.points.iter().map(|point| point.as_dvec3()).collect(),
+        levels: surface.levels,
+        seen,
+        quadrics: vec![Quadric::ZERO; count],
+        at: vec![Vec::new(); count],
+        gone: vec![false; surface.triangles.len()],
+        stamps: vec![0; count],
+        triangles: surface.triangles,
+        bounds,
+    };
+    let mut edges: Vec<[u32; 3]> = Vec::with_capacity(3 * mesh.triangles.len());
+    for (t, corners) in mesh.triangles.iter().enumerate() {
+        let normal = mesh.normal(*corners);
+        let length = normal.length();
+        if length > 0.0 {
+            let plane = Quadric::plane(normal / length, mesh.points[corners[0] as usize], length / 6.0);
+            corners.iter().for_each(|corner| mesh.quadrics[*corner as usize].add(&plane));
+        }
+        for i in 0..3 {
+            mesh.at[corners[i] as usize].push(t as u32);
+            let (a, b) = (corners[i], corners[(i + 1) % 3]);
+            edges.push([a.min(b), a.max(b), t as u32]);
+        }
+    }
+    edges.sort_unstable();
+    let mut heap: BinaryHeap<Entry> = BinaryHeap::new();
+    let same_edge = |a: &[u32; 3], b: &[u32; 3]| a[..2] == b[..2];
+    for same in edges.chunk_by(same_edge).filter(|same| same.len() == 1) {
+        let [a, b, t] = same[0];
+        let along = mesh.points[b as usize] - mesh.points[a as usize];
+        let side = along.cross(mesh.normal(mesh.triangles[t as usize]));
+        if side.length() > 0.0 {
+            let mut wall =
+                Quadric::plane(side.normalize(), mesh.points[a as usize], BORDER * along.length_squared());
+            wall.weight = 0.0;
+            mesh.quadrics[a as usize].add(&wall);
+            mesh.quadrics[b as usize].add(&wall);
+        }
+    }
+    heap.extend(edges.chunk_by(same_edge).filter_map(|same| mesh.entry(same[0][0], same[0][1])));
+    drop(edges);
+    let (mut around_a, mut around_b) = (Vec::new(), Vec::new());
+    let mut tried = 0;
+    while let Some(Reverse((_, a, b, stamp_a, stamp_b))) = heap.pop() {
+        tried += 1;
+        if tried % CHECKED == 0 {
+            cx.check()?;
+        }
+        if mesh.stamps[a as usize] != stamp_a || mesh.stamps[b as usize] != stamp_b {
+            continue;
+        }
+        if mesh.contract(a, b, [&mut around_a, &mut around_b]) {
+            mesh.around(a, &mut around_a);
+            around_a.dedup();
+            heap.extend(around_a.iter().filter_map(|other| mesh.entry(a, *other)));
+        }
+    }
+    let Mesh { points, levels, seen, triangles, gone, .. } = mesh;
+    let mut surface = Surface {
+        points: points.into_iter().map(|point| point.as_vec3()).collect(),
+        levels,
+        triangles: triangles.into_iter().zip(gone).filter(|(_, gone)| !gone).map(|(t, _)| t).collect(),
+    };
+    let kept = surface.compact();
+    Ok((surface, kept.into_iter().map(|i| seen[i as usize]).collect()))
+}

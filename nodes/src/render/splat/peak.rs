@@ -1,0 +1,103 @@
+//! Where splats are densest along the rays of a picture.
+//!
+//! The depth of a splat's centre is not that of the surface at a pixel beside the centre: a floor seen at a slant has its
+//! near half nearer than its centres. Along the ray `r` through a pixel, scaled to depth 1, a Gaussian of centre `c` and
+//! inverse covariance `A` is densest at the depth `(r.A c) / (r.A r)` (RaDe-GS, arXiv 2406.01467, eq. 10 to 15, which
+//! linearizes it; PGSR, arXiv 2406.06521, for flat splats). With `r = r0 + dr`, where `r0` is the ray through the
+//! centre at depth `z`, its inverse is `(1 + 2 e + q) / (1 + e) / z` of `e = dr.A r0 / r0.A r0` and
+//! `q = dr.A dr / r0.A r0`. For a flat splat `q = e^2`, and the inverse is linear in the pixel.
+
+use glam::DVec3;
+
+use super::camera_model::CameraModel;
+use super::shape::axes;
+
+/// Standard deviations of a splat's depth that its peak is held within: far from the centre along a splat seen edge on,
+/// the peak lies anywhere.
+const HELD_SIGMAS: f64 = 2.0;
+
+/// Least standard deviation along an axis, as a share of the longest: a flat splat has an inverse covariance.
+const THINNEST: f64 = 1e-3;
+
+/// The peaks of a splat over the pixels around its centre. One line of the cache, as a footprint.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
+pub(super) struct Peak {
+    /// One over the depth of the centre.
+    pub inverse: f64,
+    /// `e` a pixel to the right and a pixel down.
+    pub across: f64,
+    pub down: f64,
+    /// `q` of pixels to the right and down: `xx dx^2 + 2 xy dx dy + yy dy^2`.
+    xx: f64,
+    xy: f64,
+    yy: f64,
+    /// One over the greatest and the least depth.
+    pub least: f64,
+    pub most: f64,
+}
+
+impl Peak {
+    /// Fills buffers.
+    pub(super) const NONE: Self =
+        Self { inverse: 0.0, across: 0.0, down: 0.0, xx: 0.0, xy: 0.0, yy: 0.0, least: 0.0, most: 0.0 };
+
+    /// The peaks of a splat whose centre lies at `offset` from the eye, at a depth greater than `near`.
+    pub(super) fn of(
+        camera_model: &impl CameraModel,
+        offset: DVec3,
+        (depth, near): (f64, f64),
+        quat: [f32; 4],
+        scale: [f32; 3],
+    ) -> Self {
+        let scale = scale.map(f64::from);
+        let longest = scale[0].max(scale[1]).max(scale[2]);
+        let turned = axes(quat.map(f64::from), [1.0; 3]);
+        let ([across, down], depth_axis) = camera_model.ray_slopes(offset);
+        let ray = offset / depth;
+        let (mut own, mut e, mut q, mut variance) = (0.0, [0.0; 2], [0.0; 3], 0.0);
+        for (axis, sigma) in turned.into_iter().zip(scale) {
+            let sigma = sigma.max(THINNEST * longest);
+            // Relative to the longest axis, so that tiny splats do not overflow.
+            let weight = (longest / sigma) * (longest / sigma);
+            let [of_ray, of_across, of_down] = [ray, across, down].map(|v| axis.dot(v));
+            own += weight * of_ray * of_ray;
+            e[0] += weight * of_ray * of_across;
+            e[1] += weight * of_ray * of_down;
+            q[0] += weight * of_across * of_across;
+            q[1] += weight * of_across * of_down;
+            q[2] += weight * of_down * of_down;
+            let along = sigma * axis.dot(depth_axis);
+            variance += along * along;
+        }
+        let held = HELD_SIGMAS * variance.sqrt();
+        let bounds = Self { inverse: 1.0 / depth, ..Self::NONE };
+        let (least, most) = (1.0 / (depth + held), 1.0 / (depth - held).max(near));
+        let all = [own, e[0], e[1], q[0], q[1], q[2]];
+        // A point has no direction in which it is flat, and overflow gives none either: its centre.
+        if !(longest > 0.0 && own > 0.0 && all.iter().all(|v| v.is_finite())) {
+            return Self { least: bounds.inverse, most: bounds.inverse, ..bounds };
+        }
+        Self {
+            across: e[0] / own,
+            down: e[1] / own,
+            xx: q[0] / own,
+            xy: q[1] / own,
+            yy: q[2] / own,
+            least,
+            most,
+            ..bounds
+        }
+    }
+
+    /// One over the depth of the peak along the ray of a pixel at an offset from the centre, exactly.
+    pub(super) fn inverse_at(&self, dx: f64, dy: f64) -> f64 {
+        let e = self.across * dx + self.down * dy;
+        let q = self.xx * dx * dx + 2.0 * self.xy * dx * dy + self.yy * dy * dy;
+        // At or beyond the ray along which it peaks at infinity.
+        if e <= -1.0 {
+            return self.least;
+        }
+        (self.inverse * (1.0 + 2.0 * e + q) / (1.0 + e)).max(self.least).min(self.most)
+    }
+}
