@@ -24,6 +24,9 @@ const HELD: &[&str] = &[
     "trade",
     "cache/tests",
     "nodes/benches",
+    "nodes/src/kinds/path_trace",
+    "nodes/src/light/env_resolution.rs",
+    "nodes/src/render/transport",
     "nodes/fuzz",
     "engine/examples",
 ];

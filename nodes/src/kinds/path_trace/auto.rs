@@ -20,7 +20,7 @@ pub(super) struct Facts {
     pub(super) probe: Option<Probe>,
     /// The point of capture, or of the camera that stands in for it, in the frame of the scene.
     pub(super) from: Vec3,
-    /// Whether the environment carries its point of capture.
+    /// True if the environment carries its point of capture.
     pub(super) captured: bool,
     /// Metres per world unit.
     pub(super) metres_per_unit: f64,
@@ -44,13 +44,13 @@ pub(super) enum Reason {
 pub(super) struct Decision {
     /// How the mesh blocks light of a distant panorama.
     pub(super) block: Block,
-    /// Whether the mesh reflects light.
+    /// True if the mesh reflects light.
     pub(super) bounces: bool,
-    /// Whether reflections in objects pass the mesh and show the panorama.
+    /// True if reflections in objects pass the mesh and show the panorama.
     pub(super) reflections_pass: bool,
-    /// Whether it is the visibility printed in the paper.
+    /// True if it is the visibility printed in the paper.
     pub(super) printed: bool,
-    /// Whether the panorama is projected onto the mesh, and why.
+    /// True if the panorama is projected onto the mesh, and why.
     pub(super) projected: (bool, Reason),
     /// Share of the light that a solid mesh would let in, if it was computed.
     pub(super) solid_light: Option<f64>,

@@ -16,7 +16,7 @@ pub enum Surroundings {
     Projected,
     /// An open scene: the mesh blocks and reflects light, as any solid object.
     Open {
-        /// Whether scattered light is reflected by the mesh.
+        /// True if scattered light is reflected by the mesh.
         #[serde(default = "yes")]
         bounces: bool,
     },
@@ -25,13 +25,13 @@ pub enum Surroundings {
         /// Number of front faces after which a ray counts as outside, 1 to [`MOST_LAYERS`].
         #[serde(default = "layers")]
         layers: u32,
-        /// Whether scattered light is reflected by the mesh.
+        /// True if scattered light is reflected by the mesh.
         #[serde(default)]
         bounces: bool,
     },
     /// The mesh does not block the light of the panorama.
     Transparent {
-        /// Whether scattered light is reflected by the mesh.
+        /// True if scattered light is reflected by the mesh.
         #[serde(default)]
         bounces: bool,
     },
@@ -39,7 +39,7 @@ pub enum Surroundings {
     Within {
         /// Distance from the point of capture in metres, at least 0.
         metres: f64,
-        /// Whether scattered light is reflected by the mesh.
+        /// True if scattered light is reflected by the mesh.
         #[serde(default)]
         bounces: bool,
     },
@@ -109,7 +109,7 @@ impl Surroundings {
         }
     }
 
-    /// Whether the mesh is sampled by probe rays from the point of capture.
+    /// True if the mesh is sampled by probe rays from the point of capture.
     pub(super) fn probes(&self) -> bool {
         matches!(self, Self::Auto | Self::Distant | Self::Projected | Self::Room { .. })
     }

@@ -1,4 +1,4 @@
-//! Samples where they are needed, and what is told of the error that is left.
+//! Adaptive sampling, and the reported errors.
 
 use super::*;
 use crate::types::Cell;
@@ -68,7 +68,7 @@ fn fewer_samples_than_the_first_are_raised_to_it() {
         assert!(PathTrace::check(&until(1e-6, samples)).is_ok());
         let (out, notes) = render(&until(1e-6, samples));
         assert_eq!(layers(&out), layers(&four));
-        assert!(raised(&notes) && notes.is_degraded(), "what 4 do not reach is told");
+        assert!(raised(&notes) && notes.is_degraded(), "an error that 4 do not reach is reported");
         assert!(!raised(&render(&params(samples, Surroundings::OPEN)).1));
     }
 }
@@ -96,7 +96,7 @@ fn the_error_asked_for_is_reached() {
     assert!(rays < 8 * sixteenth, "{rays} {sixteenth}");
 }
 
-/// Renders of other seeds, and of each a value a pixel and what is told of its variance.
+/// Renders with other seeds, and for each a value per pixel and its reported variance.
 fn seeds(p: &PathTrace, n: u64, layer: usize) -> Vec<Vec<[f64; 2]>> {
     let (plane, objects, rig) = shadowed();
     let render = |seed| {
@@ -119,8 +119,8 @@ fn seeds(p: &PathTrace, n: u64, layer: usize) -> Vec<Vec<[f64; 2]>> {
     (0..n).map(render).collect()
 }
 
-// The variance that is told is that of twenty seeds, or up to a few times as much, since it takes stratified
-// samples for independent ones.
+// The reported variance is that of twenty seeds, or up to a few times as much, since stratified samples are treated
+// as independent.
 #[test]
 fn variance_is_that_of_many_seeds() {
     for n in [2, 4, 16] {
@@ -163,8 +163,8 @@ fn two_seeds_agree_to_their_errors() {
     }
 }
 
-// Stopping at an error does not bend what is told: the interval of two standard errors around a pixel holds the
-// mean of other seeds as often as it should, where samples are adapted too.
+// Adaptive stopping does not bias the reports: the interval of two standard errors around a pixel contains the mean
+// of other seeds as often as it should.
 #[test]
 fn intervals_cover_where_samples_are_adapted() {
     let outs = seeds(&until(0.03, 64), 20, 3);
@@ -182,7 +182,8 @@ fn intervals_cover_where_samples_are_adapted() {
     assert!((bias / all).abs() < 2e-3, "{}", bias / all);
 }
 
-/// Where the error is not reached the note tells what would reach it: errors fall with the root of the samples.
+/// Where the error is not reached, the note states the samples that would reach it: errors fall with the square
+/// root.
 #[test]
 fn what_would_reach_the_error_is_reported() {
     use crate::kinds::path_trace::reporting::report_plan;

@@ -11,7 +11,7 @@ fn cube(material: &Material, z: f64) -> [Arc<Placed>; 1] {
     [placed(&box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.4], false), material.clone(), DVec3::Z * z)]
 }
 
-/// Of the foot of the cube at some height and what it stands on; a centimetre is three pixels.
+/// A view of the foot of the cube at some height and its surroundings; a centimetre is three pixels.
 fn at_the_foot(z: f64) -> Arc<Rig> {
     rig(DVec3::new(-1.0, 0.05, 0.3 + z), DVec3::new(-0.2, 0.0, z), 24, 20.0)
 }
@@ -62,9 +62,9 @@ fn a_sunk_foot_is_lit_like_one_on_the_floor() {
     }
 }
 
-/// What lies beyond the walls of a room takes none of its light: their outer side, the next room, another storey. What
-/// stands in it does, and of a mesh of which each face is there from both sides all light passes.
-/// Mutation: `outside` to `false` in `Block::passes`; `lit_share` not asked in `Probe::decide` (each seen red).
+/// Surfaces beyond the walls of a room block none of its light: their outer side, the next room, another storey.
+/// Surfaces in the room do, and a mesh with every face from both sides blocks none. Mutation: `outside` to `false`
+/// in `Block::passes`; `lit_share` not asked in `Probe::decide` (each seen red).
 #[test]
 fn what_is_beyond_the_walls_takes_no_light() {
     let beside = |low: [f32; 3], high: [f32; 3]| box_mesh(low, high, true);
@@ -76,7 +76,7 @@ fn what_is_beyond_the_walls_takes_no_light() {
     let object = [ball(0.5, matte(0.5), DVec3::new(0.5, 0.5, 1.0))];
     let seen = |mesh: &Mesh| {
         let (out, notes) = render(&params(16, Surroundings::Auto), mesh, &object, &inside(), &white());
-        let told = notes.iter().find(|note| note.id == "surroundings").expect("told").text.clone();
+        let told = notes.iter().find(|note| note.id == "surroundings").expect("a decision").text.clone();
         ([mean(&out.without), mean(&out.with), covered(&out.object)], told)
     };
     let (alone, told) = seen(&merge(room(), nothing));
@@ -101,7 +101,7 @@ fn what_is_beyond_the_walls_takes_no_light() {
     assert!(told.starts_with("Room") && furnished[0] < 0.95 * alone[0], "{told}: {furnished:?}");
 }
 
-/// What stands behind a wall, in the next room, changes nothing in this one: the light of the wall starts there.
+/// An object behind a wall, in the next room, changes nothing in this one: the light of the wall starts there.
 /// Mutation: in `sky_transmittance` return `all`; `before_the_light` give back what it is given (each seen red).
 #[test]
 fn objects_behind_a_wall_change_nothing() {

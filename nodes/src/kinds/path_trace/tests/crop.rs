@@ -1,4 +1,4 @@
-//! What is left out where the objects are too far to matter.
+//! Cropping of tiles that objects are too far from.
 
 use super::*;
 use crate::geometry::sampling::{hash, unit};
@@ -12,7 +12,7 @@ struct Afar {
     how: PathTrace,
 }
 
-/// What a trace gave: S by pixels and channels, rays, and the note.
+/// The result of a trace: S by pixels and channels, rays, and the note.
 struct Traced {
     ratio: Vec<f64>,
     rays: u64,
@@ -176,7 +176,8 @@ fn no_scene_changes_more_than_the_bound() {
     assert!(left_out > 40, "{left_out} tiles");
 }
 
-/// An object far from all that the camera sees costs no ray beside those that may see it, aside or overhead.
+/// An object far from all visible surfaces costs no ray in addition to those that may see it, to the side or
+/// overhead.
 #[test]
 fn no_ray_asks_an_object_that_is_far_from_all() {
     for (at, env) in

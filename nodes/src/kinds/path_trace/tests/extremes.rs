@@ -104,7 +104,7 @@ fn a_stray_triangle_and_a_huge_floor_change_nothing() {
     }
 }
 
-// Where coordinates are too coarse all the same, that is told.
+// Coordinates that are too coarse all the same are reported.
 #[test]
 fn an_object_too_far_for_its_size_is_reported() {
     let told = |distance: f64| {
@@ -206,9 +206,9 @@ fn errors_fall_with_samples_whatever_the_seed() {
     row(47, "bias of one sample, by the mean of 32", off, 0.01);
 }
 
-/// The most samples that there may be: what they add up to is their mean in double precision, and a closed form is met as
-/// so many independent ones would, or better.
-/// Mutation: `*sum` kept in single precision by `Accumulator::add` (seen red).
+/// The maximum number of samples adds up to their mean in double precision, and agrees with a closed form as well
+/// as independent samples would, or better. Mutation: `*sum` kept in single precision by `Accumulator::add` (seen
+/// red).
 #[test]
 fn a_million_samples_add_up() {
     const MOST: u32 = 1 << 20;
@@ -251,8 +251,8 @@ fn light_of_any_strength_gives_the_same_picture() {
     row(48, "change of the ratio at 1e-40 of the light", off, 1e-2);
 }
 
-/// The variance of the ratio is that of any light, bit for bit; what variance of light single precision does not hold is
-/// finite, and told.
+/// The variance of the ratio is that of any light, bit for bit; variances of light beyond single precision are
+/// finite and reported.
 #[test]
 fn the_noise_of_the_ratio_is_that_of_any_light() {
     let (plane, objects, rig) = shadowed();
@@ -275,7 +275,7 @@ fn the_noise_of_the_ratio_is_that_of_any_light() {
     }
 }
 
-// One sample tells no variance, and says so.
+// One sample gives no variance, which is reported.
 #[test]
 fn one_sample_reports_no_variance() {
     let (plane, objects, rig) = shadowed();

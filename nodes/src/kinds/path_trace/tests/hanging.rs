@@ -49,8 +49,7 @@ fn a_picture_on_a_rough_wall_is_whole() {
     }
 }
 
-/// What is some centimetres off the wall is not drawn to it.
-/// Mutation: `gap` as far as `deep` in `Side::rests`.
+/// An object some centimetres off the wall is not moved to it. Mutation: `gap` as far as `deep` in `Side::rests`.
 #[test]
 fn what_stands_near_a_wall_stays_off_it() {
     let eye = DVec3::new(2.4, -1.2, 0.4);

@@ -82,8 +82,8 @@ fn emission_reaches_the_receiver() {
     assert!((covered(&out.object) - 5.0).abs() < 1e-4);
 }
 
-/// A mesh whose colours have channels of 0, or are black, as captures have where no picture shows them, keeps the whole
-/// shadow, in the colours of a grey one; what was raised is told.
+/// A mesh whose colours have channels of 0, or are black, as captures have where no photograph shows them, keeps
+/// the whole shadow, in the colours of a grey one; raised colours are reported.
 #[test]
 fn colours_of_the_mesh_do_not_colour_the_shadow() {
     // So wide that the camera sees nothing else.
@@ -129,9 +129,9 @@ fn a_shadow_alone_is_the_shadow() {
     assert!(samples(&alone.normal).chunks(3).all(|n| n[2] > 0.99 || n == [0.0; 3]));
 }
 
-/// Of several objects one that stands under the ground or beside the picture is named, and why; one behind or
-/// in another, which may be of glass, is not.
-/// Mutation: `is_before` left out of `unseen`, and `met` always true (each seen red).
+/// Among several objects, one under the ground or outside the view is named, with the reason; one behind or inside
+/// another, which may be of glass, is not. Mutation: `is_before` left out of `unseen`, and `met` always true (each
+/// seen red).
 #[test]
 fn one_of_several_objects_that_is_not_seen_is_named() {
     let (plane, objects, rig) = shadowed();

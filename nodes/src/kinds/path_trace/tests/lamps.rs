@@ -63,9 +63,9 @@ fn mean_over(eye: DVec3, size: u32, focal: f64, z: f64, of: impl Fn(DVec3) -> f6
     crate::math::num::ordered_sum((0..size * size).map(|i| place(i) as f32)) / f64::from(size * size)
 }
 
-/// The light of a glowing ball of fine facets on a floor and on a table, near and far from where coordinates start, in closed
-/// form: radiance albedo * L * (r / d)^2 * cos. What a facet sends must not be lost to the facets beside it.
-/// Before, samples ended on the triangle, by ways parallel to those from the surface: 0.95 of it at 2 cm, 0.80 at 1 cm.
+/// The light of a glowing ball of fine facets on a floor and on a table, near and far from the origin, in closed
+/// form: radiance albedo * L * (r / d)^2 * cos. Light of a facet must not be lost to its neighbours. Before,
+/// samples ended on the triangle, by rays parallel to those from the surface: 0.95 of it at 2 cm, 0.80 at 1 cm.
 #[test]
 fn fine_lamps_shed_all_their_light() {
     let (radiance, height) = (5e4, 1.0);
@@ -250,8 +250,8 @@ fn objects_stand_on_objects() {
     assert_eq!(told(&[table, aloft]), 1);
 }
 
-/// What stands beyond the edge of the receiver is told, and what stands or hangs over it is not.
-/// Mutation: `lost` always none; `carried` not asked; `over` left out.
+/// An object beyond the edge of the receiver is reported, and one that stands or hangs over it is not. Mutation:
+/// `lost` always none; `carried` not asked; `over` left out.
 #[test]
 fn an_object_beyond_the_edge_has_no_ground() {
     let cube = box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.2], false);
@@ -263,7 +263,7 @@ fn an_object_beyond_the_edge_has_no_ground() {
         notes.iter().find(|note| note.id == "no-ground").map(|note| note.text.clone())
     };
     assert_eq!(told(&[at(0.0, 0.0), at(0.0, 3.0), at(0.0, 0.21)]), None);
-    let text = told(&[at(0.0, 0.0), at(9.0, 0.0), at(9.0, 0.2)]).expect("told");
+    let text = told(&[at(0.0, 0.0), at(9.0, 0.0), at(9.0, 0.2)]).expect("a note");
     assert!(text.starts_with("object 1 stands over a hole"), "{text}");
     assert_eq!(told(&[at(0.0, -3.0)]), None);
 }
@@ -308,9 +308,8 @@ fn a_point_of_capture_under_the_ground_is_taken_over_it() {
     }
 }
 
-/// A point of capture in a cupboard, outside of the room or on a wall is told; one in the room, which may be all inside
-/// out, is not.
-/// Mutation: each of the conditions of `CapturePoint::checked` turned off (seen red).
+/// A point of capture in a cupboard, outside the room or on a wall is reported; one in the room, which may be
+/// inside out, is not. Mutation: each of the conditions of `CapturePoint::checked` turned off (seen red).
 #[test]
 fn a_point_of_capture_where_no_camera_stood_is_reported() {
     let cupboard = box_mesh([-0.6, 0.8, 0.05], [0.9, 1.5, 1.7], false);

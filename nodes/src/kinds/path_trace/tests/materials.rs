@@ -18,7 +18,7 @@ pub(super) fn clear(base: f32, volume: Option<[f32; 3]>, ior: f32) -> Material {
     }
 }
 
-// Only what a material has is modelled: a layer of no strength, whatever else is said of it, changes no bit and
+// Only lobes that a material has are modelled: a layer of strength 0, with any other parameters, changes no bit and
 // costs no ray, evaluated or not.
 #[test]
 fn layers_of_no_strength_cost_nothing() {
@@ -60,8 +60,8 @@ pub(super) fn over_cosines(f: impl Fn(f32) -> f32) -> f64 {
     cosines.map(|c| 2.0 * c * f64::from(f(c as f32))).sum::<f64>() / f64::from(n)
 }
 
-// A fine chequer, of which a pixel sees some hundred squares, is a flat grey with one sample a pixel, and of
-// the mean light of its squares; near by it is black and white.
+// A fine checkerboard, with hundreds of squares per pixel, is a flat grey with one sample per pixel, at the mean
+// light of its squares; nearby it is black and white.
 #[test]
 fn textures_are_filtered_where_they_are_small() {
     use crate::types::{Sampler, Texture, TextureRef, Wrap};
@@ -193,7 +193,7 @@ fn lamps_light_what_is_around_them() {
     assert_eq!(mean(&out.with), 0.0);
 }
 
-/// Clear sheets in a row pass all light until there are more than paths may have vertices, which is told.
+/// Clear sheets in a row transmit all light until their number exceeds the maximum of vertices, which is reported.
 #[test]
 fn paths_that_are_too_long_are_reported() {
     let clear = Material { transmission: Map::of(1.0), roughness: 0.0, ..matte(1.0) };
@@ -256,8 +256,9 @@ fn green_of_a_normal_map_points_up_the_picture() {
     }
 }
 
-/// What shines under a clear coat is dimmed by what the coat mirrors (KHR_materials_clearcoat): 0.96 of it is left straight on
-/// and 0.747 at 75 degrees, by Fresnel's equations for an index of 1.5. That is what falls onto a floor, too.
+/// Emission under a clearcoat is attenuated by the reflection of the coat (KHR_materials_clearcoat): 0.96 of it is
+/// left at normal incidence and 0.747 at 75 degrees, by Fresnel's equations for an index of 1.5. So is its light on
+/// a floor.
 #[test]
 fn a_clear_coat_dims_what_shines_under_it() {
     let coat = crate::types::Clearcoat { strength: Map::of(1.0), roughness: Map::of(0.0), normal: None };
@@ -284,8 +285,8 @@ fn a_clear_coat_dims_what_shines_under_it() {
     assert!(bare > 0.0 && (found / bare - 0.96).abs() < 0.01, "{found} of {bare}");
 }
 
-/// A flat mirror shows the sky as the background beside it does, without the edges of texels.
-/// Mutation: `is_narrow` false.
+/// A flat mirror shows the sky like the background next to it, without the edges of texels. Mutation: `is_narrow`
+/// false.
 #[test]
 fn mirrors_show_no_texels() {
     let mut env = constant(Up::PlusZ, [0.0; 3], 16);
@@ -377,9 +378,9 @@ fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
     }
 }
 
-/// What is blended covers a pixel to its alpha with next to no noise, alone, behind another and behind a cut-out, and takes that
-/// share of a sun's light: neither is left to independent chances, of which 16 have a deviation of 0.125.
-/// Mutation: `front` by `accepts`; `object_transmittance` by `accepts`.
+/// Blended surfaces cover a pixel by their alpha with almost no noise, alone, behind another and behind a cut-out,
+/// and take that share of a sun's light: neither depends on independent random numbers. For 16 of them the
+/// deviation would be 0.125. Mutation: `front` by `accepts`; `object_transmittance` by `accepts`.
 #[test]
 fn blended_surfaces_are_smooth() {
     let sheet = |alpha: f32, z: f64| {

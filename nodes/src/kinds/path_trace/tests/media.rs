@@ -39,8 +39,8 @@ fn above(focal: f64) -> Arc<Rig> {
     rig(DVec3::new(0.02, 0.01, 9.0), DVec3::new(0.02, 0.011, 0.0), 8, focal)
 }
 
-// What stands in a body is seen and lit through its stuff, to the depth that it stands at, whether it shines
-// for the camera or onto a floor outside of the body.
+// An object inside a body is seen and lit through its medium, to its depth, whether it shines for the camera or
+// onto a floor outside the body.
 #[test]
 fn what_stands_in_a_body_is_dimmed_by_it() {
     let black = constant(Up::PlusZ, [0.0; 3], 8);
@@ -66,8 +66,8 @@ fn what_stands_in_a_body_is_dimmed_by_it() {
     }
 }
 
-// A part of the same stuff in a body changes nothing: for the camera, in the shadow, and for what stands in
-// the inner one; whether it is of the same object or not, and whatever the index.
+// A part of the same medium inside a body changes nothing: for the camera, in the shadow, and for an object in the
+// inner one; whether of the same object or not, and for any index.
 #[test]
 fn the_same_stuff_in_a_body_changes_nothing() {
     for ior in [1.0, 1.5] {
@@ -135,7 +135,7 @@ fn bodies_that_touch_are_as_one() {
     }
 }
 
-// A camera in a body looks through its stuff, at what stands in it and out of it.
+// A camera inside a body sees objects in it and outside through its medium.
 #[test]
 fn a_camera_may_be_in_a_body() {
     let body = slab(0.0, 10.0, 200.0, tinted(1.0));
@@ -146,7 +146,7 @@ fn a_camera_may_be_in_a_body() {
     };
     near(go(&[body.clone(), sheet]), [f64::from(exp(-6.9 * ln(2.0))), 1.0], 0.01, "what stands in it");
     near(go(&[body]), [f64::from(exp(-9.0 * ln(2.0))), 1.0], 0.01, "out of it");
-    // As files have it, a body has one side: it is full of its stuff all the same. Before, the camera saw none of it.
+    // In files a body may have one-sided surfaces; it is filled all the same. Before, the camera saw nothing of it.
     let sheet = slab(2.0, 2.1, 100.0, Material { unlit: true, ..matte(1.0) });
     let body = slab(0.0, 10.0, 200.0, Material { double_sided: false, ..tinted(1.0) });
     near(
@@ -174,9 +174,10 @@ fn nested_glass_keeps_white_light() {
     }
 }
 
-/// Where glass stands exactly on a table that is an object too, or on the floor, the ground under it is seen and lit as
-/// from a millimetre above: through clear stuff of index 1, a body or a thin wall, as if nothing were there.
-/// Mutation: `touching` to `None` in `Integrator::path_radiance`, `part.clear` not asked in `Objects::reach` (each seen red).
+/// Where glass stands exactly on a table that is an object too, or on the floor, the ground under it is seen and
+/// lit as from a millimetre above: through a clear medium of index 1, in a body or a thin wall, as if nothing were
+/// there. Mutation: `touching` to `None` in `Integrator::path_radiance`, `part.clear` not asked in `Objects::reach`
+/// (each seen red).
 #[test]
 fn glass_on_a_table_changes_nothing() {
     let table = slab(0.2, 0.5, 300.0, matte(0.5));
@@ -291,7 +292,7 @@ fn light_samples_and_scattered_rays_agree_through_bodies() {
     }
 }
 
-// More bodies in one another than a path knows are told.
+// More nested bodies than a path tracks are reported.
 #[test]
 fn bodies_beyond_the_deepest_are_reported() {
     let told = |count: u32| {

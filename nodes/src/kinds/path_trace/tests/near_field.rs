@@ -15,7 +15,7 @@ const EYE: DVec3 = DVec3::new(-0.9, -0.7, 1.1);
 /// A lamp on the wall at x = 2 of [`room`]: its lowest and highest y and z.
 const LAMP: [[f64; 2]; 2] = [[0.2, 1.2], [1.5, 2.3]];
 
-/// What [`EYE`] sees in a black room with the lamp, of radiance 10; each texel is the mean of many points.
+/// The panorama at [`EYE`] in a black room with the lamp, of radiance 10; each texel is the mean of many points.
 fn lamplight(width: usize) -> Environment {
     let mut env = constant(Up::PlusZ, [0.0; 3], width);
     let sub = 8;
@@ -66,8 +66,8 @@ fn of(p: &PathTrace, room: &Mesh, env: &Environment, point: DVec3, normal: DVec3
     mean(&render(p, room, &[], &camera, env).0.without)
 }
 
-// The whole point: a lamp two metres away lights each point from where it stands. The distant model is wrong
-// by a fifth and more, and the wall beside the lamp gets light from it that it cannot see.
+// The purpose of near light: a lamp two metres away lights each point from its own direction. The distant model is
+// wrong by a fifth and more, and lights the wall next to the lamp, which cannot see it.
 #[test]
 fn a_lamp_on_a_wall_lights_each_point_from_where_it_is() {
     let env = lamplight(256);
@@ -87,8 +87,8 @@ fn a_lamp_on_a_wall_lights_each_point_from_where_it_is() {
     assert_eq!(at(&near(16), &env, DVec3::new(2.0, -1.0, 1.0), DVec3::NEG_X), 0.0);
 }
 
-// Notes, section 2: constant environment 1, albedo 0.5: 0.5, whatever the number of bounces and the block. The
-// bound is some four standard errors of so many samples.
+// Notes, section 2: constant environment 1, albedo 0.5: 0.5, for any number of bounces. The bound is some four
+// standard errors of this many samples.
 #[test]
 fn a_white_room_is_half_lit() {
     let mut env = white();
@@ -280,9 +280,9 @@ fn nowhere_is_refused() {
     assert!(error.to_string().contains("point of capture"), "{error}");
 }
 
-/// Of the light of a place in a room with a white lamp on a wall and bluish walls that shine a hundredth as bright, choices are on
-/// the lamp as often as its share of each channel is, in closed form, wherever the panorama was taken.
-/// Mutation: `hit.t * hit.t` to `hit.t`, `/ (distance * distance)` left out; `up_to[k] > wanted[k]` to `up_to.y > wanted.y`.
+/// For light of a place in a room with a white lamp on a wall and bluish walls a hundredth as bright, choices are
+/// on the lamp as often as its share of each channel, in closed form, for any point of capture. Mutation: `hit.t *
+/// hit.t` to `hit.t`, `/ (distance * distance)` left out; `up_to[k] > wanted[k]` to `up_to.y > wanted.y`.
 #[test]
 fn choices_follow_the_light_of_a_place() {
     let mut env = lamplight(256);
@@ -313,7 +313,7 @@ fn choices_follow_the_light_of_a_place() {
         for (count, wall) in on_lamp.into_iter().zip(walls) {
             let share = f64::from(count) / f64::from(n);
             let expected = lamp / (lamp + f64::from(wall) * std::f64::consts::PI);
-            // A block tells of the sum by 32 points.
+            // A block estimates the sum by 32 points.
             assert!((share - expected).abs() < 0.05, "{place}: {share} for {expected}");
         }
     }
@@ -349,9 +349,8 @@ fn a_white_room_stays_white_in_a_mirror() {
     }
 }
 
-/// An object in the next room, which the point of capture does not see but for the doorway, is told; one in this room is
-/// not.
-/// Mutation: `all` to `any` in `report_unseen_places`, and its call left out (each seen red).
+/// An object in the next room, which the point of capture does not see except through the doorway, is reported; one
+/// in this room is not. Mutation: `all` to `any` in `report_unseen_places`, and its call left out (each seen red).
 #[test]
 fn an_object_that_the_point_of_capture_does_not_see_is_reported() {
     let cupboard = box_mesh([-0.6, 0.8, 0.0], [0.9, 1.5, 1.7], false);

@@ -1,5 +1,5 @@
-//! Choices at random that have no density of their own: where in a pixel, whether a path goes on, whether a surface is met.
-//! Samplers of directions and places have their chi-square tests beside them.
+//! Random choices without a density: positions in a pixel, Russian roulette, coverage of surfaces. Samplers of
+//! directions and points have chi-square tests in their own files.
 
 use super::*;
 use crate::geometry::bvh::Ray;
@@ -27,7 +27,7 @@ pub(super) fn matte_rules() -> Rules {
     }
 }
 
-/// How often something came and did not, of so many independent samples, against its probability.
+/// The frequency of an event over independent samples, against its probability.
 fn expect_share(what: &str, probability: f64, happens: impl Fn(u32) -> bool) {
     let n = 100_000;
     let count = f64::from((0..n).map(|i| u32::from(happens(i))).sum::<u32>());

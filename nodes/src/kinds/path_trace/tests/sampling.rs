@@ -15,7 +15,7 @@ fn rays_are_only_cast_where_they_may_matter() {
         assert_eq!(kinds.iter().sum::<u64>(), counts["rays"]);
         kinds
     };
-    // Beside the samples a ray a pixel looks for what is in front.
+    // In addition to the samples, one ray per pixel finds the front surface.
     let (samples, front) = (16 * 32 * 32, 32 * 32);
     // A camera ray; where it lands up to four to the sky and, where the plane is solid, one scattered.
     let (solid, pass) = (rays(&[], Surroundings::OPEN), rays(&[], Surroundings::TRANSPARENT));
@@ -55,7 +55,7 @@ fn what_is_seldom_asked_is_right_on_average() {
     let got: f64 = pairs.map(|(a, b)| f64::from(1.0 - b[0] / a[0])).sum();
     // The ball is a polyhedron, a little smaller, and the mean of all pixels is noisy by less than that.
     assert!((got / expected - 1.0).abs() < 0.025, "{got} for {expected}");
-    // Beside four for each sample of `without` not four again.
+    // In addition to four per sample of `without`, not four again.
     assert!(cx.counts()["shadow_rays"] < 64 * 1024 * 6, "{:?}", cx.counts());
 }
 

@@ -6,7 +6,7 @@ use super::materials::clear;
 use super::*;
 use crate::types::{AlphaMode, ColourMap, DiffuseTransmission, Map};
 
-/// Of cover, light, ratio under it and ratio, and the least that they are of.
+/// Tolerances of cover, light, ratio under it and ratio.
 const TOLERANCES: [f64; 4] = [0.003, 0.02, 0.03, 0.006];
 const LEAST: [f64; 4] = [0.1, 0.1, 0.5, 0.5];
 
@@ -87,8 +87,8 @@ fn what_lies_on_the_receiver_looks_as_a_millimetre_over_it() {
                     if name == "lamp" && k > 1 {
                         continue;
                     }
-                    // Near light under a sheet is told by few samples too: the picture as a whole is held, which shows
-                    // the ground where the sheet does not cover it.
+                    // Near light under a sheet needs more samples too: the image as a whole is compared, which
+                    // shows the ground where the sheet does not cover it.
                     if near && k == 2 {
                         continue;
                     }
@@ -157,9 +157,9 @@ fn what_lies_on_an_object_looks_as_a_hair_over_it() {
     assert!((found[1] / over[1] - 1.0).abs() < 0.02, "{found:?} for {over:?}");
 }
 
-/// A rug on the floor with something that stands on it, and tiles edge to edge whose winding is down, while the objects reach
-/// high up: they are seen as a millimetre over the floor. Before, the rug was pressed into the floor by the foot on it, and
-/// each tile by the one beside it, so that none of the rug and a quarter of the tiles was seen.
+/// A rug on the floor with an object on it, and tiles edge to edge with winding down, while the objects are tall:
+/// they are seen as a millimetre above the floor. Before, the rug was pressed into the floor by the foot on it, and
+/// each tile by its neighbour, so that none of the rug and a quarter of the tiles was seen.
 #[test]
 fn a_rug_under_a_table_stays_on_the_floor() {
     let camera = rig(DVec3::new(1.2, -1.2, 0.9), DVec3::ZERO, 24, 1.4);
@@ -198,9 +198,8 @@ fn a_rug_under_a_table_stays_on_the_floor() {
     }
 }
 
-/// A picture that hangs on a wall with 3 mm of noise is told how far out it is whole; there, on a smooth wall and on
-/// rough ground nothing is told.
-/// Mutation: `TOLD` from 0.7 on (seen red).
+/// For a picture on a wall with 3 mm of noise, the distance at which it is whole is reported; there, on a smooth
+/// wall and on rough ground nothing is reported. Mutation: `TOLD` from 0.7 on (seen red).
 #[test]
 fn a_picture_in_a_rough_wall_is_reported() {
     let camera = rig(DVec3::new(0.3, -3.0, 0.2), DVec3::ZERO, 16, 1.5);
@@ -219,7 +218,7 @@ fn a_picture_in_a_rough_wall_is_reported() {
         (note, samples(&out.object).chunks(4).map(|pixel| pixel[3]).sum::<f32>())
     };
     let (note, cover) = told(0.005, 0.0);
-    let note = note.expect("told");
+    let note = note.expect("a note");
     assert!(note.starts_with("object 0 is partly embedded in the receiver mesh, which hides "), "{note}");
     let farther = note.split("; ").nth(1).and_then(|text| text.split(' ').nth(4)).expect("a length");
     let farther: f64 = farther.parse().expect("a number");
@@ -228,9 +227,9 @@ fn a_picture_in_a_rough_wall_is_reported() {
     assert_eq!(told(0.0, 0.0).0, None);
 }
 
-/// What stands on a floor lies in no surface, whatever `contact_metres` says of the mesh: neither by its level nor by the inside of
-/// its bottom, which it hides itself. What stands off it is told all the same.
-/// Mutation: in `Ground::measure` nothing measured where `fixed`, and `double_sided &&` to `false &&` in `sunk.rs`.
+/// An object on a floor is not embedded in a surface, for any `contact_metres`: neither by its level nor by the
+/// inside of its bottom, which it hides itself. An object off the floor is reported all the same. Mutation: in
+/// `measure` nothing measured where `fixed`, and `double_sided &&` to `false &&` in `sunk.rs`.
 #[test]
 fn what_stands_on_a_floor_lies_in_no_surface() {
     let material = Material { double_sided: true, ..matte(0.5) };

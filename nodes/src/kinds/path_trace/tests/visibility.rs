@@ -1,4 +1,4 @@
-//! What blocks the environment, and how light adds up in rooms.
+//! Blocking of the environment, and interreflection in rooms.
 
 use super::*;
 
@@ -12,7 +12,7 @@ fn solid_box_is_black() {
     assert!(samples(&out.depth).iter().all(|d| d.is_finite()));
 }
 
-// That a picture is black is told, with the reason.
+// A black picture is reported, with the reason.
 #[test]
 fn darkness_is_reported() {
     let told = |mesh: &Mesh, block, env: &Environment| {
@@ -58,7 +58,7 @@ fn printed_visibility_lights_nothing() {
     }
 }
 
-// What counts twice is told, with its size.
+// Light that counts twice is reported, with its amount.
 #[test]
 fn double_counting_is_reported() {
     let told = |bounces, max_bounces| {
@@ -109,7 +109,7 @@ fn both_strategies_together_are_exact_for_any_sky() {
     }
 }
 
-/// What a slab of the receiver takes from the floor of a room below it is its form factor, by Lambert's sum over the
+/// The light that a slab of the receiver blocks from the floor of a room below it is its form factor, by Lambert's sum over the
 /// edges of its underside; where the receiver passes it takes nothing. The notes give 0.3576 and 0.3360 for a slab
 /// under a sun, whose size and camera they do not tell; this is the same from a closed form.
 /// Mutation: `hit.back` not asked in `Block::passes` (seen red).
@@ -175,7 +175,7 @@ fn auto_finds_out_what_the_receiver_is() {
     assert_eq!(decided(&mixed, &inside()), "Transparent");
 }
 
-/// A room with a hole in a wall, of which the panorama's place is not known: in the evening its lamp is nearly all the light,
+/// A room with a hole in a wall, without a known point of capture: in the evening its lamp is nearly all the light,
 /// and a camera by the hole, which sees much of what is outside, has it as one in a corner has; by day the hole is the light.
 /// Mutation: `solid_light` not asked in `Probe::decide` (seen red).
 #[test]

@@ -256,8 +256,8 @@ fn at_index<const N: usize>(eta: f32, f: impl Fn(&Slice) -> [f32; N]) -> [f32; N
     std::array::from_fn(|i| lower[i] + (upper[i] - lower[i]) * t)
 }
 
-/// See [`Slice::round`], by the mean over the visible facets: a Fibonacci lattice of two consecutive numbers, of
-/// which 233 points are better than 256 stratified ones.
+/// See [`Slice::round`], by the mean over the visible facets: a Fibonacci lattice of two consecutive numbers. One
+/// of 233 points is better than 256 stratified points.
 fn facets(ggx: &Ggx, out: Vec3, eta: f32, [step, n]: [u32; 2]) -> [f32; 4] {
     let mut sum = [0.0_f64; 4];
     for i in 0..n {

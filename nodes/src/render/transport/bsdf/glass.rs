@@ -99,12 +99,12 @@ impl Glass {
         (kept > 1e-3).then(|| Self { eta, weight: albedo / kept, metal, clear, albedo })
     }
 
-    /// Whether anything is transmitted.
+    /// True if anything is transmitted.
     pub fn passes(&self) -> bool {
         self.clear > 0.0
     }
 
-    /// Whether it bounds a body rather than being a thin wall.
+    /// True if it bounds a body rather than being a thin wall.
     pub fn is_body(&self) -> bool {
         self.eta.is_some()
     }

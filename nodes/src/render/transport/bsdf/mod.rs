@@ -57,11 +57,11 @@ pub struct BsdfParams {
     pub specular: (f32, Vec3),
     /// Share of the light below the dielectric interface that is transmitted.
     pub transmission: f32,
-    /// Whether transmission is refracted; otherwise the surface is a thin wall.
+    /// True if transmission is refracted; otherwise the surface is a thin wall.
     pub thick: bool,
-    /// Whether this is the inner side of a thick body.
+    /// True if this is the inner side of a thick body.
     pub inside: bool,
-    /// Whether transmission is omitted, because the ray also continues straight on.
+    /// True if transmission is omitted, because the ray also continues straight on.
     pub blocked: bool,
     /// Share of matte light that leaves on the other side, and its colour (diffuse transmission).
     pub through: (f32, Vec3),
@@ -73,7 +73,7 @@ pub struct BsdfParams {
     pub sheen: (Vec3, f32),
     /// Share and roughness of the clearcoat.
     pub coat: (f32, f32),
-    /// Whether absent lobes are evaluated like present ones.
+    /// True if absent lobes are evaluated like present ones.
     pub every_lobe: bool,
 }
 
@@ -208,7 +208,7 @@ impl Bsdf {
         }
     }
 
-    /// Whether it is matte and opaque, so that light samples alone find all of its light.
+    /// True if it is matte and opaque, so that light samples alone find all of its light.
     pub fn is_matte(&self) -> bool {
         matches!(self, Self::Matte { .. })
     }

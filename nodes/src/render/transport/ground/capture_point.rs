@@ -38,12 +38,12 @@ pub(crate) struct CapturePoint {
     pub(crate) probe: Probe,
 }
 
-/// What is wrong with a point of capture.
+/// A problem of a point of capture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum CaptureFault {
     /// It lay on or under a surface and was moved up by this, in world units.
     Raised(f32),
-    /// It sees nothing of the receiver, of which a camera sees this share of its rays.
+    /// It sees nothing of the receiver, but a camera does, with this share of its rays.
     SeesNothing(f64),
     /// This share of the surfaces that it sees are back faces, where a camera sees front faces.
     SeesBacks(f64),
@@ -51,7 +51,7 @@ pub(crate) enum CaptureFault {
     TooNear,
 }
 
-/// Whether at least 90 % of the hits are back faces.
+/// True if at least 90 % of the hits are back faces.
 fn sees_backs(probe: &Probe) -> bool {
     probe.escaped < probe.rays && probe.front_share() <= 0.1
 }
@@ -106,7 +106,7 @@ impl CapturePoint {
         (probe.front_share() > 0.5 && cameras).then_some((Self { at, probe }, raised))
     }
 
-    /// Whether any surface is closer than a distance.
+    /// True if any surface is closer than a distance.
     fn is_within(&self, receiver: &Receiver, near: f32) -> bool {
         Probe::rays(self.at).any(|ray| {
             let around = Ray { t_max: 2.0 * near, ..Ray::new(self.at - ray.direction * near, ray.direction) };

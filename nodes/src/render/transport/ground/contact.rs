@@ -21,7 +21,7 @@ use crate::types::Placed;
 
 /// Maximum distance at which ground is searched, in metres, to report objects that do not stand on it.
 const FARTHEST: f64 = 0.5;
-/// Whether the mesh is close enough to the base of an object to support it; `metre` is the length of a metre in
+/// True if the mesh is close enough to the base of an object to support it; `metre` is the length of a metre in
 /// world units.
 pub(crate) fn is_near(measured: &Level, metre: f64) -> bool {
     measured.height.abs() <= LARGEST * metre

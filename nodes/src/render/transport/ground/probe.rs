@@ -65,7 +65,7 @@ impl Probe {
         f64::from(self.escaped) / f64::from(self.rays.max(1))
     }
 
-    /// Whether the scene is open there: more than 5 % of the rays missed.
+    /// True if the scene is open there: more than 5 % of the rays missed.
     pub fn is_open(&self) -> bool {
         self.escaped_share() > 0.05
     }
@@ -85,7 +85,7 @@ impl Probe {
         f64::from(self.lit) / f64::from(self.rays.max(1))
     }
 
-    /// Whether at least 90 % of the hits were on the same side of the mesh.
+    /// True if at least 90 % of the hits were on the same side of the mesh.
     pub fn one_side(&self) -> bool {
         self.front_share() >= 0.9 || self.front_share() <= 0.1
     }

@@ -145,7 +145,7 @@ impl Side {
         if enough { Level::of(&heights) } else { None }
     }
 
-    /// Whether most of the side has nothing below it at any distance, and if so, whether the ground is above it.
+    /// True if most of the side has nothing below it at any distance, and if so, whether the ground is above it.
     pub(crate) fn lost(
         &self,
         (receiver, inverted): (&Receiver, bool),

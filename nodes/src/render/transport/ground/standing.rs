@@ -23,7 +23,7 @@ pub(crate) struct Standing {
     pub(crate) ground: Vec<Option<Level>>,
     /// Levels of the surfaces that its flat sides rest on.
     pub(crate) sides: Vec<Vec<Level>>,
-    /// Whether it stands on another object.
+    /// True if it stands on another object.
     pub(crate) carried: Vec<bool>,
     /// Height above its base, in world units.
     pub(crate) tall: Vec<f64>,
@@ -73,7 +73,7 @@ pub(crate) fn find_ground(
     Standing { ground: measured, sides, carried, tall, lost, sunk }
 }
 
-/// Whether each object stands on another one: part of its foot, within the error of a mesh.
+/// True if each object stands on another one: part of its foot, within the error of a mesh.
 fn carried(
     objects: &Objects,
     placed: &[impl AsRef<Placed>],
@@ -92,7 +92,7 @@ fn carried(
     placed.iter().map(AsRef::as_ref).enumerate().map(|one| !alone && stands(one)).collect()
 }
 
-/// Whether each object rests on one that reaches farther down, such as a plate on a coaster: the receiver below the
+/// True if each object rests on one that reaches farther down, such as a plate on a coaster: the receiver below the
 /// plate's rim is not its ground.
 fn on_others(
     objects: &Objects,

@@ -38,7 +38,7 @@ pub struct ChangeSampling<'a> {
     pub lift: Vec3,
 }
 
-/// Whether a sample estimates the change, with the given probability.
+/// True if a sample estimates the change, with the given probability.
 pub fn asks(points: &Points, probability: f32) -> bool {
     probability >= 1.0 || unit(points.bits(TOWARDS + 2)[0]) < probability
 }

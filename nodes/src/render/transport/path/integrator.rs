@@ -42,9 +42,9 @@ pub struct Scene<'a> {
 pub struct Pass<'a> {
     /// Random numbers.
     pub points: Points,
-    /// Whether the objects are present.
+    /// True if the objects are present.
     pub objects: bool,
-    /// Whether the objects emit light.
+    /// True if the objects emit light.
     pub lamps: bool,
     /// Light distributions of the first vertex, if better ones than those for its normal are known.
     pub distributions: Option<Distributions<'a>>,
@@ -79,9 +79,9 @@ impl Pass<'_> {
 pub struct Tally {
     /// Rays cast.
     pub rays: Rays,
-    /// Whether a ray met an object.
+    /// True if a ray met an object.
     pub touched: bool,
-    /// Whether a path ended on an object by its length, with over half of its light to come.
+    /// True if a path ended on an object by its length, with over half of its light to come.
     pub cut: bool,
 }
 

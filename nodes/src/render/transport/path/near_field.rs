@@ -17,8 +17,8 @@ use crate::math::color::luminance;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::{EnvironmentLight, LightSample};
 
-/// Surfaces closer to each other than this share of their distance count as one: a captured mesh is no more exact,
-/// and either may be in front where a lamp lies on its wall.
+/// Surfaces closer to each other than this share of their distance count as one. A captured mesh has no better
+/// accuracy, and either may be in front where a lamp lies on its wall.
 const SAME: f32 = 0.01;
 /// A point that the receiver hides from the point of capture by at most this share of its distance counts as seen,
 /// because captured meshes occlude themselves; unless it would be a lamp, which light samples would not find.
@@ -96,7 +96,7 @@ impl<'a> NearFieldLight<'a> {
         Ray { t_max: distance * (1.0 - SAME), ..ray }
     }
 
-    /// Whether the receiver does not block a ray before its light.
+    /// True if the receiver does not block a ray before its light.
     pub fn reaches(&self, ray: Ray, place: Option<&EmissivePoint>) -> bool {
         let own = place.map(|p| p.triangle);
         !self.receiver.bvh.any(ray, |hit| Some(hit.triangle) != own)
@@ -136,7 +136,7 @@ impl<'a> NearFieldLight<'a> {
         seen.then_some((LightSample { direction: ray.direction, pdf, ..light }, Some(place)))
     }
 
-    /// Whether radiance is too high for reflected light: above that of a white wall with all light of the panorama
+    /// True if radiance is too high for reflected light: above that of a white wall with all light of the panorama
     /// on it. Objects in front of a wall attenuate its reflected light, but not a lamp.
     pub fn is_lamp(&self, radiance: Vec3) -> bool {
         luminance(radiance.to_array())

@@ -72,7 +72,7 @@ pub(crate) struct Path {
     pub width: f32,
     /// Footprint growth per unit of length.
     pub spread: f32,
-    /// Whether the vertex coincides with the previous one.
+    /// True if the vertex coincides with the previous one.
     pub touches: bool,
     /// Radiance so far.
     pub light: Vec3,
@@ -98,7 +98,7 @@ impl ShadingPoint {
         Self { surface, bounce, pair, key: hash(path, pair) }
     }
 
-    /// Whether it is the first vertex.
+    /// True if it is the first vertex.
     pub fn is_first(&self) -> bool {
         self.bounce == 0
     }

@@ -26,7 +26,7 @@ pub(crate) struct Scattered {
     landed: Option<Hit>,
     /// Media at its end.
     media: Media,
-    /// Whether the object coincides with the vertex.
+    /// True if the object coincides with the vertex.
     touches: bool,
 }
 
@@ -38,7 +38,7 @@ impl Scattered {
 }
 
 impl Integrator<'_> {
-    /// Whether light samples find all environment light of a vertex, so that scattered rays only look for surfaces.
+    /// True if light samples find all environment light of a vertex, so that scattered rays only look for surfaces.
     fn is_matte(&self, at: &ShadingPoint) -> bool {
         at.surface.bsdf.is_matte() && self.scene.rules.near.is_none()
     }

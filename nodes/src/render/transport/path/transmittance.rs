@@ -20,7 +20,7 @@ impl Integrator<'_> {
         self.scene.objects.around(ray, self.key, false)
     }
 
-    /// Whether rays of a lobe pass straight through transmissive surfaces.
+    /// True if rays of a lobe pass straight through transmissive surfaces.
     fn straight(&self, lobe: Lobe) -> bool {
         self.scene.objects.clear && lobe == Lobe::Diffuse
     }

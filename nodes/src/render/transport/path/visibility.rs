@@ -11,11 +11,11 @@ use crate::render::transport::scene::block::Block;
 pub struct Rules {
     /// How it blocks the environment.
     pub block: Block,
-    /// Whether diffuse rays hit it as a lit surface.
+    /// True if diffuse rays hit it as a lit surface.
     pub bounce_solid: bool,
-    /// Whether reflections in objects pass it and show the environment.
+    /// True if reflections in objects pass it and show the environment.
     pub specular_env: bool,
-    /// Whether the visibility is the one printed in the paper: the camera does not see the receiver, and shadow
+    /// True if the visibility is the one printed in the paper: the camera does not see the receiver, and shadow
     /// rays of reflections hit it though reflections do not.
     pub printed: bool,
     /// The point of capture in the frame of the scene, under near light: see [`super::near_field`].
@@ -43,12 +43,12 @@ pub struct Visibility {
     /// How it blocks the environment for a shadow ray: identical, or light would be lost (see
     /// `docs/light-transport.md`), except in the printed visibility.
     pub shadow: Block,
-    /// Whether a scattered ray continues from it.
+    /// True if a scattered ray continues from it.
     pub lands: bool,
 }
 
 impl Rules {
-    /// Whether light of the sky never passes the receiver.
+    /// True if light of the sky never passes the receiver.
     #[inline]
     pub fn is_solid(&self) -> bool {
         self.near.is_some() || self.printed || (self.block == Block::Solid && !self.specular_env)

@@ -48,12 +48,12 @@ pub(crate) struct FinishedView {
 }
 
 impl FinishedView {
-    /// Whether a pixel shows any object.
+    /// True if a pixel shows any object.
     pub(crate) fn shows_objects_at(&self, (x, y): (u32, u32)) -> bool {
         self.images[2].pixel(x as usize, y as usize)[3] > 0.0
     }
 
-    /// Whether any pixel shows an object.
+    /// True if any pixel shows an object.
     pub(crate) fn shows_objects(&self) -> bool {
         let object = &self.images[2];
         object.samples.chunks_exact(object.channels).any(|pixel| pixel[3] > 0.0)

@@ -85,7 +85,7 @@ impl<'a> CameraRays<'a> {
         Ray::new(self.eye, direction.normalize().as_vec3())
     }
 
-    /// Whether a ray through the pixel of a block may hit any object, if the camera sees them; the same objects
+    /// True if a ray through the pixel of a block may hit any object, if the camera sees them; the same objects
     /// every time.
     #[inline]
     pub(crate) fn may_show(&self, objects: &Objects, block: (u32, u32)) -> bool {

@@ -35,7 +35,7 @@ pub struct Crop {
     limit: f64,
     /// Maximum radiance of any surface.
     surfaces: [f64; 3],
-    /// Whether scattered rays hit the receiver.
+    /// True if scattered rays hit the receiver.
     lands: bool,
     objects: [Vec3; 2],
     /// Bounds under near light, computed on first use.
@@ -47,7 +47,7 @@ pub struct Crop {
 struct NearCrop {
     eye: Vec3,
     albedo: Option<[f64; 3]>,
-    /// Whether all objects are apart from the receiver.
+    /// True if all objects are apart from the receiver.
     apart: bool,
     bounds: OnceLock<NearBounds>,
 }
@@ -194,7 +194,7 @@ impl Crop {
     }
 }
 
-/// Whether any point of a tile may see the receiver.
+/// True if any point of a tile may see the receiver.
 fn sees(receiver: &Receiver, tile: &TileBounds) -> bool {
     let (mut found, mut left) = (false, LOOKS);
     receiver.bvh.visit(|corners| {

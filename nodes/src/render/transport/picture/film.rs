@@ -72,7 +72,7 @@ impl Area {
         steps(self.height).flat_map(|y| steps(self.width).map(move |x| piece(x, y))).collect()
     }
 
-    /// Whether BVH steps are counted for this tile: one tile in 16, in each row and column.
+    /// True if BVH steps are counted for this tile: one tile in 16, in each row and column.
     fn is_followed(&self) -> bool {
         (self.left / TILE + 5 * (self.top / TILE)).is_multiple_of(16)
     }

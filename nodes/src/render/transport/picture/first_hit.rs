@@ -62,7 +62,7 @@ pub(crate) fn trace_first_hit(
     tile
 }
 
-/// Whether an object is in front of the receiver.
+/// True if an object is in front of the receiver.
 pub(crate) fn is_before(
     scene: &Scene<'_>,
     camera_rays: &CameraRays<'_>,

@@ -65,7 +65,7 @@ impl Silhouette {
         all
     }
 
-    /// Whether a pixel may show an object.
+    /// True if a pixel may show an object.
     pub(crate) fn holds(&self, (x, y): (u32, u32)) -> bool {
         self.held[y as usize * self.size[0] + x as usize]
     }
@@ -165,7 +165,7 @@ mod tests {
         Objects::new(None, &[Arc::new(placed)], DVec3::ZERO).expect("consistent")
     }
 
-    /// Cameras outside and inside a crowd of triangles, so that some are beside and behind the eye: every pixel
+    /// Cameras outside and inside a crowd of triangles, so that some are to the side of and behind the eye: every pixel
     /// with a ray that hits a triangle is included, and from outside few others.
     #[test]
     fn what_a_ray_meets_is_held() {

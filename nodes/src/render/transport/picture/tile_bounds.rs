@@ -22,7 +22,7 @@ pub struct TileBounds {
 }
 
 impl Default for TileBounds {
-    /// Of no points.
+    /// Bounds without points.
     fn default() -> Self {
         let normals = Cone { axis: Vec3::Z, cosine: 1.0 };
         Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, normals, height: f32::MAX, least: Vec3::MAX }
@@ -79,7 +79,7 @@ impl TileBounds {
         Self { low, high, normals: Cone { axis, cosine: all[13] }, height: all[12], least }
     }
 
-    /// Whether the camera sees no receiver.
+    /// True if the camera sees no receiver.
     pub fn is_empty(&self) -> bool {
         !self.low.cmple(self.high).all()
     }

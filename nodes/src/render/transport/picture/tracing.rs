@@ -40,10 +40,10 @@ struct Extra<'a> {
     contact: Option<([f64; 3], f64, Option<f64>)>,
     /// Crop limit; absent likewise.
     crop: Option<f64>,
-    /// Whether the light of the objects is omitted.
+    /// True if the light of the objects is omitted.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     shadow_only: bool,
-    /// Whether absent lobes are evaluated; in the key, so that it is computed.
+    /// True if absent lobes are evaluated; in the key, so that it is computed.
     every_lobe: bool,
 }
 
@@ -60,9 +60,9 @@ pub(crate) struct Settings {
     pub(crate) crop: f64,
     /// Error of the receiver where objects stand, in metres, if known.
     pub(crate) contact_metres: Option<f64>,
-    /// Whether the light of the objects is omitted.
+    /// True if the light of the objects is omitted.
     pub(crate) shadow_only: bool,
-    /// Whether absent lobes are evaluated.
+    /// True if absent lobes are evaluated.
     pub(crate) every_lobe: bool,
 }
 

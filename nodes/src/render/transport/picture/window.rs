@@ -120,7 +120,7 @@ impl Wedge {
         (2.0 * self.side * square / (1.0 + square + (1.0 + square).sqrt())).min(PI)
     }
 
-    /// Whether it may contain a direction within `radius` of a unit direction whose sine of elevation is `above`.
+    /// True if it may contain a direction within `radius` of a unit direction whose sine of elevation is `above`.
     fn holds(&self, direction: DVec3, above: f64, radius: f64) -> bool {
         let [ahead, aside] = self.axes.map(|axis| axis.dot(direction));
         let level = (ahead * ahead + aside * aside).sqrt();

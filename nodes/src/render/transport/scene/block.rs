@@ -25,7 +25,7 @@ pub enum Block {
     FrontFace {
         /// Number of front faces after which a ray counts as outside.
         max_layers: u32,
-        /// Whether the normals point out of the room, so that back faces count as front faces.
+        /// True if the normals point out of the room, so that back faces count as front faces.
         flip: bool,
         /// Surfaces outside this box are ignored: the outer side of a wall, the next room. [`EVERYWHERE`] unless
         /// the room was measured.
@@ -44,7 +44,7 @@ pub enum Block {
 pub const EVERYWHERE: [[f32; 3]; 2] = [[-f32::MAX; 3], [f32::MAX; 3]];
 
 impl Block {
-    /// Whether environment light reaches the origin of a ray past the receiver.
+    /// True if environment light reaches the origin of a ray past the receiver.
     pub fn passes(&self, receiver: &Receiver, ray: Ray) -> bool {
         match *self {
             Block::Pass => true,

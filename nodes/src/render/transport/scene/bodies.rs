@@ -39,7 +39,7 @@ impl Objects {
         media.all().last().map_or(Vec3::ZERO, |&body| self.bodies[body as usize].absorption)
     }
 
-    /// Whether a point may be inside a body.
+    /// True if a point may be inside a body.
     pub fn may_hold(&self, point: Vec3) -> bool {
         self.held.is_some_and(|held| held.holds(point))
     }

@@ -150,7 +150,7 @@ impl Emitters {
         Self { pieces, choice, power, lattices, pdf }
     }
 
-    /// Whether there are no emitters.
+    /// True if there are no emitters.
     pub fn is_empty(&self) -> bool {
         self.pieces.is_empty()
     }

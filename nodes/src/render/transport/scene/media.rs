@@ -33,12 +33,12 @@ impl Media {
         &self.bodies[..self.depth as usize]
     }
 
-    /// Whether there are no bodies.
+    /// True if there are no bodies.
     pub fn is_empty(&self) -> bool {
         self.depth == 0
     }
 
-    /// Whether the stack differs from `those` and is at least as deep.
+    /// True if the stack differs from `those` and is at least as deep.
     pub fn is_deeper(&self, those: &Self) -> bool {
         self != those && self.depth >= those.depth
     }
@@ -86,7 +86,7 @@ mod tests {
     fn bodies_are_entered_and_left() {
         assert_eq!(media(&[3, 7]).without(7).all(), [3]);
         assert_eq!(media(&[3, 7]).without(3).all(), [7], "overlapping ones in any order");
-        assert_eq!(media(&[3, 7, 3]).without(3).all(), [3, 7], "the last of several of the same stuff");
+        assert_eq!(media(&[3, 7, 3]).without(3).all(), [3, 7], "the last of several of the same medium");
         assert_eq!(media(&[3]).without(7).all(), [3], "one that was not entered");
         assert_eq!(media(&[3]).amid(7).all(), [7, 3], "one that was not entered is around");
         assert_eq!(media(&[3, 7]).amid(7).all(), [3, 7]);

@@ -18,7 +18,7 @@ pub enum Texels {
     Colours,
     /// As sRGB-encoded colours weighted by alpha.
     CoveredColours,
-    /// As colours, of which a level holds the maximum in place of the mean.
+    /// As colours; a level holds the maximum in place of the mean.
     Peaks,
 }
 

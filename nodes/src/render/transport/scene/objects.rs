@@ -40,7 +40,7 @@ pub(crate) struct PlacedPrimitive {
     pub(crate) tangents: [Vec3; 3],
     pub(crate) mirrored: bool,
     pub(crate) opaque: bool,
-    /// Whether it transmits light straight.
+    /// True if it transmits light straight.
     pub(crate) clear: bool,
     /// The body that it bounds, if light can enter it.
     pub(crate) body: Option<u32>,
@@ -58,11 +58,11 @@ pub struct Objects {
     /// Mipmaps of the textures of each placed object.
     mipmaps: Vec<Vec<Mipmap>>,
     pub(crate) opaque: bool,
-    /// Whether any surface transmits light.
+    /// True if any surface transmits light.
     pub clear: bool,
-    /// Whether the camera sees them.
+    /// True if the camera sees them.
     pub shown: bool,
-    /// Whether lobes are evaluated that the materials do not have: see [`engine::Context::exhaustive`].
+    /// True if lobes are evaluated that the materials do not have: see [`engine::Context::exhaustive`].
     pub every_lobe: bool,
     /// The bodies, and the bounding box of all of them.
     pub(crate) bodies: Vec<Body>,
@@ -73,7 +73,7 @@ pub struct Objects {
     pub shades: Shades,
     /// Triangles that coincide with the receiver.
     pub touching: Touching,
-    /// What the objects rest on.
+    /// Supports of the objects.
     pub ground: Ground,
     /// Largest distance by which a flat object was lifted off another: see [`super::stacked`].
     pub(crate) lifted: f32,
@@ -222,7 +222,7 @@ impl Objects {
         &self.placed
     }
 
-    /// Whether no ray can hit them.
+    /// True if no ray can hit them.
     pub fn is_empty(&self) -> bool {
         self.bvh.bounds().is_none()
     }

@@ -46,7 +46,7 @@ impl Sheet {
         (point.dot(self.normal) - self.height).abs()
     }
 
-    /// Whether a triangle lies in the plane and overlaps one of the sheet's `own` triangles.
+    /// True if a triangle lies in the plane and overlaps one of the sheet's `own` triangles.
     fn lies_on<'a>(
         &self,
         corners: &[Vec3; 3],
@@ -66,7 +66,7 @@ impl Sheet {
         near && own.any(|own| share_area(&flat(own), &flat(corners), f64::from(reach)))
     }
 
-    /// Whether the receiver coincides with it below the centre of one of its triangles.
+    /// True if the receiver coincides with it below the centre of one of its triangles.
     fn rests_on<'a>(
         &self,
         receiver: &Receiver,
@@ -83,7 +83,7 @@ impl Sheet {
     }
 }
 
-/// Whether two triangles overlap by more than a length: no edge of either separates them (separating axis theorem).
+/// True if two triangles overlap by more than a length: no edge of either separates them (separating axis theorem).
 fn share_area(a: &[DVec2; 3], b: &[DVec2; 3], by: f64) -> bool {
     let extent = |corners: &[DVec2; 3], way: DVec2| {
         let at = corners.map(|p| p.dot(way));

@@ -54,7 +54,7 @@ fn distance_to_triangle([a, b, c]: [DVec3; 3]) -> f64 {
     }
 }
 
-/// Whether a triangle has finite corners and an area.
+/// True if a triangle has finite corners and an area.
 fn is_real([a, b, c]: [DVec3; 3]) -> bool {
     let square = (b - a).cross(c - a).length_squared();
     square > 0.0 && square.is_finite()

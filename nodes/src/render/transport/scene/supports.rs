@@ -44,7 +44,7 @@ impl Ground {
         10.0 * self.error()
     }
 
-    /// Whether a triangle of an object lies within `near` of the height of a support to which camera hits are
+    /// True if a triangle of an object lies within `near` of the height of a support to which camera hits are
     /// moved.
     pub fn is_base(&self, corners: &[Vec3; 3], near: f32) -> bool {
         let own = Aabb::around(corners);

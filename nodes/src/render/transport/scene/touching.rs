@@ -13,7 +13,7 @@ use crate::geometry::bvh::Ray;
 /// The triangles of objects that may coincide with the receiver.
 #[derive(Debug, Clone, Default)]
 pub struct Touching {
-    /// Whether each triangle does; empty where none does.
+    /// True if each triangle does; empty where none does.
     pub(crate) triangles: Vec<bool>,
     /// Bounding box of those triangles, grown by [`reach`](Self::reach).
     pub(crate) held: Option<Aabb>,

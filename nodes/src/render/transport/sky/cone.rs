@@ -44,7 +44,7 @@ impl Cone {
         if cosine > 1e-3 { Self { axis, cosine: cosine - 1e-5 } } else { Self::ALL }
     }
 
-    /// Whether two cones share a direction; sometimes true for cones that barely miss. [`CellGrid`] tests many at
+    /// True if two cones share a direction; sometimes true for cones that barely miss. [`CellGrid`] tests many at
     /// once.
     #[cfg(test)]
     pub fn meets(&self, other: &Self) -> bool {

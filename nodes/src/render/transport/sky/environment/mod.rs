@@ -286,7 +286,7 @@ impl EnvironmentLight {
         Vec3::new(r, g, b)
     }
 
-    /// Whether a glossy lobe with this density is narrower than a texel, as of mirrors and clear glass: it would
+    /// True if a glossy lobe with this density is narrower than a texel, as of mirrors and clear glass: it would
     /// show the edges of texels. Only scattered rays find its light, as [`seen`](Self::seen).
     #[inline]
     pub fn is_narrow(&self, pdf: f32) -> bool {
