@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let command = commands::Command::read();
-    let json = command.tells_json();
+    let json = command.prints_json();
     match command.run() {
         Ok(code) => return ExitCode::from(code),
         Err(session::Error::Graph(mistakes)) => terminal::mistakes(&mistakes, json),

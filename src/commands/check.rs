@@ -10,12 +10,12 @@ use crate::terminal;
 
 /// Reads a graph and reports every mistake in it.
 ///
-/// Files that loaders read are looked into as far as their headers.
+/// Of the files that loaders read only the headers are read.
 #[derive(Debug, Args)]
 pub struct Check {
     #[command(flatten)]
     graph: GraphArgs,
-    /// One JSON object a line on standard output: the mistakes, or that there is none
+    /// One JSON object a line on standard output: the mistakes, or a line that says that there are none
     #[arg(long)]
     pub json: bool,
 }
@@ -27,7 +27,7 @@ impl Check {
         let graph = &loaded.graph;
         graph.check_sources().map_err(Error::Graph)?;
         self.check_presets(graph)?;
-        // Where runs write to unless they are told otherwise.
+        // The default output folder of runs.
         loaded.check_outputs(Path::new("out"))?;
         let sinks = graph.nodes.iter().filter(|node| node.sink_path.is_some()).count();
         let (name, nodes) = (&graph.source.name, graph.nodes.len());
@@ -44,7 +44,7 @@ impl Check {
         Ok(0)
     }
 
-    /// The graph's own presets, each laid over it: those that were not asked for must be right as well.
+    /// Checks each preset of the graph, also those that were not asked for.
     fn check_presets(&self, graph: &Graph) -> Result<(), Error> {
         let mut found: Option<Diagnostics> = None;
         for name in graph.source.own_presets(&graph.root) {

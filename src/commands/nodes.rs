@@ -75,7 +75,7 @@ impl Nodes {
     }
 }
 
-/// The stage of a kind; those that no stage names come under `other`.
+/// The stage of a kind; kinds that no stage names belong to `other`.
 fn stage(name: &str) -> &'static str {
     let named = STAGES.iter().find(|(_, kinds)| kinds.contains(&name)).map(|(stage, _)| *stage);
     named.unwrap_or(match name {
@@ -139,7 +139,7 @@ fn found(registry: &Registry, word: &str, width: usize) -> Result<String, Error>
     Ok(text)
 }
 
-/// Column of the text beside names.
+/// Column at which text next to names begins.
 const COLUMN: usize = 23;
 
 fn describe(kind: &KindEntry, width: usize) -> String {
@@ -186,7 +186,7 @@ fn doc(text: &mut String, doc: &str, indent: usize, width: usize) {
     for (at, paragraph) in paragraphs(doc).iter().enumerate() {
         match paragraph.strip_prefix("- ").or_else(|| paragraph.strip_prefix("* ")) {
             Some(item) => {
-                text.push_str(&wrapped(item, &format!("{}- ", " ".repeat(indent)), indent + 2, width))
+                text.push_str(&wrapped(item, &format!("{}- ", " ".repeat(indent)), indent + 2, width));
             }
             None => {
                 text.push_str(if at > 0 { "\n" } else { "" });

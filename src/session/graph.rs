@@ -13,59 +13,60 @@ use super::names::wanted;
 use super::origin::{Origin, OriginArgs, is_picture};
 use crate::terminal;
 
-/// Which graph, with which values in place of those written in it.
+/// The graph, and the values laid over it.
 #[derive(Debug, Args)]
 pub struct GraphArgs {
     /// The graph file (RON), a bundle, or a picture that carries its recipe; `-` reads standard input
     pub graph: PathBuf,
-    /// Sets one field for this run: node.field=value, as often as needed
+    /// Set one field for this run: node.field=value; may be repeated
     #[arg(long = "set", value_name = "NODE.FIELD=VALUE")]
     pub set: Vec<String>,
-    /// Does all work, also where a check shows that it changes no byte, to measure what the checks save
+    /// Do all work, also where a check shows that it changes no byte, to measure what the checks save
     #[arg(long)]
     pub exhaustive: bool,
-    /// Lays a preset over the graph, as often as needed: one of its own, or draft, preview, final, reference, which
-    /// set its knobs; `--overlay` and `--set` go over presets
+    /// Lay a preset over the graph: one of its own, or draft, preview, final, reference, which set its knobs; may
+    /// be repeated. `--overlay` and `--set` override presets
     #[arg(long, value_name = "NAME")]
     pub preset: Vec<String>,
-    /// Lays the values of a file over the graph, as often as needed: Overlay(nodes: (trace: (samples: 4)))
+    /// Lay the values of a file over the graph, such as Overlay(nodes: (trace: (samples: 4))); may be repeated
     #[arg(long, value_name = "FILE")]
     pub overlay: Vec<PathBuf>,
-    /// Only these nodes and what they need, separated by commas; default: every sink
+    /// Compute only these nodes and their inputs, separated by commas; default: every sink. `each/frame=5..7` names
+    /// a range of an axis
     #[arg(long, value_name = "NODES", value_delimiter = ',')]
     pub only: Vec<String>,
-    /// Only these values of the axis `frame`, such as 1001-1050 or 7: of the nodes of `--only`, or of the sinks that write
-    /// a file for each frame
+    /// Compute only these values of the axis `frame`, such as 1001-1050 or 7, of the nodes of `--only` or of the
+    /// sinks that write a file per frame
     #[arg(long, value_name = "FIRST-LAST")]
     pub frames: Option<String>,
-    // Not flattened from `OriginArgs`: an optional `GraphArgs` is there only if clap sees an argument of its own.
-    /// For a bundle or a picture: a folder whose files the graph may read, as often as needed
+    // Not flattened from `OriginArgs`: clap makes an optional `GraphArgs` only if it has an argument of its own.
+    /// For a bundle or a picture: a folder whose files the graph may read; may be repeated
     #[arg(long, value_name = "DIR")]
     pub inputs: Vec<PathBuf>,
-    /// For a picture: run it although its kinds have other versions here, which may give another picture
+    /// For a picture: run its recipe although kinds have other versions here, which may give another picture
     #[arg(long)]
     pub other_versions: bool,
 }
 
-/// A checked graph and the nodes that are wanted of it.
+/// A checked graph and the wanted nodes.
 pub struct Loaded {
     pub graph: Arc<Graph>,
     pub only: Vec<usize>,
     /// The files that it was read from.
     pub texts: Vec<PathBuf>,
-    /// Where its lock lies, or would.
+    /// Path of its lock, whether or not it exists.
     pub lock: Option<PathBuf>,
-    /// Where a bundle lies unpacked as long as this lives.
+    /// Temporary folder of an unpacked bundle.
     pub unpacked: Option<TempFolder>,
 }
 
 impl Loaded {
-    /// Refuses sinks that would write over the graph or a file it reads.
+    /// Refuses sinks that would overwrite the graph or a file it reads.
     pub fn check_outputs(&self, out: &Path) -> Result<(), Error> {
         self.graph.check_outputs(&self.only, out, &self.texts).map_err(Error::Graph)
     }
 
-    /// Refuses to write anything else there.
+    /// Refuses an output path that is the graph or a file it reads.
     pub fn check_output(&self, path: &Path) -> Result<(), Error> {
         let read = ReadFiles::new(self.texts.iter().cloned().chain(self.graph.files()));
         if read.has(path) {
@@ -86,20 +87,21 @@ impl GraphArgs {
         })
     }
 
-    /// The same for work on knobs, where it matters that the recipe of a picture knows less than its graph did.
+    /// The same for work on knobs; prints a remark for a picture, whose recipe lacks presets and names of its
+    /// graph.
     pub fn load_to_turn(&self) -> Result<Loaded, Error> {
         if is_picture(&self.graph) {
             terminal::remark(
-                "the recipe of a picture has no presets of its graph and other names of nodes, so settings of these knobs fit \
+                "the recipe of a picture lacks the presets of its graph and has other node names, so these settings fit \
                  the picture and not the graph",
             );
         }
         self.load()
     }
 
-    /// The same for a watch. `known` is the graph as it was, where no file that its nodes read has changed since: what
-    /// the text says as it did is not read again. The files that the graph itself consists of go to `texts`, found
-    /// or not.
+    /// The same for `watch`. `known` is the previous graph, where no file that its nodes read has changed:
+    /// unchanged text is not parsed again. The files of the graph itself are added to `texts`, whether or not they
+    /// exist.
     pub fn load_again(
         &self,
         known: Option<&(Arc<Graph>, Vec<usize>)>,
@@ -124,7 +126,7 @@ impl GraphArgs {
         })
     }
 
-    /// The graph as its file has it now, where that is one and the same file and little in it changed.
+    /// The graph of the present text, where it is the same file with a small edit.
     fn edited(&self, known: &Arc<Graph>) -> Option<Arc<Graph>> {
         let path = self.graph.canonicalize().ok()?;
         let text = std::fs::read_to_string(&path).ok()?;
@@ -147,14 +149,15 @@ impl GraphArgs {
         Ok((loaded, engine.open()?))
     }
 
-    /// Reads the graph, what is laid over it and what it includes. The files of that go to `texts`, found or not.
+    /// Reads the graph with its includes, presets, overlays and settings. Their files are added to `texts`, whether
+    /// or not they exist.
     pub fn read(&self, texts: &mut Vec<PathBuf>) -> Result<Origin, Error> {
         texts.push(self.graph.clone());
         texts.extend(self.overlay.iter().cloned());
         let origin = OriginArgs { inputs: self.inputs.clone(), other_versions: self.other_versions };
         let Origin { mut source, root, lock, recipe, unpacked } = Origin::open(&self.graph, &origin)?;
         if !self.preset.is_empty() {
-            // Presets speak of the nodes of included files, too.
+            // Presets may set nodes of included files.
             let (joined, included) = source.including(&root);
             texts.extend(included);
             source = joined;
@@ -179,7 +182,7 @@ impl GraphArgs {
             match text.parse() {
                 Ok(setting) => settings.push(setting),
                 Err(EditError::Form(_)) => {
-                    wrong.push(format!("`--set {text}` is no setting; write --set node.field=value"));
+                    wrong.push(format!("`--set {text}` is not a setting; write --set node.field=value"));
                 }
             }
         }
@@ -189,13 +192,13 @@ impl GraphArgs {
         if self.exhaustive {
             settings.extend("scene.exhaustive=true".parse::<Setting>());
         }
-        // Last, since what is laid over may name other files.
+        // Last, since settings may name other files.
         let (source, included) = engine::apply(&source, &settings).including(&root);
         texts.extend(included);
         Ok(Origin { source, root, lock, recipe, unpacked })
     }
 
-    /// Adds to mistakes of `--set` how a list of numbers is written in a shell.
+    /// Adds a hint to mistakes of `--set`: how to write a list of numbers in a shell.
     fn with_shell_forms(&self, error: Error) -> Error {
         let Error::Graph(mut mistakes) = error else { return error };
         for setting in &self.set {

@@ -1,4 +1,4 @@
-//! What most verbs begin with: a checked graph, a store, threads.
+//! The parts that most verbs need first: a checked graph, a store, threads.
 
 pub mod budget;
 mod engine;

@@ -8,7 +8,7 @@ use super::error::Error;
 
 /// The name of the axis that `--frames` is about.
 const FRAME: &str = "frame";
-/// Most names in a message.
+/// Maximum number of names in a message.
 const MOST: usize = 40;
 
 /// The nodes of `--only` and `--frames`; none where neither is given.
@@ -23,7 +23,7 @@ pub fn wanted(graph: &Graph, only: &[String], frames: Option<&str>) -> Result<Ve
     }
 }
 
-/// Those of some nodes that stand at the frames from a first to a last one.
+/// The nodes whose value of the axis `frame` lies in a range.
 fn at_frames(graph: &Graph, nodes: Vec<usize>, frames: &str) -> Result<Vec<usize>, Error> {
     let wrong = || {
         let how = "write the first and the last one, such as 1001-1050, or one, such as 7";
@@ -56,7 +56,7 @@ fn at_frames(graph: &Graph, nodes: Vec<usize>, frames: &str) -> Result<Vec<usize
     Ok(found)
 }
 
-/// The one node of a name, or an error that lists those there are.
+/// The node of a name, or an error that lists the nodes of the graph.
 pub fn find(graph: &Graph, name: &str) -> Result<usize, Error> {
     match find_all(graph, name)?.as_slice() {
         [node] => Ok(*node),
@@ -79,7 +79,7 @@ fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
         )));
     }
     let (plain, values) = name.split_once('/').map_or((name, None), |(plain, values)| (plain, Some(values)));
-    // The node is there, and not at these values.
+    // The node exists, but not at these values.
     let instances = graph.find_all(plain);
     if let (Some(values), [first, ..]) = (values, instances.as_slice()) {
         let axes = graph.nodes[*first].point.iter().map(|(axis, _)| axis);
@@ -107,7 +107,7 @@ fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
     )))
 }
 
-/// The values of an axis at which nodes stand: all of a few, else the first and the last.
+/// The values of an axis that nodes have: all if they are few, else the first and the last.
 fn values_of(graph: &Graph, nodes: &[usize], axis: &str) -> String {
     const FEW: usize = 6;
     let value = |&node: &usize| {

@@ -1,4 +1,4 @@
-//! What `convert` and `inspect` share: a scene of splats from a file, outside of any graph.
+//! Reads a scene of splats from a file, outside a graph, for `convert` and `inspect`.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -10,13 +10,13 @@ use nodes::types::Splats;
 
 use crate::terminal;
 
-/// Which axis of the world points up.
+/// The axis of the world that points up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum UpArg {
     /// +y
     #[value(name = "+y")]
     PlusY,
-    /// -y, as INRIA PLY mostly has
+    /// -y, as in most INRIA PLY files
     #[value(name = "-y")]
     MinusY,
     /// +z
@@ -34,12 +34,12 @@ impl From<UpArg> for Up {
     }
 }
 
-/// A context for work outside of a graph.
+/// A context for work outside a graph.
 pub fn context(up: Up) -> Context {
     Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, "")
 }
 
-/// An error for what is neither a file nor a folder: a device or a pipe may never end.
+/// Refuses a path that is neither a file nor a folder: a device or a pipe may never end.
 pub fn check(path: &Path) -> Result<(), NodeError> {
     let name = path.display();
     let found = std::fs::metadata(path).map_err(|e| NodeError::new(format!("cannot read `{name}`: {e}")))?;
@@ -57,14 +57,14 @@ pub fn load(path: &Path, frame: Frame, cx: &Context) -> Result<(Arc<Splats>, Not
     Ok((out.splats, notes))
 }
 
-/// Tells why a file cannot be used; the exit code.
+/// Prints why a file cannot be used; returns the exit code.
 pub fn failed(error: &NodeError) -> u8 {
     let hint = error.advice().map(|hint| format!("\n  hint: {hint}")).unwrap_or_default();
     terminal::error(&format!("{error}{hint}"));
     1
 }
 
-/// Notes as lines for a person.
+/// Notes as lines of text.
 pub fn lines(notes: &Notes) -> String {
     let word = |level: Level| match level {
         Level::Count | Level::Decision => "note",

@@ -4,7 +4,7 @@ use textwrap::Options;
 
 /// Width where standard output is not a terminal.
 const WIDTH: usize = 100;
-/// Longer lines are hard to read, and shorter ones leave no room beside a column of names.
+/// Longer lines are hard to read, and shorter ones leave no room next to a column of names.
 const WIDTHS: std::ops::RangeInclusive<usize> = 40..=120;
 
 /// The width to lay text out for, in characters.

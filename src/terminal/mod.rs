@@ -1,4 +1,4 @@
-//! What people and programs read: lines, bars, JSON, and events in words.
+//! Output for people and programs: lines, bars, JSON, and events in words.
 
 pub mod causes;
 mod layout;

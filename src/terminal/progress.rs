@@ -1,4 +1,4 @@
-//! How far a run is and how long the rest takes.
+//! Progress of a run and the time that is left.
 
 use std::collections::BTreeMap;
 
@@ -9,17 +9,17 @@ use super::words::seconds_text;
 /// A node whose code runs.
 #[derive(Debug)]
 struct Running {
-    /// Seconds since the run began.
+    /// Start of the node.
     begin: f64,
     forecast: Option<f64>,
-    /// From 0 to 1.
+    /// Progress, from 0 to 1.
     fraction: f64,
 }
 
 impl Running {
-    /// Seconds that the node still takes at a time; `None` where nothing is known of it.
+    /// Seconds left at time `now`; `None` where there is neither a forecast nor progress.
     ///
-    /// The pace so far counts more the farther the node has come; until then the forecast does.
+    /// The pace so far gains weight with the progress of the node; until then the forecast counts.
     fn left(&self, now: f64) -> Option<f64> {
         let elapsed = (now - self.begin).max(0.0);
         let paced = (self.fraction > 0.01).then(|| elapsed / self.fraction);
@@ -34,57 +34,57 @@ impl Running {
     }
 }
 
-/// How far a run is and how long the rest takes. Times are in seconds since the run began.
+/// Progress of a run and the time that is left. Times are in seconds of one clock.
 #[derive(Debug, Default)]
 pub struct Progress {
     /// Forecasts of the nodes that may run and have not begun, where they are known by name.
     planned: BTreeMap<String, Option<f64>>,
     /// The sum of the forecasts of the nodes that have not begun.
     waiting: f64,
-    /// How many of them have no forecast.
+    /// Number of these nodes without a forecast.
     unknown: usize,
     running: BTreeMap<String, Running>,
-    /// Nodes that may run, and those of them that are done.
+    /// Number of nodes that may run, and of those that are done.
     open: usize,
     done: usize,
-    /// When the run began.
+    /// Start of the run.
     begin: f64,
 }
 
 impl Progress {
-    /// A run whose nodes were planned.
+    /// A run with a plan.
     pub fn planned(plan: &[Planned], now: f64) -> Self {
         let open = plan.iter().filter(|node| !matches!(node.fate, Fate::Known | Fate::Unwanted));
         let planned = open.map(|node| (node.id.clone(), node.forecast)).collect();
         Self { planned, ..Self::forecast(&Forecast::of(plan), now) }
     }
 
-    /// A run of which only sums are known.
+    /// A run of which only the sums of a plan are known.
     pub fn forecast(forecast: &Forecast, now: f64) -> Self {
         let Forecast { open, seconds, untimed, .. } = *forecast;
         Self { waiting: seconds, unknown: untimed, open, begin: now, ..Self::default() }
     }
 
-    /// The code of a node begins.
+    /// Records that the code of a node begins.
     pub fn start(&mut self, id: &str, forecast: Option<f64>, now: f64) {
         self.not_waiting(id, forecast);
         self.running.insert(id.to_owned(), Running { begin: now, forecast, fraction: 0.0 });
     }
 
-    /// A running node has come so far.
-    pub fn come(&mut self, id: &str, fraction: f32) {
+    /// Records the progress of a running node.
+    pub fn advance(&mut self, id: &str, fraction: f32) {
         if let Some(node) = self.running.get_mut(id) {
             node.fraction = f64::from(fraction).clamp(node.fraction, 1.0);
         }
     }
 
-    /// A node is done, whether its code ran or not.
+    /// Records that a node is done, whether or not its code ran.
     pub fn end(&mut self, id: &str) {
         let ran = self.running.remove(id).is_some();
         if ran || self.planned.contains_key(id) {
             self.done += 1;
         }
-        // It was planned to run, and came out as known or cannot run.
+        // It was planned to run, and was known after all or was skipped.
         if !ran && let Some(forecast) = self.planned.get(id).copied() {
             self.not_waiting(id, forecast);
         }
@@ -97,7 +97,7 @@ impl Progress {
         }
     }
 
-    /// Seconds left as far as they are known, and how many nodes that does not cover.
+    /// Seconds left, and the number of nodes without a forecast, which are not included.
     fn left(&self, now: f64) -> (f64, usize) {
         let left = self.running.values().map(|node| node.left(now));
         left.fold((self.waiting, self.unknown), |(sum, unknown), left| match left {
@@ -106,7 +106,7 @@ impl Progress {
         })
     }
 
-    /// The part of the run that is done, from 0 to 1: by time where that is known, else by nodes.
+    /// The share of the run that is done, from 0 to 1: by time where all forecasts are known, else by nodes.
     pub fn fraction(&self, now: f64) -> f64 {
         let (elapsed, (left, unknown)) = ((now - self.begin).max(0.0), self.left(now));
         let of = if unknown == 0 && elapsed + left > 0.0 {
@@ -141,7 +141,7 @@ impl Progress {
         parts.join(", ")
     }
 
-    /// Whether the code of a node runs.
+    /// Returns true if the code of a node runs.
     pub fn is_running(&self) -> bool {
         !self.running.is_empty()
     }
@@ -168,9 +168,9 @@ mod tests {
         let mut run = planned(&[("a", Some(47.0)), ("b", Some(2.0))]);
         assert_eq!(run.left(0.0), (49.0, 0));
         run.start("a", Some(47.0), 0.0);
-        run.come("a", 0.1);
+        run.advance("a", 0.1);
         let (early, _) = run.left(0.6);
-        run.come("a", 0.5);
+        run.advance("a", 0.5);
         let (late, _) = run.left(3.0);
         assert!(early < 35.0 && (late - 5.0).abs() < 1e-9, "{early} {late}");
         assert!((run.fraction(3.0) - 3.0 / 8.0).abs() < 1e-9);
@@ -187,7 +187,7 @@ mod tests {
         assert_eq!(run.text(0.0), "0 of 3 nodes, at least 2.00 s left");
         run.start("a", None, 0.0);
         assert_eq!(run.left(1.0), (2.0, 2));
-        run.come("a", 0.25);
+        run.advance("a", 0.25);
         assert_eq!(run.left(1.0), (5.0, 1), "three times as long as so far");
         assert!((run.fraction(1.0) - 0.25 / 3.0).abs() < 1e-9, "by nodes");
         run.end("a");

@@ -11,7 +11,7 @@ use super::output::{colours, error, json_line};
 use super::progress::Progress;
 use super::words::{counts_text, forecast_text, seconds_text, totals_text};
 
-/// How events are printed.
+/// Prints the events of a run.
 pub enum Report {
     /// One JSON object a line on standard output.
     Json,
@@ -19,17 +19,17 @@ pub enum Report {
     Lines(Box<Lines>),
 }
 
-/// Lines for a person.
+/// Lines of text.
 pub struct Lines {
     bar: ProgressBar,
     progress: Progress,
     begin: Instant,
-    /// Also prints cached nodes, counts and decisions.
+    /// Also print cached nodes, counts and all notes.
     verbose: bool,
     colour: bool,
-    /// Notes that were printed; a graph that runs again and again gives the same each time.
+    /// Notes that were printed: `watch` prints each of them once.
     printed: BTreeSet<(String, String)>,
-    /// How many notes were not printed since the last run ended.
+    /// Number of notes that were not printed in this run.
     unprinted: usize,
     /// Sinks whose files were printed in this run.
     written: BTreeSet<String>,
@@ -41,7 +41,7 @@ impl Report {
         Report::Json
     }
 
-    /// Lines for a person; `verbose` also prints cached nodes, counts and decisions.
+    /// Lines of text; `verbose` also prints cached nodes, counts and all notes.
     pub fn lines(verbose: bool) -> Self {
         let target = if std::io::stderr().is_terminal() {
             ProgressDrawTarget::stderr_with_hz(12)
@@ -60,22 +60,22 @@ impl Report {
         }))
     }
 
-    /// Whether a forecast is shown, which a plan must be made for.
+    /// Returns true if a bar with a forecast is shown, which needs a plan.
     pub fn shows_forecast(&self) -> bool {
         matches!(self, Report::Lines(lines) if !lines.bar.is_hidden())
     }
 
-    /// Takes the plan of the run that follows, for the forecast.
+    /// Sets the plan of the run that follows, for the forecast.
     pub fn expect(&mut self, plan: &[Planned]) {
         if let Report::Lines(lines) = self {
             lines.progress = Progress::planned(plan, lines.now());
         }
     }
 
-    /// Prints one event. A closed standard output is no reason to stop a run.
+    /// Prints one event. A closed standard output does not stop a run.
     pub fn show(&mut self, event: &Event) {
         match self {
-            // Threads are for traces.
+            // Spans are for traces.
             Report::Json if matches!(event, Event::Span { .. }) => {}
             Report::Json => json_line(event),
             Report::Lines(lines) => lines.show(event),
@@ -95,7 +95,7 @@ impl Lines {
                 self.draw();
             }
             Event::Progress { id, fraction } => {
-                self.progress.come(id, *fraction);
+                self.progress.advance(id, *fraction);
                 self.draw();
             }
             Event::Part { .. } | Event::Span { .. } => {}
@@ -108,7 +108,7 @@ impl Lines {
             Event::File { id, path, written, preview } => {
                 self.written.insert(id.clone());
                 let shown = path.display();
-                // A program that reads standard output gets the bare path. A person sees one line.
+                // A program that reads standard output gets the bare path; on a terminal each path is printed once.
                 let [out, err] = [std::io::stdout().is_terminal(), std::io::stderr().is_terminal()];
                 if !out {
                     let _ = writeln!(std::io::stdout().lock(), "{shown}");
@@ -137,7 +137,7 @@ impl Lines {
                 self.progress = Progress::forecast(forecast, self.now());
                 self.line("plan", "1", &forecast_text(forecast));
             }
-            Event::Same => self.line("same", "36", "the graph says the same as before"),
+            Event::Same => self.line("same", "36", "the graph is unchanged in meaning"),
             Event::Pass { parameter, level, of, coarse } => {
                 let blocks = match coarse {
                     1 => String::new(),
@@ -147,7 +147,7 @@ impl Lines {
             }
             Event::Mistakes { text, .. } => self.bar.suspend(|| error(text)),
             Event::Stale { path } => {
-                let text = format!("{} shows the graph as it was before", path.display());
+                let text = format!("{} shows an earlier state of the graph", path.display());
                 self.line("stale", "33;1", &text);
             }
             Event::Idle { files } => {
@@ -157,11 +157,11 @@ impl Lines {
         }
     }
 
-    /// One line for a node that is done, and its notes.
+    /// Prints one line for a node that is done, and its notes.
     fn node(&mut self, event: &Event) {
         let Event::Node { id, kind, state, seconds, counts, notes, degraded, .. } = event else { return };
         match state {
-            // The line of its file stands for it.
+            // The line of its file is enough.
             State::Ran if self.written.contains(id) && !self.verbose => {}
             State::Ran => {
                 let counts = if self.verbose { counts_text(counts) } else { String::new() };
@@ -179,7 +179,7 @@ impl Lines {
         }
     }
 
-    /// A warning is always printed, once in a process; other notes are counted unless all are asked for.
+    /// Prints a note: warnings always, once per process; other notes are counted, and printed with `verbose`.
     fn note(&mut self, id: &str, note: &Note) {
         let (word, colour, asks_for_action) = match note.level {
             Level::Count | Level::Decision => ("note", "36", false),
@@ -194,7 +194,7 @@ impl Lines {
         }
     }
 
-    /// Draws the bar anew, where there is something to wait for.
+    /// Updates the bar, or hides it where no node runs.
     fn draw(&self) {
         if self.bar.is_hidden() {
             return;
@@ -218,7 +218,7 @@ impl Lines {
 
     fn line(&self, word: &str, colour: &str, text: &str) {
         self.bar.suspend(|| {
-            // In one piece: nothing else that writes there comes between.
+            // One write, so that other output does not come between.
             let line = if self.colour {
                 format!("\u{1b}[{colour}m{word:>9}\u{1b}[0m {text}\n")
             } else {

@@ -2,7 +2,7 @@
 
 use engine::{Counts, Forecast, Totals};
 
-/// `5 of 14 nodes may run, about 8.0 s`. The time of a node whose kind never ran is unknown, and not nothing.
+/// `5 of 14 nodes may run, about 8.0 s`. The time of a node whose kind never ran is unknown, not 0.
 pub fn forecast_text(forecast: &Forecast) -> String {
     let Forecast { open, wanted, seconds, untimed } = forecast;
     let mut text = format!("{open} of {wanted} nodes may run");
@@ -19,7 +19,7 @@ pub fn forecast_text(forecast: &Forecast) -> String {
     text
 }
 
-/// Seconds as a person reads them.
+/// Formats seconds with a unit.
 pub fn seconds_text(seconds: f64) -> String {
     match seconds {
         s if s < 0.0995 => format!("{:.1} ms", s * 1000.0),
@@ -47,7 +47,7 @@ fn number_text(n: u64) -> String {
 pub fn totals_text(totals: &Totals) -> String {
     let mut parts = vec![format!("{} ran", totals.ran), format!("{} cached", totals.cached)];
     for (n, word) in [
-        (totals.remade, "of them made again"),
+        (totals.remade, "of these recomputed"),
         (totals.failed, "failed"),
         (totals.skipped, "skipped"),
         (totals.degraded, "degraded"),
@@ -57,12 +57,12 @@ pub fn totals_text(totals: &Totals) -> String {
         }
     }
     if totals.stopped {
-        parts.push("stopped; what was finished is kept".to_owned());
+        parts.push("interrupted; finished results are kept".to_owned());
     }
     format!("{} in {}", parts.join(", "), seconds_text(totals.seconds))
 }
 
-/// Rows of equally many cells as lines, each column as wide as its widest cell.
+/// Lays out rows of cells as lines, each column as wide as its widest cell.
 pub fn columns(rows: &[Vec<String>]) -> String {
     let count = rows.iter().map(Vec::len).max().unwrap_or(0);
     let cell = |row: &Vec<String>, at: usize| row.get(at).map_or(0, |text| text.chars().count());

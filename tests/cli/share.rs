@@ -304,7 +304,7 @@ fn a_new_folder_runs_and_shells_know_the_verbs() {
     std::fs::create_dir(place.path("old")).unwrap();
     std::fs::write(place.path("old/.gitignore"), "mine\n").unwrap();
     let reported = place.call(&["init", "old"]);
-    assert!(text(&reported.stderr).contains("old/.gitignore is there already and stays as it is"));
+    assert!(text(&reported.stderr).contains("old/.gitignore exists already and is kept"));
     assert_eq!(good(reported), "old/graph.ron\n");
     assert_eq!(std::fs::read_to_string(place.path("old/.gitignore")).unwrap(), "mine\n");
     good(place.call(&["check", "new/graph.ron"]));
@@ -333,7 +333,7 @@ fn a_bundle_without_values_is_no_damage_and_reports_of_what_was_asked_for() {
     for seed in ["0", "1", "2", "3"] {
         let reported = place.call(&["verify", "c.lhb", "--sample", "1", "--seed", seed]);
         assert!(reported.stderr.is_empty(), "{}", text(&reported.stderr));
-        assert!(good(reported).contains("1 of 1 computed anew are equal"));
+        assert!(good(reported).contains("1 of 1 recomputed nodes are equal"));
     }
     good(place.call(&["unpack", "c.lhb", "c", "--trust-results", "--cache", "trusting"]));
     let reported = place.call(&["run", "c/graph.ron", "--cache", "trusting", "--out", "again"]);

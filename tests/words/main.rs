@@ -21,6 +21,7 @@ const HELD: &[&str] = &[
     "README.md",
     "CHANGELOG.md",
     "extras",
+    "src",
     "trade",
     "cache/tests",
     "nodes/benches",

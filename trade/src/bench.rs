@@ -3,14 +3,16 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use engine::{
-    Artifact, Counts, Digest, Engine, Event, Graph, NodeError, Note, PRESETS, Registry, RunOptions, Source,
-    Wire, overlay_text,
+    Artifact, Counts, Digest, Engine, Event, Graph, NodeError, Note, PRESETS, Planned, Registry, RunOptions,
+    Source, Wire, overlay_text,
 };
 use nodes::kinds::compare::Space;
 use nodes::types::{Images, Report};
 
+use crate::deadline::Deadline;
 use crate::error::Error;
 use crate::judge::{FlipMaps, Output, Truth, holds_data, is_bright, outputs};
 use crate::metric::Metric;
@@ -73,6 +75,8 @@ pub struct Bench<'e> {
     engine: &'e Engine,
     registry: Registry,
     base: Graph,
+    /// The name of the graph, under which its own runs are remembered.
+    name: String,
     outputs: Vec<Output>,
     targets: Vec<usize>,
     /// The knobs, and other fields that the presets of the graph set.
@@ -85,6 +89,8 @@ pub struct Bench<'e> {
     reported: usize,
     observer: Option<Observer<'e>>,
     cancel: Arc<AtomicBool>,
+    /// When measuring ends.
+    deadline: Option<Instant>,
     truth: Option<Truth>,
     /// The metric required for every picture; a picture without it does not count, and the reason is reported.
     metric: Option<Metric>,
@@ -100,8 +106,10 @@ fn targets(outputs: &[Output]) -> Vec<usize> {
 
 /// The reason why there is no point.
 pub enum Miss {
-    /// The run was asked to stop.
+    /// The user interrupted the run.
     Stopped,
+    /// The time for measuring is over.
+    Late,
     /// The graph cannot run at this assignment.
     Failed(String),
 }
@@ -147,6 +155,7 @@ impl<'e> Bench<'e> {
             engine,
             registry,
             base,
+            name: graph.source.name.clone(),
             outputs,
             targets,
             tunables,
@@ -155,6 +164,7 @@ impl<'e> Bench<'e> {
             reported: 0,
             observer: None,
             cancel,
+            deadline: None,
             truth,
             metric: None,
             points,
@@ -164,6 +174,29 @@ impl<'e> Bench<'e> {
     /// Calls `observer` with each event of the runs that follow.
     pub fn observe(&mut self, observer: Observer<'e>) {
         self.observer = Some(observer);
+    }
+
+    /// Ends measuring at a time: an active run is then stopped, and its finished results are kept in the cache.
+    pub fn end_at(&mut self, time: Instant) {
+        self.deadline = Some(time);
+    }
+
+    /// The graph as it is.
+    pub(crate) fn base(&self) -> &Graph {
+        &self.base
+    }
+
+    /// The nodes that make the pictures.
+    pub(crate) fn targets(&self) -> &[usize] {
+        &self.targets
+    }
+
+    /// The plan of a run at a setting, by the history of the graph itself. `None` if the graph has mistakes at that setting.
+    pub(crate) fn plan(&self, assignment: &Assignment) -> Option<Vec<Planned>> {
+        let source = Source::new(self.name.clone(), &*self.base.source.text);
+        let source = source.overlaid("knobs", &self.overlay(assignment));
+        let graph = Graph::parse(source, &self.registry, self.base.root.clone()).ok()?;
+        Some(self.engine.plan(&graph, &self.targets))
     }
 
     /// Asks for a metric, so that pictures without it are left out.
@@ -261,6 +294,10 @@ impl<'e> Bench<'e> {
         let mut reported: BTreeMap<String, (Vec<Note>, Option<Digest>)> = BTreeMap::new();
         let options =
             RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
+        if self.deadline.is_some_and(|deadline| deadline <= Instant::now()) {
+            return Err(Miss::Late);
+        }
+        let deadline = self.deadline.map(|deadline| Deadline::at(deadline, self.cancel.clone()));
         let (name, before) = (self.name(assignment), self.points.len());
         let observer = &mut self.observer;
         let outcome = self.engine.run(&graph, &options, |event| {
@@ -271,6 +308,10 @@ impl<'e> Bench<'e> {
                 reported.insert(id, (notes, key));
             }
         });
+        if deadline.is_some_and(Deadline::end) {
+            self.cancel.store(false, Ordering::Relaxed);
+            return Err(Miss::Late);
+        }
         if outcome.totals.stopped || self.cancel.load(Ordering::Relaxed) {
             return Err(Miss::Stopped);
         }

@@ -57,6 +57,8 @@ pub struct Tuned {
     pub finished: bool,
     /// Number of settings that could still have been measured.
     pub left: usize,
+    /// True if the time for measuring is over.
+    pub late: bool,
     /// The error that ended measuring, if any.
     pub wrong: Option<Error>,
 }
@@ -66,7 +68,7 @@ pub fn tune(bench: &mut Bench<'_>, wanted: &Wanted, each: impl FnMut(&mut Bench<
     let steps = bench.steps();
     // The first one is what others are compared with.
     let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
-    let mut measuring = Measuring { wanted, bench, left: wanted.budget, wrong: None, each };
+    let mut measuring = Measuring { wanted, bench, left: wanted.budget, late: false, wrong: None, each };
     let SearchResult { mut tried, mut best, finished } =
         search(&starts, &steps, wanted.goal, |at| measuring.measure(at));
     let naive = naive(&starts, &tried, wanted.goal);
@@ -82,8 +84,8 @@ pub fn tune(bench: &mut Bench<'_>, wanted: &Wanted, each: impl FnMut(&mut Bench<
         }
         best = search::best(&tried, wanted.goal);
     }
-    let Measuring { left, wrong, .. } = measuring;
-    Tuned { tried, best, naive, half, finished, left, wrong }
+    let Measuring { left, late, wrong, .. } = measuring;
+    Tuned { tried, best, naive, half, finished, left, late, wrong }
 }
 
 /// Measures settings, within the budget.
@@ -92,6 +94,8 @@ struct Measuring<'t, 'e, E> {
     bench: &'t mut Bench<'e>,
     /// Number of settings that may still be measured.
     left: usize,
+    /// True if the time for measuring is over.
+    late: bool,
     wrong: Option<Error>,
     each: E,
 }
@@ -107,6 +111,10 @@ impl<E: FnMut(&mut Bench<'_>, usize)> Measuring<'_, '_, E> {
         let at = match self.bench.measure(&assignment) {
             Ok(at) => at,
             Err(Miss::Stopped) => return None,
+            Err(Miss::Late) => {
+                self.late = true;
+                return None;
+            }
             Err(Miss::Failed(why)) => {
                 self.wrong = Some(Error::Setting { setting: self.bench.name(&assignment), why });
                 return None;
@@ -136,6 +144,7 @@ impl Tuned {
         match (self.finished, stopped) {
             (true, _) => "changing any one knob by one step does not help",
             (false, true) => "interrupted, so there may be better ones",
+            (false, false) if self.late => "the time is over, so there may be better ones",
             (false, false) if self.left == 0 => "the budget is used up, so there may be better ones",
             (false, false) => "a setting failed, so there may be better ones",
         }

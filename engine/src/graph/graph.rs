@@ -320,13 +320,15 @@ fn segment((axis, value): &(String, String)) -> String {
 
 /// Whether `values`, such as `x=1/y=2`, is a subsequence of the axis values of a node; `x=1..3` matches a range.
 fn stands_at(point: &[(String, String)], values: &str) -> bool {
-    let left = point.iter().fold(Some(values), |left, (axis, value)| {
-        let left = left?;
+    let mut left = values;
+    for (axis, value) in point {
         let after = after_value(left, axis, value.trim_matches('"'));
-        // All of them are found.
-        if after.is_empty() && !left.is_empty() { None } else { Some(after) }
-    });
-    left.is_none()
+        if after.is_empty() && !left.is_empty() {
+            return true;
+        }
+        left = after;
+    }
+    false
 }
 
 /// Inserts `{view}`: `out/final.png` becomes `out/final_{view}.png`.

@@ -1,4 +1,4 @@
-//! Graphs as pictures for a browser: a column a step of the longest way, wires around what lies between.
+//! Draws graphs as SVG: one column per step of the longest path, with wires led around the nodes between.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -12,20 +12,20 @@ use super::state;
 const HEIGHT: usize = 52;
 const GAP: (usize, usize) = (60, 18);
 const MARGIN: usize = 20;
-/// Wider than nearly all letters at the size of the text.
+/// Width reserved per letter, more than nearly all letters take.
 const LETTER: usize = 8;
 
-/// What stands in a column: a node, or the wires of one that pass on to a later column.
+/// An entry of a column: a node, or the wires of a node that pass on to a later column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Entry {
     node: usize,
     passes: bool,
 }
 
-/// More than that nobody looks at, and the wires of a long chain that all end in one node would be millions.
+/// Maximum number of entries: a long chain whose wires all end in one node would have millions.
 const MOST_ENTRIES: usize = 50_000;
 
-/// The picture; `None` for a graph that is too large for one.
+/// The SVG text; `None` for a graph that is too large.
 pub fn svg(graph: &Graph, plan: &[Planned]) -> Option<String> {
     let columns = columns(graph)?;
     let texts = |node: &Planned| (node.id.clone(), format!("{} · {}", node.kind, state(&node.fate).0));
@@ -73,8 +73,8 @@ pub fn svg(graph: &Graph, plan: &[Planned]) -> Option<String> {
     Some(text + "</svg>\n")
 }
 
-/// What stands in each column, from top to bottom. A node stands right of all that it reads, as high as that
-/// on average; ties and the first column follow the file.
+/// The entries of each column, from top to bottom. A node is to the right of its inputs, at their average height;
+/// ties and the first column follow the file.
 fn columns(graph: &Graph) -> Option<Vec<Vec<Entry>>> {
     let mut column = vec![0; graph.nodes.len()];
     let mut last = vec![0; graph.nodes.len()];
@@ -112,7 +112,7 @@ fn columns(graph: &Graph) -> Option<Vec<Vec<Entry>>> {
     Some(columns)
 }
 
-/// Lines from a row of a column to a row of the next one; wires of one node share them.
+/// Line segments from a row of a column to a row of the next one; wires of one node share them.
 fn segments(graph: &Graph, columns: &[Vec<Entry>]) -> BTreeSet<(usize, usize, usize)> {
     let mut segments = BTreeSet::new();
     for (column, pair) in columns.windows(2).enumerate() {

@@ -1,4 +1,4 @@
-//! `inspect`: what a scene of splats, or a mesh, is like.
+//! `inspect`: the properties of a scene of splats or of a mesh.
 
 mod other;
 mod person;
@@ -16,7 +16,7 @@ use crate::session::Error;
 use crate::session::splats;
 use crate::terminal;
 
-/// Tells what a scene of splats, or a mesh, is like.
+/// Prints the properties of a scene of splats or of a mesh: size, up axis, floor, what looks wrong.
 #[derive(Debug, Args)]
 pub struct Inspect {
     /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF), or a mesh (PLY, glTF)
@@ -26,14 +26,14 @@ pub struct Inspect {
     pub json: bool,
 }
 
-/// The answer, as JSON has it.
+/// The output, as JSON.
 #[derive(Serialize)]
 struct Answer<'a> {
     file: String,
     /// `splats` or `mesh`.
     holds: &'static str,
     format: Option<&'static str>,
-    /// Up by the format, where it says so; coordinates below are as stored all the same.
+    /// The up axis that the format defines; the coordinates are as stored in any case.
     declared_up: Option<&'static str>,
     #[serde(flatten)]
     scene: Option<&'a Inspection>,
@@ -49,7 +49,7 @@ impl Inspect {
             return Ok(splats::failed(&error));
         }
         let cx = splats::context(Up::PlusY);
-        // A folder is a SOG scene, which says nothing about axes.
+        // A folder is a SOG scene, which defines no axes.
         let bytes = std::fs::read(&self.file).unwrap_or_default();
         let format = Format::of("", &bytes).ok();
         let mut answer = Answer {
@@ -65,34 +65,34 @@ impl Inspect {
             .and_then(|(scene, notes)| Ok((nodes::geometry::inspect::splats::inspect(&scene, &cx)?, notes)));
         let failed = match inspected {
             Ok((scene, notes)) => {
-                // That it is taken as stored is what `inspect` does, and no graph.
+                // `inspect` reads coordinates as stored, so this note about graphs does not apply.
                 let notes = notes.iter().filter(|note| note.id != "frame").cloned().collect();
                 (answer.scene, answer.notes) = (Some(&scene), &notes);
-                return self.tell(&answer);
+                return self.print(&answer);
             }
             Err(failed) => failed,
         };
-        // PLY, glTF and GLB hold splats or a mesh; what is neither is told as what it is nearer to.
+        // PLY, glTF and GLB hold splats or a mesh; the error for another file is that of the more likely one.
         let is_mesh = other::is_mesh(&bytes);
         match load_mesh(&self.file, &cx) {
             Ok((found, notes)) if !found.triangles.is_empty() => {
                 let found = mesh::inspect(&found);
                 (answer.holds, answer.mesh, answer.notes) = ("mesh", Some(&found), &notes);
-                return self.tell(&answer);
+                return self.print(&answer);
             }
             Err(of_mesh) if is_mesh => return Ok(splats::failed(&of_mesh)),
             _ => {}
         }
         let name = self.file.display();
         let failed = match other::other(&self.file, &bytes) {
-            Some(what) => NodeError::new(format!("`{name}` is neither splats nor a mesh but {what}")),
+            Some(what) => NodeError::new(format!("`{name}` holds neither splats nor a mesh; it is {what}")),
             None if is_mesh => NodeError::new(format!("`{name}` is a mesh without faces")),
             None => failed,
         };
         Ok(splats::failed(&failed))
     }
 
-    fn tell(&self, answer: &Answer<'_>) -> Result<u8, Error> {
+    fn print(&self, answer: &Answer<'_>) -> Result<u8, Error> {
         let text = if self.json {
             let json = serde_json::to_string(answer).map_err(std::io::Error::from)?;
             format!("{json}\n")

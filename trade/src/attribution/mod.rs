@@ -44,32 +44,44 @@ impl<'a> Blame<'a> {
     }
 }
 
+/// For each node with knobs the settings that attribute error to it: with it alone at the reference, and with all other nodes
+/// there.
+pub fn attribution_settings(bench: &Bench<'_>) -> Vec<(String, Assignment, Assignment)> {
+    let (now, reference) = (bench.now(), bench.preset(3));
+    let with = |node: &str, of: &Assignment, others: &Assignment| -> Assignment {
+        let tunables = bench.tunables.iter().zip(of.iter().zip(others));
+        tunables.map(|(tunable, (of, others))| if tunable.node == node { *of } else { *others }).collect()
+    };
+    let nodes = bench.nodes_with_knobs().into_iter();
+    nodes
+        .map(|node| {
+            let (alone, all_but) = (with(&node, &reference, &now), with(&node, &now, &reference));
+            (node, alone, all_but)
+        })
+        .collect()
+}
+
 /// Every node with a tunable, the worst first: the one with the largest own error, and of equal ones the one whose
-/// repair leaves least. `measure` returns the index of a point; its failure ends the attribution.
+/// repair leaves least. `measure` returns the index of a point, or `None` if the time is over, which ends the attribution
+/// with the nodes measured so far; its failure ends the attribution.
 pub fn attributions<E>(
     bench: &mut Bench<'_>,
     metric: &Metric,
     reverse: bool,
-    mut measure: impl FnMut(&mut Bench<'_>, Assignment) -> Result<usize, E>,
+    mut measure: impl FnMut(&mut Bench<'_>, Assignment) -> Result<Option<usize>, E>,
 ) -> Result<Vec<Attribution>, E> {
-    let (now, reference) = (bench.now(), bench.preset(3));
     let mut attributions = Vec::new();
-    for node in bench.nodes_with_knobs() {
-        let with = |bench: &Bench<'_>, of: &Assignment, others: &Assignment| -> Assignment {
-            let tunables = bench.tunables.iter().zip(of.iter().zip(others));
-            tunables.map(|(tunable, (of, others))| if tunable.node == node { *of } else { *others }).collect()
-        };
-        let assignment = with(bench, &reference, &now);
-        let alone = measure(bench, assignment)?;
-        let mut all_but = None;
-        if reverse {
-            let assignment = with(bench, &now, &reference);
-            let at = measure(bench, assignment)?;
-            all_but = metric.error(&bench.points[at].off);
-        }
-        let point = &bench.points[alone];
+    let settings = attribution_settings(bench);
+    for (node, alone, _) in &settings {
+        let Some(at) = measure(bench, alone.clone())? else { break };
+        let point = &bench.points[at];
         let (alone, work_alone) = (metric.error(&point.off), point.work);
-        attributions.push(Attribution { node, alone, all_but, work_alone });
+        attributions.push(Attribution { node: node.clone(), alone, all_but: None, work_alone });
+    }
+    // The expensive settings come last, so that each node has a first result if the time is short.
+    for ((_, _, all_but), attribution) in settings.iter().zip(&mut attributions).filter(|_| reverse) {
+        let Some(at) = measure(bench, all_but.clone())? else { break };
+        attribution.all_but = metric.error(&bench.points[at].off);
     }
     let key = |attribution: &Attribution| {
         (attribution.all_but.unwrap_or(0.0), attribution.alone.unwrap_or(f64::INFINITY))

@@ -47,7 +47,7 @@ fn bench<'e>(engine: &'e Engine, text: &str) -> Bench<'e> {
 
 fn measured(bench: &mut Bench<'_>, assignment: Assignment) -> Result<usize, String> {
     bench.measure(&assignment).map_err(|miss| match miss {
-        Miss::Stopped => "stopped".to_owned(),
+        Miss::Stopped | Miss::Late => "stopped".to_owned(),
         Miss::Failed(why) => why,
     })
 }
@@ -67,7 +67,8 @@ fn the_bad_node_is_named_and_cheap_settings_are_found_all_the_same() {
         // The object without its shadow is nearer to the truth than no object.
         let baseline = |judged: &str| metric.worst(&bench.points[now].off, judged).unwrap();
         assert!(baseline("no shadow") > 0.0 && baseline("no shadow") < baseline("nothing inserted"));
-        let attributions = attributions(&mut bench, &metric, true, measured).unwrap();
+        let attributions =
+            attributions(&mut bench, &metric, true, |bench, at| measured(bench, at).map(Some)).unwrap();
         let [worst, second, ..] = attributions.as_slice() else { panic!("{attributions:?}") };
         // By itself it makes most of the error, and its repair takes away more than a quarter.
         assert_eq!(worst.node, node, "{attributions:#?}");

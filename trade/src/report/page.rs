@@ -6,6 +6,7 @@ use std::sync::Arc;
 use engine::{Level, PRESETS};
 use nodes::types::{Images, Picture};
 
+use super::measure::Measured;
 use crate::attribution::{Attribution, Blame};
 use crate::bench::{Bench, Miss, Point};
 use crate::html::Page;
@@ -16,13 +17,9 @@ use crate::plot::{self, Dot, tick_text};
 use crate::search::{Tried, pareto};
 
 /// The page of a measured graph.
-pub fn page(
-    bench: &Bench<'_>,
-    metric: &Metric,
-    presets: &[usize],
-    now: usize,
-    attributions: &[Attribution],
-) -> Result<Page, Miss> {
+pub fn page(bench: &Bench<'_>, metric: &Metric, measured: &Measured) -> Result<Page, Miss> {
+    let Measured { presets, now, attributions, .. } = measured;
+    let now = *now;
     let mut page = Page::default();
     facts(&mut page, bench, metric, now, attributions);
     page.words(&format!(
@@ -35,12 +32,16 @@ pub fn page(
     if !bench.remarks.is_empty() {
         page.words(&format!("About the pictures: {}.", bench.remarks.join("; ")));
     }
-    pictures(&mut page, bench, presets, now)?;
-    plots(&mut page, bench, metric, presets, now);
+    if measured.late {
+        page.words("The time was over before everything was measured; what is missing below was not.");
+    }
+    pictures(&mut page, bench, measured)?;
+    plots(&mut page, bench, metric, measured);
     page.heading("Presets");
     let mut rows = Vec::new();
-    for (name, &at) in PRESETS.iter().chain(&["as it is"]).zip(presets.iter().chain([&now])) {
-        let point = &bench.points[at];
+    for (name, at) in PRESETS.iter().chain(&["as it is"]).zip(presets.iter().chain([&Some(now)])) {
+        let Some(at) = at else { continue };
+        let point = &bench.points[*at];
         let mut row = vec![(*name).to_owned(), tick_text(point.work), tick_text(point.cpu_seconds)];
         for region in ["whole", "touched"] {
             for of in ["flip", "rmse"] {
@@ -92,9 +93,9 @@ fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, attrib
     ]);
 }
 
-fn pictures(page: &mut Page, bench: &Bench<'_>, presets: &[usize], now: usize) -> Result<(), Miss> {
-    let reference = bench.pictures_at(presets[3])?;
-    let pictures = bench.pictures_at(now)?;
+fn pictures(page: &mut Page, bench: &Bench<'_>, measured: &Measured) -> Result<(), Miss> {
+    let reference = bench.pictures_at(measured.reference)?;
+    let pictures = bench.pictures_at(measured.now)?;
     let maps = bench.flip_maps(&pictures);
     page.heading("Pictures");
     page.words("Current result, reference, and FLIP difference (square-root scale: black 0, white 1).");
@@ -129,7 +130,9 @@ fn pictures(page: &mut Page, bench: &Bench<'_>, presets: &[usize], now: usize) -
     Ok(())
 }
 
-fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, presets: &[usize], now: usize) {
+fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, measured: &Measured) {
+    let now = measured.now;
+    let is_preset = |point: usize| measured.presets.contains(&Some(point));
     let mut outputs: Vec<&str> = bench.points[now].off.iter().map(|row| row.output.as_str()).collect();
     outputs.dedup();
     let mut plots = Vec::new();
@@ -153,13 +156,13 @@ fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, presets: &[usize],
             .map(|(at, (index, t))| Dot {
                 cost: t.cost,
                 error: t.error,
-                name: if *index == now && !presets.contains(index) {
+                name: if *index == now && !is_preset(*index) {
                     "as it is".to_owned()
                 } else {
                     bench.name(&t.assignment)
                 },
                 front: front.contains(&at),
-                named: presets.contains(index) || *index == now,
+                named: is_preset(*index) || *index == now,
             })
             .collect();
         let axis = format!("error ({})", metric.name);
