@@ -9,10 +9,10 @@ use super::unseen::Unseen;
 use crate::geometry::bvh::Ray;
 use crate::geometry::support::Level;
 use crate::render::transport::ground::capture_point::{CaptureFault, NEAREST};
+use crate::render::transport::ground::embedded::Embedded;
 use crate::render::transport::ground::limits::LARGEST;
-use crate::render::transport::ground::side::Lost;
+use crate::render::transport::ground::side::Unsupported;
 use crate::render::transport::ground::standing::Standing;
-use crate::render::transport::ground::sunk::Sunk;
 use crate::render::transport::path::visibility::Rules;
 use crate::render::transport::picture::accumulator::FinishedView;
 use crate::render::transport::picture::accumulator::ReachedError;
@@ -212,19 +212,23 @@ pub(crate) fn report_standing(
     (metres_per_unit, contact_metres): (f64, Option<f64>),
     notes: &mut Notes,
 ) {
-    let Standing { ground, sides, carried, tall, lost, sunk } = standing;
+    let Standing { ground, sides, carried, tall, unsupported, embedded } = standing;
     report_contact(ground, carried, tall, (metres_per_unit, contact_metres), notes);
-    for why in [Lost::OverNothing, Lost::Buried] {
-        report_lost((0..lost.len()).filter(|index| lost[*index] == Some(why)), why, notes);
+    for why in [Unsupported::OverNothing, Unsupported::Buried] {
+        report_unsupported(
+            (0..unsupported.len()).filter(|index| unsupported[*index] == Some(why)),
+            why,
+            notes,
+        );
     }
     report_sides(sides.iter().map(|sides| &sides[..]), metres_per_unit, notes);
-    report_sunk(sunk, metres_per_unit, notes);
+    report_embedded(embedded, metres_per_unit, notes);
 }
 
 /// Warns of objects partly embedded in a surface that they do not stand on.
-fn report_sunk(sunk: &[Option<Sunk>], metres_per_unit: f64, notes: &mut Notes) {
-    for (index, sunk) in sunk.iter().enumerate() {
-        let Some(Sunk { share, depth }) = *sunk else { continue };
+fn report_embedded(embedded: &[Option<Embedded>], metres_per_unit: f64, notes: &mut Notes) {
+    for (index, embedded) in embedded.iter().enumerate() {
+        let Some(Embedded { share, depth }) = *embedded else { continue };
         let millimetres = (f64::from(depth) * metres_per_unit * 1e3).ceil();
         let text = format!(
             "object {index} is partly embedded in the receiver mesh, which hides {:.0} % of its side facing the first camera",
@@ -279,7 +283,7 @@ fn report_sides<'a>(sides: impl Iterator<Item = &'a [Level]>, metres_per_unit: f
 }
 
 /// Warns of objects without any receiver below them.
-fn report_lost(objects: impl Iterator<Item = usize>, why: Lost, notes: &mut Notes) {
+fn report_unsupported(objects: impl Iterator<Item = usize>, why: Unsupported, notes: &mut Notes) {
     let named: Vec<String> = objects.map(|index| index.to_string()).collect();
     if named.is_empty() {
         return;
@@ -288,12 +292,12 @@ fn report_lost(objects: impl Iterator<Item = usize>, why: Lost, notes: &mut Note
     let (word, stand, lie) = if one { ("object", "stands", "lies") } else { ("objects", "stand", "lie") };
     let named = named.join(", ");
     match why {
-        Lost::OverNothing => {
+        Unsupported::OverNothing => {
             let text = format!("{word} {named} {stand} over a hole or beyond the edge of the receiver mesh");
             let hint = "close the hole in the mesh, or move the pose";
             notes.warning("no-ground", format!("{text}, where no shadow can fall; {hint}"));
         }
-        Lost::Buried => {
+        Unsupported::Buried => {
             let text = format!("{word} {named} {lie} wholly or partly below the ground");
             notes
                 .warning("under-the-ground", format!("{text}; `snap` moves objects near the ground onto it"));

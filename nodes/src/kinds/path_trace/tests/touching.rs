@@ -199,7 +199,7 @@ fn a_rug_under_a_table_stays_on_the_floor() {
 }
 
 /// For a picture on a wall with 3 mm of noise, the distance at which it is whole is reported; there, on a smooth
-/// wall and on rough ground nothing is reported. Mutation: `TOLD` from 0.7 on (seen red).
+/// wall and on rough ground nothing is reported. Mutation: `REPORTED` from 0.7 on (seen red).
 #[test]
 fn a_picture_in_a_rough_wall_is_reported() {
     let camera = rig(DVec3::new(0.3, -3.0, 0.2), DVec3::ZERO, 16, 1.5);
@@ -229,7 +229,7 @@ fn a_picture_in_a_rough_wall_is_reported() {
 
 /// An object on a floor is not embedded in a surface, for any `contact_metres`: neither by its level nor by the
 /// inside of its bottom, which it hides itself. An object off the floor is reported all the same. Mutation: in
-/// `measure` nothing measured where `fixed`, and `double_sided &&` to `false &&` in `sunk.rs`.
+/// `measure` nothing measured where `fixed`, and `double_sided &&` to `false &&` in `embedded.rs`.
 #[test]
 fn what_stands_on_a_floor_lies_in_no_surface() {
     let material = Material { double_sided: true, ..matte(0.5) };

@@ -29,7 +29,7 @@ pub(crate) fn is_near(measured: &Level, metre: f64) -> bool {
 
 /// The supports found for an object.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Found {
+pub struct Measured {
     /// The level of the ground below it, even if too far away.
     pub ground: Option<Level>,
     /// The levels of the surfaces that its flat sides rest on.
@@ -56,11 +56,11 @@ pub fn measure(
     up: DVec3,
     metre: f64,
     fixed: Option<f64>,
-) -> (Ground, Vec<Found>) {
+) -> (Ground, Vec<Measured>) {
     let mut ground = Ground::default();
     let mut found = Vec::with_capacity(objects.len());
     for (placed, stands) in objects {
-        let mut of_object = Found::default();
+        let mut of_object = Measured::default();
         let flat = if fixed == Some(0.0) { Vec::new() } else { Side::flat(placed.as_ref(), up) };
         let mut is_level = true;
         for side in flat {

@@ -12,7 +12,7 @@ use crate::types::Placed;
 /// Rays per side of the grid that samples the receiver near a side of an object.
 const GRID: u32 = 16;
 /// Minimum share of those rays that must find ground for an object to stand on it.
-const FOUND: f64 = 0.25;
+const STANDS: f64 = 0.25;
 /// Minimum share of the rays within a flat side that must find its support.
 const AGAINST: f64 = 0.5;
 /// Minimum share of the box that a flat side spans, in both directions: a drum that lies along a wall spans 0.28.
@@ -24,7 +24,7 @@ const SLANT: f64 = 0.1;
 
 /// Why an object has no receiver below it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Lost {
+pub(crate) enum Unsupported {
     /// It is over a hole of the mesh, or beyond its edge.
     OverNothing,
     /// The ground is above it.
@@ -110,7 +110,7 @@ impl Side {
 
     /// Rays against `out` over a grid, from `largest` above the side to `largest` below, and their positions on the
     /// side.
-    pub(crate) fn feelers(&self, origin: DVec3, largest: f64) -> impl Iterator<Item = ([f64; 2], Ray)> {
+    pub(crate) fn grid_rays(&self, origin: DVec3, largest: f64) -> impl Iterator<Item = ([f64; 2], Ray)> {
         let Self { out, axes, height, middle, half, .. } = *self;
         (0..GRID * GRID).map(move |k| {
             let place = [k % GRID, k / GRID].map(|i| (f64::from(2 * i + 1) / f64::from(GRID)) - 1.0);
@@ -122,7 +122,7 @@ impl Side {
     }
 
     /// Heights of the mesh over the side, where it is parallel to it, and whether it faces the object.
-    fn felt(
+    fn heights(
         &self,
         (receiver, inverted): (&Receiver, bool),
         origin: DVec3,
@@ -134,27 +134,27 @@ impl Side {
             let along = receiver.normal(hit.triangle).dot(out).abs() >= STEEPEST;
             along.then(|| ([x, y, largest - f64::from(hit.t)], hit.back == inverted))
         };
-        self.feelers(origin, largest).filter_map(height).collect()
+        self.grid_rays(origin, largest).filter_map(height).collect()
     }
 
     /// The level of the mesh over a foot. A surface above that faces down is a ceiling and does not count.
     pub(crate) fn ground(&self, receiver: (&Receiver, bool), origin: DVec3, largest: f64) -> Option<Level> {
-        let felt = self.felt(receiver, origin, largest).into_iter();
-        let heights: Vec<_> = felt.filter(|(at, faces)| *faces || at[2] <= 0.0).map(|(at, _)| at).collect();
-        let enough = heights.len() as f64 >= FOUND * f64::from(GRID * GRID);
+        let hits = self.heights(receiver, origin, largest).into_iter();
+        let heights: Vec<_> = hits.filter(|(at, faces)| *faces || at[2] <= 0.0).map(|(at, _)| at).collect();
+        let enough = heights.len() as f64 >= STANDS * f64::from(GRID * GRID);
         if enough { Level::of(&heights) } else { None }
     }
 
     /// True if most of the side has nothing below it at any distance, and if so, whether the ground is above it.
-    pub(crate) fn lost(
+    pub(crate) fn unsupported(
         &self,
         (receiver, inverted): (&Receiver, bool),
         origin: DVec3,
         metre: f64,
-    ) -> Option<Lost> {
+    ) -> Option<Unsupported> {
         let own = self.own();
         let (mut all, mut under, mut over) = (0, 0, 0);
-        for ([x, y], ray) in self.feelers(origin, LARGEST * metre) {
+        for ([x, y], ray) in self.grid_rays(origin, LARGEST * metre) {
             if x.abs() <= own[0] && y.abs() <= own[1] {
                 let (down, up) = (Ray { t_max: f32::INFINITY, ..ray }, Ray::new(ray.origin, -ray.direction));
                 all += 1;
@@ -164,8 +164,8 @@ impl Side {
             }
         }
         match (2 * under < all, 2 * over > all) {
-            (true, true) => Some(Lost::Buried),
-            (true, false) => Some(Lost::OverNothing),
+            (true, true) => Some(Unsupported::Buried),
+            (true, false) => Some(Unsupported::OverNothing),
             (false, _) => None,
         }
     }
@@ -181,11 +181,11 @@ impl Side {
         metre: f64,
         fixed: Option<f64>,
     ) -> Option<(Level, f64)> {
-        let felt = self.felt(receiver, origin, LARGEST * metre).into_iter();
-        let heights: Vec<_> = felt.filter(|(_, faces)| *faces).map(|(at, _)| at).collect();
+        let hits = self.heights(receiver, origin, LARGEST * metre).into_iter();
+        let heights: Vec<_> = hits.filter(|(_, faces)| *faces).map(|(at, _)| at).collect();
         let own = self.own();
         let within = |x: f64, y: f64| x.abs() <= own[0] && y.abs() <= own[1];
-        let sent = self.feelers(origin, 0.0).filter(|([x, y], _)| within(*x, *y)).count();
+        let sent = self.grid_rays(origin, 0.0).filter(|([x, y], _)| within(*x, *y)).count();
         let found = heights.iter().filter(|[x, y, _]| within(*x, *y)).count();
         if (found as f64) < AGAINST * sent as f64 {
             return None;

@@ -3,13 +3,13 @@
 use glam::{DVec3, Vec3};
 
 use super::contact;
+use super::embedded::Embedded;
 use super::limits::{LARGEST, TOUCHING};
 use super::probe::Probe;
-use super::side::{Lost, Side};
-use super::sunk::Sunk;
+use super::side::{Side, Unsupported};
 use crate::geometry::bvh::Hit;
 use crate::geometry::support::Level;
-use crate::render::transport::scene::lying::find_touching;
+use crate::render::transport::scene::coincident::find_touching;
 use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::types::Placed;
@@ -28,9 +28,9 @@ pub(crate) struct Standing {
     /// Height above its base, in world units.
     pub(crate) tall: Vec<f64>,
     /// Why there is no ground below it.
-    pub(crate) lost: Vec<Option<Lost>>,
+    pub(crate) unsupported: Vec<Option<Unsupported>>,
     /// How it is embedded in a surface that it does not stand on.
-    pub(crate) sunk: Vec<Option<Sunk>>,
+    pub(crate) embedded: Vec<Option<Embedded>>,
 }
 
 /// Finds the supports of the objects and stores them in `objects`. `eye` is the position of a camera in the place,
@@ -54,23 +54,23 @@ pub(crate) fn find_ground(
     let measured: Vec<_> = found.iter().map(|found| found.ground).collect();
     let carried = carried(objects, &placed, origin, up, metre);
     let tall = objects.boxes().iter().map(|one| (one.high - one.low).as_dvec3().dot(up.abs())).collect();
-    let lost = |index: usize| {
+    let unsupported = |index: usize| {
         let rests = measured[index].is_some() || carried[index] || on_others[index];
         let foot = (!rests && found[index].sides.is_empty()).then(|| Side::foot(&placed[index], up))?;
-        foot?.lost((receiver, inverted), origin, metre)
+        foot?.unsupported((receiver, inverted), origin, metre)
     };
-    let lost = (0..placed.len()).map(lost).collect();
+    let unsupported = (0..placed.len()).map(unsupported).collect();
     let stands = |index: usize| {
         let hangs = ground.error() > 0.0 && !found[index].sides.is_empty();
         measured[index].is_some_and(|level| contact::is_near(&level, metre)) || carried[index] || hangs
     };
     let near = (LARGEST / metres_per_unit) as f32;
-    let sunk = |index| if stands(index) { None } else { Sunk::of(objects, index, receiver, near) };
-    let sunk = (0..placed.len()).map(sunk).collect();
+    let embedded = |index| if stands(index) { None } else { Embedded::of(objects, index, receiver, near) };
+    let embedded = (0..placed.len()).map(embedded).collect();
     objects.touching = find_touching(objects, receiver, &ground);
     objects.ground = ground;
     let sides = found.into_iter().map(|found| found.sides).collect();
-    Standing { ground: measured, sides, carried, tall, lost, sunk }
+    Standing { ground: measured, sides, carried, tall, unsupported, embedded }
 }
 
 /// True if each object stands on another one: part of its foot, within the error of a mesh.
@@ -85,7 +85,7 @@ fn carried(
         let Some(foot) = Side::foot(placed, up) else { return false };
         let largest = LARGEST * metre;
         let others = |hit: &Hit| objects.part(hit.triangle).0.placed != index;
-        foot.feelers(origin, largest).any(|(_, ray)| objects.bvh.any(ray, others))
+        foot.grid_rays(origin, largest).any(|(_, ray)| objects.bvh.any(ray, others))
     };
     // A single object stands on no other.
     let alone = placed.len() < 2;
@@ -108,7 +108,7 @@ fn on_others(
         let lower = |hit: &Hit| bases[objects.part(hit.triangle).0.placed] < foot.height - LOWER * metre;
         let half = foot.own();
         let under = |at: &[f64; 2]| at[0].abs() <= half[0] && at[1].abs() <= half[1];
-        let mut rays = foot.feelers(origin, TOUCHING * metre).filter(|(at, _)| under(at));
+        let mut rays = foot.grid_rays(origin, TOUCHING * metre).filter(|(at, _)| under(at));
         rays.any(|(_, ray)| objects.bvh.any(ray, lower))
     };
     let alone = placed.len() < 2;

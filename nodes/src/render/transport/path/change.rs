@@ -39,7 +39,7 @@ pub struct ChangeSampling<'a> {
 }
 
 /// True if a sample estimates the change, with the given probability.
-pub fn asks(points: &Points, probability: f32) -> bool {
+pub fn estimates_change(points: &Points, probability: f32) -> bool {
     probability >= 1.0 || unit(points.bits(TOWARDS + 2)[0]) < probability
 }
 
@@ -53,7 +53,7 @@ impl<'a> Integrator<'a> {
     pub fn change(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         if self.scene.rules.near.is_some() {
             self.paired_estimate(hit, ray, sampling)
-        } else if asks(&self.pass.points, sampling.probability) {
+        } else if estimates_change(&self.pass.points, sampling.probability) {
             self.separate_estimate(hit, sampling) / sampling.probability
         } else {
             Vec3::ZERO

@@ -278,7 +278,7 @@ impl<'a> Integrator<'a> {
         }
         let mut arrived = Vec3::ZERO;
         // Lobes with the same visibility share one shadow ray.
-        let mut told: Option<(Block, bool)> = None;
+        let mut cached: Option<(Block, bool)> = None;
         for ((lobe, scatter), unshaded) in
             [Lobe::Diffuse, Lobe::Specular].into_iter().zip(&lobes).zip(unshaded)
         {
@@ -286,7 +286,7 @@ impl<'a> Integrator<'a> {
                 continue;
             }
             let block = self.scene.rules.visibility(lobe).shadow;
-            let passes = match (told, near) {
+            let passes = match (cached, near) {
                 (Some((b, passes)), _) if b == block => passes,
                 (_, None) => self.passes(block, ray),
                 (_, Some((near, _))) => {
@@ -294,7 +294,7 @@ impl<'a> Integrator<'a> {
                     near.reaches(ray, place.as_ref())
                 }
             };
-            told = Some((block, passes));
+            cached = Some((block, passes));
             if passes {
                 arrived += unshaded * scatter.value * power_heuristic(sample.pdf, scatter.pdf);
             }

@@ -12,7 +12,7 @@ use super::tile::{Sample, Tile, TileSampling};
 use super::tile_bounds::TileBounds;
 use crate::geometry::bvh::{Hit, Ray};
 use crate::math::color::luminance;
-use crate::render::transport::path::change::{ChangeSampling, asks, rays_towards};
+use crate::render::transport::path::change::{ChangeSampling, estimates_change, rays_towards};
 use crate::render::transport::path::integrator::{Integrator, Pass, Scene};
 use crate::render::transport::path::path::{Vertex, first_pair};
 use crate::render::transport::path::rays::Rays;
@@ -132,7 +132,7 @@ pub(crate) fn trace_pair(
     };
     let mut draws = LightDraws::new(scene.sky, lights, first_pair(0), {
         tile.samples.iter().map(|sample| {
-            let hit = sample.hit.filter(|_| far && asks(&sample.points, probability))?;
+            let hit = sample.hit.filter(|_| far && estimates_change(&sample.points, probability))?;
             let usual = || scene.sky.distributions(Some(scene.receiver.facing(&hit)));
             Some((sample.points, distributions.unwrap_or_else(usual)))
         })

@@ -68,7 +68,7 @@ impl ErrorGoal {
                 let scale = self.scale.max(object_luminance);
                 let object = if scale > 0.0 { 1.0 / (scale * scale) } else { 0.0 };
                 let shown = if without > self.dark {
-                    seen / beside(with / without, spread.ratio, around)
+                    seen / reference(with / without, spread.ratio, around)
                 } else {
                     0.0
                 };
@@ -102,7 +102,7 @@ impl ErrorGoal {
                 weight += seen;
             }
         }
-        if weight > 0.0 { surely(sum / weight, noise / (weight * weight)) } else { 0.0 }
+        if weight > 0.0 { lower_bound(sum / weight, noise / (weight * weight)) } else { 0.0 }
     }
 
     /// Takes the samples that each block needs by `take`, which traces a range of samples of an area. Reports
@@ -143,12 +143,12 @@ impl ErrorGoal {
 
 /// The reference of the error of a ratio: 1, or the certain value of the ratio, or, up to the ratio itself, the
 /// certain mean of its tile. An uncertain pixel in a bright tile is not an outlier.
-fn beside(ratio: f64, variance: f64, around: f64) -> f64 {
-    surely(ratio, variance).max(ratio.min(around)).max(1.0)
+fn reference(ratio: f64, variance: f64, around: f64) -> f64 {
+    lower_bound(ratio, variance).max(ratio.min(around)).max(1.0)
 }
 
 /// A lower confidence bound of a ratio, by its variance.
-fn surely(ratio: f64, variance: f64) -> f64 {
+fn lower_bound(ratio: f64, variance: f64) -> f64 {
     if ratio > 0.0 { (ratio - SURE * SURE * variance / ratio).max(0.0) } else { 0.0 }
 }
 
@@ -166,9 +166,9 @@ mod tests {
     // is certain.
     #[test]
     fn a_dot_is_not_sure_and_a_light_is() {
-        assert_eq!(surely(8.0, 64.0), 0.0);
-        assert!((surely(8.0, 0.01) - 7.995).abs() < 1e-9);
-        assert_eq!(surely(0.0, 0.0), 0.0);
+        assert_eq!(lower_bound(8.0, 64.0), 0.0);
+        assert!((lower_bound(8.0, 0.01) - 7.995).abs() < 1e-9);
+        assert_eq!(lower_bound(0.0, 0.0), 0.0);
     }
 
     // A lamp on dark ground: its light is 2000 times the original, and a single pixel is uncertain. An outlier in
@@ -177,14 +177,14 @@ mod tests {
     fn a_pixel_that_is_not_sure_is_judged_beside_what_its_tile_surely_is() {
         let tile = |others: [f64; 2], odd: [f64; 2]| {
             let (sum, noise) = (63.0 * others[0] + odd[0], 63.0 * others[1] * others[1] + odd[1] * odd[1]);
-            surely(sum / 64.0, noise / 4096.0)
+            lower_bound(sum / 64.0, noise / 4096.0)
         };
         let bright = tile([2000.0, 500.0], [1910.0, 1024.0]);
-        assert!(bright > 1950.0 && surely(1910.0, 1024.0 * 1024.0) == 0.0);
-        assert!((1024.0 / beside(1910.0, 1024.0 * 1024.0, bright) - 0.54).abs() < 0.01);
-        assert_eq!(beside(1.2, 0.01, bright), 1.2, "no more than it is");
+        assert!(bright > 1950.0 && lower_bound(1910.0, 1024.0 * 1024.0) == 0.0);
+        assert!((1024.0 / reference(1910.0, 1024.0 * 1024.0, bright) - 0.54).abs() < 0.01);
+        assert_eq!(reference(1.2, 0.01, bright), 1.2, "no more than it is");
         let dark = tile([1.0, 0.0], [64.0, 64.0]);
-        assert_eq!(beside(64.0, 64.0 * 64.0, dark), 1.0);
+        assert_eq!(reference(64.0, 64.0 * 64.0, dark), 1.0);
     }
 
     #[test]

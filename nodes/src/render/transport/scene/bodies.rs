@@ -12,7 +12,7 @@ use crate::geometry::sampling::{hash, unit};
 use crate::math::num;
 
 /// Points per surface from which the number of surrounding bodies is sampled.
-const FEELERS: usize = 64;
+const SURFACE_SAMPLES: usize = 64;
 
 /// Orders hits along a ray.
 pub(crate) fn nearer(a: &Hit, b: &Hit) -> Ordering {
@@ -87,7 +87,7 @@ impl Objects {
         };
         let of_bodies = self.parts_with_triangles().filter(|(part, _)| part.body.is_some());
         let deepest = of_bodies.flat_map(|(_, all)| {
-            let step = all.len().div_ceil(FEELERS).max(1);
+            let step = all.len().div_ceil(SURFACE_SAMPLES).max(1);
             all.step_by(step).map(|triangle| around(triangle as u32, self.corners[triangle]))
         });
         deepest.max().filter(|&deepest| deepest > MOST)

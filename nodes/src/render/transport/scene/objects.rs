@@ -75,7 +75,7 @@ pub struct Objects {
     pub touching: Touching,
     /// Supports of the objects.
     pub ground: Ground,
-    /// Largest distance by which a flat object was lifted off another: see [`super::stacked`].
+    /// Largest distance by which a flat object was lifted off another: see [`super::sheets`].
     pub(crate) lifted: f32,
 }
 

@@ -17,17 +17,17 @@ impl Shades {
     /// The boxes of emissive primitives, each joined with the boxes of translucent primitives that it meets. Boxes
     /// that meet are joined.
     pub(crate) fn of<'a>(parts: impl Iterator<Item = (Aabb, &'a Material)>) -> Self {
-        let (mut lamps, mut papers) = (Vec::new(), Vec::new());
+        let (mut lamps, mut translucent) = (Vec::new(), Vec::new());
         for (around, material) in parts.filter(|(around, _)| !around.is_empty()) {
             if material.shines() {
                 lamps.push(around);
             } else if material.diffuse_transmission.strength.factor > 0.0 {
-                papers.push(around);
+                translucent.push(around);
             }
         }
         let mut boxes: Vec<Aabb> = Vec::new();
-        for paper in papers.iter().filter(|paper| lamps.iter().any(|lamp| lamp.meets(paper))) {
-            let mut whole = lamps.iter().filter(|lamp| lamp.meets(paper)).fold(*paper, |a, b| a.joined(*b));
+        for shade in translucent.iter().filter(|shade| lamps.iter().any(|lamp| lamp.meets(shade))) {
+            let mut whole = lamps.iter().filter(|lamp| lamp.meets(shade)).fold(*shade, |a, b| a.joined(*b));
             while let Some(at) = boxes.iter().position(|known| known.meets(&whole)) {
                 whole = whole.joined(boxes.swap_remove(at));
             }

@@ -8,18 +8,18 @@ use crate::render::transport::scene::receiver::Receiver;
 /// Sample points per object.
 const PLACES: u32 = 256;
 /// Range of the hidden share that is reported: less is an edge, more is an object inside a wall.
-const TOLD: std::ops::Range<f64> = 0.05..0.95;
+const REPORTED: std::ops::Range<f64> = 0.05..0.95;
 
 /// How an object is embedded in the receiver.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Sunk {
+pub(crate) struct Embedded {
     /// Share of the side facing the first camera that the receiver hides.
     pub(crate) share: f64,
     /// Depth along the object's normals, in world units.
     pub(crate) depth: f32,
 }
 
-impl Sunk {
+impl Embedded {
     /// Measures an object, by sample points that face the first camera and rays of length `near` towards it.
     pub(crate) fn of(objects: &Objects, index: usize, receiver: &Receiver, near: f32) -> Option<Self> {
         let triangles: Vec<u32> = objects.triangles_of(index).collect();
@@ -65,6 +65,6 @@ impl Sunk {
             }
         }
         let share = f64::from(behind) / f64::from(facing.max(1));
-        TOLD.contains(&share).then_some(Self { share, depth })
+        REPORTED.contains(&share).then_some(Self { share, depth })
     }
 }
