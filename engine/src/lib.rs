@@ -103,7 +103,7 @@ pub use graph::knobs::GraphKnob;
 pub use graph::node::{Node, Wire};
 pub use graph::reads::ReadFiles;
 pub use kind::context::{Context, ContextField};
-pub use kind::contract::{Cost, Keep, Kind, Preview, Sizes, ViewCount};
+pub use kind::contract::{Cost, Former, Keep, Kind, Preview, Sizes, ViewCount};
 pub use kind::fields::Fields;
 pub use kind::knob::{Knob, KnobKind};
 pub use kind::param_type::{NotCanonical, OutputFile, ParamType, ParamValue, Role, canonical};

@@ -14,7 +14,7 @@ pub use row::row;
 
 /// A context outside of any run: z up, metres, seed 7.
 pub fn context() -> Context {
-    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, ".")
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".")
 }
 
 /// A scene of degree 0 without splats.

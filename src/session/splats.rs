@@ -84,7 +84,7 @@ impl From<UpArg> for Up {
 
 /// A context for work outside a graph.
 pub fn context(up: Up) -> Context {
-    Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, "")
+    Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, "")
 }
 
 /// Refuses a path that is neither a file nor a folder: a device or a pipe may never end.

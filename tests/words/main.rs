@@ -25,6 +25,9 @@ const HELD: &[&str] = &[
     "trade",
     "cache",
     "nodes/benches",
+    "nodes/src/kinds/path_trace",
+    "nodes/src/light/env_resolution.rs",
+    "nodes/src/render/transport",
     "nodes/fuzz",
     "engine",
 ];

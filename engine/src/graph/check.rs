@@ -23,7 +23,7 @@ use crate::text::syntax::twice;
 use crate::value::root::SourceRoot;
 
 /// The fields of the `scene` block.
-pub(crate) const SCENE_FIELDS: [&str; 3] = ["up", "metres_per_unit", "seed"];
+pub(crate) const SCENE_FIELDS: [&str; 4] = ["up", "metres_per_unit", "seed", "exhaustive"];
 
 impl<'t, 'a> Check<'t, 'a> {
     /// Checks everything except the nodes.
@@ -86,7 +86,7 @@ impl<'t, 'a> Check<'t, 'a> {
                         format!("`scene` has no field `{}`", field.name),
                     )
                     .suggest(field.name, known)
-                    .hint("it has `up`, `metres_per_unit` and `seed`"),
+                    .hint("it has `up`, `metres_per_unit`, `seed` and `exhaustive`"),
                 );
             }
         }
@@ -95,10 +95,11 @@ impl<'t, 'a> Check<'t, 'a> {
         let up: Option<Up> = fields.parameter("up", None, None);
         let metres_per_unit = fields.parameter("metres_per_unit", Some(1.0), Some((1e-9, 1e9)));
         let seed = fields.parameter("seed", Some(0_u64), None);
+        let exhaustive = fields.parameter("exhaustive", Some(false), None);
         if self.diagnostics.len() > before {
             return None;
         }
-        Some(Scene { up: up?, metres_per_unit: metres_per_unit?, seed: seed? })
+        Some(Scene { up: up?, metres_per_unit: metres_per_unit?, seed: seed?, exhaustive: exhaustive? })
     }
 
     /// Checks the nodes. Returns those without mistakes, and the wiring of all.
@@ -160,7 +161,14 @@ impl<'t, 'a> Check<'t, 'a> {
         reads: &mut Vec<(usize, Range<usize>)>,
     ) -> Option<Template<'a, 't>> {
         let before = self.diagnostics.len();
+        let former = former_fields(raw, kind);
+        for (_, former) in &former {
+            self.report(former.clone());
+        }
         for (index, field) in raw.fields.iter().enumerate() {
+            if former.iter().any(|(fields, _)| fields.contains(&field.name)) {
+                continue;
+            }
             let names = || kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
             if !names().any(|name| name == field.name) {
                 let message = format!("`{}` has no field `{}`", kind.camel_name(), shown(field.name));
@@ -181,6 +189,9 @@ impl<'t, 'a> Check<'t, 'a> {
         let mut own = Vec::new();
         for field in &raw.fields {
             let Some(param) = kind.params.iter().find(|param| param.name == field.name) else {
+                if former.iter().any(|(fields, _)| fields.contains(&field.name)) {
+                    continue;
+                }
                 if let Ok(1..) = axes_read(field.text, &field.span, &self.axes).map(|axes| axes.len()) {
                     self.report(Diagnostic::new(field.span.clone(), "a wire cannot run along an axis"));
                 }
@@ -280,6 +291,29 @@ impl Graph {
             _ => Err(Diagnostics { files, ..Diagnostics::new(source, diagnostics) }),
         }
     }
+}
+
+/// The parameters of former versions among the fields of a node, each group with what to write instead of it.
+fn former_fields(raw: &RawNode<'_>, kind: &KindEntry) -> Vec<(&'static [&'static str], Diagnostic)> {
+    let texts: Vec<(&str, &str)> = raw.fields.iter().map(|field| (field.name, field.text)).collect();
+    let mut found: Vec<(&'static [&'static str], Diagnostic)> = Vec::new();
+    for field in &raw.fields {
+        let known = kind.params.iter().any(|param| param.name == field.name)
+            || found.iter().any(|(fields, _)| fields.contains(&field.name));
+        let Some(former) = (!known).then(|| (kind.former)(field.name, &texts)).flatten() else { continue };
+        let written: Vec<String> = texts
+            .iter()
+            .filter(|(name, _)| former.fields.contains(name))
+            .map(|(name, _)| format!("`{name}`"))
+            .collect();
+        let version = format!("`{}` {}", kind.name, former.last);
+        let message = format!("`{}` no longer has {}", kind.camel_name(), written.join(", "));
+        let mistake = Diagnostic::of(Code::UnknownField, field.name_span.clone(), message)
+            .label(former.instead)
+            .hint(format!("a recipe or bundle that has it runs in a program with {version} or earlier"));
+        found.push((former.fields, mistake));
+    }
+    found
 }
 
 fn wiring_of(node: &Arc<Node>) -> Vec<(usize, Range<usize>)> {

@@ -28,6 +28,8 @@ pub enum ContextField {
     MetresPerUnit,
     /// [`Scene::seed`].
     Seed,
+    /// [`Scene::exhaustive`].
+    Exhaustive,
     /// The names of the outputs connected to the inputs; see [`Context::wired`].
     Wired,
     /// The axis values of the nodes above; see [`Context::points`].
@@ -37,8 +39,15 @@ pub enum ContextField {
 }
 
 impl ContextField {
-    pub(crate) const ALL: &'static [Self] =
-        &[Self::Up, Self::MetresPerUnit, Self::Seed, Self::Wired, Self::Points, Self::Recipe];
+    pub(crate) const ALL: &'static [Self] = &[
+        Self::Up,
+        Self::MetresPerUnit,
+        Self::Seed,
+        Self::Exhaustive,
+        Self::Wired,
+        Self::Points,
+        Self::Recipe,
+    ];
 }
 
 /// A source file whose digest is part of the key.
@@ -117,6 +126,13 @@ impl Context {
     pub fn seed(&self) -> u64 {
         self.declared(ContextField::Seed);
         self.scene.seed
+    }
+
+    /// Whether to do all work, also where a check shows that it changes no byte, so that what such checks save can be
+    /// measured. The kind must declare [`ContextField::Exhaustive`].
+    pub fn exhaustive(&self) -> bool {
+        self.declared(ContextField::Exhaustive);
+        self.scene.exhaustive
     }
 
     /// The canonical graph above this node, for the metadata of written pictures: nodes renumbered in order, all

@@ -51,6 +51,25 @@ pub enum Keep {
     Cheap,
 }
 
+/// What to write instead of a parameter of a former version.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Former {
+    /// The parameters that went together, reported as one.
+    pub fields: &'static [&'static str],
+    /// The last version of the kind that had them.
+    pub last: u32,
+    /// What to do, as in ``write `surroundings: Open` ``.
+    pub instead: String,
+}
+
+impl Former {
+    /// Parameters that forced work which changes no byte: `--exhaustive` does so for a whole run.
+    pub fn exhaustive(fields: &'static [&'static str], last: u32) -> Self {
+        let instead = "remove it; `--exhaustive` forces all such work in a run".to_owned();
+        Self { fields, last, instead }
+    }
+}
+
 /// Number of views that a node outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ViewCount {
@@ -134,6 +153,12 @@ pub trait Kind: 'static {
     /// The files that `run` reads. Only headers may be read to find them.
     fn sources(_params: &Self::Params, _root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         Ok(Vec::new())
+    }
+
+    /// What to write instead of the field `name`, if a former version had it. `fields` are all fields of the node as
+    /// written, by name and text.
+    fn former(_name: &str, _fields: &[(&str, &str)]) -> Option<Former> {
+        None
     }
 
     /// Checks combinations of parameters. Ranges are declared with the parameters.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::kind::context::{Context, ContextField};
-use crate::kind::contract::{Cost, Keep, Kind, Preview, Sizes, ViewCount};
+use crate::kind::contract::{Cost, Former, Keep, Kind, Preview, Sizes, ViewCount};
 use crate::kind::fields::Fields;
 use crate::kind::param_type::{ParamValue, Role};
 use crate::kind::params::{ParamSpec, Params};
@@ -103,6 +103,8 @@ pub struct KindEntry {
     pub(crate) supplied: Option<&'static str>,
     /// True if a parameter names a source file.
     pub(crate) reads_files: bool,
+    /// [`Kind::former`].
+    pub(crate) former: fn(&str, &[(&str, &str)]) -> Option<Former>,
     pub(crate) read: fn(&mut Fields<'_, '_>) -> Option<Arc<dyn Step>>,
 }
 
@@ -126,6 +128,7 @@ impl KindEntry {
             preview: K::PREVIEW,
             folders: K::FOLDERS,
             supplied: K::SUPPLIED,
+            former: K::former,
             read: |fields| {
                 let step: Arc<dyn Step> = Arc::new(StepOf::<K>(K::Params::read(fields)?));
                 Some(step)

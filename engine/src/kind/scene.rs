@@ -56,6 +56,8 @@ pub struct Scene {
     pub metres_per_unit: f64,
     /// Seed of all random numbers in the graph.
     pub seed: u64,
+    /// Whether work is done that checks show to change no byte; see [`crate::Context::exhaustive`].
+    pub exhaustive: bool,
 }
 
 /// Axis values of a node as (axis, value in RON): `[("yaw", "15.0")]`.

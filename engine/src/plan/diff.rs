@@ -33,6 +33,7 @@ pub fn graph_differences(a: &Graph, b: &Graph) -> Vec<(String, NodeDifference)> 
             ("up", scene.up.name().to_owned()),
             ("metres_per_unit", format!("{:?}", scene.metres_per_unit)),
             ("seed", scene.seed.to_string()),
+            ("exhaustive", scene.exhaustive.to_string()),
         ];
         fields.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
     };

@@ -31,13 +31,14 @@ pub(crate) fn recipe<'s>(
     for (index, &node) in order.iter().enumerate() {
         number[node] = index;
     }
-    let Scene { up, metres_per_unit, seed } = graph.scene;
+    let Scene { up, metres_per_unit, seed, exhaustive } = graph.scene;
+    let exhaustive = if exhaustive { ",exhaustive:true" } else { "" };
     let kinds: BTreeMap<&str, &KindEntry> =
         order.iter().map(|&node| &graph.nodes[node].kind).map(|kind| (kind.name, &**kind)).collect();
     let kinds: Vec<String> =
         kinds.values().map(|kind| format!("{} {} {}", kind.name, kind.version, kind.profile)).collect();
     let mut text = format!(
-        "{HEAD}{}\nGraph(version:1,scene:(up:\"{}\",metres_per_unit:{metres_per_unit:?},seed:{seed}),nodes:(\n",
+        "{HEAD}{}\nGraph(version:1,scene:(up:\"{}\",metres_per_unit:{metres_per_unit:?},seed:{seed}{exhaustive}),nodes:(\n",
         kinds.join(", "),
         up.name()
     );

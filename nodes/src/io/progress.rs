@@ -176,7 +176,7 @@ mod tests {
     use crate::io::{exr, hdr, jpeg, png};
 
     fn cx() -> Context {
-        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".")
+        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".")
     }
 
     #[test]

@@ -98,7 +98,8 @@ mod tests {
     }
 
     fn join(reports: Vec<Arc<Report>>) -> Result<Report, String> {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let joined = JoinReports::run(&JoinReports {}, In { reports }, &cx).map_err(|e| e.to_string())?;
         Ok((*joined.0.report).clone())
     }

@@ -242,7 +242,10 @@ mod tests {
     ) -> Result<(Out, Notes), NodeError> {
         let folder = tempfile::tempdir().expect("a folder");
         std::fs::write(folder.path().join("a"), bytes).expect("writes");
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+        let cx = Context::detached(
+            Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+            folder.path(),
+        );
         let p = LoadPanorama {
             path: InputFile("a".into()),
             layer: String::new(),
@@ -320,7 +323,8 @@ mod tests {
     fn a_turn_mixes_what_is_seen() {
         let (seen, hole) = ([0.8, 0.4, 0.2, 1.0], [0.0; 4]);
         let pixels: Vec<[f32; 4]> = (0..32).map(|i| if i == 11 { hole } else { seen }).collect();
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, "");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, "");
         let (colours, alpha) = straight(turn(&pixels, 8, 15.0, &cx).expect("turns"));
         let alphas: Vec<f32> = alpha.into_iter().filter(|a| *a < 1.0).collect();
         assert!(alphas.len() == 2 && (alphas[0] + alphas[1] - 1.0).abs() < 1e-6, "{alphas:?}");

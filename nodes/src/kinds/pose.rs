@@ -109,7 +109,7 @@ mod tests {
     use engine::{Scene, Up};
 
     pub(crate) fn pose(up: Up, p: &PoseNode) -> Pose {
-        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let (out, _) = PoseNode::run(p, In {}, &cx).unwrap_or_else(|e| panic!("{e}"));
         (*out.pose).clone()
     }

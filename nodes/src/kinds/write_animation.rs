@@ -126,7 +126,8 @@ mod tests {
     use engine::{Scene, Up};
 
     fn write(frames: &[Images]) -> Result<Vec<FileBytes>, String> {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let p = WriteAnimation { path: OutputFile("a.png".into()), fps: 10.0, plays: 3, recipe: true };
         WriteAnimation::check(&p).map_err(|e| e.to_string())?;
         let frames = frames.iter().cloned().map(Arc::new).collect();

@@ -288,7 +288,8 @@ mod tests {
 
     fn run(p: &WriteExr, inputs: In) -> Result<(Vec<FileBytes>, Notes), NodeError> {
         WriteExr::check(p)?;
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         WriteExr::run(p, inputs, &cx).map(|(out, notes)| (out.files.0.clone(), notes))
     }
     fn node(names: &[&str]) -> WriteExr {

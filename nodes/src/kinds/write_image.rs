@@ -145,7 +145,7 @@ mod tests {
     use engine::{Scene, Up};
 
     fn cx() -> Context {
-        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".")
+        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".")
     }
     fn node(path: &str) -> WriteImage {
         WriteImage {

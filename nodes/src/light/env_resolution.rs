@@ -66,12 +66,12 @@ impl EnvResolution {
         if 2 * self.columns > there {
             return;
         }
-        let text = format!("the environment has {there} columns where {} do: {}", self.columns, self.why());
+        let text =
+            format!("the environment has {there} columns, and {} are enough: {}", self.columns, self.why());
         notes.decision(
             "finer-than-needed",
             format!(
-                "{text}; a smaller panorama looks the same and is faster: `fit-probe` makes it, or `width_px` where the \
-                 graph says so"
+                "{text}; make a smaller panorama with `fit-probe` or `width_px`: it looks the same and is faster"
             ),
         );
     }
@@ -84,7 +84,7 @@ impl EnvResolution {
         };
         let light = match self.light_deg {
             Some(width) => format!("the smallest light is {width:.1} degrees wide"),
-            None => "no light stands out".to_owned(),
+            None => "there is no small light".to_owned(),
         };
         format!("{surface}, {light}")
     }

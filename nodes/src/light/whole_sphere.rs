@@ -187,7 +187,7 @@ mod tests {
     use glam::DVec3;
 
     fn detached(up: Up) -> Context {
-        Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".")
+        Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".")
     }
 
     // A light in front, rotated by yaw, must be where the yaw of a pose would put it.

@@ -78,7 +78,10 @@ fn what_is_not_finite_is_dropped_or_named() {
     let mut rows = vec![PlyRow::default(); 40_000];
     rows[33_333].opacity = f32::NAN;
     std::fs::write(folder.path().join("a.ply"), build::ply(&rows, 0)).unwrap();
-    let cx = Context::detached(engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let cx = Context::detached(
+        engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+        folder.path(),
+    );
     let mut params = LoadSplats {
         path: InputFile("a.ply".into()),
         more: Vec::new(),
@@ -309,7 +312,10 @@ fn sog_versions_and_wrappings_agree() {
     std::fs::write(folder.path().join("three.sog"), build::zip("inner/", &build::sog(2), false)).unwrap();
     std::fs::write(folder.path().join("zour.sog"), build::zip("", &build::sog(2), true)).unwrap();
     std::fs::write(folder.path().join("readme.txt"), "no splats").unwrap();
-    let cx = Context::detached(engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let cx = Context::detached(
+        engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+        folder.path(),
+    );
     let root = SourceRoot::new(folder.path());
     let load = |path: &str| {
         let params = LoadSplats {
@@ -437,7 +443,7 @@ fn chunks_that_come_and_go_while_it_runs_ask_for_another_run() {
         frame: Frame::ByFormat,
     };
     let sources = LoadSplats::sources(&params, &SourceRoot::new(folder.path())).unwrap();
-    let scene = engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 };
+    let scene = engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
     let cx = Context::detached(scene, folder.path()).having_listed(&sources);
     let error = || LoadSplats::run(&params, In {}, &cx).err().map(|e| e.to_string()).unwrap_or_default();
     assert_eq!(error(), "");

@@ -12,7 +12,7 @@ const W: usize = 64;
 const H: usize = 32;
 
 fn cx() -> Context {
-    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, ".")
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".")
 }
 
 fn params() -> FuseHdr {

@@ -101,7 +101,7 @@ impl Kind for LoadCameras {
         let size = |file: &SourceFile| std::fs::metadata(&file.path).map_or(u64::MAX, |data| data.len());
         let small =
             Self::sources(p, root).is_ok_and(|files| files.iter().all(|file| size(file) <= MOST_BYTES));
-        let scene = Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 0 };
+        let scene = Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 0, exhaustive: false };
         let read = || Self::run(p, In {}, &Context::detached(scene, root.folder())).ok();
         match small.then(read).flatten() {
             Some((Out { rig }, _)) => ViewCount::Known(rig.cameras.len()),

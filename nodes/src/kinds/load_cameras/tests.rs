@@ -19,7 +19,10 @@ fn load(files: &[(&str, &[u8])], p: &LoadCameras) -> Result<(Vec<Camera>, Notes)
         std::fs::write(path, bytes).unwrap_or_else(|e| panic!("{e}"));
     }
     LoadCameras::sources(p, &SourceRoot::new(folder.path()))?;
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let cx = Context::detached(
+        Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+        folder.path(),
+    );
     LoadCameras::run(p, In {}, &cx).map(|(out, notes)| (out.rig.cameras.clone(), notes))
 }
 
@@ -275,7 +278,10 @@ fn files_that_appear_while_it_runs_ask_for_another_run() {
     write("images.txt", images().as_bytes());
     let sources =
         LoadCameras::sources(&node("."), &SourceRoot::new(folder.path())).unwrap_or_else(|e| panic!("{e}"));
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let cx = Context::detached(
+        Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+        folder.path(),
+    );
     let cx = cx.having_listed(&sources);
     assert!(LoadCameras::run(&node("."), In {}, &cx).is_ok());
     let (cameras, images) = binary_files();

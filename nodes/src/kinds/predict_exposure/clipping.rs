@@ -31,6 +31,8 @@ pub(super) struct Clipping<'a> {
     pub mask: Vec<bool>,
     /// Number of clipped pixels.
     pub clipped: u64,
+    /// Whether the method runs even without clipped pixels; see [`Context::exhaustive`].
+    exhaustive: bool,
     /// White level of the panorama.
     ceiling: f64,
     /// With `Learned`.
@@ -61,15 +63,16 @@ impl<'a> Clipping<'a> {
         report_unseen(&pixels, &pano.alpha.samples, params.white, notes);
         report_coarse(pixels.width, notes);
         if clipped == 0 {
-            report_nothing_clipped(&pixels, &pano.alpha.samples, params, notes);
+            report_nothing_clipped(&pixels, &pano.alpha.samples, (params, cx.exhaustive()), notes);
         }
         let ceiling = ceiling(&pixels, &mask, params.white);
-        Ok(Self { params, pano, pixels, mask, clipped, ceiling, network, photographs })
+        let exhaustive = cx.exhaustive();
+        Ok(Self { params, pano, pixels, mask, clipped, exhaustive, ceiling, network, photographs })
     }
 
-    /// The method that is used: none without clipped pixels, unless it is forced.
+    /// The method that is used: none without clipped pixels, unless the run is exhaustive.
     pub fn method(&self) -> &Method {
-        if self.clipped == 0 && !self.params.force { &Method::Skip } else { &self.params.method }
+        if self.clipped == 0 && !self.exhaustive { &Method::Skip } else { &self.params.method }
     }
 
     /// The clipped regions on the grid.

@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use engine::{Context, Cost, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, Up};
+use engine::{
+    Context, ContextField, Cost, Former, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, Up,
+};
 use glam::DVec3;
 
 use self::clipping::{Clipping, Prediction};
@@ -57,9 +59,6 @@ engine::params! {
         white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
         /// Weights for `Learned` that replace the built-in ones: a file written by `train-exposure`.
         weights: Option<InputFile> = None, other("\"exposure.safetensors\"");
-        /// True to run the method even if no pixel is clipped. Only clipped pixels get a gain, so this does not
-        /// change the light; it serves to measure the cost of the method.
-        force: bool = false, inert("without clipped pixels no gain is applied");
     }
 }
 
@@ -97,7 +96,8 @@ const COARSE: usize = 64;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 11;
+    const VERSION: u32 = 12;
+    const READS: &'static [ContextField] = &[ContextField::Exhaustive];
     const DATA: &'static [u8] = network::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
     type Params = Self;
@@ -147,6 +147,10 @@ impl Kind for PredictExposure {
             (_, Some(kontext)) => kontext.sources(root),
             _ => Ok(Vec::new()),
         }
+    }
+
+    fn former(name: &str, _: &[(&str, &str)]) -> Option<Former> {
+        (name == "force").then(|| Former::exhaustive(&["force"], 11))
     }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
@@ -316,7 +320,12 @@ fn report_coarse(width: usize, notes: &mut Notes) {
     }
 }
 
-fn report_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictExposure, notes: &mut Notes) {
+fn report_nothing_clipped(
+    pixels: &LinearPixels,
+    alpha: &[f32],
+    (params, exhaustive): (&PredictExposure, bool),
+    notes: &mut Notes,
+) {
     let seen = pixels.rgb.iter().zip(alpha).filter(|(_, alpha)| **alpha >= SEEN);
     let brightest = seen.map(|(rgb, _)| max3(*rgb)).fold(0.0, f32::max);
     let why = if pixels.ceiling {
@@ -332,7 +341,7 @@ fn report_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &Predict
     };
     if let Method::Manual { emitters } = &params.method
         && !emitters.is_empty()
-        && !params.force
+        && !exhaustive
     {
         let text = format!("none of the {} given lights has an effect: {why}", emitters.len());
         notes.warning(
@@ -342,7 +351,7 @@ fn report_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &Predict
         return;
     }
     let then =
-        if params.force { "the method runs anyway, because of `force`" } else { "nothing is predicted" };
+        if exhaustive { "the method runs anyway, because of `--exhaustive`" } else { "nothing is predicted" };
     notes.decision("nothing-clipped", format!("{why}; {then}"));
 }
 

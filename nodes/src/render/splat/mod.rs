@@ -33,6 +33,7 @@ pub use block::Blocks;
 use camera_model::{CameraModel, Pinhole};
 pub use panorama::{PanoramaCamera, panorama, panorama_at};
 use project::{Footprint, Projected};
+pub(crate) use settings::former;
 pub use settings::{Bounds, Compensation, DepthMode, Drawing, Precision, Settings, Sort};
 pub use surface::Surface;
 use tile::{Strip, Task};

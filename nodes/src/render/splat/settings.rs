@@ -1,6 +1,6 @@
 //! Settings of splat rendering, common to all kinds that draw splats.
 
-use engine::{NodeError, Notes};
+use engine::{Former, NodeError, Notes};
 
 use crate::types::Splats;
 
@@ -89,18 +89,25 @@ engine::params! {
         depth: DepthMode = DepthMode::Expected, other("RayMedian");
         /// True to count the splats added to each pixel, for `blends`.
         count_blends: bool = false, other("true");
-        /// True to skip blocks of splats that cannot be in a picture, if there are enough pictures to make up
-        /// for computing the blocks; the pictures have the same bits.
-        skip_unseen: bool = true, inert("what is left out is proved to be unseen: only work is saved");
-        /// True to skip harmonics above the degree of the file and `sh_degree`, and the viewing direction if
-        /// that degree is 0; evaluating them with coefficients of 0 gives the same bits.
-        skip_harmonics: bool = true, inert("what is left out is 0: only work is saved");
     }
 }
 
+/// What to write instead of parameters that former versions of the kinds that draw splats had.
+pub(crate) fn former(name: &str, last: u32) -> Option<Former> {
+    let fields: &[&str] = &["skip_unseen", "skip_harmonics"];
+    fields.contains(&name).then(|| Former::exhaustive(fields, last))
+}
+
 impl Drawing {
-    /// The settings for a scene; warns if its file says that it was trained differently.
-    pub(crate) fn settings(&self, sort: Sort, splats: &Splats, notes: &mut Notes) -> Settings {
+    /// The settings for a scene, without checks that skip work if `exhaustive`; warns if its file says that it was trained
+    /// differently.
+    pub(crate) fn settings(
+        &self,
+        sort: Sort,
+        splats: &Splats,
+        exhaustive: bool,
+        notes: &mut Notes,
+    ) -> Settings {
         let compensate = match self.compensation {
             Compensation::File => splats.antialiased,
             Compensation::On => true,
@@ -127,8 +134,8 @@ impl Drawing {
             stop: self.stop,
             depth: self.depth,
             count_blends: self.count_blends,
-            skip_unseen: self.skip_unseen,
-            skip_harmonics: self.skip_harmonics,
+            skip_unseen: !exhaustive,
+            skip_harmonics: !exhaustive,
             list_bytes: LIST_BYTES,
         }
     }
@@ -231,7 +238,7 @@ mod tests {
             ] {
                 let mut notes = Notes::none();
                 let drawing = Drawing { compensation, ..Drawing::default() };
-                let settings = drawing.settings(Sort::Depth, &splats, &mut notes);
+                let settings = drawing.settings(Sort::Depth, &splats, false, &mut notes);
                 assert_eq!(settings, Settings { compensate: on, ..Settings::default() });
                 assert_eq!(notes.iter().any(|note| note.id == "compensation-mismatch"), reported);
             }

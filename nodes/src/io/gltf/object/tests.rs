@@ -8,7 +8,8 @@ fn load_value(json: &Value, scene: Option<u32>) -> Result<(Object, Notes), NodeE
 }
 
 fn load_bytes(bytes: &[u8], scene: Option<u32>) -> Result<(Object, Notes), NodeError> {
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+    let cx =
+        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
     let mut notes = Notes::none();
     let path = InputFile("a.gltf".to_owned());
     object(&path, bytes, Want::Everything, scene, &cx, &mut notes).map(|object| (object, notes))

@@ -72,7 +72,7 @@ fn spz_gives_back_within_its_steps() {
     for (degree, up) in [(0, Up::PlusY), (1, Up::MinusY), (3, Up::PlusZ), (4, Up::MinusY)] {
         let mut scene = scene(1500, degree);
         scene.antialiased = degree == 3;
-        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let (bytes, notes) = encode(&scene, SaveFormat::Spz, Some(up), &cx).unwrap();
         assert!(notes.iter().all(|note| ["frame", "spz-version"].contains(&&*note.id)), "{notes:?}");
         // Only version 4 has harmonics of degree 4; the content is the same.

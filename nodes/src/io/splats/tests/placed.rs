@@ -5,7 +5,7 @@ use engine::Scene;
 use super::*;
 
 fn at(up: Up, metres_per_unit: f64) -> Context {
-    Context::detached(Scene { up, metres_per_unit, seed: 0 }, ".")
+    Context::detached(Scene { up, metres_per_unit, seed: 0, exhaustive: false }, ".")
 }
 
 #[test]

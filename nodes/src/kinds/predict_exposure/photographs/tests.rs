@@ -57,14 +57,13 @@ impl Place {
     }
 
     fn measure(&self, pano: Panorama, files: &[&str], evs: &[f64]) -> Result<(Out, Notes), NodeError> {
-        let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 };
+        let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false };
         let files = files.iter().map(|file| InputFile((*file).to_owned())).collect();
         let params = PredictExposure {
             evs: evs.to_vec(),
             method: Method::Photographs { files },
             white: CLIPPED,
             weights: None,
-            force: false,
         };
         PredictExposure::check(&params)?;
         let pano = Arc::new(pano);
@@ -250,7 +249,7 @@ fn light_that_photographs_show_above_an_early_white_is_found() {
         for gain in [Gain::Direct, Gain::Brackets] {
             let fuse = FuseHdr { gain, ..FuseHdr::default() };
             let input = fuse_hdr::In { base: base.clone(), brackets: out.brackets.clone() };
-            let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 };
+            let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false };
             let (lit, _) = FuseHdr::run(&fuse, input, &Context::detached(scene, ".")).expect("runs");
             for (x, light) in [(0, 3.0), (1, 30.0)] {
                 let found = lit.env.image.rgb(x, 5)[0];

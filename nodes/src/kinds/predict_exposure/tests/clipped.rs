@@ -13,23 +13,24 @@ fn a_prediction_that_is_forced_where_nothing_is_clipped_changes_no_bit() {
     let flat = |value: f32| pano(64, move |_, _| [value; 3]);
     for source in [Arc::new(room), flat(0.0), flat(0.6)] {
         for method in METHODS {
-            let run = |force: bool| {
+            let run = |exhaustive: bool| {
                 let params = PredictExposure {
                     evs: vec![-3.0, -6.0],
                     method: method.clone(),
                     white: CLIPPED,
                     weights: None,
-                    force,
                 };
+                let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive };
+                let cx = Context::detached(scene, ".");
                 let (out, notes) =
-                    PredictExposure::run(&params, In { pano: source.clone() }, &cx()).expect("runs");
+                    PredictExposure::run(&params, In { pano: source.clone() }, &cx).expect("runs");
                 let note = notes.iter().find(|note| note.id == "nothing-clipped").map(|n| n.text.clone());
                 (out.brackets, note.unwrap_or_default())
             };
             let ((left, reported), (forced, why)) = (run(false), run(true));
             assert!(left.log2_gain == forced.log2_gain && left.exposures == forced.exposures, "{method:?}");
             assert!(
-                reported.ends_with("nothing is predicted") && why.ends_with("because of `force`"),
+                reported.ends_with("nothing is predicted") && why.ends_with("because of `--exhaustive`"),
                 "{reported}; {why}"
             );
             let name = |brackets: &Brackets| brackets.report.tables[0].rows[0][0].clone();
@@ -118,8 +119,7 @@ fn white_is_where_the_user_says() {
     image.samples.iter_mut().for_each(|code| *code = code.min(0.96));
     let (dull, method) = (Arc::new(dull), Method::Manual { emitters: vec![[0.0, 0.0, 180.0, 5.0]] });
     let lit = |white: f32| {
-        let params =
-            PredictExposure { evs: vec![-3.0], method: method.clone(), white, weights: None, force: false };
+        let params = PredictExposure { evs: vec![-3.0], method: method.clone(), white, weights: None };
         let (out, notes) = PredictExposure::run(&params, In { pano: dull.clone() }, &cx()).expect("runs");
         let lit = out.brackets.log2_gain.samples.iter().filter(|gain| **gain > 0.0).count();
         (lit, notes.iter().any(|note| note.id == "nothing-to-light"))
