@@ -19,7 +19,7 @@ use super::splat::load;
 const FOOT: DVec3 = DVec3::new(0.4, 0.3, 0.0);
 
 fn context() -> Context {
-    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, data(""))
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, data(""))
 }
 
 fn rig(list: &str) -> Arc<Rig> {

@@ -44,7 +44,8 @@ fn what_is_open_is_black_in_the_numbers_of_the_picture() {
         front: None,
         variance: None,
     };
-    let (made, _) = Composite::run(&Composite { backdrop: None }, layers, &context()).expect("runs");
+    let (made, _) = Composite::run(&Composite { backdrop: None, ..Composite::default() }, layers, &context())
+        .expect("runs");
     let off = |space: Space| {
         let node = Compare { space, quantise: false, ..node() };
         let (out, notes) =
