@@ -76,6 +76,11 @@ impl Cache {
     /// Runs the verb; gives the exit code.
     pub fn run(self) -> Result<u8, Error> {
         let folder = cache_folder(self.cache.as_deref())?;
+        if !folder.exists() && matches!(self.verb, Verb::Gc(_)) {
+            // A nightly job on a new machine has nothing to collect.
+            print(&format!("there is no cache in `{}`, so there is nothing to remove\n", folder.display()))?;
+            return Ok(0);
+        }
         if !folder.is_dir() {
             return Err(Error::usage(format!("there is no cache in `{}`", folder.display())));
         }
