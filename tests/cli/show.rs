@@ -35,7 +35,7 @@ fn any_node_is_shown_without_editing_the_graph() {
 
 #[test]
 fn plates_and_cameras_are_compared_before_a_run() {
-    let place = Place::new(&INSERT.replace("demo.rig", "camera"));
+    let place = Place::new(INSERT);
     assert_eq!(place.call(&["check", "graph.ron"]).status.code(), Some(0));
     place.run(&["--only", "save"]).good();
     let plate = INSERT

@@ -68,7 +68,7 @@ fn wire(graph: &Graph, node: usize, input: &str) -> Option<Wire> {
 }
 
 /// The sizes of an output; `None` where only a run knows them.
-fn sizes(graph: &Graph, wire: Wire, known: &mut Vec<Option<Option<Sizes>>>) -> Option<Sizes> {
+fn sizes(graph: &Graph, wire: Wire, known: &mut [Option<Option<Sizes>>]) -> Option<Sizes> {
     // From the node up to the first one with a size of its own; graphs may be deep.
     let (mut at, mut path) = (wire, Vec::new());
     let found = loop {
