@@ -9,6 +9,7 @@ mod layers;
 mod messages;
 mod names;
 mod share;
+mod show;
 mod splats;
 mod stop;
 mod structure;

@@ -119,7 +119,7 @@ impl Graph {
     }
 
     /// The place of a field of a node, or of the whole node.
-    pub(crate) fn place(&self, node: usize, field: Option<&str>) -> Range<usize> {
+    pub fn place(&self, node: usize, field: Option<&str>) -> Range<usize> {
         let (start, node) = (self.starts[node], &self.nodes[node]);
         let place = node.place(field);
         // Overlays are outside of the node, but a graph with overlays is never edited in place.

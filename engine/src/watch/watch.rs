@@ -234,6 +234,12 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             }
             if look <= now {
                 look = now + pause;
+                if !running && self.is_file_gone() {
+                    let load = self.read(true);
+                    if load.graph.is_ok() {
+                        return Next::Changed(Box::new(load));
+                    }
+                }
                 let changed = self.files.look();
                 if !changed.is_empty() {
                     self.files.suspect(changed);
@@ -249,6 +255,12 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
                 Err(RecvTimeoutError::Timeout) => {}
             }
         }
+    }
+
+    /// Whether a file of a successful run was deleted since.
+    fn is_file_gone(&self) -> bool {
+        let gone = |(path, file): (&PathBuf, &SinkFile)| file.shown == Shown::Right && !path.exists();
+        self.good && self.shown.iter().any(gone)
     }
 
     fn on_change(&mut self, paths: &[PathBuf]) {

@@ -356,3 +356,14 @@ fn saved_once_more_it_is_tried_once_more() {
     watch.rest();
     assert_eq!(watch.lab.out("s.txt"), shown);
 }
+
+// Mutation: `is_file_gone` always false.
+#[test]
+fn a_deleted_file_comes_back_without_a_save() {
+    let watch = Session::of(SUM);
+    watch.rest();
+    std::fs::remove_file(watch.lab.path("out/sum.txt")).unwrap();
+    let events = watch.rest();
+    assert_eq!(watch.lab.out("sum.txt"), "6.0\n");
+    assert!(ran(&events).iter().all(|id| *id == "save"), "nothing above it runs: {events:?}");
+}

@@ -10,8 +10,8 @@ use super::ply;
 /// Size and format of a picture by the head of its file, not validated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Head {
-    /// Pixels.
-    pub pixels: u64,
+    /// Width and height in pixels.
+    pub size: [u64; 2],
     /// Samples per pixel, over all layers of an OpenEXR file.
     pub channels: u64,
     /// Bytes per pixel that the decoder returns.
@@ -43,26 +43,32 @@ impl Head {
         }
     }
 
+    /// Number of pixels.
+    pub fn pixels(&self) -> u64 {
+        let [width, height] = self.size;
+        width.saturating_mul(height)
+    }
+
     /// Largest memory for reading the picture as floats beyond the file, and the bytes of the floats.
     pub fn as_floats(&self) -> [u64; 2] {
-        let samples = self.pixels.saturating_mul(self.channels);
+        let samples = self.pixels().saturating_mul(self.channels);
         if self.floats {
             // All channels, then the interleaved channels of one picture.
-            let floats = self.pixels.saturating_mul(4 * self.channels.min(4));
-            return [self.pixels.saturating_mul(self.decoded).saturating_add(floats), floats];
+            let floats = self.pixels().saturating_mul(4 * self.channels.min(4));
+            return [self.pixels().saturating_mul(self.decoded).saturating_add(floats), floats];
         }
-        let floats = self.pixels.saturating_mul(4 * self.channels.max(3));
+        let floats = self.pixels().saturating_mul(4 * self.channels.max(3));
         // The decoded picture and codes of 16 bits, then the codes and the floats.
         let codes = samples.saturating_mul(2);
-        let decoding = self.pixels.saturating_mul(self.decoded);
+        let decoding = self.pixels().saturating_mul(self.decoded);
         [codes.saturating_add(decoding.max(floats)), floats]
     }
 
     /// Largest memory for reading the picture as 8-bit texels, and the bytes of the texels.
     pub fn as_texels(&self) -> [u64; 2] {
-        let texels = self.pixels.saturating_mul(4);
-        let codes = self.pixels.saturating_mul(2 * self.channels);
-        [codes.saturating_add(texels.max(self.pixels.saturating_mul(self.decoded))), texels]
+        let texels = self.pixels().saturating_mul(4);
+        let codes = self.pixels().saturating_mul(2 * self.channels);
+        [codes.saturating_add(texels.max(self.pixels().saturating_mul(self.decoded))), texels]
     }
 }
 
@@ -84,7 +90,7 @@ fn png(reader: &mut impl Read) -> Option<Head> {
         _ => 4,
     };
     let wide = u64::from(head[20] == 16);
-    Some(Head { pixels: number(12)? * number(16)?, channels, decoded: channels * (1 + wide), floats: false })
+    Some(Head { size: [number(12)?, number(16)?], channels, decoded: channels * (1 + wide), floats: false })
 }
 
 /// Reads segments up to that of the frame, which has the size.
@@ -102,7 +108,7 @@ fn jpeg(reader: &mut (impl Read + Seek)) -> Option<Head> {
             let size = |high, low| u64::from(u16::from_be_bytes([high, low]));
             // A progressive decoder keeps the coefficients of all blocks, two bytes each.
             let decoded = if marker == 0xc2 { 9 } else { 3 };
-            return Some(Head { pixels: size(h0, h1) * size(w0, w1), channels: 3, decoded, floats: false });
+            return Some(Head { size: [size(w0, w1), size(h0, h1)], channels: 3, decoded, floats: false });
         }
         reader.seek(SeekFrom::Current(length - 2)).ok()?;
     }
@@ -119,12 +125,7 @@ fn radiance(reader: &mut impl BufRead) -> Option<Head> {
             let words: Vec<&str> = line.split_ascii_whitespace().collect();
             let [_, height, _, width] = words[..] else { return None };
             let size = |text: &str| text.parse::<u32>().ok().map(u64::from);
-            return Some(Head {
-                pixels: size(width)? * size(height)?,
-                channels: 3,
-                decoded: 0,
-                floats: true,
-            });
+            return Some(Head { size: [size(width)?, size(height)?], channels: 3, decoded: 0, floats: true });
         }
         last = line.trim_end().is_empty();
     }
@@ -133,7 +134,7 @@ fn radiance(reader: &mut impl BufRead) -> Option<Head> {
 fn webp(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     reader.seek(SeekFrom::Current(-4)).ok()?;
     let (width, height) = image_webp::WebPDecoder::new(reader).ok()?.dimensions();
-    Some(Head { pixels: u64::from(width) * u64::from(height), channels: 4, decoded: 4, floats: false })
+    Some(Head { size: [u64::from(width), u64::from(height)], channels: 4, decoded: 4, floats: false })
 }
 
 /// The first flat part, which is the one that is read.
@@ -145,7 +146,7 @@ fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     // Halves are converted to floats one channel at a time.
     let largest = list.iter().map(|c| if c.sample_type == SampleType::F32 { 0 } else { 4 }).max()?;
     let (channels, decoded) = (list.len() as u64, 4 * list.len() as u64 + largest);
-    Some(Head { pixels: width.saturating_mul(height), channels, decoded, floats: true })
+    Some(Head { size: [width, height], channels, decoded, floats: true })
 }
 
 /// Elements of a PLY by name, with the number of rows and of properties; empty if the header is longer than 64 KiB
@@ -166,7 +167,7 @@ mod tests {
     use crate::io::{exr as exr_file, jpeg as jpeg_file, png as png_file};
 
     fn of(bytes: &[u8]) -> Option<(u64, u64)> {
-        Head::read(&mut Cursor::new(bytes)).map(|head| (head.pixels, head.channels))
+        Head::read(&mut Cursor::new(bytes)).map(|head| (head.pixels(), head.channels))
     }
 
     #[test]

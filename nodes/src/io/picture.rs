@@ -1,6 +1,9 @@
 //! Decodes pictures of any format: PNG, JPEG, OpenEXR or Radiance HDR, detected by their first bytes.
 
 use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
 
 use engine::{FileHead, Notes};
 
@@ -31,6 +34,11 @@ pub(crate) fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
     let head = file.open().and_then(|mut reader| Head::read(&mut reader));
     let [reading, floats] = head.map_or([0; 2], |head| head.as_floats());
     [reading.saturating_add(file.bytes), floats]
+}
+
+/// Width and height of the picture in a file, from its header; `None` for other files.
+pub fn size(path: &Path) -> Option<[u64; 2]> {
+    Head::read(&mut BufReader::new(File::open(path).ok()?)).map(|head| head.size)
 }
 
 /// Decodes a picture as the kind `load-image` does with default parameters.

@@ -1,7 +1,8 @@
-//! `inspect`: the properties of a scene of splats or of a mesh.
+//! `inspect`: the properties of a scene of splats, a mesh or a picture.
 
 mod other;
 mod person;
+mod picture;
 
 use std::path::{Path, PathBuf};
 
@@ -16,10 +17,11 @@ use crate::session::Error;
 use crate::session::splats::{self, MemoryArgs};
 use crate::terminal;
 
-/// Prints the properties of a scene of splats or of a mesh: size, up axis, floor, what looks wrong.
+/// Prints the properties of a scene of splats, a mesh or a picture: size, up axis, floor, brightness, what looks wrong.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF), or a mesh (PLY, glTF)
+    /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF), a mesh (PLY, glTF), or a
+    /// picture or panorama (PNG, JPEG, OpenEXR, Radiance HDR)
     file: PathBuf,
     /// One JSON object on standard output
     #[arg(long)]
@@ -32,7 +34,7 @@ pub struct Inspect {
 #[derive(Serialize)]
 struct Answer<'a> {
     file: String,
-    /// `splats` or `mesh`.
+    /// `splats`, `mesh` or `picture`.
     holds: &'static str,
     format: Option<&'static str>,
     /// The up axis that the format defines; the coordinates are as stored in any case.
@@ -41,6 +43,8 @@ struct Answer<'a> {
     scene: Option<&'a Inspection>,
     #[serde(flatten)]
     mesh: Option<&'a mesh::Inspection>,
+    #[serde(flatten)]
+    picture: Option<&'a picture::Inspection>,
     notes: &'a Notes,
 }
 
@@ -63,8 +67,13 @@ impl Inspect {
             declared_up: format.and_then(Format::declared_up).map(Up::name),
             scene: None,
             mesh: None,
+            picture: None,
             notes: &Notes::none(),
         };
+        if let Some(found) = picture::inspect(&bytes) {
+            (answer.holds, answer.format, answer.picture) = ("picture", None, Some(&found));
+            return self.print(&answer);
+        }
         let inspected = splats::load(&self.file, Frame::AsStored, &cx)
             .and_then(|(scene, notes)| Ok((nodes::geometry::inspect::splats::inspect(&scene, &cx)?, notes)));
         let failed = match inspected {
