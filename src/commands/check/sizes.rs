@@ -104,7 +104,7 @@ fn own(graph: &Graph, node: usize) -> Option<Sizes> {
             paths.map(|path| picture::size(&graph.root.folder().join(&path.0))).collect()
         }
         "load-cameras" => {
-            let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 };
+            let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
             let cx = Context::detached(scene, graph.root.folder());
             let (out, _) = LoadCameras::run(&node.params()?, load_cameras::In {}, &cx).ok()?;
             let cameras = Arc::unwrap_or_clone(out.rig).cameras;
