@@ -202,7 +202,7 @@ fn a_reader_with_a_torn_tail_sees_what_replaces_it() {
     open(folder.path()).put_record(&key(8), b"eight").unwrap();
     assert!(fs::read(log(folder.path())).unwrap().starts_with(torn));
     assert_eq!(reader.get_record(&key(8)).as_deref(), Some(&b"eight"[..]));
-    assert_eq!(reader.take_incidents(), [], "an entry cut short is no damage");
+    assert_eq!(reader.take_incidents(), [], "a truncated entry does not count as damage");
     // Versions before this one cut it off: then it is replaced by one of exactly the torn length.
     fs::write(log(folder.path()), torn).unwrap();
     let reader = open(folder.path());

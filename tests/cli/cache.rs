@@ -50,7 +50,7 @@ fn damage_is_named_put_aside_and_made_again() {
         assert!(text.contains(blobs[0].file_name().unwrap().to_str().unwrap()), "{text}");
     }
     let (code, text) = printed(&place, &["repair"]);
-    assert!(code == 0 && text.contains("put aside"), "{text}");
+    assert!(code == 0 && text.contains("moved aside"), "{text}");
     assert_eq!(printed(&place, &["verify"]).0, 0);
     std::fs::remove_dir_all(place.path("out")).unwrap();
     assert_eq!(place.run(&[]).good().nodes("ran"), ["save"]);

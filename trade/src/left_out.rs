@@ -99,7 +99,7 @@ const SKIPS: [Skip; 8] = [
         judge: |seen| {
             let decided = seen.value("decisions", "surroundings")?;
             let text = seen.note("surroundings").map_or_else(|| format!("{decided}, as set"), str::to_owned);
-            // Light from infinitely far on what is solid: the receiver is no light, and hides none that is.
+            // Infinitely distant light on a solid receiver: the receiver is not a light, and hides none.
             Some((decided == "Open", text))
         },
     },

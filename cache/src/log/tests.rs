@@ -54,7 +54,7 @@ fn no_append_changes_what_is_in_the_file() {
         for n in 0..3 {
             assert!(log.get(1, &key(n)).unwrap().is_some(), "entry {n}");
         }
-        assert_eq!(log.take_damaged(), 0, "an entry cut short is no damage");
+        assert_eq!(log.take_damaged(), 0, "a truncated entry does not count as damage");
     }
 }
 

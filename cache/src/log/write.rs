@@ -161,8 +161,8 @@ impl Log {
         Ok(true)
     }
 
-    /// Renames a compacted log over the file, of which `old_length` bytes were compacted, and copies to it what was
-    /// appended to the old file without the lock since then.
+    /// Renames a compacted log over the file and copies to it the entries appended to the old file without the lock
+    /// since then. `old_length` bytes of the old file were compacted.
     pub(super) fn replace_file(&mut self, settings: &Settings, new: TempFile, old_length: u64) -> Result<()> {
         let Some(old) = self.open.take() else { return Ok(()) };
         new.persist(&settings.path)?;

@@ -51,14 +51,14 @@ pub enum Keep {
     Cheap,
 }
 
-/// What to write instead of a parameter of a former version.
+/// The replacement of a parameter of a former version.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Former {
     /// The parameters that went together, reported as one.
     pub fields: &'static [&'static str],
     /// The last version of the kind that had them.
     pub last: u32,
-    /// What to do, as in ``write `surroundings: Open` ``.
+    /// The remedy, as in ``write `surroundings: Open` ``.
     pub instead: String,
 }
 
@@ -155,7 +155,7 @@ pub trait Kind: 'static {
         Ok(Vec::new())
     }
 
-    /// What to write instead of the field `name`, if a former version had it. `fields` are all fields of the node as
+    /// The replacement of the field `name`, if a former version had it. `fields` are all fields of the node as
     /// written, by name and text.
     fn former(_name: &str, _fields: &[(&str, &str)]) -> Option<Former> {
         None

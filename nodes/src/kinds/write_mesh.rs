@@ -18,7 +18,7 @@ engine::params! {
     }
 }
 engine::inputs! {
-    /// What to write.
+    /// Inputs of [`WriteMesh`].
     pub struct In {
         /// The mesh.
         mesh: Arc<Mesh>,
@@ -70,7 +70,7 @@ mod tests {
     use crate::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
     use crate::testing::context;
 
-    /// What a written mesh reads back to.
+    /// Writes a mesh and reads it back.
     fn read_back(mesh: &Mesh, name: &str) -> Arc<Mesh> {
         let folder = std::env::temp_dir().join(format!("lightharmony-write-mesh-{}", std::process::id()));
         std::fs::create_dir_all(&folder).expect("a folder");

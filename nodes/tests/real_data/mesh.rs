@@ -53,7 +53,7 @@ impl Normal {
         radius * num::f64::cos(turn)
     }
 
-    /// Of a gamma distribution of a shape above 1 (Marsaglia and Tsang 2000).
+    /// A random number of a gamma distribution with a shape above 1 (Marsaglia and Tsang 2000).
     fn gamma(&mut self, shape: f64) -> f64 {
         let d = shape - 1.0 / 3.0;
         let c = 1.0 / (9.0 * d).sqrt();

@@ -63,7 +63,7 @@ engine::outputs! {
     pub struct Out {
         /// The mesh.
         mesh: Arc<Mesh>,
-        /// What it was made from, and how well it fits.
+        /// Counts of its making, and how well it fits.
         report: Arc<Report>,
     }
 }

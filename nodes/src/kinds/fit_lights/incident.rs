@@ -10,7 +10,7 @@ use crate::math::color::luminance;
 use crate::math::equirect::uv;
 use crate::types::Environment;
 
-/// Directions over the whole sphere, of which a point sees half.
+/// Number of directions over the whole sphere; a point sees half of them.
 const DIRECTIONS: usize = 384;
 /// Points of one tile.
 const TILE: usize = 128;
@@ -26,7 +26,7 @@ pub(super) struct Incident {
     pub clipped: Vec3,
 }
 
-/// What the environment shows in a direction, at most white, and whether it is clipped there.
+/// The radiance of the environment in a direction, at most white, and true if it is clipped there.
 pub(super) fn shown(env: &Environment, direction: DVec3) -> (Vec3, bool) {
     let (u, v) = uv(env.up, direction);
     let (width, height) = (env.image.width, env.image.height);

@@ -24,7 +24,7 @@ pub(super) struct Place {
     pub offset: f64,
 }
 
-/// What a ray meets.
+/// The result of a ray.
 pub(super) enum Seen {
     /// Nothing: the sky.
     Sky,
@@ -67,7 +67,7 @@ impl Place {
         self.hit(from, direction).map_or(f64::INFINITY, |hit| f64::from(hit.t))
     }
 
-    /// What a ray from a local point meets first.
+    /// The first hit of a ray from a local point.
     pub fn seen(&self, from: DVec3, direction: DVec3) -> Seen {
         self.hit(from, direction).map_or(Seen::Sky, |hit| Seen::Surface(self.colour(&hit)))
     }

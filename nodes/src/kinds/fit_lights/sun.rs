@@ -31,7 +31,7 @@ const RIVAL_DEG: f64 = 8.0;
 /// How many coarse directions are refined, and by which steps, in degrees.
 const REFINED: usize = 4;
 const STEPS_DEG: [f64; 3] = [0.4, 0.15, 0.05];
-/// What clipped surfaces and sky are taken to give, over what they show.
+/// Assumed radiance of clipped surfaces and sky, relative to their displayed value.
 const GLOWS: [f64; 6] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 /// Irradiance of a sun over the median of all other light: the coarse and the fine search.
 const FEW: [f64; 3] = [0.5, 2.0, 8.0];
@@ -47,7 +47,7 @@ pub(super) struct Sun {
     /// Standard error of the irradiance, in stops, from four disjoint sets of pairs. Errors that all sets share, such as
     /// those of the mesh, are not in it.
     pub error_stops: f64,
-    /// What clipped sky gives besides the sun, over what it shows.
+    /// Radiance of clipped sky without the sun, relative to its displayed value.
     pub glow: f64,
     /// By which share the sun lowers the cost of the best explanation without one.
     pub gain: f64,
@@ -62,7 +62,7 @@ impl Sun {
     }
 }
 
-/// What becomes of a candidate.
+/// The verdict on a candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
     Accepted,

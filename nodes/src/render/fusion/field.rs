@@ -18,9 +18,9 @@ const BAND: f32 = 3.0;
 const BEHIND: f32 = 3.0;
 /// Least cosine between ray and normal of a surface that is taken for one.
 const FLATTEST: f32 = 0.1;
-/// What a view that sees through a corner counts, of one that sees a surface there head on.
+/// Weight of a view that sees through a corner, relative to one that sees a surface there head on.
 const THROUGH: f32 = 0.25;
-/// What a pixel at the edge of two surfaces counts.
+/// Weight of a pixel at the edge of two surfaces.
 const AT_EDGE: f32 = 0.25;
 /// Views that must have seen the surface from a corner behind it.
 const VIEWS: u8 = 2;

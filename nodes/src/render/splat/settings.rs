@@ -92,7 +92,7 @@ engine::params! {
     }
 }
 
-/// What to write instead of parameters that former versions of the kinds that draw splats had.
+/// The replacement of parameters that former versions of the splat kinds had.
 pub(crate) fn former(name: &str, last: u32) -> Option<Former> {
     let fields: &[&str] = &["skip_unseen", "skip_harmonics"];
     fields.contains(&name).then(|| Former::exhaustive(fields, last))
