@@ -110,7 +110,9 @@ mod tests {
                     (mesh.triangles.clone(), mesh.colours.len())
                 );
                 for i in 0..4 {
-                    assert!((read.position(i) - mesh.position(i)).length() < 1e-6, "{name} {i}");
+                    // `LoadMesh` reads glTF in f32: a million metres from the origin its steps are 62 mm.
+                    let most = if name == "a.glb" && !mesh.positions_low.is_empty() { 0.07 } else { 1e-6 };
+                    assert!((read.position(i) - mesh.position(i)).length() < most, "{name} {i}");
                 }
                 for (a, b) in read.colours.iter().zip(&mesh.colours) {
                     assert!((0..3).all(|c| (a[c] - b[c]).abs() < 5e-3), "{name} {a:?} {b:?}");
