@@ -280,5 +280,5 @@ fn bombs_and_circles_end_soon() {
     let circle = graph_text("s: Scale(value: Param(\"a\"), by: Param(\"b\"))")
         .replace("nodes:", "parameters: (a: Param(\"a\"), b: Param(\"b\")), nodes:");
     let mistakes = lab.mistakes(&circle);
-    assert!(mistakes.contains("circle"), "{mistakes}");
+    assert!(mistakes.contains("in a cycle"), "{mistakes}");
 }
