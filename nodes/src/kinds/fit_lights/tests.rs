@@ -80,7 +80,7 @@ fn sky(middle: DVec3) -> Environment {
 fn fitted(mesh: Mesh, env: Environment, min_gain: f64) -> (Out, Notes) {
     let inputs = In { env: Arc::new(env), receiver: Arc::new(mesh), splats: None };
     let params = FitLights { min_gain, ..FitLights::default() };
-    FitLights::run(&params, inputs, &context()).unwrap()
+    FitLights::run(&params, inputs, &context()).expect("runs")
 }
 
 fn number(out: &Out, column: usize) -> f64 {
@@ -138,7 +138,10 @@ fn what_cannot_be_compared_is_an_error_that_names_the_input() {
     let sun = DVec3::from(SUNS[0]).normalize();
     let run = |mesh: Mesh, env: Environment| {
         let inputs = In { env: Arc::new(env), receiver: Arc::new(mesh), splats: None };
-        FitLights::run(&FitLights::default(), inputs, &context()).map(|_| ()).unwrap_err().to_string()
+        FitLights::run(&FitLights::default(), inputs, &context())
+            .map(|_| ())
+            .expect_err("is refused")
+            .to_string()
     };
     let text = run(Mesh { colours: Vec::new(), ..yard(sun, 1.0) }, sky(sun));
     assert!(text.contains("no vertex colours"), "{text}");
