@@ -10,7 +10,7 @@ use engine::{
     Artifact, Context, Engine, Graph, Kind, RunOptions, Scene, Source, SourceRoot, Store, Up, Wire,
 };
 use nodes::kinds::composite::{self, Composite};
-use nodes::kinds::path_trace::visibility::EnvBlock;
+use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::kinds::shadow_ratio::{self, ShadowRatio};
 use nodes::math::color::luminance;
@@ -78,7 +78,8 @@ impl Place {
 
     /// Ratio and picture of all views, for a seed.
     fn traced(&self, params: &PathTrace, seed: u64) -> [Told; 2] {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed, exhaustive: false }, ".");
         let inputs = path_trace::In {
             receiver: self.receiver.clone(),
             objects: self.objects.clone(),
@@ -202,22 +203,22 @@ fn main() {
     );
     println!("|---|---|---|---|---|---|---|---|---|");
     let demo = ("width_px: 160, height_px: 120", "width_px: 64, height_px: 48");
-    let beyond = EnvBlock::PassBeyond { metres: 1.1 };
+    let beyond = Surroundings::Within { metres: 1.1, bounces: false };
     let scenes = [
         ("demo", Place::load("demo.ron", demo), beyond, Some(0.02)),
         (
             "bench case",
             Place::load("plaza.ron", ("resolution: 0.25", "resolution: 0.1")),
-            EnvBlock::Auto,
+            Surroundings::Auto,
             None,
         ),
     ];
     let (mut rows, mut held): ([Vec<String>; 2], Vec<String>) = Default::default();
-    for (name, place, env_block, contact_metres) in scenes {
+    for (name, place, surroundings, contact_metres) in scenes {
         let params = |samples, max_error| PathTrace {
             samples,
             max_error,
-            env_block,
+            surroundings,
             contact_metres,
             ..PathTrace::default()
         };

@@ -10,7 +10,7 @@ use nodes::io::splats::save::{SaveFormat, encode};
 use nodes::types::Splats;
 
 use crate::session::Error;
-use crate::session::splats::{self, UpArg};
+use crate::session::splats::{self, MemoryArgs, UpArg};
 use crate::terminal;
 
 /// Writes a scene of splats in another format.
@@ -31,6 +31,8 @@ pub struct Convert {
     /// version 4
     #[arg(long)]
     spz4: bool,
+    #[command(flatten)]
+    memory: MemoryArgs,
 }
 
 impl Convert {
@@ -51,8 +53,10 @@ impl Convert {
         let up = self.up.unwrap_or(UpArg::MinusY).into();
         let cx = splats::context(up);
         let frame = if self.as_stored { Frame::AsStored } else { Frame::ByFormat };
+        let memory = self.memory.bytes()?;
         let convert = || {
             splats::check(&self.input)?;
+            splats::check_memory(&self.input, memory)?;
             if ReadFiles::new([self.input.clone()]).has(&self.output) {
                 return Err(NodeError::new(format!("`{}` is the input file", self.output.display()))
                     .hint("name another output file"));

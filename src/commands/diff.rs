@@ -46,7 +46,7 @@ pub struct Diff {
 fn pixels(path: &Path) -> Result<Arc<Images>, String> {
     let whole = path.canonicalize().map_err(|error| error.to_string())?;
     let file = InputFile(whole.to_str().ok_or("its path is not UTF-8")?.to_owned());
-    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 };
+    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
     let encoding = FileEncoding::Auto;
     let (more, layer, names) = (Vec::new(), String::new(), vec!["picture".to_owned()]);
     let load = LoadImage { path: file, more, encoding, layer, names };
@@ -274,6 +274,7 @@ impl Diff {
         let graph = GraphArgs {
             graph: path.to_owned(),
             set: set.to_vec(),
+            exhaustive: false,
             preset: Vec::new(),
             overlay: Vec::new(),
             only: Vec::new(),

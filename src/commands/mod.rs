@@ -16,6 +16,7 @@ mod pack;
 mod plan;
 mod report;
 mod run;
+mod show;
 #[cfg(feature = "learned")]
 mod train_exposure;
 #[cfg(not(feature = "learned"))]
@@ -37,7 +38,7 @@ mistake in the graph or the command line; 3 done, but degraded (a note explains 
 /// The verbs by what they are for.
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Begin", &["init", "nodes", "inspect", "convert"]),
-    ("Run a graph", &["run", "watch", "check", "plan", "explain", "graph"]),
+    ("Run a graph", &["run", "watch", "check", "plan", "explain", "show", "graph"]),
     ("Trade work for accuracy", &["knobs", "tune", "report"]),
     ("Share and reproduce", &["pack", "unpack", "verify", "lock", "diff"]),
     ("Maintain", &["cache", "completions", "manual", "train-exposure"]),
@@ -87,6 +88,8 @@ enum Verb {
     Diff(diff::Diff),
     /// List the kinds of nodes, describe one, or search them
     Nodes(nodes::Nodes),
+    /// Write the picture of any node, without editing the graph
+    Show(show::Show),
     /// Draw a graph with the state of its results
     Graph(graph::Draw),
     /// Maintain the cache: contents, damage, size
@@ -183,6 +186,7 @@ impl Command {
             Verb::Report(verb) => verb.run(),
             Verb::Explain(verb) => verb.run(),
             Verb::Nodes(verb) => verb.run(),
+            Verb::Show(verb) => verb.run(),
             Verb::Graph(verb) => verb.run(),
             Verb::Cache(verb) => verb.run(),
             Verb::Convert(verb) => verb.run(),

@@ -56,13 +56,14 @@ impl EngineArgs {
         };
         let options = cache::Options { fsync, ..cache::Options::default() };
         let folder = cache_folder(self.cache.as_deref())?;
-        let store = Store::open(&folder, options).map_err(|error| {
-            Error::Cache(format!(
-                "cannot open the cache `{}`: {}; name another folder with `--cache` or LIGHTHARMONY_CACHE",
+        // Without a cache a run takes longer and is as right, so it goes on, and says so.
+        let store = Store::open(&folder, options).unwrap_or_else(|error| {
+            Store::unavailable(format!(
+                "cannot open `{}`: {}; name another folder with `--cache` or LIGHTHARMONY_CACHE",
                 folder.display(),
                 causes(error)
             ))
-        })?;
+        });
         Ok(Engine::new(store, self.jobs(), memory))
     }
 

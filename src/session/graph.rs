@@ -21,6 +21,9 @@ pub struct GraphArgs {
     /// Set one field for this run: node.field=value; may be repeated
     #[arg(long = "set", value_name = "NODE.FIELD=VALUE")]
     pub set: Vec<String>,
+    /// Do all work, also where a check shows that it changes no byte, to measure what the checks save
+    #[arg(long)]
+    pub exhaustive: bool,
     /// Lay a preset over the graph: one of its own, or draft, preview, final, reference, which set its knobs; may
     /// be repeated. `--overlay` and `--set` override presets
     #[arg(long, value_name = "NAME")]
@@ -126,7 +129,7 @@ impl GraphArgs {
     /// The graph of the present text, where it is the same file with a small edit.
     fn edited(&self, known: &Arc<Graph>) -> Option<Arc<Graph>> {
         let path = self.graph.canonicalize().ok()?;
-        let text = std::fs::read_to_string(&path).ok()?;
+        let text = engine::read_text(&path, engine::MAX_GRAPH_BYTES).ok()?;
         if path.parent() != Some(known.root.folder()) {
             return None;
         }
@@ -170,7 +173,7 @@ impl GraphArgs {
                     path.display()
                 )));
             }
-            let text = std::fs::read_to_string(path);
+            let text = engine::read_text(path, engine::MAX_GRAPH_BYTES);
             let text = text.map_err(|error| Error::unreadable("overlay", path, &error))?;
             source = source.overlaid(&path.display().to_string(), &text);
         }
@@ -185,6 +188,9 @@ impl GraphArgs {
         }
         if !wrong.is_empty() {
             return Err(Error::usage(wrong.join("\n")));
+        }
+        if self.exhaustive {
+            settings.extend("scene.exhaustive=true".parse::<Setting>());
         }
         // Last, since settings may name other files.
         let (source, included) = engine::apply(&source, &settings).including(&root);
@@ -222,7 +228,8 @@ impl GraphArgs {
     ) -> Result<Loaded, Error> {
         let Origin { source, root, lock, recipe, unpacked } = origin;
         let graph = parse(source, &nodes::registry(), root).map_err(|error| self.with_shell_forms(error))?;
-        let as_it_was = self.set.is_empty() && self.preset.is_empty() && self.overlay.is_empty();
+        let as_it_was =
+            self.set.is_empty() && !self.exhaustive && self.preset.is_empty() && self.overlay.is_empty();
         if let Some(recipe) = recipe.filter(|_| as_it_was) {
             let other = recipe.other_sources(&graph, &Store::in_memory())?;
             if !other.is_empty() {

@@ -54,7 +54,7 @@ const BUNDLE: &[u8] = b"LHbundle";
 
 /// Maximum bytes of a picture and of a graph; bundles are streamed.
 const LARGEST_PICTURE: u64 = 4 << 30;
-const LARGEST_GRAPH: u64 = 64 << 20;
+const LARGEST_GRAPH: u64 = engine::MAX_GRAPH_BYTES;
 const MOST_AT_ONCE: u64 = 16 << 20;
 
 impl Origin {
@@ -97,8 +97,14 @@ impl Origin {
     }
 
     /// A graph file. One in the folder of an unpacked bundle is untrusted as long as the marker file exists.
-    fn own(source: Source, folder: PathBuf, lock: Option<PathBuf>, args: &OriginArgs) -> Result<Self, Error> {
+    fn own(
+        mut source: Source,
+        folder: PathBuf,
+        lock: Option<PathBuf>,
+        args: &OriginArgs,
+    ) -> Result<Self, Error> {
         let root = if let Some(bundle) = bundle_around(&folder) {
+            source = Source::packed(source.name, source.text);
             confined(&bundle, &args.inputs)?.at(folder)
         } else if args.inputs.is_empty() {
             SourceRoot::new(folder)
@@ -116,7 +122,7 @@ impl Origin {
         let place = TempFolder::private()?;
         let folder = place.path().join("bundle");
         bundle.unpack(&folder).map_err(named)?;
-        let source = Source::new(path.display().to_string(), bundle.graph_text().map_err(named)?);
+        let source = Source::packed(path.display().to_string(), bundle.graph_text().map_err(named)?);
         let root = confined(&folder, &args.inputs)?;
         let lock = Some(folder.join("graph.lock"));
         Ok(Self { source, root, lock, recipe: None, unpacked: Some(place) })

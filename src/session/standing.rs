@@ -52,7 +52,7 @@ pub struct Standing {
 }
 
 fn context(up: Up) -> Context {
-    Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, "")
+    Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, "")
 }
 
 fn load(path: &Path, matrix: Option<[f64; 16]>, cx: &Context) -> Result<Arc<Splats>, NodeError> {

@@ -194,13 +194,10 @@ impl Lines {
         }
     }
 
-    /// Updates the bar, or hides it where no node runs.
+    /// Updates the bar while a node runs.
     fn draw(&self) {
-        if self.bar.is_hidden() {
+        if self.bar.is_hidden() || !self.progress.is_running() {
             return;
-        }
-        if !self.progress.is_running() {
-            return self.bar.set_message("");
         }
         if self.bar.length().is_none() || self.bar.is_finished() {
             let style = ProgressStyle::with_template("{prefix:>9} [{bar:24}] {elapsed:>4}  {wide_msg}");

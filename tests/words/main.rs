@@ -16,17 +16,17 @@ const ALLOWED: &str = include_str!("allowed.txt");
 
 /// The folders and files that are held to the list.
 const HELD: &[&str] = &[
-    "docs",
-    "graphs",
     "README.md",
     "CHANGELOG.md",
+    "cache",
+    "docs",
+    "engine",
     "extras",
+    "graphs",
+    "nodes",
     "src",
+    "tests",
     "trade",
-    "cache/tests",
-    "nodes/benches",
-    "nodes/fuzz",
-    "engine/examples",
 ];
 
 fn workspace() -> &'static Path {

@@ -225,7 +225,10 @@ fn compare(
 }
 
 fn detached() -> Context {
-    Context::detached(engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".")
+    Context::detached(
+        engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+        ".",
+    )
 }
 
 /// An object that is in none of the views of a background.

@@ -113,3 +113,45 @@ fn reach(graph: &Graph, tunables: &[Tunable]) -> Vec<Reach> {
     }
     all.into_iter().zip(refines).map(|(tunables, refines)| Reach { tunables, refines }).collect()
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::AtomicBool;
+    use std::time::{Duration, Instant};
+
+    use engine::{Engine, Source, SourceRoot, Store};
+
+    use super::*;
+    use crate::bench::Miss;
+
+    const GRAPH: &str = r#"Graph(
+        version: 1, scene: (up: "+z", seed: 1), nodes: (
+            demo: DemoScene(place: Courtyard, splats: 500, width_px: 16, height_px: 12),
+            view: SplatRender(splats: "demo.splats", rig: "demo.rig", alpha_cut: 0.03),
+            save: WriteImage(image: "view.colour", path: "a.png"),
+        ),
+    )"#;
+
+    #[test]
+    fn what_is_measured_costs_nothing_and_what_never_ran_is_unknown() {
+        let engine = Engine::new(Store::in_memory(), 2, 1 << 30);
+        let graph =
+            Graph::parse(Source::new("a.ron", GRAPH), &nodes::registry(), SourceRoot::new(".")).unwrap();
+        let mut bench = Bench::new(&engine, &graph, &[], Arc::new(AtomicBool::new(false))).unwrap();
+        let settings = [bench.preset(3), bench.preset(0), bench.preset(3)];
+        let before = bench.outlook(&settings);
+        assert!(before.settings == 3 && before.seconds == 0.0, "{before:?}");
+        assert!(before.unknown >= 3, "the view at two settings, and the scene: {before:?}");
+        assert!(bench.measure(&settings[0]).is_ok());
+        let after = bench.outlook(&settings);
+        assert!(after.settings == 1 && after.unknown == 0, "{after:?}");
+        let view = bench.points[0].nodes.iter().find(|node| node.id == "view").unwrap();
+        assert!(after.seconds >= view.seconds, "as the measured setting took: {after:?}");
+        bench.end_at(Instant::now() - Duration::from_secs(1));
+        assert!(matches!(bench.measure(&settings[1]), Err(Miss::Late)));
+        assert!(bench.measure(&settings[0]).is_ok(), "it is known");
+        assert_eq!(bench.outlook(&settings[..1]).settings, 0);
+    }
+}

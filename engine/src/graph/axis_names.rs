@@ -1,26 +1,26 @@
-//! How the values of axes are named: in the files of sinks, and on the command line.
+//! Axis values in the names of files, and in node names on the command line.
 
 use std::ops::Range;
 
 use crate::value::files::plain_name;
 
-/// Digits to which the values of an axis are padded, so that the names of files sort as the values do.
+/// Number of digits to which the values of an axis are padded, so that file names sort like the values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Padding {
-    /// Digits in front of the point.
+    /// Digits before the point.
     whole: usize,
-    /// Digits behind it.
+    /// Digits after the point.
     fraction: usize,
 }
 
-/// More digits behind the point are no rounding that a person chose.
+/// Maximum number of digits after the point; more are the result of arithmetic.
 const MOST_FRACTION: usize = 6;
-/// Most digits that a path may ask for.
+/// Maximum number of digits in a path.
 const MOST_DIGITS: usize = 32;
 
 impl Padding {
-    /// That of values that are all numbers of 0 and more, without an exponent; `None` for others, which stay as they are
-    /// written.
+    /// The padding of values that are all numbers of at least 0 without an exponent; `None` for others, which are
+    /// not padded.
     pub fn of(values: &[String]) -> Option<Self> {
         let parts = values.iter().map(|value| digits(value)).collect::<Option<Vec<_>>>()?;
         let longest = |lengths: &dyn Fn(&(&str, &str)) -> usize| parts.iter().map(lengths).max().unwrap_or(0);
@@ -32,7 +32,7 @@ impl Padding {
     }
 }
 
-/// The digits in front of the point and behind it, `.0` as none.
+/// The digits before and after the point; those of `.0` are left out.
 fn digits(value: &str) -> Option<(&str, &str)> {
     let (whole, fraction) = value.split_once('.').unwrap_or((value, ""));
     let all = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
@@ -40,7 +40,7 @@ fn digits(value: &str) -> Option<(&str, &str)> {
     (!whole.is_empty() && all(whole) && all(fraction)).then_some((whole, fraction))
 }
 
-/// The value of an axis as part of a file name. `width` is the number of digits that the path asks for.
+/// The value of an axis as part of a file name. `width` is the number of digits given in the path.
 pub(crate) fn file_text(value: &str, padding: Option<Padding>, width: Option<usize>) -> String {
     let text = value.trim_matches('"');
     let plain = || plain_name(text.strip_suffix(".0").unwrap_or(text));
@@ -58,7 +58,7 @@ pub(crate) fn file_text(value: &str, padding: Option<Padding>, width: Option<usi
     }
 }
 
-/// The places of an axis in a path: `{frame}`, or `{frame:4}` with a number of digits.
+/// The placeholders of an axis in a path: `{frame}`, or `{frame:4}` with a number of digits.
 fn holders<'p>(path: &'p str, axis: &str) -> impl Iterator<Item = (Range<usize>, Option<usize>)> + 'p {
     let open = format!("{{{axis}");
     let length = open.len();
@@ -74,12 +74,12 @@ fn holders<'p>(path: &'p str, axis: &str) -> impl Iterator<Item = (Range<usize>,
     })
 }
 
-/// Whether a path holds the value of an axis.
+/// True if a path has a placeholder of the axis.
 pub(crate) fn is_held(path: &str, axis: &str) -> bool {
     holders(path, axis).next().is_some()
 }
 
-/// A path with the value of an axis in its places.
+/// A path with the placeholders of an axis replaced by its value.
 pub(crate) fn with_value(path: &str, axis: &str, text: impl Fn(Option<usize>) -> String) -> String {
     let (mut out, mut end) = (String::new(), 0);
     for (place, width) in holders(path, axis) {
@@ -90,7 +90,7 @@ pub(crate) fn with_value(path: &str, axis: &str, text: impl Fn(Option<usize>) ->
     out + &path[end..]
 }
 
-/// Whether a value of an axis is what a name asks for: `5`, `005`, or the range `5..7`, which has both ends.
+/// True if an axis value matches the one in a name: `5`, `005`, or the inclusive range `5..7`.
 pub(crate) fn is_asked_for(value: &str, asked: &str) -> bool {
     if value == asked {
         return true;
@@ -106,8 +106,8 @@ pub(crate) fn is_asked_for(value: &str, asked: &str) -> bool {
     }
 }
 
-/// The part of `values`, such as `x=1/y=2`, that is left after the value of an axis; all of it where that is not asked for.
-/// A value may hold slashes itself.
+/// The rest of `values`, such as `x=1/y=2`, after the value of an axis; all of it if the value does not match. A
+/// value may contain slashes.
 pub(crate) fn after_value<'v>(values: &'v str, axis: &str, value: &str) -> &'v str {
     let Some(asked) = values.strip_prefix(axis).and_then(|rest| rest.strip_prefix('=')) else {
         return values;

@@ -11,13 +11,13 @@ use crate::graph::node::Node;
 use crate::kind::registry::Registry;
 use crate::text::diag::Diagnostic;
 use crate::text::document::{Document, RawNode, Scope};
-use crate::text::source::{Piece, Source};
+use crate::text::source::Source;
 use crate::value::root::SourceRoot;
 
 /// The check of a graph: what is known so far, and the mistakes.
 pub(crate) struct Check<'t, 'a> {
     pub text: &'t str,
-    pub pieces: Vec<Piece<'t>>,
+    pub source: &'t Source,
     pub registry: &'a Registry,
     pub root: &'a SourceRoot,
     pub diagnostics: &'a mut Vec<Diagnostic>,
@@ -45,7 +45,7 @@ impl<'t, 'a> Check<'t, 'a> {
     ) -> Self {
         Self {
             text: &source.text,
-            pieces: source.pieces(),
+            source,
             registry,
             root,
             diagnostics,
@@ -69,7 +69,7 @@ impl<'t, 'a> Check<'t, 'a> {
         self.diagnostics.len()
     }
 
-    /// Whether the graph has axes or gathers, so that a node of the file may become several or none.
+    /// True if the graph has axes or gathers, so that a node of the file may become several or none.
     pub fn is_multiple(&self) -> bool {
         !self.axes.is_empty() || !self.gathers.is_empty()
     }

@@ -66,7 +66,7 @@ fn value_at(point: &[(usize, usize)], axis: usize) -> usize {
 }
 
 impl Source {
-    /// The `input` of the `Gather` with this name; `None` if there is none.
+    /// The `input` of the `Gather` with this name; `None` if it does not exist.
     pub fn gathered(&self, name: &str) -> Option<String> {
         let document = parse_all(self, &SourceRoot::new(""), &mut Vec::new());
         let gather = document.nodes.iter().find(|node| node.kind == GATHER && node.id == name)?;

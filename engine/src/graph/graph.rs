@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use crate::graph::axis_names::after_value;
 use crate::graph::node::{Node, Wire};
-use crate::kind::context::{Point, Scene};
 use crate::kind::contract::ViewCount;
 use crate::kind::port::Wired;
+use crate::kind::scene::{Point, Scene};
 use crate::text::diag::{Code, Diagnostic, Diagnostics};
 use crate::text::source::Source;
 use crate::value::error::NodeError;
@@ -25,7 +25,7 @@ pub struct Graph {
     pub nodes: Vec<Arc<Node>>,
     /// Resolves paths in the graph.
     pub root: SourceRoot,
-    /// Whether the graph is a single file without axes, gathers and subgraphs.
+    /// True if the graph is a single file without axes, gathers and subgraphs.
     pub(crate) plain: bool,
     /// Offset of each node in the text.
     starts: Vec<usize>,
@@ -119,7 +119,7 @@ impl Graph {
     }
 
     /// The place of a field of a node, or of the whole node.
-    pub(crate) fn place(&self, node: usize, field: Option<&str>) -> Range<usize> {
+    pub fn place(&self, node: usize, field: Option<&str>) -> Range<usize> {
         let (start, node) = (self.starts[node], &self.nodes[node]);
         let place = node.place(field);
         // Overlays are outside of the node, but a graph with overlays is never edited in place.
@@ -197,9 +197,16 @@ impl Graph {
                 node.inputs[port].first().and_then(|wire| views[wire.node])
             };
             views[index] = match node.step.views(&self.root) {
-                ViewCount::Unknown => None,
-                ViewCount::Known(count) => Some(count),
-                ViewCount::As(inputs) => inputs.iter().find_map(of_input),
+                Ok(ViewCount::Unknown) => None,
+                Ok(ViewCount::Known(count)) => Some(count),
+                Ok(ViewCount::As(inputs)) => inputs.iter().find_map(of_input),
+                Err(error) => {
+                    let mut mistake =
+                        Diagnostic::of(Code::Wiring, self.place(index, error.field), error.message());
+                    mistake.hints.extend(error.hint);
+                    mistakes.push(mistake);
+                    None
+                }
             };
         }
         for index in sinks {
@@ -241,7 +248,7 @@ impl Graph {
         readers.flat_map(|node| node.named_files(&self.root))
     }
 
-    /// Whether another graph has the same meaning, whatever its layout.
+    /// True if another graph has the same meaning, whatever its layout.
     pub fn same(&self, other: &Graph) -> bool {
         let alike = |(a, b): (&Arc<Node>, &Arc<Node>)| {
             Arc::ptr_eq(a, b)
@@ -284,7 +291,7 @@ impl Graph {
         self.nodes.iter().position(|node| node.id == id)
     }
 
-    /// The default targets of a run: the sinks, or all nodes that nothing reads if there are no sinks.
+    /// The default targets of a run: the sinks, or all nodes that nothing reads if the graph has no sinks.
     pub fn targets(&self) -> Vec<usize> {
         let all = 0..self.nodes.len();
         let sinks: Vec<usize> = all.clone().filter(|&n| self.nodes[n].sink_path.is_some()).collect();
@@ -318,7 +325,7 @@ fn segment((axis, value): &(String, String)) -> String {
     format!("/{axis}={}", value.trim_matches('"'))
 }
 
-/// Whether `values`, such as `x=1/y=2`, is a subsequence of the axis values of a node; `x=1..3` matches a range.
+/// True if `values`, such as `x=1/y=2`, is a subsequence of the axis values of a node; `x=1..3` matches a range.
 fn stands_at(point: &[(String, String)], values: &str) -> bool {
     let mut left = values;
     for (axis, value) in point {

@@ -28,7 +28,7 @@ pub struct GraphKnob {
     pub value: String,
     /// Names of the targets that depend on it.
     pub reaches: Vec<String>,
-    /// Whether instances of the node have different values.
+    /// True if instances of the node have different values.
     pub varies: bool,
 }
 
@@ -125,7 +125,7 @@ impl Graph {
     }
 }
 
-/// Whether a field varies along an axis. Presets do not change such fields.
+/// True if a field varies along an axis. Presets do not change such fields.
 fn varies(field: &RawField<'_>) -> bool {
     ["Axis(", "Track("].iter().any(|call| field.text.contains(call))
 }

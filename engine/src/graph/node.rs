@@ -6,11 +6,11 @@ use std::sync::Arc;
 
 use cache::KeyWriter;
 
-use crate::kind::context::Point;
 use crate::kind::fields::Fields;
 use crate::kind::param_type::Role;
 use crate::kind::params::Params;
 use crate::kind::registry::{KindEntry, Step};
+use crate::kind::scene::Point;
 use crate::text::document::RawField;
 use crate::value::artifact::{Decoder, Encoder};
 use crate::value::root::{InputFile, SourceRoot};

@@ -20,7 +20,7 @@ impl ReadFiles {
         Self(places)
     }
 
-    /// Whether writing to `path` would change one of the files: it is one, or a link to one, or a link on the way
+    /// True if writing to `path` would change one of the files: it is one, or a link to one, or a link on the way
     /// to one.
     pub fn has(&self, path: &Path) -> bool {
         !self.0.is_empty() && places_of(path, &mut HashMap::new()).any(|place| self.0.contains(&place))

@@ -5,71 +5,19 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cache::{Digest, Lease};
-use serde::{Deserialize, Serialize};
+use cache::Digest;
+use serde::Serialize;
 
-use crate::kind::param_type::{ParamType, canonical};
+use crate::kind::param_type::canonical;
+use crate::kind::part::{Part, PartStore};
 use crate::kind::port::Wired;
+use crate::kind::scene::{Point, Scene, Up};
 use crate::kind::tiles::{Threads, run_tiles};
-use crate::value::artifact::{AnyArtifact, Artifact, decode_all, encode_to_vec};
+use crate::value::artifact::{Artifact, decode_all, encode_to_vec};
 use crate::value::counts::{Counts, Effort};
 use crate::value::cpu;
 use crate::value::error::NodeError;
 use crate::value::root::{InputFile, SourceFile, SourceRoot};
-
-/// Which axis of the world points up. Worlds are right-handed. Written `"+y"`, `"-y"` or `"+z"`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
-pub enum Up {
-    /// `+y`, as in glTF.
-    PlusY,
-    /// `-y`, common with COLMAP.
-    MinusY,
-    /// `+z`, as in Blender.
-    PlusZ,
-}
-
-impl Up {
-    /// The spelling in graph files.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Up::PlusY => "+y",
-            Up::MinusY => "-y",
-            Up::PlusZ => "+z",
-        }
-    }
-}
-
-impl From<Up> for String {
-    fn from(up: Up) -> Self {
-        up.name().to_owned()
-    }
-}
-
-impl TryFrom<String> for Up {
-    type Error = String;
-    fn try_from(name: String) -> Result<Self, String> {
-        let known = [Up::PlusY, Up::MinusY, Up::PlusZ];
-        known.into_iter().find(|up| up.name() == name).ok_or_else(|| format!("no axis `{name}`"))
-    }
-}
-
-impl ParamType for Up {
-    fn describe() -> String {
-        "\"+y\" | \"-y\" | \"+z\"".to_owned()
-    }
-}
-
-/// The `scene` block of a graph: what every node shares.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scene {
-    /// The axis that points up.
-    pub up: Up,
-    /// Length of a world unit in metres.
-    pub metres_per_unit: f64,
-    /// Seed of all random numbers in the graph.
-    pub seed: u64,
-}
 
 /// A part of the context. A kind declares the ones it reads, and only those enter its keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -80,6 +28,8 @@ pub enum ContextField {
     MetresPerUnit,
     /// [`Scene::seed`].
     Seed,
+    /// [`Scene::exhaustive`].
+    Exhaustive,
     /// The names of the outputs connected to the inputs; see [`Context::wired`].
     Wired,
     /// The axis values of the nodes above; see [`Context::points`].
@@ -89,36 +39,15 @@ pub enum ContextField {
 }
 
 impl ContextField {
-    pub(crate) const ALL: &'static [Self] =
-        &[Self::Up, Self::MetresPerUnit, Self::Seed, Self::Wired, Self::Points, Self::Recipe];
-}
-
-/// Axis values of a node as (axis, value in RON): `[("yaw", "15.0")]`.
-pub type Point = Vec<(String, String)>;
-
-/// Identifies a part of a node's work: an action of its own with its own key.
-#[derive(Debug, Clone, Copy)]
-pub struct Part<'a> {
-    /// Name in events: `r0`.
-    pub name: &'a str,
-    /// Version of the part's code; raised whenever its output changes.
-    pub version: u32,
-    /// The input ports whose content the part depends on.
-    pub inputs: &'a [&'static str],
-}
-
-/// Storage of parts: the engine's side of [`Context::part`].
-pub(crate) trait PartStore: Send + Sync {
-    /// The stored bytes of a part, and the time and counts that it took.
-    fn load(&self, part: Part<'_>, extra: &str) -> Option<(Vec<u8>, Effort)>;
-    /// Acquires the lease of a part, or returns an error that makes the engine try the node again once the lease is
-    /// free. Never waits: the same thread may hold the lease further up its stack.
-    fn claim(&self, part: Part<'_>, extra: &str) -> Result<Option<Lease>, NodeError>;
-    fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], spent: Effort) -> Result<(), NodeError>;
-    /// A part in memory, if it is still kept.
-    fn recall(&self, part: Part<'_>, extra: &str) -> Option<AnyArtifact>;
-    /// Keeps a part of the given size in memory.
-    fn keep(&self, part: Part<'_>, extra: &str, value: AnyArtifact, bytes: u64);
+    pub(crate) const ALL: &'static [Self] = &[
+        Self::Up,
+        Self::MetresPerUnit,
+        Self::Seed,
+        Self::Exhaustive,
+        Self::Wired,
+        Self::Points,
+        Self::Recipe,
+    ];
 }
 
 /// A source file whose digest is part of the key.
@@ -141,8 +70,8 @@ pub struct Context {
     pub(crate) root: SourceRoot,
     pub(crate) sources: Vec<ReadSource>,
     pub(crate) cancel: Arc<AtomicBool>,
-    /// Whether the node has seen that the run is cancelled. Its result may then be incomplete.
-    pub(crate) told: AtomicBool,
+    /// True if the node has seen that the run is cancelled. Its result may then be incomplete.
+    pub(crate) saw_cancel: AtomicBool,
     pub(crate) progress: Box<dyn Fn(f32) + Send + Sync>,
     pub(crate) parts: Option<Box<dyn PartStore>>,
     /// The threads of the run; `None` for the rayon pool of the caller.
@@ -167,7 +96,7 @@ impl Context {
             root: SourceRoot::new(folder),
             sources: Vec::new(),
             cancel: Arc::default(),
-            told: AtomicBool::new(false),
+            saw_cancel: AtomicBool::new(false),
             progress: Box::new(|_| {}),
             parts: None,
             threads: None,
@@ -199,6 +128,13 @@ impl Context {
         self.scene.seed
     }
 
+    /// Whether to do all work, also where a check shows that it changes no byte, so that what such checks save can be
+    /// measured. The kind must declare [`ContextField::Exhaustive`].
+    pub fn exhaustive(&self) -> bool {
+        self.declared(ContextField::Exhaustive);
+        self.scene.exhaustive
+    }
+
     /// The canonical graph above this node, for the metadata of written pictures: nodes renumbered in order, all
     /// parameters written, sources by digest. The kind must declare [`ContextField::Recipe`].
     pub fn recipe(&self) -> Option<&str> {
@@ -220,11 +156,11 @@ impl Context {
         self.points.iter().find(|(port, _)| *port == input).map_or(&[], |(_, points)| points)
     }
 
-    /// Whether the run was cancelled.
+    /// True if the run was cancelled.
     pub fn cancelled(&self) -> bool {
         let cancelled = self.cancel.load(Ordering::Relaxed);
         if cancelled {
-            self.told.store(true, Ordering::Relaxed);
+            self.saw_cancel.store(true, Ordering::Relaxed);
         }
         cancelled
     }

@@ -42,13 +42,32 @@ impl Sizes {
     }
 }
 
-/// Whether the outputs of a kind are stored in the cache.
+/// Storage policy for the outputs of a kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Keep {
     /// Outputs are stored.
     Always,
     /// Only digests are stored, since recomputing is as cheap as reading (loaders).
     Cheap,
+}
+
+/// The replacement of a parameter of a former version.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Former {
+    /// The parameters that went together, reported as one.
+    pub fields: &'static [&'static str],
+    /// The last version of the kind that had them.
+    pub last: u32,
+    /// The remedy, as in ``write `surroundings: Open` ``.
+    pub instead: String,
+}
+
+impl Former {
+    /// Parameters that forced work which changes no byte: `--exhaustive` does so for a whole run.
+    pub fn exhaustive(fields: &'static [&'static str], last: u32) -> Self {
+        let instead = "remove it; `--exhaustive` forces all such work in a run".to_owned();
+        Self { fields, last, instead }
+    }
 }
 
 /// Number of views that a node outputs.
@@ -90,9 +109,9 @@ pub trait Kind: 'static {
     const VERSION: u32;
     /// The context fields that `run` reads; only these enter the key.
     const READS: &'static [ContextField] = &[];
-    /// Whether outputs are stored.
+    /// Storage policy for outputs.
     const STORE: Keep = Keep::Always;
-    /// Whether source paths may be folders.
+    /// True if source paths may be folders.
     const FOLDERS: bool = false;
     /// Where to download required files; shown when one is missing.
     const SUPPLIED: Option<&'static str> = None;
@@ -101,7 +120,7 @@ pub trait Kind: 'static {
 
     /// Compiled-in data that may change without a new version, such as weights. Its digest enters the key.
     const DATA: &'static [u8] = &[];
-    /// Whether `run` takes microseconds for any input. A plan then runs the node to find out what follows from it.
+    /// True if `run` takes microseconds for any input. A plan then runs the node to find out what follows from it.
     const INSTANT: bool = false;
 
     /// How `watch`, presets and forecasts reduce its work.
@@ -134,6 +153,12 @@ pub trait Kind: 'static {
     /// The files that `run` reads. Only headers may be read to find them.
     fn sources(_params: &Self::Params, _root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         Ok(Vec::new())
+    }
+
+    /// The replacement of the field `name`, if a former version had it. `fields` are all fields of the node as
+    /// written, by name and text.
+    fn former(_name: &str, _fields: &[(&str, &str)]) -> Option<Former> {
+        None
     }
 
     /// Checks combinations of parameters. Ranges are declared with the parameters.

@@ -7,6 +7,19 @@ use crate::text::diag::{Code, Diagnostic, shown};
 use crate::text::document::RawField;
 use crate::text::values::{parse_value, value_mistake, with_article};
 
+/// Reads a value. A choice whose fields all have defaults may be written without its brackets: `Room` is `Room()`.
+fn read_value<T: ParamType>(text: &str) -> Result<T, ron::Error> {
+    parse_value::<T>(text).or_else(|error| {
+        let is_word = text.starts_with(|c: char| c.is_ascii_uppercase())
+            && text.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
+        if is_word && !matches!(error, ron::Error::NoSuchEnumVariant { .. }) {
+            parse_value::<T>(&format!("{text}()")).map_err(|_| error)
+        } else {
+            Err(error)
+        }
+    })
+}
+
 /// The fields of a node while its parameters are read. Collects all mistakes.
 pub struct Fields<'t, 'a> {
     pub(crate) fields: &'a [RawField<'t>],
@@ -37,7 +50,7 @@ impl Fields<'_, '_> {
             return default;
         };
         let between = |(low, high): (f64, f64)| format!("must lie between {low} and {high}");
-        let value = match parse_value::<T>(field.text) {
+        let value = match read_value::<T>(field.text) {
             Ok(value) => value,
             Err(error) => {
                 let (span, range) = (field.span.clone(), range.map(between));

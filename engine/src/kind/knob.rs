@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-/// What a knob controls.
+/// Type of a knob: the quantity that it controls.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum KnobKind {
@@ -18,7 +18,7 @@ pub enum KnobKind {
     Precision,
     /// Strength of smoothing, which removes noise and detail.
     Filter,
-    /// Maximum contribution of a sample, which removes noise and some light; 0 is no limit.
+    /// Maximum contribution of a sample, which removes noise and some light; 0 for no limit.
     Limit,
 }
 
@@ -40,7 +40,7 @@ impl KnobKind {
 /// A parameter as a knob. Each step of its ladder is at least as exact as the previous one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Knob {
-    /// What the knob controls.
+    /// Type of the knob.
     pub kind: KnobKind,
     /// The value in each of [`PRESETS`](crate::PRESETS), in RON; empty if the preset does not set it.
     pub ladder: [&'static str; 4],

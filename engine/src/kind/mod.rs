@@ -6,6 +6,8 @@ pub(crate) mod fields;
 pub(crate) mod knob;
 pub(crate) mod param_type;
 pub(crate) mod params;
+pub(crate) mod part;
 pub(crate) mod port;
 pub(crate) mod registry;
+pub(crate) mod scene;
 pub(crate) mod tiles;

@@ -17,7 +17,7 @@ pub trait ParamType:
     }
     /// The role of the parameter.
     const ROLE: Role = Role::Value;
-    /// Whether every number in the value lies in the closed range.
+    /// True if every number in the value lies in the closed range.
     fn within(&self, _low: f64, _high: f64) -> bool {
         true
     }
@@ -31,7 +31,7 @@ pub trait ParamType:
     }
 }
 
-/// Whether a parameter names a file.
+/// Role of a parameter: a plain value, or a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// A plain value.

@@ -19,7 +19,7 @@ pub struct ParamSpec {
     pub default: fn() -> Option<String>,
     /// Closed range of every number in the value.
     pub range: Option<(f64, f64)>,
-    /// Unit; empty if there is none.
+    /// Unit, or an empty string.
     pub unit: &'static str,
     /// Another valid value in RON, for tests.
     pub other: Option<&'static str>,
@@ -27,7 +27,7 @@ pub struct ParamSpec {
     pub inert: Option<&'static str>,
     /// How it trades work for accuracy, if it does.
     pub knob: Option<Knob>,
-    /// Whether it names a file.
+    /// Role: a plain value, or a file.
     pub role: Role,
 }
 
@@ -157,10 +157,11 @@ macro_rules! params {
 ///     pub enum Blend { /** At the threshold, as the paper. */ Hard, /** Over a ramp. */ Ramp }
 /// }
 /// assert_eq!(<Blend as engine::ParamType>::describe(), "Hard | Ramp");
+/// assert_eq!(<Blend as engine::ParamType>::choices()[1], ("Ramp", "Over a ramp."));
 /// ```
 #[macro_export]
 macro_rules! choices {
-    ($(#[doc = $sdoc:literal])* $vis:vis enum $name:ident { $($(#[doc = $doc:literal])* $variant:ident),* $(,)? }) => {
+    ($(#[doc = $sdoc:literal])* $vis:vis enum $name:ident { $($(#[doc = $doc:literal])+ $variant:ident),* $(,)? }) => {
         $(#[doc = $sdoc])*
         #[derive(Debug, Clone, Copy, PartialEq, Eq, $crate::serde::Serialize, $crate::serde::Deserialize)]
         #[serde(crate = "engine::serde")]

@@ -4,26 +4,27 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::kind::context::{Context, ContextField};
-use crate::kind::contract::{Cost, Keep, Kind, Preview, Sizes, ViewCount};
+use crate::kind::contract::{Cost, Former, Keep, Kind, Preview, Sizes, ViewCount};
 use crate::kind::fields::Fields;
 use crate::kind::param_type::{ParamValue, Role};
 use crate::kind::params::{ParamSpec, Params};
 use crate::kind::port::{Inputs, Outputs, PortSpec, Wired};
 use crate::value::artifact::AnyArtifact;
-use crate::value::error::NodeError;
+use crate::value::error::{NodeError, guarded};
 use crate::value::note::Notes;
 use crate::value::root::{FileHead, SourceFile, SourceRoot};
 
-/// The parameters and code of a kind whose type is unknown.
+/// The parameters and code of a kind whose type is unknown. A panic in the code of a kind is an error of every method, so
+/// that no caller has to guard against it.
 pub(crate) trait Step: Send + Sync {
     fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
     fn check(&self) -> Result<(), NodeError>;
     fn check_wires(&self, wired: &Wired) -> Result<(), NodeError>;
-    fn views(&self, root: &SourceRoot) -> ViewCount;
+    fn views(&self, root: &SourceRoot) -> Result<ViewCount, NodeError>;
     fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError>;
-    fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Cost;
-    fn estimate_files(&self, files: &[FileHead<'_>]) -> Cost;
-    fn work(&self, sizes: &Sizes) -> f64;
+    fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Result<Cost, NodeError>;
+    fn estimate_files(&self, files: &[FileHead<'_>]) -> Result<Cost, NodeError>;
+    fn work(&self, sizes: &Sizes) -> Result<f64, NodeError>;
     fn run(
         &self,
         inputs: Vec<Vec<AnyArtifact>>,
@@ -38,35 +39,40 @@ impl<K: Kind> Step for StepOf<K> {
         self.0.visit(visit);
     }
     fn check(&self) -> Result<(), NodeError> {
-        K::check(&self.0)
+        guarded(|| K::check(&self.0))
     }
     fn check_wires(&self, wired: &Wired) -> Result<(), NodeError> {
-        K::check_wires(&self.0, wired)
+        guarded(|| K::check_wires(&self.0, wired))
     }
-    fn views(&self, root: &SourceRoot) -> ViewCount {
-        K::views(&self.0, root)
+    fn views(&self, root: &SourceRoot) -> Result<ViewCount, NodeError> {
+        guarded(|| Ok(K::views(&self.0, root)))
     }
     fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
-        K::sources(&self.0, root)
+        guarded(|| K::sources(&self.0, root))
     }
-    fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Cost {
-        K::estimate(&self.0, &K::In::take(inputs))
+    fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Result<Cost, NodeError> {
+        guarded(|| Ok(K::estimate(&self.0, &K::In::take(inputs))))
     }
-    fn estimate_files(&self, files: &[FileHead<'_>]) -> Cost {
-        K::estimate_files(&self.0, files)
+    fn estimate_files(&self, files: &[FileHead<'_>]) -> Result<Cost, NodeError> {
+        guarded(|| Ok(K::estimate_files(&self.0, files)))
     }
-    fn work(&self, sizes: &Sizes) -> f64 {
-        K::work(&self.0, sizes)
+    fn work(&self, sizes: &Sizes) -> Result<f64, NodeError> {
+        guarded(|| Ok(K::work(&self.0, sizes)))
     }
     fn run(
         &self,
         inputs: Vec<Vec<AnyArtifact>>,
         cx: &Context,
     ) -> Result<(Vec<AnyArtifact>, Notes), NodeError> {
-        let (out, notes) = K::run(&self.0, K::In::take(inputs), cx)?;
-        Ok((out.give(), notes))
+        guarded(|| {
+            let (out, notes) = K::run(&self.0, K::In::take(inputs), cx)?;
+            Ok((out.give(), notes))
+        })
     }
 }
+
+/// [`Kind::former`]: a field name and all fields as written, by name and text.
+type FormerField = fn(&str, &[(&str, &str)]) -> Option<Former>;
 
 /// The engine's view of a kind.
 pub struct KindEntry {
@@ -98,8 +104,10 @@ pub struct KindEntry {
     pub(crate) folders: bool,
     /// [`Kind::SUPPLIED`].
     pub(crate) supplied: Option<&'static str>,
-    /// Whether a parameter names a source file.
+    /// True if a parameter names a source file.
     pub(crate) reads_files: bool,
+    /// [`Kind::former`].
+    pub(crate) former: FormerField,
     pub(crate) read: fn(&mut Fields<'_, '_>) -> Option<Arc<dyn Step>>,
 }
 
@@ -123,6 +131,7 @@ impl KindEntry {
             preview: K::PREVIEW,
             folders: K::FOLDERS,
             supplied: K::SUPPLIED,
+            former: K::former,
             read: |fields| {
                 let step: Arc<dyn Step> = Arc::new(StepOf::<K>(K::Params::read(fields)?));
                 Some(step)

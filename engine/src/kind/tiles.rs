@@ -156,7 +156,7 @@ impl<'t> Tiles<'t> {
         }
     }
 
-    /// Runs the next tile; false if there is none.
+    /// Runs the next tile; false if all were started.
     fn run_next(&self) -> bool {
         if self.ended.load(Ordering::Relaxed) {
             return false;

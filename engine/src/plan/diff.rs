@@ -33,6 +33,7 @@ pub fn graph_differences(a: &Graph, b: &Graph) -> Vec<(String, NodeDifference)> 
             ("up", scene.up.name().to_owned()),
             ("metres_per_unit", format!("{:?}", scene.metres_per_unit)),
             ("seed", scene.seed.to_string()),
+            ("exhaustive", scene.exhaustive.to_string()),
         ];
         fields.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
     };
@@ -94,7 +95,7 @@ pub struct ResultDifference {
     pub id: String,
     /// Names of the outputs that differ, with the distance between their values if both are stored.
     pub outputs: Vec<(String, Option<Difference>)>,
-    /// Whether none of its inputs differ, so that the difference originates here.
+    /// True if none of its inputs differ, so that the difference originates here.
     pub first: bool,
 }
 

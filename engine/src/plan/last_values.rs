@@ -24,11 +24,12 @@ impl Engine {
             true => self.store.get_blob(&output.digest).ok()??,
             false => {
                 let value = self.made_again(graph, wire)?;
-                let bytes = (graph.nodes[wire.node].kind.outputs[wire.port].artifact.encode)(&value);
+                let artifact = &graph.nodes[wire.node].kind.outputs[wire.port].artifact;
+                let bytes = guarded(|| Ok((artifact.encode)(&value))).ok()?;
                 Some(bytes).filter(|bytes| Digest::of(bytes) == output.digest)?
             }
         };
-        decode_all(&bytes).ok()
+        guarded(|| Ok(decode_all(&bytes)?)).ok()
     }
 
     fn last_output(&self, graph: &Graph, wire: Wire) -> Option<Output> {
@@ -60,7 +61,7 @@ impl Engine {
             let inputs = node.inputs.iter().map(port).collect::<Option<Vec<_>>>()?;
             let sources = read_sources(graph, index, &self.store).ok()?;
             let context = context_of(graph, index, &Action { sources, ..Action::default() });
-            let (values, _) = guarded(|| node.step.run(inputs, &context)).ok()?;
+            let (values, _) = node.step.run(inputs, &context).ok()?;
             made.insert(index, values);
         }
         made.remove(&wire.node)?.into_iter().nth(wire.port)

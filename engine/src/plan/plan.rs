@@ -23,7 +23,7 @@ use crate::text::values::parse_value;
 use crate::value::artifact::AnyArtifact;
 use crate::value::error::{NodeError, guarded};
 
-/// What a run would do with a node.
+/// Planned treatment of a node.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fate {
     /// Not needed by any target.
@@ -56,7 +56,7 @@ pub struct Planned {
     pub id: String,
     /// Kind of the node.
     pub kind: &'static str,
-    /// What would happen.
+    /// Planned treatment.
     pub fate: Fate,
     /// Forecast of its time in seconds, from earlier runs of its kind; `None` if there are none or if it would not
     /// run. Cached parts make it shorter.
@@ -100,15 +100,14 @@ impl Engine {
     pub(crate) fn plan_next(&self, graph: &Graph, only: &[usize], out: &Path) -> Vec<Planned> {
         let wanted = graph.wanted(only);
         let Some(warm) = &self.warm else { return self.plan(graph, only) };
-        let previous_run = warm.previous();
-        let cone = previous_run
-            .as_ref()
-            .and_then(|previous_run| previous_run.cone(graph, only, &wanted, out, &self.store));
-        let (Some(previous_run), Some(Cone { of, .. })) = (&*previous_run, cone) else {
+        let previous = warm.previous();
+        let cone =
+            previous.as_ref().and_then(|previous| previous.cone(graph, only, &wanted, out, &self.store));
+        let (Some(previous), Some(Cone { of, .. })) = (&*previous, cone) else {
             return self.plan(graph, only);
         };
         let mut outlook = Outlook::new(self, graph);
-        for (index, slot) in previous_run.slots.iter().enumerate().filter(|(index, _)| !of[*index]) {
+        for (index, slot) in previous.slots.iter().enumerate().filter(|(index, _)| !of[*index]) {
             if graph.nodes[index].kind.reads_files {
                 outlook.actions[index].sources.clone_from(&slot.action.sources);
             }
@@ -246,7 +245,7 @@ impl<'a> Outlook<'a> {
             &record.outputs[wire.port]
         };
         let sizes = sizes(node, &self.actions[index].sources, output);
-        guarded(|| Ok(node.step.work(&sizes))).ok()
+        node.step.work(&sizes).ok()
     }
 
     /// The action of a node with known inputs.
@@ -305,8 +304,8 @@ impl<'a> Outlook<'a> {
         let inputs =
             node.inputs.iter().map(|wires| wires.iter().map(value).collect()).collect::<Option<_>>()?;
         let context = context_of(graph, index, &self.actions[index]);
-        let (values, notes) = guarded(|| node.step.run(inputs, &context)).ok()?;
-        let (outputs, _) = encode(node, &values);
+        let (values, notes) = node.step.run(inputs, &context).ok()?;
+        let (outputs, _) = guarded(|| Ok(encode(node, &values))).ok()?;
         self.records[index] = Some(Record { outputs, files: Vec::new(), notes, spent: Spent::default() });
         self.values[index] = Some(values);
         Some(())

@@ -52,6 +52,7 @@ pub(crate) fn node_key<'s>(
             ContextField::Up => to.str("scene.up", scene.up.name()),
             ContextField::MetresPerUnit => to.f64("scene.metres_per_unit", scene.metres_per_unit),
             ContextField::Seed => to.u64("scene.seed", scene.seed),
+            ContextField::Exhaustive => to.u64("scene.exhaustive", scene.exhaustive.into()),
             ContextField::Wired => {
                 for (port, names) in graph.wired(index).0 {
                     to.list(&format!("wired.{port}"), |to| names.iter().for_each(|name| to.str("", name)));
@@ -75,7 +76,7 @@ pub(crate) fn node_key<'s>(
 pub(crate) fn part_key(
     kind: &str,
     profile: &str,
-    part: crate::kind::context::Part<'_>,
+    part: crate::kind::part::Part<'_>,
     inputs: &[(&'static str, Vec<Digest>)],
     extra: &str,
 ) -> Result<Key, cache::KeyError> {

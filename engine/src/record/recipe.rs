@@ -8,10 +8,11 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use crate::graph::graph::Graph;
-use crate::kind::context::{ReadSource, Scene};
+use crate::kind::context::ReadSource;
 use crate::kind::param_type::Role;
 use crate::kind::port::Arity;
 use crate::kind::registry::KindEntry;
+use crate::kind::scene::Scene;
 use crate::text::edit::replace_strings;
 
 /// Start of a recipe; the kinds follow.
@@ -30,13 +31,14 @@ pub(crate) fn recipe<'s>(
     for (index, &node) in order.iter().enumerate() {
         number[node] = index;
     }
-    let Scene { up, metres_per_unit, seed } = graph.scene;
+    let Scene { up, metres_per_unit, seed, exhaustive } = graph.scene;
+    let exhaustive = if exhaustive { ",exhaustive:true" } else { "" };
     let kinds: BTreeMap<&str, &KindEntry> =
         order.iter().map(|&node| &graph.nodes[node].kind).map(|kind| (kind.name, &**kind)).collect();
     let kinds: Vec<String> =
         kinds.values().map(|kind| format!("{} {} {}", kind.name, kind.version, kind.profile)).collect();
     let mut text = format!(
-        "{HEAD}{}\nGraph(version:1,scene:(up:\"{}\",metres_per_unit:{metres_per_unit:?},seed:{seed}),nodes:(\n",
+        "{HEAD}{}\nGraph(version:1,scene:(up:\"{}\",metres_per_unit:{metres_per_unit:?},seed:{seed}{exhaustive}),nodes:(\n",
         kinds.join(", "),
         up.name()
     );

@@ -15,7 +15,7 @@ pub(crate) struct Output {
     pub digest: Digest,
     /// Size in units that the work of readers grows with.
     pub size: u64,
-    /// Whether the value itself was stored, and not only its digest.
+    /// True if the value itself was stored, and not only its digest.
     pub stored: bool,
 }
 

@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use cache::Store;
 
 use crate::kind::tiles::Threads;
-use crate::run::value_cache::{ValueCache, free_memory};
+use crate::run::value_cache::{ValueCache, default_memory};
 use crate::run::warm::Warm;
 
 /// The threads, memory and store shared by runs.
@@ -17,7 +17,7 @@ pub struct Engine {
     limits: OnceLock<Limits>,
     threads: OnceLock<Arc<Threads>>,
     prepared: OnceLock<Arc<ValueCache>>,
-    /// What is kept from one run to the next; see [`keeping`](Self::keeping).
+    /// State kept from one run to the next; see [`keeping`](Self::keeping).
     pub(crate) warm: Option<Warm>,
 }
 
@@ -45,7 +45,7 @@ impl Engine {
             let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);
             Limits {
                 jobs: if self.jobs > 0 { self.jobs } else { cores() },
-                memory: if self.memory > 0 { self.memory } else { free_memory() / 4 * 3 },
+                memory: if self.memory > 0 { self.memory } else { default_memory() },
             }
         })
     }

@@ -50,7 +50,7 @@ pub enum Event {
         id: String,
         /// Name of the part.
         part: String,
-        /// Whether it ran.
+        /// How it ended: ran or cached.
         state: State,
         /// Key of the part.
         #[serde(serialize_with = "hex")]
@@ -97,7 +97,7 @@ pub enum Event {
         counts: Counts,
         /// Its notes, whether it ran or was cached.
         notes: Vec<Note>,
-        /// Whether its result, or one above it, is less than what was asked for.
+        /// True if its result, or one above it, is less than what was asked for.
         degraded: bool,
         /// The error, if it failed.
         #[serde(skip_serializing_if = "Option::is_none")]
@@ -111,7 +111,7 @@ pub enum Event {
         path: PathBuf,
         /// False if an equal file existed already.
         written: bool,
-        /// Whether it is a preview, which a later run replaces.
+        /// True if it is a preview, which a later run replaces.
         #[serde(skip_serializing_if = "std::ops::Not::not")]
         preview: bool,
     },
@@ -174,7 +174,7 @@ pub struct Totals {
     pub skipped: usize,
     /// Nodes with a degraded result.
     pub degraded: usize,
-    /// Whether the run was cancelled.
+    /// True if the run was cancelled.
     pub stopped: bool,
     /// Wall time in seconds.
     pub seconds: f64,

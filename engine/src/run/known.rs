@@ -8,7 +8,7 @@ use crate::kind::registry::KindEntry;
 use crate::record::pace::Pace;
 use crate::run::slot::{Life, Slot};
 
-/// What the scheduler knows about keys.
+/// The keys of a run.
 pub(crate) struct Known {
     /// Name of the history that holds the keys of the graph's nodes.
     history: String,
@@ -52,7 +52,7 @@ impl Known {
         self.in_flight.insert(key, Vec::new());
     }
 
-    /// Records that a key is no longer being computed, and returns the nodes that waited for it.
+    /// Records that the computation of a key ended, and returns the nodes that waited for it.
     pub fn end(&mut self, key: &Digest) -> Vec<usize> {
         self.in_flight.remove(key).unwrap_or_default()
     }

@@ -28,12 +28,12 @@ impl Memory {
         self.peak
     }
 
-    /// Whether the budget is not exhausted.
+    /// True if the budget is not exhausted.
     pub fn has_room(&self) -> bool {
         self.held.saturating_add(self.reserved) < self.limit
     }
 
-    /// Whether code that needs this many bytes fits into the budget.
+    /// True if code that needs this many bytes fits into the budget.
     pub fn fits(&self, bytes: u64) -> bool {
         self.held.saturating_add(self.reserved).saturating_add(bytes) <= self.limit
     }

@@ -1,6 +1,7 @@
 //! Messages from the threads to the scheduler.
 
 use std::path::PathBuf;
+use std::sync::mpsc::Sender;
 
 use cache::Digest;
 
@@ -45,6 +46,40 @@ pub(crate) enum Message {
     },
 }
 
+/// A message that a thread owes to the scheduler, which waits for it. If the thread panics before it has sent the message,
+/// `otherwise` makes one of an error. To be made by the thread itself: work that never starts owes nothing.
+pub(crate) struct Owed<'s, F: FnOnce(NodeError) -> Message> {
+    sender: &'s Sender<Message>,
+    otherwise: Option<F>,
+}
+
+impl<'s, F: FnOnce(NodeError) -> Message> Owed<'s, F> {
+    pub fn new(sender: &'s Sender<Message>, otherwise: F) -> Self {
+        Self { sender, otherwise: Some(otherwise) }
+    }
+
+    /// Sends the message. The scheduler outlives every thread, so this cannot fail.
+    pub fn send(self, message: Message) {
+        let _ = self.sender.send(message);
+        self.cancel();
+    }
+
+    /// Another message has been sent in place of this one.
+    pub fn cancel(mut self) {
+        self.otherwise = None;
+    }
+}
+
+impl<F: FnOnce(NodeError) -> Message> Drop for Owed<'_, F> {
+    fn drop(&mut self) {
+        if let Some(otherwise) = self.otherwise.take() {
+            let error = NodeError::new("a thread that worked on this node panicked")
+                .hint("this is a mistake in the program, not in the graph; please report it");
+            let _ = self.sender.send(otherwise(error));
+        }
+    }
+}
+
 /// The result of a node, from its code or from another process.
 pub(crate) struct Finished {
     pub record: Record,
@@ -52,9 +87,36 @@ pub(crate) struct Finished {
     pub values: Vec<AnyArtifact>,
     /// Work done in this run.
     pub effort: Effort,
-    /// Whether the code ran here.
+    /// True if the code ran here.
     pub ran: bool,
 }
 
 /// Output files, and whether each was written.
 pub(crate) type Placed = Vec<(PathBuf, bool)>;
+
+#[cfg(test)]
+mod tests {
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+    use std::sync::mpsc::channel;
+
+    use super::*;
+
+    #[test]
+    fn a_thread_that_panics_sends_what_it_owes() {
+        let (sender, receiver) = channel();
+        let stored = |error: NodeError| Message::Stored { node: 1, error: Some(error.to_string()) };
+        let panicked = catch_unwind(AssertUnwindSafe(|| {
+            let _owed = Owed::new(&sender, stored);
+            panic!("after the code of the node");
+        }));
+        assert!(panicked.is_err());
+        let message = receiver.try_recv();
+        assert!(
+            matches!(message, Ok(Message::Stored { node: 1, error: Some(text) }) if text.contains("panicked"))
+        );
+        Owed::new(&sender, stored).send(Message::Stored { node: 2, error: None });
+        Owed::new(&sender, stored).cancel();
+        assert!(matches!(receiver.try_recv(), Ok(Message::Stored { node: 2, error: None })));
+        assert!(receiver.try_recv().is_err(), "one message each");
+    }
+}

@@ -21,7 +21,7 @@ pub struct RunOptions {
     /// Nodes reduced for a preview. They and the nodes below are not recorded as the last run, and their files are
     /// marked as previews.
     pub rough: Vec<usize>,
-    /// Whether to report the work of each thread as [`Event::Span`](crate::Event::Span)s.
+    /// True to report the work of each thread as [`Event::Span`](crate::Event::Span)s.
     pub trace: bool,
 }
 

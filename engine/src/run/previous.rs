@@ -8,7 +8,7 @@ use cache::Store;
 
 use crate::graph::graph::Graph;
 use crate::graph::node::Node;
-use crate::kind::context::Scene;
+use crate::kind::scene::Scene;
 use crate::record::action::known_sources;
 use crate::run::sink;
 use crate::run::slot::{Life, Slot};
@@ -25,7 +25,7 @@ pub(crate) struct PreviousRun {
 
 /// The nodes whose results may differ from those of the previous run.
 pub(crate) struct Cone {
-    /// Whether each node is included; true for nodes that no target needs.
+    /// True if each node is included; true for nodes that no target needs.
     pub of: Vec<bool>,
     /// The files of sinks that are not included. All of them are up to date.
     pub kept: Vec<(usize, PathBuf)>,
@@ -68,7 +68,7 @@ impl PreviousRun {
         Some(Cone { of, kept })
     }
 
-    /// Whether the result of an unchanged node is still up to date.
+    /// True if the result of an unchanged node is still up to date.
     fn stands(
         &self,
         graph: &Graph,

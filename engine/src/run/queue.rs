@@ -96,22 +96,22 @@ impl Queue {
         Self { jobs, rank, ready, queued, parked: Vec::new(), supplied, running }
     }
 
-    /// Whether no node runs.
+    /// True if no node runs.
     pub fn nothing_runs(&self) -> bool {
         self.running.all == 0
     }
 
-    /// Whether no node runs or is supplied.
+    /// True if no node runs or is supplied.
     pub fn is_idle(&self) -> bool {
         self.nothing_runs() && self.supplied.all == 0
     }
 
-    /// Whether no node waits for a thread or for another process.
+    /// True if no node waits for a thread or for another process.
     pub fn nothing_waits(&self) -> bool {
         self.queued.all.is_empty() && self.parked.is_empty()
     }
 
-    /// Whether a node waits for another process.
+    /// True if a node waits for another process.
     pub fn has_parked(&self) -> bool {
         !self.parked.is_empty()
     }

@@ -60,23 +60,23 @@ pub(crate) struct Slot {
     pub action: Action,
     pub key: Option<Digest>,
     pub record: Option<Record>,
-    /// One entry per output, or empty if there are no values.
+    /// One entry per output; empty without values.
     values: Vec<Value>,
     pub waiters: Vec<(usize, Waiter)>,
     /// The stage before its code was started again for its values, which it returns to afterwards.
     pub remaking: Option<Life>,
-    /// Whether its values are lost because the rerun failed.
+    /// True if its values are lost because the rerun failed.
     pub lost: bool,
-    /// Whether its values are being stored.
+    /// True if its values are being stored.
     pub storing: bool,
     /// Number of messages that threads are still to send for it.
     pub owed: usize,
     pub degraded: bool,
-    /// Whether it, or a node above it, is reduced for a preview.
+    /// True if it, or a node above it, is reduced for a preview.
     pub rough: bool,
     /// Work of its code, in units of its kind.
     pub work: f64,
-    /// Whether its forecast is below a limit.
+    /// True if its forecast is below a limit.
     pub short: bool,
     /// Memory reserved for its code, in bytes.
     pub reserved: u64,
@@ -122,7 +122,7 @@ impl Slot {
         }
     }
 
-    /// Whether other nodes with its key wait for it.
+    /// True if other nodes with its key wait for it.
     pub fn leads(&self) -> bool {
         use Life::{Gathering, Parked, Queued, Ready, Running};
         self.remaking.is_none() && matches!(self.life, Ready | Gathering | Queued | Parked | Running)
@@ -173,7 +173,7 @@ impl Slot {
         self.readers = 0;
     }
 
-    /// Whether the values are not needed any more.
+    /// True if the values are not needed any more.
     pub fn is_unread(&self) -> bool {
         self.readers == 0 && !self.storing && self.waiters.is_empty() && self.remaking.is_none()
     }

@@ -27,12 +27,12 @@ impl Tracer {
         }
         let begin = Instant::now();
         let result = code();
-        self.tell(id, what, begin.elapsed().as_secs_f64());
+        self.record(id, what, begin.elapsed().as_secs_f64());
         result
     }
 
     /// Sends a span of the given duration that ends now.
-    pub fn tell(&self, id: &str, what: &str, seconds: f64) {
+    pub fn record(&self, id: &str, what: &str, seconds: f64) {
         let Some(sender) = &self.sender else { return };
         let event = Event::Span {
             id: id.to_owned(),

@@ -35,12 +35,12 @@ pub fn run_unchanged(
     registry: &Registry,
     root: &SourceRoot,
     out: &Path,
-    mut tell: impl FnMut(Event),
+    mut emit: impl FnMut(Event),
 ) -> Option<Outcome> {
     let bytes = cache::last_run(folder, &name(source, root))?;
     let (events, totals) = read(&bytes, source, registry, root, out).ok().flatten()?;
-    events.into_iter().for_each(&mut tell);
-    tell(Event::Done(totals.clone()));
+    events.into_iter().for_each(&mut emit);
+    emit(Event::Done(totals.clone()));
     Some(Outcome { totals, failures: None })
 }
 

@@ -93,8 +93,13 @@ impl ValueCache {
     }
 }
 
+/// The default limit of memory for values and running code, in bytes: three quarters of what is free.
+pub fn default_memory() -> u64 {
+    free_memory() / 4 * 3
+}
+
 /// Available memory in bytes without swapping; 8 GiB if the system does not report it.
-pub(crate) fn free_memory() -> u64 {
+fn free_memory() -> u64 {
     let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
     let kib = line.and_then(|rest| rest.trim().trim_end_matches(" kB").parse::<u64>().ok());

@@ -6,6 +6,7 @@
 use std::cell::Cell;
 use std::collections::VecDeque;
 use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::Scope;
 
@@ -90,7 +91,8 @@ impl<'a> Workers<'a> {
         loop {
             if let Some(work) = queue.code.pop_front().or_else(|| queue.other.pop_front()) {
                 drop(queue);
-                self.threads.occupied(work);
+                // What it owes, it sends when it panics; the thread goes on.
+                let _ = catch_unwind(AssertUnwindSafe(|| self.threads.occupied(work)));
                 queue = self.queue();
             } else if queue.closed {
                 return;

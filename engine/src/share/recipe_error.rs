@@ -7,7 +7,7 @@ use crate::text::diag::Diagnostics;
 /// Why a recipe cannot run.
 #[derive(Debug, thiserror::Error)]
 pub enum RecipeError {
-    /// There is no recipe, or it has another format.
+    /// The recipe is missing or has another format.
     #[error("the picture has no recipe that this program can read")]
     NoRecipe,
     /// Its graph has mistakes.

@@ -63,7 +63,7 @@ impl SourceIndex {
         Ok(index)
     }
 
-    /// Whether there are more files than the index holds.
+    /// True if there are more files than the index holds.
     pub fn is_cut(&self) -> bool {
         self.cut
     }

@@ -22,11 +22,11 @@ pub enum Code {
     Missing,
     /// A name is given twice.
     Duplicate,
-    /// There is no kind with this name.
+    /// Unknown name of a kind.
     UnknownKind,
-    /// There is no field with this name.
+    /// Unknown name of a field.
     UnknownField,
-    /// There is no node with this name.
+    /// Unknown name of a node.
     UnknownNode,
     /// The node has no output with this name.
     UnknownOutput,
@@ -137,7 +137,7 @@ impl Diagnostics {
             let (line, column) = self.source.position(one.span.start);
             let text = self.source.text.get(one.span.clone()).unwrap_or_default();
             let length = text.lines().next().unwrap_or_default().chars().count();
-            let file = self.source.piece(one.span.start).name.to_owned();
+            let file = self.source.piece(one.span.start).name.clone();
             let (message, label) = (one.message.clone(), one.label.clone());
             let (span, code, hints) = ([one.span.start, one.span.end], one.code, one.hints.clone());
             Mistake { file, line, column, length, span, code, message, label, hints }
@@ -157,11 +157,7 @@ impl Diagnostics {
     }
 
     fn render_one(&self, renderer: &Renderer, one: &Diagnostic) -> String {
-        let pieces = self.source.pieces();
-        let piece_of = |offset: usize| {
-            let index = pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
-            &pieces[index]
-        };
+        let piece_of = |offset: usize| self.source.piece(offset);
         let own = piece_of(one.span.start);
         let place = |span: &Range<usize>| place(&self.source.text, &piece_of(span.start).span, span);
         let mut primary = AnnotationKind::Primary.span(place(&one.span));
@@ -174,9 +170,8 @@ impl Diagnostics {
             let between = self.source.text.get(low..high).unwrap_or_default();
             between.len() < 1000 || between.contains('\n')
         };
-        let snippet = |piece: &Piece<'_>| {
-            Snippet::source(&self.source.text[piece.span.clone()]).path(piece.name.to_owned())
-        };
+        let snippet =
+            |piece: &Piece| Snippet::source(&self.source.text[piece.span.clone()]).path(piece.name.clone());
         let beside = |(span, label): &'_ (Range<usize>, String)| {
             AnnotationKind::Context.span(place(span)).label(label.clone())
         };

@@ -99,7 +99,7 @@ mod tests {
             text.rsplit_once('\n').map(|(_, end)| end.to_owned()).unwrap_or_default()
         };
         assert_eq!(set("a.yaw_deg=35"), "a.yaw_deg=35");
-        assert_eq!(set("a.path=out/x.png"), "a.path=\"out/x.png\"", "what is no RON is text");
+        assert_eq!(set("a.path=out/x.png"), "a.path=\"out/x.png\"", "text that is not RON is a string");
         assert_eq!(set("a.m = Hard"), "a.m=Hard");
         assert_eq!(set("left.a.m=Hard"), "left.a.m=Hard");
         assert_eq!(set("a.m=By(file: \"x/y.png\")"), "a.m=By(file: \"x/y.png\")");

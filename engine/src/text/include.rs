@@ -12,10 +12,11 @@ use crate::text::subgraph::{FILE, SUBGRAPH, SubgraphFiles, expand};
 use crate::text::syntax::{FileKind, parse_part, parse_preset, parse_setting};
 use crate::text::values::parse_value;
 use crate::value::root::{InputFile, SourceRoot};
+use crate::value::text_file::{MAX_GRAPH_BYTES, read_text};
 
 /// Limits on the number of included files and on their total bytes.
 const MOST_FILES: usize = 1000;
-const MOST_BYTES: usize = 256 << 20;
+const MOST_BYTES: u64 = 256 << 20;
 
 impl Source {
     /// Reads the files that the graph includes or uses as subgraphs, recursively, each once, and appends them to
@@ -23,11 +24,11 @@ impl Source {
     /// reported when the graph is parsed. Also returns the paths of all files, whether they exist or not.
     pub fn including(mut self, root: &SourceRoot) -> (Self, Vec<PathBuf>) {
         let mut paths = Vec::new();
-        let known = |piece: Piece<'_>| {
+        let known = |piece: &Piece| {
             matches!(piece.role, PieceRole::Include | PieceRole::Subgraph)
-                .then(|| (piece.role, piece.name.to_owned()))
+                .then(|| (piece.role, piece.name.clone()))
         };
-        let mut seen: BTreeSet<(PieceRole, String)> = self.pieces().into_iter().filter_map(known).collect();
+        let mut seen: BTreeSet<(PieceRole, String)> = self.pieces().iter().filter_map(known).collect();
         let own = Path::new(&self.name).canonicalize().ok();
         let mut bytes = 0;
         loop {
@@ -40,16 +41,14 @@ impl Source {
                 let file = root.file(&InputFile(name));
                 // An include cycle back to the graph itself, whose nodes are present already.
                 if role == PieceRole::Include && own.is_some() && file.path.canonicalize().ok() == own {
-                    self = self.joined("include", &file.name, "Graph()");
+                    self = self.joined(role, &file.name, "Graph()");
                     continue;
                 }
                 let may = !root.is_outside(&file) && !root.is_strange(&file.path);
-                if may && let Ok(text) = std::fs::read_to_string(&file.path) {
-                    bytes += text.len();
-                    if bytes > MOST_BYTES {
-                        return (self, paths);
-                    }
-                    let role = if role == PieceRole::Include { "include" } else { "subgraph" };
+                // No more than what is left of the limit of all files, so that nothing beyond it is read.
+                let left = (MOST_BYTES - bytes).min(MAX_GRAPH_BYTES);
+                if may && let Ok(text) = read_text(&file.path, left) {
+                    bytes += text.len() as u64;
                     self = self.joined(role, &file.name, &text);
                 }
                 paths.push(file.path);
@@ -66,25 +65,25 @@ fn named(source: &Source) -> BTreeSet<(PieceRole, String)> {
         return names;
     }
     for piece in source.pieces() {
-        let document = read(source, &piece, &mut Vec::new());
+        let document = read(source, piece, &mut Vec::new());
         names.extend(
             document
                 .include
                 .iter()
-                .flat_map(|field| files(field, &piece))
+                .flat_map(|field| files(field, piece))
                 .map(|(name, _)| (PieceRole::Include, name)),
         );
         let laid_over = matches!(piece.role, PieceRole::Overlay | PieceRole::Setting);
         let uses = document.nodes.iter().filter(|node| node.kind == SUBGRAPH || laid_over);
         let fields = uses.flat_map(|node| &node.fields).filter(|field| field.name == FILE);
         let paths = fields.filter_map(|field| parse_value::<String>(field.text).ok());
-        names.extend(paths.map(|path| (PieceRole::Subgraph, plain(folder_of(&piece), &path))));
+        names.extend(paths.map(|path| (PieceRole::Subgraph, plain(folder_of(piece), &path))));
     }
     names
 }
 
 /// Parses one piece of the text. The piece of a preset is only a name and gives an empty document.
-fn read<'t>(source: &'t Source, piece: &Piece<'t>, diagnostics: &mut Vec<Diagnostic>) -> Document<'t> {
+fn read<'t>(source: &'t Source, piece: &Piece, diagnostics: &mut Vec<Diagnostic>) -> Document<'t> {
     match piece.role {
         PieceRole::Graph | PieceRole::Include | PieceRole::Subgraph => {
             parse_part(&source.text, piece.span.clone(), FileKind::Graph, diagnostics)
@@ -96,7 +95,7 @@ fn read<'t>(source: &'t Source, piece: &Piece<'t>, diagnostics: &mut Vec<Diagnos
 }
 
 /// The file names in an `include` field, relative to the folder of the graph, with their places.
-fn files(field: &RawField<'_>, piece: &Piece<'_>) -> Vec<(String, Range<usize>)> {
+fn files(field: &RawField<'_>, piece: &Piece) -> Vec<(String, Range<usize>)> {
     let list =
         parse_value::<Vec<String>>(field.text).or_else(|_| parse_value(field.text).map(|one| vec![one]));
     let folder = folder_of(piece);
@@ -139,11 +138,11 @@ pub(crate) fn parse_all<'t>(
     let others = others.map(|(_, other)| (other.version.clone(), other.scene.clone())).collect();
     let included = |role| pieces.iter().enumerate().filter(move |(_, piece)| piece.role == role);
     let includes: BTreeMap<&str, usize> =
-        included(PieceRole::Include).map(|(at, piece)| (piece.name, at)).collect();
+        included(PieceRole::Include).map(|(at, piece)| (piece.name.as_str(), at)).collect();
     let subgraphs: SubgraphFiles<'t> = included(PieceRole::Subgraph)
-        .map(|(at, piece)| (piece.name, with_includes(at, &pieces, &includes, &mut documents)))
+        .map(|(at, piece)| (piece.name.as_str(), with_includes(at, pieces, &includes, &mut documents)))
         .collect();
-    let mut document = with_includes(0, &pieces, &includes, &mut documents);
+    let mut document = with_includes(0, pieces, &includes, &mut documents);
     document.others = others;
     document.whole &= subgraphs.values().all(|subgraph| subgraph.whole);
     let mut overlays = Overlays::default();
@@ -158,10 +157,7 @@ pub(crate) fn parse_all<'t>(
             PieceRole::Graph | PieceRole::Include | PieceRole::Subgraph => {}
         }
     }
-    let folder_at = |offset: usize| {
-        let index = pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
-        folder_of(&pieces[index])
-    };
+    let folder_at = |offset: usize| folder_of(source.piece(offset));
     let lost = |name: &str, place| not_joined(root, name, place);
     expand(&mut document, &subgraphs, overlays, &folder_at, &lost, diagnostics);
     document
@@ -179,9 +175,12 @@ fn not_joined(root: &SourceRoot, name: &str, place: Range<usize>) -> Diagnostic 
                 "if you trust it, remove `.lightharmony-bundle` from its folder; otherwise run it on its own",
             )
     } else {
-        let why = match std::fs::read_to_string(&file.path) {
+        let why = match read_text(&file.path, MAX_GRAPH_BYTES) {
             Err(error) => error.to_string(),
-            Ok(_) => "too many files, or too many bytes".to_owned(),
+            Ok(_) => format!(
+                "the files of a graph are more than {MOST_FILES}, or longer than {} MiB together",
+                MOST_BYTES >> 20
+            ),
         };
         Diagnostic::of(Code::MissingFile, place, format!("`{}` cannot be read: {why}", shown(name)))
             .hint("paths are relative to the folder of the file that names them")
@@ -199,7 +198,7 @@ pub(crate) fn outside(name: &str, place: Range<usize>) -> Diagnostic {
 /// that has one.
 fn with_includes<'t>(
     at: usize,
-    pieces: &[Piece<'t>],
+    pieces: &[Piece],
     includes: &BTreeMap<&str, usize>,
     documents: &mut [Document<'t>],
 ) -> Document<'t> {
@@ -237,7 +236,7 @@ fn with_includes<'t>(
 fn preset<'t>(
     document: &Document<'t>,
     source: &'t Source,
-    piece: &Piece<'_>,
+    piece: &Piece,
     diagnostics: &mut Vec<Diagnostic>,
 ) -> Vec<Document<'t>> {
     let name = &source.text[piece.span.clone()];

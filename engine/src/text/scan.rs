@@ -109,7 +109,7 @@ impl<'t> Scanner<'t> {
         (self.at > start).then(|| &self.text[start..self.at])
     }
 
-    /// Skips one value and returns its range; `None`, with a diagnostic, if there is none.
+    /// Skips one value and returns its range; `None`, with a diagnostic, if it is missing.
     pub fn value(&mut self) -> Option<Range<usize>> {
         let start = self.at;
         match self.peek() {
@@ -281,7 +281,7 @@ impl<'t> Scanner<'t> {
         }
     }
 
-    /// Skips a value or, if there is none, one character; for recovery after a mistake.
+    /// Skips a value or else one character; for recovery after a mistake.
     pub fn step_over(&mut self) {
         let before = self.at;
         if self.value().is_none() || self.at == before {

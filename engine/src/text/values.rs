@@ -86,7 +86,7 @@ fn wrong_items(described: &str, text: &str) -> Option<String> {
     })
 }
 
-/// Whether a text starts like a choice with fields: with its name and a bracket.
+/// True if a text starts like a choice with fields: with its name and a bracket.
 fn begins(choice: &str, text: &str) -> bool {
     choice.split_once('(').is_some_and(|(name, _)| {
         text.strip_prefix(name).is_some_and(|rest| rest.trim_start().starts_with('('))

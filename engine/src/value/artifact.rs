@@ -6,6 +6,8 @@ use std::sync::Arc;
 
 use cache::{Digest, DigestWriter};
 
+use crate::value::error::guarded;
+
 /// A value that a port can carry.
 ///
 /// The encoding is canonical: equal values give equal bytes on every machine, since the content digest of a value
@@ -282,7 +284,8 @@ impl ArtifactType {
 
     /// Distance between two values of this type.
     pub fn difference(&self, a: &AnyArtifact, b: &AnyArtifact) -> Difference {
-        (self.difference)(a, b)
+        guarded(|| Ok((self.difference)(a, b)))
+            .unwrap_or_else(|error| Difference::of(format!("cannot be compared: {error}")))
     }
 }
 

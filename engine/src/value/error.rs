@@ -55,7 +55,7 @@ impl NodeError {
         self.hint.as_deref()
     }
 
-    /// Whether the run was cancelled, as opposed to a failure.
+    /// True if the run was cancelled, as opposed to a failure.
     pub fn is_cancelled(&self) -> bool {
         matches!(self.kind, NodeErrorKind::Cancelled)
     }

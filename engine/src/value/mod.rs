@@ -7,4 +7,5 @@ pub(crate) mod error;
 pub(crate) mod files;
 pub(crate) mod note;
 pub(crate) mod root;
+pub(crate) mod text_file;
 pub(crate) mod units;

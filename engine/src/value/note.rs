@@ -75,7 +75,7 @@ impl Notes {
         self.0.iter()
     }
 
-    /// Whether a note marks the result as degraded.
+    /// True if a note marks the result as degraded.
     pub fn is_degraded(&self) -> bool {
         self.0.iter().any(|note| note.level == Level::Degraded)
     }

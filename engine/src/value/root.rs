@@ -78,7 +78,7 @@ impl SourceRoot {
         &self.folder
     }
 
-    /// Whether the graph is untrusted.
+    /// True if the graph is untrusted.
     pub fn is_confined(&self) -> bool {
         self.confined.is_some()
     }
@@ -110,7 +110,7 @@ impl SourceRoot {
         }
     }
 
-    /// Whether a file belongs to an unpacked bundle while the graph does not. If such a file were included, it
+    /// True if a file belongs to an unpacked bundle while the graph does not. If such a file were included, it
     /// could read whatever the graph may.
     pub fn is_strange(&self, path: &Path) -> bool {
         // Links are followed to the folder that contains the text.
@@ -118,7 +118,7 @@ impl SourceRoot {
         !self.is_confined() && folder().is_some()
     }
 
-    /// Whether [`SourceRoot::file`] gave this path in place of one that may not be read.
+    /// True if [`SourceRoot::file`] gave this path in place of one that may not be read.
     pub fn is_outside(&self, file: &SourceFile) -> bool {
         file.path.starts_with(OUTSIDE)
     }

@@ -9,7 +9,7 @@ use std::path::{Component, Path, PathBuf};
 use cache::FileStamp;
 
 /// Notification of changes in folders.
-pub(crate) trait Ears: Send {
+pub(crate) trait Notifier: Send {
     /// Starts notifications for a folder, without its subfolders.
     fn listen(&mut self, folder: &Path) -> Result<(), String>;
     /// Stops notifications for a folder.
@@ -17,10 +17,10 @@ pub(crate) trait Ears: Send {
 }
 
 /// The watched files.
-pub(crate) struct Files {
-    ears: Option<Box<dyn Ears>>,
-    /// Why there are no notifications; `None` once it was reported.
-    deaf: Option<String>,
+pub(crate) struct WatchedFiles {
+    notifier: Option<Box<dyn Notifier>>,
+    /// Reason for missing notifications; `None` once it was reported.
+    failure: Option<String>,
     /// Stamp of each file when it was last inspected; `None` if it is missing.
     stamps: BTreeMap<PathBuf, Option<FileStamp>>,
     /// The paths (links on the way and the last name) that determine what each watched file is.
@@ -34,16 +34,16 @@ pub(crate) struct Files {
 /// Identity of a folder: device and inode.
 type Identity = (u64, u64);
 
-impl Files {
+impl WatchedFiles {
     /// Watches nothing yet. Without notifications, only [`look`](Self::look) finds changes.
-    pub fn new(ears: Result<Box<dyn Ears>, String>) -> Self {
-        let (ears, deaf) = match ears {
-            Ok(ears) => (Some(ears), None),
+    pub fn new(notifier: Result<Box<dyn Notifier>, String>) -> Self {
+        let (notifier, failure) = match notifier {
+            Ok(notifier) => (Some(notifier), None),
             Err(why) => (None, Some(why)),
         };
         Self {
-            ears,
-            deaf,
+            notifier,
+            failure,
             stamps: BTreeMap::new(),
             names: BTreeMap::new(),
             folders: BTreeMap::new(),
@@ -51,14 +51,14 @@ impl Files {
         }
     }
 
-    /// Whether there are notifications, so that polling is not needed.
-    pub fn hears(&self) -> bool {
-        self.ears.is_some()
+    /// True if there are notifications, so that polling is not needed.
+    pub fn has_notifier(&self) -> bool {
+        self.notifier.is_some()
     }
 
-    /// Why there are no notifications; returned once.
-    pub fn take_deafness(&mut self) -> Option<String> {
-        self.deaf.take()
+    /// Reason for missing notifications; returned once.
+    pub fn take_failure(&mut self) -> Option<String> {
+        self.failure.take()
     }
 
     /// Watches exactly these files. Returns true if one of them was not watched before, so that an earlier change
@@ -94,29 +94,29 @@ impl Files {
             .filter_map(|name| name.parent())
             .map(|folder| (folder.to_owned(), identity(folder)))
             .collect();
-        let Some(ears) = &mut self.ears else { return };
+        let Some(notifier) = &mut self.notifier else { return };
         for (folder, was) in &self.folders {
             if wanted.get(folder) != Some(was) {
-                ears.ignore(folder);
+                notifier.ignore(folder);
             }
         }
         for (folder, is) in &wanted {
             if self.folders.get(folder) != Some(is)
-                && let Err(why) = ears.listen(folder)
+                && let Err(why) = notifier.listen(folder)
                 && folder.exists()
             {
-                self.deaf = Some(format!("{}: {why}", folder.display()));
+                self.failure = Some(format!("{}: {why}", folder.display()));
             }
         }
         self.folders = wanted;
-        if self.deaf.is_some() {
+        if self.failure.is_some() {
             // Notifications for only some folders would be misleading.
-            self.ears = None;
+            self.notifier = None;
         }
     }
 
     /// Handles a notification. Returns true if the files should be inspected soon.
-    pub fn heard(&mut self, paths: &[PathBuf]) -> bool {
+    pub fn notified(&mut self, paths: &[PathBuf]) -> bool {
         let mut ours = paths.is_empty();
         for path in paths {
             if let Some(file) = self.names.get(path) {
@@ -158,7 +158,7 @@ impl Files {
     }
 
     /// Treats these files as changed at the next inspection, whatever their stamps are.
-    pub fn doubt(&mut self, paths: impl IntoIterator<Item = PathBuf>) {
+    pub fn suspect(&mut self, paths: impl IntoIterator<Item = PathBuf>) {
         self.touched.extend(paths);
     }
 }
@@ -221,9 +221,9 @@ mod tests {
 
     type Log = Arc<Mutex<Vec<String>>>;
 
-    struct TestEars(Log, Option<&'static str>);
+    struct TestNotifier(Log, Option<&'static str>);
 
-    impl Ears for TestEars {
+    impl Notifier for TestNotifier {
         fn listen(&mut self, folder: &Path) -> Result<(), String> {
             if self.1.is_some_and(|limit| folder.ends_with(limit)) {
                 return Err("no watches are left".to_owned());
@@ -239,14 +239,14 @@ mod tests {
     struct Place {
         folder: tempfile::TempDir,
         log: Log,
-        files: Files,
+        files: WatchedFiles,
     }
 
     impl Place {
         fn new(limit: Option<&'static str>) -> Self {
             let (folder, log) = (tempfile::tempdir().unwrap(), Log::default());
             std::fs::create_dir(folder.path().join("home")).unwrap();
-            let files = Files::new(Ok(Box::new(TestEars(log.clone(), limit))));
+            let files = WatchedFiles::new(Ok(Box::new(TestNotifier(log.clone(), limit))));
             Self { folder, log, files }
         }
 
@@ -258,10 +258,10 @@ mod tests {
             std::fs::write(self.path(name), text).unwrap();
         }
 
-        /// Whether the file counts as changed, exactly once.
+        /// True if the file counts as changed, exactly once.
         fn changed(&mut self) -> bool {
             let changed = !self.files.look().is_empty();
-            assert!(self.files.look().is_empty(), "told once");
+            assert!(self.files.look().is_empty(), "reported once");
             changed
         }
 
@@ -307,11 +307,11 @@ mod tests {
         place.write("home/a.ron", "one");
         let path = place.path("home/a.ron");
         place.files.follow(std::slice::from_ref(&path));
-        assert!(!place.files.heard(&[place.path("home/other.ron")]), "no file of ours");
+        assert!(!place.files.notified(&[place.path("home/other.ron")]), "no file of ours");
         assert!(!place.changed());
-        assert!(place.files.heard(std::slice::from_ref(&path)));
+        assert!(place.files.notified(std::slice::from_ref(&path)));
         assert!(place.changed());
-        assert!(place.files.heard(&[]), "events were lost: whatever it was, look");
+        assert!(place.files.notified(&[]), "events were lost: whatever it was, look");
         assert!(!place.changed());
     }
 
@@ -334,11 +334,11 @@ mod tests {
         for folder in [root.as_str(), "home", "v1"] {
             assert!(log.contains(&format!("+{folder}")), "{folder} in {log}");
         }
-        assert!(place.files.heard(&[place.path("v1/graph.ron")]), "the file behind the links is ours");
+        assert!(place.files.notified(&[place.path("v1/graph.ron")]), "the file behind the links is ours");
         assert!(place.changed());
         symlink("v2", place.path("new")).unwrap();
         std::fs::rename(place.path("new"), place.path("data")).unwrap();
-        assert!(place.files.heard(&[place.path("data")]), "so is the link");
+        assert!(place.files.notified(&[place.path("data")]), "so is the link");
         assert!(place.changed());
         assert_eq!(place.log(), "-v1 +v2");
         place.write("v2/graph.ron", "three");
@@ -363,11 +363,11 @@ mod tests {
         place.files.follow(std::slice::from_ref(&path));
         assert_eq!(place.log(), "+deep");
         std::fs::rename(place.path("home/deep"), place.path("home/gone")).unwrap();
-        assert!(place.files.heard(&[place.path("home/deep")]), "the folder itself was moved");
+        assert!(place.files.notified(&[place.path("home/deep")]), "the folder itself was moved");
         assert!(place.changed());
-        assert_eq!(place.log(), "-deep +home", "the folder above hears of its return");
+        assert_eq!(place.log(), "-deep +home", "the folder above has_notifier of its return");
         std::fs::rename(place.path("home/gone"), place.path("home/deep")).unwrap();
-        assert!(place.files.heard(&[place.path("home/deep")]));
+        assert!(place.files.notified(&[place.path("home/deep")]));
         assert!(place.changed());
         assert_eq!(place.log(), "-home +deep");
         // Another folder of the same name, in which the file may even have an equal stamp.
@@ -384,9 +384,9 @@ mod tests {
         place.write("home/a.ron", "one");
         let path = place.path("home/a.ron");
         place.files.follow(std::slice::from_ref(&path));
-        assert!(!place.files.hears());
-        assert!(place.files.take_deafness().is_some_and(|why| why.contains("no watches are left")));
-        assert!(place.files.take_deafness().is_none(), "said once");
+        assert!(!place.files.has_notifier());
+        assert!(place.files.take_failure().is_some_and(|why| why.contains("no watches are left")));
+        assert!(place.files.take_failure().is_none(), "said once");
         place.write("home/a.ron", "three");
         assert!(place.changed());
     }

@@ -8,8 +8,8 @@ use crate::run::event::Event;
 /// A message to the watching thread.
 pub(crate) enum Input {
     /// A change at these paths; empty for unknown paths.
-    Heard(Vec<PathBuf>),
-    Told(Event),
+    Changed(Vec<PathBuf>),
+    Event(Event),
     Ended,
     Quit,
 }
@@ -27,6 +27,6 @@ impl Handle {
 
     /// Reports a possible change at these paths; empty for unknown paths.
     pub fn hint(&self, paths: Vec<PathBuf>) {
-        let _ = self.0.send(Input::Heard(paths));
+        let _ = self.0.send(Input::Changed(paths));
     }
 }

@@ -4,14 +4,14 @@ use std::time::{Duration, Instant};
 
 /// Collects notifications until the files should be inspected.
 #[derive(Debug)]
-pub(crate) struct Pace {
+pub(crate) struct Settling {
     settle: Duration,
     longest: Duration,
     /// Time of the first notification, and of the inspection if no more follow.
     pending: Option<(Instant, Instant)>,
 }
 
-impl Pace {
+impl Settling {
     /// Inspects `settle` after the last notification, and at most `longest` after the first.
     pub fn new(settle: Duration, longest: Duration) -> Self {
         Self { settle, longest, pending: None }
@@ -34,7 +34,7 @@ impl Pace {
         self.pending.map(|(_, due)| due)
     }
 
-    /// Whether it is time to inspect; true once.
+    /// True if it is time to inspect; true once.
     pub fn take(&mut self, now: Instant) -> bool {
         let come = self.due().is_some_and(|due| due <= now);
         if come {
@@ -52,22 +52,22 @@ mod tests {
 
     #[test]
     fn several_changes_are_one_look() {
-        let (start, mut pace) = (Instant::now(), Pace::new(30 * MS, 200 * MS));
-        assert!(pace.due().is_none() && !pace.take(start));
-        pace.hint(start);
-        pace.hint(start + 20 * MS);
-        assert!(!pace.take(start + 30 * MS));
-        assert!(pace.take(start + 50 * MS));
-        assert!(!pace.take(start + 51 * MS), "and that once");
+        let (start, mut settling) = (Instant::now(), Settling::new(30 * MS, 200 * MS));
+        assert!(settling.due().is_none() && !settling.take(start));
+        settling.hint(start);
+        settling.hint(start + 20 * MS);
+        assert!(!settling.take(start + 30 * MS));
+        assert!(settling.take(start + 50 * MS));
+        assert!(!settling.take(start + 51 * MS), "and that once");
     }
 
     #[test]
     fn changes_without_end_do_not_delay_without_end() {
-        let (start, mut pace) = (Instant::now(), Pace::new(30 * MS, 200 * MS));
+        let (start, mut settling) = (Instant::now(), Settling::new(30 * MS, 200 * MS));
         let looks = (0..100).filter(|step| {
             let now = start + 10 * MS * *step;
-            pace.hint(now);
-            pace.take(now)
+            settling.hint(now);
+            settling.take(now)
         });
         assert_eq!(looks.count(), 4, "a second of a hint every 10 ms");
     }

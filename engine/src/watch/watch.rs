@@ -17,86 +17,22 @@ use crate::plan::plan::Fate;
 use crate::run::engine::Engine;
 use crate::run::event::{Event, Forecast, State};
 use crate::run::options::RunOptions;
-use crate::text::diag::{Diagnostics, Mistake};
-use crate::watch::files::Files;
+use crate::watch::files::WatchedFiles;
 use crate::watch::handle::{Handle, Input};
 use crate::watch::listener::listen;
-use crate::watch::settling::Pace;
-
-/// The watched graph as read at one moment.
-pub struct Load {
-    /// The graph and its targets (empty: the default ones), or its mistakes.
-    pub graph: Result<(Arc<Graph>, Vec<usize>), Refusal>,
-    /// The files of the graph itself, whether they exist or not.
-    pub texts: Vec<PathBuf>,
-}
-
-/// Why there is no graph to run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Refusal {
-    /// The mistakes with their places.
-    pub list: Vec<Mistake>,
-    /// The mistakes as text for a person.
-    pub text: String,
-    /// Files that the graph names; a change to one may resolve the mistakes.
-    pub files: Vec<PathBuf>,
-}
-
-impl Refusal {
-    /// The mistakes of a graph; `colour` for terminals.
-    pub fn mistakes(diagnostics: &Diagnostics, colour: bool) -> Self {
-        let (list, files) = (diagnostics.mistakes(), diagnostics.files.clone());
-        Self { list, text: diagnostics.render(colour), files }
-    }
-
-    /// Any other cause, such as a file that cannot be read.
-    pub fn other(text: String) -> Self {
-        Self { list: Vec::new(), text, files: Vec::new() }
-    }
-}
-
-/// Options of a watch.
-#[derive(Debug, Clone)]
-pub struct WatchOptions {
-    /// Output folder of sinks.
-    pub out: PathBuf,
-    /// The parameter that previews limit.
-    pub refine: Option<&'static str>,
-    /// Inspects the files every half second and does not use notifications.
-    pub poll: bool,
-    /// Time without further changes before a change is handled.
-    pub settle: Duration,
-    /// Time before mistakes are reported, since a graph may be half written.
-    pub patience: Duration,
-}
-
-impl Default for WatchOptions {
-    fn default() -> Self {
-        Self {
-            out: PathBuf::from("out"),
-            refine: Some("samples"),
-            poll: false,
-            settle: Duration::from_millis(25),
-            patience: Duration::from_millis(200),
-        }
-    }
-}
+use crate::watch::options::{Load, Refusal, WatchOptions};
+use crate::watch::previews::{Reduction, levels};
+use crate::watch::settling::Settling;
 
 /// Maximum time before continuous changes are handled.
 const LONGEST: Duration = Duration::from_millis(300);
 /// Interval of inspections without notifications.
 const POLL: Duration = Duration::from_millis(500);
 /// Interval of inspections with notifications, which network drives omit and systems lose.
-const DOUBT: Duration = Duration::from_secs(2);
-/// Time in seconds below which no preview is needed.
-const SOON: f64 = 0.5;
-
-/// Time in seconds below which the first preview computes all pixels.
-const AT_ONCE: f64 = 0.3;
-
+const CHECK: Duration = Duration::from_secs(2);
 /// The result of waiting.
 enum Next {
-    /// Files changed, and the graph must run again.
+    /// WatchedFiles changed, and the graph must run again.
     Changed(Box<Load>),
     /// The run ended.
     Ended,
@@ -108,7 +44,7 @@ pub struct Watch {
     options: WatchOptions,
     inputs: Receiver<Input>,
     handle: Handle,
-    files: Files,
+    files: WatchedFiles,
 }
 
 impl Watch {
@@ -116,11 +52,11 @@ impl Watch {
     pub fn new(options: WatchOptions) -> Self {
         let (sender, inputs) = channel();
         let handle = Handle(sender);
-        let ears = match options.poll {
+        let notifier = match options.poll {
             true => Err("polling was requested".to_owned()),
             false => listen(handle.clone()),
         };
-        Self { options, inputs, handle, files: Files::new(ears) }
+        Self { options, inputs, handle, files: WatchedFiles::new(notifier) }
     }
 
     /// A handle to end the watch from outside.
@@ -135,14 +71,14 @@ impl Watch {
         self,
         engine: &Engine,
         load: impl FnMut(bool) -> Load,
-        tell: impl FnMut(Event),
+        emit: impl FnMut(Event),
     ) -> Vec<PathBuf> {
         let Watch { options, inputs, handle, files } = self;
-        let pace = Pace::new(options.settle, LONGEST);
+        let settling = Settling::new(options.settle, LONGEST);
         let shown = BTreeMap::new();
-        let (doubted, good) = (false, false);
+        let (suspected, good) = (false, false);
         let mut session =
-            Session { engine, options, inputs, handle, files, pace, load, tell, shown, doubted, good };
+            Session { engine, options, inputs, handle, files, settling, load, emit, shown, suspected, good };
         session.run();
         let wrong = session.shown.into_iter().filter(|(_, file)| file.shown != Shown::Right);
         wrong.map(|(path, _)| path).collect()
@@ -171,14 +107,14 @@ struct Session<'a, L, T> {
     options: WatchOptions,
     inputs: Receiver<Input>,
     handle: Handle,
-    files: Files,
-    pace: Pace,
+    files: WatchedFiles,
+    settling: Settling,
     load: L,
-    tell: T,
+    emit: T,
     shown: BTreeMap<PathBuf, SinkFile>,
     /// The graph has mistakes but may be half written.
-    doubted: bool,
-    /// Whether the last run was successful.
+    suspected: bool,
+    /// True if the last run was successful.
     good: bool,
 }
 
@@ -191,13 +127,13 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
                 Err(refusal) => {
                     self.turn_stale(None);
                     let Refusal { list, text, .. } = refusal.clone();
-                    (self.tell)(Event::Mistakes { list, text });
+                    (self.emit)(Event::Mistakes { list, text });
                     Next::Ended
                 }
             };
             let next = match next {
                 Next::Ended => {
-                    (self.tell)(Event::Idle { files: self.files.count() });
+                    (self.emit)(Event::Idle { files: self.files.count() });
                     self.wait(&current, false)
                 }
                 other => other,
@@ -215,7 +151,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         let plan = self.engine.plan_next(graph, only, &self.options.out);
         let forecast = Forecast::of(&plan);
         if forecast.open > 0 {
-            (self.tell)(Event::Plan(forecast));
+            (self.emit)(Event::Plan(forecast));
         }
         let parameter = self.options.refine.unwrap_or_default();
         let opens = |fate: &Fate| matches!(fate, Fate::Runs(_) | Fate::Follows(_) | Fate::Lost);
@@ -226,9 +162,9 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             .map(|(_, node)| node.forecast)
             .sum();
         let coarse = open().any(|(index, _)| graph.can_be_coarse(index));
-        for Level { level, coarse } in levels(most, seconds, coarse) {
+        for Reduction { level, coarse } in levels(most, seconds, coarse) {
             let Some((rough, changed)) = graph.rough(parameter, level, coarse) else { continue };
-            (self.tell)(Event::Pass { parameter: parameter.to_owned(), level, of: most, coarse });
+            (self.emit)(Event::Pass { parameter: parameter.to_owned(), level, of: most, coarse });
             match self.pass(current, &rough, only, changed) {
                 Next::Ended => {}
                 other => return other,
@@ -253,53 +189,67 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             scope.spawn(|| {
                 // Sent even if the engine panics, so that nothing waits for ever.
                 let ended = Ended(handle);
-                let outcome = engine.run(graph, &options, |event| drop(ended.0.0.send(Input::Told(event))));
+                let outcome = engine.run(graph, &options, |event| drop(ended.0.0.send(Input::Event(event))));
                 if let Some(failures) = outcome.failures {
                     let (list, text) = (failures.mistakes(), failures.to_string());
-                    drop(ended.0.0.send(Input::Told(Event::Mistakes { list, text })));
+                    drop(ended.0.0.send(Input::Event(Event::Mistakes { list, text })));
                 }
             });
             let next = self.wait(current, true);
-            if !matches!(next, Next::Ended) {
-                cancel.store(true, Ordering::Relaxed);
-                while let Ok(input) = self.inputs.recv() {
-                    match input {
-                        // The node is about to run in the next run.
-                        Input::Told(Event::Node { state: State::Skipped, .. }) => {}
-                        Input::Told(event) => self.pass_on(event),
-                        Input::Heard(paths) => self.hear(&paths),
-                        Input::Ended => break,
-                        Input::Quit => return Next::Quit,
-                    }
-                }
+            if matches!(next, Next::Ended) {
+                return next;
             }
-            next
+            cancel.store(true, Ordering::Relaxed);
+            if self.drain() { Next::Quit } else { next }
         })
+    }
+
+    /// Waits for the end of a run that was cancelled. Returns whether the watch is to quit; what the run still reports is
+    /// taken in even then, so that the list of files that do not show the graph is right.
+    fn drain(&mut self) -> bool {
+        let mut quit = false;
+        while let Ok(input) = self.inputs.recv() {
+            match input {
+                // The node is about to run in the next run.
+                Input::Event(Event::Node { state: State::Skipped, .. }) => {}
+                Input::Event(event) => self.pass_on(event),
+                Input::Changed(paths) => self.on_change(&paths),
+                Input::Ended => break,
+                Input::Quit => quit = true,
+            }
+        }
+        quit
     }
 
     /// Waits until changes settled, the run ended, or the watch is to end.
     fn wait(&mut self, current: &Load, running: bool) -> Next {
-        let pause = if self.files.hears() { DOUBT } else { POLL };
+        let pause = if self.files.has_notifier() { CHECK } else { POLL };
         let mut look = Instant::now() + pause;
         loop {
             let now = Instant::now();
-            if self.pace.take(now)
+            if self.settling.take(now)
                 && let Some(load) = self.changed(current, running)
             {
                 return Next::Changed(Box::new(load));
             }
             if look <= now {
                 look = now + pause;
+                if !running && self.is_file_gone() {
+                    let load = self.read(true);
+                    if load.graph.is_ok() {
+                        return Next::Changed(Box::new(load));
+                    }
+                }
                 let changed = self.files.look();
                 if !changed.is_empty() {
-                    self.files.doubt(changed);
-                    self.pace.hint(now);
+                    self.files.suspect(changed);
+                    self.settling.hint(now);
                 }
             }
-            let until = self.pace.due().map_or(look, |due| due.min(look));
+            let until = self.settling.due().map_or(look, |due| due.min(look));
             match self.inputs.recv_timeout(until.saturating_duration_since(now)) {
-                Ok(Input::Heard(paths)) => self.hear(&paths),
-                Ok(Input::Told(event)) => self.pass_on(event),
+                Ok(Input::Changed(paths)) => self.on_change(&paths),
+                Ok(Input::Event(event)) => self.pass_on(event),
                 Ok(Input::Ended) => return Next::Ended,
                 Ok(Input::Quit) | Err(RecvTimeoutError::Disconnected) => return Next::Quit,
                 Err(RecvTimeoutError::Timeout) => {}
@@ -307,10 +257,16 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    fn hear(&mut self, paths: &[PathBuf]) {
-        if self.files.heard(paths) {
-            self.doubted = false;
-            self.pace.hint(Instant::now());
+    /// Whether a file of a successful run was deleted since.
+    fn is_file_gone(&self) -> bool {
+        let gone = |(path, file): (&PathBuf, &SinkFile)| file.shown == Shown::Right && !path.exists();
+        self.good && self.shown.iter().any(gone)
+    }
+
+    fn on_change(&mut self, paths: &[PathBuf]) {
+        if self.files.notified(paths) {
+            self.suspected = false;
+            self.settling.hint(Instant::now());
         }
     }
 
@@ -330,19 +286,19 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             _ => false,
         };
         if same && only_texts {
-            self.doubted = false;
-            (self.tell)(Event::Same);
+            self.suspected = false;
+            (self.emit)(Event::Same);
             // Saving an unchanged graph retries what failed.
             let in_place = |(path, file): (&PathBuf, &SinkFile)| file.shown == Shown::Right && path.exists();
             let again = !running && load.graph.is_ok() && !(self.good && self.shown.iter().all(in_place));
             return again.then_some(load);
         }
-        if load.graph.is_err() && !std::mem::replace(&mut self.doubted, true) {
-            self.files.doubt(changed);
-            self.pace.wait(Instant::now(), self.options.patience);
+        if load.graph.is_err() && !std::mem::replace(&mut self.suspected, true) {
+            self.files.suspect(changed);
+            self.settling.wait(Instant::now(), self.options.patience);
             return None;
         }
-        self.doubted = false;
+        self.suspected = false;
         Some(load)
     }
 
@@ -357,12 +313,12 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
                 Err(refusal) => paths.extend(refusal.files.iter().cloned().chain(self.files.paths())),
             }
             let new = self.files.follow(&paths);
-            if let Some(why) = self.files.take_deafness() {
+            if let Some(why) = self.files.take_failure() {
                 let text = format!(
                     "no notifications from the system ({why}): checking files every {} ms",
                     POLL.as_millis()
                 );
-                (self.tell)(Event::Warning { id: "watch-polls", text });
+                (self.emit)(Event::Warning { id: "watch-polls", text });
             }
             if !new {
                 return load;
@@ -382,7 +338,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             Event::Done(totals) => self.good = !totals.stopped && totals.failed == 0 && totals.skipped == 0,
             _ => {}
         }
-        (self.tell)(event);
+        (self.emit)(event);
         if let Some(id) = stale {
             self.turn_stale(Some(&id));
         }
@@ -393,7 +349,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         for (path, file) in &mut self.shown {
             if file.shown != Shown::Stale && id.is_none_or(|id| file.id == id) {
                 file.shown = Shown::Stale;
-                (self.tell)(Event::Stale { path: path.clone() });
+                (self.emit)(Event::Stale { path: path.clone() });
             }
         }
     }
@@ -408,53 +364,38 @@ impl Drop for Ended {
     }
 }
 
-/// The reduction of a preview.
-#[derive(Debug, PartialEq, Eq)]
-struct Level {
-    /// Limit of the parameter.
-    level: u64,
-    /// Side of the blocks of pixels of which one is computed.
-    coarse: u64,
-}
-
-/// The previews for a parameter with maximum `most` and a total time of `seconds`, if known. The limits are the
-/// chunk boundaries of nodes that work in chunks, and 1. If even that takes long and a node supports it, the first
-/// preview computes a subset of the pixels.
-fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Level> {
-    let takes = |level: u64| seconds.map_or(f64::INFINITY, |all| all * level as f64 / most.max(1) as f64);
-    let block = match takes(1) {
-        ..=AT_ONCE => None,
-        // Blocks of 2 by 2 pixels take a quarter of the time.
-        time if time <= 4.0 * AT_ONCE => Some(2),
-        _ => Some(4),
-    };
-    let first = block.filter(|_| coarse && most > 0).map(|coarse| Level { level: 1, coarse });
-    let steps = std::iter::successors(Some(1_u64), |step| step.checked_mul(4));
-    // A preview is left out if the next one comes soon.
-    let levels = steps
-        .take_while(|step| *step < most)
-        .filter(|step| takes(step.saturating_mul(4).min(most)) > SOON)
-        .map(|level| Level { level, coarse: 1 });
-    first.into_iter().chain(levels).collect()
-}
-
 #[cfg(test)]
 mod tests {
+    use cache::Store;
+
     use super::*;
 
-    fn told(most: u64, seconds: Option<f64>) -> Vec<(u64, u64)> {
-        levels(most, seconds, true).into_iter().map(|l| (l.level, l.coarse)).collect()
-    }
-
     #[test]
-    fn what_takes_long_comes_roughly_first() {
-        assert_eq!(told(0, None), [], "nothing is refined");
-        assert_eq!(told(64, Some(0.4)), [], "soon there");
-        assert_eq!(told(64, Some(1.0)), [(16, 1)]);
-        assert_eq!(told(64, Some(64.0)), [(1, 2), (1, 1), (4, 1), (16, 1)]);
-        assert_eq!(told(64, Some(640.0)), [(1, 4), (1, 1), (4, 1), (16, 1)]);
-        assert_eq!(told(1, None), [(1, 4)], "one sample of many pixels");
-        assert_eq!(told(3, None), [(1, 4), (1, 1)]);
-        assert_eq!(levels(3, None, false), [Level { level: 1, coarse: 1 }], "no node can be coarse");
+    fn what_a_run_reports_after_quit_still_counts() {
+        let watch = Watch::new(WatchOptions { poll: true, ..WatchOptions::default() });
+        let sender = watch.handle().0;
+        let Watch { options, inputs, handle, files } = watch;
+        let load = |_| Load { graph: Err(Refusal::other(String::new())), texts: Vec::new() };
+        let mut session = Session {
+            engine: &Engine::new(Store::in_memory(), 1, 1 << 20),
+            settling: Settling::new(options.settle, LONGEST),
+            options,
+            inputs,
+            handle,
+            files,
+            load,
+            emit: |_| {},
+            shown: BTreeMap::new(),
+            suspected: false,
+            good: false,
+        };
+        let (path, written) = (PathBuf::from("out/a.png"), true);
+        sender.send(Input::Quit).expect("works");
+        let event = Event::File { id: "save".to_owned(), path: path.clone(), written, preview: false };
+        sender.send(Input::Event(event)).expect("works");
+        sender.send(Input::Ended).expect("works");
+        assert!(session.drain(), "it quits");
+        assert!(session.shown.get(&path).is_some_and(|file| file.shown == Shown::Right));
+        assert!(session.inputs.try_recv().is_err(), "nothing is left unread");
     }
 }

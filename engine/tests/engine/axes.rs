@@ -117,7 +117,7 @@ fn mistakes_of_axes_have_their_place() {
     let yaw = "yaw: List([1.0, 200.0])";
     for (axes, nodes, wanted) in [
         (yaw, r#"a: Number(value: Axis("yow")),"#, &["no axis `yow`", "did you mean `yaw`?"][..]),
-        ("", r#"a: Number(value: Axis("yaw")),"#, &["no axis `yaw`", "axes stand beside `nodes`"]),
+        ("", r#"a: Number(value: Axis("yaw")),"#, &["no axis `yaw`", "axes are declared next to `nodes`"]),
         ("yaw: Lst([1])", "a: Number,", &["`yaw` is not an axis", "an axis is written"]),
         ("yaw: Range(0, 1e12)", "a: Number,", &["has more than 100000 values"]),
         ("view: Range(0, 2)", "a: Number,", &["cannot be named `view`"]),
@@ -126,7 +126,7 @@ fn mistakes_of_axes_have_their_place() {
         (
             yaw,
             r#"a: Number(value: Axis("yaw")), s: WriteNumber(number: "a", path: "a.txt"),"#,
-            &["`a.txt` is one file", "put `{yaw}` into the path"],
+            &["`a.txt` names one file", "put `{yaw}` into the path"],
         ),
         (
             yaw,

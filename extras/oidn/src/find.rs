@@ -13,7 +13,7 @@ const FOLDER: &str = "LIGHTHARMONY_OIDN";
 const USUAL: [&str; 5] =
     ["/usr/local/lib", "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib"];
 
-/// The library as it lies on disk.
+/// The library on disk.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Found {
     /// Its file. Whatever its version, the bytes of this one differ from those of any other, since they name it.
@@ -26,9 +26,9 @@ pub struct Found {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("Open Image Denoise 2 is not installed: there is no `{FILE}` in {}{}", listed(.looked), but(.others))]
 pub struct Missing {
-    /// Where it was looked for, in order.
+    /// The searched folders, in order.
     pub looked: Vec<PathBuf>,
-    /// Files of its name that are something else, or another version.
+    /// Files of its name that are another version or not the library.
     pub others: Vec<PathBuf>,
 }
 
@@ -53,8 +53,7 @@ fn but(others: &[PathBuf]) -> String {
 /// Looks for the library in the folder that `LIGHTHARMONY_OIDN` names; where that is not set, in those of
 /// `LD_LIBRARY_PATH` and the usual ones. No graph can name it: loading a library is running it.
 ///
-/// # Errors
-/// When none of them holds a file of the library's name that says which version it needs.
+/// # Errors If none of them holds a file of the library's name with a version.
 pub fn find() -> Result<Found, Missing> {
     find_in(folders(std::env::var_os(FOLDER), std::env::var_os("LD_LIBRARY_PATH")))
 }

@@ -11,13 +11,13 @@ mod library;
 pub use find::{Found, Missing, find};
 pub use library::{Library, MEMORY_BYTES, Surfaces};
 
-/// Why the library filtered nothing.
+/// The reasons why the library filtered nothing.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
     /// The caller asked it to stop.
     #[error("stopped")]
     Stopped,
-    /// It is there, but is not what it should be.
+    /// The file is not the expected library.
     #[error("`{path}` cannot be loaded: {why}")]
     Load {
         /// The file.
@@ -25,7 +25,7 @@ pub enum Error {
         /// The linker's message.
         why: String,
     },
-    /// It refused the work.
+    /// The library refused the work.
     #[error("Open Image Denoise {version} failed: {why}")]
     Failed {
         /// Its version.

@@ -1,4 +1,4 @@
-//! The library as it is called.
+//! The interface of the library.
 #![allow(unsafe_code, reason = "a library in C has no other interface; each block says why it is sound")]
 
 use std::ffi::{CStr, c_char, c_int, c_void};
@@ -49,8 +49,7 @@ pub struct Surfaces<'a> {
 impl Found {
     /// Loads the library. It stays loaded until the program ends, since its threads may not be gone before.
     ///
-    /// # Errors
-    /// When what is found is not the library, or needs others that are not there.
+    /// # Errors If the file is not the library, or needs other libraries that are missing.
     pub fn load(&self) -> Result<Library, Error> {
         let path = self.path.display().to_string();
         let failed = |why: libloading::Error| {
@@ -94,9 +93,9 @@ impl Library {
         &self.version
     }
 
-    /// Filters a picture of linear light, `width` x `height` pixels of three floats from row to row, on this thread.
-    /// `goes_on` is asked all along whether to. The same library on the same sort of processor gives the same bytes;
-    /// another one may not.
+    /// Filters a picture of linear light, `width` x `height` pixels of three floats from row to row, on this
+    /// thread. `goes_on` is called repeatedly and returns false to stop. The same library on the same type of
+    /// processor gives the same bytes; another one may not.
     ///
     /// # Errors
     /// When `goes_on` said no, or the library refuses.

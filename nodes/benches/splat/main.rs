@@ -223,7 +223,7 @@ fn main() {
     // Cargo runs a bench in the folder of its package.
     let data = args.next().map(|data| Path::new(&data).canonicalize().unwrap());
     let wanted: Vec<String> = args.collect();
-    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 1 };
+    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 1, exhaustive: false };
     let here = data.clone().unwrap_or_default();
     let bench = Bench {
         cx: Context::detached(scene, here),

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock};
+use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::types::Images;
 
 use super::case::{Case, rgb};
@@ -21,10 +21,10 @@ pub fn once(data: &Path, folder: &Path, numbers: &[u32]) {
     let case = Case::load(data, "sunny_plane");
     std::fs::create_dir_all(folder).unwrap();
     for &samples in numbers {
-        let (block, bounce) = (EnvBlock::Solid, Bounce::Solid);
-        let alone = case.trace(1, samples, false, block, bounce);
-        let all = case.trace(1, samples, true, block, bounce);
-        let shadow = case.shadow(1, samples, block, bounce);
+        let how = Surroundings::OPEN;
+        let alone = case.trace(1, samples, false, how);
+        let all = case.trace(1, samples, true, how);
+        let shadow = case.shadow(1, samples, how);
         // One sample has no variance, so nothing can be filtered.
         let (clean, filter) = ratio::clean(data, &all.out);
         assert_eq!(

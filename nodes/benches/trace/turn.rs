@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock};
+use nodes::kinds::path_trace::surroundings::Surroundings;
 
 use super::case::Case;
 use super::ratio;
@@ -14,7 +14,7 @@ pub fn seconds(data: &Path, rounds: u32) {
     let mut lists = [const { Vec::new() }; 5];
     let mut digest = String::new();
     for _ in 0..rounds {
-        let trace = |with| case.trace(1, 2, with, EnvBlock::Solid, Bounce::Solid);
+        let trace = |with| case.trace(1, 2, with, Surroundings::OPEN);
         let (alone, all) = (trace(false), trace(true));
         let (filtered, filter) = ratio::clean(data, &all.out);
         let told = [alone.setup, all.setup, alone.seconds, all.seconds - alone.seconds, filter];

@@ -1,4 +1,4 @@
-//! Base64 (RFC 4648, section 4) as files in the wild write it: with or without padding.
+//! Base64 (RFC 4648, section 4), with or without padding.
 
 use base64::Engine as _;
 use base64::alphabet::STANDARD;
@@ -11,7 +11,7 @@ const ENGINE: GeneralPurpose = GeneralPurpose::new(
         .with_decode_padding_mode(DecodePaddingMode::Indifferent),
 );
 
-/// The bytes of a text, or `None` where it is not base64.
+/// The bytes of a text, or `None` if it is not base64.
 pub(crate) fn decode(text: &str) -> Option<Vec<u8>> {
     ENGINE.decode(text).ok()
 }

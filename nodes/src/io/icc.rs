@@ -1,24 +1,25 @@
-//! ICC profiles (ICC.1:2022), read by `moxcms`: whether codes are sRGB, linear light, or something that is not converted.
+//! ICC profiles (ICC.1:2022), read by `moxcms`: sRGB, linear light, or a profile that is not converted.
 
 use moxcms::{ColorProfile, DataColorSpace, ParsingOptions, ProfileText, ToneReprCurve, Xyzd};
 
 use crate::math::color::linear_from_srgb;
 use crate::math::num;
 
-/// Largest profile that is read, in bytes. Those of displays have a few kilobytes, those of printers up to 3 million.
+/// Largest profile that is read, in bytes. Profiles of displays have a few kilobytes, those of printers up to 3
+/// million.
 pub const LARGEST: usize = 16 << 20;
 
-/// What a profile says of the codes of a picture.
+/// Meaning of the codes of a picture by its profile.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Meaning {
-    /// Codes are proportional to light.
+    /// True if codes are proportional to light.
     pub linear: bool,
-    /// What of the profile is not used: all of it, or its primaries.
+    /// The part of the profile that is ignored: all of it, or its primaries.
     pub ignored: Option<String>,
 }
 
-/// What a profile says. Primaries and curve are compared with those of sRGB (IEC 61966-2-1) by value, since a name such
-/// as `Linear sRGB` says nothing of the curve.
+/// Reads a profile. Primaries and curve are compared with those of sRGB (IEC 61966-2-1) by value, since a name such
+/// as `Linear sRGB` does not identify the curve.
 pub fn meaning(profile: &[u8]) -> Meaning {
     let options = ParsingOptions { max_profile_size: LARGEST, ..ParsingOptions::default() };
     let Ok(profile) = ColorProfile::new_from_slice_with_options(profile, options) else {
@@ -33,7 +34,7 @@ pub fn meaning(profile: &[u8]) -> Meaning {
         }
         _ => return Meaning { linear: false, ignored: Some(name) },
     };
-    // With tables from device to connection space, the curves alone are not the whole profile.
+    // With lookup tables to the connection space, the curves alone do not define the profile.
     let tables = profile.lut_a_to_b_perceptual.is_some() || profile.lut_a_to_b_colorimetric.is_some();
     let all = |wanted: &dyn Fn(f64) -> f64| {
         !tables && curves.iter().all(|curve| curve.as_ref().is_some_and(|curve| follows(curve, wanted)))
@@ -60,10 +61,10 @@ fn name(profile: &ColorProfile) -> Option<String> {
     Some(text).filter(|text| !text.is_empty())
 }
 
-/// Largest difference of a colorant, in XYZ, that counts as none. Display P3 differs by 0.08.
+/// Largest difference of a colorant, in XYZ, that counts as equal. Display P3 differs by 0.08.
 const SAME_COLORANT: f64 = 0.003;
 
-/// Whether the colorants, adapted to D50, are those of sRGB.
+/// True if the colorants, adapted to D50, are those of sRGB.
 fn srgb_primaries(profile: &ColorProfile) -> bool {
     let srgb =
         [[0.436_07, 0.222_49, 0.013_92], [0.385_15, 0.716_87, 0.097_08], [0.143_07, 0.060_61, 0.714_1]];
@@ -73,10 +74,11 @@ fn srgb_primaries(profile: &ColorProfile) -> bool {
     })
 }
 
-/// Largest difference of a curve, in linear light, that counts as none. A pure gamma of 2.2 differs from sRGB by 0.008.
+/// Largest difference of a curve, in linear light, that counts as equal. A pure gamma of 2.2 differs from sRGB by
+/// 0.008.
 const SAME_LIGHT: f64 = 0.003;
 
-/// Whether a curve gives `wanted` of each code, within [`SAME_LIGHT`].
+/// True if a curve equals `wanted` within [`SAME_LIGHT`].
 fn follows(curve: &ToneReprCurve, wanted: impl Fn(f64) -> f64) -> bool {
     (0..=64).all(|i| {
         let code = f64::from(i) / 64.0;
@@ -84,7 +86,7 @@ fn follows(curve: &ToneReprCurve, wanted: impl Fn(f64) -> f64) -> bool {
     })
 }
 
-/// The light of a code from 0 to 1 (10.6 and 10.18 of the standard); `None` of a curve of unknown form.
+/// Linear light of a code from 0 to 1 (10.6 and 10.18 of the standard); `None` if the form of the curve is unknown.
 fn light(curve: &ToneReprCurve, code: f64) -> Option<f64> {
     let value = match curve {
         ToneReprCurve::Lut(table) => match table[..] {
@@ -156,7 +158,7 @@ pub(crate) mod tests {
         ToneReprCurve::Parametric(vec![2.4, 1.0 / 1.055, 0.055 / 1.055, 1.0 / 12.92, 0.040_45])
     }
 
-    // A profile called `Linear sRGB` was once taken for sRGB, by its name.
+    // A profile called `Linear sRGB` used to be treated as sRGB, because of its name.
     #[test]
     fn curves_and_primaries_count_and_names_do_not() {
         let (srgb, p3) = (ColorProfile::new_srgb(), ColorProfile::new_display_p3());

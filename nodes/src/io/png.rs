@@ -1,4 +1,4 @@
-//! PNG: reading to f32 samples, and writing the same bytes every time.
+//! PNG: reading to integer codes, and writing with reproducible bytes.
 
 use std::io::Read as _;
 
@@ -7,7 +7,7 @@ use png::{BitDepth, ColorType, Decoder, Encoder, Limits, Transformations};
 
 use super::icc;
 use super::png_pack::pack;
-use super::stretch::{Fed, Stretch};
+use super::progress::{Progress, TrackedReader};
 use crate::error::Error;
 
 /// A decoded picture: samples as stored, divided by the largest code, not linearised, alpha straight.
@@ -23,9 +23,9 @@ pub struct Raster {
     pub largest: u16,
     /// Codes, row by row.
     pub codes: Vec<u16>,
-    /// Whether the colour profile says that codes are linear light.
+    /// True if the colour profile says that codes are linear light.
     pub linear: bool,
-    /// What the file says and is not used, such as a gamma other than that of sRGB.
+    /// Metadata of the file that is not used, such as a gamma other than that of sRGB.
     pub ignored: Vec<String>,
 }
 
@@ -36,16 +36,16 @@ impl Raster {
         self.codes.iter().map(|&code| f32::from(code) / largest).collect()
     }
 
-    /// The samples from 0 to 1 as colours, RGB or RGBA premultiplied by alpha, and how many a pixel.
+    /// The samples from 0 to 1 as colours, RGB or RGBA premultiplied by alpha, with the number of channels.
     ///
     /// # Errors
     /// [`Error::Stopped`].
-    pub fn colours(&self, stretch: Stretch<'_>) -> Result<(usize, Vec<f32>), Error> {
+    pub fn colours(&self, progress: Progress<'_>) -> Result<(usize, Vec<f32>), Error> {
         let alpha = self.channels.is_multiple_of(2);
         let channels = if alpha { 4 } else { 3 };
         let mut out = Vec::with_capacity(self.width * self.height * channels);
         let sample = |code: u16| f32::from(code) / f32::from(self.largest);
-        stretch.over(&self.codes, |codes| {
+        progress.over(&self.codes, |codes| {
             for pixel in codes.chunks_exact(self.channels) {
                 let rgb = match *pixel {
                     [y] | [y, _] => [y; 3],
@@ -63,11 +63,11 @@ impl Raster {
     }
 }
 
-/// Most samples we read of one picture.
+/// Largest number of samples of a picture.
 const SAMPLE_LIMIT: u64 = 1 << 31;
 
-/// Refuses a picture that is empty, or larger than its bytes could hold. `ratio` is the most samples
-/// that a byte of this format can stand for.
+/// Checks that a picture is not empty, and not larger than its bytes can hold. `ratio` is the largest number of
+/// samples per byte in this format.
 pub fn believable(
     file: &str,
     width: u64,
@@ -90,19 +90,19 @@ pub fn believable(
 
 /// Reads a PNG of any kind; palettes and low depths are widened to 8 bits.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
-    read_for(file, bytes, Stretch::ALONE)
+    read_for(file, bytes, Progress::UNTRACKED)
 }
 
-/// The same as part of a node's work.
-pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster, Error> {
-    let bad = |e: png::DecodingError| Error::format(file, format!("not a whole PNG: {e}"));
-    // Deflate reaches 1032 to 1; beyond that no file is honest.
+/// The same with progress and cancellation.
+pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Raster, Error> {
+    let bad = |e: png::DecodingError| Error::format(file, format!("not a complete PNG: {e}"));
+    // The largest ratio of deflate is 1032 to 1.
     let mut decoder = Decoder::new_with_limits(
-        Fed::new(bytes, stretch),
+        TrackedReader::new(bytes, progress),
         Limits { bytes: (bytes.len() + 65_536).saturating_mul(2_200) },
     );
     decoder.set_transformations(Transformations::EXPAND);
-    // It would inflate a profile of any size; `profile` stops at the largest that is read.
+    // The decoder would inflate a profile of any size; `profile` stops at the largest that is read.
     decoder.set_ignore_iccp_chunk(true);
     let mut reader = decoder.read_info().map_err(bad)?;
     let info = reader.info();
@@ -124,7 +124,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
     }
     let (color, depth) = reader.output_color_type();
     let channels = color.samples();
-    // A bit a sample before deflate, so 8 * 1032 of them a byte.
+    // One bit per sample before deflate, so 8 * 1032 samples per byte.
     believable(file, width.into(), height.into(), channels as u64, bytes.len(), 8 * 1032)?;
     let size =
         reader.output_buffer_size().ok_or_else(|| Error::format(file, "too large for this machine"))?;
@@ -134,27 +134,27 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
     let wide = depth == BitDepth::Sixteen;
     let sample = if wide { 2 } else { 1 };
     if raw.len() != width * height * channels * sample {
-        return Err(Error::format(file, "holds another number of samples than it claims"));
+        return Err(Error::format(file, "holds a different number of samples than its header says"));
     }
     let mut codes = Vec::with_capacity(width * height * channels);
     if wide {
         let pairs = raw.as_chunks::<2>().0;
-        stretch.over(pairs, |pairs| codes.extend(pairs.iter().map(|pair| u16::from_be_bytes(*pair))))?;
+        progress.over(pairs, |pairs| codes.extend(pairs.iter().map(|pair| u16::from_be_bytes(*pair))))?;
     } else {
-        stretch.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
+        progress.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
     }
     let largest = if wide { 65_535 } else { 255 };
     Ok(Raster { width, height, channels, largest, codes, ignored, linear })
 }
 
-/// What the colour profile of a PNG says; `None` without one. It is inflated to [`icc::LARGEST`] bytes at most.
+/// The meaning of the colour profile of a PNG; `None` without one. Inflates at most [`icc::LARGEST`] bytes.
 fn profile(bytes: &[u8]) -> Option<icc::Meaning> {
     let mut rest = bytes.get(8..)?;
     loop {
         let length = u32::from_be_bytes(*rest.first_chunk()?) as usize;
         let data = rest.get(8..)?.get(..length)?;
         match &rest[4..8] {
-            // After its name, a byte that says that it is deflated.
+            // After its name, a byte for the compression method.
             b"iCCP" => {
                 let name = data.iter().take(80).position(|byte| *byte == 0)?;
                 let most = icc::LARGEST as u64 + 1;
@@ -170,49 +170,49 @@ fn profile(bytes: &[u8]) -> Option<icc::Meaning> {
                 });
             }
             b"IDAT" => return None,
-            // Length, name and check sum.
+            // Length, type and check sum.
             _ => rest = rest.get(length + 12..)?,
         }
     }
 }
 
-/// How much time packing may take.
+/// Compression effort.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Packing {
-    /// Small files: the filter of each row that promises most, and deflate of level 6.
+    /// Small files: the filter of each row with the smallest sum, and deflate of level 6.
     Small,
-    /// A tenth of the time and a larger file: the rows above taken off, and deflate with a fixed code.
+    /// A tenth of the time and a larger file: differences to the row above, and deflate with a fixed code.
     Fast,
 }
 
-/// Writes codes as a PNG: 8 bits where `largest` is 255, else 16. `srgb` tells that colour samples are
+/// Writes codes as a PNG: 8 bits where `largest` is 255, else 16. `srgb` declares that colour samples are
 /// sRGB-encoded; `texts` are keywords and texts of its metadata. Fixed filter and compression.
 pub fn write(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
-    write_for(raster, Packing::Small, srgb, texts, Stretch::ALONE)
+    write_for(raster, Packing::Small, srgb, texts, Progress::UNTRACKED)
 }
 
-/// The same as part of a node's work, packed as is said.
+/// The same with progress and cancellation, and a given compression effort.
 pub fn write_for(
     raster: &Raster,
     packing: Packing,
     srgb: bool,
     texts: &[(&str, &str)],
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
-    write_all(std::slice::from_ref(raster), None, packing, srgb, texts, stretch)
+    write_all(std::slice::from_ref(raster), None, packing, srgb, texts, progress)
 }
 
-/// Writes frames of one size and sort as an animated PNG. `delay` is the time of a frame as a fraction of a
-/// second, `plays` how often it plays, 0 for ever.
+/// Writes frames of equal size and type as an animated PNG. `delay` is the duration of a frame as a fraction of a
+/// second, `plays` the number of repetitions, 0 for endless.
 pub fn write_frames(
     frames: &[Raster],
     delay: (u16, u16),
     plays: u32,
     srgb: bool,
     texts: &[(&str, &str)],
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
-    write_all(frames, Some((delay, plays)), Packing::Small, srgb, texts, stretch)
+    write_all(frames, Some((delay, plays)), Packing::Small, srgb, texts, progress)
 }
 
 type Animation = ((u16, u16), u32);
@@ -223,7 +223,7 @@ fn write_all(
     packing: Packing,
     srgb: bool,
     texts: &[(&str, &str)],
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
     let fail = |e: png::EncodingError| Error::Mismatch(format!("cannot make a PNG: {e}"));
     let Some(first) = frames.first() else {
@@ -250,7 +250,7 @@ fn write_all(
     let mut writer = encoder.write_header().map_err(fail)?;
     let mut sequence = 0_u32;
     for (index, frame) in frames.iter().enumerate() {
-        let packed = pack(frame, packing, stretch.piece(index, frames.len()))?;
+        let packed = pack(frame, packing, progress.piece(index, frames.len()))?;
         if let Some((delay, _)) = animation {
             writer.write_chunk(png::chunk::fcTL, &frame_control(sequence, frame, delay)).map_err(fail)?;
             sequence += 1;
@@ -269,10 +269,10 @@ fn write_all(
     Ok(bytes)
 }
 
-/// Most bytes of data in a chunk whose length, with a sequence number, is a number of 31 bits.
+/// Largest number of bytes of data in a chunk: its length, with a sequence number, is a 31-bit number.
 const LARGEST_CHUNK: usize = (u32::MAX >> 1) as usize - 4;
 
-/// The chunk before a frame as large as the picture, which takes the place of the one before it.
+/// The control chunk of a frame that replaces the whole picture.
 fn frame_control(sequence: u32, frame: &Raster, (numerator, denominator): (u16, u16)) -> Vec<u8> {
     let sizes = [sequence, frame.width as u32, frame.height as u32, 0, 0].map(u32::to_be_bytes).concat();
     let delay = [numerator, denominator].map(u16::to_be_bytes).concat();
@@ -310,7 +310,7 @@ pub(crate) mod tests {
     #[test]
     fn no_cut_or_flip_panics_and_every_cut_is_an_error() {
         let bytes = write(&raster(3, 255), false, &[]).unwrap_or_default();
-        // What follows the picture's data (the end chunk) may go.
+        // The chunk after the picture's data (the end chunk) may be missing.
         for end in 0..bytes.len() - 16 {
             assert!(read("a.png", &bytes[..end]).is_err(), "cut at {end}");
         }
@@ -321,8 +321,8 @@ pub(crate) mod tests {
         }
     }
 
-    /// Palettes and low depths are widened, a transparent colour is alpha, and what is said of gamma and profiles is passed
-    /// over and told.
+    /// Palettes and low depths are widened, a transparent colour becomes alpha, and gamma and profiles that are
+    /// ignored are reported.
     #[test]
     fn palettes_low_depths_and_skipped_chunks() {
         let file = |color, depth, data: &[u8], change: &dyn Fn(&mut png::Info<'_>)| {
@@ -385,7 +385,7 @@ pub(crate) mod tests {
         bytes
     }
 
-    // A profile is inflated as far as it is read; one of 3 GB in 3 MB was once taken into memory whole.
+    // A profile is inflated only up to a limit; one of 3 GB in 3 MB used to be held in memory completely.
     #[test]
     fn profiles_that_inflate_without_end_are_not_read() {
         let read = read("a.png", &with_profile(&vec![0; icc::LARGEST + 1])).expect("reads");
@@ -396,8 +396,8 @@ pub(crate) mod tests {
         assert!(read.linear && read.ignored.is_empty());
     }
 
-    /// One pixel, prime sizes, 30,000 columns or rows, through every format that is written; sizes of which width times
-    /// height times channels does not fit into 64 bits.
+    /// One pixel, prime sizes, 30,000 columns or rows, through every format that is written; sizes whose number of
+    /// samples does not fit into 64 bits.
     #[test]
     fn sizes_are_not_believed_and_do_not_overflow() {
         assert!(believable("a", u64::MAX, u64::MAX, 4, 1000, 10).is_err());

@@ -111,7 +111,7 @@ mod tests {
 
     fn camera(up: Up, p: &Camera) -> Result<types::Camera, NodeError> {
         Camera::check(p)?;
-        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         Ok(Camera::run(p, In {}, &cx)?.0.rig.cameras[0].clone())
     }
     fn plain(eye: [f64; 3], target: [f64; 3]) -> Camera {

@@ -84,7 +84,7 @@ impl Kind for ContactSheet {
             };
             return Err(NodeError::new(format!("{}, {}", text(first), text(other)))
                 .at("images")
-                .hint("a sheet is of one encoding; gather pictures of one sort"));
+                .hint("a sheet has one encoding; gather pictures of the same encoding"));
         }
         let layout = Layout::new(p, &views);
         let (width, height) = layout.size;
@@ -116,7 +116,8 @@ mod tests {
     use engine::{Scene, Up};
 
     fn sheet(columns: u32, gap_px: u32, images: Vec<Images>) -> Result<Image<Data>, String> {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let inputs = In { images: images.into_iter().map(Arc::new).collect() };
         let (out, _) =
             ContactSheet::run(&ContactSheet { columns, gap_px }, inputs, &cx).map_err(|e| e.to_string())?;

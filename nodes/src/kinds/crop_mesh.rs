@@ -74,9 +74,9 @@ impl Kind for CropMesh {
         }
         let mut notes = Notes::none();
         let (left, all) = (kept.triangles.len(), mesh.triangles.len());
-        notes.count("cropped", (all - left) as u64, format_args!("of {all} triangles left out"));
+        notes.count("cropped", (all - left) as u64, format_args!("of {all} triangles removed"));
         if left == 0 && all > 0 {
-            notes.degraded("empty", "nothing is left of the mesh");
+            notes.degraded("empty", "no triangle of the mesh is left");
         }
         Ok((Out { mesh: Arc::new(kept) }, notes))
     }

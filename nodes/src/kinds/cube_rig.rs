@@ -11,10 +11,10 @@ use crate::types::{Camera, Pose, Rig};
 engine::choices! {
     /// Orientation of the cube of cameras.
     pub enum Turn {
-        /** So that no face looks along an axis of the world. Captures quantise positions along the axes;
-        a camera that looks along one sees nearly all depths tied, and ties are drawn in file order. */
+        /// Rotated so that no face looks along an axis of the world. Captures quantise positions along the axes, so a camera
+        /// that looks along one sees many equal depths, which are drawn in file order.
         OffAxis,
-        /** Faces along the axes, as other tools do. */
+        /// Faces along the axes of the world, as in other tools.
         Aligned,
     }
 }

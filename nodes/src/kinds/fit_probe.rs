@@ -17,7 +17,7 @@ engine::params! {
     /// enlarged. Set `as_views: true` on `stitch` so that the panorama gets the number of columns that its views
     /// support.
     pub struct FitProbe {
-        /// Whether to reduce the views; `false` keeps the rig and only reports the resolution that would be enough.
+        /// True to reduce the views; `false` keeps the rig and only reports the resolution that would be enough.
         skip_fine: bool = true, other("false");
     }
 }
@@ -59,7 +59,7 @@ impl Kind for FitProbe {
         };
         if let Some(odd) = rig.cameras.iter().find(|c| [c.width_px, c.height_px] != [side; 2]) {
             let text = format!("view `{}` is {}x{} pixels", odd.name, odd.width_px, odd.height_px);
-            let hint = "views of a probe are squares of one size; `cube-rig` makes such";
+            let hint = "views of a probe are squares of equal size, as from `cube-rig`";
             return Err(NodeError::new(text).at("rig").hint(hint));
         }
         let most = side.saturating_mul(COLUMNS_A_PIXEL) as usize;
@@ -71,9 +71,9 @@ impl Kind for FitProbe {
         notes.decision(
             "probe-size",
             match (enough < side, params.skip_fine) {
-                (true, true) => format!("views of {enough} px in place of {side} do: {why}"),
+                (true, true) => format!("views of {enough} px are enough, instead of {side}: {why}"),
                 (true, false) => {
-                    format!("views of {enough} px would do, and have {side}, as is asked: {why}")
+                    format!("views of {enough} px would be enough; they keep {side} because of `skip_fine: false`: {why}")
                 }
                 (false, _) => format!("all {side} px of a view are needed: {why}"),
             },
@@ -147,8 +147,8 @@ mod tests {
             (32, 1.0, 24.0, 32),
             (100, 0.0, 24.0, 100),
         ] {
-            let (rig, told) = run(side, roughness, lit(128, disc_deg), true);
-            assert_eq!(rig.cameras[0].width_px, enough, "{side} {roughness} {disc_deg}: {told}");
+            let (rig, reported) = run(side, roughness, lit(128, disc_deg), true);
+            assert_eq!(rig.cameras[0].width_px, enough, "{side} {roughness} {disc_deg}: {reported}");
             let expected = smaller(enough);
             for (a, b) in rig.cameras.iter().zip(&expected.cameras) {
                 assert_eq!(
@@ -159,9 +159,9 @@ mod tests {
                     [a.fx - b.fx, a.fy - b.fy, a.cx - b.cx, a.cy - b.cy].iter().all(|off| off.abs() < 1e-9)
                 );
             }
-            assert_eq!(told.contains("in place of"), enough < side, "{told}");
-            let (kept, told) = run(side, roughness, lit(128, disc_deg), false);
-            assert_eq!(*kept, smaller(side), "{told}");
+            assert_eq!(reported.contains("instead of"), enough < side, "{reported}");
+            let (kept, reported) = run(side, roughness, lit(128, disc_deg), false);
+            assert_eq!(*kept, smaller(side), "{reported}");
         }
     }
 
@@ -196,8 +196,8 @@ mod tests {
             let mut rig = cube(DVec3::ONE, axes(Up::PlusZ), 64, 3.0, Turn::OffAxis);
             change(&mut rig);
             let inputs = In { rig: Arc::new(rig), objects: Vec::new(), look: lit(64, 9.0) };
-            let told = FitProbe::run(&FitProbe { skip_fine: true }, inputs, &crate::testing::context());
-            told.err().map(|error| error.to_string()).unwrap_or_default()
+            let reported = FitProbe::run(&FitProbe { skip_fine: true }, inputs, &crate::testing::context());
+            reported.err().map(|error| error.to_string()).unwrap_or_default()
         };
         assert!(refused(|rig| rig.cameras.clear()).contains("no camera"));
         assert!(refused(|rig| rig.cameras[2].height_px = 63).contains("64x63"));

@@ -66,7 +66,7 @@ impl Kind for JoinReports {
                     Some(known) if known.columns.iter().cloned().eq(columns()) => known.rows.extend(rows),
                     Some(_) => {
                         let text =
-                            format!("the tables `{}` have other columns in report {index}", table.name);
+                            format!("the tables `{}` have different columns in report {index}", table.name);
                         return Err(NodeError::new(text).at("reports"));
                     }
                 }
@@ -98,7 +98,8 @@ mod tests {
     }
 
     fn join(reports: Vec<Arc<Report>>) -> Result<Report, String> {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let joined = JoinReports::run(&JoinReports {}, In { reports }, &cx).map_err(|e| e.to_string())?;
         Ok((*joined.0.report).clone())
     }
@@ -108,7 +109,8 @@ mod tests {
         let joined = join(vec![report(&["x"], 1.0), report(&["x"], 2.0)]).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(joined.tables[0].rows, [[Cell::Number(1.0)], [Cell::Number(2.0)]]);
         assert!(
-            join(vec![report(&["x"], 1.0), report(&["y"], 2.0)]).is_err_and(|e| e.contains("other columns"))
+            join(vec![report(&["x"], 1.0), report(&["y"], 2.0)])
+                .is_err_and(|e| e.contains("different columns"))
         );
         assert_eq!(join(vec![]).map(|joined| joined.tables.len()), Ok(0));
     }

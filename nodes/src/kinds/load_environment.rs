@@ -95,7 +95,7 @@ fn scale(rgb: &mut [f32], by: f64, notes: &mut Notes) {
     }
     for (id, count, what) in [
         ("radiance-negative", negative, "samples lie below 0 and were set to 0"),
-        ("radiance-capped", capped, "samples are more than a number can hold once scaled, and were cut off"),
+        ("radiance-capped", capped, "samples overflowed when scaled and were clamped"),
     ] {
         notes.count(id, count, what);
     }

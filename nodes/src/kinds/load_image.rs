@@ -5,7 +5,7 @@ use std::sync::Arc;
 use engine::{Context, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
 
 use crate::io::picture::{decode, floats_of};
-use crate::io::stretch::Stretch;
+use crate::io::progress::Progress;
 use crate::types::view::check_name;
 use crate::types::{Images, NamedImage};
 
@@ -78,18 +78,18 @@ impl Kind for LoadImage {
         let mut notes = Notes::none();
         let mut views: Vec<NamedImage> = Vec::with_capacity(1 + p.more.len());
         for (index, file) in p.files().enumerate() {
-            let stretch = Stretch::of(cx, 0.0, 1.0).piece(index, 1 + p.more.len());
-            stretch.reach(0.0)?;
+            let progress = Progress::of(cx, 0.0, 1.0).piece(index, 1 + p.more.len());
+            progress.report(0.0)?;
             let field = if index == 0 { "path" } else { "more" };
             let bytes = cx.read(file).map_err(|e| e.at(field))?;
-            let picture = decode(p.encoding, &p.layer, &file.0, &bytes, &mut notes, stretch)
+            let picture = decode(p.encoding, &p.layer, &file.0, &bytes, &mut notes, progress)
                 .map_err(|e| NodeError::from(e).at(field))?;
             let stem = file.0.rsplit(['/', '\\']).next().unwrap_or_default();
             let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);
             let name = p.names.get(index).map_or(stem, String::as_str).to_owned();
             if views.iter().any(|view| view.name == name) {
                 let error = NodeError::new(format!("two views are called `{name}`"));
-                return Err(error.at("more").hint("tell them apart with `names`"));
+                return Err(error.at("more").hint("distinguish them with `names`"));
             }
             views.push(NamedImage { name, picture });
         }

@@ -110,8 +110,8 @@ impl Kind for LoadPanorama {
         }
         let (image, light) = match p.photograph_ev {
             Some(_) if !linear => {
-                let error = NodeError::new("the file holds display colours, which are a photograph already");
-                return Err(error.at("photograph_ev").hint("leave it away, or load OpenEXR or Radiance"));
+                let error = NodeError::new("the file holds display colours, which are already a photograph");
+                return Err(error.at("photograph_ev").hint("leave it out, or load OpenEXR or Radiance"));
             }
             Some(ev) => photograph(Image::from_samples(width, height, 3, samples), ev, cx.up(), &mut notes),
             None if linear => {
@@ -145,7 +145,9 @@ fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
     let column = 360.0 / width as f64;
     let whole = (degrees / column).round() * column;
     if (whole - degrees).abs() > 1e-6 * column {
-        let text = format!("display colours turn by whole columns: by {whole:.4} degrees for {degrees}");
+        let text = format!(
+            "display colours are rotated by whole columns: by {whole:.4} degrees instead of {degrees}"
+        );
         notes.decision("turned-by-columns", text);
     }
     whole
@@ -166,13 +168,13 @@ fn fill_holes(
     }
     let height = pixels.len() / width;
     if open.len() == pixels.len() {
-        notes.warning("no-light", "the panorama is transparent everywhere, and so black");
+        notes.warning("no-light", "the panorama is transparent everywhere: it is black");
         return Ok(None);
     }
     let share = open.iter().map(|at| pixel_solid_angle(width, height, at / width)).sum::<f64>() / (4.0 * PI);
     notes.decision(
         "holes",
-        format!("{:.2} % of the sphere is transparent; filled from around it", 100.0 * share),
+        format!("{:.2} % of the sphere is transparent; filled from the surroundings", 100.0 * share),
     );
     // Pixels of additive light, as renderers write glows. Their content is lost here, which is reported.
     let lost = open.iter().filter(|at| pixels[**at][..3].iter().any(|v| *v > 0.0)).count();
@@ -198,7 +200,7 @@ fn fill_holes(
 /// The photograph that a camera would take of the light, and the light at the exposure of the camera.
 fn photograph(mut light: Image<Linear>, ev: f64, up: Up, notes: &mut Notes) -> (Picture, Image<Linear>) {
     let ev0 = ev0_scale(&light).unwrap_or_else(|| {
-        notes.warning("no-light", "the panorama is black; there is nothing to meter");
+        notes.warning("no-light", "the panorama is black; its exposure cannot be measured");
         1.0
     });
     let scale = ev0 * num::f64::exp2(ev);
@@ -213,7 +215,7 @@ fn photograph(mut light: Image<Linear>, ev: f64, up: Up, notes: &mut Notes) -> (
     let (all, kept) = (energy(f32::MAX), energy(1.0));
     let percent = |part: f64, of: f64| if of > 0.0 { 100.0 * part / of } else { 100.0 };
     let text = format!(
-        "light was multiplied by {scale:.3e} and clipped at white, which keeps {:.1} % of its power and {:.1} % of the irradiance of the ground",
+        "light was scaled by {scale:.3e} and clipped at white, which keeps {:.1} % of its power and {:.1} % of the irradiance of the ground",
         percent(kept.power, all.power),
         percent(kept.ground, all.ground)
     );
@@ -240,7 +242,10 @@ mod tests {
     ) -> Result<(Out, Notes), NodeError> {
         let folder = tempfile::tempdir().expect("a folder");
         std::fs::write(folder.path().join("a"), bytes).expect("writes");
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+        let cx = Context::detached(
+            Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+            folder.path(),
+        );
         let p = LoadPanorama {
             path: InputFile("a".into()),
             layer: String::new(),
@@ -269,12 +274,12 @@ mod tests {
         let bytes = png::write(&raster, false, &[]).expect("writes");
         let light = |out: &Out| out.env.image.samples.iter().map(|v| f64::from(*v)).sum::<f64>();
         let (still, _) = turned(&bytes, None, 0.0).expect("loads");
-        for (degrees, told) in [(0.3, true), (29.0, true), (45.0, false), (-67.5, false), (719.9, true)] {
+        for (degrees, reported) in [(0.3, true), (29.0, true), (45.0, false), (-67.5, false), (719.9, true)] {
             let (out, notes) = turned(&bytes, None, degrees).expect("loads");
             let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
             assert_eq!(image.samples.iter().filter(|v| **v == 1.0).count(), 3, "{degrees}");
             assert_eq!(light(&out), light(&still));
-            assert_eq!(notes.iter().any(|note| note.id == "turned-by-columns"), told, "{degrees}");
+            assert_eq!(notes.iter().any(|note| note.id == "turned-by-columns"), reported, "{degrees}");
         }
         let mut rgb = vec![0.2_f32; 8 * 4 * 3];
         rgb[3 * 9..3 * 10].fill(900.0);
@@ -318,7 +323,8 @@ mod tests {
     fn a_turn_mixes_what_is_seen() {
         let (seen, hole) = ([0.8, 0.4, 0.2, 1.0], [0.0; 4]);
         let pixels: Vec<[f32; 4]> = (0..32).map(|i| if i == 11 { hole } else { seen }).collect();
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, "");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, "");
         let (colours, alpha) = straight(turn(&pixels, 8, 15.0, &cx).expect("turns"));
         let alphas: Vec<f32> = alpha.into_iter().filter(|a| *a < 1.0).collect();
         assert!(alphas.len() == 2 && (alphas[0] + alphas[1] - 1.0).abs() < 1e-6, "{alphas:?}");
@@ -346,9 +352,9 @@ mod tests {
             let found = image.rgb(x, 1).map(|v| v * 255.0);
             assert!(found.iter().zip([90.0, 128.0, 0.0]).all(|(a, b)| (a - b).abs() < 0.1), "{x}: {found:?}");
         }
-        assert_eq!(out.pano.alpha.samples[1], 0.0, "alpha still tells of it");
-        let told = notes.iter().find(|note| note.id == "holes").map(|note| note.text.as_str());
-        assert!(told.is_some_and(|text| text.starts_with("25.00 % of the sphere")), "{told:?}");
+        assert_eq!(out.pano.alpha.samples[1], 0.0, "alpha still marks it");
+        let reported = notes.iter().find(|note| note.id == "holes").map(|note| note.text.as_str());
+        assert!(reported.is_some_and(|text| text.starts_with("25.00 % of the sphere")), "{reported:?}");
     }
 
     // Additive light with alpha 0 is not treated as a hole without a warning. Mutation: `lost > 0` to `false`.
@@ -367,12 +373,12 @@ mod tests {
             ];
             crate::io::exr::write(4, 2, planes, "linear", None).expect("writes").0
         };
-        let told = |glow: f32| {
+        let reported = |glow: f32| {
             let (_, notes) = load(&file(glow), None).expect("loads");
             notes.iter().find(|note| note.id == "light-in-holes").map(|note| note.text.clone())
         };
-        assert_eq!(told(0.0), None);
-        assert!(told(50.0).is_some_and(|text| text.starts_with("1 transparent pixels hold light")));
+        assert_eq!(reported(0.0), None);
+        assert!(reported(50.0).is_some_and(|text| text.starts_with("1 transparent pixels hold light")));
     }
 
     /// A photograph of the front half, as phones write it: placed where its metadata says, and the rest is a hole.
@@ -399,8 +405,8 @@ mod tests {
         let seen = |x: usize, y: usize| (4..12).contains(&x) && (2..6).contains(&y);
         let alpha = |x: usize, y: usize| if seen(x, y) { 1.0 } else { 0.0 };
         assert!((0..128).all(|at| out.pano.alpha.samples[at] == alpha(at % 16, at / 16)));
-        let told = |id: &str| notes.iter().any(|note| note.id == id);
-        assert!(told("part-of-a-sphere") && told("holes") && !told("not-two-to-one"));
+        let reported = |id: &str| notes.iter().any(|note| note.id == id);
+        assert!(reported("part-of-a-sphere") && reported("holes") && !reported("not-two-to-one"));
     }
 
     #[test]
@@ -420,7 +426,7 @@ mod tests {
         let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
         assert!(image.rgb(1, 0).iter().zip([200.0, 100.0, 50.0]).all(|(v, c)| (v * 255.0 - c).abs() < 1e-3));
         assert_eq!(out.pano.alpha.samples[..2], [1.0, 0.2]);
-        let error = load(&bytes, Some(0.0)).map(|_| ()).expect_err("is a photograph already");
-        assert!(error.to_string().contains("photograph already"), "{error}");
+        let error = load(&bytes, Some(0.0)).map(|_| ()).expect_err("is a already a photograph");
+        assert!(error.to_string().contains("already a photograph"), "{error}");
     }
 }

@@ -30,8 +30,8 @@ engine::params! {
         path: InputFile, other("\"b.ply\"");
         /// More files of the same scene, such as the chunks of a capture; appended in this order.
         more: Vec<InputFile> = Vec::new(), other("[\"b.ply\"]");
-        /// Whether to fail at the first row that would be dropped, with an error that names it.
-        strict: bool = false, inert("the output is the same wherever there is one");
+        /// True to fail at the first row that would be dropped, with an error that names it.
+        strict: bool = false, inert("the output does not change unless there is an error");
         /// Splats with a longer axis are dropped: they hide the scene, and usually mean that scales were not stored
         /// as logarithms.
         max_extent: f64 = 1e6, range(1e-12, 1e30), unit("world units"), other("0.2");
@@ -161,7 +161,8 @@ mod tests {
         }
         let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
         let root = folder.path().display().to_string();
-        let scene_block = engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0 };
+        let scene_block =
+            engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
         let cx = Context::detached(scene_block, &root);
         let bytes = encode(&scene, SaveFormat::Ply, None, &cx).unwrap_or_else(|e| panic!("{e}")).0;
         std::fs::write(folder.path().join("a.ply"), bytes).unwrap_or_else(|e| panic!("{e}"));

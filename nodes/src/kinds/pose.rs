@@ -67,7 +67,7 @@ impl Kind for PoseNode {
     fn check(p: &Self) -> Result<(), NodeError> {
         let Some(m) = p.matrix else {
             return if p.scale == 0.0 {
-                Err(NodeError::new("a scale of 0 leaves nothing of the object").at("scale"))
+                Err(NodeError::new("a scale of 0 makes the object vanish").at("scale"))
             } else {
                 Ok(())
             };
@@ -78,16 +78,13 @@ impl Kind for PoseNode {
                 .hint("give either `matrix`, or the others"));
         }
         if m[12..] != [0.0, 0.0, 0.0, 1.0] {
-            return Err(NodeError::new("the last row of `matrix` must be 0, 0, 0, 1")
-                .at("matrix")
-                .hint("the matrix is written row after row; the translation ends the first three rows"));
+            return Err(NodeError::new("the last row of `matrix` must be 0, 0, 0, 1").at("matrix").hint(
+                "the matrix is in row-major order; the translation is at the end of the first three rows",
+            ));
         }
         let det = DMat3::from_mat4(row_major(&m)).determinant();
         if det == 0.0 || !det.is_finite() {
-            return Err(NodeError::new(
-                "`matrix` flattens the object, or its numbers are too large: its determinant must be finite, and not 0",
-            )
-            .at("matrix"));
+            return Err(NodeError::new("the determinant of `matrix` must be finite and not 0").at("matrix"));
         }
         Ok(())
     }
@@ -172,7 +169,7 @@ mod tests {
     use engine::{Scene, Up};
 
     pub(crate) fn pose(up: Up, p: &PoseNode) -> Pose {
-        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let (out, _) = PoseNode::run(p, In { rig: None, mesh: None, splats: None }, &cx)
             .unwrap_or_else(|e| panic!("{e}"));
         (*out.pose).clone()
@@ -245,7 +242,8 @@ mod tests {
 
     fn at(pixel: [f64; 2], on_splats: bool) -> Result<Pose, NodeError> {
         let (mesh, camera) = place();
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let splats = on_splats.then(|| Arc::new(crate::render::look::of_mesh(&mesh)));
         let mesh = (!on_splats).then(|| Arc::new(mesh));
         let inputs = In { rig: Some(Arc::new(Rig { cameras: vec![camera] })), mesh, splats };

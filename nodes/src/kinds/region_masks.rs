@@ -63,7 +63,7 @@ impl Kind for RegionMasks {
 
     fn check(p: &Self) -> Result<(), NodeError> {
         if p.edge_threshold > p.object_threshold {
-            return Err(NodeError::new("the edge cannot lie inside of the object")
+            return Err(NodeError::new("`edge_threshold` cannot exceed `object_threshold`")
                 .at("edge_threshold")
                 .hint("make it at most `object_threshold`"));
         }
@@ -93,7 +93,7 @@ impl Kind for RegionMasks {
             cx.check()?;
             let (width, height, channels) = view.picture.size();
             if !matches!(channels, 1 | 2 | 4) || width == 0 || height == 0 {
-                let what = format!("`{}` has {channels} channels and so no alpha", view.name);
+                let what = format!("`{}` has {channels} channels, without alpha", view.name);
                 return Err(NodeError::new(what).at("object").hint("give a picture with alpha, or a mask"));
             }
             let alpha: Vec<f64> = view

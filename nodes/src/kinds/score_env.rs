@@ -80,7 +80,7 @@ impl Kind for ScoreEnv {
             let apart = (a - b).length();
             notes.warning(
                 "other-origin",
-                format!("the two were seen from points {apart:.3} world units apart"),
+                format!("the two environments were captured {apart:.3} world units apart"),
             );
         }
         let scores = score(env, truth, params.normals as usize, cx)?;
@@ -245,7 +245,8 @@ mod tests {
     }
 
     fn scores(a: Environment, b: Environment) -> Vec<f64> {
-        let cx = Context::detached(Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 1 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 1, exhaustive: false }, ".");
         let inputs = In { env: Arc::new(a), truth: Arc::new(b) };
         let (out, _) = ScoreEnv::run(&ScoreEnv { normals: 128 }, inputs, &cx).expect("runs");
         let value = |row: &Vec<Cell>| if let Cell::Number(v) = row[1] { v } else { f64::NAN };

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes};
+use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, Sizes};
 
-use crate::light::panorama::{Found, check_width, finish, linear_row};
+use crate::light::panorama::{Unfilled, check_width, finish, linear_row};
 use crate::math::equirect;
 use crate::render::splat::{self, Drawing, MAX_PIXELS, PanoramaCamera, Rendered, Sort, Surface, most_bytes};
 use crate::types::{Data, Image, Images, Mesh, Panorama, Pose, SplatEncoding, Splats};
@@ -106,8 +106,9 @@ impl Row {
 
 impl Kind for SplatPanorama {
     const NAME: &'static str = "splat-panorama";
-    const VERSION: u32 = 5;
-    const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
+    const VERSION: u32 = 6;
+    const READS: &'static [ContextField] =
+        &[ContextField::Exhaustive, ContextField::Up, ContextField::MetresPerUnit];
     type Params = (Self, Drawing);
     type In = In;
     type Out = Out;
@@ -124,6 +125,10 @@ impl Kind for SplatPanorama {
     fn work((params, _): &Self::Params, sizes: &Sizes) -> f64 {
         let fine = f64::from(params.width_px) * f64::from(params.supersample);
         sizes.of("splats") * 30.0 + fine * fine * 50.0
+    }
+
+    fn former(name: &str, _: &[(&str, &str)]) -> Option<Former> {
+        splat::former(name, 5)
     }
 
     fn check((params, drawing): &Self::Params) -> Result<(), NodeError> {
@@ -149,7 +154,7 @@ impl Kind for SplatPanorama {
         if !origin.is_finite() {
             return Err(NodeError::new("the point of the panorama is not finite").at("at"));
         }
-        let settings = drawing.settings(Sort::Distance, &splats, &mut notes);
+        let settings = drawing.settings(Sort::Distance, &splats, cx.exhaustive(), &mut notes);
         let around = PanoramaCamera { eye: origin, up, width_px: params.width_px * params.supersample };
         let limit = limit.map(|mesh| Surface::new(&mesh, origin));
         let seen = splat::panorama(&splats, &around, limit.as_ref(), &settings, cx)?;
@@ -167,7 +172,7 @@ impl Kind for SplatPanorama {
             depth.extend(row.depth);
             blends.extend(row.blends);
         }
-        let found = Found { premultiplied, width, encoded, up, origin };
+        let found = Unfilled { premultiplied, width, encoded, up, origin };
         let pano = finish(found, params.holes, params.hole_alpha, &mut notes, cx)?;
         let data = |samples| Images::single("pano", Image::<Data>::from_samples(width, height, 1, samples));
         let out = Out {

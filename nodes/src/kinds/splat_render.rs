@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use engine::{Context, Cost, Kind, NodeError, Notes, Sizes, ViewCount};
+use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, Sizes, ViewCount};
 
-use crate::render::splat::{Blocks, Drawing, Limit, MAX_PIXELS, Sort, Work, most_bytes, render_with};
+use crate::render::splat::{self, Blocks, Drawing, Limit, MAX_PIXELS, Sort, Work, most_bytes, render_with};
 use crate::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats, View, Views, tagged};
 
 engine::params! {
@@ -60,7 +60,7 @@ fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, 
         |camera: &Camera| rig.cameras.len() == 1 || limits.0.iter().any(|one| one.name == camera.name);
     let of = |camera: &Camera| match limits.view(&camera.name).filter(|_| known(camera)) {
         Some(Picture::Data(limit)) => Ok(limit),
-        Some(_) => Err(NodeError::new("a depth is no colour").at("limit")),
+        Some(_) => Err(NodeError::new("`limit` must be a depth, not a colour").at("limit")),
         None => Err(NodeError::new(format!("no depth of view `{}`", camera.name)).at("limit")),
     };
     rig.cameras.iter().map(of).collect()
@@ -68,7 +68,8 @@ fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, 
 
 impl Kind for SplatRender {
     const NAME: &'static str = "splat-render";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
+    const READS: &'static [ContextField] = &[ContextField::Exhaustive];
     type Params = (Self, Drawing);
     type In = In;
     type Out = Out;
@@ -94,6 +95,10 @@ impl Kind for SplatRender {
         ViewCount::As(&["rig"])
     }
 
+    fn former(name: &str, _: &[(&str, &str)]) -> Option<Former> {
+        splat::former(name, 4)
+    }
+
     fn check((_, drawing): &Self::Params) -> Result<(), NodeError> {
         drawing.check()
     }
@@ -108,13 +113,13 @@ impl Kind for SplatRender {
         if rig.cameras.is_empty() {
             return Err(NodeError::new("the rig has no camera").at("rig"));
         }
-        let settings = drawing.settings(params.sort, &splats, &mut notes);
+        let settings = drawing.settings(params.sort, &splats, cx.exhaustive(), &mut notes);
         let limits = limit.as_deref().map(|limits| limits_of(&rig, limits)).transpose()?;
         if let (Some(limits), [camera]) = (&limit, rig.cameras.as_slice())
             && let [one] = limits.0.as_slice()
             && one.name != camera.name
         {
-            let text = format!("`{}` is taken for the depth that `{}` sees", one.name, camera.name);
+            let text = format!("`{}` is used as the depth for the view `{}`", one.name, camera.name);
             notes.decision("limit-view", text);
         }
         let blocks = (settings.skip_unseen && rig.cameras.len() > 1).then(|| Blocks::of(&splats, cx));

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use engine::{Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
 
 use crate::io::png::{self, Raster};
+use crate::io::progress::Progress;
 use crate::io::quantise::{AlphaOutput, Lost, quantise};
-use crate::io::stretch::Stretch;
 use crate::types::{Images, Picture};
 
 engine::params! {
@@ -51,9 +51,9 @@ impl Kind for WriteAnimation {
     fn check(p: &Self) -> Result<(), NodeError> {
         match p.path.extension().as_str() {
             "png" | "apng" => Ok(()),
-            other => Err(NodeError::new(format!("cannot write an animation as `.{other}`")).at("path").hint(
-                "end the path in `.png` or `.apng`; for single frames there is WriteImage with `{frame}`",
-            )),
+            other => Err(NodeError::new(format!("cannot write an animation as `.{other}`"))
+                .at("path")
+                .hint("end the path in `.png` or `.apng`; for single frames use WriteImage with `{frame}`")),
         }
     }
 
@@ -80,9 +80,9 @@ impl Kind for WriteAnimation {
         for (place, view) in first.0.iter().enumerate() {
             let mut rasters: Vec<Raster> = Vec::with_capacity(inputs.frames.len());
             let mut lost = Lost::default();
-            let stretch = Stretch::of(cx, 0.0, 1.0).piece(place, first.0.len());
+            let progress = Progress::of(cx, 0.0, 1.0).piece(place, first.0.len());
             for (index, frame) in inputs.frames.iter().enumerate() {
-                stretch.reach(0.1 * index as f32 / inputs.frames.len() as f32)?;
+                progress.report(0.1 * index as f32 / inputs.frames.len() as f32)?;
                 let picture = picture_of(frame, &view.name, index)?;
                 let (raster, missed) = quantise(picture, false, AlphaOutput::Drop, cx)?;
                 lost.add(missed);
@@ -93,13 +93,13 @@ impl Kind for WriteAnimation {
                         "frame 0 is {}x{}x{}, frame {index} is {}x{}x{}",
                         a.0, a.1, a.2, b.0, b.1, b.2
                     );
-                    return Err(NodeError::new(text).at("frames").hint("frames are of one size"));
+                    return Err(NodeError::new(text).at("frames").hint("all frames must have the same size"));
                 }
                 rasters.push(raster);
             }
             lost.tell(&view.name, &mut notes);
             let srgb = !matches!(view.picture, Picture::Data(_));
-            let packing = stretch.part(0.1, 1.0);
+            let packing = progress.part(0.1, 1.0);
             let bytes = png::write_frames(&rasters, delay(p.fps), p.plays, srgb, &texts, packing)?;
             files.push(FileBytes { view: view.name.clone(), bytes });
         }
@@ -126,7 +126,8 @@ mod tests {
     use engine::{Scene, Up};
 
     fn write(frames: &[Images]) -> Result<Vec<FileBytes>, String> {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let p = WriteAnimation { path: OutputFile("a.png".into()), fps: 10.0, plays: 3, recipe: true };
         WriteAnimation::check(&p).map_err(|e| e.to_string())?;
         let frames = frames.iter().cloned().map(Arc::new).collect();

@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount};
 
+use crate::io::progress::Progress;
 use crate::io::quantise::quantise;
 use crate::io::recipe::KEYWORD;
-use crate::io::stretch::Stretch;
 use crate::io::{jpeg, png};
 use crate::types::{Images, NamedImage, Picture};
 
@@ -73,14 +73,14 @@ impl Kind for WriteImage {
             other => {
                 return Err(NodeError::new(format!("cannot write pictures as `.{other}`"))
                     .at("path")
-                    .hint("end the path in `.png` or `.jpg`; for float data there is WriteExr"));
+                    .hint("end the path in `.png` or `.jpg`; for float data use WriteExr"));
             }
         };
         if p.bits != 8 && p.bits != 16 {
-            return Err(NodeError::new("a sample has 8 or 16 bits").at("bits"));
+            return Err(NodeError::new("`bits` must be 8 or 16").at("bits"));
         }
         if jpeg && p.bits == 16 {
-            return Err(NodeError::new("a JPEG has 8 bits a sample")
+            return Err(NodeError::new("a JPEG has 8 bits per sample")
                 .at("bits")
                 .hint("end the path in `.png`"));
         }
@@ -115,8 +115,8 @@ impl Kind for WriteImage {
         }
         let recipe = cx.recipe().filter(|_| p.recipe);
         for (index, view) in views.iter().enumerate() {
-            let stretch = Stretch::of(cx, 0.0, 1.0).piece(index, views.len());
-            stretch.reach(0.0)?;
+            let progress = Progress::of(cx, 0.0, 1.0).piece(index, views.len());
+            progress.report(0.0)?;
             let (raster, lost) = quantise(&view.picture, p.bits == 16, p.alpha, cx)?;
             lost.tell(&view.name, &mut notes);
             let srgb = !matches!(view.picture, Picture::Data(_));
@@ -127,9 +127,9 @@ impl Kind for WriteImage {
                     Effort::Balanced => png::Packing::Small,
                     Effort::Fast => png::Packing::Fast,
                 };
-                png::write_for(&raster, packing, srgb, &texts, stretch)?
+                png::write_for(&raster, packing, srgb, &texts, progress)?
             } else {
-                jpeg::write_for(&raster, p.quality as u8, recipe, stretch)?
+                jpeg::write_for(&raster, p.quality as u8, recipe, progress)?
             };
             files.push(FileBytes { view: view.name.clone(), bytes });
         }
@@ -145,7 +145,7 @@ mod tests {
     use engine::{Scene, Up};
 
     fn cx() -> Context {
-        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".")
+        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".")
     }
     fn node(path: &str) -> WriteImage {
         WriteImage {

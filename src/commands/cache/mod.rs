@@ -76,6 +76,11 @@ impl Cache {
     /// Runs the verb; gives the exit code.
     pub fn run(self) -> Result<u8, Error> {
         let folder = cache_folder(self.cache.as_deref())?;
+        if matches!(self.verb, Verb::Gc(_)) && !folder.exists() {
+            // A nightly job on a new machine finds nothing to remove, which is not an error.
+            print(&format!("there is no cache in `{}` yet: nothing to remove\n", folder.display()))?;
+            return Ok(0);
+        }
         if !folder.is_dir() {
             return Err(Error::usage(format!("there is no cache in `{}`", folder.display())));
         }

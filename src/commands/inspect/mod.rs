@@ -1,5 +1,6 @@
-//! `inspect`: the properties of a scene of splats or of a mesh.
+//! `inspect`: the properties of a scene of splats, a mesh or a picture.
 
+mod look;
 mod other;
 mod person;
 mod picture;
@@ -14,13 +15,14 @@ use nodes::kinds::load_mesh::{self, LoadMesh};
 use serde::Serialize;
 
 use crate::session::Error;
-use crate::session::splats;
+use crate::session::splats::{self, MemoryArgs};
 use crate::terminal;
 
-/// Prints the properties of a scene of splats or of a mesh: size, up axis, floor, what looks wrong.
+/// Prints the properties of a scene of splats, a mesh or a picture: size, up axis, floor, brightness, what looks wrong.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF), or a mesh (PLY, glTF)
+    /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF), a mesh (PLY, glTF), or a
+    /// picture or panorama (PNG, JPEG, OpenEXR, Radiance HDR)
     file: PathBuf,
     /// One JSON object on standard output
     #[arg(long)]
@@ -31,13 +33,15 @@ pub struct Inspect {
     /// The cameras of the capture, which say which way is up and where it looks right
     #[arg(long, requires = "picture")]
     cameras: Option<PathBuf>,
+    #[command(flatten)]
+    memory: MemoryArgs,
 }
 
 /// The output, as JSON.
 #[derive(Serialize)]
 struct Answer<'a> {
     file: String,
-    /// `splats` or `mesh`.
+    /// `splats`, `mesh` or `picture`.
     holds: &'static str,
     format: Option<&'static str>,
     /// The up axis that the format defines; the coordinates are as stored in any case.
@@ -46,13 +50,17 @@ struct Answer<'a> {
     scene: Option<&'a Inspection>,
     #[serde(flatten)]
     mesh: Option<&'a mesh::Inspection>,
+    #[serde(flatten)]
+    picture: Option<&'a picture::Inspection>,
     notes: &'a Notes,
 }
 
 impl Inspect {
     /// Exit code 0, or 1 where the file cannot be read.
     pub fn run(self) -> Result<u8, Error> {
-        if let Err(error) = splats::check(&self.file) {
+        let memory = self.memory.bytes()?;
+        if let Err(error) = splats::check(&self.file).and_then(|()| splats::check_memory(&self.file, memory))
+        {
             return Ok(splats::failed(&error));
         }
         let cx = splats::context(Up::PlusY);
@@ -66,8 +74,14 @@ impl Inspect {
             declared_up: format.and_then(Format::declared_up).map(Up::name),
             scene: None,
             mesh: None,
+            picture: None,
             notes: &Notes::none(),
         };
+        if let Some(found) = picture::inspect(&bytes) {
+            (answer.holds, answer.format, answer.picture) = ("picture", None, Some(&found));
+            self.print(&answer)?;
+            return self.draw(|| look::of_panorama(&self.file, &bytes));
+        }
         let inspected = splats::load(&self.file, Frame::AsStored, &cx)
             .and_then(|(scene, notes)| Ok((nodes::geometry::inspect::splats::inspect(&scene, &cx)?, notes)));
         let failed = match inspected {
@@ -76,7 +90,7 @@ impl Inspect {
                 let notes = notes.iter().filter(|note| note.id != "frame").cloned().collect();
                 (answer.scene, answer.notes) = (Some(&scene), &notes);
                 self.print(&answer)?;
-                return self.draw(|| picture::of_splats(&self.file, self.cameras.as_deref()));
+                return self.draw(|| look::of_splats(&self.file, self.cameras.as_deref()));
             }
             Err(failed) => failed,
         };
@@ -88,13 +102,10 @@ impl Inspect {
                 (answer.holds, answer.mesh, answer.notes) = ("mesh", Some(&inspected), &notes);
                 self.print(&answer)?;
                 let declared = format.and_then(Format::declared_up);
-                return self.draw(|| picture::of_mesh(&self.file, &found, declared));
+                return self.draw(|| look::of_mesh(&found, declared));
             }
             Err(of_mesh) if is_mesh => return Ok(splats::failed(&of_mesh)),
             _ => {}
-        }
-        if self.picture.is_some() && other::is_picture(&bytes) {
-            return self.draw(|| picture::of_panorama(&self.file, &bytes));
         }
         let name = self.file.display();
         let failed = match other::other(&self.file, &bytes) {

@@ -45,7 +45,9 @@ pub(super) fn is_mesh(bytes: &[u8]) -> bool {
         let head = String::from_utf8_lossy(&bytes[..end]);
         return head.contains("element face") && !head.contains("scale_0");
     }
-    (bytes.starts_with(b"glTF") || holds(b"\"asset\"")) && !holds(b"KHR_gaussian_splatting")
+    // The metadata in a `.sog` has an asset as well.
+    let is_text = bytes.trim_ascii_start().starts_with(b"{");
+    (bytes.starts_with(b"glTF") || (is_text && holds(b"\"asset\""))) && !holds(b"KHR_gaussian_splatting")
 }
 
 #[cfg(test)]
@@ -70,6 +72,7 @@ mod tests {
         assert!(is_mesh(b"ply\nformat ascii 1.0\nelement vertex 3\nelement face 0\nend_header\n"));
         assert!(!is_mesh(b"ply\nelement vertex 3\nproperty float scale_0\nelement face 0\nend_header\n"));
         assert!(!is_mesh(b"ply\nelement vertex 3\nend_header\nelement face"));
+        assert!(!is_mesh(b"\0\0{\"asset\": {}}"), "a damaged archive");
         assert!(is_mesh(br#"{"asset": {}}"#) && !is_mesh(br#"{"asset": {}, "x": "KHR_gaussian_splatting"}"#));
     }
 }

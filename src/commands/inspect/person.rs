@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use nodes::geometry::inspect::{Extent, Finding, FloorGuess, mesh, splats::Inspection};
 use nodes::geometry::level::LevelEstimate;
 
-use super::Answer;
+use super::{Answer, picture};
 use crate::session::splats;
 
 /// Formats lengths with the number of digits that the size of the scene needs.
@@ -111,13 +111,31 @@ impl Lines {
 /// The whole text.
 pub fn person(answer: &Answer<'_>) -> String {
     let mut text = Lines(String::new());
-    text.line("file", format!("{} ({})", answer.file, answer.format.unwrap_or("unknown")));
+    let format = answer.format.map(|format| format!(" ({format})")).unwrap_or_default();
+    text.line("file", format!("{}{format}", answer.file));
+    if let Some(picture) = answer.picture {
+        of_picture(&mut text, picture);
+    }
     match (answer.scene, answer.mesh) {
         (Some(scene), _) => of_splats(&mut text, scene, answer.declared_up),
         (None, Some(mesh)) => of_mesh(&mut text, mesh, answer.declared_up),
         (None, None) => {}
     }
     text.0 + &splats::lines(answer.notes)
+}
+
+fn of_picture(text: &mut Lines, picture: &picture::Inspection) {
+    let picture::Inspection { width, height, channels, encoding, peak, mean } = picture;
+    text.line("picture", format!("{width}x{height} pixels, {channels} channels, {encoding}"));
+    if let Some(peak) = peak {
+        let place = format!("at ({}, {})", peak.x, peak.y);
+        text.line("brightest", format!("{}, {place}", picture::brightness(peak.luminance)));
+    }
+    if let Some(mean) = mean {
+        text.line("mean", picture::brightness(*mean));
+    }
+    let kinds = if *width == 2 * height { "`load-environment`, `load-panorama`" } else { "`load-image`" };
+    text.line("read by", kinds.to_owned());
 }
 
 fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>) {

@@ -27,7 +27,7 @@ impl<'a> Run<'a> {
         graph: &'a Graph,
         options: &'a RunOptions,
         sender: Sender<Message>,
-        tell: &'a mut dyn FnMut(Event),
+        emit: &'a mut dyn FnMut(Event),
     ) -> Self {
         let (start, start_cpu) = (Instant::now(), cpu::of_process());
         let tracer = Tracer::new(start, options.trace.then(|| sender.clone()));
@@ -36,10 +36,10 @@ impl<'a> Run<'a> {
         for (position, &node) in graph.order().iter().enumerate() {
             rank[node] = position;
         }
-        let previous_run = engine.warm.as_ref().and_then(|warm| warm.previous().take());
-        let cone = previous_run.as_ref().and_then(|previous_run| {
-            previous_run.cone(graph, &options.only, &wanted, &options.out, &engine.store)
-        });
+        let previous = engine.warm.as_ref().and_then(|warm| warm.previous().take());
+        let cone = previous
+            .as_ref()
+            .and_then(|previous| previous.cone(graph, &options.only, &wanted, &options.out, &engine.store));
         let whole = cone.is_none();
         let all = || Cone { of: vec![true; graph.nodes.len()], kept: Vec::new() };
         let Cone { of: cone, kept } = cone.unwrap_or_else(all);
@@ -48,7 +48,7 @@ impl<'a> Run<'a> {
             Slot::new(life, graph.reads(node).iter().filter(|&&above| cone[above]).count())
         };
         let mut totals = Totals::default();
-        let mut slots = match previous_run.filter(|_| !whole) {
+        let mut slots = match previous.filter(|_| !whole) {
             None => (0..graph.nodes.len()).map(slot).collect(),
             Some(PreviousRun { mut slots, .. }) => {
                 for (index, known) in slots.iter_mut().enumerate() {
@@ -63,7 +63,7 @@ impl<'a> Run<'a> {
             }
         };
         for (node, path) in kept {
-            tell(Event::File { id: graph.nodes[node].id.clone(), path, written: false, preview: false });
+            emit(Event::File { id: graph.nodes[node].id.clone(), path, written: false, preview: false });
         }
         let open = |index: usize| wanted[index] && cone[index];
         for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| open(*index)) {
@@ -83,10 +83,10 @@ impl<'a> Run<'a> {
             graph,
             options,
             sender,
-            tell,
+            emit,
             slots,
             todo,
-            errands: Vec::new(),
+            unstarted: Vec::new(),
             queue: Queue::new(engine.limits().jobs, rank),
             memory: Memory::new(engine.limits().memory),
             known: Known::new(history),
@@ -95,6 +95,7 @@ impl<'a> Run<'a> {
             unchanged: whole,
             owed: 0,
             store_failed: false,
+            gone: std::collections::BTreeSet::new(),
             failures: Vec::new(),
             totals,
             tracer,
@@ -105,12 +106,12 @@ impl<'a> Run<'a> {
 }
 
 impl Engine {
-    /// Runs a graph. Events are sent to `tell` on the calling thread, in order.
-    pub fn run(&self, graph: &Graph, options: &RunOptions, mut tell: impl FnMut(Event)) -> Outcome {
+    /// Runs a graph. Events are sent to `emit` on the calling thread, in order.
+    pub fn run(&self, graph: &Graph, options: &RunOptions, mut emit: impl FnMut(Event)) -> Outcome {
         let cancelled = || options.cancel.load(Ordering::Relaxed);
         let _running = self.store.begin_run(&history_of(graph), &cancelled);
         let (sender, receiver) = channel();
-        let mut run = Run::new(self, graph, options, sender, &mut tell);
+        let mut run = Run::new(self, graph, options, sender, &mut emit);
         run.run(&receiver);
         let (outcome, slots) = run.finish();
         if let Some(warm) = &self.warm {

@@ -27,7 +27,7 @@ impl Run<'_> {
             self.slots[follower].life = Life::Waiting;
             self.todo.push_back(Task::Resolve(follower));
         }
-        self.tell_skipped(index);
+        self.report_skipped(index);
         self.give_up(index, Life::Skipped);
     }
 
@@ -38,7 +38,7 @@ impl Run<'_> {
         let mut doomed: Vec<usize> = graph.consumers(index).to_vec();
         while let Some(node) = doomed.pop() {
             if self.slots[node].life == Life::Waiting {
-                self.tell_skipped(node);
+                self.report_skipped(node);
                 self.leave(node, Life::Skipped);
                 doomed.extend(graph.consumers(node));
             }
@@ -73,7 +73,7 @@ impl Run<'_> {
             self.totals.degraded -= usize::from(slot.degraded);
         }
         self.totals.add(State::Failed);
-        (self.tell)(Event::Node {
+        (self.emit)(Event::Node {
             id: node.id.clone(),
             kind: node.kind.name,
             state: State::Failed,
@@ -87,10 +87,10 @@ impl Run<'_> {
         });
     }
 
-    pub fn tell_skipped(&mut self, index: usize) {
+    pub fn report_skipped(&mut self, index: usize) {
         let node = &self.graph.nodes[index];
         self.totals.add(State::Skipped);
-        (self.tell)(Event::Node {
+        (self.emit)(Event::Node {
             id: node.id.clone(),
             kind: node.kind.name,
             state: State::Skipped,
@@ -135,7 +135,7 @@ impl Run<'_> {
     }
 
     /// Fails a node, or the rerun of a node, that runs or is about to run.
-    pub fn stumble(&mut self, index: usize, error: &NodeError) {
+    pub fn fail_or_lose(&mut self, index: usize, error: &NodeError) {
         if self.slots[index].remaking.is_some() {
             self.lose(index, Some(error));
         } else {

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use cache::{Digest, LeaseState};
+use cache::{Digest, LeaseState, STALLED_AFTER};
 
 use crate::graph::node::Wire;
 use crate::record::action::{Action, sizes};
@@ -12,7 +12,7 @@ use crate::run::job::Job;
 use crate::run::queue::Parked;
 use crate::run::scheduler::Run;
 use crate::value::artifact::AnyArtifact;
-use crate::value::error::{NodeError, guarded};
+use crate::value::error::NodeError;
 use crate::value::root::FileHead;
 use crate::value::units::bytes_text;
 
@@ -22,7 +22,7 @@ const LONGEST_PAUSE: Duration = Duration::from_millis(80);
 /// Forecast in seconds below which a node does not wait for others to end.
 const SHORT: f64 = 1.0;
 /// Time after which waiting for another process is reported.
-const TOLD_AFTER: Duration = Duration::from_secs(2);
+const REPORT_AFTER: Duration = Duration::from_secs(2);
 
 impl<'a> Run<'a> {
     /// Starts queued nodes while threads and memory are available. One node always runs, even if it needs the whole
@@ -32,7 +32,7 @@ impl<'a> Run<'a> {
             let bytes = match self.cost(index) {
                 Ok(bytes) => bytes,
                 Err(error) => {
-                    self.stumble(index, &error);
+                    self.fail_or_lose(index, &error);
                     continue;
                 }
             };
@@ -50,7 +50,7 @@ impl<'a> Run<'a> {
             &self.slots[wire.node].record.as_ref().expect("inputs are resolved first").outputs[wire.port]
         };
         let sizes = sizes(node, &self.slots[index].action.sources, output);
-        let work = guarded(|| Ok(node.step.work(&sizes)))?;
+        let work = node.step.work(&sizes)?;
         let seconds = self.known.seconds(store, &node.kind, work);
         let slot = &mut self.slots[index];
         slot.work = work;
@@ -73,18 +73,18 @@ impl<'a> Run<'a> {
         let (node, inputs) = (&self.graph.nodes[index], self.inputs(index));
         let sources = &self.slots[index].action.sources;
         let heads: Vec<_> = sources.iter().map(|source| FileHead::new(&source.file, source.bytes)).collect();
-        let parts = || Ok([node.step.estimate(inputs), node.step.estimate_files(&heads)]);
-        let bytes = guarded(parts)?.iter().fold(0, |sum: u64, part| sum.saturating_add(part.bytes));
+        let parts = [node.step.estimate(inputs)?, node.step.estimate_files(&heads)?];
+        let bytes = parts.iter().fold(0, |sum: u64, part| sum.saturating_add(part.bytes));
         let (held, budget) = (self.input_bytes(index), self.memory.limit());
         if bytes.saturating_add(held) > budget {
-            let beside = if bytes > budget || held < budget / 16 {
+            let inputs = if bytes > budget || held < budget / 16 {
                 String::new()
             } else {
                 format!(" in addition to the {} of its inputs", bytes_text(held))
             };
             let (needs, budget) = (bytes_text(bytes), bytes_text(budget));
             return Err(NodeError::new(format!(
-                "needs about {needs} of memory{beside}, but the budget is {budget}"
+                "needs about {needs} of memory{inputs}, but the budget is {budget}"
             ))
             .hint("reduce the size or the number of views, or raise `--memory`"));
         }
@@ -135,7 +135,7 @@ impl<'a> Run<'a> {
             memory: bytes,
             tracer: self.tracer.clone(),
             cancel: self.options.cancel.clone(),
-            tell: self.sender.clone(),
+            sender: self.sender.clone(),
         };
         self.send_code(index, move || job.run());
     }
@@ -153,22 +153,42 @@ impl<'a> Run<'a> {
     pub fn unpark(&mut self) {
         let now = Instant::now();
         let store = &self.engine.store;
+        let mut stalled = Vec::new();
         let is_free = |parked: &Parked| {
-            parked.when <= now && matches!(store.lease(&parked.key), LeaseState::Acquired(_))
+            if parked.when > now {
+                return false;
+            }
+            match store.lease(&parked.key) {
+                LeaseState::Acquired(_) => true,
+                LeaseState::Busy => false,
+                LeaseState::Stalled(_) => {
+                    stalled.push(parked.node);
+                    true
+                }
+            }
         };
         let free = self.queue.take_parked(is_free);
+        for node in stalled {
+            let (id, seconds) = (&self.graph.nodes[node].id, STALLED_AFTER.as_secs());
+            let text = format!(
+                "`{id}` is computed here as well: the other process that computes it has not moved for {seconds} s"
+            );
+            (self.emit)(Event::Warning { id: "stalled", text });
+        }
         // While nodes of this run are running, one of them may hold the key.
         let idle = self.queue.nothing_runs();
         for parked in self.queue.parked().iter_mut().filter(|parked| parked.when <= now) {
             parked.pause = (parked.pause * 2).min(LONGEST_PAUSE);
             parked.when = now + parked.pause;
-            if idle && parked.since.is_some_and(|since| now - since >= TOLD_AFTER) {
+            if idle && parked.since.is_some_and(|since| now - since >= REPORT_AFTER) {
                 parked.since = None;
                 let id = &self.graph.nodes[parked.node].id;
                 let text = format!(
-                    "`{id}` waits for another process that is computing it in the same cache; if that process is suspended, end it"
+                    "`{id}` waits for another process that is computing it in the same cache; if that process is \
+                     suspended, it is computed here after {} s",
+                    STALLED_AFTER.as_secs()
                 );
-                (self.tell)(Event::Warning { id: "waits", text });
+                (self.emit)(Event::Warning { id: "waits", text });
             }
         }
         for node in free {

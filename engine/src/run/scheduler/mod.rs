@@ -9,24 +9,23 @@ mod begin;
 mod failure;
 mod launch;
 mod placing;
+mod resolve;
 mod supply;
 
-use std::collections::VecDeque;
+use std::cell::LazyCell;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
 use crate::graph::graph::Graph;
 use crate::graph::node::Wire;
-use crate::kind::context::ReadSource;
-use crate::record::action::{digest_sources, known_sources, look_up, prepare, remember};
-use crate::record::record::{Output, Record};
 use crate::run::claims::Claims;
 use crate::run::engine::Engine;
-use crate::run::event::{Event, State, Totals};
+use crate::run::event::{Event, Totals};
 use crate::run::known::Known;
 use crate::run::memory::Memory;
-use crate::run::message::{Finished, Message};
+use crate::run::message::Message;
 use crate::run::options::{Outcome, RunOptions};
 use crate::run::queue::Queue;
 use crate::run::slot::{Life, Slot};
@@ -34,10 +33,14 @@ use crate::run::trace::Tracer;
 use crate::run::unchanged;
 use crate::run::workers::{Work, Workers};
 use crate::text::diag::{Diagnostic, Diagnostics};
-use crate::value::artifact::AnyArtifact;
-use crate::value::counts::Effort;
 use crate::value::cpu;
-use crate::value::error::{NodeError, guarded};
+use crate::value::error::NodeError;
+
+/// How often other processes are shown that the holder of this process's leases is at work.
+const RENEW_EVERY: Duration = Duration::from_secs(1);
+
+/// History of a graph is never trimmed to fewer nodes than this.
+const MIN_HISTORY: usize = 1024;
 
 /// A pending step of the scheduler.
 enum Task {
@@ -49,7 +52,7 @@ enum Task {
 }
 
 /// Work for a node that was not passed to a thread yet.
-struct Errand<'a> {
+struct Unstarted<'a> {
     node: usize,
     is_code: bool,
     work: Work<'a>,
@@ -61,11 +64,11 @@ pub(crate) struct Run<'a> {
     graph: &'a Graph,
     options: &'a RunOptions,
     sender: Sender<Message>,
-    tell: &'a mut dyn FnMut(Event),
+    emit: &'a mut dyn FnMut(Event),
     slots: Vec<Slot>,
     todo: VecDeque<Task>,
     /// Work that was not passed to a thread yet.
-    errands: Vec<Errand<'a>>,
+    unstarted: Vec<Unstarted<'a>>,
     /// The nodes whose code is to run.
     queue: Queue,
     /// Bytes of values and of running code.
@@ -76,11 +79,13 @@ pub(crate) struct Run<'a> {
     scratch: Vec<u8>,
     /// The files of sinks.
     claims: Claims,
-    /// Whether all nodes were inspected and no file was written.
+    /// True if all nodes were inspected and no file was written.
     unchanged: bool,
     /// Number of messages that threads are still to send.
     owed: usize,
     store_failed: bool,
+    /// Nodes whose stored values were missing.
+    gone: BTreeSet<usize>,
     failures: Vec<Diagnostic>,
     totals: Totals,
     tracer: Tracer,
@@ -96,7 +101,7 @@ impl<'a> Run<'a> {
     /// Runs to the end. Threads start only if there is work for them.
     pub fn run(&mut self, receiver: &Receiver<Message>) {
         self.decide();
-        if self.errands.is_empty() {
+        if self.unstarted.is_empty() {
             return;
         }
         let workers = Workers::new(self.engine.threads(), self.engine.limits().jobs);
@@ -110,14 +115,14 @@ impl<'a> Run<'a> {
     fn without_thread(&mut self, node: usize, is_code: bool, error: &std::io::Error) {
         let error = NodeError::new(format!("cannot start a thread: {error}"))
             .hint("ask for fewer threads with `--jobs`");
-        self.settle_debt(node);
+        self.count_message(node);
         if is_code {
             self.end_running(node);
             self.slots[node].storing = false;
         }
         match self.slots[node].life {
             Life::Done => self.lose(node, Some(&error)),
-            _ => self.stumble(node, &error),
+            _ => self.fail_or_lose(node, &error),
         }
     }
 
@@ -146,14 +151,14 @@ impl<'a> Run<'a> {
     pub fn send(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
         self.owed += 1;
         self.slots[node].owed += 1;
-        self.errands.push(Errand { node, is_code: false, work: Box::new(act) });
+        self.unstarted.push(Unstarted { node, is_code: false, work: Box::new(act) });
     }
 
     /// Has a thread run the code of a node.
     pub fn send_code(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
         self.owed += 1;
         self.slots[node].owed += 1;
-        self.errands.push(Errand { node, is_code: true, work: Box::new(act) });
+        self.unstarted.push(Unstarted { node, is_code: true, work: Box::new(act) });
     }
 
     /// Decides until nothing is left to do, or the run is cancelled and the threads are idle.
@@ -163,9 +168,14 @@ impl<'a> Run<'a> {
         workers: &'s Workers<'a>,
         receiver: &Receiver<Message>,
     ) {
+        let mut renewed = Instant::now();
         loop {
+            if renewed.elapsed() >= RENEW_EVERY {
+                self.engine.store.renew_leases();
+                renewed = Instant::now();
+            }
             self.decide();
-            for Errand { node, is_code, work } in std::mem::take(&mut self.errands) {
+            for Unstarted { node, is_code, work } in std::mem::take(&mut self.unstarted) {
                 if let Err(error) = workers.hand(scope, is_code, work) {
                     self.without_thread(node, is_code, &error);
                 }
@@ -193,12 +203,12 @@ impl<'a> Run<'a> {
         self.memory.check(self.graph, &self.slots);
         self.known.check(&self.slots);
         assert_eq!(self.owed, self.slots.iter().map(|slot| slot.owed).sum::<usize>(), "messages owed");
-        let unstarted = self.errands.len();
+        let unstarted = self.unstarted.len();
         assert!(unstarted <= self.owed, "messages owed by work that waits for a thread");
     }
 
     /// Counts a message of a thread.
-    fn settle_debt(&mut self, node: usize) {
+    fn count_message(&mut self, node: usize) {
         self.owed -= 1;
         self.slots[node].owed -= 1;
     }
@@ -213,23 +223,23 @@ impl<'a> Run<'a> {
 
     fn act_on(&mut self, message: Message) {
         match message {
-            Message::Event(event) => (self.tell)(event),
+            Message::Event(event) => (self.emit)(event),
             Message::Sources { node, sources } => {
-                self.settle_debt(node);
+                self.count_message(node);
                 match sources {
                     Ok(sources) => self.look_up(node, sources),
                     Err(error) => self.fail(node, &error),
                 }
             }
             Message::Loaded { node, port, value } => {
-                self.settle_debt(node);
+                self.count_message(node);
                 match value {
                     Some(value) => self.arrive(node, port, value),
                     None => self.missing(node, port),
                 }
             }
             Message::Busy { node, key, spent } => {
-                self.settle_debt(node);
+                self.count_message(node);
                 self.end_running(node);
                 self.slots[node].effort.add(&spent);
                 self.park(node, key);
@@ -239,11 +249,11 @@ impl<'a> Run<'a> {
                 match (outcome, self.slots[node].remaking) {
                     (Ok(finished), Some(_)) => self.remade(node, *finished),
                     (Ok(finished), None) => self.finished(node, *finished),
-                    (Err(error), _) => self.stumble(node, &error),
+                    (Err(error), _) => self.fail_or_lose(node, &error),
                 }
             }
             Message::Stored { node, error } => {
-                self.settle_debt(node);
+                self.count_message(node);
                 self.slots[node].storing = false;
                 if let Some(error) = error {
                     self.unstored(node, error);
@@ -251,7 +261,7 @@ impl<'a> Run<'a> {
                 self.memory.drop_unread(&mut self.slots[node]);
             }
             Message::Placed { node, placed } => {
-                self.settle_debt(node);
+                self.count_message(node);
                 self.placed(node, placed);
             }
         }
@@ -262,144 +272,25 @@ impl<'a> Run<'a> {
         self.memory.release(&mut self.slots[index]);
     }
 
-    /// Resolves a node whose inputs are known by digest: its key is known once its source files are.
-    fn resolve(&mut self, index: usize) {
-        let (graph, engine) = (self.graph, self.engine);
-        if !graph.nodes[index].kind.reads_files {
-            return self.look_up(index, Vec::new());
+    /// A warning about stored values that were missing: one, however many there were, since they have one cause.
+    fn gone_text(&self) -> Option<String> {
+        const NAMED: usize = 3;
+        if self.gone.is_empty() {
+            return None;
         }
-        let files = match guarded(|| graph.nodes[index].step.sources(&graph.root)) {
-            Ok(files) => files,
-            Err(error) => return self.fail(index, &error),
+        if let (Some(&node), 1) = (self.gone.first(), self.gone.len()) {
+            let id = &self.graph.nodes[node].id;
+            return Some(format!(
+                "`{id}`: its stored value was missing from the cache and was computed again"
+            ));
+        }
+        let names = self.gone.iter().take(NAMED).map(|&node| format!("`{}`", self.graph.nodes[node].id));
+        let names = names.collect::<Vec<_>>().join(", ");
+        let more = match self.gone.len().saturating_sub(NAMED) {
+            0 => String::new(),
+            more => format!(" and {more} more nodes"),
         };
-        if let Some(sources) = known_sources(&files, &engine.store) {
-            return self.look_up(index, sources);
-        }
-        // Gigabytes may have to be hashed, so a thread does it.
-        self.slots[index].life = Life::Reading;
-        let (sender, tracer) = (self.sender.clone(), self.tracer.clone());
-        self.send(index, move || {
-            let read = || guarded(|| digest_sources(&graph.nodes[index], files, &engine.store));
-            let sources = tracer.span(&graph.nodes[index].id, "sources", read);
-            let _ = sender.send(Message::Sources { node: index, sources });
-        });
-    }
-
-    fn look_up(&mut self, index: usize, sources: Vec<ReadSource>) {
-        let node = &self.graph.nodes[index];
-        let slots = &self.slots;
-        let output = |wire: Wire| -> &Output {
-            &slots[wire.node].record.as_ref().expect("inputs are resolved first").outputs[wire.port]
-        };
-        let sources_above = |above: usize| slots[above].action.sources.as_slice();
-        let scratch = std::mem::take(&mut self.scratch);
-        let action = match prepare(self.graph, index, sources, output, sources_above, scratch) {
-            Ok(action) => action,
-            Err(error) => return self.fail(index, &error),
-        };
-        let key = action.digest();
-        self.slots[index].key = Some(key);
-        self.slots[index].action = action;
-        if let Some(twin) = self.known.made_by(&key) {
-            let record = self.slots[twin].record.clone().expect("what was made has a record");
-            self.copy_values(twin, index);
-            return self.settle(index, record, State::Cached, Effort::default());
-        }
-        if self.known.follow(&key, index) {
-            self.slots[index].life = Life::Following;
-            return;
-        }
-        if let Some(record) = look_up(&self.engine.store, node, &key) {
-            return self.settle(index, record, State::Cached, Effort::default());
-        }
-        if let Err(error) = self.forecast(index) {
-            return self.fail(index, &error);
-        }
-        self.known.begin(key);
-        self.queue.make_ready(index, &mut self.slots[index]);
-    }
-
-    fn finished(&mut self, index: usize, finished: Finished) {
-        let Finished { mut record, values, mut effort, ran } = finished;
-        // Work done before the node was parked belongs to this run as well.
-        effort.add(&std::mem::take(&mut self.slots[index].effort));
-        let followers = self.take_followers(index);
-        if let (true, Some(key)) = (ran, self.slots[index].key) {
-            self.known.set_made(key, index);
-            if let Some(why) = self.engine.store.why_read_only() {
-                record.outputs.iter_mut().for_each(|output| output.stored = false);
-                self.warn_unstored("cache-read-only", format!("the cache cannot be written ({why})"));
-            }
-        }
-        for follower in followers {
-            self.hold(follower, &values);
-            self.settle(follower, record.clone(), State::Cached, Effort::default());
-        }
-        self.hold(index, &values);
-        // Another process may have computed it first.
-        self.settle(index, record, if ran { State::Ran } else { State::Cached }, effort);
-    }
-
-    /// Records the outputs of a node and resolves the nodes that waited for them.
-    fn settle(&mut self, index: usize, record: Record, state: State, effort: Effort) {
-        let graph = self.graph;
-        let node = &graph.nodes[index];
-        let inherited = graph.reads(index).iter().any(|&above| self.slots[above].degraded);
-        let rough = graph.reads(index).iter().any(|&above| self.slots[above].rough);
-        let slot = &mut self.slots[index];
-        slot.degraded = inherited || record.notes.is_degraded();
-        slot.rough |= rough;
-        if let Some(key) = slot.key.filter(|_| !slot.rough) {
-            remember(&self.engine.store, self.known.history(), node, &key);
-        }
-        slot.record = Some(record);
-        slot.end = Some(state);
-        // The manifest is in the record, and those of a large graph would take much memory.
-        self.scratch = slot.action.take_memory();
-        for (name, n) in &effort.counts {
-            *self.totals.counts.entry(name.clone()).or_default() += n;
-        }
-        self.keep_for_later(index);
-        self.release_inputs(index);
-        if node.sink_path.is_some() {
-            self.slots[index].life = Life::Placing;
-            self.slots[index].effort = effort;
-            self.todo.push_back(Task::Files(index));
-        } else {
-            self.done(index, effort);
-        }
-    }
-
-    /// Reports that a node is done, and resolves the nodes below.
-    pub fn done(&mut self, index: usize, effort: Effort) {
-        let graph = self.graph;
-        let node = &graph.nodes[index];
-        let slot = &mut self.slots[index];
-        slot.life = Life::Done;
-        let state = slot.end.expect("a node that is done came to an end");
-        let record = slot.record.as_ref().expect("a node that is done has a record");
-        self.totals.add(state);
-        self.totals.degraded += usize::from(slot.degraded);
-        (self.tell)(Event::Node {
-            id: node.id.clone(),
-            kind: node.kind.name,
-            state,
-            key: slot.key,
-            seconds: effort.seconds,
-            cpu_seconds: effort.cpu_seconds,
-            counts: effort.counts,
-            notes: record.notes.iter().cloned().collect(),
-            degraded: slot.degraded,
-            error: None,
-        });
-        for &below in graph.consumers(index) {
-            let slot = &mut self.slots[below];
-            slot.unresolved -= 1;
-            if slot.unresolved == 0 && slot.life == Life::Waiting {
-                self.todo.push_back(Task::Resolve(below));
-            }
-        }
-        self.memory.drop_unread(&mut self.slots[index]);
+        Some(format!("stored values of {names}{more} were missing from the cache and were computed again"))
     }
 
     /// Ends the run. Returns its outcome and the end state of each node.
@@ -409,19 +300,27 @@ impl<'a> Run<'a> {
             let over = matches!(slot.life, Life::Unwanted | Life::Done | Life::Failed | Life::Skipped);
             if !over && slot.remaking != Some(Life::Done) {
                 self.slots[index].life = Life::Skipped;
-                self.tell_skipped(index);
+                self.report_skipped(index);
             }
         }
         let store = &self.engine.store;
+        // Names of nodes that the graph once had, such as those of other values of an axis.
+        let most = MIN_HISTORY.max(2 * self.graph.nodes.len());
+        let names =
+            LazyCell::new(|| self.graph.nodes.iter().map(|node| node.id.as_str()).collect::<BTreeSet<_>>());
+        store.history_trim(self.known.history(), most, |name| names.contains(name));
         let mut quiet = self.unchanged;
         if let Err(error) = store.flush() {
             let text = NodeError::from(error).to_string();
-            (self.tell)(Event::Warning { id: "cache-write", text });
+            (self.emit)(Event::Warning { id: "cache-write", text });
             quiet = false;
         }
         for incident in store.take_incidents() {
-            (self.tell)(Event::Warning { id: "cache-damage", text: incident.to_string() });
+            (self.emit)(Event::Warning { id: "cache-damage", text: incident.to_string() });
             quiet = false;
+        }
+        if let Some(text) = self.gone_text() {
+            (self.emit)(Event::Warning { id: "cache-damage", text });
         }
         self.totals.peak_bytes = self.memory.peak();
         self.totals.stopped = self.stopped();
@@ -430,28 +329,18 @@ impl<'a> Run<'a> {
         }
         self.totals.seconds = self.start.elapsed().as_secs_f64();
         self.totals.cpu_seconds = (cpu::of_process() - self.start_cpu).as_secs_f64();
-        (self.tell)(Event::Done(self.totals.clone()));
+        (self.emit)(Event::Done(self.totals.clone()));
         let failures = (!self.failures.is_empty())
             .then(|| Diagnostics::new(self.graph.source.clone(), std::mem::take(&mut self.failures)));
         (Outcome { totals: self.totals, failures }, self.slots)
     }
 
-    /// Whether all sinks were up to date and nothing had to be done.
+    /// True if all sinks were up to date and nothing had to be done.
     fn all_is_known(&self) -> bool {
         let Totals { ran: 0, remade: 0, failed: 0, skipped: 0, stopped: false, .. } = self.totals else {
             return false;
         };
         let asked = self.options.only.is_empty() && self.options.rough.is_empty();
         asked && self.graph.nodes.iter().any(|node| node.sink_path.is_some())
-    }
-
-    /// Copies the values of a node with the same key for the readers of this one.
-    fn copy_values(&mut self, from: usize, to: usize) {
-        let outputs = self.graph.nodes[from].kind.outputs.len();
-        let values: Option<Vec<AnyArtifact>> =
-            (0..outputs).map(|port| self.slots[from].value(port).cloned()).collect();
-        if let Some(values) = values {
-            self.hold(to, &values);
-        }
     }
 }

@@ -3,7 +3,7 @@
 use crate::graph::node::Wire;
 use crate::graph::reads::{OTHER_FILE, ReadFiles, over_text};
 use crate::run::event::Event;
-use crate::run::message::{Message, Placed};
+use crate::run::message::{Message, Owed, Placed};
 use crate::run::scheduler::Run;
 use crate::run::sink;
 use crate::run::slot::{Life, Waiter};
@@ -40,9 +40,10 @@ impl Run<'_> {
         let (sender, value) = (self.sender.clone(), self.slots[index].value(0).cloned());
         let tracer = self.tracer.clone();
         self.send(index, move || {
+            let owed = Owed::new(&sender, |error| Message::Placed { node: index, placed: Err(error) });
             let place = || guarded(|| sink::place(&engine.store, targets, value.as_ref(), confined));
             let placed = tracer.span(&node.id, "files", place);
-            let _ = sender.send(Message::Placed { node: index, placed });
+            owed.send(Message::Placed { node: index, placed });
         });
     }
 
@@ -56,7 +57,7 @@ impl Run<'_> {
                 for (path, written) in files {
                     self.unchanged &= !written;
                     let (id, preview) = (self.graph.nodes[index].id.clone(), self.slots[index].rough);
-                    (self.tell)(Event::File { id, path, written, preview });
+                    (self.emit)(Event::File { id, path, written, preview });
                 }
                 let slot = &mut self.slots[index];
                 slot.readers -= 1;

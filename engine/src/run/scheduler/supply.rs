@@ -10,8 +10,8 @@ use cache::Digest;
 use crate::graph::node::Wire;
 use crate::record::record::Output;
 use crate::run::event::Event;
-use crate::run::job::load;
-use crate::run::message::Finished;
+use crate::run::job::stored_value;
+use crate::run::message::{Finished, Message, Owed};
 use crate::run::scheduler::{Run, Task};
 use crate::run::slot::{Life, Waiter};
 use crate::value::artifact::AnyArtifact;
@@ -77,8 +77,11 @@ impl<'a> Run<'a> {
             let (engine, graph, sender) = (self.engine, self.graph, self.sender.clone());
             let tracer = self.tracer.clone();
             self.send(node, move || {
-                let read = || load(&engine.store, graph, wire, &output, &sender);
-                tracer.span(&graph.nodes[node].id, "load", read);
+                let owed = Owed::new(&sender, |_| Message::Loaded { node, port, value: None });
+                let artifact = &graph.nodes[node].kind.outputs[port].artifact;
+                let read = || stored_value(&engine.store, artifact, &output.digest);
+                let value = tracer.span(&graph.nodes[node].id, "load", read);
+                owed.send(Message::Loaded { node, port, value });
             });
         }
     }
@@ -89,16 +92,15 @@ impl<'a> Run<'a> {
         let slot = &mut self.slots[index];
         slot.end_loading(port);
         let digest = slot.record.as_ref().map(|record| record.outputs[port].digest);
-        let mut told = false;
+        let mut reported = false;
         for incident in self.engine.store.take_incidents() {
             let ours = incident.digest.is_some() && incident.digest == digest;
-            told |= ours;
+            reported |= ours;
             let text = if ours { format!("`{}`: {incident}", node.id) } else { incident.to_string() };
-            (self.tell)(Event::Warning { id: "cache-damage", text });
+            (self.emit)(Event::Warning { id: "cache-damage", text });
         }
-        if let (false, Some(digest)) = (told, digest) {
-            let text = format!("`{}`: its stored value {} is missing", node.id, digest.short());
-            (self.tell)(Event::Warning { id: "cache-damage", text });
+        if !reported {
+            self.gone.insert(index);
         }
         self.remake(index, "its stored bytes were missing or damaged");
     }
@@ -114,7 +116,7 @@ impl<'a> Run<'a> {
             self.slots[above].readers += 1;
         }
         let id = self.graph.nodes[index].id.clone();
-        (self.tell)(Event::Remake { id, reason: reason.to_owned() });
+        (self.emit)(Event::Remake { id, reason: reason.to_owned() });
         match self.forecast(index) {
             Ok(()) => self.todo.push_back(Task::Gather(index)),
             Err(error) => self.lose(index, Some(&error)),
@@ -215,7 +217,7 @@ impl<'a> Run<'a> {
     pub fn warn_unstored(&mut self, id: &'static str, why: String) {
         if !std::mem::replace(&mut self.store_failed, true) {
             let text = format!("not all results of this run were stored: {why}");
-            (self.tell)(Event::Warning { id, text });
+            (self.emit)(Event::Warning { id, text });
         }
     }
 

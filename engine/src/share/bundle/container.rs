@@ -78,14 +78,14 @@ pub(crate) enum Bytes {
 
 /// The parts of a bundle to be written.
 #[derive(Default)]
-pub(crate) struct Parts {
+pub(crate) struct BundleParts {
     contents: BTreeMap<[u8; 32], (u64, Bytes)>,
     files: BTreeMap<String, Digest>,
     records: BTreeMap<[u8; 32], Digest>,
     values: BTreeMap<[u8; 32], ()>,
 }
 
-impl Parts {
+impl BundleParts {
     fn add(&mut self, bytes: Vec<u8>) -> Digest {
         let digest = Digest::of(&bytes);
         self.contents.entry(*digest.as_bytes()).or_insert((bytes.len() as u64, Bytes::Memory(bytes)));

@@ -10,7 +10,7 @@ use crate::plan::plan::{Fate, Outlook};
 use crate::record::action::prepare;
 use crate::record::record::{Record, Spent};
 use crate::run::engine::Engine;
-use crate::share::bundle::container::{BundleError, Parts};
+use crate::share::bundle::container::{BundleError, BundleParts};
 use crate::share::bundle::names::{GRAPH, LOCK, wrong_name};
 use crate::text::edit::replace_strings;
 use crate::text::source::folder_of;
@@ -60,7 +60,7 @@ impl Engine {
         let wanted = graph.above(&targets);
         let mut outlook = Outlook::new(self, graph);
         let places = Places::new(graph);
-        let mut parts = Parts::default();
+        let mut parts = BundleParts::default();
         let mut packed = Packed::default();
         // With their names in the bundle, since names are part of keys.
         let mut sources: Vec<Vec<ReadSource>> = vec![Vec::new(); graph.nodes.len()];
@@ -200,9 +200,9 @@ impl Places {
             });
         }
         // Paths in an included file are relative to its folder, from which `inputs` may be unreachable.
-        let below = |span: &Range<usize>| !folder_of(&graph.source.piece(span.start)).is_empty();
+        let below = |span: &Range<usize>| !folder_of(graph.source.piece(span.start)).is_empty();
         if let Some((span, _)) = edits.iter().find(|(span, _)| below(span)) {
-            let (field, file) = (&graph.source.text[span.clone()], graph.source.piece(span.start).name);
+            let (field, file) = (&graph.source.text[span.clone()], &graph.source.piece(span.start).name);
             let what = format!(
                 "`{field}` in `{file}` is at a path that a bundle cannot contain; move it next to the graph"
             );
@@ -216,15 +216,11 @@ impl Places {
             let what = format!("`{field}` names files elsewhere; move them next to the graph");
             return Err(BundleError::Refused(what));
         }
-        let mut text = graph.source.text.to_string();
-        for (span, with) in edits {
-            text.replace_range(span, &with);
-        }
-        Ok(text)
+        Ok(graph.source.pack(&edits))
     }
 }
 
-/// Whether a path ends in `.` or `..`.
+/// True if a path ends in `.` or `..`.
 fn is_dots(path: &str) -> bool {
     matches!(path.trim_end_matches('/').rsplit('/').next(), Some("." | ".."))
 }

@@ -5,7 +5,7 @@ use super::*;
 
 /// A bundle with all types of parts.
 fn bundle() -> Vec<u8> {
-    let mut parts = Parts::default();
+    let mut parts = BundleParts::default();
     parts.file("graph.ron", b"Graph()".to_vec());
     parts.file("graph.lock", b"Lock()".to_vec());
     parts.file("inputs/0/a.ply", vec![7; 300]);
@@ -156,5 +156,5 @@ fn mutations_of_the_index_never_panic_and_leave_nothing() {
         }
         opened += usize::from(unpack(&sealed(&index, &bytes[end..])).is_ok());
     }
-    assert!(opened < rounds, "most of them are no bundles");
+    assert!(opened < rounds, "most of them are not bundles");
 }

@@ -73,7 +73,7 @@ pub struct Verified {
 }
 
 impl Verified {
-    /// Whether everything that was compared is equal.
+    /// True if everything that was compared is equal.
     pub fn is_good(&self) -> bool {
         self.differences.is_empty() && self.nodes.iter().all(|(_, verdict)| *verdict == Verdict::Equal)
     }
@@ -98,7 +98,7 @@ pub fn verify<R: Read + Seek>(
     bundle.unpack(&folder)?;
     let root = SourceRoot::confined(&folder, &[]).map_err(failed)?;
     let graph =
-        Graph::parse(Source::new(GRAPH, bundle.graph_text()?), registry, root).map_err(|e| refused(&e))?;
+        Graph::parse(Source::packed(GRAPH, bundle.graph_text()?), registry, root).map_err(|e| refused(&e))?;
     let lock = Lock::parse(&Source::new(LOCK, bundle.lock_text()?)).map_err(|e| refused(&e))?;
     let open = |name: &str| -> Result<Engine, BundleError> {
         let store = Store::open(&place.path().join(name), Options::default()).map_err(|e| refused(&e))?;

@@ -25,7 +25,7 @@ pub struct Config {
     pub pooled: usize,
     /// Length of the embedding of a time.
     pub time: usize,
-    /// How a head's numbers are shared among frame, row and column of a token's place; all even.
+    /// Division of a head's numbers among frame, row and column of a token's position; all even.
     pub axes: [usize; 3],
     /// True if the strength of guidance is an input.
     pub guidance: bool,
@@ -49,7 +49,7 @@ struct File {
     pooled_projection_dim: usize,
 }
 
-/// A model with more blocks than this is taken for damage.
+/// Maximum number of blocks; more indicate damage.
 const MAX_BLOCKS: usize = 1000;
 
 impl Config {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 /// An error of the diffusion backend: what is wrong, with which file, and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A file that cannot be read, is damaged, or is not what it is taken for.
+    /// A file that cannot be read, is damaged, or has another format.
     #[error("`{}`: {what}", file.display())]
     File {
         /// The file.
@@ -19,7 +19,7 @@ pub enum Error {
     /// [`Watch::check`](super::Watch::check) asked to stop.
     #[error("stopped")]
     Stopped,
-    /// The tensor library refused: out of memory on a GPU, say.
+    /// The tensor library failed, for instance out of memory on a GPU.
     #[error("tensors: {0}")]
     Tensor(#[from] candle_core::Error),
 }

@@ -11,9 +11,9 @@ use candle_core::quantized::GgmlDType;
 use super::error::{Error, Result};
 use super::source::{Entry, Format};
 
-/// The longest name or text that is believed; names of tensors are at most 64 bytes by the format.
+/// Maximum length of a name or text; names of tensors are at most 64 bytes by the format.
 const MAX_TEXT: u64 = 1 << 20;
-/// The most tensors that are believed; the full-size model has 780.
+/// Maximum number of tensors; the full-size model has 780.
 const MAX_TENSORS: u64 = 1 << 20;
 
 /// The tensors of the file, which must be open at its start.
@@ -95,7 +95,7 @@ impl Header<'_> {
         String::from_utf8(bytes).map_err(|_| self.wrong("a name is not UTF-8".to_owned()))
     }
 
-    /// Passes over a value. Arrays of arrays are refused: no file for this model has them.
+    /// Skips a value. Arrays of arrays are refused: no file for this model has them.
     fn skip(&mut self, kind: u32) -> Result<()> {
         const TEXT: u32 = 8;
         const ARRAY: u32 = 9;

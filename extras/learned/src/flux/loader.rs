@@ -22,8 +22,8 @@ pub struct Tally {
     pub largest: u64,
 }
 
-/// Hands the tensors of a [`Source`] to a network that asks for them by its own names. What is missing, has
-/// another shape or is never asked for is an error in the end, with its name.
+/// Passes the tensors of a [`Source`] to a network that requests them by its own names. Tensors that are missing,
+/// have another shape or are never requested are an error at the end, with their names.
 pub struct Loader<'a> {
     source: &'a Source,
     layout: Layout,
@@ -121,7 +121,7 @@ impl<'a> Loader<'a> {
         fit
     }
 
-    /// The end: an error that names what was missing, what did not fit, and what is left over.
+    /// Ends loading: an error names the missing, unfitting and unused tensors.
     pub fn finish(self) -> Result<Tally> {
         if !self.wrong.is_empty() {
             let shown = self.wrong.iter().take(6).cloned().collect::<Vec<_>>().join("; ");

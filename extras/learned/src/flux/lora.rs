@@ -43,7 +43,7 @@ const PREFIXES: [&str; 5] =
 impl Lora {
     /// Reads a file in the layout of `diffusers` and peft (`transformer.<module>.lora_A.weight`), of kohya
     /// (`lora_unet_<module>.lora_down.weight`), or with the authors' names in either spelling. A key that belongs
-    /// to no layer of the model is an error: an update that is silently without effect helps nobody.
+    /// to no layer of the model is an error: otherwise an update could silently have no effect.
     ///
     /// alpha is the tensor `<module>.alpha`, else `lora_alpha` of the header, else the rank (which is a scale of 1).
     pub fn read(path: &Path, config: &Config, device: &Device) -> Result<Self> {
@@ -91,7 +91,7 @@ impl Lora {
         self.updates.get(module).cloned().unwrap_or_default()
     }
 
-    /// How many layers it changes.
+    /// Number of layers it changes.
     pub fn layers(&self) -> usize {
         self.updates.len()
     }
@@ -158,7 +158,7 @@ enum Ending {
     Alpha,
 }
 
-/// The name of a module without what trainers put around it, and which of its tensors a key is.
+/// The name of a module without the prefixes and suffixes of trainers, and the tensor that a key names.
 fn stem(key: &str) -> Option<(&str, Ending)> {
     const ENDINGS: [(&str, Ending); 5] = [
         (".lora_A.weight", Ending::Down),

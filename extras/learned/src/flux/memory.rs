@@ -1,4 +1,4 @@
-//! How much memory an edit takes, known before anything is read.
+//! Estimated memory of an edit, before anything is read.
 
 use super::attention::MAX_SCORES;
 use super::config::Config;

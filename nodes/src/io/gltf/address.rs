@@ -1,9 +1,9 @@
-//! Addresses of buffers and pictures: data in the file itself, or paths beside it.
+//! Addresses of buffers and pictures: embedded data, or relative paths.
 
 use crate::error::Error;
 use crate::io::base64;
 
-/// The bytes of a `data:` address, or `None` for another kind of address.
+/// The bytes of a `data:` address, or `None` for another type of address.
 pub(super) fn inline(name: &str, uri: &str) -> Option<Result<Vec<u8>, Error>> {
     let data = uri.strip_prefix("data:")?;
     Some(match data.split_once(";base64,") {
@@ -52,7 +52,8 @@ mod tests {
         for refused in ["https://x/y.bin", "/etc/passwd", "a%2", "c:\\x"] {
             assert!(path("a", refused).is_err(), "{refused}");
         }
-        // What is refused says what is read: files of a parent folder are, as exporters with a folder of textures name.
+        // Files of a parent folder are read, since exporters with a folder of textures refer to them. The message
+        // says so.
         assert_eq!(path("a", "../wood.png").ok().as_deref(), Some("../wood.png"));
         let text = path("a", "/etc/passwd").err().map(|e| e.to_string()).unwrap_or_default();
         assert!(text.contains("only relative paths are read") && text.contains("`../wood.png`"), "{text}");

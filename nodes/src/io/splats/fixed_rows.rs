@@ -1,4 +1,4 @@
-//! Binary PLY files whose rows have a fixed length: where the fields of each element lie.
+//! Binary PLY files with rows of fixed length: positions of the fields of each element.
 
 use super::bytes::{f32_at, f64_at, u8_at, u16_at, u32_at};
 use crate::error::Error;
@@ -71,7 +71,7 @@ impl Element {
     }
 }
 
-/// The elements of a PLY file with the places of their rows.
+/// The elements of a PLY file with the positions of their rows.
 #[derive(Debug)]
 pub struct FixedRows {
     /// The elements, in order.
@@ -116,7 +116,7 @@ impl FixedRows {
         Ok(Self { elements, end: start, format: header.format })
     }
 
-    /// An error where the rows are not binary and little-endian, as every program writes splats.
+    /// An error unless the rows are binary and little-endian, as all programs write splats.
     pub fn check_binary(&self, file: &str) -> Result<(), Error> {
         let format = match self.format {
             Format::Little => return Ok(()),

@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::io::ply::Scalar;
 use crate::math::num;
 
-/// Splats of a chunk.
+/// Number of splats per chunk.
 const CHUNK: usize = 256;
 
 /// True for a header that has the packed fields.

@@ -45,7 +45,7 @@ engine::params! {
     pub struct Compare {
         /// Encoding in which to compare. Pictures of data are compared unchanged.
         space: Space = Space::Display, other("Linear");
-        /// Whether to round display values to 8 bits first, as in papers that compare PNG files.
+        /// True to round display values to 8 bits first, as in papers that compare PNG files.
         quantise: bool = true, other("false");
         /// Names of the regions, in the order of the wires: unique, and not `whole`.
         names: Vec<String> = Vec::new(), other("[\"shadow\"]"), inert("without regions there is nothing to name");
@@ -60,7 +60,7 @@ engine::params! {
         /// negative), at least 0. The table `prompt` then has `positive / (positive + negative)` of each, the mean
         /// of these, and that of the sums; papers differ in which one they print.
         scores: Vec<[f64; 2]> = Vec::new(), range(0, 1e9), other("[(0.6, 0.2)]");
-        /// Whether the input of LPIPS is scaled to -1 to 1, as its networks expect. The code of 3D Gaussian
+        /// True if the input of LPIPS is scaled to -1 to 1, as its networks expect. The code of 3D Gaussian
         /// splatting uses 0 to 1 and prints smaller numbers.
         lpips_scaled: bool = true, other("false"), inert("without weights there is no LPIPS");
     }
@@ -139,11 +139,8 @@ impl Kind for Compare {
             let mask = inputs.mask.as_ref().map(|mask| find(mask, "mask").map(|m| inside(&m))).transpose()?;
             if let Some(mask) = &mask {
                 let shown = mask.iter().filter(|shown| **shown).count();
-                let text = format!("{shown} of {} pixels of `{}` are in the mask", mask.len(), view.name);
-                notes.decision(
-                    "masked",
-                    format!("{text}: `whole` is these, and every region is what it has of them"),
-                );
+                let text = format!("{shown} of {} pixels of `{}` are inside the mask", mask.len(), view.name);
+                notes.decision("masked", format!("{text}; `whole` and all regions are limited to them"));
             }
             let mut regions = vec![("whole".to_owned(), None)];
             for (k, region) in inputs.regions.iter().enumerate() {
@@ -175,7 +172,7 @@ impl Kind for Compare {
                     let open = open(picture).max(open(&reference));
                     if open > 0 && pair.is_colour() {
                         let text = format!(
-                            "`{}`: {open} pixels are not opaque and are compared on black",
+                            "`{}`: {open} pixels are transparent and are compared on black",
                             view.name
                         );
                         notes
@@ -210,7 +207,7 @@ fn check_names(p: &Compare, regions: usize) -> Result<(), NodeError> {
     for (at, name) in p.names.iter().enumerate() {
         if name == "whole" || p.names[..at].contains(name) {
             let what = format!("two rows of each view would be called `{name}`");
-            return Err(NodeError::new(what).at("names").hint("give every region a name of its own"));
+            return Err(NodeError::new(what).at("names").hint("give every region a unique name"));
         }
     }
     if p.names.is_empty() || p.names.len() == regions {

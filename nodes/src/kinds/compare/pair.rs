@@ -115,12 +115,12 @@ impl Pair {
         let broken = |plane: &Plane| plane.samples.iter().filter(|v| v.is_nan()).count();
         let broken = broken(&self.a).max(broken(&self.b));
         if broken > 0 && !self.is_colour() {
-            let text = "samples are no numbers, and a mean over any of them is not computed";
+            let text = "samples are NaN; means over them are not computed";
             missing.push(("not-a-number", format!("{broken} {text}")));
         }
         let colours = if let Of::Colours(colours) = &self.kind { Some(colours) } else { None };
         if colours.is_some_and(|c| c.flip.is_none()) {
-            let why = "half of the reference is black; HDR-FLIP has no exposure for it";
+            let why = "half of the reference is black, so HDR-FLIP has no exposure";
             missing.push(("no-flip", why.to_owned()));
         }
         if colours.is_some_and(|c| c.ciede2000.is_none()) {
@@ -128,10 +128,10 @@ impl Pair {
         }
         if p.lpips.is_some() && (masked || colours.is_none_or(|c| c.lpips.is_none())) {
             let why = match (colours, p.space) {
-                (None, _) => "LPIPS is not computed of data",
+                (None, _) => "LPIPS is not computed for data",
                 (_, Space::Linear) => "LPIPS is not computed in linear light",
-                _ if masked => "LPIPS is of whole pictures, and not computed where there is a `mask`",
-                _ => "the picture is too small for the network of LPIPS",
+                _ if masked => "LPIPS is computed for whole pictures only, not with a `mask`",
+                _ => "the picture is too small for the LPIPS network",
             };
             missing.push(("no-lpips", why.to_owned()));
         }

@@ -44,13 +44,14 @@ fn what_is_open_is_black_in_the_numbers_of_the_picture() {
         front: None,
         variance: None,
     };
-    let (made, _) = Composite::run(&Composite { backdrop: None }, layers, &context()).expect("runs");
+    let (made, _) = Composite::run(&Composite { backdrop: None, ..Composite::default() }, layers, &context())
+        .expect("runs");
     let off = |space: Space| {
         let node = Compare { space, quantise: false, ..node() };
         let (out, notes) =
             Compare::run(&node, inputs(made.image.clone(), view.clone()), &context()).expect("runs");
-        let told = notes.iter().find(|note| note.id == "alpha-on-black").expect("told");
-        assert!(told.text.contains("192 pixels"), "{}", told.text);
+        let found = notes.iter().find(|note| note.id == "alpha-on-black").expect("a note");
+        assert!(found.text.contains("192 pixels"), "{}", found.text);
         out.difference.0[0].picture.samples()[0]
     };
     assert_eq!(off(Space::Linear), 0.0);
@@ -96,7 +97,7 @@ fn a_mask_restricts_everything_and_empty_regions_are_reported() {
         one(Image::<Srgb>::from_samples(16, 12, 3, (0..576).map(|i| f32::from(i % 48 < 24)).collect()));
     let masked = In { mask: Some(left_half()), ..inputs(half.clone(), flat(1.0)) };
     let (out, notes) = Compare::run(&node(), masked, &context()).expect("runs");
-    assert!(notes.iter().any(|note| note.id == "masked" && note.text.contains("`whole` is these")));
+    assert!(notes.iter().any(|note| note.id == "masked" && note.text.contains("`whole` and all regions")));
     assert_eq!(out.report.tables[0].rows[0][5], Cell::Text("inf".to_owned()));
     let nothing = one(Image::<Data>::new(16, 12, 1));
     let empty = In { regions: vec![nothing], ..inputs(half, flat(1.0)) };
@@ -233,10 +234,10 @@ fn what_is_infinite_alike_is_no_difference() {
     assert_eq!(off[1], Cell::Number(0.125));
     assert_eq!(row(depth(1, &far), depth(1, &[2.0, 3.0, 4.0, 0.0])).0[1], text("inf"));
     let (_, notes) = row(depth(1, &[1.0, f32::NAN]), depth(1, &[1.0, 1.0]));
-    assert!(notes.contains("1 samples are no numbers"), "{notes}");
+    assert!(notes.contains("1 samples are NaN"), "{notes}");
     let other = inputs(depth(1, &[1.0]), depth(3, &[1.0; 3]));
-    let Err(told) = Compare::run(&node(), other, &context()) else { panic!("is compared") };
-    assert!(told.to_string().contains("data of 1 channels"), "{told}");
+    let Err(reported) = Compare::run(&node(), other, &context()) else { panic!("is compared") };
+    assert!(reported.to_string().contains("data of 1 channels"), "{reported}");
 }
 
 #[test]

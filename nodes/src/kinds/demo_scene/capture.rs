@@ -204,7 +204,7 @@ fn flat(colour: Rgb) -> [Rgb; SH] {
     sh
 }
 
-#[allow(clippy::too_many_arguments, reason = "a patch is its numbers")]
+#[allow(clippy::too_many_arguments, reason = "a patch is defined by its numbers")]
 fn colours(
     lit: &Lit<'_>,
     quad: &Quad,

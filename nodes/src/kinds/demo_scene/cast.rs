@@ -90,7 +90,7 @@ impl Caster {
         (best.quad != u32::MAX).then_some(best)
     }
 
-    /// Whether anything lies within `reach`.
+    /// True if anything lies within `reach`.
     pub(super) fn blocked(&self, from: DVec3, toward: DVec3, reach: f64) -> bool {
         let mut best = Hit { distance: reach, quad: u32::MAX, u: 0.0, v: 0.0 };
         self.walk(from, toward, &mut best, true);

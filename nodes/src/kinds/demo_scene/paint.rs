@@ -85,7 +85,7 @@ impl Paint {
         matches!(self, Paint::Leaf(_) | Paint::Curtain(_))
     }
 
-    /// Whether rays hit the surface.
+    /// True if rays hit the surface.
     pub(super) fn is_solid(self) -> bool {
         !matches!(self, Paint::Outside | Paint::Hidden)
     }

@@ -161,7 +161,7 @@ fn table(s: &mut Shapes) {
         s.cuboid(place, DVec3::new(x, y, leg.z + 0.0135), leg, OAK, true);
     }
     s.cuboid(place, DVec3::new(0.0, 0.0, 0.17), DVec3::new(0.60, 0.31, 0.011), OAK, true);
-    // Books and a bowl at one end, magazines below.
+    // EnergyTable and a bowl at one end, magazines below.
     let stack = Place::new(0.47, 0.19, TABLE, -14.0);
     s.cuboid(stack, DVec3::new(0.0, 0.0, 0.016), DVec3::new(0.13, 0.095, 0.015), Paint::Book(3), true);
     s.cuboid(

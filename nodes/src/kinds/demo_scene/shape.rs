@@ -21,7 +21,7 @@ pub(super) struct Quad {
     pub paint: Paint,
     /// Index of its closed solid in the proxy; `None` keeps it out of the proxy.
     pub solid: Option<u32>,
-    /// Whether the proxy may divide it into smaller quads.
+    /// True if the proxy may divide it into smaller quads.
     pub divide: bool,
 }
 

@@ -7,7 +7,7 @@ fn params(place: Setting) -> DemoScene {
 }
 
 fn make(params: &DemoScene, seed: u64, up: Up, metres_per_unit: f64) -> Out {
-    let cx = Context::detached(Scene { up, metres_per_unit, seed }, ".");
+    let cx = Context::detached(Scene { up, metres_per_unit, seed, exhaustive: false }, ".");
     DemoScene::run(params, In {}, &cx).expect("runs").0
 }
 

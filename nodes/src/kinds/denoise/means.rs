@@ -45,7 +45,7 @@ pub struct Pixel {
     pub doubt: [f32; 2],
     /// Values that are averaged.
     pub values: [f32; VALUES],
-    /// Whether the pixel takes part in averages.
+    /// True if the pixel takes part in averages.
     pub there: bool,
     /// Normal of the surface; 0 where the surface does not matter.
     pub normal: Vec3,
@@ -73,12 +73,12 @@ pub struct Field {
     pub height: usize,
     /// Row by row.
     pub pixels: Vec<Pixel>,
-    /// Whether pixels with much larger variance than others get a reduced weight.
+    /// True if pixels with much larger variance than others get a reduced weight.
     pub doubts: bool,
 }
 
 impl Pixel {
-    /// Whether the pixel is averaged.
+    /// True if the pixel is averaged.
     pub fn is_noisy(&self) -> bool {
         self.there && self.variance > 0.0
     }
@@ -300,7 +300,7 @@ impl Tile {
         (y + self.rim) * self.stride + x + self.rim
     }
 
-    /// Whether a pixel of the tile is averaged.
+    /// True if a pixel of the tile is averaged.
     fn noisy(&self, x: usize, y: usize) -> bool {
         let at = self.at(x, y);
         self.row::<1>(THERE, at)[0] > 0.0 && self.row::<1>(VARIANCE, at)[0] > 0.0

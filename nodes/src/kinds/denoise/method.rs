@@ -52,4 +52,19 @@ impl ParamType for Method {
     fn describe() -> String {
         "Means | Oidn".to_owned()
     }
+
+    fn choices() -> Vec<(&'static str, &'static str)> {
+        vec![
+            (
+                "Means",
+                "Non-local means, built in: every pixel becomes the mean of pixels that look the same. Gives the same \
+                 bytes on every machine.",
+            ),
+            (
+                "Oidn",
+                "Open Image Denoise 2, if installed, in a build with the feature `oidn`. Another processor may give other \
+                 bytes.",
+            ),
+        ]
+    }
 }

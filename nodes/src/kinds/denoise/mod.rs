@@ -140,7 +140,9 @@ fn guide<'a>(
         return Ok(picture);
     }
     let what = format!("`{port}` has {} channels, not {channels}", picture.size().2);
-    Err(NodeError::new(what).at(port).hint("wire every input to the output of that name of one path-trace"))
+    Err(NodeError::new(what)
+        .at(port)
+        .hint("wire every input to the output of the same name of one path-trace"))
 }
 
 impl Kind for Denoise {
@@ -191,7 +193,7 @@ impl Kind for Denoise {
             let (images, found, blind) = params.view(&layers, cx)?;
             fireflies += found;
             if blind {
-                let text = "`variance` is 0 everywhere, as after 1 sample, so the layers stay as they are";
+                let text = "`variance` is 0 everywhere, as after 1 sample, so nothing is filtered";
                 notes
                     .warning("no-variance", format!("`{name}`: {text}; give `path-trace` 2 samples or more"));
             }
@@ -202,7 +204,7 @@ impl Kind for Denoise {
         }
         let [without, with, object] = sets.map(|set| Arc::new(Images(set)));
         let what =
-            "pixels of `with` were lit by a lucky path alone; they take the ratio of those around them";
+            "fireflies in `with` (pixels lit by one improbable path) were replaced by the ratio around them";
         notes.count("fireflies", fireflies, what);
         Ok((Out { without, with, object }, notes))
     }

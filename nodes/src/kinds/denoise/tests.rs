@@ -287,8 +287,8 @@ fn light_of_any_strength_is_filtered_alike() {
         let Picture::Data(variance) = &mut Arc::make_mut(&mut input.variance).0[0].picture else {
             panic!("is data")
         };
-        for told in variance.samples.chunks_exact_mut(4) {
-            (0..3).for_each(|k| told[k] *= scale * scale);
+        for reported in variance.samples.chunks_exact_mut(4) {
+            (0..3).for_each(|k| reported[k] *= scale * scale);
         }
         let (out, notes) =
             Denoise::run(&Denoise { strength: 1.0, radius_px: 5, method: Method::Means }, input, &context())
@@ -320,7 +320,7 @@ fn a_variance_of_nothing_is_reported() {
         panic!("is data")
     };
     variance.samples.fill(0.0);
-    let told = |input: In| {
+    let reported = |input: In| {
         let (_, notes) =
             Denoise::run(&Denoise { strength: 1.0, radius_px: 3, method: Method::Means }, input, &context())
                 .expect("runs");
@@ -336,7 +336,7 @@ fn a_variance_of_nothing_is_reported() {
         normal: input.normal.clone(),
         variance: input.variance.clone(),
     };
-    assert!(told(input) && !told(bare) && !told(noisy(1)));
+    assert!(reported(input) && !reported(bare) && !reported(noisy(1)));
 }
 
 /// Light near the largest float stays finite, although sums of many such pixels would overflow. Mutation: `scale`
@@ -351,7 +351,7 @@ fn the_brightest_light_stays_finite() {
         let alpha = |i: usize| i % 4 == 3;
         let object = samples_mut(&mut inputs.object).iter_mut().enumerate();
         object.filter(|(i, _)| !alpha(*i)).for_each(|(_, v)| *v *= scale);
-        samples_mut(&mut inputs.variance).chunks_exact_mut(4).for_each(|told| told[2] = f32::MAX);
+        samples_mut(&mut inputs.variance).chunks_exact_mut(4).for_each(|reported| reported[2] = f32::MAX);
         run(1.0, inputs)
     };
     // The largest of R0 is 1.05, that of the object 1.2.
@@ -381,7 +381,7 @@ fn oidn_is_refused_where_it_cannot_run() {
 /// The conditions of `noise_goes_and_the_edge_stays` and `what_no_object_touches_stays`, for the library.
 #[cfg(feature = "oidn")]
 #[test]
-#[allow(clippy::print_stderr, reason = "what is left out is told")]
+#[allow(clippy::print_stderr, reason = "a skipped test is reported")]
 fn where_oidn_is_installed_it_filters_what_is_noisy() {
     if let Err(missing) = Denoise::check(&oidn()) {
         return eprintln!("where_oidn_is_installed_it_filters_what_is_noisy: left out, {missing}");

@@ -72,7 +72,7 @@ impl View<'_> {
         let fireflies = field.quench(1.0, |values, ratio| {
             (0..3).for_each(|k| values[3 + k] = values[k] * ratio[k]);
         });
-        field.pixels.iter_mut().for_each(tell_apart);
+        field.pixels.iter_mut().for_each(scale_ratios);
         // A variance from a few chunks of samples has few degrees of freedom.
         field.smooth_variance(3);
         (field, fireflies)
@@ -117,7 +117,7 @@ impl View<'_> {
 }
 
 /// Maps ratios to the scale on which they are compared, and scales their variance.
-fn tell_apart(pixel: &mut Pixel) {
+fn scale_ratios(pixel: &mut Pixel) {
     let slope = |ratio: f32| if ratio > BRIGHT { BRIGHT / ratio } else { 1.0 };
     let scale: f32 = pixel.signal.iter().map(|&ratio| slope(ratio) * slope(ratio)).sum::<f32>() / 3.0;
     pixel.variance = (pixel.variance * scale).min(BRIGHTEST);

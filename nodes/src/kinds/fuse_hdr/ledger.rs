@@ -53,21 +53,21 @@ impl Lights {
         let kept = |&at: &usize| fused[at].luminance == own(at) && predicted(at) > own(at);
         let left = (0..fused.len()).filter(kept).collect();
         let mut lights = Self { members, darker, left, steps: Vec::new(), sky: None };
-        lights.enter("panorama", |at| luminance_of(pixels, at));
+        lights.record("panorama", |at| luminance_of(pixels, at));
         lights
     }
 
     /// Records a step.
-    pub(super) fn enter(&mut self, step: &'static str, luminance: impl Fn(usize) -> f64) {
+    pub(super) fn record(&mut self, step: &'static str, luminance: impl Fn(usize) -> f64) {
         let of_light = |members: &Vec<usize>| members.iter().map(|&at| luminance(at)).collect();
         let values = self.groups().map(of_light).collect();
         self.steps.push((step, values));
     }
 
     /// Records an added sky, and the lights after it.
-    pub(super) fn enter_sky(&mut self, pixels: Vec<(usize, f64)>, luminance: impl Fn(usize) -> f64) {
+    pub(super) fn record_sky(&mut self, pixels: Vec<(usize, f64)>, luminance: impl Fn(usize) -> f64) {
         self.sky = Some((self.steps.len(), pixels));
-        self.enter("sky", luminance);
+        self.record("sky", luminance);
     }
 
     /// The lights, and the two groups of pixels that are not lights.
@@ -76,14 +76,14 @@ impl Lights {
     }
 
     /// Warns if exposures darker than the panorama removed light from it.
-    pub(super) fn tell_darker(&self, pixels: &LinearPixels, fused: &[Fused], notes: &mut Notes) {
+    pub(super) fn report_darker(&self, pixels: &LinearPixels, fused: &[Fused], notes: &mut Notes) {
         let size = |at: usize| pixel_solid_angle(pixels.width, pixels.height, at / pixels.width);
         let own = |at: usize| luminance_of(pixels, at) * size(at);
         let lost: f64 = self.darker.iter().map(|&at| own(at) - fused[at].luminance * size(at)).sum();
         let all: f64 = (0..pixels.rgb.len()).map(own).sum();
         if lost > UNUSED * all {
             let text = format!(
-                "the exposures are darker than the panorama in {} pixels above `threshold`, which takes {:.1} % of its power; `blend: Ramp` takes none",
+                "the exposures are darker than the panorama in {} pixels above `threshold`, which removes {:.1} % of its power; `blend: Ramp` removes none",
                 self.darker.len(),
                 100.0 * lost / all
             );
@@ -92,7 +92,7 @@ impl Lights {
     }
 
     /// Warns if light was predicted for pixels that do not count as clipped here.
-    pub(super) fn tell_unused(
+    pub(super) fn report_unused(
         &self,
         threshold: f32,
         pixels: &LinearPixels,
@@ -116,11 +116,11 @@ impl Lights {
             let without = match pixels.rgb.iter().zip(log2_gain).filter(clipped).count() {
                 0 => String::new(),
                 _ if !pixels.ceiling => String::new(),
-                n => format!("; {n} that are get none: is `base` the panorama that it was predicted for?"),
+                n => format!("; {n} clipped pixels get none: was the prediction made for `base`?"),
             };
             notes.warning(
                 "prediction-unused",
-                format!("{percent:.1} % of the predicted light is of {count} pixels that are not clipped above `threshold`, and is left out; where `white` of the prediction is lower, `threshold` should be below it{without}"),
+                format!("{percent:.1} % of the predicted light belongs to {count} pixels below `threshold` and is left out; `threshold` should be below `white` of the prediction{without}"),
             );
         }
     }
@@ -155,7 +155,7 @@ impl Lights {
         }
         if short > 0 {
             let text = format!(
-                "{short} lights are barely clipped and get less than was predicted; a lower `threshold` gives all"
+                "{short} lights are barely clipped and get less than the prediction; a lower `threshold` gives all of it"
             );
             notes.warning("flux-held-back", text);
         }

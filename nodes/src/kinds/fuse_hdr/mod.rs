@@ -65,13 +65,13 @@ engine::params! {
         /// Transfer curve from display values to linear light, for the base and for photographed exposures. Derived
         /// exposures are always sRGB.
         transfer: Transfer = Transfer::Srgb, other("Gamma24");
-        /// Whether the float gain map or the list of exposures is fused.
+        /// True if the float gain map or the list of exposures is fused.
         gain: Gain = Gain::Direct, other("Brackets");
         /// Source of the colour of recovered light. Predicted exposures have the colour of the panorama.
         hue: Hue = Hue::Base, other("Exposures"), inert("exposures that were predicted have the panorama's colour");
         /// Angle over which recovered light rises from its edge to full strength. Each light keeps its total, so
         /// its middle becomes brighter; with `Brackets` it may exceed the white of the darkest exposure.
-        feather_deg: f64 = 0.0, range(0.0, 10.0), unit("deg"), other("9.0"), inert("a light no wider than a pixel stays as it is");
+        feather_deg: f64 = 0.0, range(0.0, 10.0), unit("deg"), other("9.0"), inert("a light no wider than a pixel does not change");
         /// Albedo of the ground, for captures without a sky: unseen directions above the horizon become a white
         /// sky, bright enough that the ground as photographed has this albedo. `None` keeps the filled holes.
         ground_albedo: Option<f64> = None, range(0.02, 1.0), other("0.3");
@@ -131,7 +131,7 @@ impl Kind for FuseHdr {
         let mut notes = Notes::none();
         let pixels = linear_pixels(&base.image, params.transfer);
         let brackets = by_own_curve(params, &pixels, brackets, cx)?;
-        tell_broken(&pixels, &mut notes);
+        report_broken(&pixels, &mut notes);
         if matches!(base.image, Picture::Linear(_)) && params.transfer == Transfer::Gamma24 {
             notes.decision("already-linear", "the panorama is linear, so `transfer` has no effect on it");
         }
@@ -143,26 +143,26 @@ impl Kind for FuseHdr {
         let (mut fused, shown): (Vec<Fused>, Vec<f64>) = rows.into_iter().flatten().unzip();
         let predicted = |at: usize| direct(&pixels, &brackets, at).luminance;
         let mut lights = Lights::find(&pixels, &fused, predicted);
-        lights.enter("predicted", predicted);
+        lights.record("predicted", predicted);
         if params.gain == Gain::Brackets {
-            lights.enter("exposures", |at| shown[at]);
+            lights.record("exposures", |at| shown[at]);
         }
         if params.gain == Gain::Brackets && brackets.evs.is_empty() {
-            let text = "there is no exposure to fuse, since the prediction's `evs` is empty: the panorama is kept; `gain: Direct` needs none";
+            let text = "the prediction has no exposures (`evs` is empty), so the panorama is kept; `gain: Direct` needs none";
             notes.warning("no-exposures", text);
         } else {
-            lights.tell_unused(params.threshold, &pixels, &brackets.log2_gain.samples, &mut notes);
+            lights.report_unused(params.threshold, &pixels, &brackets.log2_gain.samples, &mut notes);
         }
-        lights.tell_darker(&pixels, &fused, &mut notes);
-        lights.enter("blended", |at| fused[at].luminance);
+        lights.report_darker(&pixels, &fused, &mut notes);
+        lights.record("blended", |at| fused[at].luminance);
         drop(shown);
         if params.gain == Gain::Direct && params.blend == Blend::Ramp {
             lights.keep_flux(&pixels, &brackets.log2_gain.samples, &mut fused, &mut notes);
-            lights.enter("flux kept", |at| fused[at].luminance);
+            lights.record("flux kept", |at| fused[at].luminance);
         }
         if params.feather_deg > 0.0 {
             lights.feather(params.feather_deg, &pixels, &mut fused, cx)?;
-            lights.enter("feathered", |at| fused[at].luminance);
+            lights.record("feathered", |at| fused[at].luminance);
         }
         let mut image = Image::<Linear>::new(width, height, 3);
         for ((to, rgb), fused) in image.samples.chunks_exact_mut(3).zip(&pixels.rgb).zip(&fused) {
@@ -197,8 +197,12 @@ impl Kind for FuseHdr {
                 }
             }
         }
-        lights.enter("environment", |at| f64::from(luminance(image.rgb(at % width, at / width))));
-        notes.count("lights-not-listed", lights.unlisted(), "lights have no row of their own in the report");
+        lights.record("environment", |at| f64::from(luminance(image.rgb(at % width, at / width))));
+        notes.count(
+            "lights-not-listed",
+            lights.unlisted(),
+            "lights are not listed individually in the report",
+        );
         let report = lights.report(base.up, &pixels, &fused, &brackets.evs, params.gain);
         let env = Environment { image, up: base.up, origin: base.origin };
         let image = Arc::new(Images::single("env", env.image.clone()));
@@ -211,7 +215,7 @@ fn check_sizes(base: &Panorama, brackets: &Brackets) -> Result<(), NodeError> {
     let map = &brackets.log2_gain;
     let sized = |w: usize, h: usize| (w, h) == (width, height);
     if channels != 3 || matches!(base.image, Picture::Data(_)) || width == 0 || height == 0 {
-        return Err(NodeError::from(Error::Mismatch("the base is no RGB panorama".to_owned())).at("base"));
+        return Err(NodeError::from(Error::Mismatch("`base` is not an RGB panorama".to_owned())).at("base"));
     }
     let fits = sized(map.width, map.height)
         && map.channels == 1
@@ -251,7 +255,7 @@ fn by_own_curve(
     Ok(Arc::new(Brackets { log2_gain, ..(*brackets).clone() }))
 }
 
-fn tell_broken(pixels: &LinearPixels, notes: &mut Notes) {
+fn report_broken(pixels: &LinearPixels, notes: &mut Notes) {
     if pixels.broken > 0 {
         notes.warning("not-finite", format!("{} samples are not finite and count as black", pixels.broken));
     }

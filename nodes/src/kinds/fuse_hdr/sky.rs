@@ -97,7 +97,7 @@ impl Balance {
         let Some(albedo) = self.albedo().filter(|albedo| *albedo > MOST_ALBEDO) else { return };
         if self.share > LEAST_OPEN {
             let text = format!(
-                "the ground is brighter than the light that falls on it allows: its albedo would be {albedo:.2}; {:.1} % of the upper half was not seen, and its light is missing: `ground_albedo` gives it (grass 0.2, stone or sand 0.3, concrete 0.4)",
+                "the ground is too bright for the light that falls on it: its albedo would be {albedo:.2}. Light is missing from the {:.1} % of the upper half that were not seen; set `ground_albedo` to add it (grass 0.2, stone or sand 0.3, concrete 0.4)",
                 100.0 * self.share
             );
             notes.warning("sky-missing", text);
@@ -108,7 +108,7 @@ impl Balance {
     pub(super) fn sky(&self, albedo: f64, notes: &mut Notes) -> Option<f64> {
         let percent = 100.0 * self.share;
         let Some(ground) = self.ground else {
-            let text = "`ground_albedo` has no effect: next to nothing was seen more than 20 degrees below the horizon, so how bright the ground is is not known";
+            let text = "`ground_albedo` has no effect: almost nothing was seen more than 20 degrees below the horizon, so the brightness of the ground is unknown";
             notes.warning("ground-albedo-unused", text);
             return None;
         };
@@ -167,5 +167,5 @@ pub(super) fn add(
             }
         }
     }
-    lights.enter_sky(changed, |at| fused[at].luminance);
+    lights.record_sky(changed, |at| fused[at].luminance);
 }

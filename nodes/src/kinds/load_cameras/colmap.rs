@@ -56,10 +56,10 @@ fn camera(
     t: [f64; 3],
 ) -> Result<Raw, Error> {
     let lens = lenses.get(&id).ok_or_else(|| {
-        Error::format(file, format!("image `{picture}` names camera {id}, which is not there"))
+        Error::format(file, format!("image `{picture}` refers to camera {id}, which does not exist"))
     })?;
     let world_from_camera = from_colmap(q, t)
-        .ok_or_else(|| Error::format(file, format!("image `{picture}` has a quaternion of no length")))?;
+        .ok_or_else(|| Error::format(file, format!("image `{picture}` has a quaternion of length 0")))?;
     let Lens { width, height, lens, distortion } = lens;
     Ok(Raw {
         picture,
@@ -123,7 +123,7 @@ fn first_words<const N: usize>(line: &str) -> Option<([&str; N], &str)> {
     (!rest.is_empty()).then_some((words, rest))
 }
 
-/// Whether a line lists points of images.txt: repeated x, y and the index of a 3D point, or -1.
+/// True if a line lists points of images.txt: repeated x, y and the index of a 3D point, or -1.
 fn is_points(line: &str) -> bool {
     let words: Vec<&str> = line.split_ascii_whitespace().collect();
     words.len().is_multiple_of(3)

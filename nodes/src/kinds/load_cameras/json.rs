@@ -24,7 +24,7 @@ pub fn read(file: &str, bytes: &[u8], list: &str, notes: &mut Notes) -> Result<V
         if json.get("applied_transform").is_some() {
             notes.decision(
                 "applied-transform",
-                "poses are taken as written, with nerfstudio's applied_transform in them",
+                "poses are used as stored, including nerfstudio's applied_transform",
             );
         }
         return all(frames, &|frame| nerfstudio(&json, frame));
@@ -122,7 +122,7 @@ fn nerfstudio(top: &Value, frame: &Value) -> Result<Raw, String> {
         "SIMPLE_RADIAL" | "RADIAL" | "FULL_OPENCV" => true,
         model if model.contains("FISHEYE") => true,
         other => {
-            return Err(format!("has the camera model `{other}`, which no pinhole camera stands in for"));
+            return Err(format!("has the camera model `{other}`, which is not a pinhole camera"));
         }
     };
     let picture = frame["file_path"].as_str().ok_or("has no `file_path`")?.to_owned();

@@ -112,7 +112,7 @@ impl Kind for LoadCameras {
         let size = |file: &SourceFile| std::fs::metadata(&file.path).map_or(u64::MAX, |data| data.len());
         let small =
             Self::sources(p, root).is_ok_and(|files| files.iter().all(|file| size(file) <= MOST_BYTES));
-        let scene = Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 0 };
+        let scene = Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 0, exhaustive: false };
         let read = || Self::run(p, In {}, &Context::detached(scene, root.folder())).ok();
         match small.then(read).flatten() {
             Some((Out { rig }, _)) => ViewCount::Known(rig.cameras.len()),
@@ -296,7 +296,7 @@ fn range(wish: &str) -> Option<(usize, usize, usize)> {
     Some((start.parse().ok()?, end, step.parse().ok().filter(|step| *step > 0)?))
 }
 
-/// Whether a name matches a pattern with the wildcards `*` and `?`.
+/// True if a name matches a pattern with the wildcards `*` and `?`.
 fn matches(pattern: &str, name: &str) -> bool {
     let (pattern, name): (Vec<char>, Vec<char>) = (pattern.chars().collect(), name.chars().collect());
     let (mut p, mut n, mut retry) = (0, 0, None);
@@ -337,7 +337,9 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     }
     let [fx, fy, cx, cy] = raw.lens;
     if !raw.lens.iter().all(|v| v.is_finite()) || fx <= 0.0 || fy <= 0.0 {
-        return Err(bad(format!("focal lengths {fx}, {fy} and principal point {cx}, {cy} make no camera")));
+        return Err(bad(format!(
+            "focal lengths {fx}, {fy} and principal point {cx}, {cy} are not valid for a camera"
+        )));
     }
     let size = |pixels: u64| {
         let scaled = (pixels as f64 * p.resolution).round();
@@ -352,7 +354,7 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     let (sx, sy) = (f64::from(width_px) / raw.width as f64, f64::from(height_px) / raw.height as f64);
     let eye = raw.world_from_camera.w_axis.truncate();
     let turn = orthonormal(DMat3::from_mat4(raw.world_from_camera)).ok_or_else(|| {
-        bad("its matrix is no rotation".to_owned()).hint("a scaled or mirrored pose cannot be used")
+        bad("its matrix is not a rotation".to_owned()).hint("a scaled or mirrored pose cannot be used")
     })?;
     let matrix = Similarity::of_parameter(p.matrix.as_ref())?;
     let (eye, turn) = (matrix.point(eye), matrix.rotation * turn);

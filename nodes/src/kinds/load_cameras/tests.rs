@@ -20,7 +20,10 @@ fn load(files: &[(&str, &[u8])], p: &LoadCameras) -> Result<(Vec<Camera>, Notes)
         std::fs::write(path, bytes).unwrap_or_else(|e| panic!("{e}"));
     }
     LoadCameras::sources(p, &SourceRoot::new(folder.path()))?;
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let cx = Context::detached(
+        Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+        folder.path(),
+    );
     LoadCameras::run(p, In {}, &cx).map(|(out, notes)| (out.rig.cameras.clone(), notes))
 }
 
@@ -201,8 +204,8 @@ fn pictures_of_one_name_keep_their_folders() {
     let days = ["day1/IMG_1.jpg", "day2/IMG_1.jpg"];
     assert_eq!(of(days, &[]).unwrap_or_default(), ["day1_IMG_1", "day2_IMG_1"]);
     assert_eq!(of(days, &["day2/IMG_1"]).unwrap_or_default(), ["day2_IMG_1"]);
-    let told = of(["a.jpg"; 2], &[]).expect_err("are alike");
-    assert!(format!("{told:?}").contains("3..4"), "{told:?}");
+    let reported = of(["a.jpg"; 2], &[]).expect_err("are alike");
+    assert!(format!("{reported:?}").contains("3..4"), "{reported:?}");
     assert_eq!(of(["a.jpg"; 2], &["1..2"]).unwrap_or_default(), ["a"]);
 }
 
@@ -249,7 +252,7 @@ fn cameras_of_gltf_come_into_the_world_as_objects_do() {
                     {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "znear": 0.1, "zfar": 9}}]}"#;
     let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
     std::fs::write(folder.path().join("a.gltf"), json).unwrap_or_else(|e| panic!("{e}"));
-    let scene = Scene { up: Up::PlusZ, metres_per_unit: 0.5, seed: 0 };
+    let scene = Scene { up: Up::PlusZ, metres_per_unit: 0.5, seed: 0, exhaustive: false };
     let cx = Context::detached(scene, folder.path().display().to_string());
     let p = LoadCameras { resolution: 0.5, ..node("a.gltf") };
     let (out, notes) = LoadCameras::run(&p, In {}, &cx).unwrap_or_else(|e| panic!("{e}"));
@@ -306,7 +309,10 @@ fn files_that_appear_while_it_runs_ask_for_another_run() {
     write("images.txt", images().as_bytes());
     let sources =
         LoadCameras::sources(&node("."), &SourceRoot::new(folder.path())).unwrap_or_else(|e| panic!("{e}"));
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let cx = Context::detached(
+        Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+        folder.path(),
+    );
     let cx = cx.having_listed(&sources);
     assert!(LoadCameras::run(&node("."), In {}, &cx).is_ok());
     let (cameras, images) = binary_files();

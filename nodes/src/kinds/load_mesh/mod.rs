@@ -73,14 +73,14 @@ engine::outputs! {
 #[derive(Default)]
 struct RawMesh {
     positions: Vec<[f64; 3]>,
-    /// Whether the file stores positions as f64.
+    /// True if the file stores positions as f64.
     finer: bool,
     colours: Vec<[f64; 3]>,
     /// Linear factors of the colours (`baseColorFactor` of glTF); empty if all are white.
     tints: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
     fanned: u64,
-    /// Whether the file was written by trimesh, which stores display colours in glTF too.
+    /// True if the file was written by trimesh, which stores display colours in glTF too.
     by_trimesh: bool,
 }
 
@@ -133,7 +133,7 @@ impl Kind for LoadMesh {
         };
         cx.progress(0.7);
         if of_gltf && p.frame == MeshFrame::World && cx.up() != Up::PlusY {
-            let text = "the coordinates of the file are taken for those of the world; `frame: Gltf` takes them as glTF has them, \
+            let text = "the coordinates of the file are used as world coordinates; `frame: Gltf` converts them from glTF, \
                         y up and in metres";
             notes.decision("mesh-frame", text);
         }
@@ -214,7 +214,7 @@ const WHITE: [f64; 3] = [1.0; 3];
 fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) -> Result<Mesh, NodeError> {
     let n = raw.positions.len();
     if let Some(bad) = raw.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
-        let what = format!("triangle {bad} names a vertex beyond the {n} there are");
+        let what = format!("triangle {bad} refers to a vertex beyond the {n} vertices");
         return Err(Error::format(name, what).into());
     }
     let (mut mesh, mut renamed) = (Mesh::default(), Vec::with_capacity(n));
@@ -264,7 +264,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
         ("faces-of-dropped-vertices", dangling, "triangles of such vertices were dropped"),
         ("triangles-without-area", flat, "triangles without area were dropped"),
         ("colours-clamped", clamped, "vertex colours outside of 0 to 1 were clamped"),
-        ("faces-fanned", raw.fanned, "faces of more than three corners were cut into fans"),
+        ("faces-fanned", raw.fanned, "faces of more than three corners were split into fans"),
     ] {
         notes.count(id, count, what);
     }

@@ -41,7 +41,7 @@ pub(super) fn from_ply(
     // A vertex that does not exist is reported later.
     let exist = raw.triangles.iter().flatten().all(|&vertex| (vertex as usize) < raw.positions.len());
     if raw.colours.is_empty() && !of_faces.is_empty() && exist {
-        let text = "faces have colours and vertices none: each corner has the colour of its face";
+        let text = "only faces have colours: each corner gets the colour of its face";
         notes.decision("face-colours", text);
         colour_corners(&mut raw, &of_faces);
     }
@@ -164,7 +164,7 @@ fn faces(
             }
         })?;
         if !whole {
-            return Err(Error::format(name, format!("face {row} names a vertex that cannot exist")).into());
+            return Err(Error::format(name, format!("face {row} refers to an impossible vertex")).into());
         }
         if colours.is_some() {
             of_triangles.resize(raw.triangles.len(), colour);

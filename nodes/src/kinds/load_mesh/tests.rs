@@ -6,7 +6,10 @@ const BODY: &str = "element vertex 4\nproperty float x\nproperty float y\nproper
 fn load(bytes: &[u8], p: &LoadMesh) -> Result<(Arc<Mesh>, Notes), NodeError> {
     let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
     std::fs::write(folder.path().join(&p.path.0), bytes).unwrap_or_else(|e| panic!("{e}"));
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 0.5, seed: 0 }, folder.path());
+    let cx = Context::detached(
+        Scene { up: Up::PlusZ, metres_per_unit: 0.5, seed: 0, exhaustive: false },
+        folder.path(),
+    );
     LoadMesh::run(p, In {}, &cx).map(|(out, notes)| (out.mesh, notes))
 }
 fn plain() -> LoadMesh {
@@ -139,11 +142,11 @@ fn colours_of_faces_are_those_of_their_corners() {
 /// decision is reported.
 #[test]
 fn axes_of_gltf_are_reported() {
-    for (frame, told) in [(MeshFrame::World, true), (MeshFrame::Gltf, false)] {
+    for (frame, reported) in [(MeshFrame::World, true), (MeshFrame::Gltf, false)] {
         let p =
             LoadMesh { path: InputFile("a.glb".into()), colours: ColourEncoding::Auto, frame, matrix: None };
         let notes = load(&triangle("{}", None), &p).unwrap_or_else(|e| panic!("{e}")).1;
-        assert_eq!(notes.iter().any(|note| note.id == "mesh-frame"), told);
+        assert_eq!(notes.iter().any(|note| note.id == "mesh-frame"), reported);
     }
     assert!(good(&ascii()).1.iter().all(|note| note.id != "mesh-frame"));
 }
@@ -212,7 +215,8 @@ fn unusable_parts_are_dropped_and_counted() {
 
 #[test]
 fn no_cut_or_flip_panics_and_every_cut_is_an_error() {
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+    let cx =
+        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
     let read = |bytes: &[u8]| {
         from_ply("a.ply", bytes, &cx, &mut Notes::none())
             .and_then(|raw| clean("a.ply", raw, true, &cx, &mut Notes::none()))

@@ -55,9 +55,9 @@ mod tests {
     }
 
     fn gains(pano: Arc<Panorama>, method: &Method, white: f32) -> Vec<f32> {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, ".");
-        let params =
-            PredictExposure { evs: vec![-3.0], method: method.clone(), white, weights: None, force: false };
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".");
+        let params = PredictExposure { evs: vec![-3.0], method: method.clone(), white, weights: None };
         let (out, _) = PredictExposure::run(&params, In { pano }, &cx).expect("runs");
         out.brackets.log2_gain.samples.clone()
     }

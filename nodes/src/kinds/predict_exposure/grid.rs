@@ -21,11 +21,11 @@ pub(super) struct Grid {
     /// none.
     pub open_rgb: Vec<[f64; 3]>,
     pub clipped_rgb: Vec<[f64; 3]>,
-    /// Whether any pixel of the cell is clipped, which finds a sun smaller than a cell.
+    /// True if any pixel of the cell is clipped, which finds a sun smaller than a cell.
     pub clipped: Vec<bool>,
     /// The fraction of the visible part of each cell that is clipped, by solid angle.
     pub share: Vec<f64>,
-    /// Whether any pixel of the cell is visible.
+    /// True if any pixel of the cell is visible.
     pub seen: Vec<bool>,
     /// The cell of each pixel.
     pub cell_of: Vec<u32>,
@@ -92,7 +92,7 @@ impl Grid {
             .map(|(i, n, cells)| (i as f64 + 0.5) * cells as f64 / n as f64)
     }
 
-    /// Whether any cell has visible unclipped light.
+    /// True if any cell has visible unclipped light.
     pub fn anything_visible(&self) -> bool {
         self.open_rgb.iter().any(|rgb| rgb.iter().any(|v| *v > 0.0))
     }

@@ -62,7 +62,7 @@ fn read(path: &Path) -> Result<LinearPixels, Error> {
         std::fs::read(path).map_err(|error| Error::format(&name, format!("cannot be read: {error}")))?;
     let (width, height, rgb) = light(&name, &bytes, &mut Notes::none())?;
     if width != 2 * height || height == 0 {
-        return Err(Error::format(&name, format!("is {width} x {height}; a whole panorama is wanted")));
+        return Err(Error::format(&name, format!("is {width} x {height}, not twice as wide as high")));
     }
     let sound = |v: f32| if v.is_finite() { v.max(0.0) } else { 0.0 };
     let rgb = rgb.as_chunks::<3>().0.iter().map(|rgb| rgb.map(sound)).collect();
@@ -167,7 +167,7 @@ pub fn train(
         trainer.load_state(&state, &learned_from).map_err(flux)?;
         if trainer.done() > plan.steps {
             let what = format!(
-                "is of {} steps, more than the {} that are asked for; remove it to begin anew",
+                "has {} steps, more than the {} requested; remove it to start again",
                 trainer.done(),
                 plan.steps
             );

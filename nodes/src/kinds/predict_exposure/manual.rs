@@ -13,13 +13,13 @@ const STOPS: f64 = 24.0;
 pub(super) fn check(emitters: &[[f64; 4]]) -> Result<(), NodeError> {
     for (i, &[azimuth, elevation, radius, stops]) in emitters.iter().enumerate() {
         let wrong = if azimuth.abs() > 360.0 {
-            format!("an azimuth of {azimuth}; it lies between -360 and 360 degrees, clockwise from forward")
+            format!("an azimuth of {azimuth}, outside of -360 to 360 degrees (clockwise from forward)")
         } else if elevation.abs() > 90.0 {
-            format!("an elevation of {elevation}; it lies between -90 and 90 degrees above the horizon")
+            format!("an elevation of {elevation}, outside of -90 to 90 degrees above the horizon")
         } else if radius <= 0.0 || radius > 180.0 {
-            format!("a radius of {radius}; it lies above 0 and up to 180 degrees")
+            format!("a radius of {radius}, outside of 0 (exclusive) to 180 degrees")
         } else if !(0.0..=STOPS).contains(&stops) {
-            format!("a gain of {stops}; it lies between 0 and {STOPS} stops brighter than what shows")
+            format!("a gain of {stops}, outside of 0 to {STOPS} stops")
         } else {
             continue;
         };
@@ -67,7 +67,7 @@ pub(super) fn predict(
         (1..).zip(&used).filter(|(_, used)| !**used).map(|(i, _)| i.to_string()).collect();
     if !idle.is_empty() {
         let text = format!(
-            "emitters that reach no clipped pixel, or only what narrower ones reach, and do nothing: {}",
+            "emitters without effect, because they cover no clipped pixel or only pixels of narrower ones: {}",
             idle.join(", ")
         );
         notes.warning("nothing-to-light", text);

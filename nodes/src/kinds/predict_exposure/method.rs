@@ -60,7 +60,7 @@ pub enum Method {
         /// Largest width at which the model works, from 64 to 4096 pixels, rounded down to a multiple of 32.
         #[serde(default = "width_px")]
         width_px: u32,
-        /// Whether each step is done twice, once on the panorama rotated by half a turn, so that no seam shows.
+        /// True if each step is done twice, once on the panorama rotated by half a turn, so that no seam shows.
         #[serde(default = "seamless")]
         seamless: bool,
         /// Seed of the initial noise.
@@ -92,7 +92,7 @@ impl<'de> Deserialize<'de> for Emitter {
                 while let Some(number) = list.next_element::<f64>().map_err(|_| {
                     let which =
                         ["azimuth", "elevation", "radius", "stops"].get(count).unwrap_or(&"fifth value");
-                    A::Error::custom(format_args!("the {which} of an emitter is no number"))
+                    A::Error::custom(format_args!("the {which} of an emitter is not a number"))
                 })? {
                     if let Some(place) = numbers.get_mut(count) {
                         *place = number;
@@ -180,6 +180,39 @@ impl ParamType for Method {
             .to_owned()
     }
 
+    fn choices() -> Vec<(&'static str, &'static str)> {
+        vec![
+            (
+                "Learned",
+                "A regression on the visible light estimates the total amount of hidden light, and small networks \
+                 distribute it over the clipped pixels.",
+            ),
+            (
+                "Region",
+                "A regression on nine numbers (size, height, surroundings, shape) estimates the mean brightness of each \
+                 connected clipped region.",
+            ),
+            (
+                "Manual",
+                "Lights given by the user, each by azimuth (degrees clockwise from forward, seen from above; -360 to 360), \
+                 elevation (degrees above the horizon; -90 to 90), radius of the disc of clipped pixels it acts on \
+                 (degrees; above 0 to 180), and stops by which these are brighter than they appear (0 to 24). The narrowest \
+                 light that covers a pixel is used; pixels without one stay clipped.",
+            ),
+            (
+                "Photographs",
+                "Measured from darker photographs of the same scene and size, one file for each of `evs`, which are rotated \
+                 with the panorama. OpenEXR and Radiance files are not clipped.",
+            ),
+            ("Skip", "No estimate: clipped pixels stay clipped."),
+            (
+                "FluxKontext",
+                "A diffusion model with weights of your own, as in the paper (feature `learned`): `strength` of the LoRA 0 to \
+                 4, `steps` 1 to 200 for each exposure, `guidance` 0 to 20, `width_px` at most 64 to 4096.",
+            ),
+        ]
+    }
+
     /// Files are identified by their content, which the engine adds. The tensor library does not compute the same
     /// bits on every machine, so its name is part of the key.
     fn key_text(&self) -> Result<Option<String>, NotCanonical> {
@@ -217,11 +250,11 @@ mod tests {
         }
         assert_eq!(read(vec![1.0, 2.0, 3.5, 4.0]), Ok([1.0, 2.0, 3.5, 4.0]));
         for count in [0, 3, 5] {
-            let why = read(vec![1.0; count]).expect_err("is none");
+            let why = read(vec![1.0; count]).expect_err("an error");
             let wanted =
                 format!("invalid length {count}, expected an emitter (azimuth, elevation, radius, stops)");
             assert_eq!(why, wanted);
         }
-        assert_eq!(read(vec!["nan"]).expect_err("is none"), "the azimuth of an emitter is no number");
+        assert_eq!(read(vec!["nan"]).expect_err("an error"), "the azimuth of an emitter is not a number");
     }
 }

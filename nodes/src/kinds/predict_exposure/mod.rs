@@ -2,17 +2,18 @@
 
 use std::sync::Arc;
 
-use engine::{Context, Cost, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, Up};
+use engine::{
+    Context, ContextField, Cost, Former, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, Up,
+};
 use glam::DVec3;
 
-use self::ceiling::ceiling;
-use self::enlarged::Enlarged;
+use self::clipping::{Clipping, Prediction};
 use self::grid::Grid;
 use self::photographs::Photographs;
 use self::spread::Given;
 
 use crate::error::Error;
-use crate::light::books::Books;
+use crate::light::energy_table::EnergyTable;
 use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
 use crate::light::measure;
 use crate::light::regions::{self, Regions};
@@ -24,6 +25,7 @@ use crate::types::{
 };
 
 mod ceiling;
+mod clipping;
 mod enlarged;
 mod grid;
 mod kontext;
@@ -50,26 +52,13 @@ engine::params! {
         /// Exposures to derive, in stops below the panorama (which is EV 0), in any order; for `Photographs`, the
         /// exposures of the files, in their order.
         evs: Vec<f64> = vec![-6.0, -3.0], range(-24.0, -0.1), unit("EV"), other("[-9.0, -4.0]");
-        /// Method of estimating hidden light. `Learned`: total amount by a regression on the visible light, and its
-        /// distribution by small networks. `Region`: by a regression on nine numbers of each connected clipped
-        /// region. `Manual`: lights given by the user, each by azimuth (degrees clockwise from forward, seen from
-        /// above; -360 to 360), elevation (degrees above the horizon; -90 to 90), radius of the disc of clipped
-        /// pixels it acts on (degrees; above 0 to 180), and stops by which these are brighter than they appear (0
-        /// to 24); the narrowest light that covers a pixel is used, and pixels without one stay clipped.
-        /// `Photographs`: measured from darker photographs of the same scene and size, one file for each of `evs`,
-        /// which are rotated with the panorama; OpenEXR and Radiance files are not clipped. `Skip`: clipped pixels
-        /// stay clipped. `FluxKontext`: by a diffusion model with weights of your own (feature `learned`);
-        /// `strength` of the LoRA 0 to 4, `steps` 1 to 200 for each exposure, `guidance` 0 to 20, `width_px` at
-        /// most 64 to 4096.
+        /// Method of estimating hidden light.
         method: Method = Method::Learned, other("Skip");
         /// Value from which a channel counts as clipped, in linear light with white at 1. Lower it for pictures
         /// whose whites end below 1, as those of splats and of video may.
         white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
         /// Weights for `Learned` that replace the built-in ones: a file written by `train-exposure`.
         weights: Option<InputFile> = None, other("\"exposure.safetensors\"");
-        /// Whether to run the method even if no pixel is clipped. Only clipped pixels get a gain, so this does not
-        /// change the light; it serves to measure the cost of the method.
-        force: bool = false, inert("where no pixel is clipped none takes a gain, whatever is predicted");
     }
 }
 
@@ -107,7 +96,8 @@ const COARSE: usize = 64;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 11;
+    const VERSION: u32 = 12;
+    const READS: &'static [ContextField] = &[ContextField::Exhaustive];
     const DATA: &'static [u8] = network::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
     type Params = Self;
@@ -133,7 +123,7 @@ impl Kind for PredictExposure {
             let text = format!("{} exposures are more than {MOST_EXPOSURES}", evs.len());
             return Err(NodeError::new(text)
                 .at("evs")
-                .hint("list fewer; the gain map holds the light of all"));
+                .hint("list fewer exposures; the gain map contains all of the light"));
         }
         if evs.windows(2).any(|pair| pair[0] >= pair[1]) {
             return Err(NodeError::new("an exposure is listed twice").at("evs").hint("name each one once"));
@@ -159,110 +149,34 @@ impl Kind for PredictExposure {
         }
     }
 
+    fn former(name: &str, _: &[(&str, &str)]) -> Option<Former> {
+        (name == "force").then(|| Former::exhaustive(&["force"], 11))
+    }
+
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
-        let pano = &inputs.pano;
         let mut notes = Notes::none();
-        let pixels = clipped_light(pano, &mut notes)?;
-        let network = learned(params, &mut notes, cx)?;
-        let mut mask = clip_mask(pano, &pixels, params.white);
-        let photographs = params.method.photographs(&params.evs, pano, &mut notes, cx)?;
-        if let Some(photographs) = &photographs {
-            photographs.compare((&pixels, &pano.alpha.samples), params.white, &mut notes, cx)?;
-            photographs.add_clipped(&pixels, &mut mask, &mut notes, cx)?;
-        }
-        let clipped = mask.iter().filter(|&&m| m).count() as u64;
-        cx.check()?;
-        cx.count("pixels", mask.len() as u64);
-        tell_unseen(&pixels, &pano.alpha.samples, params.white, &mut notes);
-        tell_coarse(pixels.width, &mut notes);
-        if clipped == 0 {
-            tell_nothing_clipped(&pixels, &pano.alpha.samples, params, &mut notes);
-        }
-        let nothing = || (vec![0.0; mask.len()], Vec::new());
-        let unseen = |notes: &mut Notes| {
-            let text =
-                "nothing but clipped pixels and black: there is no visible light to judge hidden light by";
-            notes.warning("nothing-visible", text);
-            nothing()
-        };
-        let ceiling = ceiling(&pixels, &mask, params.white);
-        let on_grid = || Clipped::new(pano.up, &pano.alpha.samples, (&pixels, &mask, ceiling));
-        let own: Vec<f64> = pixels.rgb.iter().map(|rgb| f64::from(luminance(*rgb))).collect();
-        let mut books = Books::new(pano.up, pixels.width, &own, SPREAD);
-        books.enter_panorama("panorama", pixels.width, &own, cx)?;
-        let (log2_gain, regions) = match &params.method {
-            _ if clipped == 0 && !params.force => nothing(),
-            Method::Learned | Method::Region => match on_grid() {
-                clipped if !clipped.grid.anything_visible() => unseen(&mut notes),
-                clipped => {
-                    sun::tell_doubtful(&clipped.grid, clipped.up, &clipped.members, &mut notes);
-                    match &network {
-                        None => region::predict(&clipped, cx)?,
-                        Some(network) => match Enlarged::new(&pixels, &mask, &pano.alpha.samples) {
-                            None => network::predict(network, &clipped, &mut books, cx)?,
-                            Some(large) => {
-                                let clipped = Clipped::new(
-                                    pano.up,
-                                    &large.alpha,
-                                    (&large.pixels, &large.mask, ceiling),
-                                );
-                                let (gain, regions) = network::predict(network, &clipped, &mut books, cx)?;
-                                (large.gathered(&gain), regions)
-                            }
-                        },
-                    }
-                }
-            },
-            Method::Manual { emitters } => {
-                (manual::predict(emitters, (&pixels, &mask), pano.up, &mut notes, cx)?, Vec::new())
-            }
-            Method::Photographs { .. } => {
-                let gain = photographs.as_ref().map(|taken| taken.gains((&pixels, &mask), &mut notes, cx));
-                (gain.transpose()?.unwrap_or_default(), Vec::new())
-            }
-            Method::Skip => nothing(),
-            Method::FluxKontext { .. } => {
-                let darkest = params.evs.iter().copied().fold(0.0, f64::min);
-                let kontext = params.method.kontext();
-                let gain = kontext
-                    .map(|kontext| kontext.predict(&pixels, &mask, darkest, &mut books, &mut notes, cx));
-                (gain.transpose()?.unwrap_or_default(), Vec::new())
-            }
-        };
+        let clipping = Clipping::find(params, &inputs.pano, &mut notes, cx)?;
+        let (width, height) = (clipping.pixels.width, clipping.pixels.height);
+        let own: Vec<f64> = clipping.pixels.rgb.iter().map(|rgb| f64::from(luminance(*rgb))).collect();
+        let mut table = EnergyTable::new(inputs.pano.up, width, &own, SPREAD);
+        table.record_panorama("panorama", width, &own, cx)?;
+        let Prediction { log2_gain, regions } = clipping.predict(&mut table, &mut notes, cx)?;
         let light = |(own, gain): (&f64, &f32)| own * num::f64::exp2(f64::from(*gain));
         let predicted: Vec<f64> = own.iter().zip(&log2_gain).map(light).collect();
-        books.enter_panorama("predicted", pixels.width, &predicted, cx)?;
+        table.record_panorama("predicted", width, &predicted, cx)?;
         drop(predicted);
-        if clipped > 0 && matches!(pano.image, Picture::Linear(_)) {
-            let text = "the panorama holds linear light and none above white, so what is white counts as clipped; if that is all the light there is, use `method: Skip`";
-            notes.warning("linear-white", text);
-        }
-        let kept = mask.iter().zip(&log2_gain).filter(|(clipped, gain)| **clipped && **gain == 0.0).count();
-        if kept > 0 && matches!(params.method, Method::Skip | Method::Manual { .. }) {
-            notes.warning("clipping-kept", format!("{kept} of {clipped} clipped pixels stay as they are"));
-        }
-        // With any method, the report lists the regions of the panorama.
-        let regions = if clipped > 0 && regions.is_empty() { on_grid().told(&log2_gain) } else { regions };
-        if regions.iter().any(|region| region.sun) {
-            notes.decision(
-                "sun",
-                "a small clipped region above the horizon, in a sky bluer than the ground, is taken for the sun",
-            );
-        }
-        notes.count("clipped-regions", regions.len() as u64, "clipped regions");
-        let (width, height) = (pixels.width, pixels.height);
+        let regions = clipping.report(regions, &log2_gain, &mut notes);
         let evs = sorted(&params.evs);
-        let taken = photographs.as_ref().map_or(Taken::Derived, Photographs::taken);
-        let exposures = match &photographs {
-            Some(taken) => taken.pictures(&pixels, &log2_gain, cx)?,
+        let taken = clipping.photographs.as_ref().map_or(Taken::Derived, Photographs::taken);
+        let exposures = match &clipping.photographs {
+            Some(taken) => taken.pictures(&clipping.pixels, &log2_gain, cx)?,
             None => cx.for_each_tile(evs.len(), |i| {
-                Image::from_samples(width, height, 3, expose(&pixels, &log2_gain, evs[i]))
+                Image::from_samples(width, height, 3, expose(&clipping.pixels, &log2_gain, evs[i]))
             })?,
         };
         let log2_gain = Image::<Data>::from_samples(width, height, 1, log2_gain);
-        let chosen = if clipped == 0 && !params.force { &Method::Skip } else { &params.method };
-        let mut report = report(chosen, clipped, mask.len() as u64, &regions);
-        report.tables.extend(books.tables());
+        let mut report = report(clipping.method(), clipping.clipped, clipping.mask.len() as u64, &regions);
+        report.tables.extend(table.tables());
         let named = evs
             .iter()
             .zip(&exposures)
@@ -272,27 +186,6 @@ impl Kind for PredictExposure {
         let brackets = Arc::new(Brackets { log2_gain, evs, exposures, taken, report });
         Ok((Out { brackets, exposures: pictures, report: table }, notes))
     }
-}
-
-/// The networks of `Learned`, built in or from the user's file. The file is read even if nothing is clipped, so
-/// that a wrong file is reported.
-fn learned(
-    params: &PredictExposure,
-    notes: &mut Notes,
-    cx: &Context,
-) -> Result<Option<network::Network>, NodeError> {
-    if !matches!(params.method, Method::Learned) {
-        if let Some(file) = &params.weights {
-            let text = format!("`{}` is not read: `weights` are of `method: Learned`", file.0);
-            notes.warning("weights-unused", text);
-        }
-        return Ok(None);
-    }
-    let parsed = match &params.weights {
-        Some(file) => network::parse(&file.0, &cx.read(file)?),
-        None => network::parse(network::FILE, network::WEIGHTS),
-    };
-    Ok(Some(parsed.map_err(|error| NodeError::from(error).at("weights"))?))
 }
 
 /// The clipped parts of a panorama, on the grid.
@@ -334,7 +227,7 @@ impl<'a> Clipped<'a> {
     }
 
     /// The regions, with the predicted gain.
-    fn told(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
+    fn with_gain(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
         let n = self.labels.count;
         let (mut size, mut before, mut after) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
         let mut peak = vec![0.0_f64; n];
@@ -404,12 +297,12 @@ fn clip_mask(pano: &Panorama, pixels: &LinearPixels, white: f32) -> Vec<bool> {
 }
 
 /// Reports white pixels that were mostly filled: they do not count as clipped and get no light.
-fn tell_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Notes) {
+fn report_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Notes) {
     let unseen = |(rgb, alpha): &(&[f32; 3], &f32)| **alpha < SEEN && **alpha > 0.0 && max3(**rgb) > white;
     let count = pixels.rgb.iter().zip(alpha).filter(unseen).count();
     if pixels.ceiling && count > 0 {
         let text = format!(
-            "{count} white pixels are more than half transparent; they are not taken for clipped, and stay as they are"
+            "{count} white pixels are more than half transparent; they do not count as clipped and are not changed"
         );
         notes.decision("white-unseen", text);
     }
@@ -417,22 +310,27 @@ fn tell_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Not
 
 /// Warns about a coarse panorama: a lamp smaller than a pixel may not clip, and another light then seems to be the
 /// strongest.
-fn tell_coarse(width: usize, notes: &mut Notes) {
+fn report_coarse(width: usize, notes: &mut Notes) {
     if width < COARSE {
         let text = format!(
-            "a pixel of the panorama is {:.1} degrees wide; a smaller light may clip nowhere, and is then not found: {COARSE} columns or more show most",
+            "a pixel of the panorama is {:.1} degrees wide; smaller lights may not clip and are then missed: use {COARSE} columns or more",
             360.0 / width as f64
         );
         notes.decision("coarse", text);
     }
 }
 
-fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictExposure, notes: &mut Notes) {
+fn report_nothing_clipped(
+    pixels: &LinearPixels,
+    alpha: &[f32],
+    (params, exhaustive): (&PredictExposure, bool),
+    notes: &mut Notes,
+) {
     let seen = pixels.rgb.iter().zip(alpha).filter(|(_, alpha)| **alpha >= SEEN);
     let brightest = seen.map(|(rgb, _)| max3(*rgb)).fold(0.0, f32::max);
     let why = if pixels.ceiling {
         format!(
-            "no pixel is clipped: the brightest reaches {brightest:.3} of white, and clipping is told from `white`, {}, on",
+            "no pixel is clipped: the brightest has {brightest:.3} of white, and pixels count as clipped from `white`, {}",
             params.white
         )
     } else {
@@ -443,9 +341,9 @@ fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictEx
     };
     if let Method::Manual { emitters } = &params.method
         && !emitters.is_empty()
-        && !params.force
+        && !exhaustive
     {
-        let text = format!("none of the {} stated lights acts: {why}", emitters.len());
+        let text = format!("none of the {} given lights has an effect: {why}", emitters.len());
         notes.warning(
             "nothing-to-light",
             format!("{text}; a lower `white` lets more pixels count as clipped"),
@@ -453,7 +351,7 @@ fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictEx
         return;
     }
     let then =
-        if params.force { "the method is asked all the same, by `force`" } else { "nothing is predicted" };
+        if exhaustive { "the method runs anyway, because of `--exhaustive`" } else { "nothing is predicted" };
     notes.decision("nothing-clipped", format!("{why}; {then}"));
 }
 

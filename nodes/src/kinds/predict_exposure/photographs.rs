@@ -5,7 +5,7 @@ use engine::{Context, InputFile, NodeError, Notes};
 use super::SEEN;
 use crate::error::Error;
 use crate::io::picture::{FileEncoding, decode};
-use crate::io::stretch::Stretch;
+use crate::io::progress::Progress;
 use crate::light::exposure::{DARKEST, Shown, WHITE, measured};
 use crate::light::linear::{LinearPixels, Transfer, max3};
 use crate::light::whole_sphere::{premultiplied, straight};
@@ -36,7 +36,7 @@ pub(super) fn check(files: &[InputFile], evs: &[f64]) -> Result<(), NodeError> {
         return Ok(());
     }
     let text = format!("{} photographs for {} exposures", files.len(), evs.len());
-    Err(NodeError::new(text).at("method").hint("list in `evs` the exposure of each file, in the same order"))
+    Err(NodeError::new(text).at("method").hint("list the exposure of each file in `evs`, in the same order"))
 }
 
 struct Photograph {
@@ -45,7 +45,7 @@ struct Photograph {
     /// Linear light.
     rgb: Vec<[f32; 3]>,
     alpha: Vec<f32>,
-    /// Whether the file holds linear light, which is not clipped at white.
+    /// True if the file holds linear light, which is not clipped at white.
     linear: bool,
 }
 
@@ -131,8 +131,8 @@ impl Photographs {
     ) -> Result<Self, NodeError> {
         let mut taken = Vec::with_capacity(files.len());
         for (i, (file, &ev)) in files.iter().zip(evs).enumerate() {
-            let stretch = Stretch::of(cx, 0.0, 0.5).piece(i, files.len());
-            taken.push(read(file, ev, pano, notes, stretch, cx).map_err(|error| error.at("method"))?);
+            let progress = Progress::of(cx, 0.0, 0.5).piece(i, files.len());
+            taken.push(read(file, ev, pano, notes, progress, cx).map_err(|error| error.at("method"))?);
         }
         if let Some(other) = taken.iter().find(|other| other.linear != taken[0].linear) {
             let kind = |linear| if linear { "linear light" } else { "display colours" };
@@ -144,7 +144,7 @@ impl Photographs {
         }
         let columns = pano.turned_deg / 360.0 * pano.alpha.width as f64;
         if (columns - columns.round()).abs() > 1e-6 {
-            let text = "the panorama was turned by part of a column and its photographs by whole ones, so they lie up to half a pixel apart";
+            let text = "the panorama was rotated by a fraction of a column and its photographs by whole columns, so they differ by up to half a pixel";
             notes.warning("photographs-between-pixels", text);
         }
         taken.sort_by(|a, b| a.ev.total_cmp(&b.ev));
@@ -233,10 +233,10 @@ impl Photographs {
             (y * pixels.width..(y + 1) * pixels.width).map(gain).collect::<Vec<_>>()
         })?;
         let still = rows.iter().flatten().filter(|gain| matches!(gain, Some((_, true)))).count();
-        tell_still(still, notes);
+        report_still(still, notes);
         let unseen = rows.iter().flatten().filter(|gain| gain.is_none()).count();
         if unseen > 0 {
-            let text = format!("{unseen} clipped pixels are holes in every photograph and stay as they are");
+            let text = format!("{unseen} clipped pixels are holes in every photograph and are not changed");
             notes.warning("photographs-have-holes", text);
         }
         Ok(rows.iter().flatten().map(|gain| gain.map_or(0.0, |(gain, _)| gain)).collect())
@@ -269,11 +269,11 @@ fn read(
     ev: f64,
     pano: &Panorama,
     notes: &mut Notes,
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
     cx: &Context,
 ) -> Result<Photograph, NodeError> {
     let bytes = cx.read(file)?;
-    let picture = decode(FileEncoding::Auto, "", &file.0, &bytes, notes, stretch)?;
+    let picture = decode(FileEncoding::Auto, "", &file.0, &bytes, notes, progress)?;
     let picture = whole(&file.0, &bytes, picture, notes)?;
     let (width, height, _) = picture.size();
     let (wanted, tall) = (pano.alpha.width, pano.alpha.height);
@@ -300,11 +300,11 @@ fn median(of: &mut [f32]) -> f32 {
 }
 
 /// Warns about pixels that are clipped even in the darkest exposure.
-pub(super) fn tell_still(pixels: usize, notes: &mut Notes) {
+pub(super) fn report_still(pixels: usize, notes: &mut Notes) {
     if pixels > 0 {
         notes.warning(
             "still-clipped",
-            format!("{pixels} pixels are clipped even in the darkest exposure that shows them, so their gain is a lower bound; a darker one in `evs` would tell more"),
+            format!("{pixels} pixels are clipped even in the darkest exposure that shows them, so their gain is a lower bound; add a darker one to `evs`"),
         );
     }
 }

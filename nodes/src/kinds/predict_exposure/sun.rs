@@ -47,8 +47,8 @@ pub(super) fn suns(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<f64> {
     let part = |[bluer, _]: [f64; 2]| clear * ramp(bluer, BLUER);
     let mut suns: Vec<f64> = hues(grid, up, regions).into_iter().map(|hues| hues.map_or(0.0, part)).collect();
     let size = |i: usize| regions[i].iter().map(|&c| grid.clipped_angle(c)).sum::<f64>();
-    let told = (0..suns.len()).filter(|&i| suns[i] > 0.0);
-    let largest = told.max_by(|&a, &b| size(a).total_cmp(&size(b)).then(b.cmp(&a)));
+    let reported = (0..suns.len()).filter(|&i| suns[i] > 0.0);
+    let largest = reported.max_by(|&a, &b| size(a).total_cmp(&size(b)).then(b.cmp(&a)));
     suns.iter_mut().enumerate().filter(|(i, _)| Some(*i) != largest).for_each(|(_, sun)| *sun = 0.0);
     suns
 }
@@ -75,10 +75,10 @@ fn clear_sky(grid: &Grid, up: Up) -> f64 {
 
 /// Reports a light that looks like the sun in a blue sky except that the ground is as blue: over water, for
 /// example.
-pub(super) fn tell_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes: &mut Notes) {
+pub(super) fn report_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes: &mut Notes) {
     let doubtful = |[bluer, blue]: &[f64; 2]| *bluer <= BLUER[0] && *blue > BLUE;
     if hues(grid, up, regions).iter().flatten().any(doubtful) {
-        let text = "a small clipped region above the horizon, in blue surroundings, is not taken for the sun, since the ground is as blue; if it is the sun, over water say, state it by `method: Manual`";
+        let text = "a small clipped region above the horizon, in blue surroundings, does not count as the sun, since the ground is as blue; if it is the sun (over water, for example), give it by `method: Manual`";
         notes.decision("sun-doubtful", text);
     }
 }

@@ -12,7 +12,7 @@ use crate::types::Srgb;
 use engine::{Kind, Scene, Up};
 
 fn cx() -> Context {
-    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, ".")
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".")
 }
 
 fn pano(width: usize, colour: impl Fn(usize, usize) -> [f32; 3]) -> Arc<Panorama> {
@@ -34,7 +34,7 @@ fn run(pano: Arc<Panorama>, evs: &[f64]) -> (Arc<Brackets>, Notes) {
 const METHODS: [Method; 2] = [Method::Region, Method::Learned];
 
 fn run_by(method: Method, pano: Arc<Panorama>, evs: &[f64]) -> (Arc<Brackets>, Notes) {
-    let params = PredictExposure { evs: evs.to_vec(), method, white: CLIPPED, weights: None, force: false };
+    let params = PredictExposure { evs: evs.to_vec(), method, white: CLIPPED, weights: None };
     let (out, notes) = PredictExposure::run(&params, In { pano }, &cx()).expect("runs");
     (out.brackets, notes)
 }
@@ -43,13 +43,7 @@ fn run_by(method: Method, pano: Arc<Panorama>, evs: &[f64]) -> (Arc<Brackets>, N
 // and the edges of pixels. Mutation: hidden light recorded without `/ grid.solid_angle(..)`.
 #[test]
 fn the_books_of_a_prediction_agree() {
-    let params = PredictExposure {
-        evs: vec![-3.0],
-        method: Method::Learned,
-        white: CLIPPED,
-        weights: None,
-        force: false,
-    };
+    let params = PredictExposure { evs: vec![-3.0], method: Method::Learned, white: CLIPPED, weights: None };
     let (out, _) = PredictExposure::run(&params, In { pano: room(512) }, &cx()).expect("runs");
     let steps = out.report.tables.iter().find(|table| table.name == "steps").expect("has books");
     assert_eq!(steps.columns, ["", "panorama", "on the grid", "predicted on the grid", "predicted"]);
@@ -206,7 +200,6 @@ fn exposures_are_sorted_and_listed_once() {
         method: Method::Region,
         white: CLIPPED,
         weights: None,
-        force: false,
     };
     assert!(PredictExposure::check(&params).is_err());
     let many = PredictExposure { evs: (1..=65).map(|ev| -0.1 * f64::from(ev)).collect(), ..params };
@@ -217,13 +210,7 @@ fn exposures_are_sorted_and_listed_once() {
 #[test]
 fn weights_that_no_method_reads_are_reported() {
     let weights = Some(InputFile("own.safetensors".to_owned()));
-    let params = |method| PredictExposure {
-        evs: vec![],
-        method,
-        white: CLIPPED,
-        weights: weights.clone(),
-        force: false,
-    };
+    let params = |method| PredictExposure { evs: vec![], method, white: CLIPPED, weights: weights.clone() };
     let run = |method| PredictExposure::run(&params(method), In { pano: room(64) }, &cx());
     let (_, notes) = run(Method::Region).expect("runs");
     assert!(notes.iter().any(|note| note.id == "weights-unused" && note.text.contains("own.safetensors")));
@@ -241,7 +228,6 @@ fn emitters_act_where_the_user_states_them() {
             method: Method::Manual { emitters },
             white: CLIPPED,
             weights: None,
-            force: false,
         };
         PredictExposure::check(&params)?;
         PredictExposure::run(&params, In { pano: source.clone() }, &cx())
@@ -261,8 +247,8 @@ fn emitters_act_where_the_user_states_them() {
     }
     let (out, notes) =
         stated(vec![[azimuth, elevation, 4.0, 3.0], [azimuth + 180.0, -80.0, 3.0, 5.0]]).expect("runs");
-    let idle = notes.iter().find(|note| note.id == "nothing-to-light").expect("is told");
-    assert!(idle.text.ends_with("do nothing: 2"), "{}", idle.text);
+    let idle = notes.iter().find(|note| note.id == "nothing-to-light").expect("a note");
+    assert!(idle.text.starts_with("emitters without effect") && idle.text.ends_with(": 2"), "{}", idle.text);
     // The report lists the window and the lamp of the panorama, whatever lights were given.
     let report = &out.brackets.report;
     assert_eq!(report.tables[0].rows[0][3], Cell::Count(2));
@@ -273,7 +259,7 @@ fn emitters_act_where_the_user_states_them() {
     let all = mask.iter().filter(|clipped| **clipped).count();
     let kept = |notes: &Notes| notes.iter().find(|n| n.id == "clipping-kept").map(|n| n.text.clone());
     let (_, none) = stated(Vec::new()).expect("runs");
-    assert_eq!(kept(&none), Some(format!("{all} of {all} clipped pixels stay as they are")));
+    assert_eq!(kept(&none), Some(format!("{all} of {all} clipped pixels are not changed")));
     assert_eq!(kept(&stated(vec![[0.0, 0.0, 180.0, 5.0]]).expect("runs").1), None);
     assert!(stated(vec![[1e300, 5.0, 3.0, 5.0]]).is_err());
     assert!(stated(vec![[0.0, 95.0, 3.0, 5.0]]).is_err() && stated(vec![[0.0, 5.0, 0.0, 5.0]]).is_err());

@@ -125,7 +125,7 @@ impl ShadowRatio {
         }
     }
 
-    /// Whether the objects brighten most of the pixels around one, as opposed to a single firefly.
+    /// True if the objects brighten most of the pixels around one, as opposed to a single firefly.
     fn is_shone_on(
         &self,
         without: &Image<Linear>,
@@ -177,7 +177,7 @@ impl Kind for ShadowRatio {
 
     fn check(params: &Self) -> Result<(), NodeError> {
         if params.s_min > params.powered(params.s_max) {
-            let text = "`s_min` is above all that `s_max` lets through, so every pixel would be alike";
+            let text = "`s_min` exceeds the largest ratio that `s_max` allows, so every pixel would be equal";
             return Err(NodeError::new(text).at("s_min").hint("set `s_min` below `s_max`"));
         }
         Ok(())
@@ -197,11 +197,11 @@ impl Kind for ShadowRatio {
         }
         let mut notes = Notes::none();
         if params.form != RatioForm::Difference && params.shape(params.s_max) < 1.0 {
-            let text = "`s_max` is below 1, so all of the picture is darkened, also where no object is near";
+            let text = "`s_max` is below 1, which darkens the whole picture, even far from objects";
             notes.warning("darkened", text);
         }
         if let Some(idle) = params.idle() {
-            let text = format!("`form: Difference` takes no ratio, so {idle} has no say; `lambda` has");
+            let text = format!("`form: Difference` has no ratio and ignores {idle}; use `lambda`");
             notes.warning("no-ratio", text);
         }
         tally.tell(params.s_max, &mut notes);

@@ -43,14 +43,14 @@ impl Tally {
             notes.warning("not-finite", format!("{} samples are not finite and cast no shadow", self.broken));
         }
         if self.samples > 0 && self.dark == self.samples {
-            let text = "no sample has light enough for a ratio, so the picture gets no shadow";
+            let text = "no sample has enough light for a ratio, so there is no shadow";
             notes.warning("all-dark", text);
         }
         let share = |n: u64| 100.0 * n as f64 / self.samples.max(1) as f64;
         notes.count(
             "too-dark",
             self.dark,
-            format_args!("samples ({:.2} %) are too dark for a ratio, or for all of it", share(self.dark)),
+            format_args!("samples ({:.2} %) are too dark for a full ratio", share(self.dark)),
         );
         notes.count(
             "clipped",
@@ -63,13 +63,13 @@ impl Tally {
         );
         if self.shone_on as f64 > MANY * self.samples as f64 {
             let text = format!(
-                "the objects shine on the place, or throw light onto it, and `s_max` = {s_max} keeps that from the picture: {:.2} % of the samples \
-                 would be more than half as bright again",
+                "the objects light their surroundings, and `s_max` = {s_max} removes that: {:.2} % of the samples \
+                 would be brighter by more than half",
                 share(self.shone_on)
             );
             let hint = match s_max < LARGE {
-                true => "raise `s_max` to let it through (8, say)",
-                false => "`form: Hybrid` adds what is brighter in place of multiplying by it",
+                true => "raise `s_max` to keep it (for example to 8)",
+                false => "`form: Hybrid` adds this light instead of multiplying by it",
             };
             notes.warning("light-clipped", format!("{text}; {hint}"));
         }

@@ -25,8 +25,9 @@ fn the_sun_in_the_picture_puts_no_shadow_out() {
     assert!((with_sun(1e6)[0] - 0.4).abs() < 1e-3);
     let p = ShadowRatio { min_energy: 0.8, ..ShadowRatio::default() };
     let run = ShadowRatio::run(&p, In { without: image(&[1.0; 2]), with: image(&[0.5, 1.0]) }, &context());
-    let told = run.expect("runs").1.iter().find(|note| note.id == "too-dark").map(|note| note.text.clone());
-    assert!(told.is_some_and(|text| text.starts_with("6 samples (100.00 %)")));
+    let reported =
+        run.expect("runs").1.iter().find(|note| note.id == "too-dark").map(|note| note.text.clone());
+    assert!(reported.is_some_and(|text| text.starts_with("6 samples (100.00 %)")));
 }
 
 /// `Difference` ignores the parameters that shape a ratio, and reports those that are set.
@@ -39,12 +40,12 @@ fn what_shapes_no_difference_is_reported() {
         (difference(), None),
         (lambda, None),
         (ShadowRatio { form: RatioForm::Stable, ..set.clone() }, None),
-        (set, Some("`form: Difference` takes no ratio, so `s_max`, `gamma` has no say; `lambda` has")),
+        (set, Some("`form: Difference` has no ratio and ignores `s_max`, `gamma`; use `lambda`")),
     ] {
         let inputs = In { without: image(&[0.5; 4]), with: image(&[0.4; 4]) };
         let (_, notes) = ShadowRatio::run(&params, inputs, &context()).expect("runs");
-        let told = notes.iter().find(|note| note.id == "no-ratio").map(|note| note.text.as_str());
-        assert_eq!(told, expected);
+        let reported = notes.iter().find(|note| note.id == "no-ratio").map(|note| note.text.as_str());
+        assert_eq!(reported, expected);
     }
 }
 
@@ -56,15 +57,15 @@ fn how_much_brighter_is_reported_by_sums() {
     let inputs = In { without: image(&r0), with: image(&r1) };
     let params = ShadowRatio { min_energy: 0.0, ..ShadowRatio::default() };
     let (_, notes) = ShadowRatio::run(&params, inputs, &context()).expect("runs");
-    let told = notes.iter().find(|note| note.id == "clipped").expect("told");
-    assert!(told.text.contains("1.210 times"), "{}", told.text);
+    let found = notes.iter().find(|note| note.id == "clipped").expect("a note");
+    assert!(found.text.contains("1.210 times"), "{}", found.text);
 }
 
 /// Light of an inserted lamp that `s_max` clips is a warning with a remedy; the reflection of a matte object, noise
 /// and a firefly are not. Mutation: `SHONE_ON` 1, `SEEN` 1, `is_shone_on` always true.
 #[test]
 fn light_that_is_kept_from_the_picture_is_reported() {
-    let told = |s_max: f64, bright: &[f32]| {
+    let reported = |s_max: f64, bright: &[f32]| {
         let mut r1 = vec![1.002; 1000];
         r1[..bright.len()].copy_from_slice(bright);
         let p = ShadowRatio { s_max, ..ShadowRatio::default() };
@@ -73,13 +74,13 @@ fn light_that_is_kept_from_the_picture_is_reported() {
         notes.iter().map(|note| note.id.clone()).collect::<Vec<_>>()
     };
     let lamp = [3.0; 50];
-    assert!(told(1.0, &lamp).iter().any(|id| id == "light-clipped"));
-    assert!(!told(8.0, &lamp).iter().any(|id| id == "light-clipped"));
-    assert!(!told(1.0, &[1.1; 50]).iter().any(|id| id == "light-clipped"));
+    assert!(reported(1.0, &lamp).iter().any(|id| id == "light-clipped"));
+    assert!(!reported(8.0, &lamp).iter().any(|id| id == "light-clipped"));
+    assert!(!reported(1.0, &[1.1; 50]).iter().any(|id| id == "light-clipped"));
     let fireflies: Vec<f32> = (0..50).map(|i| if i % 3 == 1 { 9.0 } else { 1.0 }).collect();
-    assert!(!told(1.0, &fireflies).iter().any(|id| id == "light-clipped"));
-    assert!(told(8.0, &[90.0; 50]).iter().any(|id| id == "light-clipped"));
-    assert!(!told(1.0, &[]).iter().any(|id| id == "clipped"), "noise");
+    assert!(!reported(1.0, &fireflies).iter().any(|id| id == "light-clipped"));
+    assert!(reported(8.0, &[90.0; 50]).iter().any(|id| id == "light-clipped"));
+    assert!(!reported(1.0, &[]).iter().any(|id| id == "clipped"), "noise");
 }
 
 // `Hybrid` adds light, so nothing is clipped.
@@ -105,12 +106,14 @@ fn bounds_that_leave_no_shadow_are_reported() {
         let checked = ShadowRatio::check(&of(s_min, s_max, gamma));
         assert_eq!(checked.is_ok(), good, "{s_min} of {s_max}^{gamma}");
     }
-    let told = |p: &ShadowRatio| {
+    let reported = |p: &ShadowRatio| {
         let run = ShadowRatio::run(p, In { without: image(&[1.0]), with: image(&[1.0]) }, &context());
         run.expect("runs").1.iter().any(|note| note.id == "darkened")
     };
-    assert!(told(&of(0.0, 0.5, 1.0)) && !told(&ShadowRatio::default()) && !told(&of(0.0, 2.0, 1.0)));
-    assert!(!told(&ShadowRatio { form: RatioForm::Difference, ..of(0.0, 0.5, 1.0) }));
+    assert!(
+        reported(&of(0.0, 0.5, 1.0)) && !reported(&ShadowRatio::default()) && !reported(&of(0.0, 2.0, 1.0))
+    );
+    assert!(!reported(&ShadowRatio { form: RatioForm::Difference, ..of(0.0, 0.5, 1.0) }));
 }
 
 #[test]
@@ -200,10 +203,10 @@ fn added_light_needs_s_max() {
     let inputs = In { without: image(&[1.0; 4]), with: image(&[1.3, 0.5, 1.0, 0.9]) };
     let (out, notes) = ShadowRatio::run(&ShadowRatio::default(), inputs, &context()).expect("runs");
     assert_eq!(out.shadow.0[0].picture.samples()[..3], [1.0; 3]);
-    let told = notes.iter().find(|note| note.id == "clipped").map(|note| note.text.as_str());
+    let reported = notes.iter().find(|note| note.id == "clipped").map(|note| note.text.as_str());
     assert!(
-        told.is_some_and(|text| text.starts_with("3 samples (25.00 %)") && text.contains("1.300")),
-        "{told:?}"
+        reported.is_some_and(|text| text.starts_with("3 samples (25.00 %)") && text.contains("1.300")),
+        "{reported:?}"
     );
     let more = ratios(&ShadowRatio { s_max: 2.0, epsilon: 0.0, ..ShadowRatio::default() }, &[1.0], &[1.3]);
     row(51, "error of a ratio above 1", f64::from((more[0] - 1.3).abs()), 1e-6);
@@ -227,8 +230,11 @@ fn parameters_out_of_range_are_named() {
             );
             let source = engine::Source::new("graph.ron", &*graph);
             let parsed = engine::Graph::parse(source, &crate::registry(), engine::SourceRoot::new("."));
-            let told = parsed.err().map(|errors| errors.to_string()).unwrap_or_default();
-            assert!(told.contains(field) && told.contains("graph.ron:3"), "{field}: {value} gives {told:?}");
+            let reported = parsed.err().map(|errors| errors.to_string()).unwrap_or_default();
+            assert!(
+                reported.contains(field) && reported.contains("graph.ron:3"),
+                "{field}: {value} gives {reported:?}"
+            );
         }
     }
 }

@@ -1,6 +1,6 @@
 //! `snap`: puts an object on the ground below it.
 
-mod felt;
+mod ground;
 mod level_search;
 
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use crate::geometry::support::{Foot, Level, triangles};
 use crate::math::equirect::axes;
 use crate::types::frame::world_from_gltf;
 use crate::types::{Cell, Mesh, Object, Placed, Pose, Report, Splats, Table};
-use felt::Felt;
+use ground::Ground;
 use level_search::bearing;
 
 engine::params! {
@@ -31,7 +31,7 @@ engine::params! {
     pub struct Snap {
         /// Largest distance of the ground above or below the object's foot.
         reach_metres: f64 = 0.5, range(0.001, 100.0), unit("m"), other("0.005");
-        /// Whether to rotate the object about its foot so that its up axis is the normal of the ground; on uneven
+        /// True to rotate the object about its foot so that its up axis is the normal of the ground; on uneven
         /// ground, until it rests on three contacts around its middle.
         align: bool = false, other("true");
     }
@@ -86,16 +86,16 @@ impl Kind for Snap {
         };
         let pose = inputs.pose.world_from_local;
         let Some(foot) = Foot::of(&placed(&pose), up) else {
-            return Err(NodeError::new("the object has no triangle that could stand").at("object"));
+            return Err(NodeError::new("the object has no usable triangle").at("object"));
         };
         let reach = params.reach_metres * metre;
         let mut notes = Notes::none();
-        let felt = inputs.mesh.as_deref().map(|mesh| Felt::new(mesh, &foot, up));
+        let felt = inputs.mesh.as_deref().map(|mesh| Ground::new(mesh, &foot, up));
         let points = match (&felt, &inputs.splats) {
             (Some(felt), None) => felt.ground(&foot, up, reach, cx, &mut notes)?,
             (None, Some(splats)) => on_splats(splats, &foot, up, reach),
             _ => {
-                let what = "the ground is either `mesh` or `splats`";
+                let what = "the ground needs either `mesh` or `splats`";
                 return Err(NodeError::new(what).at("mesh").hint("wire one of the two"));
             }
         };
@@ -143,7 +143,7 @@ impl Kind for Snap {
             moved = DMat4::from_translation(up * height) * turn * pose;
             normal = if params.align { rest.turn * up } else { normal };
             let text = format!(
-                "the ground under the foot lies {:.0} mm off a plane, so the object is put on what it touches",
+                "the ground below the foot deviates {:.0} mm from a plane, so the object is put on its contact points",
                 departure * cx.metres_per_unit() * 1e3
             );
             notes.decision("curved-ground", text);
@@ -193,7 +193,7 @@ fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
             )
         }
         None => (
-            format!("nor is there any within {FAR} m"),
+            format!("there is none within {FAR} m either"),
             "move the pose to where there is ground above or below it".to_owned(),
         ),
     };

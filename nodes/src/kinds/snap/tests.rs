@@ -44,9 +44,9 @@ fn objects_come_to_stand_from_above_and_below() {
     }
     let error = run(Some(plane(0.75, 0.0)), None, 2.0, false).map(|_| ()).expect_err("too far");
     assert!(error.message().contains("0.5 m"), "{error}");
-    let told = format!("{error:?}");
-    assert!(told.contains("the nearest is 1.25 m below the foot"), "{told}");
-    assert!(told.contains("down by 1.25 m, or raise `reach_metres` to 1.26"), "{told}");
+    let reported = format!("{error:?}");
+    assert!(reported.contains("the nearest is 1.25 m below the foot"), "{reported}");
+    assert!(reported.contains("down by 1.25 m, or raise `reach_metres` to 1.26"), "{reported}");
     let error = run(Some(plane(0.0, 1.2)), None, 0.2, false).map(|_| ()).expect_err("too steep");
     assert!(error.message().contains("steeper than 45 degrees"), "{error}");
     assert!(run(None, None, 0.0, false).is_err());
@@ -68,15 +68,15 @@ fn what_is_too_far_is_reported_by_the_foot() {
         Snap::run(&Snap { reach_metres, align: false }, inputs, &context())
     };
     let error = go(plane(0.0, 0.0), 0.5).map(|_| ()).expect_err("0.8 m");
-    let told = format!("{error:?}");
+    let reported = format!("{error:?}");
     for part in ["0.90 m below the origin", "nearest is 0.80 m above", "up by 0.80 m", "to 0.81"] {
-        assert!(told.contains(part), "{part}: {told}");
+        assert!(reported.contains(part), "{part}: {reported}");
     }
     assert!(go(plane(0.0, 0.0), 0.81).is_ok(), "as it says");
     let aside = Mesh { positions: vec![[5.0; 3], [6.0, 5.0, 5.0], [5.0, 6.0, 5.0]], ..plane(0.0, 0.0) };
     let aside = Mesh { triangles: vec![[0, 1, 2]], ..aside };
-    let told = go(aside, 0.5).map(|_| ()).expect_err("none").message().to_owned();
-    assert!(told.contains("nor is there any within 100 m"), "{told}");
+    let reported = go(aside, 0.5).map(|_| ()).expect_err("none").message().to_owned();
+    assert!(reported.contains("there is none within 100 m either"), "{reported}");
 }
 
 #[test]
@@ -178,7 +178,7 @@ fn slopes_hold_the_middle_of_the_foot() {
 }
 
 /// Nothing stands on the underside of a table top; if all surfaces face down they are the ground, which is
-/// reported. Mutation: `facing` taken without its sign in `Felt::columns` (seen red).
+/// reported. Mutation: `facing` taken without its sign in `Ground::columns` (seen red).
 #[test]
 fn nothing_stands_on_what_looks_down() {
     let mut slab = plane(0.45, 0.0);
@@ -186,13 +186,13 @@ fn nothing_stands_on_what_looks_down() {
     slab.positions.extend(below.positions);
     slab.triangles.extend([[4, 6, 5], [4, 7, 6]]);
     let turned = Mesh { triangles: slab.triangles[2..].to_vec(), ..slab.clone() };
-    for (mesh, expected, told) in [(slab, 0.45, false), (turned, 0.4, true)] {
+    for (mesh, expected, reported) in [(slab, 0.45, false), (turned, 0.4, true)] {
         let pose = Pose { world_from_local: DMat4::from_translation(DVec3::new(0.3, 0.1, 0.38)) };
         let inputs = In { object: object(), pose: Arc::new(pose), mesh: Some(Arc::new(mesh)), splats: None };
         let how = Snap { reach_metres: 0.5, align: false };
         let (out, notes) = Snap::run(&how, inputs, &context()).unwrap_or_else(|e| panic!("{e}"));
         assert!((out.pose.world_from_local.w_axis.z - expected).abs() < 1e-6, "{expected}");
-        assert_eq!(notes.iter().any(|note| note.id == "ground-looks-down"), told);
+        assert_eq!(notes.iter().any(|note| note.id == "ground-looks-down"), reported);
         assert!(notes.iter().any(|note| note.text.contains("0.0 mm rough")));
     }
 }
@@ -238,7 +238,7 @@ fn what_stands_at_an_edge_stays() {
 
 /// From below a closed shell of ground only its underside is within reach. It supports nothing, and the message
 /// says where the ground is. A room whose normals point out of it is not a shell: its floor faces down, and its
-/// ceiling up. Mutation: without `shell` in `Felt::ground` (seen red).
+/// ceiling up. Mutation: without `shell` in `Ground::ground` (seen red).
 #[test]
 fn the_underside_of_a_shell_bears_nothing() {
     let closed = |top: f32| {
@@ -249,11 +249,11 @@ fn the_underside_of_a_shell_bears_nothing() {
     };
     for z in [-0.2, 0.1] {
         let error = run(Some(closed(0.65)), None, z, false).map(|_| ()).expect_err("a shell");
-        let told = format!("{error:?}");
+        let reported = format!("{error:?}");
         let side = if z < 0.0 { "0.20 m above it" } else { "0.10 m below it" };
         let up = 0.65 - z;
         for part in [side, "underside of a shell", &format!("up by {up:.2} m")] {
-            assert!(told.contains(part), "{part}: {told}");
+            assert!(reported.contains(part), "{part}: {reported}");
         }
         for (z, reach_metres) in [(z + up, 0.5), (z, up + 0.01)] {
             let pose = Pose { world_from_local: DMat4::from_translation(DVec3::new(0.3, 0.1, z)) };

@@ -9,9 +9,9 @@ use std::sync::Arc;
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes, Up};
 use glam::DVec3;
 
-use crate::light::books::Books;
+use crate::light::energy_table::EnergyTable;
 use crate::light::linear::{Transfer, linear_pixels};
-use crate::light::panorama::{COLUMNS_A_PIXEL, Found, check_width, finish, linear_row};
+use crate::light::panorama::{COLUMNS_A_PIXEL, Unfilled, check_width, finish, linear_row};
 use crate::math::{color, equirect, num};
 use crate::types::{Images, Panorama, Picture, Report, View, Views};
 
@@ -27,7 +27,7 @@ engine::params! {
         /// Width of the panorama, even; the height is half of it.
         width_px: u32 = 2048, range(2, 16384), unit("px"), other("64"),
             knob(Resolution, "256", "512", "1024", "2048");
-        /// Whether to limit the width to twice the side of the largest view in pixels, which is the resolution of
+        /// True to limit the width to twice the side of the largest view in pixels, which is the resolution of
         /// the views of a cube: for views whose size `fit-probe` chose.
         as_views: bool = false, other("true");
         /// Content of pixels where nothing was seen. Alpha marks these pixels however they are filled.
@@ -210,7 +210,7 @@ const MARGIN: f64 = 2.0;
 
 /// The light in the views (each direction with its weight in the panorama), after resampling, and with holes
 /// filled. Both slices are luminance, row by row, the first without filled holes.
-fn books(
+fn energy_report(
     sources: &[Source],
     (up, width): (Up, usize),
     resampled: &[f64],
@@ -219,10 +219,10 @@ fn books(
 ) -> Result<Report, NodeError> {
     let coarsest = sources.iter().flat_map(|source| source.focal).fold(f64::INFINITY, f64::min);
     let margin = MARGIN * (2.0 * PI / width as f64 + 1.0 / coarsest);
-    let mut books = Books::new(up, width, resampled, margin);
+    let mut table = EnergyTable::new(up, width, resampled, margin);
     let rows: Vec<(&Source, usize)> =
         sources.iter().flat_map(|source| (0..source.height).map(move |y| (source, y))).collect();
-    books.enter("views", rows.len(), cx, |i| {
+    table.record("views", rows.len(), cx, |i| {
         let (source, y) = rows[i];
         source.row(y).map(move |(toward, size, luminance)| {
             let weight = |source: &Source| source.place(toward).map_or(0.0, |(_, weight)| weight);
@@ -230,9 +230,9 @@ fn books(
             (toward, size * weight(source) / all.max(f64::MIN_POSITIVE), luminance)
         })
     })?;
-    books.enter_panorama("resampled", width, resampled, cx)?;
-    books.enter_panorama("holes filled", width, filled, cx)?;
-    Ok(Report { title: "Light of a panorama".to_owned(), tables: books.tables().into() })
+    table.record_panorama("resampled", width, resampled, cx)?;
+    table.record_panorama("holes filled", width, filled, cx)?;
+    Ok(Report { title: "Light of a panorama".to_owned(), tables: table.tables().into() })
 }
 
 impl Stitch {
@@ -277,12 +277,12 @@ impl Kind for Stitch {
             let apart = (view.camera.eye() - origin).length();
             if apart > 1e-6 * (1.0 + origin.length()) {
                 let what = format!(
-                    "views `{}` and `{}` are seen from points {apart:.4} apart",
+                    "views `{}` and `{}` have positions {apart:.4} apart",
                     first.camera.name, view.camera.name
                 );
                 return Err(NodeError::new(what)
                     .at("views")
-                    .hint("a panorama is seen from one point: use `CubeRig`"));
+                    .hint("all views of a panorama need the same position: use `CubeRig`"));
             }
             if view.colour.encoding() != first.colour.encoding() {
                 return Err(NodeError::new("the views differ in encoding").at("views"));
@@ -298,12 +298,12 @@ impl Kind for Stitch {
         let light = |rgb: [f32; 3]| f64::from(color::luminance(rgb));
         let resampled: Vec<f64> = premultiplied.iter().map(|&[r, g, b, _]| light([r, g, b])).collect();
 
-        let found = Found { premultiplied, width, encoded, up, origin };
+        let found = Unfilled { premultiplied, width, encoded, up, origin };
         let pano = finish(found, params.holes, params.hole_alpha, &mut notes, cx)?;
         cx.progress(0.8);
         let filled: Vec<f64> =
             linear_pixels(&pano.image, Transfer::Srgb).rgb.into_iter().map(light).collect();
-        let report = books(&sources, (up, width), &resampled, &filled, cx)?;
+        let report = energy_report(&sources, (up, width), &resampled, &filled, cx)?;
         let out = Out {
             image: Arc::new(Images::single("pano", pano.image.clone())),
             alpha: Arc::new(Images::single("pano", pano.alpha.clone())),

@@ -135,8 +135,8 @@ fn a_panorama_of_next_to_nothing_is_reported_from_one_of_nothing() {
         });
         let params = Stitch { width_px: 32, holes: Holes::PushPull, hole_alpha: 0.25, as_views: false };
         let (_, notes) = Stitch::run(&params, In { views: scene }, &context()).expect("stitches");
-        let told: Vec<_> = notes.iter().map(|note| note.id.to_string()).collect();
-        assert_eq!(told, [id]);
+        let reported: Vec<_> = notes.iter().map(|note| note.id.to_string()).collect();
+        assert_eq!(reported, [id]);
     }
 }
 

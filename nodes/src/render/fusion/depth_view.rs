@@ -1,5 +1,5 @@
-//! What a camera sees of a scene, packed for fusion: of each pixel one over its depth, how much it is to be trusted, how
-//! slanting the surface lies, and its colour.
+//! A camera's view of a scene, packed for fusion: per pixel the inverse depth, its confidence, the slant of the
+//! surface, and its colour.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -15,7 +15,7 @@ const TRUSTED_SPREAD: f32 = 0.03;
 /// pixels of 0.0116 rad, those of a face of 192 pixels, differs by so much.
 pub const EDGE: f32 = 0.1;
 
-/// What a camera sees. Places are relative to an origin in the scene, in world units.
+/// A camera's view. Positions are relative to an origin in the scene, in world units.
 pub struct DepthView {
     /// Where it stands.
     pub eye: Vec3,
@@ -176,7 +176,7 @@ impl DepthView {
         (top + (bottom - top) * fy, true, nearest)
     }
 
-    /// Bytes of a view of so many pixels.
+    /// Memory of a view of `pixels` pixels, in bytes.
     pub const fn bytes(pixels: u64) -> u64 {
         pixels * 9
     }

@@ -12,15 +12,15 @@ pub const CORNERS: usize = SIDE as usize + 1;
 /// Corners of a cube.
 const ALL: usize = CORNERS * CORNERS * CORNERS;
 
-/// How far from the surface distances are told apart, in cells.
+/// How far from the surface distances are reported apart, in cells.
 const BAND: f32 = 3.0;
 /// How far behind a surface along a slanting ray it is still taken to be, in bands.
 const BEHIND: f32 = 3.0;
 /// Least cosine between ray and normal of a surface that is taken for one.
 const FLATTEST: f32 = 0.1;
-/// What a view that sees through a corner counts, of one that sees a surface there head on.
+/// Weight of a view that sees through a corner, relative to one that sees a surface there head on.
 const THROUGH: f32 = 0.25;
-/// What a pixel at the edge of two surfaces counts.
+/// Weight of a pixel at the edge of two surfaces.
 const AT_EDGE: f32 = 0.25;
 /// Views that must have seen the surface from a corner behind it.
 const VIEWS: u8 = 2;
@@ -201,7 +201,7 @@ impl<'a> Field<'a> {
             let blocks: Vec<usize> =
                 (0..self.blocks.len()).filter(|i| self.blocks[*i].cube.level == level).collect();
             let field = &*self;
-            let changes = cx.for_each_tile(blocks.len(), |i| field.from_finer(&field.blocks[blocks[i]]))?;
+            let changes = cx.for_each_tile(blocks.len(), |i| field.inherited(&field.blocks[blocks[i]]))?;
             for (block, changes) in blocks.into_iter().zip(changes).filter(|(_, changes)| !changes.is_empty())
             {
                 let block = &mut self.blocks[block];
@@ -216,7 +216,7 @@ impl<'a> Field<'a> {
     }
 
     /// The corners of a block that finer ones share: number, distance and views.
-    fn from_finer(&self, block: &Block) -> Vec<(usize, f32, u8)> {
+    fn inherited(&self, block: &Block) -> Vec<(usize, f32, u8)> {
         let level = block.cube.level;
         let side = self.levels.cell_of(level) * SIDE as f32;
         if self.levels.distance_to(block.cube) - 1.8 * side >= self.levels.reach[level as usize - 1] {

@@ -27,7 +27,7 @@ const STEEP_DEG: f64 = 70.0;
 /// Where they stand: metres above the ground and aside, tried from the first to the last.
 const STEEP: [[f64; 2]; 4] = [[1.8, 0.7], [1.2, 0.5], [0.7, 0.35], [0.35, 0.2]];
 
-/// What growing needs to know.
+/// Inputs of the growth of places.
 pub struct Ground<'a> {
     pub splats: &'a Splats,
     pub blocks: &'a Blocks,
@@ -47,7 +47,7 @@ pub struct Places {
     pub views: Vec<DepthView>,
     /// The eyes of the places, relative to the origin.
     pub eyes: Vec<Vec3>,
-    /// The first so many of which were given.
+    /// Number of given places, which come first.
     pub given: usize,
     /// Clearance, in world units.
     pub clearance: f32,
@@ -124,7 +124,7 @@ fn room(faces: &[DepthView], ahead: Vec3, clearance: f32) -> f32 {
 }
 
 impl Places {
-    /// Grows up to so many places from given ones, the views from above a focus included.
+    /// Grows up to `most` places from given ones, including the views from above a focus.
     pub fn grown(
         ground: &Ground<'_>,
         seeds: &[Vec3],
@@ -281,7 +281,7 @@ impl Places {
     }
 }
 
-/// At most so many of some points, each as far from those before it as can be.
+/// At most `most` of some points, each as far as possible from those before it.
 fn farthest_first(points: &[Vec3], most: usize) -> Vec<Vec3> {
     let mut kept: Vec<Vec3> = points.first().copied().into_iter().collect();
     let mut apart: Vec<f32> = points.iter().map(|point| (*point - kept[0]).length_squared()).collect();

@@ -13,7 +13,7 @@ use super::tint::Seen;
 
 /// How much a point is drawn to the middle of an edge where planes leave it free.
 const TIDY: f64 = 1e-3;
-/// What the end of the surface counts, by the square of its length.
+/// Weight of the border of the surface, by the square of its length.
 const BORDER: f64 = 10.0;
 /// Least cosine between the normals of a triangle before and after.
 const TURNED: f64 = 0.3;
@@ -210,7 +210,7 @@ impl Mesh<'_> {
     }
 }
 
-/// What is said of two points together, the second of which has such a share.
+/// The mix of two points, the second with weight `share`.
 fn mixed(a: &Seen, b: &Seen, share: f32) -> Seen {
     let mix = |a: f32, b: f32| a + (b - a) * share;
     Seen {

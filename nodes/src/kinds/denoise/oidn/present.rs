@@ -29,7 +29,7 @@ fn library() -> Result<&'static Library, NodeError> {
 fn refused(error: Error) -> NodeError {
     match error {
         Error::Stopped => NodeError::cancelled(),
-        told => NodeError::new(told.to_string()).at("method").hint("install it anew, or use `Means`"),
+        reported => NodeError::new(reported.to_string()).at("method").hint("reinstall it, or use `Means`"),
     }
 }
 
@@ -41,7 +41,7 @@ pub(in super::super) fn sources() -> Result<Vec<SourceFile>, NodeError> {
 
 pub(in super::super) fn tell(notes: &mut Notes) -> Result<(), NodeError> {
     let text = format!(
-        "filtered by Open Image Denoise {}, whose bytes are not promised on another processor",
+        "filtered by Open Image Denoise {}, which may give other bytes on another processor",
         library()?.version()
     );
     notes.decision("oidn", text);

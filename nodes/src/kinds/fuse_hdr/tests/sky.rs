@@ -55,7 +55,7 @@ fn with(ground_albedo: f64) -> FuseHdr {
     FuseHdr { ground_albedo: Some(ground_albedo), ..params() }
 }
 
-fn told(notes: &Notes, id: &str) -> Option<String> {
+fn reported(notes: &Notes, id: &str) -> Option<String> {
     notes.iter().find(|note| note.id == id).map(|note| note.text.clone())
 }
 
@@ -77,12 +77,12 @@ fn a_sky_that_was_not_seen_is_as_bright_as_the_ground_needs() {
                 assert!(found[0] == found[1] && found[1] == found[2], "white");
             }
         }
-        let text = told(&notes, "sky-added").unwrap_or_default();
+        let text = reported(&notes, "sky-added").unwrap_or_default();
         assert!(text.contains("radiance 0.6000") && text.contains("albedo of 0.3"), "{text}");
         let Cell::Number(ground) = out.report.tables[1].rows[1][2] else { panic!("a number") };
         assert!((ground / (SKY * whole_sky()) - 1.0).abs() < 1e-4, "{ground}");
         assert!(out.report.tables[2].columns.iter().any(|step| step == "sky"));
-        assert_eq!(told(&notes, "sky-missing"), None);
+        assert_eq!(reported(&notes, "sky-missing"), None);
     }
 }
 
@@ -94,7 +94,7 @@ fn the_darker_the_ground_the_brighter_the_sky() {
     assert!(skies.is_sorted_by(|a, b| a > b), "{skies:?}");
     let (out, notes) = run(&with(1.0), capture(0.3, outdoors));
     assert_eq!(out.env.image.samples[0], 0.0, "what was seen is light enough");
-    assert!(told(&notes, "sky-black").is_some());
+    assert!(reported(&notes, "sky-black").is_some());
 }
 
 // Without the parameter alpha changes nothing. Mutation: `None` in `run` as `Some(0.3)`.
@@ -117,7 +117,7 @@ fn a_missing_sky_is_reported_where_the_ground_needs_it() {
         pano.alpha.samples = (0..W * H).map(alpha).collect();
         run(&params(), (Arc::new(pano), brackets)).1
     };
-    let text = told(&dim(0.25, &outdoors), "sky-missing").unwrap_or_default();
+    let text = reported(&dim(0.25, &outdoors), "sky-missing").unwrap_or_default();
     assert!(text.contains("would be 1.60") && text.contains("`ground_albedo`"), "{text}");
     let weight = |y: usize| num::f64::cos(PI * (y as f64 + 0.5) / H as f64) * pixel_solid_angle(W, H, y);
     let unseen: f64 = (0..W * H / 2).map(|at| weight(at / W) * f64::from(1.0 - outdoors(at))).sum();
@@ -128,7 +128,7 @@ fn a_missing_sky_is_reported_where_the_ground_needs_it() {
     let cases: [(f32, &dyn Fn(usize) -> f32); 4] =
         [(0.25, &|_| 1.0), (0.25, &few), (0.25, &no_ground), (0.5, &outdoors)];
     for (i, (sky, alpha)) in cases.into_iter().enumerate() {
-        assert_eq!(told(&dim(sky, alpha), "sky-missing"), None, "case {i}");
+        assert_eq!(reported(&dim(sky, alpha), "sky-missing"), None, "case {i}");
     }
 }
 
@@ -140,7 +140,7 @@ fn an_albedo_that_has_nothing_to_act_on_is_reported() {
     for (base, brackets) in [capture(0.3, |_| 1.0), capture(0.3, no_ground)] {
         let own = linear_pixels(&base.image, Transfer::Srgb).rgb;
         let (out, notes) = run(&with(ALBEDO), (base, brackets));
-        assert!(told(&notes, "ground-albedo-unused").is_some());
+        assert!(reported(&notes, "ground-albedo-unused").is_some());
         assert_eq!(out.env.image.samples.as_chunks::<3>().0, own);
     }
 }

@@ -12,11 +12,11 @@ mod model;
 pub(super) mod picture;
 
 /// The files that a user must supply, where they are, and their sizes: for the error about a missing one.
-pub(super) const WHERE: &str = "the weights are yours to supply: Flux.1 Kontext [dev] from \
+pub(super) const WHERE: &str = "you must supply the weights: Flux.1 Kontext [dev] from \
     huggingface.co/black-forest-labs/FLUX.1-Kontext-dev, under its non-commercial licence, which you accept there: \
     `flux1-kontext-dev.safetensors` (23.8 GB; a GGUF of it has 6.7 GB with four bits a weight) and `ae.safetensors` \
     (0.3 GB); the encoded prompt (4 MB) and a LoRA for exposure (`train-exposure --backend flux-kontext`). It needs \
-    the transformer's size in memory and 7 GB more. docs/kontext.md tells each";
+    the size of the transformer in memory plus 7 GB. See docs/kontext.md";
 
 /// Hint for a missing file; a build without the feature reports that instead.
 pub(super) const SUPPLIED: Option<&str> = if cfg!(feature = "learned") { Some(WHERE) } else { None };
@@ -50,7 +50,7 @@ impl<'a> Kontext<'a> {
         ];
         match numbers.into_iter().find(|(_, value, low, high)| !(*low..=*high).contains(value)) {
             Some((name, value, low, high)) => {
-                let what = format!("`{name}` of `FluxKontext` is {value}; it lies between {low} and {high}");
+                let what = format!("`{name}` of `FluxKontext` is {value}, outside of {low} to {high}");
                 Err(NodeError::new(what).at("method"))
             }
             None => Ok(()),

@@ -3,10 +3,10 @@
 use engine::{Context, NodeError, Notes, SourceFile, SourceRoot};
 use learned::flux::{DType, Error, Files, Kontext as Model, Settings, Watch};
 
-use super::super::photographs::tell_still;
+use super::super::photographs::report_still;
 use super::picture::{STOPS, gains, shrunk};
 use super::{Kontext, WHERE};
-use crate::light::books::Books;
+use crate::light::energy_table::EnergyTable;
 use crate::light::linear::LinearPixels;
 use crate::math::color::{linear_from_srgb, luminance};
 use crate::math::num;
@@ -62,7 +62,7 @@ impl Kontext<'_> {
         pixels: &LinearPixels,
         mask: &[bool],
         darkest: f64,
-        books: &mut Books,
+        books: &mut EnergyTable,
         notes: &mut Notes,
         cx: &Context,
     ) -> Result<Vec<f32>, NodeError> {
@@ -102,7 +102,7 @@ impl Kontext<'_> {
             made.iter().map(learned::flux::samples).collect::<Result<Vec<_>, _>>().map_err(error)?;
         let gains = gains(&small, &exposures);
         if mask.contains(&true) {
-            enter(books, (width, height), &small, &gains, pixels, mask, cx)?;
+            record(books, (width, height), &small, &gains, pixels, mask, cx)?;
         }
         let (mut log2_gain, mut still) = (vec![0.0; mask.len()], 0);
         for (at, gain) in log2_gain.iter_mut().enumerate().filter(|(at, _)| mask[*at]) {
@@ -112,15 +112,15 @@ impl Kontext<'_> {
             *gain = found;
             still += usize::from(clipped);
         }
-        tell_still(still, notes);
+        report_still(still, notes);
         Ok(log2_gain)
     }
 }
 
 /// Records the light of the picture `small` as passed to the model, and with its gains in the clipped part of each
 /// pixel.
-fn enter(
-    books: &mut Books,
+fn record(
+    books: &mut EnergyTable,
     (width, height): (usize, usize),
     small: &[f32],
     gains: &[(f32, bool)],
@@ -131,7 +131,7 @@ fn enter(
     let plane = width * height;
     let shown = |at: usize| f64::from(luminance([0, 1, 2].map(|c| linear_from_srgb(small[c * plane + at]))));
     let mut light: Vec<f64> = (0..plane).map(shown).collect();
-    books.enter_panorama("as the model sees it", width, &light, cx)?;
+    books.record_panorama("as the model sees it", width, &light, cx)?;
     let mut clipped = vec![[0.0; 2]; plane];
     for (at, is) in mask.iter().enumerate() {
         let (x, y) = (at % pixels.width * width / pixels.width, at / pixels.width * height / pixels.height);
@@ -141,7 +141,7 @@ fn enter(
     for ((light, (gain, _)), [part, all]) in light.iter_mut().zip(gains).zip(clipped) {
         *light *= 1.0 + part / f64::max(all, 1.0) * (num::f64::exp2(f64::from(*gain)) - 1.0);
     }
-    books.enter_panorama("as the model shows it", width, &light, cx)
+    books.record_panorama("as the model shows it", width, &light, cx)
 }
 
 fn error(error: Error) -> NodeError {

@@ -10,7 +10,7 @@ use engine::{Context, NodeError};
 use super::spread::Spread;
 use super::{Clipped, RegionLight, sun};
 use crate::error::Error;
-use crate::light::books::Books;
+use crate::light::energy_table::EnergyTable;
 use crate::light::measure::luminance;
 use crate::math::num;
 
@@ -70,9 +70,9 @@ impl Hidden {
         for (region, sun) in scene.suns.iter().enumerate().filter(|(_, sun)| **sun > 0.0) {
             let least = sun * sun::FLUX * scene.open_flux;
             let own = || scene.cells.iter().enumerate().filter(|(_, cell)| cell.region == region);
-            let told: f64 = own().map(|(i, _)| self.cells[i]).sum();
-            if told > 0.0 && told < least {
-                own().for_each(|(i, _)| self.cells[i] *= least / told);
+            let reported: f64 = own().map(|(i, _)| self.cells[i]).sum();
+            if reported > 0.0 && reported < least {
+                own().for_each(|(i, _)| self.cells[i] *= least / reported);
             }
         }
         self.lit_below(scene)
@@ -105,7 +105,7 @@ impl Hidden {
 pub(super) fn predict(
     network: &Network,
     clipped: &Clipped<'_>,
-    books: &mut Books,
+    books: &mut EnergyTable,
     cx: &Context,
 ) -> Result<(Vec<f32>, Vec<RegionLight>), NodeError> {
     let Clipped { up, pixels, mask, ceiling, ref grid, ref labels, .. } = *clipped;
@@ -117,7 +117,7 @@ pub(super) fn predict(
     let mut light: Vec<f64> = grid.rgb.iter().map(|rgb| luminance(*rgb)).collect();
     let mut enter = |step: &'static str, light: &[f64]| {
         let cell = |c: usize| (grid.direction(up, c), grid.solid_angle(c), light[c]);
-        books.enter(step, grid.height, cx, |y| (y * grid.width..(y + 1) * grid.width).map(cell))
+        books.record(step, grid.height, cx, |y| (y * grid.width..(y + 1) * grid.width).map(cell))
     };
     if !scene.cells.is_empty() {
         enter("on the grid", &light)?;

@@ -60,7 +60,7 @@ impl Network {
     pub fn parse(file: &str, bytes: &[u8], overview: usize, cell: usize) -> Result<Self, Error> {
         let weights = Weights::parse(file, bytes)?;
         let wrong = |name: &str, shape: &[usize], wanted: &str| {
-            Error::format(file, format!("tensor `{name}` has shape {shape:?}; {wanted} is wanted"))
+            Error::format(file, format!("tensor `{name}` has shape {shape:?} instead of {wanted}"))
         };
         let sized = |name: &str, columns: usize| {
             let (shape, values) = weights.tensor(name)?;

@@ -57,14 +57,13 @@ impl Place {
     }
 
     fn measure(&self, pano: Panorama, files: &[&str], evs: &[f64]) -> Result<(Out, Notes), NodeError> {
-        let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 };
+        let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false };
         let files = files.iter().map(|file| InputFile((*file).to_owned())).collect();
         let params = PredictExposure {
             evs: evs.to_vec(),
             method: Method::Photographs { files },
             white: CLIPPED,
             weights: None,
-            force: false,
         };
         PredictExposure::check(&params)?;
         let pano = Arc::new(pano);
@@ -95,7 +94,7 @@ fn assert_near(found: &[f32], wanted: [f32; 4]) {
 }
 
 /// The texts of the notes with an id.
-fn told<'a>(notes: &'a Notes, id: &str) -> Vec<&'a str> {
+fn reported<'a>(notes: &'a Notes, id: &str) -> Vec<&'a str> {
     notes.iter().filter(|note| note.id == id).map(|note| note.text.as_str()).collect()
 }
 
@@ -107,8 +106,8 @@ fn photographs_tell_the_gain_and_are_the_exposures() {
     let (out, notes) = place.measure(pano(0), &["a.png", "b.png"], &[-3.0, -6.0]).expect("runs");
     assert_near(&out.brackets.log2_gain.samples[..4], [1.585, 4.907, 6.0, 0.0]);
     // The sun is white at EV -6 too.
-    assert!(told(&notes, "still-clipped")[0].starts_with("512 "), "{notes:?}");
-    assert_eq!(told(&notes, "photograph-disagrees").len(), 0, "{notes:?}");
+    assert!(reported(&notes, "still-clipped")[0].starts_with("512 "), "{notes:?}");
+    assert_eq!(reported(&notes, "photograph-disagrees").len(), 0, "{notes:?}");
     assert_eq!(out.brackets.evs, [-6.0, -3.0]);
     assert!((out.brackets.exposures[0].rgb(0, 0)[0] - srgb_from_linear(3.0 / 64.0)).abs() < 0.003);
     let (other, _) = place.measure(pano(0), &["b.png", "a.png"], &[-6.0, -3.0]).expect("runs");
@@ -123,7 +122,7 @@ fn photographs_are_turned_with_their_panorama() {
     let place = Place::new();
     let measure = |turned| {
         let (out, notes) = place.measure(pano(turned), &["a.png", "b.png"], &[-3.0, -6.0]).expect("runs");
-        assert!(told(&notes, "photograph-disagrees").is_empty(), "{notes:?}");
+        assert!(reported(&notes, "photograph-disagrees").is_empty(), "{notes:?}");
         out.brackets
     };
     let still = measure(0);
@@ -135,7 +134,7 @@ fn photographs_are_turned_with_their_panorama() {
     }
     let half = Panorama { turned_deg: 0.4 * 360.0 / W as f64, ..pano(0) };
     let (_, notes) = place.measure(half, &["a.png", "b.png"], &[-3.0, -6.0]).expect("runs");
-    assert_eq!(told(&notes, "photographs-between-pixels").len(), 1);
+    assert_eq!(reported(&notes, "photographs-between-pixels").len(), 1);
 }
 
 /// Colours do not depend on alpha; a hole shows nothing, and another photograph is used. Mutation: `alpha` not
@@ -148,15 +147,15 @@ fn alpha_takes_no_light() {
     assert_near(&place.gains(&["half.png", "b.png"], &[-3.0, -6.0]).0, [1.585, 4.907, 6.0, 0.0]);
     let (gains, notes) = place.gains(&["hole.png", "b.png"], &[-3.0, -6.0]);
     assert_near(&gains, [1.585, 4.907, 6.0, 0.0]);
-    assert_eq!(told(&notes, "photographs-have-holes").len(), 0);
+    assert_eq!(reported(&notes, "photographs-have-holes").len(), 0);
     let (out, notes) = place.measure(pano(0), &["hole.png"], &[-3.0]).expect("runs");
     assert_eq!(out.brackets.log2_gain.samples[0], 0.0);
-    assert!(told(&notes, "photographs-have-holes")[0].starts_with("32 clipped pixels"), "{notes:?}");
+    assert!(reported(&notes, "photographs-have-holes")[0].starts_with("32 clipped pixels"), "{notes:?}");
     // White at EV -3 and a hole at -6: the darkest photograph of it is the white one.
     place.take("white.png", -0.1, (W, H), None);
     place.take("hole-6.png", -6.0, (W, H), Some((255, true)));
     let (_, notes) = place.gains(&["white.png", "hole-6.png"], &[-0.1, -6.0]);
-    let still = told(&notes, "still-clipped")[0];
+    let still = reported(&notes, "still-clipped")[0];
     assert!(still.contains("in the darkest exposure that shows them"), "{still}");
     // The exposure is not black there: it shows the known light.
     assert!((out.brackets.exposures[0].rgb(0, 3)[0] - srgb_from_linear(0.125)).abs() < 1e-6);
@@ -183,7 +182,7 @@ fn linear_light_has_no_ceiling() {
 fn photographs_that_contradict_the_panorama_are_reported() {
     let place = Place::new();
     let (_, notes) = place.gains(&["b.png", "a.png"], &[-3.0, -6.0]);
-    let found = told(&notes, "photograph-disagrees");
+    let found = reported(&notes, "photograph-disagrees");
     assert!(found.len() == 2 && found[0].starts_with("`b.png`, taken at EV -3, shows 3.0 stops less"));
     // The same median, but of another place: light and dark pixels are mixed up.
     let code = |at: usize| u16::from(code8(srgb_from_linear([0.002_f32, 0.04, 0.9][at * 7 % 3])));
@@ -192,7 +191,7 @@ fn photographs_that_contradict_the_panorama_are_reported() {
         Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false };
     place.write("elsewhere.png", &png::write(&raster, false, &[]).expect("packs"));
     let (_, notes) = place.gains(&["elsewhere.png"], &[-3.0]);
-    assert_eq!(told(&notes, "photograph-disagrees").len(), 1, "{notes:?}");
+    assert_eq!(reported(&notes, "photograph-disagrees").len(), 1, "{notes:?}");
     // All dim pixels are as expected, but a third of the white ones are dim.
     let other = |x: usize| if x.is_multiple_of(4) { 0.3 } else { light(x) };
     let code = |at: usize| u16::from(code8(srgb_from_linear((other(at % W) / 8.0).min(1.0))));
@@ -201,12 +200,12 @@ fn photographs_that_contradict_the_panorama_are_reported() {
         Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false };
     place.write("lamps.png", &png::write(&raster, false, &[]).expect("packs"));
     let (_, notes) = place.gains(&["lamps.png"], &[-3.0]);
-    let found = told(&notes, "photograph-disagrees");
+    let found = reported(&notes, "photograph-disagrees");
     assert!(found.len() == 1 && found[0].contains("of 512 of 1536 pixels that are white"), "{notes:?}");
     // Nothing of the panorama is visible at EV -15.
     place.take("night.png", -15.0, (W, H), None);
     let (_, notes) = place.gains(&["night.png"], &[-15.0]);
-    assert_eq!(told(&notes, "photograph-unchecked").len(), 1, "{notes:?}");
+    assert_eq!(reported(&notes, "photograph-unchecked").len(), 1, "{notes:?}");
 }
 
 /// Files are read and checked even if nothing is clipped. Mutation: photographs read only where `clipped > 0`.
@@ -224,8 +223,8 @@ fn files_are_read_where_nothing_is_clipped() {
         place.measure(dim(), &["a.png", "small.png"], &[-3.0, -6.0]).map(|_| ()).expect_err("differs");
     assert!(error.to_string().contains("small.png") && error.to_string().contains("32x16"), "{error}");
     let (out, notes) = place.measure(dim(), &["a.png"], &[-3.0]).expect("runs");
-    assert_eq!(told(&notes, "nothing-clipped").len(), 1);
-    assert_eq!(told(&notes, "photograph-disagrees").len(), 1, "{notes:?}");
+    assert_eq!(reported(&notes, "nothing-clipped").len(), 1);
+    assert_eq!(reported(&notes, "photograph-disagrees").len(), 1, "{notes:?}");
     assert_eq!(out.brackets.exposures[0].rgb(1, 0), [1.0; 3], "a photograph is what was taken");
 }
 
@@ -250,7 +249,7 @@ fn light_that_photographs_show_above_an_early_white_is_found() {
         for gain in [Gain::Direct, Gain::Brackets] {
             let fuse = FuseHdr { gain, ..FuseHdr::default() };
             let input = fuse_hdr::In { base: base.clone(), brackets: out.brackets.clone() };
-            let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 };
+            let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false };
             let (lit, _) = FuseHdr::run(&fuse, input, &Context::detached(scene, ".")).expect("runs");
             for (x, light) in [(0, 3.0), (1, 30.0)] {
                 let found = lit.env.image.rgb(x, 5)[0];

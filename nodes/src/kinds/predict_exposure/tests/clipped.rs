@@ -13,22 +13,26 @@ fn a_prediction_that_is_forced_where_nothing_is_clipped_changes_no_bit() {
     let flat = |value: f32| pano(64, move |_, _| [value; 3]);
     for source in [Arc::new(room), flat(0.0), flat(0.6)] {
         for method in METHODS {
-            let run = |force: bool| {
+            let run = |exhaustive: bool| {
                 let params = PredictExposure {
                     evs: vec![-3.0, -6.0],
                     method: method.clone(),
                     white: CLIPPED,
                     weights: None,
-                    force,
                 };
+                let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive };
+                let cx = Context::detached(scene, ".");
                 let (out, notes) =
-                    PredictExposure::run(&params, In { pano: source.clone() }, &cx()).expect("runs");
+                    PredictExposure::run(&params, In { pano: source.clone() }, &cx).expect("runs");
                 let note = notes.iter().find(|note| note.id == "nothing-clipped").map(|n| n.text.clone());
                 (out.brackets, note.unwrap_or_default())
             };
-            let ((left, told), (forced, why)) = (run(false), run(true));
+            let ((left, reported), (forced, why)) = (run(false), run(true));
             assert!(left.log2_gain == forced.log2_gain && left.exposures == forced.exposures, "{method:?}");
-            assert!(told.ends_with("nothing is predicted") && why.ends_with("by `force`"), "{told}; {why}");
+            assert!(
+                reported.ends_with("nothing is predicted") && why.ends_with("because of `--exhaustive`"),
+                "{reported}; {why}"
+            );
             let name = |brackets: &Brackets| brackets.report.tables[0].rows[0][0].clone();
             assert_eq!(name(&left), Cell::Text("skip".to_owned()));
             assert_ne!(name(&forced), name(&left), "the report says what was asked");
@@ -76,7 +80,7 @@ fn what_fills_a_hole_changes_no_gain() {
     }
 }
 
-// White that is mostly transparent is reported, without a contradiction. Mutation: `tell_unseen` not called.
+// White that is mostly transparent is reported, without a contradiction. Mutation: `report_unseen` not called.
 #[test]
 fn white_that_is_mostly_transparent_is_reported() {
     let mut pano = (*pano(64, |x, y| if (x, y) == (5, 8) { [1.0; 3] } else { [0.5; 3] })).clone();
@@ -84,7 +88,7 @@ fn white_that_is_mostly_transparent_is_reported() {
     let (_, notes) = run(Arc::new(pano), &[-3.0]);
     let text = |id: &str| notes.iter().find(|n| n.id == id).map(|n| n.text.clone()).unwrap_or_default();
     assert!(text("white-unseen").starts_with("1 white pixels"), "{notes:?}");
-    assert!(text("nothing-clipped").contains("reaches 0.214 "), "{notes:?}");
+    assert!(text("nothing-clipped").contains("has 0.214 "), "{notes:?}");
 }
 
 // Linear light that ends at white was clipped there; with values above white, values near white are unclipped.
@@ -107,7 +111,7 @@ fn linear_light_is_clipped_at_white_unless_it_holds_more() {
 }
 
 // Whites may end early: a channel is clipped from `white` on, and given lights for pixels below it are reported.
-// Mutation: `CLIPPED` for `white` in `clip_mask`; the warning dropped in `tell_nothing_clipped`.
+// Mutation: `CLIPPED` for `white` in `clip_mask`; the warning dropped in `report_nothing_clipped`.
 #[test]
 fn white_is_where_the_user_says() {
     let mut dull = (*room(128)).clone();
@@ -115,13 +119,12 @@ fn white_is_where_the_user_says() {
     image.samples.iter_mut().for_each(|code| *code = code.min(0.96));
     let (dull, method) = (Arc::new(dull), Method::Manual { emitters: vec![[0.0, 0.0, 180.0, 5.0]] });
     let lit = |white: f32| {
-        let params =
-            PredictExposure { evs: vec![-3.0], method: method.clone(), white, weights: None, force: false };
+        let params = PredictExposure { evs: vec![-3.0], method: method.clone(), white, weights: None };
         let (out, notes) = PredictExposure::run(&params, In { pano: dull.clone() }, &cx()).expect("runs");
         let lit = out.brackets.log2_gain.samples.iter().filter(|gain| **gain > 0.0).count();
         (lit, notes.iter().any(|note| note.id == "nothing-to-light"))
     };
     assert_eq!(lit(CLIPPED), (0, true));
-    let (pixels, told) = lit(0.9);
-    assert!(pixels > 0 && !told, "{pixels}");
+    let (pixels, reported) = lit(0.9);
+    assert!(pixels > 0 && !reported, "{pixels}");
 }

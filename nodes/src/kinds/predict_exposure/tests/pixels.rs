@@ -54,7 +54,7 @@ fn a_coarse_panorama_is_judged_on_the_same_grid() {
 }
 
 // Glints, single pixels that clip in a finer panorama, hide the light of their pixels and not that of the grid
-// cells around them: in a room with a glint in each fourth cell of the floor, `Learned`, to which so many look like
+// cells around them: in a room with a glint in each fourth cell of the floor, `Learned`, which mistakes them for
 // white on the floor, finds at most half as much light again, and `Region` less; and each cell keeps its unclipped
 // share. Mutation: `share` 1 for each cell that is clipped in part.
 #[test]
@@ -87,13 +87,13 @@ fn glints_do_not_count_as_whole_cells() {
     assert!((whole / (4.0 * std::f64::consts::PI) - 1.0).abs() < 1e-9);
 }
 
-// Mutation: `<` to `<=` in `tell_coarse`, or it not called.
+// Mutation: `<` to `<=` in `report_coarse`, or it not called.
 #[test]
 fn a_panorama_too_coarse_for_lamps_is_reported() {
-    for (width, told) in [(32, Some("a pixel of the panorama is 11.2 degrees wide")), (64, None)] {
+    for (width, reported) in [(32, Some("a pixel of the panorama is 11.2 degrees wide")), (64, None)] {
         let (_, notes) = run(pano(width, |_, _| [0.5; 3]), &[-3.0]);
         let text = notes.iter().find(|note| note.id == "coarse").map(|note| note.text.clone());
-        assert_eq!(text.is_some(), told.is_some(), "{text:?}");
-        assert!(told.is_none_or(|told| text.is_some_and(|text| text.starts_with(told))));
+        assert_eq!(text.is_some(), reported.is_some(), "{text:?}");
+        assert!(reported.is_none_or(|reported| text.is_some_and(|text| text.starts_with(reported))));
     }
 }

@@ -93,10 +93,10 @@ mod tests {
             let amount = f64::from(row[0] - 2.0 * row[3]) + f64::from(unit(hash(i as u32, 9)));
             (amount, 0.5 + f64::from(unit(hash(i as u32, 10))))
         };
-        let told: Vec<(f64, f64)> = rows.iter().enumerate().map(sample).collect();
+        let reported: Vec<(f64, f64)> = rows.iter().enumerate().map(sample).collect();
         let samples: Vec<Sample<'_>> = rows
             .iter()
-            .zip(&told)
+            .zip(&reported)
             .map(|(numbers, &(amount, weight))| Sample { numbers, amount, weight })
             .collect();
         let fitted = Amount::fit(&samples);

@@ -96,8 +96,7 @@ impl Course {
         };
         for (index, (name, image)) in panoramas.into_iter().enumerate() {
             let place = places.binary_search_by(|p| p.as_str().cmp(place(&name))).unwrap_or_default();
-            let truth =
-                Truth::new(image).ok_or_else(|| Error::format(name.as_str(), "holds no light at all"))?;
+            let truth = Truth::new(image).ok_or_else(|| Error::format(name.as_str(), "contains no light"))?;
             for n in 0..SHOTS {
                 let key = hash(hash(key, index as u32), n);
                 let among = (f64::from(n) - 1.0 + f64::from(unit(key))) / f64::from(SHOTS - 1);

@@ -13,7 +13,7 @@ const MATTERS: f64 = 0.05;
 const LARGEST_ERROR: f64 = 4.0;
 
 /// The header of the lines of [`Judged::lines`].
-pub(super) const COLUMNS: &str = "panorama,part,open,sun,visible,hidden,told,given,disagreement\n";
+pub(super) const COLUMNS: &str = "panorama,part,open,sun,visible,hidden,predicted,given,disagreement\n";
 
 /// Predicted and true fluxes of one clipped region.
 struct Region {
@@ -21,7 +21,7 @@ struct Region {
     visible: f64,
     hidden: f64,
     /// Hidden flux predicted by the networks, and with the rule for suns.
-    told: f64,
+    predicted: f64,
     given: f64,
     /// Disagreement of the networks, in stops.
     disagreement: f64,
@@ -30,7 +30,7 @@ struct Region {
 impl Region {
     /// The squared error of the networks, in stops, minus that of their disagreement.
     fn square(&self) -> f64 {
-        let error = num::f64::log2(self.told.max(1e-12) / self.hidden);
+        let error = num::f64::log2(self.predicted.max(1e-12) / self.hidden);
         let error = error.clamp(-LARGEST_ERROR, LARGEST_ERROR);
         error * error - self.disagreement * self.disagreement
     }
@@ -50,19 +50,19 @@ impl Judged {
     pub fn new(name: &str, example: &Example, network: &Forward) -> Result<Self, Error> {
         let scene = &example.scene;
         let count = scene.cells.iter().map(|cell| cell.region + 1).max().unwrap_or(0);
-        let told = hidden(network, scene, count);
+        let predicted = hidden(network, scene, count);
         let region = |i: usize| {
-            let (sun, disagreement) = (scene.suns[i], told.disagreement[i]);
-            Region { sun, visible: 0.0, hidden: 0.0, told: 0.0, given: 0.0, disagreement }
+            let (sun, disagreement) = (scene.suns[i], predicted.disagreement[i]);
+            Region { sun, visible: 0.0, hidden: 0.0, predicted: 0.0, given: 0.0, disagreement }
         };
         let mut regions: Vec<Region> = (0..count).map(region).collect();
         for (i, cell) in scene.cells.iter().enumerate() {
             let region = &mut regions[cell.region];
             region.visible += cell.flux;
             region.hidden += example.hidden[i];
-            region.told += told.cells[i];
+            region.predicted += predicted.cells[i];
         }
-        let given = told.with_suns(scene).cells;
+        let given = predicted.with_suns(scene).cells;
         let score = score(name, example, &given);
         for (cell, light) in scene.cells.iter().zip(&given) {
             regions[cell.region].given += light;
@@ -80,8 +80,8 @@ impl Judged {
     pub fn lines(&self, part: usize) -> String {
         let line = |r: &Region| {
             let (name, open) = (&self.score.name, self.open);
-            let Region { sun, visible, hidden, told, given, disagreement } = r;
-            format!("{name},{part},{open},{sun},{visible},{hidden},{told},{given},{disagreement}\n")
+            let Region { sun, visible, hidden, predicted, given, disagreement } = r;
+            format!("{name},{part},{open},{sun},{visible},{hidden},{predicted},{given},{disagreement}\n")
         };
         self.regions.iter().map(line).collect()
     }

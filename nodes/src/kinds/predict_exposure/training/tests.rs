@@ -23,10 +23,10 @@ fn a_training_repeats_and_resumes() {
     let panoramas =
         || (0..4).map(|i| (format!("place{i}_x"), procedural::panorama(9, i))).collect::<Vec<_>>();
     let run = |parts: &Path, stop: usize| {
-        let mut told = 0;
+        let mut reported = 0;
         train(panoramas(), &plan, parts, &mut |progress| {
-            told += usize::from(matches!(progress, Progress::Step { .. }));
-            told < stop
+            reported += usize::from(matches!(progress, Progress::Step { .. }));
+            reported < stop
         })
         .expect("trains")
     };

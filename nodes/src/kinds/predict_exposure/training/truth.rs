@@ -35,7 +35,7 @@ pub struct Shot {
     pub ev: f64,
     /// Gain of each channel.
     pub balance: [f64; 3],
-    /// Whether the picture is softened after clipping, as splats trained on it would be.
+    /// True if the picture is softened after clipping, as splats trained on it would be.
     pub soft: bool,
     /// Largest error of samples in 8-bit codes, as after compression.
     pub grain: f64,
@@ -43,7 +43,7 @@ pub struct Shot {
     pub seed: u32,
     /// Sine of the elevation below which nothing was seen.
     pub hole: f64,
-    /// Whether the finer panorama is used, so that cells of the grid can be clipped in part.
+    /// True if the finer panorama is used, so that cells of the grid can be clipped in part.
     pub fine: bool,
     /// Number of pixels below the horizon that are glints: white, and hardly brighter.
     pub glints: u32,

@@ -1,25 +1,25 @@
-//! [`Window`]: the parts of a file that were read, so that neighbours cost one read.
+//! [`PageCache`]: parts of a file kept in memory, so that neighbouring entries cost one read.
 
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 
-/// How much is read at once, in bytes.
+/// Bytes per read.
 const PAGE: usize = 16 << 10;
 
-/// How many pages stay in memory.
-const MOST: usize = 512;
+/// The maximum number of pages in memory.
+const MAX_PAGES: usize = 512;
 
-/// Pages of a file of which no byte changes up to the `end` that reads state.
+/// Pages of a file whose bytes before the `end` that each read gives never change.
 #[derive(Debug, Default)]
-pub(crate) struct Window {
+pub(crate) struct PageCache {
     pages: BTreeMap<u64, Vec<u8>>,
-    /// What lies in several pages.
+    /// The last range read that spans several pages.
     joined: Vec<u8>,
 }
 
-impl Window {
-    /// The bytes at `offset`; fewer at `end`, and where the file is shorter.
+impl PageCache {
+    /// `length` bytes at `offset`; fewer where `end` or the end of the file comes first.
     pub fn read(&mut self, file: &File, end: u64, offset: u64, length: usize) -> io::Result<&[u8]> {
         let page = offset / PAGE as u64;
         let at = (offset % PAGE as u64) as usize;
@@ -34,11 +34,11 @@ impl Window {
         Ok(joined)
     }
 
-    /// A page of which at least `needed` bytes are wanted.
+    /// A page, read if fewer than `needed` of its bytes are in memory.
     fn page(&mut self, mut file: &File, end: u64, page: u64, needed: usize) -> io::Result<&[u8]> {
         // The last page may have grown.
         if self.pages.get(&page).is_none_or(|bytes| bytes.len() < needed) {
-            if self.pages.len() >= MOST {
+            if self.pages.len() >= MAX_PAGES {
                 self.pages.clear();
             }
             let mut bytes = Vec::with_capacity(PAGE);

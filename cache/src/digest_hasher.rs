@@ -1,12 +1,12 @@
-//! A hash of what is uniform already.
+//! [`DigestHasher`]: a cheap hash for keys that are uniformly distributed.
 
 use std::hash::Hasher;
 
-/// Digests are uniform already: their prefix, mixed with the kind, is the hash.
+/// Mixes the first 8 bytes of a digest with the kind of the entry; digests are uniform, so nothing more is needed.
 #[derive(Debug, Default)]
-pub(crate) struct Fold(u64);
+pub(crate) struct DigestHasher(u64);
 
-impl Hasher for Fold {
+impl Hasher for DigestHasher {
     fn write(&mut self, bytes: &[u8]) {
         bytes.iter().for_each(|byte| self.write_u64(u64::from(*byte)));
     }

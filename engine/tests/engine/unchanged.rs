@@ -175,5 +175,5 @@ fn damage_makes_it_an_ordinary_run() {
         assert!(!is_unchanged(&lab), "cut at {at}");
     }
     assert_eq!(lab.run_text(&text()).outcome.totals.cached, 5);
-    assert!(is_unchanged(&lab), "written anew");
+    assert!(is_unchanged(&lab), "written again");
 }

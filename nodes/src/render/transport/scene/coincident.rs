@@ -1,4 +1,4 @@
-//! Which triangles of objects lie in the place of the receiver, and how rays meet them there.
+//! Triangles of objects that coincide with the receiver, and how rays meet them there.
 
 use glam::Vec3;
 
@@ -11,15 +11,16 @@ use super::surface::Surface;
 use super::touching::Touching;
 use crate::geometry::bvh::Hit;
 
-/// Cosine between the normals of surfaces that lie on one another; what stands on a surface does not.
+/// Minimum cosine between the normals of two surfaces that lie on each other; a surface that stands on another does
+/// not.
 const ALONG: f32 = 0.5;
 
-/// Of objects on a receiver, of which the camera may see some moved to `ground`.
+/// The triangles of objects that coincide with the receiver, whose camera hits may be moved to `ground`.
 pub fn find_touching(objects: &Objects, receiver: &Receiver, ground: &Ground) -> Touching {
     let Some((low, high)) = objects.bvh.bounds() else { return Touching::default() };
     let space = margin(&[low, high, low]);
     let whole = Aabb { low, high }.grown(space);
-    // What of the receiver is where the objects are.
+    // The part of the receiver within the bounds of the objects.
     let (mut place, mut coarsest) = (None::<Aabb>, 0.0_f32);
     receiver.bvh.visit(|corners| {
         let here = Aabb::around(corners);
@@ -31,7 +32,7 @@ pub fn find_touching(objects: &Objects, receiver: &Receiver, ground: &Ground) ->
         }
         meets
     });
-    // One that was lifted off another may lie as far below the receiver.
+    // An object that was lifted off another may lie this far below the receiver.
     let reach = 2.0 * (space + coarsest) + objects.lifted;
     let touches = |corners: &[Vec3; 3]| {
         let own = Aabb::around(corners).grown(reach);
@@ -63,8 +64,8 @@ pub fn find_touching(objects: &Objects, receiver: &Receiver, ground: &Ground) ->
 }
 
 impl Objects {
-    /// How much farther than an object at a hit the receiver may be met in its very place, and before it; 0 for one
-    /// that does not lie on the receiver.
+    /// How far beyond an object's hit the receiver may be hit at the same place and still be behind it; 0 for an
+    /// object that does not lie on the receiver.
     pub fn slack(&self, hit: &Hit, direction: Vec3) -> f32 {
         if !self.touching.holds(hit.triangle) {
             return 0.0;
@@ -72,8 +73,8 @@ impl Objects {
         self.touching.reach / self.normal(hit.triangle).dot(direction).abs().max(0.01)
     }
 
-    /// How far below a place of the receiver with a unit normal rays to objects start to meet what lies on it; none where
-    /// nothing does.
+    /// How far below a point of the receiver rays to objects start, so as to hit the object that lies on it; `None`
+    /// where there is none.
     pub fn covers(&self, position: Vec3, normal: Vec3) -> Option<f32> {
         let touching = &self.touching;
         if !touching.held?.holds(position) {
@@ -84,8 +85,8 @@ impl Objects {
         self.bvh.any(touching.across(position, normal), lies).then_some(touching.reach)
     }
 
-    /// How far off a surface of the objects, seen along a ray, rays to the receiver start to meet what it lies on: along its
-    /// normal, or against it where the ray came from there; none where the surface lies on nothing.
+    /// How far off an object's surface rays to the receiver start, so as to hit the receiver that it lies on: along
+    /// the normal, or against it if the ray came from there. `None` where the surface does not lie on the receiver.
     pub fn bed(&self, hit: &Hit, direction: Vec3, surface: &Surface, receiver: &Receiver) -> Option<Vec3> {
         let touching = &self.touching;
         let lies = |hit: &Hit| receiver.normal(hit.triangle).dot(surface.normal).abs() > ALONG;

@@ -1,26 +1,26 @@
-//! Objects that lie in a rough surface which they do not stand on: a picture hung on a captured wall.
+//! Objects partly embedded in a rough surface that they do not stand on: a picture on a captured wall.
 
 use crate::geometry::bvh::Ray;
 use crate::geometry::sampling::{Points, unit};
 use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 
-/// Places of an object that are looked at.
+/// Sample points per object.
 const PLACES: u32 = 256;
-/// Shares of them behind the surface from which on and up to which it is told: less is an edge, more stands in it as a whole.
-const TOLD: std::ops::Range<f64> = 0.05..0.95;
+/// Range of the hidden share that is reported: less is an edge, more is an object inside a wall.
+const REPORTED: std::ops::Range<f64> = 0.05..0.95;
 
-/// How an object lies in the receiver.
+/// How an object is embedded in the receiver.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Sunk {
-    /// Share of what faces the first camera that the receiver is right before.
+pub(crate) struct Embedded {
+    /// Share of the side facing the first camera that the receiver hides.
     pub(crate) share: f64,
-    /// How far before it at most, along its own normals, in world units.
+    /// Depth along the object's normals, in world units.
     pub(crate) depth: f32,
 }
 
-impl Sunk {
-    /// Of an object, by places on it that face the first camera and the way from there to it, up to `near`.
+impl Embedded {
+    /// Measures an object, by sample points that face the first camera and rays of length `near` towards it.
     pub(crate) fn of(objects: &Objects, index: usize, receiver: &Receiver, near: f32) -> Option<Self> {
         let triangles: Vec<u32> = objects.triangles_of(index).collect();
         let area = |triangle: &u32| {
@@ -43,7 +43,7 @@ impl Sunk {
             let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
             let [a, b, c] = objects.corners[triangle as usize];
             let place = a + (b - a) * u + (c - a) * v;
-            // Coordinates start at the first camera.
+            // The origin is the first camera.
             let (way, normal) = (-place, objects.normal(triangle));
             let cosine = normal.dot(way.normalize_or_zero());
             let double_sided = objects.part(triangle).3.double_sided;
@@ -52,7 +52,7 @@ impl Sunk {
                 continue;
             }
             let to_camera = Ray { t_max: way.length(), ..Ray::new(place, way.normalize_or_zero()) };
-            // The inside of a body does not face the camera, though its material has two sides.
+            // Back faces inside a body do not face the camera, even if the material is two-sided.
             let apart = 1e-4 * to_camera.t_max;
             if double_sided && objects.bvh.any(to_camera, |hit| hit.triangle != triangle && hit.t > apart) {
                 continue;
@@ -65,6 +65,6 @@ impl Sunk {
             }
         }
         let share = f64::from(behind) / f64::from(facing.max(1));
-        TOLD.contains(&share).then_some(Self { share, depth })
+        REPORTED.contains(&share).then_some(Self { share, depth })
     }
 }

@@ -9,6 +9,18 @@ use crate::math::color::luminance;
 use crate::types::layers::{linear, matching};
 use crate::types::{Data, Image, Images, Linear, NamedImage, Picture};
 
+mod sharpness;
+
+engine::choices! {
+    /// How sharp the objects are.
+    pub enum Sharpness {
+        /// As rendered.
+        Keep,
+        /// As the sharpest edges of the background around them, measured in each view.
+        Match,
+    }
+}
+
 engine::params! {
     /// Composites the rendered objects over the background, after darkening it by the shadow.
     ///
@@ -20,6 +32,9 @@ engine::params! {
     pub struct Composite {
         /// Linear colour behind the holes of the background; `None` keeps the alpha channel.
         backdrop: Option<[f64; 3]> = Some([0.0; 3]), range(0.0, 1e6), other("(0.5, 0.25, 1.0)");
+        /// Whether the objects and their shadow are blurred to the sharpness of the background: captures are softer than
+        /// renders.
+        sharpness: Sharpness = Sharpness::Keep, other("Match"), inert("a picture of a few pixels has no edges to measure");
     }
 }
 
@@ -81,14 +96,14 @@ impl Layers<'_> {
         let Image { width, height, .. } = *self.background;
         let mut error = Image::new(width, height, 1);
         let Some(variance) = self.variance else { return error };
-        for (index, told) in variance.samples().chunks_exact(4).enumerate() {
+        for (index, reported) in variance.samples().chunks_exact(4).enumerate() {
             let (x, y) = (index % width, index / width);
             let (b, o) = (self.background.pixel(x, y), self.object.pixel(x, y));
             let cover = if self.object.channels == 4 { o[3] } else { 1.0 };
             let (kept, front) = self.in_front(x, y);
             let behind = std::array::from_fn(|c| b[c] - kept[c]);
             let shaded = if self.shadow.is_some() { luminance(behind) * (1.0 - cover) } else { 0.0 };
-            let square = shaded * shaded * told[3] + (1.0 - front) * (1.0 - front) * told[2];
+            let square = shaded * shaded * reported[3] + (1.0 - front) * (1.0 - front) * reported[2];
             error.pixel_mut(x, y)[0] = if square.is_finite() { square.max(0.0).sqrt() } else { 0.0 };
         }
         error
@@ -145,6 +160,9 @@ impl Composite {
     }
 }
 
+/// Less blur than this, in pixels, changes next to nothing.
+const LEAST_BLUR: f64 = 0.1;
+
 impl Kind for Composite {
     const NAME: &'static str = "composite";
     const VERSION: u32 = 3;
@@ -160,11 +178,12 @@ impl Kind for Composite {
         let mut broken = 0;
         let mut views = Vec::with_capacity(inputs.background.0.len());
         let mut errors = Vec::with_capacity(inputs.background.0.len());
+        let mut blurs = Vec::new();
         for view in &inputs.background.0 {
             cx.check()?;
             let background = linear(&view.picture, "background")?;
             let size = (background.width, background.height);
-            let object = linear(matching(&inputs.object, "object", &view.name, size)?, "object")?;
+            let mut object = linear(matching(&inputs.object, "object", &view.name, size)?, "object")?;
             let data = |images: &Option<Arc<Images>>, port| match images {
                 Some(images) => factors(matching(images, port, &view.name, size)?, port).map(Some),
                 None => Ok(None),
@@ -174,8 +193,8 @@ impl Kind for Composite {
                 None => None,
             };
             if front.as_ref().is_some_and(|image| image.channels != 4) {
-                let error = NodeError::new("what lies in front needs alpha").at("front");
-                return Err(error.hint("wire a splat-render with `limit`"));
+                let error = NodeError::new("`front` needs an alpha channel").at("front");
+                return Err(error.hint("wire the output of a splat-render with `limit`"));
             }
             let variance = match &inputs.variance {
                 Some(images) => Some(matching(images, "variance", &view.name, size)?),
@@ -186,14 +205,20 @@ impl Kind for Composite {
                     NodeError::new(format!("`variance` has {channels} channels, not 4")).at("variance");
                 return Err(error.hint("wire the output `variance` of a path-trace"));
             }
-            let layers = Layers {
-                background: &background,
-                object: &object,
-                shadow: data(&inputs.shadow, "shadow")?,
-                added: data(&inputs.added, "added")?,
-                front,
-                variance,
-            };
+            let (mut shadow, mut added) = (data(&inputs.shadow, "shadow")?, data(&inputs.added, "added")?);
+            if params.sharpness == Sharpness::Match {
+                match sharpness::of_background(&background, &object, cx)?.map(sharpness::missing) {
+                    Some(blur) if blur > LEAST_BLUR => {
+                        object = Cow::Owned(sharpness::blurred(&object, blur, cx)?);
+                        for layer in [&mut shadow, &mut added].into_iter().flatten() {
+                            *layer = sharpness::blurred(layer, blur, cx)?;
+                        }
+                        blurs.push(blur);
+                    }
+                    _ => blurs.push(0.0),
+                }
+            }
+            let layers = Layers { background: &background, object: &object, shadow, added, front, variance };
             let (image, lost) = params.view(&layers, cx)?;
             broken += lost;
             errors.push(NamedImage { name: view.name.clone(), picture: layers.error().into() });
@@ -202,6 +227,12 @@ impl Kind for Composite {
         let mut notes = Notes::none();
         if broken > 0 {
             notes.warning("not-finite", format!("{broken} samples were not finite and are black"));
+        }
+        if let Some(most) = blurs.iter().copied().reduce(f64::max) {
+            let least = blurs.iter().copied().fold(most, f64::min);
+            let text =
+                format!("the objects are blurred by {least:.2} to {most:.2} pixels, as the background is");
+            notes.decision("sharpness", text);
         }
         Ok((Out { image: Arc::new(Images(views)), error: Arc::new(Images(errors)) }, notes))
     }
@@ -239,7 +270,8 @@ mod tests {
             front: None,
             variance: None,
         };
-        let (out, _) = Composite::run(&Composite { backdrop }, inputs, &context()).expect("runs");
+        let (out, _) = Composite::run(&Composite { backdrop, ..Composite::default() }, inputs, &context())
+            .expect("runs");
         out.image.0[0].picture.samples().to_vec()
     }
 
@@ -304,7 +336,9 @@ mod tests {
             front: None,
             variance: None,
         };
-        let (out, _) = Composite::run(&Composite { backdrop: None }, inputs, &context()).expect("runs");
+        let (out, _) =
+            Composite::run(&Composite { backdrop: None, ..Composite::default() }, inputs, &context())
+                .expect("runs");
         let expected = [0.5 * 0.5 + 0.1, 0.25 * 0.5 + 0.1, 0.1];
         assert_eq!(out.image.0[0].picture.samples(), expected);
     }
@@ -321,7 +355,9 @@ mod tests {
                 front: Some(one(Image::<Linear>::from_samples(1, 1, 4, vec![0.0, 0.3 * f, 0.0, f]))),
                 variance: None,
             };
-            let (out, _) = Composite::run(&Composite { backdrop: None }, inputs, &context()).expect("runs");
+            let (out, _) =
+                Composite::run(&Composite { backdrop: None, ..Composite::default() }, inputs, &context())
+                    .expect("runs");
             out.image.0[0].picture.samples().to_vec()
         };
         assert_eq!(over(1.0, 0.0), [0.8, 0.0, 0.0]);
@@ -345,7 +381,9 @@ mod tests {
                 front: Some(one(Image::<Linear>::from_samples(1, 1, 4, f.to_vec()))),
                 variance: None,
             };
-            let (out, _) = Composite::run(&Composite { backdrop: None }, inputs, &context()).expect("runs");
+            let (out, _) =
+                Composite::run(&Composite { backdrop: None, ..Composite::default() }, inputs, &context())
+                    .expect("runs");
             out.image.0[0].picture.samples()[0]
         };
         assert_eq!(railing([0.125, 0.125, 0.125, 0.5], 0.5, 0.0), 0.375 * 0.5 + 0.125);
@@ -368,11 +406,17 @@ mod tests {
             front: Some(one(Image::<Linear>::from_samples(1, 1, 4, vec![0.0, 0.0, 0.0, 0.25]))),
             variance,
         };
-        let run = |variance| Composite::run(&Composite { backdrop: None }, inputs(variance), &context());
+        let run = |variance| {
+            Composite::run(
+                &Composite { backdrop: None, ..Composite::default() },
+                inputs(variance),
+                &context(),
+            )
+        };
         let error = |variance| run(variance).expect("runs").0.error.0[0].picture.samples()[0];
-        let told = data(vec![9.0, 9.0, 0.04, 0.09]);
+        let reported = data(vec![9.0, 9.0, 0.04, 0.09]);
         let expected = (0.12_f32 * 0.12 + 0.15 * 0.15).sqrt();
-        assert!((error(Some(told)) - expected).abs() < 1e-6);
+        assert!((error(Some(reported)) - expected).abs() < 1e-6);
         assert_eq!(error(None), 0.0);
         let wrong = run(Some(data(vec![0.0; 3]))).err().expect("channels");
         assert!(wrong.message().contains("3 channels"), "{wrong}");
@@ -388,7 +432,9 @@ mod tests {
             front: None,
             variance: None,
         };
-        let error = Composite::run(&Composite { backdrop: None }, inputs, &context()).err().expect("sizes");
+        let error = Composite::run(&Composite { backdrop: None, ..Composite::default() }, inputs, &context())
+            .err()
+            .expect("sizes");
         assert!(error.message().contains("1x1"), "{error}");
     }
 }

@@ -15,7 +15,7 @@ const GRID: u32 = 24;
 const SHELL: f64 = 2.0;
 
 /// A mesh with its tree, relative to the middle of a foot at the height of its base.
-pub(super) struct Felt {
+pub(super) struct Ground {
     pub(super) around: DVec3,
     pub(super) corners: Vec<[Vec3; 3]>,
     pub(super) bvh: Bvh,
@@ -29,11 +29,11 @@ pub(super) struct Columns {
     pub(super) up: Vec<[f64; 3]>,
     /// Hits on surfaces that face down.
     pub(super) down: Vec<[f64; 3]>,
-    /// Whether any surface there is steeper than ground may be.
+    /// True if any surface there is steeper than ground may be.
     steep: bool,
 }
 
-impl Felt {
+impl Ground {
     pub(super) fn new(mesh: &Mesh, foot: &Foot, up: DVec3) -> Self {
         let around = foot.middle - up * (foot.middle.dot(up) - foot.base);
         let corner = |i: u32| (mesh.position(i) - around).as_vec3();
@@ -97,13 +97,13 @@ impl Felt {
                 if let Some([under, upper]) = self.shell(&down, up, SHELL / cx.metres_per_unit()) {
                     return Err(under_a_shell([reach, under, upper].map(|v| v * cx.metres_per_unit())));
                 }
-                let text =
-                    "no face under the object looks up, so those that look down are taken for the ground";
+                let text = "no face below the object faces up, so faces that face down count as ground";
                 notes.warning("ground-looks-down", text);
                 Ok(down)
             }
             (true, true) if steep => {
-                let hint = "move the pose to where it is less steep, or leave `snap` out and place the object by its pose";
+                let hint =
+                    "move the pose to less steep ground, or place the object by its pose without `snap`";
                 Err(NodeError::new("the ground under the object is steeper than 45 degrees")
                     .at("pose")
                     .hint(hint))
@@ -136,7 +136,7 @@ impl Felt {
 fn under_a_shell([reach, under, upper]: [f64; 3]) -> NodeError {
     let side = if under > 0.0 { "above" } else { "below" };
     let text = format!(
-        "nothing within {reach} m of the object's foot looks up: what is {:.2} m {side} it is the underside of a shell, whose \
+        "no surface within {reach} m of the object's foot faces up: the one {:.2} m {side} it is the underside of a shell, whose \
          upper side is {upper:.2} m above it",
         under.abs()
     );

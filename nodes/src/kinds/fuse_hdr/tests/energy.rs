@@ -12,8 +12,8 @@ fn lights_that_are_not_listed_are_in_the_books() {
     let (out, notes) = run(&params(), (base, brackets));
     let all = (0..W * H).filter(|&at| lamps(at)).count();
     assert_eq!(out.report.tables[0].rows.len(), ledger::LISTED);
-    let told = notes.iter().find(|note| note.id == "lights-not-listed").map(|note| note.text.clone());
-    assert!(told.is_some_and(|text| text.starts_with(&format!("{} ", all - ledger::LISTED))), "{all}");
+    let reported = notes.iter().find(|note| note.id == "lights-not-listed").map(|note| note.text.clone());
+    assert!(reported.is_some_and(|text| text.starts_with(&format!("{} ", all - ledger::LISTED))), "{all}");
     let last = steps(&out.report, out.report.tables[2].rows.len() - 1);
     let (before, after) = (last[0].1, last[last.len() - 1].1);
     assert!((after / before / 30.0 - 1.0).abs() < 1e-3, "{last:?}");
@@ -68,8 +68,8 @@ fn what_gets_darker_is_in_the_books() {
         let light: Vec<f64> =
             (0..W * H).map(|at| luminance(out.env.image.rgb(at % W, at / W)).into()).collect();
         let stored = crate::light::energy::Energy::of(Up::PlusZ, W, &light).power;
-        let told = steps(&out.report, 0).last().map_or(0.0, |step| step.1);
-        assert!((told / stored - 1.0).abs() < 1e-6, "{told} {stored}");
+        let reported = steps(&out.report, 0).last().map_or(0.0, |step| step.1);
+        assert!((reported / stored - 1.0).abs() < 1e-6, "{reported} {stored}");
         assert_eq!(notes.iter().any(|note| note.id == "made-darker"), fell);
     }
 }
@@ -85,10 +85,10 @@ fn what_exposures_cut_off_is_in_the_books() {
     let of = |name: &str| facing.iter().find(|(step, _)| *step == name).map_or(0.0, |step| step.1);
     assert!((of("predicted") / of("panorama") / 4000.0 - 1.0).abs() < 1e-3, "{facing:?}");
     assert!((of("exposures") / of("panorama") / 64.0 - 1.0).abs() < 1e-3, "{facing:?}");
-    for (gain, told) in [(Gain::Brackets, true), (Gain::Direct, false)] {
+    for (gain, reported) in [(Gain::Brackets, true), (Gain::Direct, false)] {
         let params = FuseHdr { gain, ..params.clone() };
         let (_, notes) = run(&params, photograph(&lit, &[], Transfer::Srgb, None));
-        assert_eq!(notes.iter().any(|note| note.id == "no-exposures"), told);
+        assert_eq!(notes.iter().any(|note| note.id == "no-exposures"), reported);
         assert!(notes.iter().all(|note| note.id != "prediction-unused"));
     }
 }

@@ -1,8 +1,8 @@
-//! A stretch of a node's work, for codecs: how far it is told, and whether it is to go on asked.
+//! Progress and cancellation for codecs: maps the progress of a codec to a range of the node's progress.
 //!
-//! Codecs of others know nothing of runs. They get their bytes from [`Fed`] and put them into [`Sunk`], which ask
-//! every few thousand bytes and fail once the run is to stop; the engine then takes the node as stopped, whatever
-//! the codec makes of that.
+//! Codecs of other crates know nothing of runs. They read from [`TrackedReader`] and write to [`TrackedWriter`], which check every few
+//! thousand bytes and fail once the run is cancelled; the engine then treats the node as cancelled, whatever error
+//! the codec returns.
 
 use std::io::{self, BufRead, Read, Seek, SeekFrom, Write};
 
@@ -10,30 +10,30 @@ use engine::Context;
 
 use crate::error::Error;
 
-/// Packed bytes between two questions. Deflate makes 4 MB of them at most, some 20 ms of work.
+/// Number of compressed bytes between two checks. Deflate expands them to 4 MB at most, some 20 ms of work.
 const STEP: usize = 4096;
 
-/// Numbers that are turned into others between two questions: whole pixels of 1 to 4 channels.
+/// Number of samples converted between two checks: whole pixels of 1 to 4 channels.
 const PIECE: usize = 12 << 16;
 
-/// A part of a node's work, from some of its progress to some.
+/// A range of a node's progress.
 #[derive(Clone, Copy)]
-pub struct Stretch<'a> {
+pub struct Progress<'a> {
     cx: Option<&'a Context>,
     from: f32,
     to: f32,
 }
 
-impl<'a> Stretch<'a> {
-    /// Work that nobody waits for and nobody stops: outside of any run.
-    pub const ALONE: Stretch<'static> = Stretch { cx: None, from: 0.0, to: 1.0 };
+impl<'a> Progress<'a> {
+    /// Work outside of any run, without progress and cancellation.
+    pub const UNTRACKED: Progress<'static> = Progress { cx: None, from: 0.0, to: 1.0 };
 
-    /// Work that brings a node from one progress to another.
+    /// The work of a node between two values of its progress.
     pub fn of(cx: &'a Context, from: f32, to: f32) -> Self {
         Self { cx: Some(cx), from, to }
     }
 
-    /// What of it lies between two progresses of its own.
+    /// A part of this range, between two fractions of it.
     pub fn part(self, from: f32, to: f32) -> Self {
         let at = |done: f32| self.from + (self.to - self.from) * done;
         Self { from: at(from), to: at(to), ..self }
@@ -45,29 +45,29 @@ impl<'a> Stretch<'a> {
         self.part(at(index), at(index + 1))
     }
 
-    /// Tells how far it is, from 0 to 1.
+    /// Reports progress from 0 to 1 within the range.
     ///
     /// # Errors
     /// [`Error::Stopped`].
-    pub fn reach(&self, done: f32) -> Result<(), Error> {
+    pub fn report(&self, done: f32) -> Result<(), Error> {
         let Some(cx) = self.cx else { return Ok(()) };
         cx.progress(self.from + (self.to - self.from) * done.clamp(0.0, 1.0));
         if cx.cancelled() { Err(Error::Stopped) } else { Ok(()) }
     }
 
-    /// `f` of a slice, some of its elements at a time.
+    /// Applies `f` to a slice, some elements at a time.
     ///
     /// # Errors
     /// [`Error::Stopped`].
     pub fn over<'s, T>(&self, slice: &'s [T], mut f: impl FnMut(&'s [T])) -> Result<(), Error> {
         for piece in slice.chunks(PIECE) {
-            self.reach(1.0)?;
+            self.report(1.0)?;
             f(piece);
         }
         Ok(())
     }
 
-    /// `f` of every index below `n`, in that order, on the shared threads where there are some.
+    /// Applies `f` to every index below `n`, with results in that order, on the shared threads if there are any.
     ///
     /// # Errors
     /// [`Error::Stopped`].
@@ -79,31 +79,31 @@ impl<'a> Stretch<'a> {
     }
 }
 
-/// That a codec is to stop, as it understands it.
+/// The cancellation as an error of a codec.
 fn stopped(error: Error) -> io::Error {
     io::Error::other(error)
 }
 
-/// The bytes of a file, a few at a time.
-pub struct Fed<'a> {
+/// A reader of the bytes of a file that checks for cancellation.
+pub struct TrackedReader<'a> {
     bytes: &'a [u8],
     at: usize,
-    /// Where to ask next.
+    /// Position of the next check.
     asks: usize,
-    stretch: Stretch<'a>,
+    progress: Progress<'a>,
 }
 
-impl<'a> Fed<'a> {
-    /// From the start of a file.
-    pub fn new(bytes: &'a [u8], stretch: Stretch<'a>) -> Self {
-        Self { bytes, at: 0, asks: 0, stretch }
+impl<'a> TrackedReader<'a> {
+    /// A reader at the start of a file.
+    pub fn new(bytes: &'a [u8], progress: Progress<'a>) -> Self {
+        Self { bytes, at: 0, asks: 0, progress }
     }
 }
 
-impl BufRead for Fed<'_> {
+impl BufRead for TrackedReader<'_> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         if self.at >= self.asks {
-            self.stretch.reach(self.at as f32 / self.bytes.len().max(1) as f32).map_err(stopped)?;
+            self.progress.report(self.at as f32 / self.bytes.len().max(1) as f32).map_err(stopped)?;
             self.asks = self.at + STEP;
         }
         let rest = self.bytes.get(self.at..).unwrap_or_default();
@@ -115,7 +115,7 @@ impl BufRead for Fed<'_> {
     }
 }
 
-impl Read for Fed<'_> {
+impl Read for TrackedReader<'_> {
     fn read(&mut self, to: &mut [u8]) -> io::Result<usize> {
         let count = self.fill_buf()?.read(to)?;
         self.consume(count);
@@ -123,7 +123,7 @@ impl Read for Fed<'_> {
     }
 }
 
-impl Seek for Fed<'_> {
+impl Seek for TrackedReader<'_> {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         let at = match to {
             SeekFrom::Start(at) => i128::from(at),
@@ -135,27 +135,27 @@ impl Seek for Fed<'_> {
     }
 }
 
-/// A file in the making.
-pub struct Sunk<'a> {
-    /// What was written.
+/// A writer of a file that checks for cancellation.
+pub struct TrackedWriter<'a> {
+    /// The bytes written.
     pub bytes: Vec<u8>,
     asks: usize,
-    /// About how many there will be.
+    /// Approximate final length.
     expected: usize,
-    stretch: Stretch<'a>,
+    progress: Progress<'a>,
 }
 
-impl<'a> Sunk<'a> {
-    /// Nothing yet, of about so many bytes.
-    pub fn new(expected: usize, stretch: Stretch<'a>) -> Self {
-        Self { bytes: Vec::with_capacity(expected), asks: 0, expected, stretch }
+impl<'a> TrackedWriter<'a> {
+    /// An empty file with an approximate final length.
+    pub fn new(expected: usize, progress: Progress<'a>) -> Self {
+        Self { bytes: Vec::with_capacity(expected), asks: 0, expected, progress }
     }
 }
 
-impl Write for Sunk<'_> {
+impl Write for TrackedWriter<'_> {
     fn write(&mut self, from: &[u8]) -> io::Result<usize> {
         if self.bytes.len() >= self.asks {
-            self.stretch.reach(self.bytes.len() as f32 / self.expected.max(1) as f32).map_err(stopped)?;
+            self.progress.report(self.bytes.len() as f32 / self.expected.max(1) as f32).map_err(stopped)?;
             self.asks = self.bytes.len() + STEP;
         }
         self.bytes.extend_from_slice(from);
@@ -176,20 +176,20 @@ mod tests {
     use crate::io::{exr, hdr, jpeg, png};
 
     fn cx() -> Context {
-        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".")
+        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".")
     }
 
     #[test]
     fn pieces_follow_each_other() {
         let cx = cx();
-        let all = Stretch::of(&cx, 0.0, 1.0);
-        let ends = |stretch: Stretch<'_>| (stretch.from, stretch.to);
+        let all = Progress::of(&cx, 0.0, 1.0);
+        let ends = |progress: Progress<'_>| (progress.from, progress.to);
         assert_eq!(ends(all.piece(1, 4)), (0.25, 0.5));
         assert_eq!(ends(all.part(0.5, 1.0).piece(0, 2)), (0.5, 0.75));
     }
 
-    /// Asked to stop a tenth or four fifths on the way, each format stops, and none has to come to its end for it.
-    /// Mutation: `check` left away in `reach`, and `Stretch::ALONE` in place of the given one in each codec.
+    /// Cancelled after a tenth or four fifths of the way, each format stops before its end. Mutation: `check` left
+    /// out in `reach`, and `Progress::UNTRACKED` in place of the argument in each codec.
     #[test]
     fn every_codec_stops_half_way() {
         let (width, height) = (512, 600);
@@ -208,7 +208,7 @@ mod tests {
         let png_bytes = png::write(&raster, true, &[]).expect("packs");
         let jpeg_bytes = jpeg::write(&raster, 80, None).expect("packs");
         let exr_bytes = exr::write(width, height, planes().into(), "", None).expect("packs").0;
-        type Work<'a> = Box<dyn Fn(Stretch<'_>) -> bool + 'a>;
+        type Work<'a> = Box<dyn Fn(Progress<'_>) -> bool + 'a>;
         let works: [(&str, Work<'_>); 9] = [
             ("read PNG", Box::new(|s| png::read_for("a", &png_bytes, s).is_ok())),
             ("read JPEG", Box::new(|s| jpeg::read_for("a", &jpeg_bytes, s).is_ok())),
@@ -226,9 +226,9 @@ mod tests {
             ),
         ];
         for (what, work) in works {
-            assert!(work(Stretch::of(&cx(), 0.0, 1.0)), "{what}");
+            assert!(work(Progress::of(&cx(), 0.0, 1.0)), "{what}");
             for fraction in [0.1, 0.4] {
-                assert!(!work(Stretch::of(&cx().stopping_at(fraction), 0.0, 1.0)), "{what} at {fraction}");
+                assert!(!work(Progress::of(&cx().stopping_at(fraction), 0.0, 1.0)), "{what} at {fraction}");
             }
         }
     }

@@ -1,5 +1,7 @@
 //! `check`: every mistake of a graph file, without running it.
 
+mod sizes;
+
 use std::path::Path;
 
 use clap::Args;
@@ -26,6 +28,7 @@ impl Check {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;
         graph.check_sources().map_err(Error::Graph)?;
+        sizes::check(graph).map_err(Error::Graph)?;
         self.check_presets(graph)?;
         // The default output folder of runs.
         loaded.check_outputs(Path::new("out"))?;

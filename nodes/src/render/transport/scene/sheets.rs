@@ -1,9 +1,9 @@
-//! Sheets that lie exactly on another object: a label on a box, a cloth on a table, a card on a card.
+//! Flat objects that lie exactly on another object: a label on a box, a cloth on a table, a card on a card.
 //!
-//! Of two surfaces in one place rounding would choose which a ray meets. A flat object in the plane of a face of another one
-//! lies on that face: it is lifted off it by a hair, some millionths of its coordinates, so that it is in front for all rays.
-//! A rug on the floor with a table on it stays where it is: off the table's feet it would be pressed into the floor, and
-//! they are not seen.
+//! Rounding would decide which of two coincident surfaces a ray hits. A flat object in the plane of a face of
+//! another object is lifted off it by a few millionths of its coordinates, so that it is in front for all rays. A
+//! rug on the floor under a table stays where it is: lifting it off the feet of the table would press it into the
+//! floor, and the feet are not visible.
 
 use glam::{DVec2, Vec3};
 
@@ -12,21 +12,21 @@ use super::objects::Objects;
 use super::receiver::Receiver;
 use crate::geometry::bvh::{Bvh, Ray};
 
-/// How far a sheet is lifted, in units of how far rays start off what it lies on.
+/// Lift of a sheet, in units of the ray offset of the surface below.
 const HAIR: f32 = 4.0;
 
 /// A flat object.
 struct Sheet {
     /// Unit normal.
     normal: Vec3,
-    /// Distance of its plane from the start of coordinates, along the normal.
+    /// Distance of its plane from the origin, along the normal.
     height: f32,
     low: Vec3,
     high: Vec3,
 }
 
 impl Sheet {
-    /// Of triangles, if all of them lie in one plane as far as rounding tells.
+    /// The sheet made by triangles, if all lie in one plane up to rounding.
     fn of<'a>(triangles: impl Iterator<Item = &'a [Vec3; 3]> + Clone, reach: f32) -> Option<Self> {
         let area = |[a, b, c]: &[Vec3; 3]| (*b - *a).as_dvec3().cross((*c - *a).as_dvec3());
         let by_size = |a: &&[Vec3; 3], b: &&[Vec3; 3]| area(a).length().total_cmp(&area(b).length());
@@ -41,12 +41,12 @@ impl Sheet {
         triangles.flatten().all(|p| sheet.off(*p) <= reach).then_some(sheet)
     }
 
-    /// Distance of a point from its plane.
+    /// Distance of a point from the plane.
     fn off(&self, point: Vec3) -> f32 {
         (point.dot(self.normal) - self.height).abs()
     }
 
-    /// Whether a triangle lies in its plane and shares some area with it, made of `own` triangles.
+    /// True if a triangle lies in the plane and overlaps one of the sheet's `own` triangles.
     fn lies_on<'a>(
         &self,
         corners: &[Vec3; 3],
@@ -66,14 +66,14 @@ impl Sheet {
         near && own.any(|own| share_area(&flat(own), &flat(corners), f64::from(reach)))
     }
 
-    /// Whether the receiver is in its place, under the middle of one of its triangles.
+    /// True if the receiver coincides with it below the centre of one of its triangles.
     fn rests_on<'a>(
         &self,
         receiver: &Receiver,
         mut own: impl Iterator<Item = &'a [Vec3; 3]>,
         reach: f32,
     ) -> bool {
-        // Of its triangles the receiver knows places as well as their own size allows.
+        // Positions of the receiver are known as exactly as the size of its triangles allows.
         let reach = reach + 2.0 * receiver.margin_within(self.low, self.high);
         own.any(|[a, b, c]| {
             let middle = (*a + *b + *c) / 3.0;
@@ -83,7 +83,7 @@ impl Sheet {
     }
 }
 
-/// Whether two triangles overlap by more than a length: no line along an edge of either parts them.
+/// True if two triangles overlap by more than a length: no edge of either separates them (separating axis theorem).
 fn share_area(a: &[DVec2; 3], b: &[DVec2; 3], by: f64) -> bool {
     let extent = |corners: &[DVec2; 3], way: DVec2| {
         let at = corners.map(|p| p.dot(way));
@@ -97,9 +97,9 @@ fn share_area(a: &[DVec2; 3], b: &[DVec2; 3], by: f64) -> bool {
 }
 
 impl Objects {
-    /// Lifts flat objects off those in whose place they lie: to the side that a face's winding shows; of two flat ones the
-    /// later off the earlier, towards the start of coordinates, where the camera is, if that has two sides. One that rests
-    /// on the receiver is lifted off flat ones alone.
+    /// Lifts flat objects off the objects that they coincide with: to the front side of the other face; of two flat
+    /// objects the later off the earlier, towards the camera if that one is two-sided. A flat object on the
+    /// receiver is lifted only off other flat ones.
     pub(crate) fn lift_sheets(&mut self, receiver: Option<&Receiver>) {
         let Some((low, high)) = self.bvh.bounds().filter(|_| self.placed().len() > 1) else { return };
         let space = margin(&[low, high, low]);
@@ -117,7 +117,7 @@ impl Objects {
         };
         let rests: Vec<bool> = (0..count).map(rests).collect();
         let two_sided = |index: usize| self.placed()[index].object.materials.iter().all(|m| m.double_sided);
-        // How many hairs along its normal each is lifted.
+        // Lift of each object along its normal, in units of [`HAIR`].
         let mut lifts = vec![0.0_f32; count];
         for index in 0..count {
             let Some(sheet) = &sheets[index] else { continue };
@@ -132,7 +132,7 @@ impl Objects {
                 let seen = sheets[below].is_some() && two_sided(below) && sheet.height != 0.0;
                 let winding = (*b - *a).cross(*c - *a).dot(sheet.normal);
                 let side = 1.0_f32.copysign(if seen { -sheet.height } else { winding });
-                // That of a sheet that was lifted itself.
+                // The lift of a sheet that was lifted itself.
                 let own =
                     sheets[below].as_ref().map_or(0.0, |own| lifts[below] * own.normal.dot(sheet.normal));
                 let lift = if own == 0.0 { side } else { own + 1.0_f32.copysign(own) };

@@ -1,4 +1,4 @@
-//! The books of light: what a panorama holds, in all and of each of its lights, after each step that resamples it.
+//! Energy tables: the light of a panorama, in total and of each of its lights, after each step that resamples it.
 
 use std::f64::consts::{PI, TAU};
 
@@ -11,23 +11,24 @@ use crate::math::equirect::{axes, direction, pixel_solid_angle};
 use crate::math::num;
 use crate::types::{Cell, Table};
 
-/// Lights listed one by one: those with the most light.
+/// Number of lights listed individually: those with the most light.
 const LISTED: usize = 32;
-/// A pixel whose luminance is above this, of white, belongs to a light.
+/// A pixel with a luminance above this fraction of white belongs to a light.
 const BRIGHT: f64 = 0.95;
 
-/// A bright region, and the angles from its centre within which light counts for it: whole up to the first, in part
+/// A bright region, and the angles from its centre within which light counts for it: fully up to the first, partly
 /// up to the second, since resampling spreads it.
 struct Light {
     centre: DVec3,
     angles: [f64; 2],
 }
 
-/// What was entered so far.
-pub struct Books {
+/// Energy of each light after each recorded step.
+pub struct EnergyTable {
     up: Up,
     lights: Vec<Light>,
-    /// Of each step its name, all light, and the irradiance of a plane that faces each light by what is in its cone.
+    /// Per step: its name, the total energy, and for each light the irradiance of a plane that faces it from within
+    /// its cone.
     steps: Vec<(&'static str, Energy, Vec<f64>)>,
 }
 
@@ -68,15 +69,15 @@ fn find(up: Up, width: usize, luminance: &[f64], margin: f64) -> Vec<Light> {
     found.into_iter().map(light).collect()
 }
 
-impl Books {
-    /// Books of the lights of a panorama of this luminance, row by row: the regions brighter than 0.95. What lies
-    /// around one counts for it less and less over `margin` (radians, above 0).
+impl EnergyTable {
+    /// A table for the lights of a panorama with this luminance, row by row: the regions brighter than 0.95. Light
+    /// around a region counts for it with a weight that falls to 0 over `margin` (radians, above 0).
     pub fn new(up: Up, width: usize, luminance: &[f64], margin: f64) -> Self {
         Self { up, lights: find(up, width, luminance, margin), steps: Vec::new() }
     }
 
-    /// Enters a step whose light comes in `count` tiles: direction, solid angle and luminance of each pixel.
-    pub fn enter<I: Iterator<Item = (DVec3, f64, f64)>>(
+    /// Records a step whose light comes in `count` tiles: direction, solid angle and luminance of each pixel.
+    pub fn record<I: Iterator<Item = (DVec3, f64, f64)>>(
         &mut self,
         step: &'static str,
         count: usize,
@@ -84,7 +85,7 @@ impl Books {
         tile: impl Fn(usize) -> I + Send + Sync,
     ) -> Result<(), NodeError> {
         let above = axes(self.up)[2];
-        // No angle is beyond the opposite point, where cosines would rise again.
+        // Angles are limited to the opposite point, beyond which cosines would rise again.
         let cosines = |angles: [f64; 2]| angles.map(|angle| num::f64::cos(angle.min(PI)));
         let cones: Vec<(DVec3, [f64; 2])> =
             self.lights.iter().map(|light| (light.centre, cosines(light.angles))).collect();
@@ -115,8 +116,8 @@ impl Books {
         Ok(())
     }
 
-    /// Enters a step whose light is a panorama of this luminance, row by row.
-    pub fn enter_panorama(
+    /// Records a step whose light is a panorama of this luminance, row by row.
+    pub fn record_panorama(
         &mut self,
         step: &'static str,
         width: usize,
@@ -128,7 +129,7 @@ impl Books {
         let turn = |x: usize| num::sin_cos(TAU * ((x as f64 + 0.5) / width as f64 - 0.5));
         let columns: Vec<DVec3> =
             (0..width).map(turn).map(|(sine, cosine)| right * sine + forward * cosine).collect();
-        self.enter(step, height, cx, |y| {
+        self.record(step, height, cx, |y| {
             let (sine, cosine) = num::sin_cos(PI * (y as f64 + 0.5) / height as f64);
             let size = pixel_solid_angle(width, height, y);
             let row = columns.iter().zip(&luminance[y * width..]);
@@ -136,7 +137,7 @@ impl Books {
         })
     }
 
-    /// The places of the lights, and what each step made of the whole and of each of them.
+    /// The positions of the lights, and the total and each light after each step.
     pub fn tables(&self) -> [Table; 2] {
         let place = |light: &Light| {
             let (azimuth, elevation) = measure::angles_deg(self.up, light.centre);
@@ -171,12 +172,12 @@ mod tests {
     use super::*;
     use crate::testing::context;
 
-    // A sphere that is all light gives any plane pi. Mutation: `min(PI)` dropped.
+    // If the whole sphere is one light, it gives any plane pi. Mutation: `min(PI)` dropped.
     #[test]
     fn a_light_may_be_all_there_is() {
         let white = vec![2.0; 64 * 32];
-        let mut books = Books::new(Up::PlusY, 64, &white, 0.05);
-        books.enter_panorama("white", 64, &white, &context()).expect("enters");
+        let mut books = EnergyTable::new(Up::PlusY, 64, &white, 0.05);
+        books.record_panorama("white", 64, &white, &context()).expect("enters");
         let [_, steps] = books.tables();
         let Cell::Number(facing) = steps.rows[3][1] else { panic!("a number") };
         assert!((facing / TAU - 1.0).abs() < 0.02, "{facing}");
@@ -192,9 +193,9 @@ mod tests {
                 let lit = |at: usize| (at % width / scale, at / width / scale) == (30, 7);
                 (0..width * 22 * scale).map(|at| if lit(at) { 40.0 } else { 0.01 }).collect()
             };
-            let mut books = Books::new(up, 45, &picture(1), 0.05);
-            books.enter_panorama("coarse", 45, &picture(1), &context()).expect("enters");
-            books.enter_panorama("fine", 270, &picture(6), &context()).expect("enters");
+            let mut books = EnergyTable::new(up, 45, &picture(1), 0.05);
+            books.record_panorama("coarse", 45, &picture(1), &context()).expect("enters");
+            books.record_panorama("fine", 270, &picture(6), &context()).expect("enters");
             let [lights, steps] = books.tables();
             assert_eq!(lights.rows.len(), 1);
             let wanted = pixel(up, 45, 22, 7 * 45 + 30);
