@@ -3,12 +3,17 @@
 use engine::{Context, NodeError};
 use glam::{DVec2, DVec3};
 
-use super::splat::{Settings, render};
+use super::splat::{DepthMode, Settings, render};
 use crate::geometry::support::median;
 use crate::types::{Camera, Mesh, Splats};
 
-/// Half the side of the window that is looked at around a pixel of splats.
-const WINDOW: i64 = 3;
+/// The window around a pixel of splats is rendered with this many pixels per pixel of the view: blended depths lie
+/// in front of ground seen at a grazing angle by about the extent of one rendered pixel.
+const ZOOM: usize = 8;
+/// Half the side of the window whose normals are averaged, in rendered pixels.
+const WINDOW: usize = 3 * ZOOM;
+/// Half the side of the square whose median depth is taken, in rendered pixels.
+const SQUARE: usize = 3;
 /// Least coverage of a pixel that shows something.
 const COVERED: f32 = 0.5;
 /// Splats nearer to the camera than this share of the scene's distance are left out.
@@ -82,37 +87,49 @@ pub fn on_splats(
     let distances =
         (0..splats.len()).step_by((splats.len() / 1000).max(1)).map(|i| (splats.mean(i) - eye).length());
     let near = NEAR * median(distances.collect()).unwrap_or_default();
-    // Only the pixels around it are drawn.
-    let [x0, y0] = pixel.map(|v| v.floor() - WINDOW as f64);
-    let side = (2 * WINDOW + 1) as u32;
-    let window =
-        Camera { width_px: side, height_px: side, cx: camera.cx - x0, cy: camera.cy - y0, ..camera.clone() };
-    let seen = render(splats, &window, None, &Settings { near, ..Settings::default() }, cx)?;
-    let side = side as usize;
+    let zoom = ZOOM as f64;
+    let side = 2 * WINDOW + 1;
+    let focal = [camera.fx * zoom, camera.fy * zoom];
+    // The pixel lies in the centre of the middle pixel of the window.
+    let centre =
+        [(camera.cx - pixel[0]) * zoom, (camera.cy - pixel[1]) * zoom].map(|c| c + 0.5 * side as f64);
+    let window = Camera {
+        width_px: side as u32,
+        height_px: side as u32,
+        fx: focal[0],
+        fy: focal[1],
+        cx: centre[0],
+        cy: centre[1],
+        ..camera.clone()
+    };
+    let settings = Settings { near, depth: DepthMode::RayMedian, ..Settings::default() };
+    let seen = render(splats, &window, None, &settings, cx)?;
     let middle = side * side / 2;
     if seen.rgba.get(middle * 4 + 3).is_none_or(|alpha| *alpha < COVERED) {
         let what = "the background: less than half of it is covered by splats";
         return Err(nothing(camera, pixel, what).hint("take a pixel of the ground"));
     }
     let world = camera.world_from_camera();
-    let point = |i: usize| {
-        let depth = f64::from(seen.depth[i]);
-        let at = DVec2::new((i % side) as f64 + 0.5, (i / side) as f64 + 0.5);
+    let point = |x: usize, y: usize| {
+        let depth = f64::from(seen.depth[y * side + x]);
+        let at = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
         let ray = DVec3::new((at.x - window.cx) / window.fx, (at.y - window.cy) / window.fy, 1.0);
         depth.is_finite().then(|| world.transform_point3(ray * depth))
     };
-    let depth = median(seen.depth.iter().map(|d| f64::from(*d)).filter(|d| d.is_finite()).collect());
+    let square = WINDOW - SQUARE..=WINDOW + SQUARE;
+    let depths = square.clone().flat_map(|y| square.clone().map(move |x| y * side + x));
+    let depth = median(depths.map(|i| f64::from(seen.depth[i])).filter(|d| d.is_finite()).collect());
     let Some(depth) = depth else {
         return Err(nothing(camera, pixel, "no surface").hint("take a pixel of the ground"));
     };
     let ray = DVec3::new((pixel[0] - camera.cx) / camera.fx, (pixel[1] - camera.cy) / camera.fy, 1.0);
     let position = world.transform_point3(ray * depth);
-    // The mean normal of all pairs of steps across and down.
+    // The mean normal of all pairs of steps across and down by two pixels of the view.
+    let step = 2 * ZOOM;
     let mut sum = DVec3::ZERO;
-    for y in 0..side - 2 {
-        for x in 0..side - 2 {
-            let at = |dx: usize, dy: usize| point((y + dy) * side + x + dx);
-            if let (Some(a), Some(b), Some(c)) = (at(0, 0), at(2, 0), at(0, 2)) {
+    for y in 0..side - step {
+        for x in 0..side - step {
+            if let (Some(a), Some(b), Some(c)) = (point(x, y), point(x + step, y), point(x, y + step)) {
                 sum += (c - a).cross(b - a).normalize_or_zero();
             }
         }
