@@ -47,6 +47,8 @@ fn imports_of_light_transport_lead_down() {
     }
     assert!(inner.len() > 60, "the imports were read");
     assert_eq!(arrows::upward(&inner, &TRANSPORT), [""; 0]);
+    inner.retain(|file, _| file.starts_with("bsdf"));
+    assert_eq!(arrows::circles(&inner), [[""; 0]; 0]);
 }
 
 /// Mutation: `use crate::kinds::pose::PoseNode;` in `kinds/place.rs`, seen red.
