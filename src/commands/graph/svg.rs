@@ -1,4 +1,5 @@
-//! Draws graphs as SVG: one column per step of the longest path, with wires led around the nodes between.
+//! Draws graphs as SVG: one column per step of the longest path, with wires led around the nodes between. Written
+//! here, since crates of graph layout need another program or a font.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
