@@ -1,6 +1,5 @@
 //! The rooms of the crate: their order, and that no kind imports another.
 
-use std::collections::BTreeSet;
 use std::path::Path;
 
 #[path = "../../tests/support/arrows.rs"]
@@ -65,17 +64,7 @@ fn no_kind_imports_another() {
 
 #[test]
 fn the_rooms_are_the_folders_and_the_table_in_docs_architecture() {
-    let entries = std::fs::read_dir(folder().join("src")).expect("there");
-    let names = entries
-        .map(|entry| entry.expect("there").path().file_stem().expect("named").to_string_lossy().into_owned());
-    let folders: BTreeSet<String> =
-        names.filter(|name| !["lib", "testing"].contains(&name.as_str())).collect();
+    let (folders, table) = arrows::rooms(folder(), &["lib", "testing"], "Within `nodes`");
     assert_eq!(folders, ROOMS.map(String::from).into());
-    let page = std::fs::read_to_string(folder().join("../docs/architecture.md")).expect("there");
-    let (_, section) = page.split_once("Within `nodes`").expect("a section on `nodes`");
-    let lines =
-        section.lines().skip_while(|line| !line.starts_with("| `")).take_while(|line| line.starts_with('|'));
-    let mut rooms: Vec<&str> = lines.map(|line| line[3..].split('`').next().unwrap_or_default()).collect();
-    rooms.reverse();
-    assert_eq!(rooms, ROOMS, "the table has the highest room first");
+    assert_eq!(table, ROOMS, "the table has the highest room first");
 }
