@@ -19,6 +19,9 @@ fn imports_lead_down_and_in_no_circle() {
     );
     assert_eq!(arrows::upward(&imports, &ROOMS), [""; 0]);
     assert_eq!(arrows::circles(&imports), [[""; 0]; 0]);
+    let cache = arrows::imports(&folder().join("../cache/src"));
+    assert!(cache.len() > 20, "the imports were read");
+    assert_eq!(arrows::circles(&cache), [[""; 0]; 0]);
 }
 
 #[test]

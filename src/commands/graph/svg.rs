@@ -1,5 +1,4 @@
-//! Draws graphs as SVG: one column per step of the longest path, with wires led around the nodes between. Written
-//! here, since crates of graph layout need another program or a font.
+//! Draws graphs as SVG: one column per step of the longest path, with wires led around the nodes between.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
