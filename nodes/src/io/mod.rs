@@ -16,6 +16,7 @@ pub mod png;
 mod png_pack;
 pub mod progress;
 pub mod quantise;
+mod raster;
 pub mod recipe;
 pub mod splats;
 pub mod webp;

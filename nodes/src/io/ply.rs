@@ -1,4 +1,5 @@
-//! PLY files: the header, then rows of scalars and lists, ASCII or binary in either byte order.
+//! PLY files: the header, then rows of scalars and lists, ASCII or binary in either byte order. Written here, since
+//! crates for PLY allocate by the counts of the header, which a hostile file may claim at will.
 
 use crate::error::Error;
 

@@ -8,6 +8,7 @@ mod frame;
 mod gltf;
 mod inflate;
 mod ksplat;
+mod parts;
 mod ply;
 mod ply_packed;
 mod rows;
@@ -31,7 +32,7 @@ use glam::{DMat3, DVec3};
 use crate::error::Error;
 use crate::types::frame::Similarity;
 use crate::types::{SplatEncoding, Splats};
-use rows::Part;
+use parts::Part;
 
 pub(crate) use frame::Placing;
 pub use frame::{Frame, Turn, from_y_up, quaternion};
@@ -54,14 +55,14 @@ pub(crate) struct Reading<'a> {
 }
 
 impl Reading<'_> {
-    /// Rows of a file without sections; see [`rows::read_rows`].
+    /// Rows of a file without sections; see [`parts::read_rows`].
     fn rows(
         &self,
         count: usize,
         turn: Option<&Turn>,
         read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
     ) -> Result<Vec<Part>, NodeError> {
-        rows::read_rows(0, count, turn, self.cx, read)
+        parts::read_rows(0, count, turn, self.cx, read)
     }
 
     /// Rows of a section that begins at row `first` of the file.
@@ -72,7 +73,7 @@ impl Reading<'_> {
         turn: Option<&Turn>,
         read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
     ) -> Result<Vec<Part>, NodeError> {
-        rows::read_rows(first, count, turn, self.cx, read)
+        parts::read_rows(first, count, turn, self.cx, read)
     }
 
     /// The transform into the world, by the format of the file and the user's parameters; the decision is noted.

@@ -189,6 +189,9 @@ pub struct Settings {
     pub list_bytes: u64,
 }
 
+/// Side of a tile in pixels; that of the INRIA rasterizer, whose bounds depend on it.
+pub const TILE: usize = 16;
+
 /// Memory of the lists of tiles in bytes: enough for an ordinary view, and far less than all lists of a view whose
 /// splats cover it many times.
 pub(crate) const LIST_BYTES: u64 = 1 << 26;
