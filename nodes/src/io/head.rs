@@ -149,14 +149,21 @@ fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     Some(Head { size: [width, height], channels, decoded, floats: true })
 }
 
-/// Elements of a PLY by name, with the number of rows and of properties; empty if the header is longer than 64 KiB
-/// or invalid.
-pub fn ply_elements(reader: &mut impl BufRead) -> Vec<(String, u64, u64)> {
+/// Header of a PLY; `None` if it is longer than 64 KiB or invalid.
+pub fn ply_header(reader: &mut impl BufRead) -> Option<ply::Header> {
     let mut head = Vec::new();
-    let read = reader.take(1 << 16).read_to_end(&mut head);
-    let header = read.ok().and_then(|_| ply::header("", &head).ok());
-    let elements = header.map_or_else(Vec::new, |header| header.elements);
-    elements.into_iter().map(|e| (e.name, e.rows, e.properties.len() as u64)).collect()
+    reader.take(1 << 16).read_to_end(&mut head).ok()?;
+    ply::header("", &head).ok()
+}
+
+/// Elements of a PLY by name, with the number of rows and of properties.
+pub fn elements_of(header: &ply::Header) -> Vec<(String, u64, u64)> {
+    header.elements.iter().map(|e| (e.name.clone(), e.rows, e.properties.len() as u64)).collect()
+}
+
+/// The same from the start of a file; empty if the header is longer than 64 KiB or invalid.
+pub fn ply_elements(reader: &mut impl BufRead) -> Vec<(String, u64, u64)> {
+    ply_header(reader).as_ref().map_or_else(Vec::new, elements_of)
 }
 
 #[cfg(test)]

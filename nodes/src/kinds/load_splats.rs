@@ -6,7 +6,7 @@ use engine::{
     Context, ContextField, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot,
 };
 
-use crate::io::splats::{Placing, Reading, assemble, load, report, size, source};
+use crate::io::splats::{Placing, Reading, assemble, load, load_ranges, report, size, source};
 use crate::types::Splats;
 
 pub use crate::io::splats::Frame;
@@ -14,10 +14,11 @@ pub use crate::io::splats::Frame;
 engine::params! {
     /// Loads a scene of Gaussian splats.
     ///
-    /// Formats, detected by content and not by the file extension: INRIA PLY (spherical harmonics of degree 0 to 4,
-    /// `filter_3D` of Mip-Splatting and MILo applied, other extra fields ignored), PlayCanvas compressed PLY, SOG
-    /// versions 1 and 2 (`meta.json`, its folder, a folder of chunks joined in the order of their names, or a
-    /// `.sog` bundle), SPZ versions 1 to 4, `.splat`, `.ksplat`, and glTF or GLB with `KHR_gaussian_splatting`.
+    /// Formats, detected by content and not by the file extension: INRIA PLY, binary or ASCII (spherical harmonics of
+    /// degree 0 to 4, `filter_3D` of Mip-Splatting and MILo applied, two scales of 2DGS, `red green blue` in place of
+    /// `f_dc_*`, other extra fields ignored), PlayCanvas compressed PLY, SOG
+    /// versions 1 and 2 (`meta.json`, its folder, a folder of chunks joined in the order of their names, a streamed
+    /// scene with `lod-meta.json`, of which the finest level is read, or a `.sog` bundle), SPZ versions 1 to 4, `.splat`, `.ksplat`, and glTF or GLB with `KHR_gaussian_splatting`.
     /// Rows that cannot be drawn are dropped and counted by reason.
     ///
     /// Frames: SPZ and glTF define +y as up, so they are rotated to the `up` of the scene as objects are (to +z (x,
@@ -50,9 +51,12 @@ engine::outputs! {
     }
 }
 
+/// Level of a streamed scene that is read: the finest.
+const LEVEL: u32 = 0;
+
 impl Kind for LoadSplats {
     const NAME: &'static str = "load-splats";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
@@ -74,8 +78,10 @@ impl Kind for LoadSplats {
     fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         let mut sources = Vec::new();
         for named in std::iter::once(&params.path).chain(&params.more) {
-            for file in source::expand(named, &root.file(named).path)? {
-                sources.extend(source::with_companions(&file, root)?);
+            let expanded = source::expand(named, &root.file(named).path, LEVEL)?;
+            sources.extend(expanded.listing.iter().map(|file| root.file(file)));
+            for piece in &expanded.pieces {
+                sources.extend(source::with_companions(&piece.file, root)?);
             }
         }
         Ok(sources)
@@ -85,21 +91,29 @@ impl Kind for LoadSplats {
         let mut notes = Notes::none();
         let placing = Placing { frame: params.frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
         let reading = Reading { cx, placing, max_extent: params.max_extent };
-        let mut names = Vec::new();
+        let (mut names, mut sources) = (Vec::new(), Vec::new());
         for (field, named) in
             std::iter::once(("path", &params.path)).chain(params.more.iter().map(|file| ("more", file)))
         {
-            let expanded = source::expand(named, &cx.source(named).path).map_err(|e| e.at(field))?;
-            names.extend(expanded.into_iter().map(|file| (field, file)));
-        }
-        let mut sources = Vec::new();
-        for (field, file) in &names {
-            sources.extend(source::with_companions(file, cx.root()).map_err(|e| e.at(field))?);
+            let expanded = source::expand(named, &cx.source(named).path, LEVEL).map_err(|e| e.at(field))?;
+            sources.extend(expanded.listing.iter().map(|file| cx.source(file)));
+            for (id, text, warning) in expanded.notes {
+                if warning {
+                    notes.warning(id, text)
+                } else {
+                    notes.decision(id, text)
+                };
+            }
+            for piece in expanded.pieces {
+                sources.extend(source::with_companions(&piece.file, cx.root()).map_err(|e| e.at(field))?);
+                names.push((field, piece));
+            }
         }
         cx.check_listed(&sources)?;
         let mut files = Vec::new();
         let total = names.len() as f32;
-        for (done, (field, file)) in names.iter().enumerate() {
+        for (done, (field, piece)) in names.iter().enumerate() {
+            let file = &piece.file;
             cx.progress(done as f32 / total);
             let fetch = |name: &str| cx.read_beside(file, name);
             let read = || {
@@ -108,7 +122,10 @@ impl Kind for LoadSplats {
                 let path = std::path::Path::new(&file.0);
                 let name = path.file_name().filter(|_| path.is_absolute());
                 let name = name.map_or_else(|| file.0.clone(), |name| name.to_string_lossy().into_owned());
-                let loaded = load(&name, &bytes, &fetch, &reading, &mut notes)?;
+                let loaded = match &piece.ranges {
+                    Some(ranges) => load_ranges(&name, &bytes, ranges, &fetch, &reading, &mut notes)?,
+                    None => load(&name, &bytes, &fetch, &reading, &mut notes)?,
+                };
                 report(&name, &loaded, params.strict, &mut notes)?;
                 Ok(loaded)
             };

@@ -17,6 +17,7 @@ use super::rows::{Part, Row, sh_rest};
 use super::{Fetch, Loaded, Reading, spz};
 use crate::error::Error;
 use crate::io::base64;
+use crate::io::foreign::json_text;
 use crate::math::num;
 use crate::types::SplatEncoding;
 
@@ -128,7 +129,7 @@ struct Buffer {
 impl Document {
     /// Reads the JSON of a file.
     pub fn read(file: &str, json: &[u8]) -> Result<Self, Error> {
-        serde_json::from_slice(json).map_err(|e| Error::format(file, format!("not glTF: {e}")))
+        serde_json::from_slice(json_text(json)).map_err(|e| Error::format(file, format!("not glTF: {e}")))
     }
 
     /// The files that contain its buffers.
