@@ -10,6 +10,7 @@ pub mod gpano;
 pub mod hdr;
 pub mod head;
 pub mod icc;
+pub(crate) mod import;
 pub mod jpeg;
 pub mod mesh;
 pub mod picture;

@@ -18,6 +18,7 @@ use super::{Fetch, Loaded, Reading, spz};
 use crate::error::Error;
 use crate::io::base64;
 use crate::io::foreign::json_text;
+use crate::io::gltf::address;
 use crate::math::num;
 use crate::types::SplatEncoding;
 
@@ -133,8 +134,9 @@ impl Document {
     }
 
     /// The files that contain its buffers.
-    pub fn files(&self) -> impl Iterator<Item = &str> {
-        self.buffers.iter().filter_map(|buffer| buffer.uri.as_deref()).filter(|uri| !uri.starts_with("data:"))
+    pub fn files(&self, file: &str) -> Result<Vec<String>, Error> {
+        let uris = self.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
+        uris.filter(|uri| !uri.starts_with("data:")).map(|uri| address::path(file, uri)).collect()
     }
 }
 

@@ -149,7 +149,7 @@ impl Expanded {
 /// order of their names. Of a streamed scene, the files of one level are taken.
 pub fn expand(file: &InputFile, path: &Path, level: u32) -> Result<Expanded, NodeError> {
     if !path.is_dir() {
-        let named = file.0.to_ascii_lowercase().ends_with(".json");
+        let named = path.is_file() && file.0.to_ascii_lowercase().ends_with(".json");
         let read = || std::fs::read(path).ok().filter(|bytes| streamed::is_streamed(bytes));
         return match named.then(read).flatten() {
             Some(bytes) => streamed_level(file, &bytes, level),
@@ -233,7 +233,7 @@ pub fn with_companions(file: &InputFile, root: &SourceRoot) -> Result<Vec<Source
         let bytes = std::fs::read(&source.path).map_err(failed)?;
         let names: Vec<String> = match Format::of(&file.0, &bytes)? {
             Format::SogMeta => Meta::read(&file.0, &bytes)?.files().map(str::to_owned).collect(),
-            Format::Gltf => Document::read(&file.0, &bytes)?.files().map(str::to_owned).collect(),
+            Format::Gltf => Document::read(&file.0, &bytes)?.files(&file.0)?,
             _ => Vec::new(),
         };
         sources.extend(names.iter().map(|name| root.beside(&source, name)));

@@ -1,6 +1,7 @@
 //! `load-cameras`: the cameras of a capture or of another program.
 
 mod colmap;
+mod distortion;
 mod json;
 #[cfg(test)]
 mod tests;
@@ -14,7 +15,9 @@ use engine::{
 use glam::{DMat3, DMat4, DVec3};
 
 use crate::error::Error;
+use crate::io::picture;
 use crate::types::{Camera, Rig};
+use distortion::{Bend, INVISIBLE_PX};
 
 engine::choices! {
     /// Treatment of lens distortion, which a pinhole camera cannot represent.
@@ -32,7 +35,9 @@ engine::params! {
     /// "fx": 491.8, "fy": 491.8, "cx": 256.0, "cy": 192.0, "c2w_opencv": [[..4], [..4], [..4], [..4]]}]}` with the
     /// rows of the matrix from camera to world, camera x right, y down, z forward; or `c2w_opengl`, y up and z
     /// backward. (2) A COLMAP model, text or binary: its folder, or a folder that holds `sparse/0`. (3)
-    /// nerfstudio's `transforms.json`. (4) INRIA's `cameras.json`. Pixel centres lie at +0.5 in all of them. A view
+    /// nerfstudio's `transforms.json`, or `camera_path.json` of its viewer. (4) INRIA's `cameras.json`. Frames of (3)
+    /// without a size have that of their pictures. Distortion that moves no point of the picture by more than a tenth
+    /// of a pixel is left out. Pixel centres lie at +0.5 in all of them. A view
     /// is named after its picture, without folder and extension, but with as many folders as needed to distinguish
     /// pictures of the same name: `day1_IMG_0001`.
     pub struct LoadCameras {
@@ -70,8 +75,8 @@ struct Raw {
     height: u64,
     /// fx, fy, cx, cy in pixels.
     lens: [f64; 4],
-    /// The distortion model and its nonzero parameters.
-    distortion: Option<String>,
+    /// Lens distortion, if the camera has any.
+    distortion: Option<Bend>,
     /// Camera x right, y down, z forward.
     world_from_camera: DMat4,
 }
@@ -81,7 +86,7 @@ const CAMERA_LIMIT: usize = 1_000_000;
 
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
     type Params = Self;
@@ -90,7 +95,7 @@ impl Kind for LoadCameras {
 
     fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         if is_json(&p.path) {
-            return Ok(vec![root.file(&p.path)]);
+            return Ok(with_pictures(root.file(&p.path), root));
         }
         Ok(files(&p.path, root)?.iter().map(|file| root.file(file)).collect())
     }
@@ -125,9 +130,23 @@ impl Kind for LoadCameras {
         let names = view_names(&pictures);
         let chosen = pick(&p.pick, &names, &pictures).map_err(|e| e.at("pick"))?;
         let cameras = chosen
-            .into_iter()
-            .map(|index| finish(p, &raw[index], names[index].clone(), &mut notes))
+            .iter()
+            .map(|&index| finish(p, &raw[index], names[index].clone(), &mut notes))
             .collect::<Result<Vec<_>, _>>()?;
+        let tiny: Vec<f64> = chosen
+            .iter()
+            .filter_map(|index| raw[*index].distortion.as_ref())
+            .map(|bend| bend.pixels)
+            .filter(|pixels| *pixels <= INVISIBLE_PX)
+            .collect();
+        if !tiny.is_empty() {
+            let text = format!(
+                "lens distortion of {} cameras moves no point by more than {:.1e} px and is left out",
+                tiny.len(),
+                tiny.iter().copied().fold(0.0, f64::max)
+            );
+            notes.decision("distortion-invisible", text);
+        }
         let mut seen = BTreeSet::new();
         if let Some(twice) = cameras.iter().find(|camera| !seen.insert(&camera.name)) {
             let what = format!("two cameras are named `{}`", twice.name);
@@ -136,6 +155,25 @@ impl Kind for LoadCameras {
         }
         Ok((Out { rig: Arc::new(Rig { cameras }) }, notes))
     }
+}
+
+/// A JSON file of cameras, and the pictures whose sizes it lacks.
+fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
+    let read = || if file.path.is_file() { std::fs::read(&file.path).ok() } else { None };
+    let names: BTreeSet<String> =
+        read().iter().flat_map(|bytes| json::pictures_without_size(bytes)).collect();
+    let mut files: Vec<SourceFile> = names.iter().filter_map(|name| existing(&file, name, root)).collect();
+    files.insert(0, file);
+    files
+}
+
+/// The picture of a frame, which lies beside the file of cameras; its ending may be left out, as in the synthetic
+/// scenes of NeRF.
+fn existing(file: &SourceFile, picture: &str, root: &SourceRoot) -> Option<SourceFile> {
+    ["", ".png", ".jpg", ".jpeg", ".JPG", ".PNG"]
+        .iter()
+        .map(|ending| root.beside(file, &format!("{picture}{ending}")))
+        .find(|source| source.path.is_file())
 }
 
 fn is_json(path: &InputFile) -> bool {
@@ -182,13 +220,16 @@ fn unknown(path: &InputFile) -> NodeError {
 fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, NodeError> {
     let name = &p.path.0;
     if is_json(&p.path) {
-        return Ok(json::read(name, &cx.read(&p.path)?, &p.list, notes)?);
+        let source = cx.source(&p.path);
+        cx.check_listed(&with_pictures(source.clone(), cx.root()))?;
+        let sizes = |picture: &str| picture::size(&existing(&source, picture, cx.root())?.path);
+        return Ok(json::read(name, &cx.read(&p.path)?, &p.list, &sizes, notes)?);
     }
     let files = files(&p.path, cx.root())?;
     cx.check_listed(&files.iter().map(|file| cx.source(file)).collect::<Vec<_>>())?;
     let first = cx.read(&files[0])?;
     let Some(second) = files.get(1) else {
-        return Ok(json::read(&files[0].0, &first, &p.list, notes)?);
+        return Ok(json::read(&files[0].0, &first, &p.list, &|_| None, notes)?);
     };
     let second = cx.read(second)?;
     cx.check()?;
@@ -301,7 +342,8 @@ fn matches(pattern: &str, name: &str) -> bool {
 /// Checks a camera, and scales it to the requested resolution.
 fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result<Camera, NodeError> {
     let bad = |what: String| NodeError::from(Error::format(&p.path.0, format!("camera `{name}`: {what}")));
-    if let Some(distortion) = &raw.distortion {
+    let seen = raw.distortion.as_ref().filter(|bend| !(bend.pixels <= INVISIBLE_PX));
+    if let Some(Bend { text: distortion, .. }) = seen {
         match p.distortion {
             Distortion::Refuse => {
                 return Err(bad(format!("has lens distortion ({distortion})")).at("path").hint(

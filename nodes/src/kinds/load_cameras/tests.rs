@@ -222,7 +222,9 @@ fn hostile_files_are_errors() {
     assert!(colmap::binary("m", &cameras, &many).is_err());
     for text in [OWN, OPENGL, STUDIO, INRIA] {
         for end in 0..text.len() - 1 {
-            assert!(json::read("a", &text.as_bytes()[..end], "views", &mut Notes::none()).is_err());
+            assert!(
+                json::read("a", &text.as_bytes()[..end], "views", &|_| None, &mut Notes::none()).is_err()
+            );
         }
     }
     for (from, to) in [
@@ -289,4 +291,168 @@ fn files_that_appear_while_it_runs_ask_for_another_run() {
     write("images.bin", &images);
     let error = LoadCameras::run(&node("."), In {}, &cx).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(error.contains("changed while the graph was running"), "{error}");
+}
+
+/// Frames of nerfstudio and instant-ngp, each with a lens given in another way.
+fn frames(top: &str, frame: &str) -> String {
+    format!(
+        r#"{{{top}"frames": [{{"file_path": "images/a.png", {frame}
+        "transform_matrix": [[0, 1, 0, 1], [1, 0, 0, 2], [0, 0, -1, 3], [0, 0, 0, 1]]}}]}}"#
+    )
+}
+
+fn of_json(text: &str) -> Result<(Vec<Camera>, Notes), NodeError> {
+    load(&[("t.json", text.as_bytes())], &node("t.json"))
+}
+
+// A frame's own lens counts, whatever the top of the file says; once the angle of the top was taken.
+#[test]
+fn the_lens_of_a_frame_counts_before_that_of_the_file() {
+    let angle = 2.0 * (20.0_f64 / 50.0).atan();
+    let degrees = angle.to_degrees();
+    let size = r#""w": 40, "h": 30, "#;
+    for (top, frame) in [
+        (r#""camera_angle_x": 1.5, "#.to_owned(), format!(r#""camera_angle_x": {angle}, {size}"#)),
+        (format!(r#""camera_angle_x": {angle}, {size}"#), String::new()),
+        (format!(r#""fl_x": 77, "fl_y": 99, {size}"#), format!(r#""camera_angle_x": {angle}, "#)),
+        (format!(r#""camera_angle_x": 0.3, "camera_angle_y": 0.2, {size}"#), r#""fl_x": 50, "#.to_owned()),
+        (format!(r#""fl_x": 50, "camera_angle_x": 0.3, {size}"#), String::new()),
+        (size.to_owned(), format!(r#""x_fov": {degrees}, "#)),
+        (format!(r#""w": 80, "h": 60, "fl_x": 3, "#), format!(r#""w": 40.0, "h": 30.0, "fl_y": 50, "#)),
+    ] {
+        let text = frames(&top, &frame);
+        let camera = of_json(&text).unwrap_or_else(|e| panic!("{text}: {e}")).0.remove(0);
+        assert!((camera.fx - 50.0).abs() < 1e-9 && (camera.fy - 50.0).abs() < 1e-9, "{text}: {camera:?}");
+        assert_eq!((camera.width_px, camera.height_px, camera.cx, camera.cy), (40, 30, 20.0, 15.0));
+    }
+}
+
+// instant-ngp says the lens by flags, at the top or in a frame.
+#[test]
+fn flags_of_lenses_are_heard() {
+    let lens = r#""w": 40, "h": 30, "fl_x": 50, "#;
+    for flag in [r#""is_fisheye": true, "#, r#""is_fisheye": 1, "#, r#""is_fisheye": "True", "#] {
+        for text in [frames(&format!("{flag}{lens}"), ""), frames(lens, flag)] {
+            let error = of_json(&text).err().map(|e| e.to_string()).unwrap_or_default();
+            assert!(error.contains("distortion") && error.contains("is_fisheye"), "{text}: {error}");
+        }
+    }
+    for flag in ["latlong", "equirectangular", "orthographic"] {
+        let error = of_json(&frames(&format!(r#""{flag}": true, {lens}"#), "")).err().map(|e| e.to_string());
+        assert!(error.is_some_and(|e| e.contains(flag)));
+    }
+    // A frame may say that it is no fisheye.
+    for text in [
+        frames(&format!(r#""is_fisheye": false, {lens}"#), ""),
+        frames(&format!(r#""is_fisheye": true, {lens}"#), r#""is_fisheye": false, "#),
+        frames(&format!(r#""camera_model": "pinhole", {lens}"#), ""),
+        frames(&format!(r#""camera_model": "SIMPLE_RADIAL", "k1": 0.0, {lens}"#), ""),
+    ] {
+        assert!(of_json(&text).is_ok(), "{text}");
+    }
+    let error = of_json(&frames(&format!(r#""camera_model": "omnidirectional", {lens}"#), ""));
+    assert!(error.err().is_some_and(|e| e.to_string().contains("`omnidirectional`")));
+}
+
+// Undistorters leave coefficients that move nothing; they were refused.
+#[test]
+fn distortion_far_below_a_pixel_is_left_out() {
+    let lens = r#""w": 4000, "h": 3000, "fl_x": 3000, "#;
+    let json = |k1: f64, p2: f64| of_json(&frames(&format!(r#""k1": {k1:e}, "p2": {p2:e}, {lens}"#), ""));
+    for (k1, p2) in [(1e-6, 0.0), (-1e-6, 1e-7), (0.0, 1e-6)] {
+        let (_, notes) = json(k1, p2).unwrap_or_else(|e| panic!("{e}"));
+        assert!(notes.iter().any(|note| note.id == "distortion-invisible") && !notes.is_degraded());
+    }
+    assert!(json(1e-3, 0.0).is_err() && json(0.0, 1e-4).is_err() && json(f64::NAN, 0.0).is_err());
+    let text = images();
+    let colmap = |model: &str| {
+        let cameras = format!("7 {model}\n");
+        load(&[("m/cameras.txt", cameras.as_bytes()), ("m/images.txt", text.as_bytes())], &node("m"))
+    };
+    for tiny in [
+        "SIMPLE_RADIAL 40 30 50 20 15 1e-6",
+        "RADIAL 40 30 50 20 15 0 -1e-6",
+        "OPENCV 40 30 50 50 20 15 0 0 1e-6 0",
+        "FULL_OPENCV 40 30 50 50 20 15 0 0 0 0 1e-6 0 0 1e-7",
+        "FOV 40 30 50 50 20 15 1e-4",
+    ] {
+        assert!(colmap(tiny).is_ok_and(|(_, notes)| !notes.is_degraded()), "{tiny}");
+    }
+    for seen in [
+        "RADIAL 40 30 50 20 15 0 -0.3",
+        "FULL_OPENCV 40 30 50 50 20 15 0 0 0 0 0.4 0 0 0",
+        "FOV 40 30 50 50 20 15 0.7",
+        "SIMPLE_RADIAL_FISHEYE 40 30 50 20 15 1e-9",
+        "OPENCV 40 30 50 50 20 15 nan 0 0 0",
+    ] {
+        assert!(colmap(seen).is_err(), "{seen}");
+    }
+}
+
+#[test]
+fn marks_fill_and_back_slashes_are_read() {
+    let (wanted, _) = of_json(STUDIO).unwrap_or_else(|e| panic!("{e}"));
+    let marked = format!("\u{feff}{STUDIO}");
+    for text in [marked.clone(), format!("{STUDIO}\0\0\0"), STUDIO.replace("images/", ".\\\\images\\\\")] {
+        let (cameras, _) = of_json(&text).unwrap_or_else(|e| panic!("{text}: {e}"));
+        assert!(near(&cameras[0], &wanted[0]), "{text}");
+    }
+    for text in [OWN, INRIA] {
+        assert!(of_json(&format!("\u{feff}{text}")).is_ok());
+    }
+    let (text, cameras) = (format!("\u{feff}{}", images()), format!("\u{feff}{CAMERAS}"));
+    let files = [("m/cameras.txt", cameras.as_bytes()), ("m/images.txt", text.as_bytes())];
+    assert_eq!(load(&files, &node("m")).unwrap_or_else(|e| panic!("{e}")).0.len(), 2);
+}
+
+// The viewer of nerfstudio writes a path of cameras: rows of 16 numbers and the vertical angle in degrees.
+#[test]
+fn the_path_of_a_viewer_is_read() {
+    let text = |more: &str, kind: &str| {
+        format!(
+            r#"{{"camera_type": "{kind}", "render_height": 30, "render_width": 40, "fps": 24, "camera_path": [
+            {{"camera_to_world": [0,1,0,1, 1,0,0,2, 0,0,-1,3, 0,0,0,1], "fov": 90, "aspect": 1{more}}},
+            {{"camera_to_world": [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1], "fov": 53.13010235415598}}]}}"#
+        )
+    };
+    let (cameras, _) = of_json(&text("", "perspective")).unwrap_or_else(|e| panic!("{e}"));
+    let [first, second] = cameras.as_slice() else { panic!("two cameras") };
+    assert_eq!((first.name.as_str(), second.name.as_str()), ("00000", "00001"));
+    assert_eq!((first.width_px, first.height_px, first.cx, first.cy), (40, 30, 20.0, 15.0));
+    assert!((first.fx - 15.0).abs() < 1e-9 && (second.fy - 30.0).abs() < 1e-9);
+    assert_eq!(first.eye(), DVec3::new(1.0, 2.0, 3.0));
+    assert_eq!(first.world_from_camera().transform_vector3(DVec3::Z), DVec3::new(0.0, 0.0, 1.0));
+    for wrong in [text("", "equirectangular"), text(r#", "camera_type": "fisheye""#, "perspective")] {
+        let error = of_json(&wrong).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(error.contains("camera type"), "{error}");
+    }
+}
+
+// The synthetic scenes of NeRF have no sizes, and paths without an ending.
+#[test]
+fn sizes_come_from_the_pictures() {
+    let raster = |width: usize, height: usize| crate::io::png::Raster {
+        width,
+        height,
+        channels: 1,
+        largest: 255,
+        codes: vec![7; width * height],
+        ignored: Vec::new(),
+        linear: false,
+    };
+    let png = |w, h| crate::io::png::write(&raster(w, h), false, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let (wide, small) = (png(40, 30), png(20, 10));
+    let pose = r#""transform_matrix": [[0, 1, 0, 1], [1, 0, 0, 2], [0, 0, -1, 3], [0, 0, 0, 1]]"#;
+    let angle = 2.0 * (20.0_f64 / 50.0).atan();
+    let text = format!(
+        r#"{{"camera_angle_x": {angle}, "frames": [{{"file_path": "./train/r_0", {pose}}},
+        {{"file_path": "train\\r_1.png", {pose}}}]}}"#
+    );
+    let files = [("t.json", text.as_bytes()), ("train/r_0.png", &wide[..]), ("train/r_1.png", &small[..])];
+    let (cameras, _) = load(&files, &node("t.json")).unwrap_or_else(|e| panic!("{e}"));
+    let sizes: Vec<_> = cameras.iter().map(|c| (c.width_px, c.height_px)).collect();
+    assert_eq!(sizes, [(40, 30), (20, 10)]);
+    assert!((cameras[0].fx - 50.0).abs() < 1e-9 && (cameras[1].fx - 25.0).abs() < 1e-9);
+    let error = load(&files[..2], &node("t.json")).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(error.contains("its picture `train/r_1.png` cannot be read"), "{error}");
 }

@@ -11,6 +11,7 @@ mod blend32;
 mod blend64;
 mod block;
 mod camera_model;
+pub(crate) mod near;
 mod panorama;
 mod peak;
 mod project;

@@ -227,10 +227,10 @@ fn one_level_of_a_streamed_scene_is_read() {
             std::fs::write(folder.path().join("s").join(name).join(file), bytes).unwrap();
         }
     }
-    let cx = Context::detached(
-        engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
-        folder.path(),
-    );
+    let cx = || {
+        let scene = engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+        Context::detached(scene, folder.path())
+    };
     let load = |path: &str| {
         let params = LoadSplats {
             path: InputFile(path.to_owned()),
@@ -240,7 +240,7 @@ fn one_level_of_a_streamed_scene_is_read() {
             frame: Frame::ByFormat,
         };
         let sources = LoadSplats::sources(&params, &SourceRoot::new(folder.path()))?;
-        let cx = cx.clone().having_listed(&sources);
+        let cx = cx().having_listed(&sources);
         LoadSplats::run(&params, In {}, &cx).map(|(out, notes)| (out.splats, notes, sources.len()))
     };
     // Without a description, they may be tiles as well: joined, with a warning.
