@@ -146,7 +146,11 @@ impl<'s, R: ReadChannels<'s>> ReadChannels<'s> for Only<'_, R> {
     type Reader = R::Reader;
 
     fn create_channels_reader(&'s self, header: &Header) -> exr::error::Result<Self::Reader> {
-        if header == self.part {
+        // Parts have names of their own. Chromaticities may be NaN, so headers are not equal to themselves.
+        let same = header.own_attributes.layer_name == self.part.own_attributes.layer_name
+            && header.layer_size == self.part.layer_size
+            && header.channels == self.part.channels;
+        if same && !header.deep {
             return self.read.create_channels_reader(header);
         }
         Err(exr::error::Error::NotSupported("another part".into()))

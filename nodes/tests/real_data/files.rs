@@ -228,6 +228,7 @@ fn cameras(path: &str, list: &str, pick: &[&str]) -> Vec<nodes::types::Camera> {
         list: list.into(),
         resolution: 1.0,
         distortion: load_cameras::Distortion::Refuse,
+        dataparser: None,
     };
     let (out, _) = LoadCameras::run(&p, load_cameras::In {}, &cx()).unwrap();
     out.rig.cameras.clone()

@@ -12,6 +12,7 @@ mod mesh;
 mod metrics;
 mod splat;
 mod trace;
+mod trials;
 
 /// A file of the shared data.
 fn data(path: &str) -> std::path::PathBuf {

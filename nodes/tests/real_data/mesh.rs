@@ -29,6 +29,7 @@ fn rig(list: &str) -> Arc<Rig> {
         list: list.to_owned(),
         resolution: 1.0,
         distortion: Distortion::Refuse,
+        dataparser: None,
     };
     LoadCameras::run(&params, load_cameras::In {}, &context()).unwrap().0.rig
 }

@@ -329,7 +329,7 @@ mod tests {
         let of = |gloss: &str| {
             let text = format!(
                 r#"{{"asset":{{"version":"2.0"}},"extensionsRequired":["KHR_materials_pbrSpecularGlossiness"],
-                "materials":[{{"pbrMetallicRoughness":{{"baseColorFactor":[1,1,1,1]}},
+                "images":[{{"uri":"a.png"}}],"textures":[{{"source":0}}],"materials":[{{"pbrMetallicRoughness":{{"baseColorFactor":[1,1,1,1]}},
                 "extensions":{{"KHR_materials_pbrSpecularGlossiness":{gloss}}}}}, {{"name": "other"}}]}}"#
             );
             let json = parse("a.gltf", text.as_bytes()).unwrap_or_else(|e| panic!("{e}")).json;
@@ -342,8 +342,8 @@ mod tests {
             json!({"baseColorFactor": [0.8, 0.2, 0.1, 1], "metallicFactor": 0.0, "roughnessFactor": 0.75})
         );
         assert_eq!(of("{}"), json!({"metallicFactor": 0.0, "roughnessFactor": 0.0}));
-        let mapped = of(r#"{"diffuseTexture":{"index":3},"glossinessFactor":7}"#);
-        assert_eq!(mapped["baseColorTexture"]["index"], 3);
+        let mapped = of(r#"{"diffuseTexture":{"index":0},"glossinessFactor":7}"#);
+        assert_eq!(mapped["baseColorTexture"]["index"], 0);
     }
 
     // Chunks that a program filled with NUL, and marks in front.

@@ -22,7 +22,7 @@ pub struct Bend {
 }
 
 /// Distance in pixels below which distortion counts as none: no picture shows it.
-pub const INVISIBLE_PX: f64 = 0.1;
+pub const INVISIBLE_PX: f64 = 0.05;
 
 impl Coefficients {
     /// Bound on the displacement in pixels for a picture of this size and lens (fx, fy, cx, cy): the sum of the absolute

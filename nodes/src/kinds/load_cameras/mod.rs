@@ -1,6 +1,7 @@
 //! `load-cameras`: the cameras of a capture or of another program.
 
 mod colmap;
+mod dataparser;
 mod distortion;
 mod json;
 #[cfg(test)]
@@ -17,6 +18,7 @@ use glam::{DMat3, DMat4, DVec3};
 use crate::error::Error;
 use crate::io::picture;
 use crate::types::{Camera, Rig};
+use dataparser::Dataparser;
 use distortion::{Bend, INVISIBLE_PX};
 
 engine::choices! {
@@ -36,7 +38,7 @@ engine::params! {
     /// rows of the matrix from camera to world, camera x right, y down, z forward; or `c2w_opengl`, y up and z
     /// backward. (2) A COLMAP model, text or binary: its folder, or a folder that holds `sparse/0`. (3)
     /// nerfstudio's `transforms.json`, or `camera_path.json` of its viewer. (4) INRIA's `cameras.json`. Frames of (3)
-    /// without a size have that of their pictures. Distortion that moves no point of the picture by more than a tenth
+    /// without a size have that of their pictures. Distortion that moves no point of the picture by more than a twentieth
     /// of a pixel is left out. Pixel centres lie at +0.5 in all of them. A view
     /// is named after its picture, without folder and extension, but with as many folders as needed to distinguish
     /// pictures of the same name: `day1_IMG_0001`.
@@ -52,6 +54,10 @@ engine::params! {
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
         /// Treatment of lens distortion.
         distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have none");
+        /// `dataparser_transforms.json` of nerfstudio's training run, for splats that it exported: the cameras are
+        /// moved from the coordinates of the capture to those of the splats. COLMAP models and `transforms.json` need
+        /// it, `camera_path.json` has the coordinates of the splats already.
+        dataparser: Option<InputFile> = None, other("Some(\"dataparser_transforms.json\")");
     }
 }
 engine::inputs! {
@@ -94,10 +100,14 @@ impl Kind for LoadCameras {
     type Out = Out;
 
     fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
-        if is_json(&p.path) {
-            return Ok(with_pictures(root.file(&p.path), root));
-        }
-        Ok(files(&p.path, root)?.iter().map(|file| root.file(file)).collect())
+        let mut sources = if is_json(&p.path) {
+            with_pictures(root.file(&p.path), root)
+        } else {
+            files(&p.path, root)?.iter().map(|file| root.file(file)).collect()
+        };
+        sources.extend(p.dataparser.iter().map(|file| root.file(file)));
+        sources.extend(unused_dataparser(p, root));
+        Ok(sources)
     }
 
     fn views(p: &Self, root: &SourceRoot) -> ViewCount {
@@ -117,6 +127,14 @@ impl Kind for LoadCameras {
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
         let raw = read(p, cx, &mut notes).map_err(|e| e.at("path"))?;
+        if unused_dataparser(p, cx.root()).is_some() {
+            let text = format!(
+                "`{}` lies beside the cameras: splats that nerfstudio exported are in the coordinates that it gives; \
+                 for them, set `dataparser` to it",
+                dataparser::NAME
+            );
+            notes.warning("dataparser-unused", text);
+        }
         if raw.is_empty() {
             return Err(NodeError::from(Error::format(&p.path.0, "holds no camera")).at("path"));
         }
@@ -217,24 +235,55 @@ fn unknown(path: &InputFile) -> NodeError {
         .hint("a COLMAP model has `cameras.bin` and `images.bin`, or both as `.txt`")
 }
 
+/// `dataparser_transforms.json` in the folder of the file of cameras, where `dataparser` does not name one. The path of
+/// a viewer is in the coordinates of the splats.
+fn unused_dataparser(p: &LoadCameras, root: &SourceRoot) -> Option<SourceFile> {
+    let needs =
+        p.dataparser.is_none() && is_json(&p.path) && p.path.0.to_lowercase().ends_with("transforms.json");
+    let beside = needs.then(|| root.beside(&root.file(&p.path), dataparser::NAME))?;
+    (beside.path.is_file() && !p.path.0.ends_with(dataparser::NAME)).then_some(beside)
+}
+
 fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, NodeError> {
+    cx.check_listed(&LoadCameras::sources(p, cx.root())?)?;
+    let (mut cameras, json) = read_file(p, cx, notes)?;
+    let Some(file) = &p.dataparser else { return Ok(cameras) };
+    let mut dataparser =
+        Dataparser::read(&file.0, &cx.read(file)?).map_err(|e| NodeError::from(e).at("dataparser"))?;
+    if let Some(json) = json {
+        dataparser = dataparser.after_applied(&p.path.0, &json)?;
+    }
+    cameras.iter_mut().for_each(|camera| dataparser.apply(camera));
+    notes.decision("dataparser", format!("the cameras are moved by `{}`", file.0));
+    Ok(cameras)
+}
+
+/// The cameras of the file, and its bytes if it is JSON.
+fn read_file(
+    p: &LoadCameras,
+    cx: &Context,
+    notes: &mut Notes,
+) -> Result<(Vec<Raw>, Option<Vec<u8>>), NodeError> {
     let name = &p.path.0;
     if is_json(&p.path) {
         let source = cx.source(&p.path);
-        cx.check_listed(&with_pictures(source.clone(), cx.root()))?;
         let sizes = |picture: &str| picture::size(&existing(&source, picture, cx.root())?.path);
-        return Ok(json::read(name, &cx.read(&p.path)?, &p.list, &sizes, notes)?);
+        let bytes = cx.read(&p.path)?;
+        let cameras = json::read(name, &bytes, &p.list, &sizes, notes)?;
+        return Ok((cameras, Some(bytes)));
     }
     let files = files(&p.path, cx.root())?;
-    cx.check_listed(&files.iter().map(|file| cx.source(file)).collect::<Vec<_>>())?;
     let first = cx.read(&files[0])?;
     let Some(second) = files.get(1) else {
-        return Ok(json::read(&files[0].0, &first, &p.list, &|_| None, notes)?);
+        let cameras = json::read(&files[0].0, &first, &p.list, &|_| None, notes)?;
+        return Ok((cameras, Some(first)));
     };
     let second = cx.read(second)?;
     cx.check()?;
     let binary = files[0].0.ends_with(".bin");
-    Ok(if binary { colmap::binary(name, &first, &second)? } else { colmap::text(name, &first, &second)? })
+    let cameras =
+        if binary { colmap::binary(name, &first, &second)? } else { colmap::text(name, &first, &second)? };
+    Ok((cameras, None))
 }
 
 /// Names of pictures without folder and ending; equal names keep as many of their folders as needed to distinguish

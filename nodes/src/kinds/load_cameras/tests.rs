@@ -8,6 +8,7 @@ fn node(path: &str) -> LoadCameras {
         list: "views".into(),
         resolution: 1.0,
         distortion: Distortion::Refuse,
+        dataparser: None,
     }
 }
 
@@ -455,4 +456,40 @@ fn sizes_come_from_the_pictures() {
     assert!((cameras[0].fx - 50.0).abs() < 1e-9 && (cameras[1].fx - 25.0).abs() < 1e-9);
     let error = load(&files[..2], &node("t.json")).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(error.contains("its picture `train/r_1.png` cannot be read"), "{error}");
+}
+
+// nerfstudio exports splats in the coordinates of its data parser, while the cameras stay in those of the capture.
+#[test]
+fn cameras_follow_the_data_parser() {
+    let parser = r#"{"transform": [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3]], "scale": 0.5}"#;
+    let with = |cameras: &str, parser: &str| {
+        let p = LoadCameras { dataparser: Some(InputFile("dp.json".into())), ..node("transforms.json") };
+        load(&[("transforms.json", cameras.as_bytes()), ("dp.json", parser.as_bytes())], &p)
+    };
+    let (cameras, _) = with(STUDIO, parser).unwrap_or_else(|e| panic!("{e}"));
+    // The eye (1, 2, 3): (-2 + 1, 1 + 2, 3 + 3) / 2; its x, which is +y, becomes -x.
+    assert_eq!(cameras[0].eye(), DVec3::new(-0.5, 1.5, 3.0));
+    assert_eq!(cameras[0].world_from_camera().transform_vector3(DVec3::X), -DVec3::X);
+    // Poses that have the applied transform already: the parser maps from before it. Its inverse is taken first.
+    let applied =
+        r#""applied_transform": [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]], "applied_scale": 2.0,"#;
+    let text = STUDIO.replacen('{', &format!("{{{applied}"), 1);
+    let (cameras, _) = with(&text, parser).unwrap_or_else(|e| panic!("{e}"));
+    // Before it, the eye is at (1, -3, 2); then (3 + 1, 1 + 2, 2 + 3) / 4.
+    assert_eq!(cameras[0].eye(), DVec3::new(1.0, 0.75, 1.25));
+    for wrong in [
+        "{}",
+        r#"{"transform": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "scale": 1}"#,
+        r#"{"transform": [[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "scale": 1}"#,
+        r#"{"transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "scale": 0}"#,
+        r#"{"transform": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "scale": 1}"#,
+    ] {
+        assert!(with(STUDIO, wrong).is_err(), "{wrong}");
+    }
+    // Left beside the cameras and not used: a warning.
+    let files = [("transforms.json", STUDIO.as_bytes()), ("dataparser_transforms.json", parser.as_bytes())];
+    let (_, notes) = load(&files, &node("transforms.json")).unwrap_or_else(|e| panic!("{e}"));
+    assert!(notes.iter().any(|note| note.id == "dataparser-unused"));
+    let (_, notes) = load(&files[..1], &node("transforms.json")).unwrap_or_else(|e| panic!("{e}"));
+    assert!(notes.iter().all(|note| note.id != "dataparser-unused"));
 }
