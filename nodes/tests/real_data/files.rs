@@ -224,7 +224,7 @@ fn cut_and_flipped_objects_are_errors_or_objects() {
 fn cameras(path: &str, list: &str, pick: &[&str]) -> Vec<nodes::types::Camera> {
     let p = LoadCameras {
         path: InputFile(path.into()),
-        pick: pick.iter().map(|p| (*p).to_owned()).collect(),
+        pick: pick.iter().map(|p| load_cameras::Pick::from(*p)).collect(),
         list: list.into(),
         resolution: 1.0,
         distortion: load_cameras::Distortion::Refuse,

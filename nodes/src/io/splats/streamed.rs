@@ -172,4 +172,27 @@ mod tests {
         let deep = format!("{}{}", "{\"children\":[".repeat(5000), "{}");
         assert!(level("a", format!("{{\"filenames\": [], \"tree\": {deep}").as_bytes(), 0).is_err());
     }
+
+    /// Changed descriptions: an error, or ranges in order.
+    #[test]
+    fn damaged_descriptions_are_survived() {
+        let mut seed = 1_u64;
+        for _ in 0..5000 {
+            let mut bytes = SCENE.as_bytes().to_vec();
+            for _ in 0..3 {
+                seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                let at = (seed >> 33) as usize % bytes.len();
+                match seed >> 62 {
+                    0 => bytes[at] ^= 1 << (seed >> 50 & 7),
+                    1 => drop(bytes.splice(at..at, b"9".iter().copied())),
+                    2 => drop(bytes.remove(at)),
+                    _ => bytes[at] = b'0' + (seed >> 55 & 7) as u8,
+                }
+            }
+            for (_, ranges) in level("a", &bytes, 0).map(|level| level.files).unwrap_or_default() {
+                let ranges = ranges.unwrap_or_default();
+                assert!(ranges.windows(2).all(|pair| pair[0].1 < pair[1].0));
+            }
+        }
+    }
 }

@@ -4,6 +4,7 @@ mod colmap;
 mod dataparser;
 mod distortion;
 mod json;
+mod pick;
 #[cfg(test)]
 mod tests;
 
@@ -20,6 +21,8 @@ use crate::io::picture;
 use crate::types::{Camera, Rig};
 use dataparser::Dataparser;
 use distortion::{Bend, INVISIBLE_PX};
+
+pub use pick::Pick;
 
 engine::choices! {
     /// Treatment of lens distortion, which a pinhole camera cannot represent.
@@ -46,8 +49,10 @@ engine::params! {
         /// The file, or the folder of a COLMAP model.
         path: InputFile, other("\"b.json\"");
         /// Cameras to load, in this order: names or paths of pictures, with wildcards `*` and `?`, or ranges of
-        /// indices from 0 such as `2..5`, or `0..400..8` for every eighth. The default is all cameras.
-        pick: Vec<String> = Vec::new(), other("[\"0..1\"]");
+        /// indices from 0 such as `2..5`, or `0..400..8` for every eighth, or an index: `pick: [Axis("v")]` with
+        /// `axes: (v: Range(0, 300))` renders one camera after the other, in the memory of one. The default is all
+        /// cameras.
+        pick: Vec<Pick> = Vec::new(), other("[\"0..1\"]");
         /// Name of the list in our own JSON format.
         list: String = "views".to_owned(), other("\"cube_faces\""), inert("only our own JSON has lists");
         /// Factor applied to width and height of the pictures.
@@ -146,7 +151,7 @@ impl Kind for LoadCameras {
         }
         let pictures: Vec<&str> = raw.iter().map(|camera| camera.picture.as_str()).collect();
         let names = view_names(&pictures);
-        let chosen = pick(&p.pick, &names, &pictures).map_err(|e| e.at("pick"))?;
+        let chosen = chosen(&p.pick, &names, &pictures).map_err(|e| e.at("pick"))?;
         let cameras = chosen
             .iter()
             .map(|&index| finish(p, &raw[index], names[index].clone(), &mut notes))
@@ -330,12 +335,12 @@ fn view_name(picture: &str, folders: usize) -> String {
 }
 
 /// Indices of the chosen cameras, each once, in the order of the patterns.
-fn pick(wishes: &[String], names: &[String], pictures: &[&str]) -> Result<Vec<usize>, NodeError> {
+fn chosen(wishes: &[Pick], names: &[String], pictures: &[&str]) -> Result<Vec<usize>, NodeError> {
     if wishes.is_empty() {
         return Ok((0..names.len()).collect());
     }
     let (mut chosen, mut taken) = (Vec::new(), vec![false; names.len()]);
-    for wish in wishes {
+    for Pick(wish) in wishes {
         let found: Vec<usize> = match range(wish) {
             Some((start, end, step)) => (start..end.min(names.len())).step_by(step).collect(),
             None => {

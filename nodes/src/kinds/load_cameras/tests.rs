@@ -149,7 +149,7 @@ fn picks_names_globs_and_ranges() {
     let pictures = ["view_0", "view_1", "day/left.png", "view_10"];
     let names = view_names(&pictures);
     let pick = |wishes: &[&str]| {
-        pick(&wishes.iter().map(|w| (*w).to_owned()).collect::<Vec<_>>(), &names, &pictures).ok()
+        chosen(&wishes.iter().map(|w| Pick::from(*w)).collect::<Vec<_>>(), &names, &pictures).ok()
     };
     assert_eq!(pick(&[]), Some(vec![0, 1, 2, 3]));
     assert_eq!(pick(&["left", "view_?"]), Some(vec![2, 0, 1]));
@@ -197,7 +197,7 @@ fn pictures_of_one_name_keep_their_folders() {
         format!(r#"{{"w": 40, "h": 30, "fl_x": 50, "fl_y": 51, "frames": [{}]}}"#, frames.join(","))
     };
     let of = |paths, picked: &[&str]| {
-        let pick = picked.iter().map(|wish| (*wish).to_owned()).collect();
+        let pick = picked.iter().map(|wish| Pick::from(*wish)).collect();
         let loaded = load(&[("t.json", set(paths).as_bytes())], &LoadCameras { pick, ..node("t.json") });
         loaded.map(|(cameras, _)| cameras.into_iter().map(|camera| camera.name).collect::<Vec<_>>())
     };
@@ -264,8 +264,8 @@ fn picking_many_cameras_takes_no_longer_than_reading_them() {
     let names: Vec<String> = (0..200_000).map(|i| format!("c{i}")).collect();
     let pictures: Vec<&str> = names.iter().map(String::as_str).collect();
     let start = std::time::Instant::now();
-    let wishes = ["5..6", "*", "c*"].map(str::to_owned);
-    let chosen = pick(&wishes, &names, &pictures).unwrap_or_else(|e| panic!("{e}"));
+    let wishes = ["5..6", "*", "c*"].map(Pick::from);
+    let chosen = chosen(&wishes, &names, &pictures).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!((chosen.len(), chosen[0], chosen[1], chosen[6]), (200_000, 5, 0, 6));
     assert!(start.elapsed().as_secs() < 10, "{:?}", start.elapsed());
 }
@@ -492,4 +492,59 @@ fn cameras_follow_the_data_parser() {
     assert!(notes.iter().any(|note| note.id == "dataparser-unused"));
     let (_, notes) = load(&files[..1], &node("transforms.json")).unwrap_or_else(|e| panic!("{e}"));
     assert!(notes.iter().all(|note| note.id != "dataparser-unused"));
+}
+
+/// Texts with one to four changes: an error or cameras, never a panic.
+#[test]
+fn damaged_files_of_cameras_are_survived() {
+    let path = r#"{"camera_type": "perspective", "render_height": 30, "render_width": 40, "camera_path": [
+        {"camera_to_world": [0,1,0,1, 1,0,0,2, 0,0,-1,3, 0,0,0,1], "fov": 90}]}"#;
+    let flags = STUDIO.replace("\"k1\": 0.0", "\"k1\": 1e-9, \"is_fisheye\": false, \"camera_angle_x\": 0.7");
+    let parser = r#"{"transform": [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3]], "scale": 0.5}"#;
+    let text = images();
+    let mut seed = 1_u64;
+    let mut next = |below: usize| {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 33) as usize % below.max(1)
+    };
+    let words: [&[u8]; 7] =
+        [b"null", b"-1", b"1e999", b"[]", b"18446744073709551616", b"nan", b"\xef\xbb\xbf"];
+    let mut hurt = |bytes: &[u8]| {
+        let mut bytes = bytes.to_vec();
+        for _ in 0..=next(4) {
+            let at = next(bytes.len());
+            match next(4) {
+                0 if !bytes.is_empty() => bytes[at] ^= 1 << next(8),
+                1 => drop(bytes.splice(at..at, words[next(7)].iter().copied())),
+                2 => drop(bytes.drain(at..(at + next(9)).min(bytes.len()))),
+                _ => bytes.truncate(bytes.len() - next(9).min(bytes.len())),
+            }
+        }
+        bytes
+    };
+    for _ in 0..4000 {
+        for whole in [OWN, OPENGL, INRIA, path, &flags] {
+            let bytes = hurt(whole.as_bytes());
+            json::pictures_without_size(&bytes);
+            if let Ok(cameras) = json::read("a", &bytes, "views", &|_| Some([40, 30]), &mut Notes::none()) {
+                let p = node("a.json");
+                for camera in &cameras {
+                    drop(finish(&p, camera, "a".to_owned(), &mut Notes::none()));
+                }
+            }
+        }
+        drop(colmap::text("m", &hurt(CAMERAS.as_bytes()), &hurt(text.as_bytes())));
+        if let Ok(parser) = dataparser::Dataparser::read("d", &hurt(parser.as_bytes())) {
+            drop(parser.after_applied("a", &hurt(STUDIO.as_bytes())));
+        }
+    }
+}
+
+// An axis of numbers takes the cameras of a file one after the other; it was refused as not text.
+#[test]
+fn indices_pick_cameras() {
+    let of = |text: &str| serde_json::from_str::<Vec<Pick>>(text).map_err(|e| e.to_string());
+    assert_eq!(of("[0, \"a\", 12]"), Ok(vec!["0..1".into(), "a".into(), "12..13".into()]));
+    assert!(of("[-1]").is_err() && of("[1.5]").is_err() && of("[true]").is_err());
+    assert!(of("[18446744073709551615]").is_err());
 }
