@@ -534,7 +534,7 @@ fn damaged_files_of_cameras_are_survived() {
             }
         }
         drop(colmap::text("m", &hurt(CAMERAS.as_bytes()), &hurt(text.as_bytes())));
-        if let Ok(parser) = dataparser::Dataparser::read("d", &hurt(parser.as_bytes())) {
+        if let Ok(parser) = Dataparser::read("d", &hurt(parser.as_bytes())) {
             drop(parser.after_applied("a", &hurt(STUDIO.as_bytes())));
         }
     }
