@@ -61,7 +61,9 @@ pub fn million() -> (tempfile::TempDir, impl Fn() -> Arc<Splats>) {
         more: Vec::new(),
         strict: true,
         max_extent: 1e6,
+        level: 0,
         frame: Frame::ByFormat,
+        matrix: None,
     };
     let load = move || {
         let (out, _) = LoadSplats::run(&params, load_splats::In {}, &cx).unwrap();

@@ -44,7 +44,9 @@ impl Bench {
             more: more.iter().map(|path| file(path)).collect(),
             strict: false,
             max_extent: 1e6,
+            level: 0,
             frame: load_splats::Frame::ByFormat,
+            matrix: None,
         };
         LoadSplats::run(&params, load_splats::In {}, &self.cx).unwrap().0.splats
     }

@@ -49,8 +49,12 @@ impl Case {
             serde_json::from_slice(&std::fs::read(folder.join("scene.json")).unwrap()).unwrap();
         let file = |name: &str| InputFile(name.to_owned());
         let cx = context(&folder, 1);
-        let mesh =
-            LoadMesh { path: file("receiver.ply"), frame: MeshFrame::World, colours: ColourEncoding::Srgb };
+        let mesh = LoadMesh {
+            path: file("receiver.ply"),
+            frame: MeshFrame::World,
+            colours: ColourEncoding::Srgb,
+            matrix: None,
+        };
         let receiver = LoadMesh::run(&mesh, load_mesh::In {}, &cx).unwrap().0.mesh;
         let object = LoadObject { path: file("object.glb"), scene: None };
         let object = LoadObject::run(&object, load_object::In {}, &cx).unwrap().0.object;

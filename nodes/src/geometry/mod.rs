@@ -3,6 +3,7 @@
 pub mod agreement;
 pub mod bvh;
 pub mod inspect;
+pub mod level;
 pub mod resting;
 pub mod sampling;
 pub mod support;

@@ -87,7 +87,12 @@ fn object(path: &str) -> (Arc<Object>, Notes) {
 }
 
 fn mesh(path: &str) -> (Arc<Mesh>, Notes) {
-    let p = LoadMesh { path: InputFile(path.into()), colours: ColourEncoding::Auto, frame: MeshFrame::World };
+    let p = LoadMesh {
+        path: InputFile(path.into()),
+        colours: ColourEncoding::Auto,
+        frame: MeshFrame::World,
+        matrix: None,
+    };
     let (out, notes) = LoadMesh::run(&p, load_mesh::In {}, &cx()).unwrap();
     (out.mesh, notes)
 }
@@ -229,6 +234,7 @@ fn cameras(path: &str, list: &str, pick: &[&str]) -> Vec<nodes::types::Camera> {
         resolution: 1.0,
         distortion: load_cameras::Distortion::Refuse,
         dataparser: None,
+        matrix: None,
     };
     let (out, _) = LoadCameras::run(&p, load_cameras::In {}, &cx()).unwrap();
     out.rig.cameras.clone()

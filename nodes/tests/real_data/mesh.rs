@@ -30,6 +30,7 @@ fn rig(list: &str) -> Arc<Rig> {
         resolution: 1.0,
         distortion: Distortion::Refuse,
         dataparser: None,
+        matrix: None,
     };
     LoadCameras::run(&params, load_cameras::In {}, &context()).unwrap().0.rig
 }
@@ -156,7 +157,7 @@ fn extracted(splats: Arc<Splats>) -> Arc<Mesh> {
 
 fn given() -> Arc<Mesh> {
     let path = InputFile("bench-case/mesh_proxy.ply".to_owned());
-    let params = LoadMesh { path, colours: ColourEncoding::Auto, frame: MeshFrame::World };
+    let params = LoadMesh { path, colours: ColourEncoding::Auto, frame: MeshFrame::World, matrix: None };
     LoadMesh::run(&params, load_mesh::In {}, &context()).unwrap().0.mesh
 }
 

@@ -24,7 +24,9 @@ pub fn load(path: &str, more: &[&str]) -> Arc<Splats> {
         more: more.iter().map(|path| file(path)).collect(),
         strict: true,
         max_extent: 1e6,
+        level: 0,
         frame: load_splats::Frame::ByFormat,
+        matrix: None,
     };
     LoadSplats::run(&params, load_splats::In {}, &context()).unwrap().0.splats
 }

@@ -48,8 +48,12 @@ fn case(name: &str) -> Case {
         serde_json::from_slice(&std::fs::read(data(&format!("{folder}/scene.json"))).unwrap()).unwrap();
     let file = |name: &str| InputFile(format!("{folder}/{name}"));
     let cx = context();
-    let mesh =
-        LoadMesh { path: file("receiver.ply"), frame: MeshFrame::World, colours: ColourEncoding::Srgb };
+    let mesh = LoadMesh {
+        path: file("receiver.ply"),
+        frame: MeshFrame::World,
+        colours: ColourEncoding::Srgb,
+        matrix: None,
+    };
     let (mesh, _) = LoadMesh::run(&mesh, load_mesh::In {}, &cx).unwrap();
     let object = LoadObject { path: file("object.glb"), scene: None };
     let (object, _) = LoadObject::run(&object, load_object::In {}, &cx).unwrap();

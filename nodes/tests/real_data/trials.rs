@@ -26,6 +26,8 @@ fn splats(path: &str) -> Result<(Arc<Splats>, Notes), NodeError> {
         more: Vec::new(),
         strict: false,
         max_extent: 1e6,
+        level: 0,
+        matrix: None,
         frame: load_splats::Frame::ByFormat,
     };
     LoadSplats::sources(&params, &SourceRoot::new(data("trials")))?;
@@ -34,7 +36,7 @@ fn splats(path: &str) -> Result<(Arc<Splats>, Notes), NodeError> {
 
 fn mesh(path: &str) -> Result<(Arc<Mesh>, Notes), NodeError> {
     let path = InputFile(path.to_owned());
-    let p = LoadMesh { path, colours: ColourEncoding::Auto, frame: MeshFrame::World };
+    let p = LoadMesh { path, colours: ColourEncoding::Auto, frame: MeshFrame::World, matrix: None };
     LoadMesh::run(&p, load_mesh::In {}, &cx(1.0)).map(|(out, notes)| (out.mesh, notes))
 }
 
@@ -113,6 +115,7 @@ fn cameras(path: &str) -> Result<Arc<Rig>, NodeError> {
         resolution: 1.0,
         distortion: Distortion::Refuse,
         dataparser: None,
+        matrix: None,
     };
     LoadCameras::run(&p, load_cameras::In {}, &cx(1.0)).map(|(out, _)| out.rig)
 }
@@ -131,6 +134,7 @@ fn cameras_of_other_tools_give_their_picture() {
         resolution: 1.0,
         distortion: Distortion::Refuse,
         dataparser: Some(InputFile("cameras/nerfstudio/dataparser_transforms.json".to_owned())),
+        matrix: None,
     };
     let rig = LoadCameras::run(&p, load_cameras::In {}, &cx(1.0)).unwrap().0.rig;
     let exported = splats("cameras/nerfstudio/splat.ply").unwrap().0;

@@ -29,7 +29,7 @@ fn mesh(name: &str, bytes: &[u8]) -> Result<crate::types::Mesh, NodeError> {
     let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
     std::fs::write(folder.path().join(name), bytes).unwrap_or_else(|e| panic!("{e}"));
     let path = InputFile(name.to_owned());
-    let p = LoadMesh { path, colours: ColourEncoding::Auto, frame: MeshFrame::World };
+    let p = LoadMesh { path, colours: ColourEncoding::Auto, frame: MeshFrame::World, matrix: None };
     let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
     let (out, _) = LoadMesh::run(&p, load_mesh::In {}, &Context::detached(scene, folder.path()))?;
     Ok((*out.mesh).clone())

@@ -91,7 +91,9 @@ fn what_is_not_finite_is_dropped_or_named() {
         more: Vec::new(),
         strict: true,
         max_extent: 1e6,
+        level: 0,
         frame: Frame::ByFormat,
+        matrix: None,
     };
     let error = LoadSplats::run(&params, In {}, &cx).err().unwrap();
     assert!(error.message().contains("splat 33333 "), "{error}");
@@ -327,7 +329,9 @@ fn sog_versions_and_wrappings_agree() {
             more: Vec::new(),
             strict: true,
             max_extent: 1e6,
+            level: 0,
             frame: Frame::ByFormat,
+            matrix: None,
         };
         let sources = LoadSplats::sources(&params, &root).unwrap();
         (LoadSplats::run(&params, In {}, &cx).unwrap().0.splats, sources)
@@ -444,7 +448,9 @@ fn chunks_that_come_and_go_while_it_runs_ask_for_another_run() {
         more: Vec::new(),
         strict: true,
         max_extent: 1e6,
+        level: 0,
         frame: Frame::ByFormat,
+        matrix: None,
     };
     let sources = LoadSplats::sources(&params, &SourceRoot::new(folder.path())).unwrap();
     let scene = engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };

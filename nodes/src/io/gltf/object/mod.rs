@@ -7,6 +7,8 @@ pub(crate) mod tangents;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use geometry::local;
+
 use std::path::Path;
 
 use engine::{Context, InputFile, NodeError, Notes, SourceFile, SourceRoot};

@@ -237,6 +237,8 @@ fn one_level_of_a_streamed_scene_is_read() {
             more: Vec::new(),
             strict: true,
             max_extent: 1e6,
+            level: 0,
+            matrix: None,
             frame: Frame::ByFormat,
         };
         let sources = LoadSplats::sources(&params, &SourceRoot::new(folder.path()))?;
