@@ -56,7 +56,6 @@ pub fn check_memory(path: &Path, memory: u64) -> Result<(), NodeError> {
 
 fn params(path: InputFile, frame: Frame) -> LoadSplats {
     LoadSplats { path, more: Vec::new(), strict: false, max_extent: 1e6, level: 0, frame, matrix: None }
-}: None }
 }
 
 /// The axis of the world that points up.
