@@ -70,6 +70,7 @@ fn rig(path: &Path, matrix: Option<[f64; 16]>, cx: &Context) -> Result<Arc<Rig>,
         list: "views".to_owned(),
         resolution: 1.0,
         distortion: Distortion::Ignore,
+        dataparser: None,
         matrix,
     };
     Ok(LoadCameras::run(&params, load_cameras::In {}, cx)?.0.rig)

@@ -24,7 +24,10 @@ struct Known {
 }
 
 fn file(name: &'static str, path: &str, truth: Option<(DVec3, f64)>, bounds: (f64, f64)) -> Known {
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, data(""));
+    let cx = Context::detached(
+        Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false },
+        data(""),
+    );
     let params = LoadSplats {
         path: InputFile(path.to_owned()),
         more: Vec::new(),
@@ -39,7 +42,10 @@ fn file(name: &'static str, path: &str, truth: Option<(DVec3, f64)>, bounds: (f6
 }
 
 fn demo(name: &'static str, place: Setting, floor: (f64, f64)) -> Known {
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, data(""));
+    let cx = Context::detached(
+        Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false },
+        data(""),
+    );
     let params = DemoScene {
         place,
         splats: 60_000,

@@ -48,8 +48,7 @@ engine::params! {
     /// pictures have 1080 rows times `resolution`. Frames of (3) without a size have that of their pictures. Distortion
     /// that moves no point of the picture by more than a twentieth of a pixel is left out. Pixel centres lie at +0.5 in
     /// all of them. A view is named after its picture, without folder and extension, but with as many folders as needed
-    /// to distinguish
-    /// pictures of the same name: `day1_IMG_0001`.
+    /// to distinguish pictures of the same name: `day1_IMG_0001`.
     pub struct LoadCameras {
         /// The file, or the folder of a COLMAP model.
         path: InputFile, other("\"b.json\"");
@@ -64,12 +63,12 @@ engine::params! {
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
         /// Treatment of lens distortion.
         distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have none");
-    /// nerfstudio's `transforms.json`, or `camera_path.json` of its viewer. (4) INRIA's `cameras.json`. (5) The
-    /// perspective cameras of a glTF or GLB scene, converted from y up and metres to the world as objects are; their
-    /// pictures have 1080 rows times `resolution`. Frames of (3) without a size have that of their pictures. Distortion
-    /// that moves no point of the picture by more than a twentieth of a pixel is left out. Pixel centres lie at +0.5 in
-    /// all of them. A view is named after its picture, without folder and extension, but with as many folders as needed
-    /// to distinguish
+        /// `dataparser_transforms.json` of nerfstudio's training run, for splats that it exported: the cameras are
+        /// moved from the coordinates of the capture to those of the splats. COLMAP models and `transforms.json` need
+        /// it, `camera_path.json` has the coordinates of the splats already.
+        dataparser: Option<InputFile> = None, other("Some(\"dataparser_transforms.json\")");
+        /// A rotation, an even scale and a shift of the cameras: 16 numbers, row after row, as `load-splats` has them.
+        matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }
 engine::inputs! {
