@@ -23,6 +23,7 @@ pub(crate) mod streamed;
 #[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 mod tests;
 mod training;
+mod usda;
 mod zip;
 
 use std::sync::{Mutex, PoisonError};
@@ -173,6 +174,7 @@ pub(crate) fn load(
         Format::Glb | Format::Gltf => gltf::load(file, bytes, fetch, reading, notes),
         Format::Ksplat => ksplat::load(file, bytes, reading, notes),
         Format::Splat => splat::load(file, bytes, reading, notes),
+        Format::Usda => usda::load(file, bytes, reading, notes),
     }
 }
 

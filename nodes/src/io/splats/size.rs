@@ -64,6 +64,8 @@ pub(crate) fn of(file: &FileHead<'_>) -> (u64, u64) {
         [b'P', b'K', ..] => of(file.bytes / 12, 3, 80),
         // Pictures of SOG, each with its share of 12 bytes per splat.
         [b'R', b'I', b'F', b'F', ..] => of(file.bytes / 12, 3, 80),
+        // Text of USD: some four bytes per number, and the numbers as floats before they are rows.
+        [b'#', b'u', b's', b'd', b'a', ..] => (file.bytes.saturating_mul(4), file.bytes.saturating_mul(2)),
         [b'g', b'l', b'T', b'F', ..] => of(file.bytes / 236, 3, 0),
         _ if file.name.to_ascii_lowercase().ends_with(".ksplat") => of(u64::from(u32_at(&head, 16)), 3, 0),
         _ if file.name.to_ascii_lowercase().ends_with(".splat") => of(file.bytes / 32, 0, 0),

@@ -288,6 +288,11 @@ pub(super) fn load_bundle(
         let what = "an archive of a streamed SOG; unpack it and name its folder";
         return Err(Error::unsupported(file, what).into());
     }
+    if file.to_ascii_lowercase().ends_with(".usdz") {
+        return Err(
+            Error::unsupported(file, "USDZ; unpack it, and save what is inside as text, `.usda`").into()
+        );
+    }
     let Some(name) = archive.find("meta.json") else {
         return Err(Error::format(file, "the ZIP archive holds no `meta.json`, or several; not SOG").into());
     };

@@ -8,7 +8,7 @@ use engine::{InputFile, NodeError, SourceFile, SourceRoot, Up};
 use super::gltf::{self, Document};
 use super::sog::Meta;
 use super::streamed::{self, Ranges};
-use super::{ksplat, splat, spz};
+use super::{ksplat, splat, spz, usda};
 use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, json_text, refuse_foreign};
 
@@ -34,6 +34,8 @@ pub enum Format {
     Ksplat,
     /// `.splat`.
     Splat,
+    /// USD in text.
+    Usda,
 }
 
 impl Format {
@@ -46,6 +48,7 @@ impl Format {
             Self::Glb | Self::Gltf => "gltf",
             Self::Ksplat => "ksplat",
             Self::Splat => "splat",
+            Self::Usda => "usda",
         }
     }
 
@@ -67,6 +70,12 @@ impl Format {
         }
         if starts(b"PK\x03\x04") {
             return Ok(Self::SogBundle);
+        }
+        if starts(usda::MAGIC) {
+            return Ok(Self::Usda);
+        }
+        if starts(usda::BINARY) {
+            return Err(Error::unsupported(file, "binary USD; save it as text, `.usda`"));
         }
         if starts(gltf::MAGIC) {
             return Ok(Self::Glb);

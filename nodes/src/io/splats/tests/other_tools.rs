@@ -295,3 +295,82 @@ fn pointers_of_git_lfs_are_named() {
     let error = read(text).err().unwrap();
     assert!(error.message().contains("git lfs pull"), "{error}");
 }
+
+/// Two splats as text of USD, between `head` and `tail` of a prim around them.
+fn usda(metadata: &str, transform: &str, more: &str) -> String {
+    format!(
+        "#usda 1.0\n(\n    doc = \"made (here)\"\n    {metadata}\n)\n# a note {{\ndef Xform \"World\" (\n    kind = \"x\"\n)\n{{\n    {transform}\n\
+         def ParticleField3DGaussianSplat \"Splats\"\n    {{\n        point3f[] positions = [(1, 2, 3),\n (-1, 0, 0.5)]\n\
+         quatf[] orientations = [(1, 0, 0, 0), (0.5, 0.5, -0.5, 0.5)]\n        float3[] scales = [(0.1, 0.2, 0.3), (1, 1, 0)]\n\
+         half[] opacitiesh = [1, 0.25]\n        uniform int radiance:sphericalHarmonicsDegree = 1\n\
+         float3[] radiance:sphericalHarmonicsCoefficients = [(0.5, 0.25, -0.5), (1,2,3), (4,5,6), (7,8,9), (1,1,1), (0,0,0), (0,0,0), (0,0,0)]\n\
+         uniform token projectionModeHint = \"perspective\"\n{more}    }}\n}}\n"
+    )
+}
+
+/// Splats of USD in text: values, unit, axis, transforms, and what is refused.
+#[test]
+fn splats_of_usd_in_text_are_read() {
+    let stored = |text: &str| from_bytes("a.usda", text.as_bytes(), Frame::AsStored, &context());
+    let metres = "upAxis = \"Z\"\n    metersPerUnit = 1";
+    let (splats, _) = stored(&usda(metres, "", "")).unwrap();
+    assert_eq!((splats.len(), splats.sh_degree), (2, 1));
+    near(splats.means.as_flattened(), &[1.0, 2.0, 3.0, -1.0, 0.0, 0.5], 1e-6);
+    near(&splats.scales[1], &[1.0, 1.0, 0.0], 1e-6);
+    near(&splats.opacities, &[1.0, 0.25], 0.0);
+    near(&splats.quats[1], &[0.5, 0.5, -0.5, 0.5], 1e-6);
+    near(splats.sh[..2].as_flattened(), &[0.5, 0.25, -0.5, 1.0, 2.0, 3.0], 1e-5);
+    let means = |metadata: &str, transform: &str| {
+        let (splats, _) =
+            from_bytes("a", usda(metadata, transform, "").as_bytes(), Frame::ByFormat, &context())
+                .unwrap_or_else(|e| panic!("{e}"));
+        (splats.means[0], splats.scales[0][0])
+    };
+    // The world of the test has +z up: y up is turned, centimetres are metres.
+    let close = |(a, s): ([f32; 3], f32), b: [f32; 3], t: f32| {
+        near(&[a[0], a[1], a[2], s], &[b[0], b[1], b[2], t], 1e-6)
+    };
+    close(means("upAxis = \"Z\"\n metersPerUnit = 0.5", ""), [0.5, 1.0, 1.5], 0.05);
+    close(means("upAxis = \"Y\"\n metersPerUnit = 1", ""), [1.0, -3.0, 2.0], 0.1);
+    close(means("upAxis = \"Z\"", ""), [0.01, 0.02, 0.03], 0.001);
+    let moved = "matrix4d xformOp:transform = ( (2,0,0,0), (0,2,0,0), (0,0,2,0), (10,0,0,1) )\n\
+        uniform token[] xformOpOrder = [\"xformOp:transform\"]\n";
+    close(means(metres, moved), [12.0, 4.0, 6.0], 0.2);
+    let steps = "double3 xformOp:translate = (10, 0, 0)\n float3 xformOp:scale = (2, 2, 2)\n\
+        uniform token[] xformOpOrder = [\"xformOp:translate\", \"xformOp:scale\"]\n";
+    close(means(metres, steps), [12.0, 4.0, 6.0], 0.2);
+    for (text, says) in [
+        (usda(metres, "", "        point3f[] positions.timeSamples = { 0: [(1,2,3)] }\n"), "in time"),
+        (usda(metres, &steps.replace("xformOp:scale", "xformOp:rotateX"), ""), "rotateX"),
+        (usda(metres, &steps.replace("(2, 2, 2)", "(2, 1, 2)"), ""), "unevenly"),
+        (usda("upAxis = \"X\"", "", ""), "not Y or Z"),
+        (usda("metersPerUnit = 0", "", ""), "metersPerUnit"),
+        (usda(metres, "", "        float[] opacities = [1, 2, 3]\n"), "3 numbers for 2 splats"),
+        (usda(metres, "", "").replace("ParticleField3DGaussianSplat", "Mesh"), "no prim of the type"),
+        (usda(metres, "", "").replace("}\n}", "}"), "without an end"),
+    ] {
+        let error = stored(&text).err().unwrap();
+        assert!(error.message().contains(says), "{error}");
+    }
+    let error = read(b"PXR-USDC\0\0").err().unwrap();
+    assert!(error.message().contains("save it as text"), "{error}");
+    // Every cut and changed bytes: an error or a scene.
+    let whole = usda(metres, moved, "").into_bytes();
+    let mut seed = 1_u64;
+    for turn in 0..4000 {
+        let mut bytes = whole.clone();
+        for _ in 0..=turn % 3 {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let at = (seed >> 33) as usize % bytes.len();
+            match seed >> 62 {
+                0 => bytes.truncate(at.max(8)),
+                1 => bytes[at] = b"()[]{}\"#=,\n"[(seed >> 50) as usize % 11],
+                2 => drop(bytes.remove(at)),
+                _ => bytes[at] ^= 1 << (seed >> 55 & 7),
+            }
+        }
+        if let Ok((splats, _)) = read(&bytes) {
+            assert!(splats.len() <= bytes.len());
+        }
+    }
+}
