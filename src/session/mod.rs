@@ -1,5 +1,6 @@
 //! The parts that most verbs need first: a checked graph, a store, threads.
 
+pub mod agreement;
 pub mod budget;
 mod engine;
 mod error;

@@ -58,7 +58,8 @@ fn context(up: Up) -> Context {
 fn load(path: &Path, matrix: Option<[f64; 16]>, cx: &Context) -> Result<Arc<Splats>, NodeError> {
     let path = InputFile(path.display().to_string());
     let frame = Frame::ByFormat;
-    let params = LoadSplats { path, more: Vec::new(), strict: false, max_extent: 1e6, frame, matrix };
+    let params =
+        LoadSplats { path, more: Vec::new(), strict: false, max_extent: 1e6, level: 0, frame, matrix };
     Ok(LoadSplats::run(&params, load_splats::In {}, cx)?.0.splats)
 }
 
@@ -69,6 +70,7 @@ fn rig(path: &Path, matrix: Option<[f64; 16]>, cx: &Context) -> Result<Arc<Rig>,
         list: "views".to_owned(),
         resolution: 1.0,
         distortion: Distortion::Ignore,
+        dataparser: None,
         matrix,
     };
     Ok(LoadCameras::run(&params, load_cameras::In {}, cx)?.0.rig)

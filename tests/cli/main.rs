@@ -9,6 +9,7 @@ mod kill;
 mod layers;
 mod messages;
 mod names;
+mod other_tools;
 mod reference;
 mod share;
 mod show;

@@ -1,5 +1,6 @@
 //! Geometry: rays against triangles, what objects rest on, sampling of directions, and summaries of scenes.
 
+pub mod agreement;
 pub mod bvh;
 pub mod inspect;
 pub mod level;

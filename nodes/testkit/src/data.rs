@@ -69,6 +69,7 @@ impl Data {
             more: more.iter().map(|path| file(path)).collect(),
             strict,
             max_extent: 1e6,
+            level: 0,
             frame: Frame::ByFormat,
             matrix: None,
         };
@@ -106,10 +107,11 @@ impl Data {
     pub fn cameras(&self, path: &str, list: &str, pick: &[&str]) -> Arc<Rig> {
         let params = LoadCameras {
             path: InputFile(path.to_owned()),
-            pick: pick.iter().map(|name| (*name).to_owned()).collect(),
+            pick: pick.iter().map(|name| load_cameras::Pick::from(*name)).collect(),
             list: list.to_owned(),
             resolution: 1.0,
             distortion: Distortion::Refuse,
+            dataparser: None,
             matrix: None,
         };
         LoadCameras::run(&params, load_cameras::In {}, &self.context()).unwrap().0.rig

@@ -18,6 +18,8 @@ use super::rows::{Row, sh_rest};
 use super::{Fetch, Loaded, Reading, spz};
 use crate::error::Error;
 use crate::io::base64;
+use crate::io::foreign::json_text;
+use crate::io::gltf::address;
 use crate::math::num;
 use crate::types::SplatEncoding;
 use crate::types::frame::Similarity;
@@ -130,12 +132,13 @@ struct Buffer {
 impl Document {
     /// Reads the JSON of a file.
     pub fn read(file: &str, json: &[u8]) -> Result<Self, Error> {
-        serde_json::from_slice(json).map_err(|e| Error::format(file, format!("not glTF: {e}")))
+        serde_json::from_slice(json_text(json)).map_err(|e| Error::format(file, format!("not glTF: {e}")))
     }
 
     /// The files that contain its buffers.
-    pub fn files(&self) -> impl Iterator<Item = &str> {
-        self.buffers.iter().filter_map(|buffer| buffer.uri.as_deref()).filter(|uri| !uri.starts_with("data:"))
+    pub fn files(&self, file: &str) -> Result<Vec<String>, Error> {
+        let uris = self.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
+        uris.filter(|uri| !uri.starts_with("data:")).map(|uri| address::path(file, uri)).collect()
     }
 }
 

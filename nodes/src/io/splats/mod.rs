@@ -19,9 +19,12 @@ mod sog;
 pub(crate) mod source;
 mod splat;
 mod spz;
+pub(crate) mod streamed;
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 mod tests;
+mod training;
+mod usda;
 mod zip;
 
 use std::sync::{Mutex, PoisonError};
@@ -157,6 +160,8 @@ pub(crate) fn load(
 ) -> Result<Loaded, NodeError> {
     match Format::of(file, bytes)? {
         Format::Ply => {
+            ply::refuse_mesh(file, &crate::io::ply::header(file, bytes)?)?;
+            let bytes = &*fixed_rows::little_endian(file, bytes, reading.cx)?;
             let header = fixed_rows::FixedRows::read(file, bytes)?;
             let packed = ply_packed::is_packed(&header);
             let read = if packed { ply_packed::load } else { ply::load };
@@ -165,11 +170,30 @@ pub(crate) fn load(
             Ok(loaded)
         }
         Format::Spz => spz::load(file, bytes, None, reading, notes),
-        Format::SogMeta => sog::load(file, &sog::Meta::read(file, bytes)?, fetch, reading, notes),
-        Format::SogBundle => sog::load_bundle(file, bytes, reading, notes),
+        Format::SogMeta => sog::load(file, &sog::Meta::read(file, bytes)?, None, fetch, reading, notes),
+        Format::SogBundle => sog::load_bundle(file, bytes, None, reading, notes),
         Format::Glb | Format::Gltf => gltf::load(file, bytes, fetch, reading, notes),
         Format::Ksplat => ksplat::load(file, bytes, reading, notes),
         Format::Splat => splat::load(file, bytes, reading, notes),
+        Format::Usda => usda::load(file, bytes, reading, notes),
+    }
+}
+
+/// Reads ranges of rows of a SOG file.
+pub(crate) fn load_ranges(
+    file: &str,
+    bytes: &[u8],
+    ranges: &[(usize, usize)],
+    fetch: &Fetch<'_>,
+    reading: &Reading<'_>,
+    notes: &mut Notes,
+) -> Result<Loaded, NodeError> {
+    match Format::of(file, bytes)? {
+        Format::SogMeta => {
+            sog::load(file, &sog::Meta::read(file, bytes)?, Some(ranges), fetch, reading, notes)
+        }
+        Format::SogBundle => sog::load_bundle(file, bytes, Some(ranges), reading, notes),
+        other => Err(Error::unsupported(file, format!("a streamed scene of {} files", other.name())).into()),
     }
 }
 

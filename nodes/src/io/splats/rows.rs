@@ -5,7 +5,7 @@ use crate::math::num;
 /// Reason why a row is dropped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RowFault {
-    /// A field is NaN or infinite.
+    /// A field is NaN, or infinite where this has no meaning.
     NotFinite,
     /// The quaternion is zero: as in rows of incomplete exports.
     ZeroQuaternion,
@@ -74,6 +74,9 @@ impl Row {
     /// Activates the parameters of the optimiser: log scales, logit opacity, a quaternion of any length. `filter`
     /// is `filter_3D` of Mip-Splatting (Yu et al. 2024, eq. 9; `get_scaling_with_3D_filter`): it widens every axis
     /// and reduces the opacity by the ratio of the volumes.
+    ///
+    /// Infinities have the meaning of their limits: a logit of +inf is an opacity of 1, -inf of 0, and a log scale
+    /// of -inf a thickness of 0. A log scale of +inf is too large.
     pub fn activate(
         mean: [f64; 3],
         quat: [f64; 4],
@@ -82,8 +85,10 @@ impl Row {
         filter: Option<f64>,
         max_extent: f64,
     ) -> Result<Self, RowFault> {
-        let numbers = mean.iter().chain(&quat).chain(&log_scale).chain([&logit]).chain(filter.as_ref());
-        if numbers.into_iter().any(|value| !value.is_finite()) {
+        let numbers = mean.iter().chain(&quat).chain(filter.as_ref());
+        if numbers.into_iter().any(|value| !value.is_finite())
+            || log_scale.iter().chain([&logit]).any(|value| value.is_nan())
+        {
             return Err(RowFault::NotFinite);
         }
         let mut scale = log_scale.map(num::f64::exp);

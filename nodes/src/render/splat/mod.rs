@@ -12,6 +12,7 @@ mod blend64;
 mod block;
 mod camera_model;
 mod listed;
+pub(crate) mod near;
 mod panorama;
 mod peak;
 mod project;

@@ -33,6 +33,7 @@ fn file(name: &'static str, path: &str, truth: Option<(DVec3, f64)>, bounds: (f6
         more: Vec::new(),
         strict: false,
         max_extent: 1e6,
+        level: 0,
         frame: Frame::AsStored,
         matrix: None,
     };

@@ -45,6 +45,7 @@ fn read(bytes: &[u8], strict: bool) -> Result<(Arc<Splats>, Notes), NodeError> {
         more: Vec::new(),
         strict,
         max_extent: 1e6,
+        level: 0,
         frame: Frame::ByFormat,
         matrix: None,
     };
@@ -80,7 +81,7 @@ fn broken_rows_are_dropped_and_counted_by_reason() {
         with(good(9.0), "y", f32::INFINITY),
         with(good(9.0), "scale_1", 88.0),
         with(good(9.0), "scale_1", 200.0),
-        with(good(9.0), "scale_2", f32::NEG_INFINITY),
+        with(good(9.0), "scale_2", f32::NAN),
         good(2.0),
     ];
     let bytes = ply(&PLAIN, &rows, 8);
@@ -128,6 +129,7 @@ fn files_of_a_scene_are_appended_at_the_higher_degree() {
         more: vec![file("b.ply")],
         strict: true,
         max_extent: 1e6,
+        level: 0,
         frame: Frame::ByFormat,
         matrix: None,
     };
