@@ -217,8 +217,7 @@ fn ambiguous(name: &str, wanted: &[String], sources: &[Read]) -> String {
     let times = wanted.iter().filter(|other| *other == name).count();
     let read = sources.iter().filter(|(source, _)| source == name).count();
     format!(
-        "the recipe does not tell which file `{name}` is: it stands {times} times in the fields of the node, and of its \
-         {} files {read} have that name; use the graph itself, or a bundle of it",
+        "the recipe does not identify the file `{name}`: the fields of the node name it {times} times, and of the {} files that the node read, {read} have that name; use the graph itself, or a bundle of it",
         sources.len()
     )
 }

@@ -59,7 +59,7 @@ impl Kind for Plane {
         let side = params.width_metres.max(params.depth_metres);
         if side / params.square_metres > MOST {
             let least = side / MOST;
-            return Err(NodeError::new(format!("more than {MOST} squares a side"))
+            return Err(NodeError::new(format!("more than {MOST} squares per side"))
                 .at("square_metres")
                 .hint(format!("at least {least:.4}")));
         }

@@ -46,7 +46,7 @@ impl Artifact for Environment {
 
     fn difference(&self, other: &Self) -> Difference {
         if self.up != other.up || self.origin != other.origin {
-            return Difference::of("seen from another point");
+            return Difference::of("captured at another point");
         }
         let size = |image: &Image<Linear>| (image.width, image.height, image.channels);
         samples_difference(

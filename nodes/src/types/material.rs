@@ -434,7 +434,7 @@ impl Fields for Read<'_, '_> {
     fn numbers(&mut self, v: &mut [f32]) -> Result<(), Corrupt> {
         let read = self.from.f32s()?;
         if read.len() != v.len() {
-            return Err(Corrupt(format!("{} numbers where {} belong", read.len(), v.len())));
+            return Err(Corrupt(format!("{} numbers instead of {}", read.len(), v.len())));
         }
         v.copy_from_slice(&read);
         Ok(())

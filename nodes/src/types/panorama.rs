@@ -119,10 +119,13 @@ impl Artifact for Panorama {
     fn difference(&self, other: &Self) -> Difference {
         if self.up != other.up || self.origin != other.origin {
             let from = |pano: &Self| pano.origin.map_or("an unknown place".to_owned(), |p| p.to_string());
-            return Difference::of(format!("seen from {} against {}", from(self), from(other)));
+            return Difference::of(format!("captured at {} and {}", from(self), from(other)));
         }
         if self.turned_deg != other.turned_deg {
-            return Difference::of(format!("turned by {} against {}", self.turned_deg, other.turned_deg));
+            return Difference::of(format!(
+                "rotated by {} and {} degrees",
+                self.turned_deg, other.turned_deg
+            ));
         }
         samples_difference(
             "panorama",

@@ -1,4 +1,4 @@
-//! Files that hold neither splats nor a mesh: their sort, and the kinds that read them.
+//! Files that are neither splats nor a mesh: their type, and the kinds that read them.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ const PICTURES: [&[u8]; 6] =
 /// Keys of the camera files that `load-cameras` reads: of trainers, of nerfstudio and of Instant-NGP.
 const CAMERAS: [&str; 5] = ["\"fx\"", "\"rotation\"", "\"camera_angle_x\"", "\"frames\"", "\"fl_x\""];
 
-/// The sort of a file that is not a scene, and what reads it; `None` where it is unknown.
+/// The type of a file that is not a scene, and what reads it; `None` if it is unknown.
 pub(super) fn other(path: &Path, bytes: &[u8]) -> Option<String> {
     let ends_with = |end: &str| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(end));
     if PICTURES.iter().any(|begin| bytes.starts_with(begin)) {

@@ -143,7 +143,7 @@ pub fn train(
     };
     for file in [&files.transformer, &files.vae, &files.prompt] {
         if !file.exists() {
-            let what = format!("is not there; {}", WHERE);
+            let what = format!("does not exist; {}", WHERE);
             return Err(Error::format(file.display().to_string(), what));
         }
     }
@@ -156,8 +156,9 @@ pub fn train(
     };
     // Checked now rather than after hours.
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder)
-        .map_err(|error| Error::format(folder.display().to_string(), format!("cannot be made: {error}")))?;
+    std::fs::create_dir_all(folder).map_err(|error| {
+        Error::format(folder.display().to_string(), format!("cannot be created: {error}"))
+    })?;
     let learned_from = learned_from(panoramas, &files, plan.width)?;
     let device = device().map_err(flux)?;
     let model = Kontext::load(&files, &device, DType::F32).map_err(flux)?;

@@ -56,7 +56,7 @@ impl Tally {
             "clipped",
             self.clipped,
             format_args!(
-                "samples ({:.2} %) are brighter with the objects than `s_max` = {s_max} lets through, by more than 1 %: {:.3} times as bright in sum",
+                "samples ({:.2} %) exceed the ratio `s_max` = {s_max} by more than 1 %: with the objects they are {:.3} times as bright in total",
                 share(self.clipped),
                 self.bright[0] / self.bright[1].max(f64::MIN_POSITIVE)
             ),

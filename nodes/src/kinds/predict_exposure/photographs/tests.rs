@@ -183,7 +183,7 @@ fn photographs_that_contradict_the_panorama_are_reported() {
     let place = Place::new();
     let (_, notes) = place.gains(&["b.png", "a.png"], &[-3.0, -6.0]);
     let found = reported(&notes, "photograph-disagrees");
-    assert!(found.len() == 2 && found[0].starts_with("`b.png`, taken at EV -3, shows 3.0 stops less"));
+    assert!(found.len() == 2 && found[0].starts_with("in `b.png`, taken at EV -3, "));
     // The same median, but of another place: light and dark pixels are mixed up.
     let code = |at: usize| u16::from(code8(srgb_from_linear([0.002_f32, 0.04, 0.9][at * 7 % 3])));
     let codes = (0..W * H).flat_map(|at| [code(at); 3]).collect();

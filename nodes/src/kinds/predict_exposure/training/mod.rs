@@ -127,10 +127,10 @@ pub fn train(
         if chosen.is_empty() {
             let what = match fold {
                 Some(_) => {
-                    "a part of the cross-validation leaves no panorama in which anything is clipped to learn from: take fewer parts or none (--folds), more panoramas, or some by formula (--procedural)"
+                    "in one part of the cross-validation no panorama to learn from has a clipped pixel: use fewer parts (--folds), more panoramas, or procedural ones (--procedural)"
                 }
                 None => {
-                    "nothing is clipped in any panorama, so there is nothing to learn from: take more panoramas, or some by formula (--procedural)"
+                    "no panorama has a clipped pixel, so there is nothing to learn from: use more panoramas, or procedural ones (--procedural)"
                 }
             };
             return Err(Error::Mismatch(what.to_owned()));
