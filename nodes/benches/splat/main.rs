@@ -1,7 +1,7 @@
-//! Every table of `docs/evidence/splats.md`: how fast splats are loaded and drawn, how exact, what each knob costs and each
-//! skip saves, how time and memory grow, and both ways to a panorama.
-//! `cargo bench -p lightharmony-nodes --bench splat -- DATA [section ..]`, where DATA holds `splats/garden_sog`,
-//! `splats/playbot_sog` and `splat-refs`. Without DATA, speed alone, on a cloud made from a seed.
+//! Prints every table of `docs/evidence/splats.md`: speed of loading and drawing, accuracy, cost of each knob,
+//! savings of each skip, growth of time and memory, and both ways to a panorama. `cargo bench -p lightharmony-nodes
+//! --bench splat -- DATA [section ..]`, where DATA holds `splats/garden_sog`, `splats/playbot_sog` and
+//! `splat-refs`. Without DATA it measures only speed, on a random cloud.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
 mod exact;
@@ -24,7 +24,7 @@ use nodes::math::num;
 use nodes::types::{Camera, SplatEncoding, Splats};
 use rustix::time::{ClockId, clock_gettime};
 
-/// Where the data is, a context to work in, and one thread.
+/// The data folder, a context, and a pool of one thread.
 struct Bench {
     data: Option<PathBuf>,
     cx: Context,
@@ -122,7 +122,7 @@ fn cloud() -> Splats {
     }
 }
 
-/// A 640x480 view along -y, turned off the axes where its name says so.
+/// A 640x480 view along -y, rotated off the axes if its name says so.
 fn before_the_cloud(name: &str) -> Camera {
     let tilted = DVec3::new(-0.121_572, -0.990_128, -0.069_756);
     let forward = if name.contains("tilted") { tilted.normalize() } else { DVec3::NEG_Y };
@@ -142,7 +142,7 @@ fn before_the_cloud(name: &str) -> Camera {
     }
 }
 
-/// A camera's transform, of its axes and where it stands.
+/// The transform of a camera from its axes and position.
 fn look(right: DVec3, down: DVec3, forward: DVec3, eye: DVec3) -> [f64; 16] {
     let columns = [right.extend(0.0), down.extend(0.0), forward.extend(0.0), eye.extend(1.0)];
     glam::DMat4::from_cols(columns[0], columns[1], columns[2], columns[3]).to_cols_array()
@@ -166,7 +166,7 @@ fn clock(id: ClockId) -> f64 {
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
-/// CPU seconds of every thread of this process, so that others on the machine do not enter.
+/// CPU seconds of every thread of this process, so that other load of the machine does not count.
 fn cpu_seconds() -> f64 {
     clock(ClockId::ProcessCPUTime)
 }
@@ -176,7 +176,7 @@ fn thread_seconds() -> f64 {
     clock(ClockId::ThreadCPUTime)
 }
 
-/// A result, and the least CPU seconds of several runs of it.
+/// A result, and the shortest CPU time of several runs, in seconds.
 fn timed<T>(runs: usize, mut work: impl FnMut() -> T) -> (T, f64) {
     let mut best: Option<(T, f64)> = None;
     for _ in 0..runs {
@@ -214,7 +214,7 @@ fn origin() -> String {
     )
 }
 
-/// A name, and what prints it.
+/// The name of a section, and the function that prints it.
 type Section = (&'static str, fn(&Bench));
 
 fn main() {

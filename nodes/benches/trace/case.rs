@@ -88,7 +88,7 @@ impl Case {
         Self { folder, receiver, object, env, rig: Arc::new(Rig { cameras: vec![camera] }) }
     }
 
-    /// The same with the camera `times` as far away, and a receiver larger by as much.
+    /// The scene with the camera `times` as far away, and a receiver that is larger by the same factor.
     pub fn with_camera_at(&self, times: f32) -> Self {
         let mut receiver = Mesh::clone(&self.receiver);
         receiver.positions.iter_mut().flatten().for_each(|v| *v *= times);
@@ -104,7 +104,7 @@ impl Case {
         }
     }
 
-    /// Traces with or without the object; gives the CPU seconds too.
+    /// Traces with or without the object; also returns the CPU seconds.
     pub fn trace(&self, seed: u64, samples: u32, with: bool, surroundings: Surroundings) -> Traced {
         self.cropped(seed, samples, with, surroundings, 0.001)
     }
@@ -115,7 +115,7 @@ impl Case {
         self.traced(&params, seed, true)
     }
 
-    /// The same with another `crop`.
+    /// Like [`shadow`](Self::shadow), with another `crop`.
     pub fn cropped(
         &self,
         seed: u64,
@@ -170,7 +170,7 @@ pub fn rgb(images: &Images) -> Vec<f32> {
     picture.samples().chunks(picture.size().2).flat_map(|p| [p[0], p[1], p[2]]).collect()
 }
 
-/// Mean of the squared error over (reference squared + 0.01), as the notes define it.
+/// Relative MSE: the mean of the squared error divided by (reference squared + 0.01).
 pub fn relative_mse(ours: &[f32], reference: &[f32]) -> f64 {
     let pairs = ours.iter().zip(reference).map(|(a, r)| (f64::from(*a), f64::from(*r)));
     pairs.map(|(a, r)| (a - r) * (a - r) / (r * r + 0.01)).sum::<f64>() / ours.len() as f64

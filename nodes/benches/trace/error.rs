@@ -1,4 +1,4 @@
-//! Error of each output against samples and seconds.
+//! Error of each output by samples and seconds.
 
 use std::path::Path;
 
@@ -19,16 +19,16 @@ fn ratio_error(r0: &[f32], r1: &[f32], b0: &[f32], b1: &[f32]) -> f64 {
     (sum / f64::max(n, 1.0)).sqrt()
 }
 
-/// Samples of the rows of a table, and of what they are compared with.
+/// Numbers of samples of the rows of a table, and of their reference.
 struct Effort {
     rows: &'static [u32],
     reference: u32,
 }
 const WHOLE: Effort = Effort { rows: &[4, 8, 16, 64], reference: 256 };
-/// To see whether it runs.
+/// A small amount, to check that the benchmark runs.
 const SMALL: Effort = Effort { rows: &[4], reference: 8 };
 
-/// Prints the table of the open scene, or only tries it.
+/// Prints the table of the open scene; with `small` it only checks that this works.
 pub fn plane(data: &Path, small: bool) {
     let case = Case::load(data, "sunny_plane");
     let outside = case.reference("ref-mitsuba/R0.exr");
@@ -36,7 +36,7 @@ pub fn plane(data: &Path, small: bool) {
     table("sunny_plane", &case, Surroundings::OPEN, &outside, &effort);
 }
 
-/// Prints those of the closed room.
+/// Prints the tables of the closed room.
 pub fn rooms(data: &Path) {
     let case = Case::load(data, "closed_room");
     for (tag, bounces) in [("env", false), ("solid", true)] {
@@ -100,7 +100,7 @@ fn table(name: &str, case: &Case, how: Surroundings, outside: &[f32], effort: &E
     println!("\n{}\n", more.join("\n"));
 }
 
-/// Prints what `crop` saves, and how far it is off, on the open scene from afar.
+/// Prints the savings of `crop` and its error, on the open scene seen from a distance.
 pub fn crop(data: &Path) {
     let (near, how) = (Case::load(data, "sunny_plane"), Surroundings::OPEN);
     println!("| seen from | `crop` | rays of `with` and `object` | CPU-s | largest error of S in a tile |");

@@ -1,7 +1,7 @@
-//! The tables of `docs/evidence/trace.md`: error against samples and CPU seconds for each output of `path-trace`.
-//! `cargo bench -p lightharmony-nodes --bench trace -- DATA [plane|ratio|rooms|crop|turn|rays] [SAMPLES ..]`, where DATA holds
-//! `render-refs` and `gltf`. `ratio` takes numbers of samples; `small` only tries `plane` and `ratio`. `rays` compares with Embree where that is installed.
-//! `peers OUT SAMPLES ..` is for `tests/tables/peers.py`.
+//! The tables of `docs/evidence/trace.md`: error by samples and CPU seconds for each output of `path-trace`.
+//! `cargo bench -p lightharmony-nodes --bench trace -- DATA [plane|ratio|rooms|crop|turn|rays] [SAMPLES ..]`, where
+//! DATA holds `render-refs` and `gltf`. `ratio` takes numbers of samples; `small` only tries `plane` and `ratio`.
+//! `rays` compares with Embree where that is installed. `peers OUT SAMPLES ..` is for `tests/tables/peers.py`.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
 mod case;
@@ -15,7 +15,8 @@ use std::path::{Path, PathBuf};
 
 use rustix::time::{ClockId, clock_gettime};
 
-/// CPU time of this thread by the kernel's clock, which counts nanoseconds: others on the machine do not enter.
+/// CPU time of this thread by the kernel's clock, which counts nanoseconds: other load of the machine does not
+/// count.
 fn cpu_seconds() -> f64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9

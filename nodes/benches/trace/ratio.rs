@@ -1,4 +1,4 @@
-//! Error of the ratio S = with / without against seconds, as traced and denoised.
+//! Error of the ratio S = with / without by seconds, as traced and denoised.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,11 +12,11 @@ use nodes::types::Images;
 
 use super::case::{Case, Traced, context, relative_mse, rgb};
 
-/// Seeds that errors are taken over; of seconds the median.
+/// Number of seeds. Errors are means over them, seconds are medians.
 const SEEDS: u64 = 3;
 
-/// Root mean square errors of S, at most 1: of pixels that the object does not cover, and of those that it covers
-/// in part.
+/// Root mean square errors of S, at most 1: over pixels that the object does not cover, and over those that it
+/// covers in part.
 fn errors(alpha: &Images, [r0, r1]: [&Images; 2], [b0, b1]: &[Vec<f32>; 2]) -> [f64; 2] {
     let (r0, r1, alpha) = (rgb(r0), rgb(r1), alpha.0[0].picture.samples());
     let (mut sums, mut counts) = ([0.0; 2], [0.0; 2]);
@@ -48,8 +48,8 @@ pub fn clean(data: &Path, out: &Out) -> (denoise::Out, f64) {
     (clean, super::cpu_seconds() - start)
 }
 
-/// Prints the table, or only tries it. A turn of the object keeps `without`, so its cost is that of the objects and
-/// the filter; a step costs all.
+/// Prints the table; with `small` it only checks that this works. Rotating the object keeps `without`, so it costs
+/// only the objects and the filter; moving the camera costs everything.
 pub fn table(data: &Path, numbers: &[u32], small: bool) {
     let (seeds, most) = if small { (1, 8) } else { (SEEDS, 128) };
     let case = Case::load(data, "sunny_plane");

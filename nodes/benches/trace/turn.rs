@@ -1,5 +1,5 @@
-//! Cost of a turn of the object at two samples, repeated: seconds, and a digest of the pictures, so that changes of
-//! speed alone are distinguished from changes of the light.
+//! Cost of rotating the object at two samples, repeated: prints the seconds and a digest of the pictures, which
+//! shows whether only the speed has changed.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use nodes::kinds::path_trace::surroundings::Surroundings;
 use super::case::Case;
 use super::ratio;
 
-/// Prints the least and the median CPU seconds of `rounds` rounds, and a digest of all samples of the last.
+/// Prints the minimum and the median CPU seconds of `rounds` rounds, and a digest of all samples of the last one.
 pub fn seconds(data: &Path, rounds: u32) {
     let case = Case::load(data, "sunny_plane");
     let mut lists = [const { Vec::new() }; 5];

@@ -39,7 +39,7 @@ engine::params! {
     }
 }
 engine::inputs! {
-    /// Inputs of [`LoadSplats`]: none.
+    /// No inputs.
     pub struct In {}
 }
 engine::outputs! {

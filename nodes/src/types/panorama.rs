@@ -15,7 +15,7 @@ pub struct Panorama {
     pub image: Picture,
     /// Coverage of each pixel, 0 to 1; one channel.
     pub alpha: Image<Data>,
-    /// Which axis of the world points up; fixes the direction of every pixel.
+    /// The axis of the world that points up; determines the direction of every pixel.
     pub up: Up,
     /// Point where it was taken, in world units, if known.
     pub origin: Option<DVec3>,

@@ -87,7 +87,7 @@ impl Reading<'_> {
         turn
     }
 
-    /// The same as a transform of rows.
+    /// Like [`world`](Self::world), as a transform of rows.
     fn turn(&self, file: &str, declared: Option<Up>, metres: bool, notes: &mut Notes) -> Option<Turn> {
         let (matrix, scale) = self.world(file, declared, metres, notes)?;
         Some(Turn::new(matrix, scale, DVec3::ZERO))

@@ -18,7 +18,7 @@ struct Layout {
     sh_degree: u32,
     mean: [Field; 3],
     dc: [Field; 3],
-    /// All of them, in the order of the file: channel by channel.
+    /// Fields of the spherical harmonics, in the order of the file: channel by channel.
     rest: Vec<Field>,
     /// Start of these fields, if they are consecutive floats.
     rest_run: Option<usize>,

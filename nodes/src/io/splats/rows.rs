@@ -196,7 +196,7 @@ pub struct Part {
     pub finer: bool,
 }
 
-/// True without NaN or infinity: the largest magnitude as bits, which vectorises where a search does not.
+/// True if no value is NaN or infinite. Compares the largest magnitude as bits, which vectorises, unlike a search.
 fn all_finite(values: &[f32]) -> bool {
     values.iter().fold(0, |most, value| (value.to_bits() & 0x7fff_ffff).max(most)) < 0x7f80_0000
 }

@@ -97,7 +97,8 @@ fn own(v: &Value) -> Result<Raw, String> {
     })
 }
 
-/// See nerfstudio's page on its data format: values missing in a frame are taken from the top level of the file.
+/// A camera of nerfstudio: as its data format defines, values missing in a frame are taken from the top level of
+/// the file.
 fn nerfstudio(top: &Value, frame: &Value) -> Result<Raw, String> {
     let holder = |key: &str| if frame.get(key).is_some() { frame } else { top };
     let (width, height) = (pixels(holder("w"), "w")?, pixels(holder("h"), "h")?);
@@ -136,7 +137,7 @@ fn nerfstudio(top: &Value, frame: &Value) -> Result<Raw, String> {
     })
 }
 
-/// As written by `camera_to_JSON` of the INRIA code: position and rotation of world from camera.
+/// A camera as `camera_to_JSON` of the INRIA code writes it: position, and rotation from camera to world.
 fn inria(v: &Value) -> Result<Raw, String> {
     let mut rows = matrix(v, "rotation", 3)?;
     for (axis, row) in rows.iter_mut().enumerate() {

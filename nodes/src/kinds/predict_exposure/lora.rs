@@ -50,8 +50,7 @@ pub enum LoraProgress {
 const FROM: [f64; 2] = [0.0, -STOPS];
 /// Number of steps between checkpoints.
 const KEPT: u64 = 50;
-/// At EV 0 the median luminance is encoded as a half, and at most this share of the sphere is clipped: the rule of
-/// the evaluation in `docs`.
+/// The rule for EV 0: encoded value of the median luminance, and the largest share of the sphere that is clipped.
 const MEDIAN: f32 = 0.5;
 const MOST_CLIPPED: f64 = 0.15;
 

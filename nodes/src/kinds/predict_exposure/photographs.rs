@@ -62,7 +62,7 @@ impl Photograph {
 #[derive(Clone, Copy)]
 struct Off {
     stops: f32,
-    /// All others are clipped there, so the photograph must show at least as much.
+    /// True if all others are clipped there, so that the photograph must show at least as much light.
     white: bool,
 }
 
@@ -293,7 +293,7 @@ fn read(
     Ok(Photograph { ev, name: file.0.clone(), rgb, alpha, linear })
 }
 
-/// The lower median; of at least one number.
+/// The lower median of at least one number.
 fn median(of: &mut [f32]) -> f32 {
     let middle = (of.len() - 1) / 2;
     *of.select_nth_unstable_by(middle, f32::total_cmp).1

@@ -18,9 +18,9 @@ pub(super) struct Tally {
     pub(super) samples: u64,
     pub(super) dark: u64,
     pub(super) clipped: u64,
-    /// Those of them in places that objects brighten.
+    /// Number of these samples in places that objects brighten.
     pub(super) shone_on: u64,
-    /// Sums of the clipped ratios' terms: with the objects and without.
+    /// Sums of light over the clipped samples: with the objects and without.
     pub(super) bright: [f64; 2],
     pub(super) broken: u64,
 }

@@ -78,7 +78,7 @@ pub struct Trained {
     pub weights: Vec<u8>,
     /// Scores of the cross-validation, in order of name.
     pub scores: Vec<Score>,
-    /// The same for photographs of [`FINE`] columns, for panoramas of that size.
+    /// Scores for photographs of [`FINE`] columns, for panoramas of that size.
     pub finer: Vec<Score>,
     /// The light recovered from each panorama by networks trained without its place, as EXR, by name.
     pub recovered: Vec<(String, Vec<u8>)>,

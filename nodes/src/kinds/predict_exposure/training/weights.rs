@@ -1,4 +1,4 @@
-//! Files of weights.
+//! Reading and writing of files of weights.
 
 use std::path::Path;
 
@@ -74,7 +74,7 @@ pub(super) fn write_part(path: &Path, network: &Network) -> Result<(), Error> {
     std::fs::write(&temporary, bytes).and_then(|()| std::fs::rename(&temporary, path)).map_err(fail)
 }
 
-/// A stored network, if there is one.
+/// Reads a stored network; `None` if there is none.
 pub(super) fn read_part(path: &Path) -> Option<Network> {
     let bytes = std::fs::read(path).ok()?;
     let name = path.display().to_string();

@@ -44,7 +44,7 @@ impl Geometry<'_> {
     }
 }
 
-/// From the frame of a node to that of its parent.
+/// The transform from the frame of a node to that of its parent.
 pub(super) fn local(transform: &Transform) -> DMat4 {
     match transform {
         Transform::Matrix { matrix } => {
