@@ -28,11 +28,11 @@ const KIND: u8 = 2;
 /// All blobs of a store.
 #[derive(Debug)]
 pub(crate) enum Blobs {
-    /// Without a folder.
+    /// Blobs in memory, by digest.
     Memory(Mutex<HashMap<Digest, Vec<u8>>>),
-    /// In a cache folder.
+    /// Blobs in a cache folder.
     Disk(Box<Disk>),
-    /// Stores nothing.
+    /// No storage: nothing is kept.
     Nowhere,
 }
 
@@ -293,7 +293,8 @@ impl Disk {
         lock(&self.small).as_mut().map_or(Ok(()), Log::sync)
     }
 
-    /// Moves a damaged blob to the quarantine, or removes it, or at least remembers it. Returns what was done.
+    /// Moves a damaged blob to the quarantine. If that fails, removes it or, failing that, marks it as damaged in
+    /// memory. Returns the action taken, in words.
     fn quarantine(&self, digest: &Digest, path: &Path, what: &str) -> Result<Incident> {
         reach(failpoint::QUARANTINE_BEFORE).at("quarantine", path)?;
         let aside = self.settings.quarantine.join(digest.to_string());

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why the cache could not do something. What was stored before stays valid after any of these.
+/// An error of a cache operation. What was stored before stays valid after any of them.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// No room is left: the file system is full, the user's quota is used up, or the file would be larger than a
@@ -35,7 +35,7 @@ pub enum Error {
         /// The maximum length in bytes.
         limit: usize,
     },
-    /// Runs were active for as long as a collection waited.
+    /// A collection waited, but a run was active the whole time.
     #[error("the cache is in use: a run is active, and did not end within {} s", waited.as_secs())]
     InUse {
         /// How long the collection waited.
@@ -53,7 +53,7 @@ pub enum Error {
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 impl Error {
-    /// Wraps an error of the system; want of room gets its own variant.
+    /// Wraps an error of the system; lack of space has its own variant.
     pub(crate) fn io(operation: &'static str, path: &Path, source: io::Error) -> Error {
         let path = path.to_path_buf();
         match source.kind() {
@@ -81,7 +81,7 @@ fn no_room(source: &io::Error) -> &'static str {
 
 /// Adds the operation and the path to an error of the system.
 pub(crate) trait At<T> {
-    /// `operation` is a verb that fits before a path.
+    /// Adds `operation`, a verb that fits before a path, and `path`.
     fn at(self, operation: &'static str, path: &Path) -> Result<T>;
 }
 

@@ -74,20 +74,20 @@ macro_rules! file_points {
     };
 }
 
-/// A blob in a file of its own.
+/// The places in the writing of a blob in a file of its own.
 pub(crate) const BLOB: FilePoints = file_points!("blob");
-/// A new or compacted log.
+/// The places in the writing of a new or compacted log.
 pub(crate) const LOG: FilePoints = file_points!("log");
-/// The index of a log.
+/// The places in the writing of the index of a log.
 pub(crate) const INDEX: FilePoints = file_points!("index");
-/// A file for the user.
+/// The places in the writing of a file for the user.
 pub(crate) const PUBLISH: FilePoints = file_points!("publish");
 
-/// The folder of a published file was synced.
+/// The place after the folder of a published file was synced.
 pub(crate) const PUBLISH_SYNCED: &str = "publish.folder-synced";
 
 pub(crate) const APPEND_BEFORE: &str = "append.before";
-/// Half of the entry is in the file.
+/// The place where half of an appended entry is in the file.
 pub(crate) const APPEND_MIDDLE: &str = "append.middle";
 pub(crate) const APPEND_AFTER: &str = "append.after";
 pub(crate) const FLUSH_BEFORE: &str = "flush.before";
@@ -96,9 +96,9 @@ pub(crate) const QUARANTINE_BEFORE: &str = "quarantine.before";
 pub(crate) const QUARANTINE_AFTER: &str = "quarantine.after";
 pub(crate) const LEASE_ACQUIRED: &str = "lease.acquired";
 pub(crate) const LEASE_UNLINKED: &str = "lease.unlinked";
-/// A collection has removed records, and no blob yet.
+/// The place where a collection has removed records, but no blob yet.
 pub(crate) const GC_RECORDS_GONE: &str = "gc.records-gone";
-/// A collection has removed a blob, and not yet others.
+/// The place where a collection has removed one blob, but not yet the others.
 pub(crate) const GC_BLOB_GONE: &str = "gc.blob-gone";
 
 /// Reaches the place `name`.

@@ -29,7 +29,7 @@ impl FileLock {
         Ok(FileLock(Arc::new(file.at("open", path)?)))
     }
 
-    /// Locks exclusively, waiting for at most `timeout`. `None` after that, and where locks do not work.
+    /// Locks exclusively, waiting for at most `timeout`. Returns `None` after that, or if locks do not work.
     pub fn exclusive(&self, timeout: Duration) -> Option<FileGuard> {
         let start = Instant::now();
         loop {
@@ -43,8 +43,8 @@ impl FileLock {
         }
     }
 
-    /// Locks together with other readers, waiting for writers until `cancelled`. `None` after that, and where locks do
-    /// not work.
+    /// Locks together with other readers, waiting for writers until `cancelled`. Returns `None` after that, or if
+    /// locks do not work.
     pub fn shared_when_free(&self, cancelled: &dyn Fn() -> bool) -> Option<FileGuard> {
         loop {
             match self.0.try_lock_shared() {

@@ -7,10 +7,10 @@ use crate::digest::Digest;
 use crate::digest_hasher::DigestHasher;
 use crate::entry::MAX_PAYLOAD;
 
-/// The table of when each other table was last used: under its key, seconds since 1970, 8 bytes.
+/// The name of the table with the last use of each other table: by its key, in seconds since 1970, 8 bytes.
 pub(crate) const USED: &str = "used";
 
-/// Names and values. Stored with the lengths of both before each.
+/// Names and values. Each row is stored with the lengths of both in front.
 #[derive(Debug, Default)]
 pub(crate) struct Table {
     stored: Vec<u8>,
@@ -28,7 +28,7 @@ impl Table {
         Digest::of(name.as_bytes())
     }
 
-    /// Reads the payload of an entry, up to the first row that makes no sense.
+    /// Reads the payload of an entry, up to the first malformed row.
     pub fn open(stored: Vec<u8>) -> Table {
         let mut table = Table { stored, ..Table::default() };
         // A row about a node has at least this many bytes.
@@ -93,8 +93,8 @@ impl Table {
     }
 
     /// The payload to store: the rows of `latest`, which another process may have written, replaced and extended by
-    /// those written here. Of a table that was trimmed, only its own rows. Where that is too long, the rows written
-    /// longest ago are left out.
+    /// those written here. For a table that was trimmed, only its own rows are stored. If the payload is too long,
+    /// the oldest rows are left out.
     pub fn encode(&self, latest: Vec<u8>) -> Vec<u8> {
         let latest = Table::open(if self.trimmed { self.stored.clone() } else { latest });
         let kept = |(name, _): &(&[u8], &[u8])| {

@@ -23,7 +23,7 @@ pub struct Stat {
     pub small_blobs: usize,
     /// The number of blobs that are files.
     pub large_blobs: usize,
-    /// The size of those.
+    /// The total size of the large blobs.
     pub large_bytes: u64,
     /// The size of both logs.
     pub log_bytes: u64,
@@ -38,7 +38,7 @@ pub struct Stat {
 pub struct Checked {
     /// The number of blobs that were read.
     pub blobs: usize,
-    /// The size of those in bytes.
+    /// The total size of these blobs in bytes.
     pub bytes: u64,
     /// The number of records that were read.
     pub records: usize,

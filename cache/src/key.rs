@@ -52,7 +52,7 @@ impl KeyWriter {
         KeyWriter::in_memory_of(Vec::with_capacity(512), tag)
     }
 
-    /// The same as [`new`](Self::new), reusing memory from [`Manifest::into_bytes`].
+    /// Like [`new`](Self::new), but reuses memory from [`Manifest::into_bytes`].
     pub fn in_memory_of(mut encoding: Vec<u8>, tag: &str) -> KeyWriter {
         encoding.clear();
         let mut writer = KeyWriter { encoding, refused: false };

@@ -39,7 +39,7 @@ impl Store {
         read(&self.last_run_path(graph)?)
     }
 
-    /// Removes all of them.
+    /// Removes the stored lookups of all graphs.
     pub(crate) fn forget_last_runs(&self) {
         if let Some(folder) = self.folder().filter(|_| !self.is_read_only()) {
             let _ = fs::remove_dir_all(folder.join(FOLDER));
@@ -51,7 +51,7 @@ impl Store {
     }
 }
 
-/// The same as [`Store::last_run_get`] for the cache in `folder`, without opening it.
+/// Like [`Store::last_run_get`], for the cache in `folder`, without opening it.
 pub fn last_run(folder: &Path, graph: &str) -> Option<Vec<u8>> {
     read(&path(&folder.join(FORMAT), graph))
 }

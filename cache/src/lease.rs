@@ -1,8 +1,9 @@
 //! [`Lease`]: the right to compute a key, so that of several processes one computes and the others wait.
 //!
-//! A lease is a kernel lock on a file, so it ends with its process, however that ends. It only saves work: where locks
-//! do not work, everybody gets every lease. Holders renew their leases, which sets the time of the file. A holder that
-//! does not, such as a stopped process, is not waited for: equal keys give equal bytes, so computing twice is safe.
+//! A lease is a kernel lock on a file, so it ends with its process even if that is killed. It only saves work:
+//! where locks do not work, everybody gets every lease. Holders renew their leases, which sets the time of the
+//! file. A holder that does not, such as a stopped process, is not waited for: equal keys give equal bytes, so
+//! computing twice is safe.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, TryLockError};
@@ -23,7 +24,7 @@ pub const STALLED_AFTER: Duration = Duration::from_secs(10);
 /// The answer to a request for a lease.
 #[derive(Debug)]
 pub enum LeaseState {
-    /// It is ours until dropped.
+    /// The lease is held until it is dropped.
     Acquired(Lease),
     /// Another thread or process has it.
     Busy,
@@ -32,7 +33,7 @@ pub enum LeaseState {
     Stalled(Lease),
 }
 
-/// A held lease; dropping it admits the next one.
+/// A held lease. Dropping it releases it.
 #[derive(Debug)]
 #[must_use = "a lease ends when it is dropped"]
 pub struct Lease {
@@ -92,7 +93,7 @@ impl Leases {
         state
     }
 
-    /// Shows those who wait that the holder is at work.
+    /// Renews the held leases, so that waiting processes see that the holder is working.
     pub fn renew(&self) {
         let now = SystemTime::now();
         lock(&self.held).retain(|file| {

@@ -1,4 +1,4 @@
-//! Where the entries of a log are stored, and what else the log consists of.
+//! Locations of the entries of a log, and the sizes of its parts.
 
 use crate::digest::Digest;
 

@@ -232,7 +232,7 @@ fn push_name(path: &mut String, name: &str) {
     }
 }
 
-/// Lines by place: a path and, where a path occurs more than once, which of them.
+/// Lines by their place: the path, and a number that distinguishes lines with the same path.
 fn numbered(lines: Vec<Line>) -> Vec<((String, usize), Value)> {
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
     let place = |line: Line| {
@@ -247,7 +247,7 @@ fn change(path: &str, old: Option<&Value>, new: Option<&Value>) -> Change {
     Change { path: path.to_owned(), old: old.map(Value::to_string), new: new.map(Value::to_string) }
 }
 
-/// Takes fields off the front of an encoding; every method is `None` where the bytes do not allow it.
+/// Reads fields from the front of an encoding; every method returns `None` if the bytes are malformed.
 struct Reader<'a> {
     rest: &'a [u8],
 }

@@ -1,4 +1,4 @@
-//! Obstacles: whatever is found where a file or folder of the cache belongs and is not one, such as a folder named
+//! Obstacles: anything of the wrong type at the path of a file or folder of the cache, such as a folder named
 //! `records.log`. Obstacles are moved to the quarantine, so that the next run works as in a cache without them.
 
 use std::fs;
@@ -9,7 +9,7 @@ use crate::log_head::fresh_salt;
 use crate::regular::is_broken_link;
 use crate::settings::Incident;
 
-/// The folder of what was moved out of the way. Emptied by every collection.
+/// The folder that obstacles and damaged blobs are moved to. Emptied by every collection.
 pub(crate) const QUARANTINE: &str = "quarantine";
 
 const FOLDERS: [&str; 5] = ["temp", "blobs", "leases", "pins", "last"];

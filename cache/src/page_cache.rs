@@ -10,7 +10,7 @@ const PAGE: usize = 16 << 10;
 /// The maximum number of pages in memory.
 const MAX_PAGES: usize = 512;
 
-/// Pages of a file whose bytes before the `end` that each read gives never change.
+/// Pages of a file that is only appended to: bytes before the `end` given to each read never change.
 #[derive(Debug, Default)]
 pub(crate) struct PageCache {
     pages: BTreeMap<u64, Vec<u8>>,

@@ -19,8 +19,8 @@ pub fn publish_file(path: &Path, bytes: &[u8]) -> Result<()> {
     publish_through(path, |to| to.write_all(bytes).at("write", path))
 }
 
-/// The same for content that is produced piece by piece: `write` gets the writer to use. If it fails, the path keeps its
-/// old content.
+/// Like [`publish_file`], for content that is produced in pieces: `write` gets the writer to use. If it fails, the
+/// path keeps its old content.
 ///
 /// # Errors
 /// Those of `write`, and of [`publish_file`].

@@ -49,7 +49,7 @@ pub(crate) fn read(path: &Path) -> io::Result<Vec<u8>> {
 /// The metadata of a regular file, links followed; `None` if there is no regular file at `path`.
 ///
 /// # Errors
-/// Where the system refuses to say, for want of permission for example.
+/// Errors of the system, such as missing permission.
 pub(crate) fn metadata(path: &Path) -> io::Result<Option<Metadata>> {
     match fs::metadata(path) {
         Ok(metadata) => Ok(Some(metadata).filter(Metadata::is_file)),

@@ -46,7 +46,7 @@ impl FileStamp {
         Ok(FileStamp::new(&fs::metadata(path)?, taken_ns))
     }
 
-    /// The stamp in `metadata`, read not before `taken_ns`.
+    /// The stamp of `metadata`, which was read at `taken_ns` or later.
     #[cfg(unix)]
     pub(crate) fn new(metadata: &Metadata, taken_ns: i64) -> FileStamp {
         use std::os::unix::fs::MetadataExt;

@@ -40,7 +40,7 @@ pub struct Running(#[allow(dead_code, reason = "held until dropped")] Option<Fil
 #[derive(Debug)]
 pub struct Store {
     folder: Option<PathBuf>,
-    /// Why nothing is written, if that is so.
+    /// The reason why nothing is written; `None` if the store is writable.
     read_only: Option<String>,
     fsync: Fsync,
     records: Mutex<Log>,
@@ -401,8 +401,8 @@ impl Store {
         }
     }
 
-    /// Shows other processes that the holder of this store's leases is at work. To be called every second while leases
-    /// are held, by a thread that a stopped process would not run; see [`LeaseState::Stalled`].
+    /// Shows other processes that the holder of this store's leases is at work. Must be called every second while
+    /// leases are held; see [`LeaseState::Stalled`].
     pub fn renew_leases(&self) {
         self.leases.renew();
     }

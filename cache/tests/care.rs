@@ -13,7 +13,7 @@ fn open(folder: &Path) -> Store {
     Store::open(folder, Options { fsync: Fsync::Off, read_only: false }).unwrap()
 }
 
-/// In these tests a record is the digests of its blobs.
+/// The blobs that a record names; in these tests the payload of a record is their digests.
 fn names(payload: &[u8]) -> Vec<Digest> {
     payload.as_chunks::<32>().0.iter().map(|digest| Digest::from_bytes(*digest)).collect()
 }

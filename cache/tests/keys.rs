@@ -65,7 +65,7 @@ fn meaning(fields: &[(String, Field)]) -> String {
     fields.iter().map(|(name, field)| format!("{name:?}: {}, ", one(field))).collect()
 }
 
-/// Few and similar values, so that sequences are nearly equal.
+/// Sequences of few and similar values, so that many are nearly equal.
 fn fields() -> impl Strategy<Value = Vec<(String, Field)>> {
     let name = prop::sample::select(vec!["", "a", "b", "ab", "(", ")", "a)"]).prop_map(str::to_owned);
     let leaf = prop_oneof![

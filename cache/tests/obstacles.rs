@@ -1,4 +1,4 @@
-//! Whatever is found where a file or folder of the cache belongs, a run completes: the obstacle is moved away,
+//! A run completes whatever is at the path of a file or folder of the cache: the obstacle is moved away,
 //! nothing is created or changed through a link, and nothing waits for a pipe.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
@@ -53,7 +53,7 @@ fn names(folder: &Path) -> Vec<PathBuf> {
     names
 }
 
-/// Makes a cache with every folder and file that the format has.
+/// Creates a cache that contains every folder and file of the format.
 fn used(folder: &Path) {
     let store = open(folder);
     work(&store);

@@ -1,9 +1,10 @@
-//! The body of every target: reads, and checks the guarantees of a reader.
+//! The body of every fuzz target: reads a file and checks the guarantees of the reader.
 
 use engine::{Context, Scene, Up};
 use nodes::io::splats::{Frame, from_bytes};
 
-/// Reads `head` and `data` as one file: an error, or a scene of finite numbers that the bytes can hold.
+/// Reads `head` followed by `data` as one file. The result must be an error, or a scene of finite numbers that the
+/// bytes can hold.
 pub fn read(head: &[u8], data: &[u8]) {
     let bytes = [head, data].concat();
     let cx = Context::detached(Scene { up: Up::MinusY, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");

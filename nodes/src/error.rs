@@ -1,6 +1,6 @@
 //! Errors of kinds and file formats.
 
-/// An error of a kind or of a file format. It says what is wrong with which file and what to do; the
+/// An error of a kind or of a file format. It contains the file, the problem and a remedy; the
 /// engine adds the node and the place in the graph file.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {

@@ -1,4 +1,4 @@
-//! Shared by unit tests.
+//! Helpers shared by unit tests.
 
 use engine::{Context, Scene, Up};
 use fearless_simd::Level;

@@ -1,4 +1,5 @@
-//! Nodes stay within their estimates: every allocation is counted, each case in a process of its own.
+//! Tests that nodes stay within their memory estimates: every allocation is counted, each case in a separate
+//! process.
 #![allow(clippy::print_stdout, reason = "a process reports its memory to another one")]
 
 use std::alloc::System;
@@ -20,7 +21,7 @@ const MIB: u64 = 1 << 20;
 /// Other memory of the program: threads, names, a store in memory.
 const REST: f64 = 2.0 * MIB as f64;
 
-/// Pictures of one size and mesh, splats, as files.
+/// Writes the test files: pictures of one size, a mesh and splats.
 fn files(folder: &Path) {
     let put = |name: &str, bytes: Vec<u8>| std::fs::write(folder.join(name), bytes).expect("writes");
     let (width, height) = (1200, 900);

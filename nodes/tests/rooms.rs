@@ -1,4 +1,4 @@
-//! The rooms of the crate: their order, and that no kind imports another.
+//! Tests the order of the rooms of the crate, and that no kind imports another.
 
 use std::path::Path;
 
@@ -20,7 +20,7 @@ fn imports() -> arrows::Imports {
     imports
 }
 
-/// Mutation: `use crate::kinds::pose::PoseNode;` in `types/pose.rs`, seen red.
+/// Imports lead only to lower rooms. Mutation: `use crate::kinds::pose::PoseNode;` in `types/pose.rs`, seen red.
 #[test]
 fn imports_lead_down_and_in_no_circle() {
     let imports = imports();
@@ -35,7 +35,8 @@ fn imports_lead_down_and_in_no_circle() {
 /// The rooms of light transport from the lowest to the highest.
 const TRANSPORT: [&str; 6] = ["bsdf", "sky", "scene", "ground", "path", "picture"];
 
-/// Mutation: `use crate::render::transport::path::rays::Rays;` in `scene/receiver.rs`, seen red.
+/// Imports within light transport lead only to lower rooms. Mutation: `use
+/// crate::render::transport::path::rays::Rays;` in `scene/receiver.rs`, seen red.
 #[test]
 fn imports_of_light_transport_lead_down() {
     let mut inner = arrows::Imports::new();
@@ -49,7 +50,7 @@ fn imports_of_light_transport_lead_down() {
     assert_eq!(arrows::upward(&inner, &TRANSPORT), [""; 0]);
 }
 
-/// Mutation: `use crate::kinds::pose::PoseNode;` in `kinds/place.rs`, seen red.
+/// Kinds do not import each other. Mutation: `use crate::kinds::pose::PoseNode;` in `kinds/place.rs`, seen red.
 #[test]
 fn no_kind_imports_another() {
     let kind = |path: &str| path.split(['/', ':']).filter(|part| !part.is_empty()).nth(1).map(str::to_owned);

@@ -8,7 +8,7 @@ use crate::terminal;
 /// Prints completions for a shell.
 #[derive(Debug, Args)]
 pub struct Completions {
-    /// Which shell
+    /// The shell
     shell: clap_complete::Shell,
 }
 

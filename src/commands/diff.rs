@@ -83,7 +83,7 @@ fn files_difference(a: &Files, b: &Files) -> Difference {
     for (a, b) in a.0.iter().zip(&b.0).filter(|(a, b)| a.bytes != b.bytes) {
         let Some((a, b)) = shown(a).zip(shown(b)) else {
             let (a, b) = (a.bytes.len(), b.bytes.len());
-            return Difference::of(format!("other content, {a} bytes against {b}"));
+            return Difference::of(format!("different content, {a} and {b} bytes"));
         };
         let difference = a.difference(&b);
         if !difference.equal {
@@ -250,8 +250,9 @@ impl Diff {
         for node in &came.unequal {
             let word = if node.first { "first" } else { "then" };
             for (output, difference) in &node.outputs {
-                let how =
-                    difference.as_ref().map_or("other content (not kept on both sides)", |d| &d.summary);
+                let how = difference
+                    .as_ref()
+                    .map_or("different content (values not kept on both sides)", |d| &d.summary);
                 lines.add(&node.id, format!("{word:<5} {}.{output}: {how}", node.id));
             }
         }

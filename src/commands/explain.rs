@@ -26,7 +26,7 @@ pub struct Explain {
 }
 
 impl Explain {
-    /// Prints the causes, the nodes on the way to them, and what the node took.
+    /// Prints the causes, the nodes on the way to them, and the time and memory that the node took.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;

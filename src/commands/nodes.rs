@@ -54,7 +54,7 @@ const STAGES: [(&str, &[&str]); 7] = [
 ];
 
 impl Nodes {
-    /// Prints the list, the description or what was found.
+    /// Prints the list, the description or the search results.
     pub fn run(self) -> Result<u8, Error> {
         let registry = nodes::registry();
         let width = terminal::width();

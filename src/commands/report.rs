@@ -15,27 +15,29 @@ use crate::terminal::measuring::{Measuring, outlook_text};
 
 /// Writes one page on what a graph costs, how large its error is, and which node causes it.
 ///
-/// Measures the graph at its presets and as it is, then with one node at a time at the reference, and with all
-/// nodes but one at the reference. Prints beforehand how long that takes. Everything is compared with the preset
-/// `reference`, so give the graph one of its own where the program's takes too long, or bound the time with
-/// `--time`. Results are kept in the cache, so a second report measures only what changed.
+/// Measures the graph at its presets and with its own settings, then with one node at a time at the reference, and
+/// with all nodes but one at the reference. Prints beforehand how long that takes. Everything is compared with the
+/// preset `reference`, so give the graph its own `reference` preset if the built-in one takes too long, or limit
+/// the time with `--time`. Results are kept in the cache, so a second report measures only what changed.
 #[derive(Debug, Args)]
 pub struct MakeReport {
     #[command(flatten)]
     graph: GraphArgs,
     #[command(flatten)]
     engine: EngineArgs,
-    /// The page to write; it needs no other file
+    /// The page to write, self-contained HTML
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
     out: PathBuf,
-    /// The measure of error: flip, flip95, rmse, psnr, ciede2000, mae or relmse; `touched.` in front counts only the pixels
-    /// that the object changes, `object.` those that it covers, `shadow.` the rest of these
+    /// The measure of error: flip, flip95, rmse, psnr, ciede2000, mae or relmse; the prefix `touched.` counts only
+    /// the pixels that the object changes, `object.` those that it covers, `shadow.` those that it changes without
+    /// covering them
     #[arg(long, value_name = "METRIC", default_value = "flip")]
     metric: String,
     /// Leave out the settings in which all nodes but one are at the reference, which cost most
     #[arg(long)]
     no_reverse: bool,
-    /// Measure as much as there is time for, such as 10m; the reference and the graph as it is are needed
+    /// Measure as much as there is time for, such as 10m; the reference and the graph's own settings are always
+    /// measured
     #[arg(long, value_name = "TIME")]
     time: Option<String>,
     /// Also print all numbers as one JSON object on standard output
@@ -62,7 +64,7 @@ impl MakeReport {
         let outlook = bench.outlook(&all);
         shown.expect(outlook);
         if !self.json {
-            let how = if limit.is_none() { "; `--time` bounds it" } else { "" };
+            let how = if limit.is_none() { "; `--time` limits it" } else { "" };
             shown.line(&format!("{}{how}", outlook_text(&outlook)));
             bench.observe(shown.observer());
         }
@@ -82,8 +84,7 @@ impl MakeReport {
             Err(Stop::Asked) => return Ok(130),
             Err(Stop::Late) => {
                 terminal::error(
-                    "the time was over before the preset `reference` and the graph as it is were measured; allow more \
-                     with --time, or give the graph a `reference` preset of its own with fewer samples",
+                    "the time ran out before the preset `reference` and the current settings were measured; raise --time, or give the graph its own `reference` preset with fewer samples",
                 );
                 return Ok(1);
             }
@@ -91,7 +92,7 @@ impl MakeReport {
         };
         if measured.late {
             let (done, all) = (bench.points.len(), all.len());
-            terminal::remark(&format!("the time is over: {done} of {all} settings were measured"));
+            terminal::remark(&format!("the time ran out: {done} of {all} settings were measured"));
         }
         let name = loaded.graph.source.name.clone();
         let page = page(&bench, &metric, &measured).map_err(|miss| match miss {

@@ -20,8 +20,8 @@ use crate::terminal::measuring::{Measuring, outlook_text};
 /// Measures settings of the knobs to find one that reaches an error with the least work.
 ///
 /// Runs the graph at the preset `reference`, which all pictures are compared with, at the other presets, and then
-/// at settings near the best of them. Results are kept in the cache, so that a setting costs only what it does not
-/// share with others. Writes the best setting as an overlay.
+/// at settings near the best of them. Results are kept in the cache, so a setting costs only the work that it does
+/// not share with others. Writes the best setting as an overlay.
 #[derive(Debug, Args)]
 pub struct Tune {
     #[command(flatten)]
@@ -29,7 +29,8 @@ pub struct Tune {
     #[command(flatten)]
     engine: EngineArgs,
     /// Find the least work with at most this error, such as flip=0.02, psnr=40 or touched.rmse=0.01; `touched.`
-    /// counts only the pixels that the object changes, `object.` those that it covers, `shadow.` the rest of these
+    /// counts only the pixels that the object changes, `object.` those that it covers, `shadow.` those that it
+    /// changes without covering them
     #[arg(long, value_name = "METRIC=VALUE", conflicts_with_all = ["max_seconds", "max_work"])]
     max_error: Option<String>,
     /// Find the least error with at most this many CPU seconds of node code, as measured when it ran
@@ -39,13 +40,13 @@ pub struct Tune {
     #[arg(long, value_name = "RAYS", allow_negative_numbers = true)]
     max_work: Option<f64>,
     /// The measure of error to minimise where a cost is bounded: flip (default), flip95, rmse, psnr, ciede2000,
-    /// mae, relmse, with `touched.`, `object.` or `shadow.` in front
+    /// mae, relmse, with the prefix `touched.`, `object.` or `shadow.` if wanted
     #[arg(long, value_name = "METRIC", conflicts_with = "max_error")]
     metric: Option<String>,
     /// Maximum number of settings to measure
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = at_least_one)]
     budget: usize,
-    /// Measure only until this time is over, such as 10m; the best setting so far is written
+    /// Maximum time for measuring, such as 10m; the best setting so far is written
     #[arg(long, value_name = "TIME")]
     time: Option<String>,
     /// The overlay to write
@@ -74,7 +75,7 @@ impl Tune {
         let shown = Measuring::new(None);
         if !self.json {
             let first = bench.outlook(&[bench.preset(PRESETS.len() - 1)]);
-            let how = if limit.is_none() { "; `--time` and `--budget` bound the search" } else { "" };
+            let how = if limit.is_none() { "; `--time` and `--budget` limit the search" } else { "" };
             let (most, first) = (self.budget, outlook_text(&first));
             shown.line(&format!("up to {most} settings, the preset `reference` first: {first}{how}"));
             bench.observe(shown.observer());

@@ -73,7 +73,7 @@ impl Verify {
                     let how = difference.as_ref().map_or("its value is not in the bundle", |d| &d.summary);
                     format!("differs   {id}.{output}: {how}\n")
                 }
-                Verdict::OtherInputs => format!("unlike    {id}: its inputs came out different\n"),
+                Verdict::OtherInputs => format!("unlike    {id}: its inputs differ\n"),
                 Verdict::Failed if stopped => continue,
                 Verdict::Failed => format!("failed    {id}\n"),
             };

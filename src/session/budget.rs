@@ -1,5 +1,5 @@
-//! A bound on error or time for a whole run, as values laid over its graph. The number of samples is so fixed
-//! before the run, is written into the recipes of its pictures, and can be run again.
+//! A bound on error or time for a whole run, as values that override its graph. So the number of samples is fixed
+//! before the run, is written into the recipes of its pictures, and can be reproduced.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ const FEWEST: u64 = 4;
 /// Values that replace those of the graph: (node, parameter, value).
 type Fields = Vec<(String, &'static str, String)>;
 
-/// Settings that were laid over a graph, such as `trace.samples=16`.
+/// Settings that override a graph, such as `trace.samples=16`.
 pub type Chosen = Vec<String>;
 
 /// The error for a graph without samples to bound.
@@ -28,8 +28,8 @@ fn no_samples() -> Error {
 }
 
 /// Sets an error bound for every node that takes samples until one is reached. The maximum is the number of samples
-/// of the graph: a preset with fewer is meant for runs without an error bound, and the settings that undo it are
-/// returned.
+/// of the graph: fewer samples in a preset are meant for runs without an error bound. Returns the settings that
+/// undo the preset.
 pub fn to_error(loaded: Loaded, error: f64) -> Result<(Loaded, Chosen), Error> {
     let takes = |knob: &GraphKnob| knob.parameter == ERROR;
     let knobs = loaded.graph.knobs(&loaded.only).into_iter().filter(takes);

@@ -1,4 +1,4 @@
-//! The graph that a verb works on, with what is laid over it.
+//! The graph that a verb works on, with presets, overlays and settings.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use super::names::wanted;
 use super::origin::{Origin, OriginArgs, is_picture};
 use crate::terminal;
 
-/// The graph, and the values laid over it.
+/// The graph, and the values that override it.
 #[derive(Debug, Args)]
 pub struct GraphArgs {
     /// The graph file (RON), a bundle, or a picture that carries its recipe; `-` reads standard input
@@ -21,14 +21,14 @@ pub struct GraphArgs {
     /// Set one field for this run: node.field=value; may be repeated
     #[arg(long = "set", value_name = "NODE.FIELD=VALUE")]
     pub set: Vec<String>,
-    /// Do all work, also where a check shows that it changes no byte, to measure what the checks save
+    /// Do all work, even if a check shows that it changes no byte, to measure what the checks save
     #[arg(long)]
     pub exhaustive: bool,
-    /// Lay a preset over the graph: one of its own, or draft, preview, final, reference, which set its knobs; may
-    /// be repeated. `--overlay` and `--set` override presets
+    /// Apply a preset: one of the graph, or draft, preview, final or reference, which set its knobs; may be
+    /// repeated. `--overlay` and `--set` override presets
     #[arg(long, value_name = "NAME")]
     pub preset: Vec<String>,
-    /// Lay the values of a file over the graph, such as Overlay(nodes: (trace: (samples: 4))); may be repeated
+    /// Apply the values of a file, such as Overlay(nodes: (trace: (samples: 4))); may be repeated
     #[arg(long, value_name = "FILE")]
     pub overlay: Vec<PathBuf>,
     /// Compute only these nodes and their inputs, separated by commas; default: every sink. `each/frame=5..7` names
@@ -87,8 +87,8 @@ impl GraphArgs {
         })
     }
 
-    /// The same for work on knobs; prints a remark for a picture, whose recipe lacks presets and names of its
-    /// graph.
+    /// Like [`load`](Self::load), for work on knobs; prints a remark for a picture, whose recipe lacks presets and
+    /// names of its graph.
     pub fn load_to_turn(&self) -> Result<Loaded, Error> {
         if is_picture(&self.graph) {
             terminal::remark(
@@ -99,9 +99,9 @@ impl GraphArgs {
         self.load()
     }
 
-    /// The same for `watch`. `known` is the previous graph, where no file that its nodes read has changed:
-    /// unchanged text is not parsed again. The files of the graph itself are added to `texts`, whether or not they
-    /// exist.
+    /// Like [`load`](Self::load), for `watch`. `known` is the previous graph, if no file that its nodes read has
+    /// changed: unchanged text is not parsed again. The files of the graph itself are added to `texts`, whether or
+    /// not they exist.
     pub fn load_again(
         &self,
         known: Option<&(Arc<Graph>, Vec<usize>)>,
@@ -126,7 +126,7 @@ impl GraphArgs {
         })
     }
 
-    /// The graph of the present text, where it is the same file with a small edit.
+    /// The graph of the current text, if that is the known text with a small edit.
     fn edited(&self, known: &Arc<Graph>) -> Option<Arc<Graph>> {
         let path = self.graph.canonicalize().ok()?;
         let text = engine::read_text(&path, engine::MAX_GRAPH_BYTES).ok()?;

@@ -6,7 +6,7 @@ use engine::{Graph, nearest};
 
 use super::error::Error;
 
-/// The name of the axis that `--frames` is about.
+/// The name of the axis that `--frames` selects values of.
 const FRAME: &str = "frame";
 /// Maximum number of names in a message.
 const MOST: usize = 40;
@@ -67,7 +67,7 @@ pub fn find(graph: &Graph, name: &str) -> Result<usize, Error> {
     }
 }
 
-/// Every node of a name; axes make several of one.
+/// Every instance of the node with this name; a node that varies along an axis has several.
 fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
     let found = graph.find_all(name);
     if !found.is_empty() {
@@ -127,7 +127,7 @@ fn values_of(graph: &Graph, nodes: &[usize], axis: &str) -> String {
     }
 }
 
-/// The first names of some, separated by commas.
+/// The first few names, separated by commas.
 fn list(names: impl Iterator<Item = String>) -> String {
     let mut names: Vec<String> = names.take(MOST + 1).collect();
     if names.len() > MOST {

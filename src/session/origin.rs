@@ -58,7 +58,7 @@ const LARGEST_GRAPH: u64 = engine::MAX_GRAPH_BYTES;
 const MOST_AT_ONCE: u64 = 16 << 20;
 
 impl Origin {
-    /// Detects the sort of a file and opens it.
+    /// Detects the type of a file and opens it.
     pub fn open(path: &Path, args: &OriginArgs) -> Result<Self, Error> {
         let failed = |error| Error::unreadable("graph", path, &error);
         if path == Path::new("-") {
@@ -136,8 +136,7 @@ impl Origin {
         let other = recipe.other_kinds(&registry);
         if !other.is_empty() && !args.other_versions {
             return Err(Error::usage(format!(
-                "`{}` cannot be made again here:\n{}\n--other-versions runs it in spite of that; the picture \
-                 may differ",
+                "`{}` cannot be made again here:\n{}\n--other-versions runs it anyway; the picture may differ",
                 path.display(),
                 other.join("\n")
             )));

@@ -11,11 +11,11 @@ use nodes::types::Splats;
 use super::error::Error;
 use crate::terminal;
 
-/// How much memory may be used.
+/// The memory limit.
 #[derive(Debug, Clone, Args)]
 pub struct MemoryArgs {
-    /// Memory for the scene, such as 4G; default, and 0: three quarters of what is free. A file that needs more, by its
-    /// header, is not read
+    /// Maximum memory for the scene, such as 4G; 0, the default, is three quarters of the free memory. A file whose
+    /// header asks for more is not read
     #[arg(long, value_name = "SIZE")]
     memory: Option<String>,
 }

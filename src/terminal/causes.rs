@@ -18,7 +18,7 @@ pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
                 format!("runs: {}{more}", first.text)
             }
         },
-        Fate::Follows(above) => format!("may run: depends on what `{above}` gives"),
+        Fate::Follows(above) => format!("may run: depends on the result of `{above}`"),
         Fate::Fails(why) => format!("fails: {why}"),
     }
 }
@@ -98,7 +98,7 @@ fn files(changes: &[Change], side: impl Fn(&Change) -> &Option<String>) -> Vec<&
     changes.iter().filter(|change| side(change).is_none()).filter_map(source).collect()
 }
 
-/// Causes for files that a node reads newly or no longer.
+/// Causes for files that a node now reads or no longer reads.
 fn other_files(graph: &Graph, index: usize, read: &[&str], dropped: &[&str]) -> Vec<String> {
     let node = &graph.nodes[index];
     let mut inputs = node.kind.params.iter().filter(|param| param.role == Role::Input);
@@ -109,8 +109,8 @@ fn other_files(graph: &Graph, index: usize, read: &[&str], dropped: &[&str]) -> 
             vec![format!("`{}.{field}` {old:?} -> {new:?}", node.id)]
         }
         _ => {
-            let now = read.iter().map(|file| format!("`{}` reads `{file}`, which it did not", node.id));
-            let then = dropped.iter().map(|file| format!("`{}` does not read `{file}` any more", node.id));
+            let now = read.iter().map(|file| format!("`{}` now reads `{file}`", node.id));
+            let then = dropped.iter().map(|file| format!("`{}` no longer reads `{file}`", node.id));
             now.chain(then).collect()
         }
     }
@@ -136,13 +136,13 @@ fn plain_cause(graph: &Graph, index: usize, change: &Change) -> String {
             let file = source(change).unwrap_or(rest);
             format!("`{file}`, which `{}` reads, has different content: {old} -> {new}", node.id)
         }
-        "recipe" => "the recipe that is written into the file is another".to_owned(),
+        "recipe" => "the recipe that is written into the file differs".to_owned(),
         "scene" => format!("`{}` {old} -> {new}", change.path),
         _ => format!("`{}.{}` {old} -> {new}", node.id, change.path),
     }
 }
 
-/// The path from a node back to the causes.
+/// The path from a node back to the first causes.
 pub struct Trail {
     /// Indented lines for each node on the path, with its changes.
     pub lines: Vec<String>,

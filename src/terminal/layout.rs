@@ -4,7 +4,7 @@ use textwrap::Options;
 
 /// Width where standard output is not a terminal.
 const WIDTH: usize = 100;
-/// Longer lines are hard to read, and shorter ones leave no room next to a column of names.
+/// The range of widths: longer lines are hard to read, and shorter ones leave no room next to a column of names.
 const WIDTHS: std::ops::RangeInclusive<usize> = 40..=120;
 
 /// The width to lay text out for, in characters.
@@ -33,8 +33,8 @@ pub fn paragraphs(doc: &str) -> Vec<String> {
     found
 }
 
-/// Wraps one line of text to `width`, every line indented by `indent` spaces; the first line begins with `first` in place of
-/// as many spaces. Ends with a newline.
+/// Wraps one line of text to `width`, every line indented by `indent` spaces; in the first line, `first` replaces
+/// spaces of the indent. Ends with a newline.
 pub fn wrapped(text: &str, first: &str, indent: usize, width: usize) -> String {
     let space = " ".repeat(indent);
     let head = format!("{first:<indent$}");

@@ -43,7 +43,7 @@ impl Measuring {
         Self(Rc::new(RefCell::new(State { bar, begin, of, left: None, node: None })))
     }
 
-    /// Sets what is left from now on.
+    /// Sets the forecast for the remaining settings.
     pub fn expect(&self, outlook: Outlook) {
         self.0.borrow_mut().left = Some((outlook, Instant::now()));
     }
@@ -122,11 +122,11 @@ pub fn outlook_text(outlook: &Outlook) -> String {
     match (*unknown, *seconds >= 0.05) {
         (0, false) => format!("{settings} setting{s}, all known"),
         (0, true) => format!("{settings} setting{s}, about {known}"),
-        (n, false) => format!("{settings} setting{s}, time unknown: {n} runs of nodes whose kinds never ran"),
+        (n, false) => {
+            format!("{settings} setting{s}, time unknown, since {n} runs are of kinds that never ran")
+        }
         (n, true) => {
-            format!(
-                "{settings} setting{s}, more than {known}: {n} runs of nodes whose kinds never ran come to that"
-            )
+            format!("{settings} setting{s}, more than {known}, since {n} runs are of kinds that never ran")
         }
     }
 }

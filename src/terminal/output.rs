@@ -19,7 +19,7 @@ pub fn mistakes(found: &Diagnostics, json: bool) {
     error(&found.render(colours()));
 }
 
-/// The warning for a graph without sinks, where no node was asked for by name.
+/// The warning for a graph without sinks, if no node was selected by name.
 pub fn no_file(graph: &Graph, only: &[usize]) -> Option<String> {
     if !only.is_empty() || graph.nodes.iter().any(|node| node.sink_path.is_some()) {
         return None;

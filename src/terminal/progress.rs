@@ -19,7 +19,7 @@ struct Running {
 impl Running {
     /// Seconds left at time `now`; `None` where there is neither a forecast nor progress.
     ///
-    /// The pace so far gains weight with the progress of the node; until then the forecast counts.
+    /// The estimate moves from the forecast to the measured pace as the node progresses.
     fn left(&self, now: f64) -> Option<f64> {
         let elapsed = (now - self.begin).max(0.0);
         let paced = (self.fraction > 0.01).then(|| elapsed / self.fraction);
@@ -37,7 +37,7 @@ impl Running {
 /// Progress of a run and the time that is left. Times are in seconds of one clock.
 #[derive(Debug, Default)]
 pub struct Progress {
-    /// Forecasts of the nodes that may run and have not begun, where they are known by name.
+    /// Forecasts of the nodes that may run and have not begun, by name, if the plan has names.
     planned: BTreeMap<String, Option<f64>>,
     /// The sum of the forecasts of the nodes that have not begun.
     waiting: f64,
@@ -59,7 +59,7 @@ impl Progress {
         Self { planned, ..Self::forecast(&Forecast::of(plan), now) }
     }
 
-    /// A run of which only the sums of a plan are known.
+    /// The progress of a run for which only the totals of a plan are known.
     pub fn forecast(forecast: &Forecast, now: f64) -> Self {
         let Forecast { open, seconds, untimed, .. } = *forecast;
         Self { waiting: seconds, unknown: untimed, open, begin: now, ..Self::default() }

@@ -13,7 +13,7 @@ use super::words::{counts_text, forecast_text, seconds_text, totals_text};
 
 /// Prints the events of a run.
 pub enum Report {
-    /// One JSON object a line on standard output.
+    /// One JSON object per line on standard output.
     Json,
     /// Lines on standard error, paths of written files on standard output; a bar where it is a terminal.
     Lines(Box<Lines>),
@@ -137,7 +137,7 @@ impl Lines {
                 self.progress = Progress::forecast(forecast, self.now());
                 self.line("plan", "1", &forecast_text(forecast));
             }
-            Event::Same => self.line("same", "36", "the graph is unchanged in meaning"),
+            Event::Same => self.line("same", "36", "the edit does not change the graph"),
             Event::Pass { parameter, level, of, coarse } => {
                 let blocks = match coarse {
                     1 => String::new(),
@@ -179,7 +179,8 @@ impl Lines {
         }
     }
 
-    /// Prints a note: warnings always, once per process; other notes are counted, and printed with `verbose`.
+    /// Prints a note. Warnings are always printed, once per process; other notes are counted, and printed only with
+    /// `verbose`.
     fn note(&mut self, id: &str, note: &Note) {
         let (word, colour, asks_for_action) = match note.level {
             Level::Count | Level::Decision => ("note", "36", false),

@@ -52,7 +52,7 @@ impl Follow {
     }
 }
 
-/// The line to print without a terminal, where a further tenth is done.
+/// The line to print without a terminal, once another tenth is done.
 fn line(tenth: &mut Option<u64>, text: &str, at: u64, of: u64) -> Option<String> {
     let now = at.saturating_mul(10) / of.max(1);
     (tenth.replace(now) != Some(now)).then(|| format!("{text}: {at}/{of}"))

@@ -14,13 +14,13 @@ const TIMES: f64 = 2.0;
 /// Settings that cost less than a bound.
 #[derive(Debug, PartialEq)]
 pub struct Below {
-    /// The cheapest position of those with every knob at its least.
+    /// The cheapest position with every knob at its minimum.
     pub least: Tried,
     /// All settings below the bound, provided that raising knobs saves no more than the margin; includes known
     /// ones.
     pub all: Vec<Tried>,
-    /// True if that is all, provided that raising knobs saves no more than `margin`; else there are more than may
-    /// be measured, or measuring ended.
+    /// True if `all` is complete, provided that raising knobs saves no more than `margin`. False if there were more
+    /// than may be measured, or measuring ended early.
     pub complete: bool,
     /// The share of the cost of a measured position that raising knobs would have to save, for an unmeasured one to
     /// cost less than the bound.
@@ -34,7 +34,7 @@ pub struct Below {
 pub struct Saved {
     /// Number of pairs of measured positions in which one has no knob below the other.
     pub pairs: usize,
-    /// The largest share of the cost.
+    /// The largest share of the cost that was saved.
     pub most: f64,
 }
 
@@ -54,7 +54,7 @@ impl Saved {
     }
 }
 
-/// Finds everything that costs less than a bound, from the positions with every knob at its least upwards. Values
+/// Finds everything that costs less than a bound, from the positions with every knob at its minimum upwards. Values
 /// without an order are all tried. A position that exceeds the bound by so much that raising its knobs would have
 /// to save more than a margin is not continued; the margin is measured from `known` positions and from those on the
 /// way. At most `most` positions are measured, first those above the positions with the least error. `None` if
@@ -89,8 +89,8 @@ pub fn below(
     }
 }
 
-/// Everything from the least upwards that costs less than a bound, or would if a margin were saved, with its
-/// neighbours; and true if that is all.
+/// Every position that costs less than a bound, or would if a margin were saved, with its neighbours, from the
+/// minimum upwards; and whether the list is complete.
 fn upwards(
     knobs: &[Steps],
     bound: f64,

@@ -28,7 +28,7 @@ pub struct NodeCost {
     pub id: String,
     /// Name of its kind.
     pub kind: &'static str,
-    /// In rays.
+    /// Work, in rays.
     pub work: f64,
     /// Wall time of its code when it ran.
     pub seconds: f64,
@@ -40,7 +40,7 @@ pub struct NodeCost {
     pub notes: Vec<Note>,
     /// True if it has an instance for each value of an axis.
     pub varies: bool,
-    /// Equal keys are one and the same action.
+    /// Key of the node; nodes with equal keys are one action.
     pub key: Option<Digest>,
 }
 
@@ -108,7 +108,7 @@ fn targets(outputs: &[Output]) -> Vec<usize> {
 pub enum Miss {
     /// The user interrupted the run.
     Stopped,
-    /// The time for measuring is over.
+    /// The time for measuring ran out.
     Late,
     /// The graph cannot run at this assignment.
     Failed(String),
@@ -181,7 +181,7 @@ impl<'e> Bench<'e> {
         self.deadline = Some(time);
     }
 
-    /// The graph as it is.
+    /// The graph with its own settings.
     pub(crate) fn base(&self) -> &Graph {
         &self.base
     }
@@ -199,14 +199,14 @@ impl<'e> Bench<'e> {
         Some(self.engine.plan(&graph, &self.targets))
     }
 
-    /// Asks for a metric, so that pictures without it are left out.
+    /// Sets the required metric; pictures for which it cannot be computed are left out.
     pub fn judge_by(&mut self, metric: &Metric) {
         self.metric = Some(metric.clone());
     }
 
     /// Leaves out beforehand the pictures whose size a knob sets, so that no knob is turned that affects them
-    /// alone: their files would get worse without a measured error. The reference and the preset farthest from it
-    /// show which; they are measured again afterwards. Failures here occur there, too.
+    /// alone: their files would get worse without a measured error. They are found by comparing the reference with
+    /// the preset farthest from it; both are measured again afterwards, so failures are reported then.
     pub fn leave_out_resized(&mut self) -> Result<(), Error> {
         if self.outputs.len() < 2 {
             return Ok(());
@@ -239,12 +239,12 @@ impl<'e> Bench<'e> {
             .collect()
     }
 
-    /// The position of the graph as it is.
+    /// The position of the graph with its own settings.
     pub fn now(&self) -> Assignment {
         self.tunables.iter().map(|tunable| tunable.now).collect()
     }
 
-    /// That of a preset, by its index in [`PRESETS`].
+    /// The position of a preset, by its index in [`PRESETS`].
     pub fn preset(&self, level: usize) -> Assignment {
         self.tunables.iter().map(|tunable| tunable.presets[level]).collect()
     }
@@ -285,7 +285,8 @@ impl<'e> Bench<'e> {
         Ok(graph)
     }
 
-    /// The point of an assignment: known, or measured now. The first one measured is what others are compared with.
+    /// The point of an assignment, which is measured if it is not known. The first measured point is the reference
+    /// for all others.
     pub fn measure(&mut self, assignment: &Assignment) -> Result<usize, Miss> {
         if let Some(known) = self.points.iter().position(|point| point.assignment == *assignment) {
             return Ok(known);
@@ -345,9 +346,9 @@ impl<'e> Bench<'e> {
         Ok(self.points.len() - 1)
     }
 
-    /// Errors of pictures against the reference, which the first pictures are. Next to pictures of colours,
-    /// pictures of data such as depth are not judged: other measures apply to them. Nor are those whose size a knob
-    /// sets.
+    /// Errors of pictures against the reference; the first pictures become the reference. If there are pictures of
+    /// colours, pictures of data such as depth are not judged, since other measures apply to them. Pictures whose
+    /// size a knob sets are not judged either.
     fn off(&mut self, graph: &Graph, pictures: &mut Vec<Arc<Images>>) -> Result<Vec<Off>, Miss> {
         if self.truth.is_none() {
             let data: Vec<bool> = pictures.iter().map(|images| holds_data(images)).collect();

@@ -6,7 +6,7 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-/// Stops a run when a time is over, until it is dropped.
+/// Stops a run at a given time, unless it is dropped before.
 pub(crate) struct Deadline {
     end: Option<Sender<()>>,
     thread: Option<JoinHandle<bool>>,
@@ -25,7 +25,7 @@ impl Deadline {
         Self { end: Some(end), thread: Some(std::thread::spawn(wait)) }
     }
 
-    /// Ends the wait; returns true if the time was over before.
+    /// Ends the wait; returns true if the time had been reached.
     pub fn end(mut self) -> bool {
         drop(self.end.take());
         self.thread.take().is_some_and(|thread| thread.join().unwrap_or(false))

@@ -15,7 +15,7 @@ pub enum Error {
         text: String,
         /// The measures.
         known: String,
-        /// The regions that may be named in front.
+        /// The regions that may precede the name of a measure.
         regions: &'static str,
     },
     /// A bound that cannot be read.

@@ -187,7 +187,8 @@ fn shown(picture: &Picture) -> Option<Raster> {
     })
 }
 
-/// A map from 0 (black) through red and yellow to white at 1, its root, so that small values show.
+/// A colour map of the square root, from black at 0 through red and yellow to white at 1, so that small values are
+/// visible.
 fn heat(picture: &Picture) -> Option<Raster> {
     let (width, height, channels) = picture.size();
     let pixels = picture.samples().chunks_exact(channels.max(1));

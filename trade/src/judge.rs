@@ -26,11 +26,11 @@ pub struct Output {
     pub uncomputed: Option<String>,
 }
 
-/// The inputs of a picture made by one `composite`, or by several on one another.
+/// The inputs of a picture made by one `composite`, or by several stacked ones.
 struct Insertion {
     /// The background of the first one.
     background: Wire,
-    /// From the first one on.
+    /// The inserted objects, from the first one on.
     layers: Vec<Layer>,
 }
 
@@ -79,7 +79,7 @@ struct Inserted {
 
 impl Truth {
     /// Pictures of the reference, with regions and baselines for those made by `composite`, whose inputs `value`
-    /// returns. For several `composite` on one another these cover everything that all of them insert.
+    /// returns. For stacked `composite` nodes these cover everything that all of them insert.
     pub fn of(
         outputs: &[Output],
         pictures: &[Arc<Images>],
@@ -162,7 +162,7 @@ impl Truth {
         outputs.iter().zip(&self.pictures).map(why).collect()
     }
 
-    /// FLIP of each pixel, by output, and why some views have none; or why it was not computed.
+    /// FLIP of each pixel, by output, with the reasons for missing views; or the reason why it was not computed.
     pub fn flip_maps(
         &self,
         outputs: &[Output],
@@ -310,9 +310,8 @@ fn touched(picture: &Images, background: &Images) -> Option<Images> {
     Some(Images(masks))
 }
 
-/// The pictures that come to the targets, each once, under the name of the node that makes them, and remarks on
-/// those that are left out. Layers are for later work, each in its own units, so they are judged only if nothing
-/// else is.
+/// The pictures that reach the targets, each once, with the name of the node that makes it, and remarks on those
+/// that are left out. Layers of an EXR file are judged only if there is nothing else, since each has its own units.
 pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
     let is_picture =
         |wire: &Wire| graph.nodes[wire.node].kind.outputs[wire.port].artifact.name == Images::TYPE;

@@ -15,7 +15,7 @@ pub struct KnobRow {
     pub range: Option<(f64, f64)>,
 }
 
-/// The knobs that affect some nodes, or any sink if none is named.
+/// The knobs that affect the nodes of `only`, or any sink if it is empty.
 pub fn knob_rows(graph: &Graph, only: &[usize], registry: &Registry) -> Result<Vec<KnobRow>, Error> {
     // A graph's own preset may set fields that the program's preset of that name does not.
     let laid = presets(graph, registry)?.map(|laid| {

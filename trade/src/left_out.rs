@@ -7,13 +7,13 @@ use nodes::types::{Cell, Report};
 use crate::bench::NodeCost;
 use crate::plot::tick_text;
 
-/// Something that is modelled only if a check finds that the scene needs it.
+/// Work that is done only if a check finds that the scene needs it.
 struct Skip {
     what: &'static str,
     check: &'static str,
     /// The setting that forces it.
     force: &'static str,
-    /// The kinds that check.
+    /// The kinds that perform the check.
     kinds: &'static [&'static str],
     /// True if it was skipped, and the finding of the check.
     judge: fn(&Evidence<'_>) -> Option<(bool, String)>,
@@ -92,8 +92,8 @@ const SKIPS: [Skip; 8] = [
         },
     },
     Skip {
-        what: "telling the receiver from the light that it sends",
-        check: "light without a point of capture, or a receiver under a quarter of what is seen from there; else as set",
+        what: "separation of the receiver from the light that it emits",
+        check: "the light has no point of capture, or the receiver covers less than a quarter of the view from it; otherwise the choice of the graph",
         force: "`surroundings: Projected`, or any choice but `Open`",
         kinds: TRACE,
         judge: |seen| {
@@ -104,8 +104,8 @@ const SKIPS: [Skip; 8] = [
         },
     },
     Skip {
-        what: "the second render where objects change too little",
-        check: "a bound of what they take, send and have thrown back",
+        what: "the second render where objects hardly change the light",
+        check: "an upper bound of the light that they block, emit and reflect",
         force: "`crop: 0`",
         kinds: TRACE,
         judge: |seen| match seen.note("cropped") {
@@ -116,14 +116,14 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "rays where objects change nothing",
         check: "no path of a chunk of pixels meets an object",
-        force: "none: the mean is the same wherever samples go",
+        force: "none: the expected picture does not depend on it",
         kinds: TRACE,
         judge: |seen| {
             let shares = seen.column("views", "share of chunks that no object changes").into_iter();
             let shares = shares.filter_map(|cell| if let Cell::Number(n) = cell { Some(*n) } else { None });
             let shares: Vec<f64> = shares.collect();
             let texts: Vec<String> = shares.iter().map(|share| format!("{:.0} %", 100.0 * share)).collect();
-            let text = format!("{} of the chunks of each view", texts.join(", "));
+            let text = format!("{} of the chunks of the views", texts.join(", "));
             (!shares.is_empty()).then(|| (shares.iter().any(|share| *share > 0.0), text))
         },
     },
@@ -140,7 +140,7 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "lobes that materials lack",
-        check: "the strength of each, after its texture",
+        check: "the strength of each lobe, after its texture",
         force: "`--exhaustive`",
         kinds: TRACE,
         judge: |seen| {
@@ -165,8 +165,8 @@ const SKIPS: [Skip; 8] = [
         },
     },
     Skip {
-        what: "pixels of the panorama that nothing shows",
-        check: "texels across the smoothest lobe and the smallest light",
+        what: "pixels of the panorama that do not affect the picture",
+        check: "the width in texels of the smoothest lobe and of the smallest light",
         force: "`skip_fine: false` of `fit-probe`; without one `width_px` and `size_px` decide",
         kinds: &["fit-probe", "path-trace"],
         judge: |seen| match seen.note("probe-size") {
@@ -201,7 +201,7 @@ pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut
     all
 }
 
-/// Results shared by the values of axes.
+/// The finding about results that the values of axes share.
 fn frames(nodes: &[NodeCost]) -> LeftOut {
     let varying = || nodes.iter().filter(|node| node.varies);
     let keys: BTreeSet<_> = varying().filter_map(|node| node.key).collect();
@@ -210,7 +210,9 @@ fn frames(nodes: &[NodeCost]) -> LeftOut {
     let found = if all == 0 {
         "no axis: there is one frame".to_owned()
     } else {
-        format!("{fixed} nodes read no axis and stand once; of {all} others {equal} are what another one is")
+        format!(
+            "{fixed} nodes do not vary along an axis; of the {all} others, {equal} have the same key as another one"
+        )
     };
     LeftOut {
         what: "light and pictures that frames share",
@@ -218,7 +220,7 @@ fn frames(nodes: &[NodeCost]) -> LeftOut {
         left_out: (all > 0).then_some(fixed + equal > 0),
         found,
         check: "equal keys",
-        force: "a run of one frame into a cache of its own (`--cache`)",
+        force: "a run of a single frame with its own cache (`--cache`)",
     }
 }
 
@@ -337,6 +339,9 @@ mod tests {
             [node("env", "fuse-hdr"), frame("a/f=1", b"a"), frame("a/f=2", b"a"), frame("a/f=3", b"b")];
         let found = frames(&nodes);
         assert_eq!(found.left_out, Some(true));
-        assert_eq!(found.found, "1 nodes read no axis and stand once; of 3 others 1 are what another one is");
+        assert_eq!(
+            found.found,
+            "1 nodes do not vary along an axis; of the 3 others, 1 have the same key as another one"
+        );
     }
 }

@@ -28,9 +28,8 @@ enum Of {
 /// The parts of a picture that errors are taken over.
 const REGIONS: [&str; 4] = ["whole", "touched", "object", "shadow"];
 
-/// The regions that may be named in front of a metric, for messages.
-const IN_FRONT: &str = "with `touched.`, `object.` or `shadow.` in front for the pixels that the object changes, covers, or \
-    only shades and lights";
+/// The prefixes that select a region, for messages.
+const IN_FRONT: &str = "with the prefix `touched.` for the pixels that the object changes, `object.` for those that it covers, or `shadow.` for the others that it changes";
 
 /// Names of metrics, and their computation.
 const METRICS: [(&str, Of); 7] = [
@@ -83,7 +82,7 @@ impl Metric {
         }
     }
 
-    /// The same for programs.
+    /// The error as JSON, for programs.
     pub fn value(&self, error: f64) -> Value {
         number(if self.of == Of::Psnr { decibels(error) } else { error })
     }
@@ -114,13 +113,13 @@ impl Metric {
         METRICS.map(|(name, _)| name).join(", ")
     }
 
-    /// The largest error over outputs and the views that show any of the region; `None` where it was not computed for
-    /// one of them, or none shows it.
+    /// The largest error over all outputs, in the views that show the region; `None` if it was not computed for one
+    /// of them, or if no view shows the region.
     pub fn error(&self, off: &[Off]) -> Option<f64> {
         self.worst(off, "image")
     }
 
-    /// The same for a baseline.
+    /// Like [`error`](Self::error), for a baseline: the picture `judged`.
     pub fn worst(&self, off: &[Off], judged: &str) -> Option<f64> {
         let rows =
             off.iter().filter(|row| row.region == self.region && row.judged == judged && row.pixels > 0);
@@ -140,7 +139,7 @@ fn decibels(rmse: f64) -> f64 {
     if rmse > 0.0 { 0.0 - 20.0 * nodes::math::num::f64::log10(rmse) } else { f64::INFINITY }
 }
 
-/// A number in JSON, which has no infinity: that is a text.
+/// A number in JSON; infinity, which JSON lacks, is written as text.
 pub fn number(value: f64) -> Value {
     if value.is_finite() { json!(value) } else { json!(value.to_string()) }
 }

@@ -15,14 +15,14 @@ pub struct Off {
     pub judged: String,
     /// Number of pixels of the region.
     pub pixels: u64,
-    /// By column of `compare`.
+    /// Values by column of `compare`.
     pub values: BTreeMap<String, f64>,
     /// True if a missing value leaves the error unknown; false if that was reported before.
     pub counts: bool,
 }
 
 impl Off {
-    /// The value of a column: of FLIP that of HDR-FLIP, where the picture is judged in linear light.
+    /// The value of a column; for FLIP that of HDR-FLIP if the picture is judged in linear light.
     pub fn value(&self, column: &str) -> Option<f64> {
         self.values.get(column).or_else(|| self.values.get(&format!("hdr-{column}"))).copied()
     }

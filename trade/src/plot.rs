@@ -24,8 +24,8 @@ const RIGHT: f64 = 120.0;
 const TOP: f64 = 20.0;
 const BOTTOM: f64 = 46.0;
 
-/// `shown` formats an error. Both axes are logarithmic, in steps of ten; an error of 0 has a line of its own below
-/// the least other one. `None` where there is nothing to plot.
+/// A plot as SVG; `shown` formats an error. Both axes are logarithmic. An error of 0 is drawn on a separate line
+/// below the smallest other error. `None` if there is nothing to plot.
 pub fn svg(
     dots: &[Dot],
     cost: &str,

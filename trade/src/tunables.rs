@@ -129,7 +129,7 @@ pub fn tunables(graph: &Graph, targets: &[usize], registry: &Registry) -> Result
     Ok(tunables)
 }
 
-/// Adds further values for a search: half and a quarter of the least one, and for samples, which are most of the
+/// Adds further values for a search: half and a quarter of the smallest one, and for samples, which are most of the
 /// work, values between two. Returns the number of values per step.
 fn widen(values: &mut Vec<String>, kind: KnobKind, least: f64) -> usize {
     let whole = |text: &String| text.parse::<u64>().ok();
@@ -149,7 +149,7 @@ fn widen(values: &mut Vec<String>, kind: KnobKind, least: f64) -> usize {
     2
 }
 
-/// Canonical text may format a number differently.
+/// True if two texts are equal, or are the same number in different formats.
 fn equal(a: &str, b: &str) -> bool {
     a == b || a.parse::<f64>().is_ok_and(|a| b.parse() == Ok(a))
 }
@@ -184,7 +184,7 @@ mod tests {
     use super::*;
     use engine::{Source, SourceRoot};
 
-    /// A light with a coarse look first.
+    /// A graph that estimates the light from a coarse panorama first.
     const FITTED: &str = r#"Graph(
         version: 1, scene: (up: "+z", seed: 1), nodes: (
             demo:   DemoScene(splats: 4000, width_px: 36, height_px: 26),

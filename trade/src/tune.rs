@@ -49,7 +49,7 @@ pub struct Tuned {
     pub tried: Vec<Tried>,
     /// The index of the best setting that reaches the goal.
     pub best: Option<usize>,
-    /// The preset that reaches the goal at the least cost, or the best one within the cost.
+    /// The preset that reaches the goal at the lowest cost, or the best one within the cost.
     pub naive: Option<(&'static str, Tried)>,
     /// Settings that cost less than half of that preset, if the best setting does not.
     pub half: Option<Below>,
@@ -57,7 +57,7 @@ pub struct Tuned {
     pub finished: bool,
     /// Number of settings that could still have been measured.
     pub left: usize,
-    /// True if the time for measuring is over.
+    /// True if the time for measuring ran out.
     pub late: bool,
     /// The error that ended measuring, if any.
     pub wrong: Option<Error>,
@@ -144,7 +144,7 @@ impl Tuned {
         match (self.finished, stopped) {
             (true, _) => "changing any one knob by one step does not help",
             (false, true) => "interrupted, so there may be better ones",
-            (false, false) if self.late => "the time is over, so there may be better ones",
+            (false, false) if self.late => "the time ran out, so there may be better ones",
             (false, false) if self.left == 0 => "the budget is used up, so there may be better ones",
             (false, false) => "a setting failed, so there may be better ones",
         }
@@ -167,14 +167,16 @@ impl Tuned {
     pub fn nearest(&self, wanted: &Wanted, stopped: bool) -> String {
         let least = |of: fn(&Tried) -> f64| self.tried.iter().map(of).reduce(f64::min);
         let nearest = match wanted.goal {
-            Goal::Error(_) => format!("the least error is {}", wanted.metric.shown(least(|t| t.error))),
+            Goal::Error(_) => format!("the smallest error is {}", wanted.metric.shown(least(|t| t.error))),
             Goal::Cost(_) => {
                 let unit = wanted.unit.name();
                 let cost = tick_text(least(|t| t.cost).unwrap_or(0.0));
                 match self.finished {
-                    true => format!("the least cost is {cost} {unit}, with every knob at its least"),
+                    true => format!("the smallest cost is {cost} {unit}, with every knob at its minimum"),
                     false => {
-                        format!("the least cost is {cost} {unit}; every knob at its least was not measured")
+                        format!(
+                            "the smallest cost measured is {cost} {unit}; the setting with every knob at its minimum was not measured"
+                        )
                     }
                 }
             }
@@ -210,7 +212,7 @@ impl Tuned {
         rows
     }
 
-    /// The same as JSON, with why the search ended.
+    /// The measured settings as JSON, with the reason why the search ended.
     pub fn json(&self, bench: &Bench<'_>, metric: &Metric, stopped: bool) -> Value {
         let front = pareto(&self.tried);
         let point = |(index, t): (usize, &Tried)| {
@@ -239,7 +241,7 @@ impl Tuned {
     }
 }
 
-/// The preset that one would take without measuring: the cheapest that fits, or the best within a cost.
+/// The preset to choose without a search: the cheapest that reaches the goal, or the best within a cost.
 fn naive(starts: &[Assignment], tried: &[Tried], goal: Goal) -> Option<(&'static str, Tried)> {
     let presets = PRESETS.into_iter().rev().zip(starts);
     let known =
@@ -255,32 +257,34 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
         Some(_) if !half.complete => {
             let (count, least) = (half.all.len(), metric.shown(least));
             format!(
-                "{count} settings that cost less than half of it were measured, and none reaches it (least error {least}); there \
-                 may be more, for which --budget makes room"
+                "of {count} settings measured below half of that cost, none reaches the goal (smallest error {least}); a larger --budget would measure more"
             )
         }
         None if !half.complete => {
-            "whether anything costs less than half of it was not found out: --budget makes room for that"
-                .to_owned()
+            "no setting below half of that cost was measured; a larger --budget would include some".to_owned()
         }
         Some(_) => {
             let (count, least) = (half.all.len(), metric.shown(least));
             format!(
-                "none of the {count} settings that were found to cost less than half of it reaches it (least error {least})"
+                "of {count} settings found below half of that cost, none reaches the goal (smallest error {least})"
             )
         }
         None => {
             let cost = tick_text(half.least.cost);
             format!(
-                "none was found that costs less than half of it: with every knob at its least it is {cost}"
+                "no setting was found below half of that cost: with every knob at its minimum the cost is {cost}"
             )
         }
     };
     let (most, pairs) = (100.0 * half.saved.most, half.saved.pairs);
-    let saved = format!("turning knobs up saved at most {most:.1} % elsewhere in {pairs} pairs of settings");
+    let saved = format!(
+        "raising knobs saved at most {most:.1} % of the cost of other nodes in {pairs} pairs of settings"
+    );
     if half.complete {
         let margin = 100.0 * half.margin;
-        format!("{found}; for another one it would have to save more than {margin:.1} %, and {saved}")
+        format!(
+            "{found}; another one exists only if raising a knob saves more than {margin:.1} %, and {saved}"
+        )
     } else {
         format!("{found}; {saved}")
     }
@@ -294,7 +298,7 @@ fn summary(metric: &Metric, goal: Goal, found: &Tried, unit: &str, naive: Option
             Goal::Error(_) => {
                 let ratio = found.cost / preset.cost;
                 text.push_str(&format!(
-                    ", {ratio:.2} of that of `{name}`, the cheapest preset that reaches it"
+                    ", {ratio:.2} of the cost of `{name}`, the cheapest preset that reaches the goal"
                 ));
             }
             Goal::Cost(_) => {

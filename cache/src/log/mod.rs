@@ -24,7 +24,7 @@ mod write;
 #[cfg(test)]
 mod tests;
 
-/// An entry of this kind plus another's removes the other.
+/// Flag added to the kind of an entry: such an entry removes the entry of that kind and key.
 const REMOVED: u8 = 0x80;
 
 /// Bytes per read.
@@ -189,8 +189,8 @@ impl Log {
         self.read_tail()
     }
 
-    /// Reads the whole file again without the index and returns the number of damaged bytes. What may be an entry that
-    /// is being written does not count.
+    /// Reads the whole file again without the index and returns the number of damaged bytes. Bytes at the end that
+    /// may be an entry being written are not counted.
     pub fn reread(&mut self) -> Result<u64> {
         self.rescan()?;
         Ok(self.sizes.damaged)
@@ -236,7 +236,7 @@ impl Log {
         Ok(complete && same_file(&open.metadata, &metadata))
     }
 
-    /// The same as [`refresh`](Self::refresh) for a caller that holds the lock, which must not be taken twice.
+    /// Like [`refresh`](Self::refresh), for a caller that already holds the lock, which must not be locked twice.
     fn catch_up(&mut self) -> Result<()> {
         let Some(settings) = self.settings.clone() else { return Ok(()) };
         let Some(metadata) = regular::metadata(&settings.path).at("read", &settings.path)? else {

@@ -50,7 +50,7 @@ impl Log {
         self.append_to_file(&settings, items, guard.is_some())
     }
 
-    /// Appends to the file, which is `locked` or not.
+    /// Appends to the file; `locked` is true if the caller holds the lock.
     pub(super) fn append_to_file(
         &mut self,
         settings: &Settings,
@@ -234,8 +234,8 @@ fn encode(items: &[Item<'_>], salt: u32) -> Vec<u8> {
     bytes
 }
 
-/// Appends in one call, so that even without a lock no other writer interferes; in two calls where a test may stop the
-/// process in the middle.
+/// Appends in a single call, so that no other writer interferes even without a lock. With failpoints it appends in
+/// two calls, so that a test can stop the process between them.
 fn write_halves(mut file: &File, bytes: &[u8]) -> io::Result<()> {
     reach(failpoint::APPEND_BEFORE)?;
     let (first, second) = bytes.split_at(if cfg!(feature = "failpoints") { bytes.len() / 2 } else { 0 });

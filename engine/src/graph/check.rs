@@ -310,7 +310,7 @@ fn former_fields(raw: &RawNode<'_>, kind: &KindEntry) -> Vec<(&'static [&'static
         let message = format!("`{}` no longer has {}", kind.camel_name(), written.join(", "));
         let mistake = Diagnostic::of(Code::UnknownField, field.name_span.clone(), message)
             .label(former.instead)
-            .hint(format!("a recipe or bundle that has it runs in a program with {version} or earlier"));
+            .hint(format!("recipes and bundles that use it need a program with {version} or earlier"));
         found.push((former.fields, mistake));
     }
     found

@@ -139,13 +139,13 @@ impl Record {
         let mut from = Decoder::new(body);
         let ports = &node.kind.outputs;
         if from.length(53)? != ports.len() {
-            return Err(Corrupt("another number of outputs".to_owned()));
+            return Err(Corrupt("the number of outputs differs".to_owned()));
         }
         let mut outputs = Vec::with_capacity(ports.len());
         for ArtifactType { name, format, .. } in ports.iter().map(|port| port.artifact) {
             let StoredOutput { type_name, number, digest, size, stored } = StoredOutput::read(&mut from)?;
             if type_name != name.as_bytes() || number != format {
-                return Err(Corrupt(format!("holds another type than {name} {format}")));
+                return Err(Corrupt(format!("its type is not {name} {format}")));
             }
             outputs.push(Output { type_name: name, format, digest, size, stored });
         }

@@ -17,7 +17,7 @@ pub(crate) struct Claims {
 
 impl Claims {
     /// Claims a path for a sink. If another sink has it already, returns both in the order of the file, so that the
-    /// blame does not depend on the order in which they run.
+    /// error does not depend on the order in which they run.
     pub fn claim(&mut self, path: &Path, index: usize) -> Option<[usize; 2]> {
         let other = self.writers.insert(path.to_owned(), index).filter(|&other| other != index)?;
         let (first, second) = (other.min(index), other.max(index));

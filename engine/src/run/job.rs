@@ -41,7 +41,7 @@ pub(crate) struct Job<'a> {
     pub inputs: Vec<Vec<AnyArtifact>>,
     pub input_digests: Vec<(&'static str, Vec<Digest>)>,
     pub key: Digest,
-    /// Without a key if only values are needed, since there is a record then.
+    /// The action. It has no key if only values are needed, since its record exists then.
     pub action: Action,
     /// True if only values are needed.
     pub remake: bool,

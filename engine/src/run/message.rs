@@ -46,8 +46,9 @@ pub(crate) enum Message {
     },
 }
 
-/// A message that a thread owes to the scheduler, which waits for it. If the thread panics before it has sent the message,
-/// `otherwise` makes one of an error. To be made by the thread itself: work that never starts owes nothing.
+/// A message that a thread must send, since the scheduler waits for it. If the thread panics first, `otherwise`
+/// makes the message from an error. Must be created by the thread itself, so that work that never starts owes
+/// nothing.
 pub(crate) struct Owed<'s, F: FnOnce(NodeError) -> Message> {
     sender: &'s Sender<Message>,
     otherwise: Option<F>,

@@ -25,7 +25,7 @@ pub(crate) struct PreviousRun {
 
 /// The nodes whose results may differ from those of the previous run.
 pub(crate) struct Cone {
-    /// True if each node is included; true for nodes that no target needs.
+    /// For each node, true if it is included; also true for nodes that no target needs.
     pub of: Vec<bool>,
     /// The files of sinks that are not included. All of them are up to date.
     pub kept: Vec<(usize, PathBuf)>,

@@ -69,11 +69,12 @@ impl SourceIndex {
     }
 
     /// The paths of the files and folders that a node names, in order. `sources` are all files that it read, in
-    /// order; each of `wanted` stands for a run of them. A file starts its run, and the files that it names follow.
-    /// The node may still read further files, which [`Recipe::other_sources`](crate::Recipe::other_sources) finds.
+    /// order. Each name in `wanted` corresponds to a contiguous group of them: the named file, followed by the
+    /// files that it refers to. The node may still read further files, which
+    /// [`Recipe::other_sources`](crate::Recipe::other_sources) finds.
     ///
     /// # Errors
-    /// A line for each that is not found or is ambiguous.
+    /// A line for each file that is not found or is ambiguous.
     pub fn settle(
         &self,
         wanted: &[String],
@@ -135,7 +136,8 @@ impl SourceIndex {
         if missing.is_empty() { Ok(paths) } else { Err(missing) }
     }
 
-    /// The file that starts `run`, and the number of files of the run in its folder.
+    /// The file that is the first of `run`, a group of files read, and the number of files of the group in its
+    /// folder.
     fn file(&self, run: &[Read], store: &Store) -> Option<(String, usize)> {
         self.best(run.len(), self.first_of(run, store), |path| {
             path.parent().map_or(1, |folder| 1 + self.held(folder, &run[1..], store))
@@ -217,8 +219,7 @@ fn ambiguous(name: &str, wanted: &[String], sources: &[Read]) -> String {
     let times = wanted.iter().filter(|other| *other == name).count();
     let read = sources.iter().filter(|(source, _)| source == name).count();
     format!(
-        "the recipe does not tell which file `{name}` is: it stands {times} times in the fields of the node, and of its \
-         {} files {read} have that name; use the graph itself, or a bundle of it",
+        "the recipe does not identify the file `{name}`: the fields of the node name it {times} times, and of the {} files that the node read, {read} have that name; use the graph itself, or a bundle of it",
         sources.len()
     )
 }

@@ -170,7 +170,7 @@ fn not_joined(root: &SourceRoot, name: &str, place: Range<usize>) -> Diagnostic 
         outside(name, place)
     } else if root.is_strange(&file.path) {
         Diagnostic::new(place, format!("`{}` belongs to an unpacked bundle", shown(name)))
-            .label("included, it could read whatever this graph may")
+            .label("an included graph may read every file that this graph may read")
             .hint(
                 "if you trust it, remove `.lightharmony-bundle` from its folder; otherwise run it on its own",
             )

@@ -281,7 +281,7 @@ impl<'t> Scanner<'t> {
         }
     }
 
-    /// Skips a value or else one character; for recovery after a mistake.
+    /// Skips a value or, if there is none, one character; for recovery after a mistake.
     pub fn step_over(&mut self) {
         let before = self.at;
         if self.value().is_none() || self.at == before {

@@ -253,7 +253,7 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// In an overlay, a name may refer to a node in a subgraph: `left.pose`.
+    /// Reads the rest of a dotted name: in an overlay, a name may refer to a node in a subgraph (`left.pose`).
     fn nested(&mut self, name: &'t str, start: usize) -> &'t str {
         while self.sort == FileKind::Overlay && self.scan.eat(b'.') {
             self.scan.word();

@@ -1,4 +1,4 @@
-//! CPU time per node, also where a thread runs tiles of another node while it waits.
+//! CPU time per node. It remains correct when a thread runs tiles of another node while it waits.
 
 use std::cell::Cell;
 use std::time::Duration;

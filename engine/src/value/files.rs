@@ -45,7 +45,7 @@ impl Artifact for Files {
             return Difference::none();
         }
         let unequal = self.0.iter().zip(&other.0).filter(|(a, b)| a != b).count();
-        Difference::of(format!("{} files against {}, {unequal} unequal", self.0.len(), other.0.len()))
+        Difference::of(format!("{} and {} files, {unequal} differ", self.0.len(), other.0.len()))
     }
 }
 

@@ -118,7 +118,7 @@ impl SourceRoot {
         !self.is_confined() && folder().is_some()
     }
 
-    /// True if [`SourceRoot::file`] gave this path in place of one that may not be read.
+    /// True if [`SourceRoot::file`] returned this path as a replacement for one that may not be read.
     pub fn is_outside(&self, file: &SourceFile) -> bool {
         file.path.starts_with(OUTSIDE)
     }

@@ -22,7 +22,7 @@ pub struct Refusal {
     pub list: Vec<Mistake>,
     /// The mistakes as text for a person.
     pub text: String,
-    /// WatchedFiles that the graph names; a change to one may resolve the mistakes.
+    /// Files that the graph names; a change to one may resolve the mistakes.
     pub files: Vec<PathBuf>,
 }
 

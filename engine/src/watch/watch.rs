@@ -32,7 +32,7 @@ const POLL: Duration = Duration::from_millis(500);
 const CHECK: Duration = Duration::from_secs(2);
 /// The result of waiting.
 enum Next {
-    /// WatchedFiles changed, and the graph must run again.
+    /// Watched files changed, and the graph must run again.
     Changed(Box<Load>),
     /// The run ended.
     Ended,
@@ -112,7 +112,7 @@ struct Session<'a, L, T> {
     load: L,
     emit: T,
     shown: BTreeMap<PathBuf, SinkFile>,
-    /// The graph has mistakes but may be half written.
+    /// True if the graph has mistakes but may be half written.
     suspected: bool,
     /// True if the last run was successful.
     good: bool,
@@ -204,8 +204,8 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         })
     }
 
-    /// Waits for the end of a run that was cancelled. Returns whether the watch is to quit; what the run still reports is
-    /// taken in even then, so that the list of files that do not show the graph is right.
+    /// Waits for the end of a run that was cancelled. Returns whether the watch is to quit; the remaining events of
+    /// the run are handled even then, so that the list of files that do not show the graph is correct.
     fn drain(&mut self) -> bool {
         let mut quit = false;
         while let Ok(input) = self.inputs.recv() {

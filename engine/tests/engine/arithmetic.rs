@@ -1,4 +1,4 @@
-//! Small kinds with results that anybody can check, which the engine's tests run in place of rendering.
+//! Small arithmetic kinds whose results are easy to check; the engine's tests run them instead of rendering.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -15,13 +15,13 @@ pub fn registry() -> Registry {
     Registry::new(entries())
 }
 
-/// The same with another entry instead of the one with its name.
+/// All kinds of this file, with `entry` in place of the kind of the same name.
 pub fn registry_with(entry: KindEntry) -> Registry {
     let others = entries().into_iter().filter(|other| other.name != entry.name);
     Registry::new(others.collect()).with(entry)
 }
 
-/// The same, but with a `scale` that returns another result under the same name and version.
+/// All kinds of this file, but with a `scale` that returns another result under the same name and version.
 pub fn registry_of_a_cheat() -> Registry {
     registry_with(KindEntry::of::<Cheat>())
 }
@@ -163,7 +163,7 @@ simple!(
 );
 
 engine::params! {
-    /// Digits: the numbers of several files one after another, a folder for the `.txt` files in it.
+    /// Reads digits from several files, one after another; a folder means the `.txt` files in it.
     pub struct LoadDigits {
         /// A file or folder.
         path: InputFile, other("\"b.txt\"");
@@ -251,7 +251,7 @@ engine::choices! {
 engine::params! {
     /// A whole number near the input: many inputs give the same one.
     pub struct Round {
-        /// Which.
+        /// The direction of rounding.
         towards: Towards = Towards::Nearest, other("Down");
     }
 }
@@ -319,9 +319,9 @@ simple!(
 engine::params! {
     /// The mean of `samples` numbers near the input, in parts of 16.
     pub struct Series {
-        /// How many.
+        /// The number of samples.
         samples: u32 = 32, range(1, 4096), other("48");
-        /// 1 is exact.
+        /// Step between computed samples; 1 computes all of them.
         coarse: u32 = 1, range(1, 64), other("2");
         /// Scales the mean; no part depends on it.
         gain: f64 = 1.0, other("2.0");
@@ -358,7 +358,7 @@ engine::params! {
         plus: f64 = 0.0, other("1.0");
     }
 }
-/// The inputs for which `prepared` had something to make.
+/// The inputs for which `prepared` computed its part.
 pub static MADE: Mutex<Vec<f64>> = Mutex::new(Vec::new());
 simple!(Prepared = "prepared", One, |params, inputs, cx| {
     let part = Part { name: "table", version: 1, inputs: &["value"] };
@@ -400,7 +400,7 @@ impl Kind for Ramp {
 engine::params! {
     /// The sum of a list.
     pub struct Sum {
-        /// The number of times it is counted.
+        /// The number of times the sum is counted.
         times: u32 = 1, range(1, 10), other("2");
     }
 }
@@ -524,7 +524,7 @@ simple!(
 engine::params! {
     /// Panics if its number is not zero.
     pub struct Panic {
-        /// Panics in the estimate already.
+        /// Panics already in the estimate.
         early: bool = false, other("true");
     }
 }

@@ -376,7 +376,7 @@ fn files_that_cannot_be_distinguished_are_refused() {
     let line = recipe.text().lines().last().unwrap();
     let short = Recipe::parse(&recipe.text().replace(&format!("{line}\n"), "")).unwrap();
     let errors = settle(&short).unwrap_err().to_string();
-    assert!(errors.contains("does not tell which file `p.txt` is"), "{errors}");
+    assert!(errors.contains("does not identify the file `p.txt`"), "{errors}");
     // The right files in another order, one less, and one more, are other files.
     let others = |fields: &str| {
         let text = graph_text(&format!("n0: LoadDigits({fields})"));

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::lab::{Lab, Log, graph_text};
 
-/// Two lists of their own files, small results, parts and a cheap loader, twice in a row.
+/// A graph with two lists stored as files, small results, parts and a cheap loader, twice in a row.
 const GRAPH: &str = r#"
     a: LoadNumber(path: "a.txt"),
     first: Ramp(value: "a", count: 3000),
@@ -50,7 +50,7 @@ fn recover(warm: &Warm, what: &str) -> Log {
     log
 }
 
-/// Ways to damage the bytes of a file.
+/// Damages the bytes of a file in one of several ways.
 fn damage(path: &Path, how: usize) {
     let mut bytes = fs::read(path).unwrap();
     let middle = bytes.len() / 2;

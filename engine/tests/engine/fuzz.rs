@@ -1,6 +1,6 @@
 //! Bytes changed at random, from fixed seeds: nothing panics, and every run that completes is right.
 //!
-//! A few hundred rounds here; `LIGHTHARMONY_FUZZ_SECONDS` makes each test go on for that long.
+//! A few hundred rounds here; `LIGHTHARMONY_FUZZ_SECONDS` sets the duration of each test.
 
 use std::time::{Duration, Instant};
 
@@ -9,7 +9,7 @@ use engine::{Engine, Event, Graph, RunOptions, Source, apply};
 
 use crate::lab::{Lab, graph_text};
 
-/// Counter-based: the same numbers on every machine.
+/// Counter-based random numbers, the same on every machine.
 struct Random(u64);
 
 impl Random {
@@ -25,7 +25,7 @@ impl Random {
     }
 }
 
-/// Rounds, each with numbers of its own.
+/// The rounds, each with its own random numbers.
 fn rounds(usual: u64) -> impl Iterator<Item = Random> {
     let seconds = std::env::var("LIGHTHARMONY_FUZZ_SECONDS").ok().and_then(|text| text.parse().ok());
     let end = seconds.map(|seconds| Instant::now() + Duration::from_secs(seconds));
@@ -34,7 +34,7 @@ fn rounds(usual: u64) -> impl Iterator<Item = Random> {
         .map(|round: u64| Random(round << 32))
 }
 
-/// One to four changes: flipped, removed, repeated, inserted, overwritten.
+/// Makes one to four changes: bytes are flipped, removed, repeated, inserted or overwritten.
 fn mutate(bytes: &mut Vec<u8>, random: &mut Random, tokens: &[&str]) {
     for _ in 0..=random.below(4) {
         let at = random.below(bytes.len());

@@ -15,7 +15,7 @@ use crate::lab::{Lab, graph_text};
 const FOLDER: &str = "ENGINE_TEST_FOLDER";
 const FAILPOINT: &str = "LIGHTHARMONY_FAILPOINT";
 
-/// Large and small results, parts, a loader and several files, over some tens of milliseconds.
+/// A graph with large and small results, parts, a loader and several files, which takes some tens of milliseconds.
 fn graph() -> String {
     let lists: String = (0..4)
         .map(|n| {

@@ -27,14 +27,14 @@ pub fn graph_text(nodes: &str) -> String {
 }
 
 impl Lab {
-    /// With a cache on disk, opened again by every run, as by a new process.
+    /// A lab with a cache on disk, which every run opens again as a new process would.
     pub fn on_disk() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let (jobs, budget) = (2, 1 << 30);
         Self { folder, registry: registry(), memory: None, jobs, budget, options: Options::default() }
     }
 
-    /// With a cache in memory.
+    /// A lab with a cache in memory.
     pub fn in_memory() -> Self {
         let engine = Engine::new(Store::in_memory(), 2, 1 << 30);
         Self { memory: Some(engine), ..Self::on_disk() }
@@ -86,7 +86,7 @@ impl Lab {
         Graph::parse(Source::packed("graph.ron", text), &self.registry, SourceRoot::new(self.folder.path()))
     }
 
-    /// The mistakes of a graph, as a person reads them.
+    /// The mistakes of a graph, as printed.
     pub fn mistakes(&self, text: &str) -> String {
         match self.parse(text) {
             Ok(_) => panic!("nothing is wrong with this graph:\n{text}"),
@@ -223,7 +223,7 @@ impl Log {
         ids.join(" ")
     }
 
-    /// Names of the files, those that were written marked with a star.
+    /// Names of the files; those that were written are marked with a star.
     pub fn files(&self) -> String {
         let mut names: Vec<String> = self
             .events

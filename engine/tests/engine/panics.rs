@@ -1,4 +1,4 @@
-//! A panic anywhere in the code of a kind is the failure of its node: never the end of the process, never a hang.
+//! A panic anywhere in the code of a kind is the failure of its node: it never ends the process and never hangs.
 
 use std::sync::Arc;
 use std::sync::mpsc;

@@ -94,7 +94,7 @@ fn parameters_and_comments_are_read_alone_and_all_else_is_not() {
     assert!(graph.reparse(axes.replace("by: 2.0", "by: 3.0"), registry).is_none(), "one of several nodes");
 }
 
-/// Random edits, one after the other, each in both ways.
+/// Random edits, one after the other, each applied in both ways.
 #[test]
 fn whatever_was_edited_it_is_the_graph_of_its_text() {
     const PIECES: [&str; 18] = [

@@ -1,10 +1,10 @@
-//! Which node gets a thread when: small nodes never wait for the end of large ones.
+//! Assignment of threads to nodes: small nodes never wait for the end of large ones.
 
 use engine::{Event, State};
 
 use crate::lab::{Lab, Log};
 
-/// Where in the log a node is done.
+/// The position in the log at which a node is done.
 fn done(log: &Log, wanted: &str) -> usize {
     let is = |event: &Event| matches!(event, Event::Node { id, state: State::Ran, .. } if id == wanted);
     log.events.iter().position(is).unwrap_or_else(|| panic!("`{wanted}` ran"))

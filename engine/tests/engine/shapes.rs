@@ -32,7 +32,7 @@ fn times(nodes: &str, count: usize) -> [Duration; 3] {
 }
 
 /// Ten times the nodes take about ten times as long, and never a hundred times. A busy machine only adds to a
-/// time, so the smallest of a few counts; work that grows faster is as long every time.
+/// time, so the smallest of a few counts; work that grows faster takes long every time.
 fn assert_linear(times: impl Fn(usize) -> [Duration; 3], count: usize) {
     let small = times(count);
     let allowed = small.map(|small| small.max(Duration::from_millis(2)) * 40);
@@ -53,7 +53,7 @@ fn chain(count: usize) -> String {
     std::iter::once("n0: Number(),\n".to_owned()).chain(below).collect()
 }
 
-/// One node that all others read, and one that reads all others.
+/// A graph with one node that all others read, and one that reads all others.
 fn fan(count: usize) -> String {
     let middle = 1..count - 1;
     let rays: String = middle.clone().map(|n| format!("n{n}: Scale(value: \"n0\", by: {n}e-4),\n")).collect();
@@ -61,7 +61,7 @@ fn fan(count: usize) -> String {
     format!("n0: Number(),\n{rays}sum: Add(terms: [{}]),\n", names.join(", "))
 }
 
-/// Two ways to every node from the one before: 2^n ways through the whole.
+/// A graph in which two paths lead from each node to the next, so that there are 2^n paths in total.
 fn diamonds(count: usize) -> String {
     let below = (1..count).map(|n| {
         let (near, far) = (n - 1, n.saturating_sub(2));

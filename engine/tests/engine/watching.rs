@@ -40,7 +40,7 @@ impl Session {
         Self { lab, handle, events, thread: Some(std::thread::spawn(run)) }
     }
 
-    /// With a file to read, from the first moment.
+    /// A session whose graph reads a file that exists from the start.
     fn of(nodes: &str) -> Self {
         let lab = Lab::on_disk();
         lab.write("five.txt", "5");
@@ -67,7 +67,7 @@ impl Session {
         }
     }
 
-    /// Everything until it rests.
+    /// All events until the watch is idle.
     fn rest(&self) -> Vec<Event> {
         self.until(|event| matches!(event, Event::Idle { .. }))
     }

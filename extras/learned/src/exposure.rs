@@ -1,7 +1,6 @@
-//! Training of the exposure network: where in a panorama the light is that clipping hides.
-//!
-//! How much it is in all is fitted before. A small network scores each clipped cell, and the exponentials of the
-//! scores are a distribution of that amount. A distribution is not timid: all light may be in one cell.
+//! Training of the exposure network, which predicts where in a panorama the light is that clipping hides. The total
+//! amount is fitted separately, before. A small network scores each clipped cell, and the softmax of the scores
+//! distributes the amount. Unlike a regression per cell, this can put all light into one cell.
 
 use candle_core::{D, Device, Result, Tensor, Var};
 
@@ -16,16 +15,17 @@ pub struct Examples {
     pub overview: Vec<f32>,
     /// Features of each cell.
     pub features: Vec<f32>,
-    /// log of the visible flux of each cell, and of the number of cells that it stands for; -1e9 for padding.
+    /// Logarithm of the visible flux of each cell, multiplied by the number of cells that it represents; -1e9 for
+    /// padding.
     pub log_flux: Vec<f32>,
-    /// Hidden flux of each cell, and of those it stands for.
+    /// Hidden flux of each cell and of the cells that it represents.
     pub hidden: Vec<f32>,
     /// Cosine to the plane on which contrast is measured, for cells near the dominant light, else 0.
     pub near: Vec<f32>,
-    /// The same for the other cells.
+    /// Cosine to that plane for the other cells, else 0.
     pub far: Vec<f32>,
-    /// For each panorama: visible flux, on the plane from near the light, on it from elsewhere; the same three of
-    /// the truth; hidden flux; hidden flux by the fitted amount.
+    /// For each panorama: visible flux in total, on the plane from near the light, and on the plane from elsewhere;
+    /// the same three of the ground truth; hidden flux; hidden flux by the fitted amount.
     pub fluxes: Vec<[f32; 8]>,
     /// Weight of each panorama.
     pub weight: Vec<f32>,
@@ -46,7 +46,7 @@ pub struct Recipe {
     pub contrast: f64,
     /// Weight of the cross-entropy of the distribution.
     pub place: f64,
-    /// Penalty of squared weights: of the affine score, of the network's score.
+    /// Weight decay of the affine score and of the network's score.
     pub decay: [f64; 2],
 }
 
@@ -119,7 +119,7 @@ struct Weights {
     out: Var,
 }
 
-/// Numbers of a seeded sequence, by splitmix64; even in (-1, 1).
+/// A seeded sequence of random numbers (splitmix64), uniform in (-1, 1).
 struct Random(u64);
 
 impl Random {
@@ -207,7 +207,7 @@ impl Weights {
     }
 }
 
-/// About |x|, smooth at 0.
+/// A smooth approximation of |x|.
 fn magnitude(x: &Tensor) -> Result<Tensor> {
     (x.sqr()? + 0.05)?.sqrt()
 }
@@ -306,8 +306,8 @@ impl Adam {
     }
 }
 
-/// Trains one network on the `chosen` examples, whose numbers are scaled, on a GPU if the build supports one and
-/// there is one. `tell` receives the loss of each step and returns true to continue; a stopped training returns
+/// Trains one network on the `chosen` examples, whose numbers are scaled, on a GPU if the build supports it and one
+/// is present. `tell` receives the loss of each step and returns true to continue; a stopped training returns
 /// `None`.
 pub fn train(
     examples: &Examples,

@@ -1,10 +1,10 @@
-//! Where the library is.
+//! Search for the library.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// The file that a program loads. The one with the code and the weights, whose name has the whole version, is
-/// what it needs first.
+/// The file that a program loads. It depends on the file with the code and the weights, whose name has the full
+/// version.
 const FILE: &str = "libOpenImageDenoise.so.2";
 const CORE: &[u8] = b"libOpenImageDenoise_core.so.";
 /// Names the folder of the library, if it is not one of the usual ones.
@@ -16,15 +16,15 @@ const USUAL: [&str; 5] =
 /// The library on disk.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Found {
-    /// Its file. Whatever its version, the bytes of this one differ from those of any other, since they name it.
+    /// Its file. It contains the version, so its bytes differ between versions.
     pub path: PathBuf,
     /// `2.3.3`.
     pub version: String,
 }
 
-/// It is in none of the folders.
+/// The error if no folder contains the library.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("Open Image Denoise 2 is not installed: there is no `{FILE}` in {}{}", listed(.looked), but(.others))]
+#[error("Open Image Denoise 2 is not installed: `{FILE}` was not found in {}{}", listed(.looked), but(.others))]
 pub struct Missing {
     /// The searched folders, in order.
     pub looked: Vec<PathBuf>,
@@ -51,7 +51,7 @@ fn but(others: &[PathBuf]) -> String {
 }
 
 /// Looks for the library in the folder that `LIGHTHARMONY_OIDN` names; where that is not set, in those of
-/// `LD_LIBRARY_PATH` and the usual ones. No graph can name it: loading a library is running it.
+/// `LD_LIBRARY_PATH` and the usual ones. A graph cannot name it, because loading a library runs its code.
 ///
 /// # Errors If none of them holds a file of the library's name with a version.
 pub fn find() -> Result<Found, Missing> {
@@ -79,7 +79,7 @@ fn find_in(looked: Vec<PathBuf>) -> Result<Found, Missing> {
     })
 }
 
-/// The version of the core that the file at `path` names among what it needs.
+/// The version of the core library that the file at `path` depends on.
 fn version_of(path: &Path) -> Option<String> {
     let bytes = std::fs::read(path).ok()?;
     let start = bytes.windows(CORE.len()).position(|window| window == CORE)? + CORE.len();

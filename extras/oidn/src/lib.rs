@@ -1,9 +1,9 @@
-//! Open Image Denoise, the denoiser of Intel's that Blender has too, loaded where it is installed. Nothing here is
+//! Open Image Denoise, Intel's denoiser, which Blender also uses; loaded if it is installed. Nothing here is
 //! in a default build; the feature `oidn` of `lightharmony` brings it in.
 //!
-//! The crate knows the library and arrays of colours, and neither graphs nor images. [`find()`] looks for the
-//! library and reports where it looked; [`Found::load`] loads it; [`Library::denoise`] filters one picture on the
-//! thread that calls it. Version 2 for Linux is known; version 1 has other names.
+//! The crate handles the library and arrays of colours, and knows neither graphs nor images. [`find()`] looks for
+//! the library and reports where it looked; [`Found::load`] loads it; [`Library::denoise`] filters one picture on
+//! the thread that calls it. Version 2 for Linux is supported; version 1 has other function names.
 
 mod find;
 mod library;
@@ -11,10 +11,10 @@ mod library;
 pub use find::{Found, Missing, find};
 pub use library::{Library, MEMORY_BYTES, Surfaces};
 
-/// The reasons why the library filtered nothing.
+/// An error of loading or using the library.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
-    /// The caller asked it to stop.
+    /// The caller stopped it.
     #[error("stopped")]
     Stopped,
     /// The file is not the expected library.
@@ -25,7 +25,7 @@ pub enum Error {
         /// The linker's message.
         why: String,
     },
-    /// The library refused the work.
+    /// The library reported an error.
     #[error("Open Image Denoise {version} failed: {why}")]
     Failed {
         /// Its version.

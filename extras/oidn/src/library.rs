@@ -12,14 +12,14 @@ type Monitor = unsafe extern "C" fn(*mut c_void, f64) -> bool;
 type SetImage =
     unsafe extern "C" fn(Filter, *const c_char, *mut c_void, c_int, usize, usize, usize, usize, usize);
 
-/// `OIDN_DEVICE_TYPE_CPU`: what computes on graphics cards gives other bytes for each.
+/// `OIDN_DEVICE_TYPE_CPU`: on GPUs the output depends on the model.
 const CPU: c_int = 1;
 /// `OIDN_FORMAT_FLOAT3`.
 const FLOAT3: c_int = 3;
-/// Bytes that it takes for itself, at most and about; pictures that need more are filtered in tiles.
+/// Approximate maximum memory of the library, in bytes; pictures that need more are filtered in tiles.
 pub const MEMORY_BYTES: u64 = 1 << 30;
 
-/// The functions of the library that are called, as `OpenImageDenoise/oidn.h` of version 2 declares them.
+/// The library functions that are called, as declared in `OpenImageDenoise/oidn.h` of version 2.
 pub struct Library {
     version: String,
     new_device: unsafe extern "C" fn(c_int) -> Device,
@@ -47,7 +47,7 @@ pub struct Surfaces<'a> {
 }
 
 impl Found {
-    /// Loads the library. It stays loaded until the program ends, since its threads may not be gone before.
+    /// Loads the library. It stays loaded until the program ends, since its threads may still run.
     ///
     /// # Errors If the file is not the library, or needs other libraries that are missing.
     pub fn load(&self) -> Result<Library, Error> {
@@ -98,10 +98,10 @@ impl Library {
     /// processor gives the same bytes; another one may not.
     ///
     /// # Errors
-    /// When `goes_on` said no, or the library refuses.
+    /// If `goes_on` returned false, or the library reports an error.
     ///
     /// # Panics
-    /// When a picture has another size than `width` x `height` x 3, which is the caller's mistake.
+    /// If the size of a picture is not `width` x `height` x 3.
     pub fn denoise(
         &self,
         [width, height]: [usize; 2],
@@ -169,7 +169,7 @@ impl Library {
     }
 }
 
-/// Asks the closure behind the pointer whether to go on.
+/// Asks the closure behind the pointer whether to continue.
 ///
 /// # Safety
 /// The pointer must lead to a `&(dyn Fn() -> bool + Sync)`.
@@ -179,7 +179,7 @@ unsafe extern "C" fn monitor(goes_on: *mut c_void, _: f64) -> bool {
     goes_on()
 }
 
-/// Releases what the library made.
+/// Releases an object of the library.
 struct Release(unsafe extern "C" fn(*mut c_void), *mut c_void);
 
 impl Drop for Release {

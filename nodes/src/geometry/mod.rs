@@ -1,4 +1,4 @@
-//! Geometry: rays against triangles, what objects rest on, sampling of directions, and summaries of scenes.
+//! Geometry: ray casting, objects resting on surfaces, sampling of directions, and summaries of scenes.
 
 pub mod agreement;
 pub mod bvh;

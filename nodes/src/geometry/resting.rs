@@ -7,10 +7,10 @@ use crate::geometry::support::Level;
 
 /// Number of columns and of rows in which an object and the ground are sampled.
 const GRID: usize = 24;
-/// Deviations of the ground's height that count as noise when contacts are searched: one of some hundred positions
-/// lies this far up.
+/// Deviations of the ground's height that count as noise when contacts are searched: about one of a few hundred
+/// positions lies this high.
 const DEVIATIONS: f64 = 2.5;
-/// Number of rotations until an object lies on its contacts: each is small compared with the one before.
+/// Number of rotations to make an object lie on its contacts; each is much smaller than the one before.
 const TURNS: u32 = 4;
 /// Largest number of exchanges of a contact; each raises the object.
 const EXCHANGES: u32 = 1000;
@@ -26,7 +26,7 @@ pub struct Relief<'a> {
     pub axes: [DVec3; 3],
     /// Search distance up and down.
     pub reach: f64,
-    /// The plane through most of it.
+    /// The plane fitted to the ground.
     pub plane: Level,
 }
 

@@ -351,7 +351,7 @@ mod tests {
         assert_eq!(streams.len(), all);
     }
 
-    /// In one dimension.
+    /// Sampling by inversion follows the weights in one dimension.
     #[test]
     fn inversion_follows_the_weights() {
         let weights = [1e-9, 1e9, 0.0, 3e8, 1e-9];

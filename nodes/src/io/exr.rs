@@ -81,7 +81,7 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Planes, Error> {
     read_for(file, bytes, Progress::UNTRACKED)
 }
 
-/// The same with progress and cancellation.
+/// Like [`read`], with progress and cancellation.
 pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Planes, Error> {
     read_layer(file, bytes, "", progress)
 }
@@ -279,7 +279,8 @@ pub fn write(
     write_for(width, height, channels, encoding, recipe, Progress::UNTRACKED)
 }
 
-/// The same with progress and cancellation. Blocks of rows are compressed on all threads and written in order.
+/// Like [`write`], with progress and cancellation. Blocks of rows are compressed on all threads and written in
+/// order.
 pub fn write_for(
     width: usize,
     height: usize,

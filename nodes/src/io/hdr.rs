@@ -58,7 +58,7 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Radiance, Error> {
     read_for(file, bytes, Progress::UNTRACKED)
 }
 
-/// The same with progress and cancellation.
+/// Like [`read`], with progress and cancellation.
 pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radiance, Error> {
     let bad = |what: &str| Error::format(file, what);
     if !bytes.starts_with(b"#?") {
@@ -264,7 +264,8 @@ mod tests {
         }
     }
 
-    /// 1e-38 and 1e38 are near the limits of an exponent of 8 bits; exponent 0 is black for any mantissa.
+    /// Values near the limits of an 8-bit exponent, 1e-38 and 1e38, are decoded; exponent 0 is black for any
+    /// mantissa.
     #[test]
     fn rgbe_at_the_ends() {
         let body = [200, 100, 50, 0, 174, 174, 174, 2, 151, 0, 0, 255, 128, 128, 128, 129];

@@ -81,7 +81,8 @@ fn bytes<const N: usize>(reader: &mut impl Read) -> Option<[u8; N]> {
     Some(bytes)
 }
 
-/// After the signature: its second half, length and type of the first chunk, width, height, depth, colour.
+/// Reads a PNG after the first half of its signature: the second half, length and type of the first chunk, width,
+/// height, depth, colour.
 fn png(reader: &mut impl Read) -> Option<Head> {
     let head: [u8; 22] = bytes(reader)?;
     let number = |at: usize| Some(u64::from(u32::from_be_bytes(*head.get(at..)?.first_chunk()?)));
@@ -117,7 +118,7 @@ fn jpeg(reader: &mut (impl Read + Seek)) -> Option<Head> {
     }
 }
 
-/// The line with the size follows an empty line.
+/// Reads a Radiance header: the line with the size follows an empty line.
 fn radiance(reader: &mut impl BufRead) -> Option<Head> {
     let mut line = String::new();
     let (mut all, mut last) = (reader.take(1 << 20), false);

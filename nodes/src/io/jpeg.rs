@@ -15,7 +15,7 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
     read_for(file, bytes, Progress::UNTRACKED)
 }
 
-/// The same with progress and cancellation.
+/// Like [`read`], with progress and cancellation.
 pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Raster, Error> {
     let bad = |e: zune_jpeg::errors::DecodeErrors| Error::format(file, format!("not a complete JPEG: {e}"));
     // Without SIMD: the SIMD paths round differently on different machines.
@@ -60,7 +60,7 @@ pub fn write(raster: &Raster, quality: u8, comment: Option<&str>) -> Result<Vec<
     write_for(raster, quality, comment, Progress::UNTRACKED)
 }
 
-/// The same with progress and cancellation.
+/// Like [`write`], with progress and cancellation.
 pub fn write_for(
     raster: &Raster,
     quality: u8,

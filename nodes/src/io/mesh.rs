@@ -31,8 +31,8 @@ impl MeshFormat {
     }
 }
 
-/// The bytes of a file. `gltf_frame` says how a world is turned for GLB, whose y is up and whose unit is the metre: by its up axis
-/// and its metres a unit; `None` writes the coordinates as they are. The other formats are never turned.
+/// The bytes of a file. `gltf_frame` is the up axis of the world and its metres per unit, from which GLB is
+/// converted to y up and metres; `None` writes the coordinates unchanged. The other formats are never converted.
 pub fn encode(mesh: &Mesh, format: MeshFormat, gltf_frame: Option<(Up, f64)>) -> Vec<u8> {
     match format {
         MeshFormat::Ply => ply(mesh),
@@ -101,7 +101,7 @@ fn obj(mesh: &Mesh) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// One node at the middle of the mesh, so that f32 holds what lies around it.
+/// A GLB with one node at the middle of the mesh, so that coordinates relative to it are precise in f32.
 fn glb(mesh: &Mesh, frame: DMat4) -> Vec<u8> {
     let places: Vec<DVec3> =
         (0..mesh.positions.len() as u32).map(|index| frame.transform_point3(mesh.position(index))).collect();

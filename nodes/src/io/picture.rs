@@ -239,7 +239,7 @@ mod tests {
         png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"))
     }
 
-    /// 8 and 16 bits, grey and alpha.
+    /// PNGs of 8 and 16 bits, grey and with alpha, are premultiplied colour or data.
     #[test]
     fn pngs_are_premultiplied_colour_or_data() {
         let rgba = png_of(4, 255, vec![255, 51, 0, 51]);

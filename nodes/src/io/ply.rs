@@ -7,7 +7,7 @@ use crate::error::Error;
 /// Encoding of the numbers of the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
-    /// Words separated by white space.
+    /// ASCII: words separated by white space.
     Ascii,
     /// Packed, least significant byte first.
     Little,

@@ -42,7 +42,7 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
     read_for(file, bytes, Progress::UNTRACKED)
 }
 
-/// The same with progress and cancellation.
+/// Like [`read`], with progress and cancellation.
 pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Raster, Error> {
     let bad = |e: png::DecodingError| Error::format(file, format!("not a complete PNG: {e}"));
     // The largest ratio of deflate is 1032 to 1.
@@ -131,7 +131,7 @@ pub fn write(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<
     write_for(raster, Packing::Small, srgb, texts, Progress::UNTRACKED)
 }
 
-/// The same with progress and cancellation, and a given compression effort.
+/// Like [`write`], with progress, cancellation and a given compression effort.
 pub fn write_for(
     raster: &Raster,
     packing: Packing,

@@ -1,7 +1,7 @@
 //! The pixel data of a PNG: rows filtered on all threads, then deflated in order.
 //!
 //! The bytes are those of the crate `png`. Its stream writer could be cancelled between rows as well, but filters
-//! them on one thread, which is most of the work: a picture of a hundred megapixels takes it ten seconds.
+//! them on one thread, which is most of the work: it takes ten seconds for a picture of a hundred megapixels.
 
 use std::io::{Cursor, Write};
 
@@ -206,7 +206,8 @@ mod tests {
         bytes
     }
 
-    /// Mutation: `sum <= least` to `sum < least`, and the fallback for noise left away.
+    /// The rows give the bytes of the whole picture. Mutation: `sum <= least` to `sum < least`, and without the
+    /// fallback for noise.
     #[test]
     fn rows_give_the_bytes_of_the_whole_picture() {
         for (largest, noise) in [(255, 1), (255, 9), (255, 256), (65_535, 1), (65_535, 300), (65_535, 65_536)]

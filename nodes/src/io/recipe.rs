@@ -36,7 +36,7 @@ fn in_exr(bytes: &[u8]) -> Option<String> {
     meta.headers.first()?.own_attributes.comments.as_ref().map(ToString::to_string)
 }
 
-/// Comments longer than a segment continue in the next one.
+/// The recipe in the comments of a JPEG; one that is longer than a segment continues in the next.
 fn in_jpeg(bytes: &[u8]) -> Option<String> {
     let mut rest = bytes.get(2..)?;
     let mut comment = Vec::new();

@@ -74,9 +74,11 @@ impl Kind for Camera {
         let right = forward.cross(up);
         // Below this, the direction of the horizon is rounding noise.
         if right.length() < 1e-9 {
-            return Err(NodeError::new("the camera looks straight along the up axis, so nothing says where the top of the picture is")
-                .at("target")
-                .hint("move `eye` or `target` a little sideways"));
+            return Err(NodeError::new(
+                "the camera looks along the up axis, so the top of the picture is undefined",
+            )
+            .at("target")
+            .hint("move `eye` or `target` a little sideways"));
         }
         let right = right.normalize();
         let down = forward.cross(right);

@@ -25,7 +25,7 @@ engine::params! {
     pub struct LoadObject {
         /// The file: `.glb`, `.stl`, or `.gltf` and `.obj` with the files that they refer to.
         path: InputFile, other("\"b.glb\"");
-        /// Index of the scene in the file, from 0. The default is the scene that the file marks as its default.
+        /// Index of the scene in the file, from 0. If not given, the default scene of the file is used.
         scene: Option<u32> = None, range(0, 65535), other("Some(1)"), inert("most files have one scene");
     }
 }

@@ -180,7 +180,7 @@ fn fill_holes(
     let lost = open.iter().filter(|at| pixels[**at][..3].iter().any(|v| *v > 0.0)).count();
     if lost > 0 {
         let text = format!(
-            "{lost} transparent pixels hold light, which is not used: they are filled like other holes; if it is light that adds to what lies behind, save the file without alpha"
+            "{lost} transparent pixels hold light, which is not used: they are filled like other holes; if this light adds to the background, save the file without alpha"
         );
         notes.warning("light-in-holes", text);
     }

@@ -51,7 +51,7 @@ engine::params! {
     }
 }
 engine::inputs! {
-    /// Inputs of [`LoadSplats`]: none.
+    /// No inputs.
     pub struct In {}
 }
 engine::outputs! {

@@ -1,4 +1,4 @@
-//! `plane`: a level rectangle to stand objects on.
+//! `plane`: a level rectangle as ground for objects.
 
 use std::sync::Arc;
 
@@ -11,11 +11,11 @@ use crate::render::splat::{Settings, render};
 use crate::types::{Camera, Mesh, Pose, SplatEncoding, Splats};
 
 engine::params! {
-    /// A rectangle at a pose: the quick stand-in for the mesh of a place where objects stand on level ground.
-    ///
-    /// It lies in the ground plane of the pose and turns with it. With `splats` its vertices have the colours of what lies within
-    /// `thickness_metres` of it, seen from straight above; where nothing does, the median of those. Nothing else of the scene
-    /// receives shadows, hides objects or gives bounce light: `extract-mesh` makes the mesh of all of it.
+    /// Makes a rectangle at a pose: a quick replacement for the mesh of a place, for objects on level ground. It
+    /// lies in the ground plane of the pose and rotates with it. With `splats`, its vertices have the colours of
+    /// the splats within `thickness_metres` of it, seen from straight above; where there are none, the median of
+    /// these colours. The rest of the scene receives no shadows, hides no objects and reflects no light: use
+    /// `extract-mesh` for a mesh of all of it.
     pub struct Plane {
         /// Side to the right of the pose.
         width_metres: f64 = 6.0, range(1e-3, 1e5), unit("m"), other("2.0");
@@ -23,14 +23,14 @@ engine::params! {
         depth_metres: f64 = 6.0, range(1e-3, 1e5), unit("m"), other("3.0");
         /// Side of the squares that it is made of, each corner of which has a colour.
         square_metres: f64 = 0.1, range(1e-3, 1e5), unit("m"), other("0.5");
-        /// How far above and below it splats may lie that give it its colours.
+        /// Largest distance above or below the rectangle of splats that it takes its colours from.
         thickness_metres: f64 = 0.15, range(1e-4, 100.0), unit("m"), other("0.01");
     }
 }
 engine::inputs! {
     /// Inputs of [`Plane`].
     pub struct In {
-        /// Its middle, and how it is turned.
+        /// Position of its middle, and its rotation.
         at: Arc<Pose>,
         /// The scene that it takes its colours from.
         splats: Option<Arc<Splats>>,
@@ -39,12 +39,12 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`Plane`].
     pub struct Out {
-        /// The rectangle, its front upwards.
+        /// The rectangle; its front side faces up.
         mesh: Arc<Mesh>,
     }
 }
 
-/// Most squares a side.
+/// Maximum number of squares per side.
 const MOST: f64 = 1024.0;
 
 impl Kind for Plane {
@@ -59,7 +59,7 @@ impl Kind for Plane {
         let side = params.width_metres.max(params.depth_metres);
         if side / params.square_metres > MOST {
             let least = side / MOST;
-            return Err(NodeError::new(format!("more than {MOST} squares a side"))
+            return Err(NodeError::new(format!("more than {MOST} squares per side"))
                 .at("square_metres")
                 .hint(format!("at least {least:.4}")));
         }
@@ -126,7 +126,7 @@ impl Kind for Plane {
     }
 }
 
-/// The colours of the corners, row by row, seen from straight above; none where nothing is seen.
+/// The colours of the corners, row by row, seen from straight above; `None` where there are no splats.
 fn colours(
     splats: &Splats,
     [right, forward, up]: [DVec3; 3],

@@ -8,10 +8,10 @@ use crate::io::mesh::{MeshFormat, encode};
 use crate::types::Mesh;
 
 engine::params! {
-    /// Writes a mesh as PLY, GLB or OBJ, by the ending of the path.
+    /// Writes a mesh as PLY, GLB or OBJ, by the extension of the path.
     ///
-    /// PLY and OBJ are in the coordinates of the world. GLB is in glTF's frame, y up and metres: `LoadMesh` reads it with
-    /// `frame: Gltf`.
+    /// PLY and OBJ are in the coordinates of the world. GLB is in glTF's frame, y up and metres: `LoadMesh` reads
+    /// it with `frame: Gltf`.
     pub struct WriteMesh {
         /// The file: `.ply`, `.glb` or `.obj`.
         path: OutputFile, other("\"b.obj\"");

@@ -5,11 +5,11 @@ use crate::math::color::luminance;
 use crate::math::num;
 use crate::types::{Image, Linear};
 
-/// Samples are raised to 1 / this before the median is taken.
+/// Exponent of the tone curve: samples are raised to 1 / this before the median is taken.
 const GAMMA: f64 = 2.4;
 /// Value of the median after that.
 const MIDDLE: f64 = 0.5;
-/// At most this share of the sphere is above white.
+/// Largest share of the sphere above white.
 const ABOVE_WHITE: f64 = 0.15;
 
 /// A channel of display colours above this, in linear light, counts as clipped.

@@ -11,7 +11,7 @@ struct Level {
 }
 
 impl Level {
-    /// Half the size; the confidence of a pixel is the sum of its four, at most 1.
+    /// The level at half the size; the confidence of a pixel is the sum of those of its four pixels, at most 1.
     fn halved(&self) -> Self {
         let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
         let mut pixels = Vec::with_capacity(width * height);

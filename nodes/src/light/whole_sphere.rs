@@ -42,7 +42,7 @@ pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Note
     let Some(placement) = part.place(name, [width, height])? else { return Ok(picture) };
     let ([w, h], [x, y]) = (placement.size, placement.at);
     let what = format!(
-        "the {width}x{height} pixels are a part of a sphere of {w}x{h}, at {x}, {y}, by its metadata (GPano); the rest is unknown"
+        "by its metadata (GPano), the picture of {width}x{height} pixels is a crop, at {x}, {y}, of a panorama of {w}x{h}; the rest is unknown"
     );
     notes.decision("part-of-a-sphere", what);
     Ok(laid(&picture, placement))
@@ -106,7 +106,10 @@ pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usiz
 /// Linear RGB of a picture of light. Partly transparent pixels count by their alpha.
 pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
     let Picture::Linear(image) = picture else {
-        return Err(Error::format(name, "holds display colours; light is in OpenEXR and Radiance pictures"));
+        return Err(Error::format(
+            name,
+            "contains display colours; light must be stored as OpenEXR or Radiance HDR",
+        ));
     };
     let mut rgb = Vec::with_capacity(image.width * image.height * 3);
     for pixel in image.samples.chunks_exact(image.channels) {

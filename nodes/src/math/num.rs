@@ -1,7 +1,7 @@
 //! Portable transcendental functions: the same bits on every machine.
 //!
 //! Each calls the pure-Rust `libm` in f64 and, for f32, rounds once; on all inputs measured that is
-//! the correctly rounded f32. IEEE `+ - * / sqrt floor round trunc` need no wrapper, they are exact
+//! the correctly rounded f32. IEEE `+ - * / sqrt floor round trunc` need no wrapper, since they give the same bits
 //! everywhere.
 
 macro_rules! unary {

@@ -12,7 +12,7 @@ use super::panorama::{decode_point, decode_up, encode_point, encode_up};
 pub struct Environment {
     /// Radiance; white at EV 0 is 1.
     pub image: Image<Linear>,
-    /// Which axis of the world points up; fixes the direction of every texel.
+    /// The axis of the world that points up; determines the direction of every texel.
     pub up: Up,
     /// The point where it was captured, if known.
     pub origin: Option<DVec3>,
@@ -46,7 +46,7 @@ impl Artifact for Environment {
 
     fn difference(&self, other: &Self) -> Difference {
         if self.up != other.up || self.origin != other.origin {
-            return Difference::of("seen from another point");
+            return Difference::of("captured at another point");
         }
         let size = |image: &Image<Linear>| (image.width, image.height, image.channels);
         samples_difference(

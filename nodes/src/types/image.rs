@@ -215,12 +215,12 @@ impl Artifact for Images {
 
     fn difference(&self, other: &Self) -> Difference {
         if self.0.len() != other.0.len() {
-            return Difference::of(format!("{} views against {}", self.0.len(), other.0.len()));
+            return Difference::of(format!("{} and {} views", self.0.len(), other.0.len()));
         }
         for (a, b) in self.0.iter().zip(&other.0) {
             if a.name != b.name || a.picture.encoding() != b.picture.encoding() {
                 return Difference::of(format!(
-                    "view {} ({}) against {} ({})",
+                    "view {} ({}) and {} ({})",
                     a.name,
                     a.picture.encoding(),
                     b.name,
@@ -252,7 +252,7 @@ pub(crate) fn samples_difference(
 ) -> Difference {
     if size != other_size {
         return Difference::of(format!(
-            "{name}: {}x{}x{} against {}x{}x{}",
+            "{name}: {}x{}x{} and {}x{}x{}",
             size.0, size.1, size.2, other_size.0, other_size.1, other_size.2
         ));
     }

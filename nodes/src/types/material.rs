@@ -5,11 +5,11 @@ use engine::{Corrupt, Decoder, Encoder};
 /// How a texture continues beyond its edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wrap {
-    /// Tiles.
+    /// The texture is repeated.
     Repeat,
-    /// Tiles, every other one mirrored.
+    /// The texture is repeated, every other copy mirrored.
     Mirror,
-    /// Repeats the edge texel.
+    /// The edge texel is repeated.
     Clamp,
 }
 
@@ -70,7 +70,7 @@ pub struct Map {
 }
 
 impl Map {
-    /// A number alone.
+    /// A number without a texture.
     pub const fn of(factor: f32) -> Self {
         Self { factor, texture: None }
     }
@@ -86,7 +86,7 @@ pub struct ColourMap {
 }
 
 impl ColourMap {
-    /// A grey alone.
+    /// A grey without a texture.
     pub const fn of(factor: f32) -> Self {
         Self { factor: [factor; 3], texture: None }
     }
@@ -104,7 +104,7 @@ pub struct NormalMap {
 /// Effect of alpha.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AlphaMode {
-    /// None.
+    /// Alpha has no effect.
     Opaque,
     /// Removes texels with an alpha below the cut-off.
     Mask(f32),
@@ -434,7 +434,7 @@ impl Fields for Read<'_, '_> {
     fn numbers(&mut self, v: &mut [f32]) -> Result<(), Corrupt> {
         let read = self.from.f32s()?;
         if read.len() != v.len() {
-            return Err(Corrupt(format!("{} numbers where {} belong", read.len(), v.len())));
+            return Err(Corrupt(format!("{} numbers instead of {}", read.len(), v.len())));
         }
         v.copy_from_slice(&read);
         Ok(())

@@ -66,7 +66,7 @@ impl Artifact for Mesh {
             return Difference::none();
         }
         Difference::of(format!(
-            "{} vertices and {} triangles against {} and {}",
+            "{} vertices and {} triangles, not {} and {}",
             self.positions.len(),
             self.triangles.len(),
             other.positions.len(),

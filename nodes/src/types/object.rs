@@ -134,7 +134,7 @@ impl Artifact for Object {
             return Difference::none();
         }
         let triangles = |object: &Self| object.primitives.iter().map(|p| p.triangles.len()).sum::<usize>();
-        Difference::of(format!("{} triangles against {}", triangles(self), triangles(other)))
+        Difference::of(format!("{} and {} triangles", triangles(self), triangles(other)))
     }
 }
 

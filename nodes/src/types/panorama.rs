@@ -15,7 +15,7 @@ pub struct Panorama {
     pub image: Picture,
     /// Coverage of each pixel, 0 to 1; one channel.
     pub alpha: Image<Data>,
-    /// Which axis of the world points up; fixes the direction of every pixel.
+    /// The axis of the world that points up; determines the direction of every pixel.
     pub up: Up,
     /// Point where it was taken, in world units, if known.
     pub origin: Option<DVec3>,
@@ -119,10 +119,13 @@ impl Artifact for Panorama {
     fn difference(&self, other: &Self) -> Difference {
         if self.up != other.up || self.origin != other.origin {
             let from = |pano: &Self| pano.origin.map_or("an unknown place".to_owned(), |p| p.to_string());
-            return Difference::of(format!("seen from {} against {}", from(self), from(other)));
+            return Difference::of(format!("captured at {} and {}", from(self), from(other)));
         }
         if self.turned_deg != other.turned_deg {
-            return Difference::of(format!("turned by {} against {}", self.turned_deg, other.turned_deg));
+            return Difference::of(format!(
+                "rotated by {} and {} degrees",
+                self.turned_deg, other.turned_deg
+            ));
         }
         samples_difference(
             "panorama",

@@ -121,14 +121,10 @@ impl Artifact for Rig {
             return Difference::none();
         }
         let moved = self.cameras.iter().zip(&other.cameras).filter(|(a, b)| a != b).count();
-        Difference::of(format!(
-            "{} cameras against {}, {moved} changed",
-            self.cameras.len(),
-            other.cameras.len()
-        ))
+        Difference::of(format!("{} and {} cameras, {moved} differ", self.cameras.len(), other.cameras.len()))
     }
 }
 
 pub(crate) fn exactly<const N: usize>(values: Vec<f64>) -> Result<[f64; N], Corrupt> {
-    values.try_into().map_err(|v: Vec<f64>| Corrupt(format!("{} numbers where {N} belong", v.len())))
+    values.try_into().map_err(|v: Vec<f64>| Corrupt(format!("{} numbers instead of {N}", v.len())))
 }

@@ -121,7 +121,7 @@ impl Artifact for Splats {
         if self == other {
             return Difference::none();
         }
-        Difference::of(format!("{} splats against {}", self.len(), other.len()))
+        Difference::of(format!("{} and {} splats", self.len(), other.len()))
     }
 }
 
@@ -176,7 +176,7 @@ impl Artifact for Views {
 
     fn difference(&self, other: &Self) -> Difference {
         if self.0.len() != other.0.len() {
-            return Difference::of(format!("{} views against {}", self.0.len(), other.0.len()));
+            return Difference::of(format!("{} and {} views", self.0.len(), other.0.len()));
         }
         for (a, b) in self.0.iter().zip(&other.0) {
             if a.camera != b.camera {

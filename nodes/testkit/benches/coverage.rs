@@ -16,19 +16,19 @@ use nodes::kinds::shadow_ratio::{self, ShadowRatio};
 use nodes::math::color::luminance;
 use nodes::types::{Environment, Images, Mesh, Placed, Rig};
 
-/// How much is traced.
+/// The amount of tracing.
 struct Effort {
     seeds: u64,
     /// Seeds and samples of the truth, different from those above.
     truth: (u64, u32),
-    /// The most samples where an error is asked for.
+    /// Maximum number of samples if an error bound is set.
     most: u32,
 }
 
 const WHOLE: Effort = Effort { seeds: 20, truth: (8, 256), most: 256 };
-/// To see whether it runs.
+/// A small amount, to check that the benchmark runs.
 const SMALL: Effort = Effort { seeds: 2, truth: (2, 8), most: 8 };
-/// An error that is asked for, and the side of the tiles that it holds in.
+/// An error bound, and the side of the tiles that it applies to.
 const ASKED: f64 = 0.03;
 const TILE: usize = 8;
 
@@ -45,7 +45,7 @@ struct Place {
 type Told = Vec<[f64; 2]>;
 
 impl Place {
-    /// That of a graph in which one piece of text, which says how large its pictures are, is another one.
+    /// Loads a graph after replacing one piece of its text, which sets the size of its pictures.
     fn load(name: &str, (before, after): (&str, &str)) -> Self {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/tables");
         let text = std::fs::read_to_string(folder.join(name)).unwrap();
@@ -113,7 +113,7 @@ impl Place {
 }
 
 impl Place {
-    /// The same for some seeds, in their order; two threads take turns.
+    /// Ratios and pictures for several seeds, in order, on two threads.
     fn all_traced(&self, params: &PathTrace, seeds: std::ops::Range<u64>) -> Vec<[Told; 2]> {
         let half = |first| move |seed: &u64| seed % 2 == first;
         let traced = |first: u64| -> Vec<[Told; 2]> {
@@ -127,8 +127,8 @@ impl Place {
         seeds.filter_map(|seed| if seed % 2 == 0 { even.next() } else { odd.next() }).collect()
     }
 
-    /// The true error of the ratio in each tile that has noise, as `max_error` means it: root mean square over its
-    /// pixels with noise, relative to the ratio where that is above 1.
+    /// The true error of the ratio in each tile with noise, as `max_error` defines it: the root mean square over
+    /// the noisy pixels, relative to the ratio where that is above 1.
     fn tiles(&self, told: &Told, truth: &[f64]) -> Vec<f64> {
         let (mut errors, mut first) = (Vec::new(), 0);
         for camera in &self.rig.cameras {
@@ -164,7 +164,7 @@ fn plane(images: &Images, channel: usize) -> Vec<f64> {
     pixels.map(|p| f64::from(p[channel])).collect()
 }
 
-/// How often the truth was within 1, 2 and 3 errors, and by how much the values were off on average.
+/// Counts of true values within 1, 2 and 3 standard errors, and the mean deviation.
 #[derive(Default)]
 struct Tally {
     within: [u64; 3],

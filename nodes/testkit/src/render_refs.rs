@@ -84,7 +84,7 @@ impl Case {
         }
     }
 
-    /// The same with the camera `times` as far away, and a receiver larger by as much.
+    /// The scene with the camera `times` as far away, and a receiver that is larger by the same factor.
     pub fn with_camera_at(&self, times: f32) -> Self {
         let mut receiver = Mesh::clone(&self.receiver);
         receiver.positions.iter_mut().flatten().for_each(|v| *v *= times);
@@ -101,7 +101,7 @@ impl Case {
         }
     }
 
-    /// Traces with or without the object; gives the CPU seconds too.
+    /// Traces with or without the object; also returns the CPU seconds.
     pub fn trace(&self, seed: u64, samples: u32, with: bool, surroundings: Surroundings) -> Traced {
         self.cropped(seed, samples, with, surroundings, 0.001)
     }
@@ -112,7 +112,7 @@ impl Case {
         self.traced(&params, seed, true)
     }
 
-    /// The same with another `crop`.
+    /// Like [`shadow`](Self::shadow), with another `crop`.
     pub fn cropped(
         &self,
         seed: u64,

@@ -15,7 +15,7 @@ const WIDTH: u32 = 16;
 const HEIGHT: u32 = 12;
 const FLOOR: [f32; 3] = [0.5, 0.3, 0.7];
 const BOX: f32 = 0.6;
-/// The box stands on the floor.
+/// Lower and upper corner of the box, which stands on the floor.
 const LOW: DVec3 = DVec3::new(-0.3, -0.3, 0.0);
 const HIGH: DVec3 = DVec3::new(0.3, 0.3, 0.6);
 
@@ -64,7 +64,7 @@ impl Direct {
     }
 }
 
-/// Looks straight down.
+/// A camera that looks straight down.
 fn camera() -> Camera {
     let down = DMat4::from_cols(
         DVec3::X.extend(0.0),

@@ -16,7 +16,7 @@ pub fn reported(report: &Report) -> Vec<f64> {
     vec![row[0], row[2], row[3], row[4]]
 }
 
-/// The same for an object at most `reach` above or below the ground, in a world of metres with z up.
+/// The reference result for an object at most `reach` above or below the ground, in a world of metres with z up.
 pub fn found(mesh: &Mesh, placed: &Placed, reach: f64) -> Vec<f64> {
     let corners: Vec<DVec3> = placed
         .object
@@ -70,7 +70,8 @@ fn over(plane: DVec3, p: DVec3) -> f64 {
     p.z - plane.x - plane.y * p.x - plane.z * p.y
 }
 
-/// The plane with most points, of all level ones and of those through any three of every 23rd point.
+/// The plane with most points, among all horizontal planes and those through three points of a subset (every 23rd
+/// point).
 fn densest(points: &[DVec3]) -> DVec3 {
     let some: Vec<DVec3> = points.iter().copied().step_by(23).collect();
     let mut planes: Vec<DVec3> = points.iter().map(|p| DVec3::new(p.z, 0.0, 0.0)).collect();

@@ -1,4 +1,4 @@
-//! The difference of two environments: the scores of `score-env`, from texels and not from cells.
+//! A reference for `score-env`: its scores computed from texels instead of cells.
 
 use std::f64::consts::PI;
 

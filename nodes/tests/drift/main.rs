@@ -1,5 +1,5 @@
-//! Errors of every node: the largest and the one that a thousandth exceed, compared with a slow reference in
-//! float64 written from the node's definition, or with the node itself at a finer setting where it samples.
+//! Errors of every node: the largest error and the 99.9th percentile, compared with a slow float64 reference
+//! written from the node's definition, or, for nodes that sample, with the same node at a finer setting.
 //! `docs/evidence/README.md` lists the nodes that need none.
 //!
 //! Everything is deterministic, so `errors.tsv` holds the results to the last digit, on any machine. A change there
@@ -28,8 +28,8 @@ const CONSTANTS: f64 = 1e-4;
 struct Case {
     name: &'static str,
     against: &'static str,
-    /// The largest permitted error, whatever the file holds: the rounding of the format and of the order of sums;
-    /// for sampled values, no loss.
+    /// The largest permitted error, independent of `errors.tsv`: the rounding of the format and of the order of
+    /// sums.
     bound: f64,
     errors: Vec<f64>,
 }
@@ -212,7 +212,7 @@ fn cases(run: &Run) -> Vec<Case> {
     ]
 }
 
-/// The largest value, and the one that a thousandth of the values exceed.
+/// The largest value and the 99.9th percentile.
 fn summary(errors: &[f64]) -> [f64; 2] {
     let mut sorted = errors.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -58,7 +58,7 @@ impl Layers {
         [without, with, object].concat()
     }
 
-    /// By the ratio and its variance, without fireflies.
+    /// The field of the receiver: compared by the ratio and its variance, without fireflies.
     fn receiver(&self) -> Field<'_> {
         let pixel = |i: usize| {
             let (r0, r1) = (&self.without[3 * i..3 * i + 3], &self.with[3 * i..3 * i + 3]);
@@ -90,7 +90,7 @@ impl Layers {
         field.smoothed(3)
     }
 
-    /// By the colour of the object, its mean brought between 1 and 2.
+    /// The field of the object: compared by its colour, with the mean scaled to between 1 and 2.
     fn inserted(&self) -> Field<'_> {
         let pixels = self.object.chunks_exact(4);
         let [light, cover] = pixels
@@ -128,8 +128,8 @@ impl Field<'_> {
             .flat_map(move |row| columns.clone().map(move |column| row * width + column))
     }
 
-    /// A pixel is averaged in full with those of up to 16 times the mean variance of the nine around it without the
-    /// largest.
+    /// Computes the variances up to which pixels are averaged at full weight: 16 times the mean variance of the
+    /// nine pixels around each, without the largest of them.
     fn doubted(mut self) -> Self {
         for i in 0..self.pixels.len() {
             let near = self.around(i, 1).filter(|j| self.pixels[*j].there);
@@ -142,7 +142,7 @@ impl Field<'_> {
         self
     }
 
-    /// Variances are the means of those around, and at least a tenth of their own.
+    /// Replaces each variance by the mean of the variances around it, but at least a tenth of its own value.
     fn smoothed(mut self, reach: usize) -> Self {
         let mean = |i: usize| {
             let near: Vec<f64> = self
@@ -176,7 +176,7 @@ impl Field<'_> {
         }
     }
 
-    /// Squared distance of two pixels minus that of noise, in units of it.
+    /// Squared distance of two pixels minus the distance expected from noise, in units of the noise.
     fn apart(&self, p: &Pixel, q: &Pixel, strength: f64) -> f64 {
         let square =
             (0..3).map(|k| (p.signal[k] - q.signal[k]) * (p.signal[k] - q.signal[k])).sum::<f64>() / 3.0;

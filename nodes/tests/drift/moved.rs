@@ -1,4 +1,4 @@
-//! The whole insertion in a world that is moved, enlarged or reduced: the same pictures.
+//! A whole insertion gives the same pictures in a world that is moved, enlarged or reduced.
 
 use std::sync::Arc;
 
@@ -34,7 +34,7 @@ struct World {
     pose: Pose,
     rig: Rig,
     near: f64,
-    /// The receiver is the part of the mesh below this height.
+    /// Height below which the mesh is the receiver.
     below: f64,
     metres_per_unit: f64,
     origin: DVec3,
@@ -48,7 +48,7 @@ fn halves(place: DVec3) -> [[f32; 3]; 2] {
 }
 
 impl World {
-    /// The same world made larger about its origin and then moved.
+    /// The world scaled about its origin and then moved.
     fn moved(&self, scale: f64, by: DVec3) -> Self {
         let to = |place: DVec3| place * scale + by;
         let (mut splats, mut mesh, mut rig) = (self.splats.clone(), self.mesh.clone(), self.rig.clone());

@@ -296,7 +296,7 @@ fn similarity(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
     (0..width * height).map(|pixel| (0..3).map(|c| at_pixel(pixel, c)).sum::<f64>() / 3.0).collect()
 }
 
-/// A filter over squares of pixels around each, with the border repeated outside.
+/// Applies a filter to the square of pixels around each pixel, with the border repeated outside.
 fn filtered(channel: &[f64], width: usize, reach: i64, kernel: &dyn Fn(i64, i64) -> f64) -> Vec<f64> {
     let height = channel.len() / width;
     let offsets: Vec<(i64, i64)> =
@@ -340,8 +340,8 @@ fn rgb_of(xyz: [f64; 3]) -> [f64; 3] {
     (DMat3::from_cols_array_2d(&columns).inverse() * DVec3::from_array(xyz)).to_array()
 }
 
-/// FLIP of each pixel for display values (Andersson et al. 2020), its filters as they are defined, in two
-/// dimensions, for 0.7 m between an eye and a display of 3840 pixels on 0.7 m.
+/// FLIP of each pixel for display values (Andersson et al. 2020), with two-dimensional filters as defined, for a
+/// display of 3840 pixels and 0.7 m width, seen from 0.7 m.
 pub fn flip(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
     let density = 3840.0 / 0.7 * 0.7 * PI / 180.0;
     let [a, b] = [a, b].map(|picture| seen(picture, width, density));

@@ -39,7 +39,7 @@ impl Fixture {
         fixture
     }
 
-    /// The files that the loaders of the fixture read are written by its own sinks.
+    /// Writes the files that the loaders of the fixture read, by its own sinks.
     fn make_files(&self) {
         let text = include_str!("files.ron");
         let graph = self.parse(text, &[]).unwrap_or_else(|e| panic!("{e}"));
@@ -74,7 +74,7 @@ impl Fixture {
     }
 }
 
-/// Files of formats that no sink of ours writes.
+/// Files in formats that no sink writes.
 fn handmade() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("mesh.ply", files::MESH_PLY.into()),

@@ -12,12 +12,12 @@ use crate::terminal;
 
 /// Reads a graph and reports every mistake in it.
 ///
-/// Of the files that loaders read only the headers are read.
+/// Of the files that loaders read, it reads only the headers.
 #[derive(Debug, Args)]
 pub struct Check {
     #[command(flatten)]
     graph: GraphArgs,
-    /// One JSON object a line on standard output: the mistakes, or a line that says that there are none
+    /// One JSON object per line on standard output: the mistakes, or a line that reports that there are none
     #[arg(long)]
     pub json: bool,
 }

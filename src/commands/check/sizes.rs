@@ -1,4 +1,4 @@
-//! Sizes of pictures that do not fit each other, found from cameras and file headers.
+//! Detects pictures whose sizes do not match, from cameras and file headers.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use nodes::kinds::load_image::LoadImage;
 /// Width and height of each view in pixels.
 type Sizes = Vec<[u64; 2]>;
 
-/// Kinds that give pictures of the size of one of their inputs, and that input.
+/// Kinds whose pictures have the size of one of their inputs, and that input.
 const FOLLOWS: [(&str, &str); 7] = [
     ("splat-render", "rig"),
     ("path-trace", "rig"),

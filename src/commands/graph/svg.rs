@@ -1,4 +1,4 @@
-//! Draws graphs as SVG: one column per step of the longest path, with wires led around the nodes between.
+//! Draws graphs as SVG: one column per step of the longest path, with wires routed around the nodes between.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -12,10 +12,10 @@ use super::state;
 const HEIGHT: usize = 52;
 const GAP: (usize, usize) = (60, 18);
 const MARGIN: usize = 20;
-/// Width reserved per letter, more than nearly all letters take.
+/// Width reserved per letter; few letters are wider.
 const LETTER: usize = 8;
 
-/// An entry of a column: a node, or the wires of a node that pass on to a later column.
+/// An entry of a column: a node, or the wires of a node that continue to a later column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Entry {
     node: usize,
@@ -123,7 +123,7 @@ fn above<'g>(graph: &'g Graph, entry: &'g Entry) -> &'g [usize] {
 
 /// The row of each node in one column.
 struct Rows {
-    /// The number of the column that the row is of, and the row, by node.
+    /// For each node the column and the row.
     of: Vec<(usize, usize)>,
     column: usize,
 }
@@ -145,7 +145,7 @@ impl Rows {
     }
 }
 
-/// Line segments from a row of a column to a row of the next one; wires of one node share them.
+/// Line segments from a row of one column to a row of the next. Wires of one node share them.
 fn segments(graph: &Graph, columns: &[Vec<Entry>]) -> BTreeSet<(usize, usize, usize)> {
     let mut segments = BTreeSet::new();
     let mut rows = Rows::new(graph);

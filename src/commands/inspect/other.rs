@@ -1,4 +1,4 @@
-//! Files that hold neither splats nor a mesh: their sort, and the kinds that read them.
+//! Files that are neither splats nor a mesh: their type, and the kinds that read them.
 
 use std::path::Path;
 

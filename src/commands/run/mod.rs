@@ -29,12 +29,12 @@ pub struct Run {
     /// Output folder of the sinks
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
-    /// Take samples until the standard error of shadow and object is at most this, such as 0.01; at most as many
-    /// samples as the graph sets, whatever a preset sets. Sets `max_error` of every node that has one
+    /// Take samples until the standard error of shadow and object is at most this, such as 0.01; the maximum is the
+    /// number of samples in the graph, whatever a preset sets. Sets `max_error` of every node that has one
     #[arg(long, value_name = "ERROR", conflicts_with = "time", allow_negative_numbers = true)]
     max_error: Option<f64>,
-    /// Take as many samples as the forecast allows in this time, such as 10s or 5m, at most as many as the graph
-    /// sets; the number is printed and fixed before the run. Where there is no forecast, 4 samples are taken first
+    /// Take as many samples as the forecast allows in this time, such as 10s or 5m, but at most as many as the
+    /// graph sets. The number is printed and fixed before the run. Without a forecast, 4 samples are taken first
     /// and kept
     #[arg(long, value_name = "TIME")]
     time: Option<String>,
@@ -155,8 +155,8 @@ impl Run {
         Ok(outcome.totals.exit_code())
     }
 
-    /// Reports the last run again where there is nothing to do; see [`run_unchanged`]. Options that need more than
-    /// that need the graph.
+    /// Reports the last run again if nothing has changed; see [`run_unchanged`]. Not used with options that need
+    /// the graph.
     fn unchanged(&self, origin: &Origin) -> Result<Option<Outcome>, Error> {
         let asked = self.max_error.is_some() || self.time.is_some() || self.locked || self.trace.is_some();
         if asked || !self.graph.only.is_empty() || self.graph.frames.is_some() {
@@ -173,11 +173,11 @@ impl Run {
         if self.json { Report::json() } else { Report::lines(self.verbose) }
     }
 
-    /// Runs everything but the sinks with the minimum number of samples, where there is no forecast for a sample.
-    /// Returns an exit code where it failed or was interrupted.
+    /// Runs everything except the sinks with the minimum number of samples, if the time of a sample is not known
+    /// yet. Returns an exit code if it failed or was interrupted.
     fn pilot(&self, loaded: &Loaded, engine: &Engine, cancel: &Arc<AtomicBool>) -> Result<Option<u8>, Error> {
         let Some((graph, chosen)) = budget::pilot(loaded, engine)? else { return Ok(None) };
-        let why = "there is no forecast for a sample, so these are taken first and kept";
+        let why = "the time of a sample is not known yet, so these are taken first and kept";
         self.print_chosen(json!({"pilot": true}), &chosen, why);
         let targets = if loaded.only.is_empty() { graph.targets() } else { loaded.only.clone() };
         let wanted = graph.above(&targets);

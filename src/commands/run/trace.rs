@@ -15,7 +15,7 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Adds an event to the trace, where it belongs there.
+    /// Adds an event to the trace, if it is of a type that traces contain.
     pub fn add(&mut self, event: &Event) {
         match event {
             Event::Span { id, what, thread, start, seconds } => {

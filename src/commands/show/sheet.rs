@@ -49,7 +49,7 @@ pub(super) fn sheet(views: &[NamedImage], exposure: f32) -> (Raster, Vec<String>
     (raster, ranges)
 }
 
-/// The codes of a picture in RGB, and the range of numbers that are not colours.
+/// The 8-bit RGB codes of a picture and, if it is not a colour, the range of its numbers.
 fn shown(picture: &Picture, exposure: f32) -> (Vec<u16>, Option<String>) {
     let (_, _, channels) = picture.size();
     let pixels = picture.samples().chunks_exact(channels.max(1));

@@ -38,11 +38,11 @@ pub struct TrainExposure {
     /// Training steps of each network
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     steps: u64,
-    /// A folder for the light that the networks of the cross-validation recover of panoramas outside their training
-    /// set, and for their predictions per region (`regions.csv`)
+    /// A folder for the results of the cross-validation: recovered light of panoramas outside the training set, and
+    /// predictions per region (`regions.csv`)
     #[arg(long)]
     recovered: Option<PathBuf>,
-    /// A CSV file for the numbers that the amount of hidden light was fitted to
+    /// A CSV file to write the data that the amount of hidden light is fitted to
     #[arg(long)]
     numbers: Option<PathBuf>,
     /// The model to train

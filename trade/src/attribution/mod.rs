@@ -11,16 +11,16 @@ pub struct Attribution {
     pub node: String,
     /// Error with this node alone at the reference.
     pub alone: Option<f64>,
-    /// Error with all at the reference but this one: its own error. `None` if it was not measured.
+    /// Error with all other nodes at the reference: the node's own error. `None` if it was not measured.
     pub all_but: Option<f64>,
     /// Work with this node alone at the reference.
     pub work_alone: f64,
 }
 
-/// The first node, and its blame.
+/// The node that causes the most error.
 #[derive(Debug, PartialEq)]
 pub enum Blame<'a> {
-    /// Its own error.
+    /// The node with the largest own error, and that error.
     Makes(&'a str, f64),
     /// Setting it to the reference helps most; its own error was not measured.
     Helps(&'a str),
@@ -31,7 +31,8 @@ pub enum Blame<'a> {
 }
 
 impl<'a> Blame<'a> {
-    /// The blame of the worst node, which comes first, given the error of the graph as it is.
+    /// The node that causes the most error. `attributions` are sorted, worst first; `error` is that of the graph
+    /// with its own settings.
     pub fn of(attributions: &'a [Attribution], error: Option<f64>) -> Self {
         let Some(first) = attributions.first() else { return Self::Unknown };
         match (first.all_but, first.alone, error) {
@@ -61,9 +62,9 @@ pub fn attribution_settings(bench: &Bench<'_>) -> Vec<(String, Assignment, Assig
         .collect()
 }
 
-/// Every node with a tunable, the worst first: the one with the largest own error, and of equal ones the one whose
-/// repair leaves least. `measure` returns the index of a point, or `None` if the time is over, which ends the attribution
-/// with the nodes measured so far; its failure ends the attribution.
+/// Every node with a tunable, the worst first: the one with the largest own error; among equal ones, the one that
+/// leaves the smallest error when set to the reference. `measure` returns the index of a point, or `None` if the
+/// time is over, which ends the attribution with the nodes measured so far; its failure ends the attribution.
 pub fn attributions<E>(
     bench: &mut Bench<'_>,
     metric: &Metric,

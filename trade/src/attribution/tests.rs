@@ -16,7 +16,7 @@ use crate::tunables::Assignment;
 
 const GRAPH: &str = include_str!("../../../tests/tables/bad.ron");
 
-/// The bad setting, its overlay, and the node that is then to blame.
+/// The bad setting, its overlay, and the node that then causes the error.
 const BAD: [(&str, &str, &str, &str); 5] = [
     ("probe of 8 px", "0.3, size_px: 64", "0.3, size_px: 8", "probe"),
     (
@@ -35,7 +35,7 @@ const BAD: [(&str, &str, &str, &str); 5] = [
     ),
 ];
 
-/// The bad node with which settings are looked for as well: not all, since each takes seconds. `docs/evidence/trade.md` has
+/// The bad node for which `tune` is run as well; only one, since each takes seconds. `docs/evidence/trade.md` has
 /// the others.
 const TUNED: &str = "probe";
 
@@ -96,7 +96,7 @@ fn the_bad_node_is_named_and_cheap_settings_are_found_all_the_same() {
     none_is_to_blame_of_nothing();
 }
 
-/// Where a composite has another one for its background, what both put in counts, and the baselines miss both.
+/// If the background of a composite is another composite, both inserted objects count, and the baselines lack both.
 fn objects_may_stand_on_one_another(engine: &Engine) {
     let more = "side: Pose(translation: (-0.7, 0.3, 0.0)), next: Place(object: \"demo.object\", pose: \"side\"),
         first: PathTrace(receiver: \"floor\", objects: [\"next\"], rig: \"demo.rig\", env: \"env\", samples: 4),
@@ -129,7 +129,7 @@ fn objects_may_stand_on_one_another(engine: &Engine) {
     }
 }
 
-/// A graph that errs nowhere has no bottleneck.
+/// A graph without an error has no bottleneck.
 fn none_is_to_blame_of_nothing() {
     let blamed = |all_but: Option<f64>, alone: Option<f64>, error: Option<f64>| {
         let all = [Attribution { node: "trace".to_owned(), alone, all_but, work_alone: 1.0 }];
@@ -164,8 +164,8 @@ fn the_page_says(what: &str, names: [&str; 2], errors: [f64; 4]) {
     assert!(names.iter().all(|name| row.contains(&format!("`{name}`"))), "{names:?}: {row}");
 }
 
-/// A backdrop in the holes of the background is there without the object, too; the object changes only its own
-/// pixels and the rest.
+/// The backdrop in the holes of the background exists without the object, so it does not count as changed by the
+/// object.
 fn holes_are_not_touched(engine: &Engine) {
     let measure = |backdrop: &str| {
         let with = format!("object: \"trace.object\", backdrop: {backdrop}");
@@ -255,7 +255,7 @@ fn what_is_judged(engine: &Engine) {
     assert!(alone.contains("half of the reference is black") && alone.contains("rmse"), "{alone}");
 }
 
-/// A field that varies along an axis is not turned, also where one instance alone is asked for.
+/// A field that varies along an axis is not changed, even if only one instance is wanted.
 fn what_varies_stays(engine: &Engine) {
     let mut text = GRAPH
         .replace("seed: 3),", "seed: 3), axes: (q: List([4, 16])),")

@@ -15,7 +15,7 @@ use crate::tunables::Assignment;
 pub enum Stop {
     /// The user interrupted it.
     Asked,
-    /// The time was over before the reference and the graph as it is were measured.
+    /// The time ran out before the reference and the graph's own settings were measured.
     Late,
     /// A setting failed.
     Wrong(Error),
@@ -23,15 +23,15 @@ pub enum Stop {
 
 /// Indices of the points that a report shows, and the error that each node causes in the graph as it is.
 pub struct Measured {
-    /// The points of the presets, in the order of [`PRESETS`]; `None` where the time was over.
+    /// The points of the presets, in the order of [`PRESETS`]; `None` if the time ran out before.
     pub presets: [Option<usize>; 4],
     /// The point of the preset `reference`.
     pub reference: usize,
-    /// The point of the graph as it is.
+    /// The point of the graph with its own settings.
     pub now: usize,
     /// The error of each node that has knobs, largest first.
     pub attributions: Vec<Attribution>,
-    /// True if the time was over before everything was measured.
+    /// True if the time ran out before everything was measured.
     pub late: bool,
 }
 

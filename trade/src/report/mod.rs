@@ -1,5 +1,5 @@
-//! The measurements of `report`: the graph at its presets and as it is, and with one node at the reference at a
-//! time.
+//! The measurements of `report`: the graph at its presets, with its own settings, and with one node at a time at
+//! the reference.
 
 mod json;
 mod measure;

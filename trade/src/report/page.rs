@@ -23,17 +23,16 @@ pub fn page(bench: &Bench<'_>, metric: &Metric, measured: &Measured) -> Result<P
     let mut page = Page::default();
     facts(&mut page, bench, metric, now, attributions);
     page.words(&format!(
-        "Errors are {} against the preset `reference`, the worst of all views. Work is in rays; other counts are \
+        "Errors are {} compared with the preset `reference`, in the worst view. Work is in rays; other counts are \
          weighed as rays. Work and errors are the same in every run. CPU-s are the CPU seconds of the nodes' code on \
-         all threads when it ran: one measurement, which differs by some per cent from run to run and \
-         decides nothing here. Wall times are not shown.",
+         all threads when it ran: one measurement, which varies by a few per cent between runs and is not used for any decision here. Wall times are not shown.",
         metric.name
     ));
     if !bench.remarks.is_empty() {
         page.words(&format!("About the pictures: {}.", bench.remarks.join("; ")));
     }
     if measured.late {
-        page.words("The time was over before everything was measured; what is missing below was not.");
+        page.words("The time ran out before everything was measured, so some values below are missing.");
     }
     pictures(&mut page, bench, measured)?;
     plots(&mut page, bench, metric, measured);
@@ -64,7 +63,7 @@ pub fn page(bench: &Bench<'_>, metric: &Metric, measured: &Measured) -> Result<P
         page.report(&name, &report);
     }
     page.heading("Settings");
-    page.words("The graph as it is, as an overlay: `run --overlay` takes it, `tune` writes one like it.");
+    page.words("The current settings as an overlay for `run --overlay`, in the form that `tune` writes.");
     page.code(&bench.overlay(&bench.points[now].assignment));
     Ok(page)
 }
@@ -180,10 +179,10 @@ fn attribution(
     now: usize,
     attributions: &[Attribution],
 ) {
-    page.heading("Which node is to blame");
+    page.heading("Error of each node");
     let error = metric.error(&bench.points[now].off);
     let both = attributions.iter().any(|b| b.all_but.is_some());
-    let mut text = format!("As it is the error is {}. ", metric.shown(error));
+    let mut text = format!("The error of the current settings is {}. ", metric.shown(error));
     text.push_str("First column: the error with this node alone at the reference");
     text.push_str(if both {
         "; second: the error with all others at the reference. The rest is interaction."
@@ -200,7 +199,11 @@ fn attribution(
         Blame::None if both => "No node has an error of its own.".to_owned(),
         Blame::None => "Setting any one node to the reference does not help.".to_owned(),
         Blame::Unknown => {
-            format!("No node can be named: {} was not computed. It needs {}.", metric.name, metric.needs())
+            format!(
+                "The bottleneck is unknown, since {} was not computed. It needs {}.",
+                metric.name,
+                metric.needs()
+            )
         }
     });
     let row = |b: &Attribution| {
@@ -208,9 +211,9 @@ fn attribution(
         [b.node.clone(), metric.shown(b.alone)].into_iter().chain(all_but).chain([tick_text(b.work_alone)])
     };
     let rows: Vec<Vec<String>> = attributions.iter().map(|b| row(b).collect()).collect();
-    let mut columns = vec!["node", "it alone at the reference", "work with it alone"];
+    let mut columns = vec!["node", "only it at the reference", "work with only it"];
     if both {
-        columns.insert(2, "all but it at the reference");
+        columns.insert(2, "all others at the reference");
     }
     page.table(&columns, &rows);
 }
@@ -250,7 +253,7 @@ fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
 }
 
 fn unmodelled(page: &mut Page, rows: &[LeftOut]) {
-    page.heading("Left out, and the check behind it");
+    page.heading("Skipped work and its checks");
     page.words(
         "Work that is done only if the scene needs it. The last column forces each piece of work; `docs/trade.md` has the error of each.",
     );

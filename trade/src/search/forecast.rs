@@ -29,7 +29,7 @@ impl Effect {
         Self { cost: 1.0 / self.cost, square: -self.square }
     }
 
-    /// The position after the effect.
+    /// The position that results from applying the effect.
     fn on(self, from: &Tried, assignment: Vec<usize>) -> Tried {
         let error = (from.error * from.error + self.square).max(0.0).sqrt();
         Tried { assignment, cost: from.cost * self.cost, error }
@@ -47,7 +47,7 @@ struct Turn {
 }
 
 impl Turn {
-    /// Values reached from a value by successive changes, by the shortest way.
+    /// The values that can be reached from a value by successive changes, each by the fewest changes.
     fn all_from(at: usize, turns: &[Self]) -> Vec<(usize, Effect)> {
         let mut known = vec![(at, Effect::NONE, 0)];
         let place = |known: &[(usize, Effect, usize)], value| known.iter().position(|(to, ..)| *to == value);
@@ -66,7 +66,7 @@ impl Turn {
 }
 
 /// For each knob the values it can be changed to from a position and their effects, its own value first: as
-/// measured by changes of it alone, the shortest and those where most other knobs were as they are here.
+/// measured by changes of that knob alone, preferring short changes and those made near this position.
 pub(super) fn effects(tried: &[Tried], here: &Tried) -> Vec<Vec<(usize, Effect)>> {
     let knobs = here.assignment.len();
     let mut turns: Vec<Vec<Turn>> = vec![Vec::new(); knobs];

@@ -32,11 +32,12 @@ pub struct Steps {
 /// Searches from the given assignments. `knobs` has the number of values of each knob, `measure` gives cost and
 /// error of an assignment, or `None` to end measuring; an assignment is measured once.
 ///
-/// From the best start that fits, every knob is changed alone, by one step. The effect on cost and error is then
-/// forecast for all combinations, and the best of those is measured; from there the next, with the forecast
-/// corrected by the measurement; a few times, and all of it again from a better position. First come changes that
-/// save, then those that make room for the bounded value, then half steps. A start may spend on knobs with little
-/// effect, or on two that help only together, so the same is done from the start that misses the goal by the least.
+/// From the best start that reaches the goal, every knob is changed alone, by one step. The effect of all
+/// combinations on cost and error is then forecast, and the best one is measured. This is repeated a few times,
+/// each time with the forecast corrected by the measurement. The whole procedure starts again from any better
+/// position. Changes that save cost are tried first, then those that reduce the bounded value, then half steps. A
+/// start may waste cost on knobs with little effect, or on two that help only together, so the search is repeated
+/// from the start that misses the goal by the least.
 pub fn search(
     starts: &[Vec<usize>],
     knobs: &[Steps],
@@ -52,7 +53,7 @@ pub fn search(
 const FOLLOWED: usize = 5;
 /// Minimum forecast saving of the cost or the error that is worth measuring.
 const GAIN: f64 = 0.01;
-/// Number of changes beyond the goal for which room is sought.
+/// Number of changes that miss the goal from which the search continues.
 const BEYOND: usize = 3;
 
 struct Search<'s, M> {
@@ -63,7 +64,7 @@ struct Search<'s, M> {
 }
 
 impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
-    /// `None` if measuring ended before the search.
+    /// Runs the whole search; `None` if measuring ended first.
     fn whole(&mut self, starts: &[Vec<usize>]) -> Option<()> {
         for start in starts {
             self.measured(start)?;
@@ -88,7 +89,8 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(())
     }
 
-    /// If nothing is known to fit a cost, the position with every knob at its least, and from there to better ones.
+    /// If no known position fits the cost, measures the one with every knob at its minimum and continues to better
+    /// ones from there.
     fn least_of_all(&mut self) -> Option<()> {
         let Some(nearest) = self.nearest() else { return Some(()) };
         let mut least = self.tried[nearest].assignment.clone();
@@ -120,7 +122,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         self.tried[at].bounded(self.goal)
     }
 
-    /// True if a position pays less than the best known that fits.
+    /// True if a position costs less than the best known position that reaches the goal.
     fn saves(&self, at: usize) -> bool {
         self.best().is_none_or(|best| self.tried[at].paid(self.goal) < self.tried[best].paid(self.goal))
     }
@@ -155,9 +157,10 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(())
     }
 
-    /// Changes every knob with an unknown effect alone: for a position that fits alternately to save and to make
-    /// room, by whole steps and then by halves, and finally to save even if the effect is known; else towards
-    /// fitting.
+    /// Changes each knob whose effect is unknown, one at a time, by whole steps and then by half steps. From a
+    /// position that reaches the goal, changes that save cost alternate with those that reduce the bounded value,
+    /// and finally those that save are tried even if their effect is known. From any other position the changes go
+    /// towards the goal.
     fn turn_each(&mut self, from: usize, stage: usize) -> Option<()> {
         let here = self.tried[from].clone();
         let fits = here.fits(self.goal);
@@ -176,8 +179,8 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(())
     }
 
-    /// Measures the position with the best forecast, and again from there, until it is the best. From a position
-    /// that does not fit, and without a forecast that does, returns a position nearer to the goal.
+    /// Measures the position with the best forecast and continues from there until the forecast finds nothing
+    /// better. If neither the start nor any forecast reaches the goal, returns a position nearer to it.
     fn follow(&mut self, from: usize) -> Option<Option<usize>> {
         let (before, mut at) = (self.best(), from);
         for _ in 0..FOLLOWED {
@@ -200,8 +203,8 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(next.filter(|&next| self.bounded(next) < self.bounded(from)))
     }
 
-    /// The unmeasured assignment with the best forecast for the goal, if better than all known; else the one
-    /// nearest to fitting for less.
+    /// The unmeasured assignment with the best forecast for the goal, if it is better than all known ones; else the
+    /// one nearest to the goal.
     fn forecast(&self, from: usize, fitting: bool) -> Option<Vec<usize>> {
         let (here, goal) = (&self.tried[from], self.goal);
         let bar = self.best().map_or(f64::INFINITY, |best| (1.0 - GAIN) * self.tried[best].paid(goal));

@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// Costs double with each value; errors are independent and halve, as noise and resolution do.
+/// A model in which each step doubles the cost and halves the error of a knob, as for noise and resolution; errors
+/// of knobs are independent.
 fn model(weights: &'static [(f64, f64)]) -> impl FnMut(&[usize]) -> Option<(f64, f64)> {
     move |assignment| {
         let value = |(&at, &(cost, error)): (&usize, &(f64, f64))| {

@@ -43,7 +43,7 @@ impl Tried {
     }
 }
 
-/// Those of some points that no other one beats in both cost and error, by cost; of equal ones the first.
+/// The points that no other point beats in both cost and error, sorted by cost; of equal points the first.
 pub fn pareto(tried: &[Tried]) -> Vec<usize> {
     let mut by_cost: Vec<usize> = (0..tried.len()).collect();
     by_cost.sort_by(|&a, &b| {

@@ -1,4 +1,4 @@
-//! Attention of every token to every token, a block of queries at a time.
+//! Attention of all tokens to all tokens, computed for a block of queries at a time.
 
 use candle_core::{D, Tensor};
 
@@ -6,7 +6,8 @@ use super::error::Result;
 use super::norm::wide;
 use super::watch::Watch;
 
-/// The most scores that exist at once, over all heads: 134 MB in f32. All of them would be 7 GB at 1440 x 720.
+/// Maximum number of scores in memory at once, over all heads: 134 MB in f32. All scores would take 7 GB at 1440 x
+/// 720.
 pub const MAX_SCORES: usize = 1 << 25;
 
 /// Queries, keys and values are heads x tokens x head; the result is tokens x (heads * head). Scores are
@@ -34,7 +35,7 @@ pub fn attention(
     Ok(mixed.transpose(0, 1)?.reshape((tokens, heads * head))?)
 }
 
-/// Shares that sum to 1 along the last axis.
+/// Softmax along the last axis.
 fn softmax(scores: &Tensor) -> Result<Tensor> {
     // Shifting by any constant changes nothing, so the shift has no gradient.
     let most = scores.max_keepdim(D::Minus1)?.detach();

@@ -1,8 +1,8 @@
-//! Gradients of updates on the blocks, one block at a time.
+//! Gradients of the low-rank updates of the blocks, computed one block at a time.
 //!
-//! Only the input of each block is kept on the way forward; on the way back each block is computed again. So memory
-//! is that of one block: of its intermediate values, and of the gradients of its frozen weights, which the tensor
-//! library always makes and which would take 48 GB for the whole model.
+//! Only the input of each block is kept on the way forward; on the way back each block is computed again. So only
+//! one block needs memory, for its intermediate values and for the gradients of its frozen weights, which the
+//! tensor library always computes. For the whole model those gradients would take 48 GB.
 
 use std::collections::HashMap;
 

@@ -21,7 +21,7 @@ pub struct Config {
     pub in_channels: usize,
     /// Length of a token of text.
     pub context: usize,
-    /// Length of the vector that sums the text up.
+    /// Length of the vector that summarizes the text.
     pub pooled: usize,
     /// Length of the embedding of a time.
     pub time: usize,
@@ -31,7 +31,7 @@ pub struct Config {
     pub guidance: bool,
     /// Blocks in which text and picture have weights of their own.
     pub double_blocks: usize,
-    /// Blocks in which they share them.
+    /// Blocks in which text and picture share weights.
     pub single_blocks: usize,
 }
 
@@ -70,13 +70,13 @@ impl Config {
         }
     }
 
-    /// Numbers in a head.
+    /// Number of channels of a head.
     pub const fn head(&self) -> usize {
         self.hidden / self.heads
     }
 
-    /// The layout and the sizes, from the shapes in the headers. No header holds how a head is divided among the
-    /// axes: it is taken from `config.json` next to the file if there is one, which must then agree with the
+    /// The layout and the sizes, from the shapes in the headers. No header describes how a head is divided among
+    /// the axes: it is taken from `config.json` next to the file if there is one, which must then agree with the
     /// headers, or from the published model if heads have the same length.
     pub fn of(source: &Source) -> Result<(Layout, Self)> {
         let layout = ["", "model.diffusion_model."]
@@ -86,7 +86,7 @@ impl Config {
             .find(|layout| source.shape(&format!("{}.weight", layout.pieces("img_in").modules[0])).is_some())
             .ok_or_else(|| {
                 source.wrong(
-                    "holds no Flux transformer: neither `img_in.weight` nor `x_embedder.weight` is in it",
+                    "is not a Flux transformer: it contains neither `img_in.weight` nor `x_embedder.weight`",
                 )
             })?;
         let matrix = |module: &str| -> Result<(usize, usize)> {
@@ -133,8 +133,7 @@ impl Config {
             || config.axes.iter().any(|axis| axis % 2 != 0)
         {
             return Err(source.wrong(format!(
-                "its heads have {head} numbers, which do not divide as {:?}; put the `config.json` of the model \
-                 next to it, which says how they do",
+                "its heads have {head} channels, which are not the sum of the axes {:?}; put the `config.json` of the model, which lists the axes, next to it",
                 config.axes
             )));
         }
@@ -144,7 +143,12 @@ impl Config {
     fn check(&self, file: &Path) -> Result<()> {
         if !self.in_channels.is_multiple_of(4) || !self.time.is_multiple_of(2) {
             let (channels, time) = (self.in_channels, self.time);
-            return Err(Error::file(file, format!("tokens of {channels} numbers, times of {time}")));
+            return Err(Error::file(
+                file,
+                format!(
+                    "its tokens have {channels} channels and its time embeddings {time}; these must be multiples of 4 and 2"
+                ),
+            ));
         }
         Ok(())
     }
@@ -166,7 +170,7 @@ impl Config {
             ..self.clone()
         };
         if said != *self {
-            let what = format!("says {said:?}, but `{}` next to it has {self:?}", file.display());
+            let what = format!("describes {said:?}, but `{}` next to it contains {self:?}", file.display());
             return Err(Error::file(&path, what));
         }
         Ok(Some(json.axes_dims_rope))

@@ -33,8 +33,8 @@ impl Conv {
         Ok(Self { weight, bias: bias.reshape((outputs, 1, 1))?, stride })
     }
 
-    /// channels x height x width. A kernel of 3 sees one pixel beyond each edge; at a stride of 2, only beyond the
-    /// right and the bottom one.
+    /// Convolves `x`, channels x height x width. A kernel of 3 reads one pixel beyond each edge; at a stride of 2,
+    /// only beyond the right and the bottom one.
     pub fn forward(&self, x: &Tensor, edge: Edge, watch: &mut dyn Watch) -> Result<Tensor> {
         let size = self.weight.dim(3)?;
         let before = if size == 3 && self.stride == 1 { 1 } else { 0 };
@@ -55,7 +55,7 @@ impl Conv {
     }
 }
 
-/// With `before` pixels more at the top and left and `after` at the bottom and right.
+/// Adds `before` pixels at the top and left, and `after` pixels at the bottom and right.
 fn padded(x: &Tensor, before: usize, after: usize, edge: Edge) -> Result<Tensor> {
     let tall = x.pad_with_zeros(1, before, after)?;
     Ok(match edge {
@@ -74,7 +74,7 @@ mod tests {
     use crate::flux::noise::normals;
     use candle_core::Device;
 
-    /// By the definition, one sum at a time, in f64.
+    /// A direct implementation of the definition, in f64.
     fn reference(x: &[Vec<Vec<f32>>], w: &[Vec<Vec<f32>>], stride: usize, wraps: bool) -> Vec<Vec<f64>> {
         let (height, width) = (x[0].len() as isize, x[0][0].len() as isize);
         let before = if stride == 1 { 1 } else { 0 };

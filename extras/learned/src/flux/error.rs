@@ -1,8 +1,8 @@
-//! Errors between a file of weights and a picture.
+//! Errors of the diffusion backend.
 
 use std::path::{Path, PathBuf};
 
-/// An error of the diffusion backend: what is wrong, with which file, and what to do.
+/// An error of the diffusion backend, with the file and a remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A file that cannot be read, is damaged, or has another format.
@@ -30,7 +30,7 @@ impl Error {
         Self::File { file: file.to_owned(), what: what.into() }
     }
 
-    /// The error of a file that the system did not let us read or write.
+    /// The error for a file that the system cannot read or write.
     pub(crate) fn io(file: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         move |error| Self::file(file, error.to_string())
     }

@@ -23,7 +23,7 @@ pub(crate) fn header(file: &mut File, path: &Path, index: usize) -> Result<BTree
     header.take::<4>()?;
     let version = header.u32()?;
     if !(2..=3).contains(&version) {
-        return Err(header.wrong(format!("it has version {version}; 2 and 3 are read")));
+        return Err(header.wrong(format!("it has version {version}; 2 and 3 are supported")));
     }
     let (tensors, values) = (header.u64()?, header.u64()?);
     if tensors > MAX_TENSORS || values > MAX_TENSORS {
@@ -40,14 +40,14 @@ pub(crate) fn header(file: &mut File, path: &Path, index: usize) -> Result<BTree
         }
     }
     if !alignment.is_power_of_two() {
-        return Err(header.wrong(format!("its alignment is {alignment}")));
+        return Err(header.wrong(format!("its alignment, {alignment}, is not a power of two")));
     }
     let mut entries = BTreeMap::new();
     for _ in 0..tensors {
         let name = header.text()?;
         let entry = header.tensor(&name, index)?;
         if entries.contains_key(&name) {
-            return Err(header.wrong(format!("tensor `{name}` stands in it twice")));
+            return Err(header.wrong(format!("it contains the tensor `{name}` twice")));
         }
         entries.insert(name, entry);
     }
@@ -126,7 +126,7 @@ impl Header<'_> {
         }
     }
 
-    /// One entry; its start is relative to the data as yet.
+    /// Reads one entry. Its start is still relative to the start of the data.
     fn tensor(&mut self, name: &str, file: usize) -> Result<Entry> {
         let axes = self.u32()?;
         if !(1..=4).contains(&axes) {
@@ -140,7 +140,7 @@ impl Header<'_> {
         shape.reverse();
         let (code, start) = (self.u32()?, self.u64()?);
         let Some((format, block, block_bytes)) = format(code) else {
-            return Err(self.wrong(format!("tensor `{name}` has type {code}, which is not read")));
+            return Err(self.wrong(format!("tensor `{name}` has type {code}, which is not supported")));
         };
         let count = shape.iter().try_fold(1_usize, |product, n| product.checked_mul(*n));
         let row = shape.last().copied().unwrap_or(0);
@@ -163,7 +163,7 @@ fn width(kind: u32) -> Option<u64> {
     }
 }
 
-/// The format of a type code, the numbers in a block of it, and the bytes of a block.
+/// The format of a type code, and the numbers and bytes per block.
 fn format(code: u32) -> Option<(Format, usize, usize)> {
     let plain = |dtype: DType| (Format::Plain(dtype), 1, dtype.size_in_bytes());
     let blocks = |dtype: GgmlDType| (Format::Blocks(dtype), dtype.block_size(), dtype.type_size());

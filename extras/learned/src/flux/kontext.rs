@@ -39,9 +39,9 @@ pub struct Settings {
     pub guidance: f32,
     /// Seed of the noise.
     pub seed: u64,
-    /// Left and right edge belong together. Convolutions then wrap around, and every step is done twice, once on
-    /// the picture turned by half a circle, since for attention the columns at both edges are far apart: each half
-    /// of the picture is taken from the pass in which it is in the middle.
+    /// True if the left and right edges are neighbours. Convolutions then wrap around. Every step is computed
+    /// twice, once on the picture rotated by half a turn, because attention treats the edges as far apart; each
+    /// half of the picture is taken from the pass in which it is in the middle.
     pub seamless: bool,
 }
 
@@ -74,7 +74,7 @@ impl Kontext {
             return Err(Error::file(
                 &files.vae,
                 format!(
-                    "makes latents of {} channels; `{}` wants {}",
+                    "makes latents of {} channels, but `{}` needs {}",
                     vae.config().latents,
                     files.transformer.display(),
                     config.in_channels / 4
@@ -94,9 +94,9 @@ impl Kontext {
         normals(seed, stream, shape, self.transformer.device())
     }
 
-    /// The edited picture. `picture` is 3 x height x width in 0..1, display-encoded; both sizes are multiples of 16,
-    /// the width of 32 where it is seamless, and are kept. `noise` is as [`Kontext::noise`] gives it. The result is
-    /// of the same size, in 0..1.
+    /// The edited picture, of the same size, in 0..1. `picture` is 3 x height x width in 0..1, display-encoded.
+    /// Both sizes are multiples of 16; the width of a seamless picture is a multiple of 32. `noise` comes from
+    /// [`Kontext::noise`].
     pub fn edit(
         &self,
         picture: &Tensor,
@@ -136,8 +136,8 @@ impl Kontext {
         Ok(((made * 0.5)? + 0.5)?.clamp(0.0, 1.0)?)
     }
 
-    /// From noise to the latents of an edited picture. `condition` are those of the picture it is made from; both
-    /// are channels x height x width.
+    /// Turns noise into the latents of an edited picture. `condition` contains the latents of the original picture.
+    /// All are channels x height x width.
     pub fn denoise(
         &self,
         condition: &Tensor,
@@ -174,7 +174,7 @@ impl Kontext {
         unpack(&tokens, rows, columns)
     }
 
-    /// `passes` pictures, each darker and made from the one before.
+    /// A series of `passes` pictures, each darker than the one before and made from it.
     pub fn darker(
         &self,
         picture: &Tensor,
@@ -196,7 +196,7 @@ impl Kontext {
     }
 }
 
-/// A part of a computation: its progress is that of the whole from `from` to `to`.
+/// A part of a computation, which covers the progress of the whole from `from` to `to`.
 struct Span<'a> {
     watch: &'a mut dyn Watch,
     from: f64,
@@ -218,7 +218,7 @@ impl Watch for Span<'_> {
 }
 
 /// For each token 1 in the middle half of the columns and 0 in the outer quarters, with a ramp of an eighth of the
-/// columns between: tokens x 1. Turned by half a circle, it is one minus itself.
+/// columns between: tokens x 1. Rotated by half a turn, it is one minus itself.
 fn middle(rows: usize, columns: usize, device: &Device) -> Result<Tensor> {
     let share = |column: usize| {
         let from_edge = column.min(columns - 1 - column) as f64 + 0.5;

@@ -1,14 +1,16 @@
-//! Between latent pixels and tokens: a token is a square of two by two latent pixels.
+//! Conversion between latent pixels and tokens: a token is a square of two by two latent pixels.
 
 use candle_core::Tensor;
 
 use super::error::{Error, Result};
 
-/// channels x height x width to (height/2 * width/2) x (4 * channels); both must be even.
+/// Converts channels x height x width to (height/2 * width/2) x (4 * channels). Height and width must be even.
 pub fn pack(latents: &Tensor) -> Result<Tensor> {
     let (channels, height, width) = latents.dims3()?;
     if height % 2 != 0 || width % 2 != 0 {
-        return Err(Error::Mismatch(format!("{width} x {height} latent pixels do not pair up")));
+        return Err(Error::Mismatch(format!(
+            "latents of {width} x {height} pixels: both sides must be even"
+        )));
     }
     let squares = latents.reshape((channels, height / 2, 2, width / 2, 2))?.permute((1, 3, 0, 2, 4))?;
     Ok(squares.reshape((height / 2 * (width / 2), 4 * channels))?)
@@ -21,8 +23,8 @@ pub fn unpack(tokens: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
     Ok(squares.reshape((channels, rows * 2, columns * 2))?)
 }
 
-/// Tokens of `rows` x `columns` turned by half of the columns, as the panorama turns by half a circle; twice is the
-/// identity. `columns` is even.
+/// Rotates a panorama of `rows` x `columns` tokens by half a turn. Doing so twice is the identity. `columns` is
+/// even.
 pub fn half_turned(tokens: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
     let (count, length) = tokens.dims2()?;
     let half = columns / 2;

@@ -1,12 +1,12 @@
-//! Linear layers, whose weights stay as they are in the file, and the low-rank updates on them.
+//! Linear layers, whose weights stay in memory in the type of the file, and their low-rank updates.
 
 use candle_core::quantized::QTensor;
 use candle_core::{DType, Tensor};
 
 use super::error::{Error, Result};
 
-/// The weights of a layer, in the type of the file: widened whole for each use, which costs little compared with
-/// the product and is exact, where products of quantised numbers are not.
+/// The weights of a layer, in the type of the file. They are converted to the type of the computation for each use,
+/// which costs little compared with the product. Unlike products of quantised numbers, it is exact.
 #[derive(Debug)]
 pub enum Matrix {
     /// Plain numbers.
@@ -31,7 +31,7 @@ impl Matrix {
         })
     }
 
-    /// In f32.
+    /// The weights in f32.
     pub(crate) fn to_f32(&self) -> Result<Tensor> {
         self.widened(DType::F32)
     }
@@ -62,12 +62,12 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// `weight` is rows x columns, `bias` has a number a row in f32.
+    /// Creates a layer. `weight` is rows x columns; `bias` has one number per row, in f32.
     pub fn new(name: &str, weight: Matrix, bias: Tensor) -> Self {
         Self { name: name.to_owned(), weight, bias, updates: Vec::new() }
     }
 
-    /// Our name of it: `double_blocks.0.img_attn.qkv`.
+    /// The name of the layer, such as `double_blocks.0.img_attn.qkv`.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -86,7 +86,7 @@ impl Linear {
         Ok(())
     }
 
-    /// tokens x columns to tokens x rows, in the type of `x`.
+    /// Applies the layer: tokens x columns to tokens x rows, in the type of `x`.
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
         let dtype = x.dtype();
         let y = x.matmul(&self.weight.widened(dtype)?.t()?)?;

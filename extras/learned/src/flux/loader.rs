@@ -1,4 +1,4 @@
-//! From a file of weights to the parts of a network, each key accounted for.
+//! Loads the parts of a network from a file of weights, and checks that every key is used.
 
 use std::collections::BTreeSet;
 
@@ -18,7 +18,7 @@ pub struct Tally {
     pub weights: u64,
     /// Bytes that stay in memory.
     pub resident: u64,
-    /// The most weights in one matrix; it is widened to the type of the computation while it is used.
+    /// Number of weights in the largest matrix, which is converted to the type of the computation while it is used.
     pub largest: u64,
 }
 
@@ -28,7 +28,7 @@ pub struct Loader<'a> {
     source: &'a Source,
     layout: Layout,
     device: &'a Device,
-    /// Nothing is read; shapes are checked and counted.
+    /// True if nothing is read, and shapes are only checked and counted.
     survey: bool,
     asked: BTreeSet<String>,
     wrong: Vec<String>,
@@ -36,13 +36,14 @@ pub struct Loader<'a> {
 }
 
 impl<'a> Loader<'a> {
-    /// Reads the tensors as it is asked for them.
+    /// Creates a loader that reads tensors on request.
     pub fn new(source: &'a Source, layout: Layout, device: &'a Device) -> Self {
         let (asked, wrong, tally) = Default::default();
         Self { source, layout, device, survey: false, asked, wrong, tally }
     }
 
-    /// Reads nothing and gives zeros, so that every key of a file can be checked before the first is read.
+    /// Creates a loader that reads nothing and returns zeros, so that every key of a file can be checked before the
+    /// first is read.
     pub fn survey(source: &'a Source, layout: Layout) -> Self {
         Self { survey: true, ..Self::new(source, layout, &Device::Cpu) }
     }
@@ -100,7 +101,7 @@ impl<'a> Loader<'a> {
         Ok(Matrix::Plain(if parts.len() == 1 { parts.remove(0) } else { Tensor::cat(&parts, 0)? }))
     }
 
-    /// True if there is a fitting tensor of that name, which is counted.
+    /// True if there is a tensor of that name with a fitting shape, which is then counted.
     fn wants(&mut self, key: &str, fits: impl Fn(&[usize]) -> bool) -> bool {
         self.asked.insert(key.to_owned());
         let Some(entry) = self.source.entries().get(key) else {
@@ -125,8 +126,7 @@ impl<'a> Loader<'a> {
     pub fn finish(self) -> Result<Tally> {
         if !self.wrong.is_empty() {
             let shown = self.wrong.iter().take(6).cloned().collect::<Vec<_>>().join("; ");
-            let what =
-                format!("{} of its tensors are not as this model needs them: {shown}", self.wrong.len());
+            let what = format!("{} of its tensors do not fit this model: {shown}", self.wrong.len());
             return Err(self.source.wrong(what));
         }
         let left: Vec<&String> =
@@ -148,7 +148,7 @@ fn nothing(shape: &[usize]) -> Result<Tensor> {
     Ok(Tensor::zeros(1, DType::F32, &Device::Cpu)?.broadcast_as(shape)?)
 }
 
-/// The second half of the rows before the first.
+/// Swaps the two halves of the rows.
 pub(crate) fn swapped(tensor: &Tensor) -> Result<Tensor> {
     let half = tensor.dim(0)? / 2;
     Ok(Tensor::cat(&[tensor.narrow(0, half, half)?, tensor.narrow(0, 0, half)?], 0)?)

@@ -18,7 +18,7 @@ pub struct Lora {
     updates: BTreeMap<String, Vec<Update>>,
 }
 
-/// Where the update of a module of some layout goes.
+/// The destination of the update of a module.
 #[derive(Clone)]
 struct Target {
     module: String,
@@ -43,9 +43,8 @@ const PREFIXES: [&str; 5] =
 impl Lora {
     /// Reads a file in the layout of `diffusers` and peft (`transformer.<module>.lora_A.weight`), of kohya
     /// (`lora_unet_<module>.lora_down.weight`), or with the authors' names in either spelling. A key that belongs
-    /// to no layer of the model is an error: otherwise an update could silently have no effect.
-    ///
-    /// alpha is the tensor `<module>.alpha`, else `lora_alpha` of the header, else the rank (which is a scale of 1).
+    /// to no layer of the model is an error: otherwise an update could have no effect without notice. alpha is the
+    /// tensor `<module>.alpha`, else `lora_alpha` of the header, else the rank (which is a scale of 1).
     pub fn read(path: &Path, config: &Config, device: &Device) -> Result<Self> {
         let source = Source::open(path)?;
         let targets = targets(config);
@@ -63,7 +62,7 @@ impl Lora {
                 Ending::Alpha => &mut module.alpha,
             };
             if slot.replace(key.clone()).is_some() {
-                return Err(source.wrong(format!("`{key}` says again what another tensor says")));
+                return Err(source.wrong(format!("`{key}` duplicates another tensor")));
             }
         }
         if !unknown.is_empty() {
@@ -107,7 +106,7 @@ impl Target {
         device: &Device,
     ) -> Result<Update> {
         let (Some(down), Some(up)) = (&module.down, &module.up) else {
-            return Err(source.wrong(format!("of `{stem}` one of the two matrices is missing")));
+            return Err(source.wrong(format!("one of the two matrices of `{stem}` is missing")));
         };
         let rank = match (source.shape(down), source.shape(up)) {
             (Some(&[rank, columns]), Some(&[rows, up_rank]))
@@ -175,7 +174,7 @@ fn stem(key: &str) -> Option<(&str, Ending)> {
     Some((stem, ending))
 }
 
-/// Every name that a file can call a layer by: in both layouts, with dots and with underscores.
+/// Every name that files use for a layer: in both layouts, with dots and with underscores.
 fn targets(config: &Config) -> BTreeMap<String, Target> {
     let mut targets = BTreeMap::new();
     for (module, rows, columns) in linears(config) {

@@ -11,14 +11,14 @@ use super::vae::VaeConfig;
 pub struct Memory {
     /// Weights, as they stay in memory.
     pub weights: u64,
-    /// The largest matrix while it is widened for use.
+    /// The largest matrix while it is converted for use.
     pub widened: u64,
     /// Peak memory of the computation.
     pub activations: u64,
 }
 
 impl Memory {
-    /// For a picture of `width` x `height` and `texts` tokens of text.
+    /// The memory for a picture of `width` x `height` and `texts` tokens of text.
     pub fn of(
         (config, transformer): (&Config, &Tally),
         (vae_config, vae): (&VaeConfig, &Tally),
@@ -50,7 +50,7 @@ impl Memory {
         Self::of((&config, &transformer), (&VaeConfig::flux(), &Tally::default()), size, 512).total()
     }
 
-    /// All of it.
+    /// The sum of all parts.
     pub fn total(&self) -> u64 {
         self.weights + self.widened + self.activations
     }

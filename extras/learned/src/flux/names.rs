@@ -1,34 +1,34 @@
 //! Names of the parts of the transformer in files of weights.
 //!
-//! Inside, a part has the name that the model's authors gave it (`double_blocks.0.img_attn.qkv`), as in their
-//! own files and in GGUF. The layout of `diffusers` calls it otherwise, and cuts some matrices in pieces.
+//! This crate names parts as the model's authors do in their own files and in GGUF
+//! (`double_blocks.0.img_attn.qkv`). The layout of `diffusers` has other names and splits some matrices.
 
 use super::config::Config;
 
-/// The parts of a file's own that make up one part of ours, from the first row down.
+/// The tensors of a file that form one part of the transformer, from the first row down.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pieces {
     /// Names of modules, without `.weight` or `.bias`.
     pub modules: Vec<String>,
-    /// The two halves of the rows change places: `diffusers` has (scale, shift) in the last modulation where the
-    /// authors have (shift, scale).
+    /// True if the two halves of the rows are swapped: `diffusers` has (scale, shift) in the last modulation where
+    /// the authors have (shift, scale).
     pub swapped: bool,
 }
 
-/// How the tensors of a file of weights are called.
+/// The naming of the tensors in a file of weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
-    /// As the model's authors do, `prefix` before each name (`model.diffusion_model.` in some collections).
+    /// The names of the model's authors, with `prefix` before each (`model.diffusion_model.` in some collections).
     Original {
         /// Prefix of each name.
         prefix: &'static str,
     },
-    /// As `diffusers` does.
+    /// The names of `diffusers`.
     Diffusers,
 }
 
 impl Layout {
-    /// The tensors of a file that form a module of ours.
+    /// The tensors of a file that form a module.
     pub fn pieces(self, module: &str) -> Pieces {
         match self {
             Self::Original { prefix } => {
@@ -47,7 +47,7 @@ impl Layout {
     }
 }
 
-/// The modules of `diffusers` that make up one of ours.
+/// The modules of `diffusers` that form a module of the authors.
 fn diffusers(module: &str) -> Pieces {
     let whole = |name: String| Pieces { modules: vec![name], swapped: false };
     let several = |block: &str, parts: &[&str]| Pieces {
@@ -121,7 +121,7 @@ fn renamed<'a, const N: usize>(name: &'a str, table: &Table<N>) -> &'a str {
     table.iter().find(|(ours, _)| *ours == name).map_or(name, |(_, theirs)| theirs)
 }
 
-/// Every linear layer that a model of this size has, by our name, with its rows and columns.
+/// Every linear layer of a model of this size: its name, rows and columns.
 pub fn linears(config: &Config) -> Vec<(String, usize, usize)> {
     let Config { hidden, mlp, .. } = *config;
     let mut list = vec![
@@ -155,8 +155,8 @@ pub fn linears(config: &Config) -> Vec<(String, usize, usize)> {
     list
 }
 
-/// The rows of each piece of a module whose pieces `diffusers` keeps apart: queries, keys and values have
-/// `hidden` each, what is left is the last one's.
+/// The rows of each piece of a module that `diffusers` splits: `hidden` each for queries, keys and values; the rest
+/// belongs to the last piece.
 pub fn piece_rows(config: &Config, rows: usize, pieces: usize) -> Vec<usize> {
     if pieces == 1 {
         return vec![rows];

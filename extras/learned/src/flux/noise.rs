@@ -4,7 +4,7 @@ use candle_core::{Device, Tensor};
 
 use super::error::Result;
 
-/// A number mixed from three, uniform over all 64-bit values (the finaliser of SplitMix64, Steele et al. 2014).
+/// Hash of three numbers, uniform over all 64-bit values (the finaliser of SplitMix64, Steele et al. 2014).
 fn mixed(seed: u64, stream: u64, index: u64) -> u64 {
     let mut x = seed;
     for part in [stream, index] {
@@ -16,12 +16,12 @@ fn mixed(seed: u64, stream: u64, index: u64) -> u64 {
     x
 }
 
-/// Uniform in (0, 1).
+/// A random number, uniform in (0, 1).
 pub fn uniform(seed: u64, stream: u64, index: u64) -> f64 {
     ((mixed(seed, stream, index) >> 12) as f64 + 0.5) / (1_u64 << 52) as f64
 }
 
-/// Standard normal (Box and Muller 1958; of each pair one is used).
+/// A standard normal random number (Box and Muller 1958; one of each pair is used).
 pub fn normal(seed: u64, stream: u64, index: u64) -> f64 {
     let radius = (-2.0 * libm::log(uniform(seed, stream, 2 * index))).sqrt();
     radius * libm::cos(std::f64::consts::TAU * uniform(seed, stream, 2 * index + 1))

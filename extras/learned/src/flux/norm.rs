@@ -6,12 +6,13 @@ use super::error::Result;
 
 const EPSILON: f64 = 1e-6;
 
-/// The type that sums are made in: f32, or f64 where all is.
+/// The type of sums: f64 for f64, else f32.
 pub fn wide(dtype: DType) -> DType {
     if dtype == DType::F64 { DType::F64 } else { DType::F32 }
 }
 
-/// Each token to mean 0 and variance 1, then `(1 + scale) x + shift` with one vector for all tokens.
+/// Normalizes each token to mean 0 and variance 1, then applies `(1 + scale) x + shift` with the same vectors for
+/// all tokens.
 pub fn modulated(x: &Tensor, scale: &Tensor, shift: &Tensor) -> Result<Tensor> {
     let dtype = wide(x.dtype());
     let wide = x.to_dtype(dtype)?;
@@ -22,7 +23,7 @@ pub fn modulated(x: &Tensor, scale: &Tensor, shift: &Tensor) -> Result<Tensor> {
     Ok(scaled.broadcast_add(&shift.to_dtype(dtype)?)?.to_dtype(x.dtype())?)
 }
 
-/// Each vector along the last axis to root mean square 1, then times `scale`.
+/// Normalizes each vector along the last axis to root mean square 1, then multiplies it by `scale`.
 pub fn root_mean_square(x: &Tensor, scale: &Tensor) -> Result<Tensor> {
     let dtype = wide(x.dtype());
     let wide = x.to_dtype(dtype)?;
@@ -30,8 +31,8 @@ pub fn root_mean_square(x: &Tensor, scale: &Tensor) -> Result<Tensor> {
     Ok(wide.broadcast_div(&square.sqrt()?)?.broadcast_mul(&scale.to_dtype(dtype)?)?.to_dtype(x.dtype())?)
 }
 
-/// Channels x height x width: each group of channels to mean 0 and variance 1, then an own scale and shift
-/// for each channel.
+/// Normalizes each group of channels to mean 0 and variance 1, then applies the scale and shift of each channel.
+/// Channels x height x width.
 pub fn group(x: &Tensor, groups: usize, scale: &Tensor, shift: &Tensor) -> Result<Tensor> {
     let (channels, height, width) = x.dims3()?;
     let rows = x.reshape((groups, channels / groups * height, width))?;

@@ -1,4 +1,4 @@
-//! The prompt, as the numbers that the encoders of text make of it.
+//! The encoded prompt.
 
 use std::path::Path;
 
@@ -30,13 +30,13 @@ impl Prompt {
         let (Some(text), Some(pooled)) =
             (find(["t5", "prompt_embeds"]), find(["clip", "pooled_prompt_embeds"]))
         else {
-            return Err(source.wrong("holds no prompt: tensors `t5` and `clip` are wanted"));
+            return Err(source.wrong("contains no prompt: the tensors `t5` and `clip` are required"));
         };
         let sized = |name: &str, width: usize, most: usize| -> Result<Tensor> {
             let shape = source.shape(name).unwrap_or_default();
             let tokens = shape.iter().rev().skip(1).product::<usize>();
             if shape.last() != Some(&width) || !(1..=most).contains(&tokens) {
-                let what = format!("`{name}` has shape {shape:?}; up to {most} rows of {width} are wanted");
+                let what = format!("`{name}` has shape {shape:?}; it needs 1 to {most} rows of {width}");
                 return Err(source.wrong(what));
             }
             Ok(source.read_f32(name, device)?.reshape((tokens, width))?)

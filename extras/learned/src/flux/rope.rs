@@ -4,8 +4,8 @@ use candle_core::{DType, Device, Tensor};
 
 use super::error::Result;
 
-/// The place of a token: frame, row and column. Text stands at (0, 0, 0), the picture that is made at frame 0, the
-/// one it is made from at frame 1.
+/// The place of a token: frame, row and column. Text is at (0, 0, 0), the new picture at frame 0, the original
+/// picture at frame 1.
 pub type Place = [f32; 3];
 
 /// The places of a grid of tokens at a frame, row by row.
@@ -24,8 +24,8 @@ pub struct Rotations {
 }
 
 impl Rotations {
-    /// For tokens at these places; `axes` has the number of values of a head that each of the three coordinates
-    /// rotates.
+    /// The rotations of tokens at these places. `axes` has, for each of the three coordinates, the number of
+    /// channels of a head that it rotates.
     pub fn new(places: &[Place], axes: [usize; 3], device: &Device) -> Result<Self> {
         const BASE: f64 = 10_000.0;
         let half = axes.iter().sum::<usize>() / 2;
@@ -44,7 +44,7 @@ impl Rotations {
         Ok(Self { cos: table(cos)?, sin: table(sin)? })
     }
 
-    /// Turns neighbouring pairs of numbers of heads x tokens x head.
+    /// Rotates neighbouring pairs of channels of `x`, heads x tokens x head.
     pub fn turn(&self, x: &Tensor) -> Result<Tensor> {
         let (heads, tokens, head) = x.dims3()?;
         let pairs = x.to_dtype(DType::F32)?.reshape((heads, tokens, head / 2, 2))?;

@@ -1,8 +1,8 @@
 //! Noise levels of the steps.
 
-/// Noise levels from 1 down to 0, one more than there are steps: evenly spaced from 1 to 1/n, shifted towards noise
-/// the more tokens the picture has (`tokens` counts those that are made, not those it is made from), and then 0.
-/// From Esser et al. 2024, with the constants of Flux.1: a shift of e^0.5 at 256 tokens and e^1.15 at 4096.
+/// Noise levels from 1 down to 0, one more than there are steps: evenly spaced from 1 to 1/n, then 0. The more
+/// tokens the picture has, the more the levels are shifted towards noise; `tokens` counts those of the new picture
+/// only. From Esser et al. 2024, with the constants of Flux.1: a shift of e^0.5 at 256 tokens and e^1.15 at 4096.
 pub fn noise_levels(steps: usize, tokens: usize) -> Vec<f32> {
     let slope = (1.15 - 0.5) / (4096.0 - 256.0);
     let shift = libm::exp(0.5 + (tokens as f64 - 256.0) * slope);

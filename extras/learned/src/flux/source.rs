@@ -74,7 +74,7 @@ impl Source {
             };
             for (name, entry) in entries {
                 if source.entries.contains_key(&name) {
-                    return Err(Error::file(&path, format!("tensor `{name}` is in another shard too")));
+                    return Err(Error::file(&path, format!("tensor `{name}` is also in another shard")));
                 }
                 source.entries.insert(name, entry);
             }
@@ -83,7 +83,7 @@ impl Source {
         Ok(source)
     }
 
-    /// The first file, which stands for all in messages.
+    /// The first file, which messages name for all files.
     pub fn path(&self) -> &Path {
         &self.files[0]
     }
@@ -136,7 +136,7 @@ impl Source {
     }
 }
 
-/// The files that belong to a first shard; any other file is alone.
+/// The files that belong to a first shard; for any other file, only that file.
 pub fn shards(path: &Path) -> Vec<PathBuf> {
     let alone = || vec![path.to_owned()];
     let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
@@ -172,7 +172,12 @@ fn safetensors_header(file: &mut File, path: &Path, index: usize) -> Result<Head
     for (name, info) in header.tensors().into_iter().collect::<BTreeMap<_, _>>() {
         let dtype = match DType::try_from(info.dtype) {
             Ok(dtype @ (DType::F32 | DType::F16 | DType::BF16 | DType::F8E4M3)) => dtype,
-            _ => return Err(wrong(format!("tensor `{name}` holds {:?}, which is not read", info.dtype))),
+            _ => {
+                return Err(wrong(format!(
+                    "tensor `{name}` has type {:?}, which is not supported",
+                    info.dtype
+                )));
+            }
         };
         let (start, stop) = info.data_offsets;
         end = end.max(first + stop as u64);
@@ -186,7 +191,9 @@ fn safetensors_header(file: &mut File, path: &Path, index: usize) -> Result<Head
         entries.insert(name, entry);
     }
     if end != length {
-        return Err(wrong(format!("its tensors end at byte {end}, the file at {length}; copy it again")));
+        return Err(wrong(format!(
+            "its tensors end at byte {end}, but the file has {length} bytes; copy it again"
+        )));
     }
     let metadata = header.metadata().clone().unwrap_or_default().into_iter().collect();
     Ok((entries, metadata))

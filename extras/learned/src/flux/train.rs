@@ -46,7 +46,7 @@ struct Adapter {
     module: String,
     rows: (usize, usize),
     layer: String,
-    /// down and up.
+    /// The matrices `down` and `up`.
     vars: [Var; 2],
     means: [[Tensor; 2]; 2],
 }
@@ -66,7 +66,8 @@ fn trained(module: &str) -> bool {
 }
 
 impl Trainer {
-    /// Puts fresh updates on the model: downs are random, ups zero, so that at first nothing changes.
+    /// Adds new updates to the model. The `down` matrices are random and the `up` matrices zero, so that nothing
+    /// changes at first.
     pub fn new(mut kontext: Kontext, settings: TrainSettings) -> Result<Self> {
         let config = kontext.transformer.config().clone();
         let device = kontext.transformer.device().clone();
@@ -116,7 +117,7 @@ impl Trainer {
     pub fn pair(&self, from: &Tensor, to: &Tensor, watch: &mut dyn Watch) -> Result<Pair> {
         if from.dims() != to.dims() {
             return Err(Error::Mismatch(format!(
-                "a picture of {:?} from one of {:?}",
+                "the two pictures of a pair differ in shape, {:?} and {:?}",
                 to.dims(),
                 from.dims()
             )));
@@ -152,7 +153,7 @@ impl Trainer {
         self.kontext.transformer.gradients(&given, &vars, &loss, watch)
     }
 
-    /// The loss of a pair as it is now, over fixed noise at four levels: to follow how training goes.
+    /// The current loss of a pair, over fixed noise at four levels, to monitor the training.
     pub fn loss(&self, pair: &Pair, watch: &mut dyn Watch) -> Result<f32> {
         let mut sum = 0.0;
         for (i, level) in [0.2, 0.4, 0.6, 0.8].into_iter().enumerate() {
@@ -196,7 +197,7 @@ impl Trainer {
         self.done
     }
 
-    /// Index of the pair for the next step, of `count`: each in turn, in a different order every round.
+    /// Index of the pair for the next step, below `count`: each pair in turn, in a different order every round.
     pub fn next(&self, count: usize) -> usize {
         let (round, turn) = (self.done / count as u64, self.done % count as u64);
         let mut order: Vec<usize> = (0..count).collect();
@@ -254,14 +255,15 @@ impl Trainer {
         let settings = format!("{:?}", self.settings);
         if said != Some(&settings) {
             let said = said.map_or("unknown settings", String::as_str);
-            return Err(source
-                .wrong(format!("is of a training with {said}, not {settings}; remove it to begin again")));
+            return Err(source.wrong(format!(
+                "belongs to a training with {said}, not {settings}; remove it to begin again"
+            )));
         }
         if source.metadata().get("from").map(String::as_str) != Some(learned_from) {
-            return Err(source.wrong("is of a training with other panoramas, another width, prompt or model; remove it to begin again"));
+            return Err(source.wrong("belongs to a training with other panoramas or another width, prompt or model; remove it to begin again"));
         }
         let done = source.metadata().get("done").and_then(|text| text.parse().ok());
-        self.done = done.ok_or_else(|| source.wrong("does not say how many steps are done"))?;
+        self.done = done.ok_or_else(|| source.wrong("does not contain the number of finished steps"))?;
         let device = self.kontext.transformer.device();
         for (i, adapter) in self.adapters.iter_mut().enumerate() {
             for (j, (var, means)) in adapter.vars.iter().zip(&mut adapter.means).enumerate() {

@@ -101,7 +101,7 @@ impl Transformer {
         &self.config
     }
 
-    /// Where its weights are.
+    /// The device of its weights.
     pub fn device(&self) -> &Device {
         &self.device
     }
@@ -127,9 +127,9 @@ impl Transformer {
         Ok(())
     }
 
-    /// The velocity of every token of the picture: tokens x in_channels in f32. `tokens` are those that are being
-    /// made and then those of the picture they are made from, `places` where they are, `time` how much
-    /// noise they hold, from 1 to 0.
+    /// The velocity of every token of the new picture: tokens x in_channels, in f32. `tokens` contains those of the
+    /// new picture followed by those of the original one; `places` has their positions, and `time` is their noise
+    /// level, from 1 to 0.
     pub fn forward(
         &self,
         tokens: &Tensor,
@@ -172,7 +172,11 @@ impl Transformer {
     ) -> Result<Begun> {
         let texts = prompt.text.dim(0)?;
         if tokens.dim(0)? != places.len() {
-            return Err(Error::Mismatch(format!("{} tokens at {} places", tokens.dim(0)?, places.len())));
+            return Err(Error::Mismatch(format!(
+                "{} tokens with {} positions",
+                tokens.dim(0)?,
+                places.len()
+            )));
         }
         let all: Vec<Place> = std::iter::repeat_n([0.0; 3], texts).chain(places.iter().copied()).collect();
         let rotations = Rotations::new(&all, self.config.axes, &self.device)?;
@@ -211,8 +215,8 @@ pub(super) struct Begun {
     pub img: Tensor,
 }
 
-/// Cosines, then sines, of 1000 `t` at frequencies from 1 down to 1/10000: 1 x width. Rounded as the reference
-/// rounds, since 1000 radians in f32 are good to 6e-5 only.
+/// Cosines, then sines, of 1000 `t` at frequencies from 1 down to 1/10000: 1 x width. Rounded like the reference,
+/// since 1000 radians in f32 are accurate only to 6e-5.
 fn time_embedding(t: f32, width: usize, device: &Device) -> Result<Tensor> {
     let half = width / 2;
     let ln = libm::log(10_000.0) as f32;

@@ -1,4 +1,4 @@
-//! Between pictures and latents: the autoencoder of Flux.1, whose latents have an eighth of the size.
+//! The autoencoder of Flux.1, which converts between pictures and latents of an eighth of the size.
 
 use std::path::Path;
 
@@ -81,18 +81,18 @@ impl VaeConfig {
         let groups = config.groups;
         if config.widths.len() != LEVELS || config.latents == 0 {
             return Err(source.wrong(
-                "holds no autoencoder of Flux.1: `encoder.down.0.block.0.conv1.weight` and three levels more, or \
-                 `encoder.down_blocks.0.resnets.0.conv1.weight`, are wanted",
+                "is not an autoencoder of Flux.1: it needs `encoder.down.0.block.0.conv1.weight` and three further levels, or `encoder.down_blocks.0.resnets.0.conv1.weight`",
             ));
         }
         if groups == 0 || config.widths.iter().any(|width| width % groups != 0) || config.scale == 0.0 {
-            return Err(source.wrong(format!("its channels {:?} do not make {groups} groups", config.widths)));
+            return Err(source
+                .wrong(format!("its channels {:?} cannot be divided into {groups} groups", config.widths)));
         }
         Ok((names, config))
     }
 }
 
-/// Sizes of picture: three halvings make an eighth.
+/// Number of picture sizes: three halvings give an eighth.
 const LEVELS: usize = 4;
 
 /// Names of the parts in the file. Ours are the authors' names.
@@ -138,7 +138,7 @@ impl Names {
     }
 }
 
-/// Asks a loader for the parts of an autoencoder.
+/// Requests the parts of an autoencoder from a loader.
 struct Parts<'a, 'b> {
     loader: &'a mut Loader<'b>,
     names: &'a Names,
@@ -173,7 +173,7 @@ impl Parts<'_, '_> {
         })
     }
 
-    /// A layer over pixels; the authors keep it as a convolution with a kernel of 1.
+    /// A linear layer over pixels; the authors store it as a convolution with a kernel of 1.
     fn pixelwise(&mut self, name: &str, channels: usize) -> Result<Linear> {
         let name = self.names.of(name);
         let shape: &[usize] =
@@ -242,7 +242,7 @@ enum Stage {
     Conv(Conv),
     Residual(Residual),
     Attention(Box<Attention>),
-    /// To twice the size, each pixel four times.
+    /// Doubles the size by repeating each pixel.
     Double,
     /// The norm before the last convolution.
     Last(Norm),
@@ -303,7 +303,7 @@ impl Vae {
     }
 
     /// Reads the weights, in the layout of `diffusers` or of the authors (`ae.safetensors`), and computes in f32 or
-    /// f64; half as many bits are known to overflow in this network.
+    /// f64; 16-bit types are known to overflow in this network.
     pub fn load(path: &Path, device: &Device, dtype: DType) -> Result<Self> {
         Self::survey(path)?;
         let source = Source::open(path)?;

@@ -238,7 +238,7 @@ fn what_is_wrong_with_a_lora_is_named() {
     assert!(
         message
             .unwrap_err()
-            .contains("of `transformer_blocks.1.ff.net.2` one of the two matrices is missing")
+            .contains("one of the two matrices of `transformer_blocks.1.ff.net.2` is missing")
     );
     let message = said(&Config::kontext(), &|_| ()).unwrap_err();
     assert!(

@@ -1,5 +1,5 @@
 //! The published model: every key of its files finds its place, and how much memory it would take. Its files are
-//! made here of a header and a hole; no weight is read.
+//! sparse here, with a header only; no weight is read.
 
 use std::fs::File;
 use std::io::{Seek, Write};
@@ -9,7 +9,7 @@ use learned::flux::{Config, Error, Memory, Source, Tally, Transformer, VaeConfig
 
 use crate::fixture;
 
-/// The number of the large model for a number in a shape of the small one.
+/// The dimension of the large model that corresponds to a dimension of the small one.
 fn grown(key: &str, size: usize) -> usize {
     match size {
         32 => 3072,
@@ -67,7 +67,7 @@ fn safetensors(path: &Path, keys: &[(String, Vec<usize>)]) {
     file.set_len((8 + text.len() + start) as u64).unwrap();
 }
 
-/// Matrices of four bits a weight, the rest f32, as the converters do.
+/// A GGUF file with matrices of four bits per weight and the rest in f32, as the converters write it.
 fn gguf(path: &Path, keys: &[(String, Vec<usize>)]) {
     let mut file = File::create(path).unwrap();
     let mut put = |bytes: &[u8]| file.write_all(bytes).unwrap();
@@ -175,7 +175,7 @@ fn a_key_too_many_or_too_few_is_named() {
     other[at("single_blocks.3.linear1.weight")].1 = vec![21504, 3000];
     let message = said(&other);
     assert!(message.contains("`single_blocks.3.linear1.weight` has shape [21504, 3000]"), "{message}");
-    assert!(said(&[]).contains("holds no Flux transformer"));
+    assert!(said(&[]).contains("is not a Flux transformer"));
     // A file that was cut off while it was copied.
     safetensors(&path, &keys);
     let length = std::fs::metadata(&path).unwrap().len();

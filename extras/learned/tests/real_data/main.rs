@@ -1,5 +1,5 @@
-//! Against the reference: every tensor that `diffusers` made of a small model with random weights. What needs such a
-//! model is tested here too.
+//! Comparison with the reference: every tensor that `diffusers` computes for a small model with random weights.
+//! Other tests that need such a model are here, too.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "tests")]
 
@@ -16,7 +16,7 @@ fn fixture() -> PathBuf {
     root.join("../../../shared/data/flux-kontext-tiny")
 }
 
-/// Puts the small model's `config.json` into a folder: no header says how its short heads divide.
+/// Puts the small model's `config.json` into a folder: no header describes how its short heads are divided.
 fn small_config(folder: &Path) {
     std::fs::copy(fixture().join("transformer/config.json"), folder.join("config.json")).unwrap();
 }

@@ -10,7 +10,7 @@ use crate::{fixture, small_config};
 
 type Tensors = std::collections::HashMap<String, Tensor>;
 
-/// Keeps every reported value, the first of each name.
+/// Records the first reported value of each name.
 #[derive(Default)]
 struct Record(BTreeMap<String, Tensor>);
 

@@ -1,4 +1,4 @@
-//! Hits against a reference, at edges and for extremes.
+//! Compares hits with a reference, at edges and for extreme values.
 
 use super::build::{Fold, Opens, balanced};
 use super::*;
@@ -123,7 +123,7 @@ fn rays_in_the_planes_of_boxes_find_what_stands_across() {
     );
 }
 
-/// Among them rays along the axes, with components 0 and -0.
+/// Rays find the same hits as brute force, including rays along the axes with components 0 and -0.
 #[test]
 fn rays_find_what_brute_force_finds() {
     for (n, size) in [(1, 1.0), (2, 1.0), (5, 0.7), (500, 0.15)] {
@@ -211,8 +211,8 @@ fn broken_triangles_are_left_out_and_counted() {
     assert_eq!(behind.map(|h| (h.triangle, h.back)), Some((3, true)));
 }
 
-/// No triangle, one, half a million with equal centroids, and many where each is half as large as the one before,
-/// whose best tree may be too deep for the stack.
+/// Trees stay shallow for no triangle, for one, for half a million with equal centroids, and for many of which each
+/// is half as large as the one before, whose best tree may be too deep for the stack.
 #[test]
 fn identical_triangles_stay_shallow() {
     let one = Bvh::build(&[[Vec3::ZERO, Vec3::X, Vec3::Y]]);

@@ -77,7 +77,7 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
         (
             "odd-edges",
             found.odd_edges > 0,
-            format!("{} edges where the sides of the surface contradict each other", found.odd_edges),
+            format!("{} edges between triangles of opposite orientation", found.odd_edges),
         ),
         (
             "floor-unclear",

@@ -58,7 +58,7 @@ pub struct Finding {
     pub text: String,
 }
 
-/// The percentile of the values at `share`.
+/// The percentile of `values` at `share`, a fraction from 0 to 1.
 fn percentile(values: &mut [f32], share: f64) -> f64 {
     let at = ((values.len().saturating_sub(1)) as f64 * share).round() as usize;
     if values.is_empty() {

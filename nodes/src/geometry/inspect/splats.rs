@@ -186,7 +186,7 @@ fn findings(
             // The size of splats relative to the scene is undefined if all lie at one point.
             middle > 0.0 && relative > 0.05,
             format!(
-                "half of the splats are larger than {:.0} % of the scene: scales activated twice?",
+                "half of the splats are larger than {:.0} % of the scene; their scales may have been exponentiated twice",
                 relative * 100.0
             ),
         ),
@@ -206,7 +206,7 @@ fn findings(
             "transparent",
             opacities.median < 0.08,
             format!(
-                "half of the splats have an opacity below {:.3}: a poor training, or logits",
+                "half of the splats have an opacity below {:.3}; training may have failed, or these may be logits",
                 opacities.median
             ),
         ),
@@ -218,17 +218,17 @@ fn findings(
         (
             "one-point",
             all > 0.0 && middle == 0.0,
-            "nearly all splats lie at one point: broken centres?".to_owned(),
+            "nearly all splats are at one point; their centres may be damaged".to_owned(),
         ),
         (
             "far-splats",
             middle > 0.0 && all > 30.0 * middle,
-            format!("some splats lie {:.0} times as far out as the core is wide", all / middle),
+            format!("the farthest splats are {:.0} times the width of the core away from it", all / middle),
         ),
         (
             "heavy-overdraw",
             overdraw > 1000.0,
-            format!("about {overdraw:.0} splats meet at a pixel: slow to render"),
+            format!("about {overdraw:.0} splats overlap at each pixel, so rendering is slow"),
         ),
         (
             "floor-unclear",

@@ -35,7 +35,7 @@ pub fn json_of(path: &Path) -> std::io::Result<Option<(Vec<u8>, bool)>> {
     json_in(&mut std::fs::File::open(path)?)
 }
 
-/// The same from the start of a file, up to the end of its JSON.
+/// Like [`json_of`], from an open file at its start; reads up to the end of the JSON.
 pub fn json_in(file: &mut impl Read) -> std::io::Result<Option<(Vec<u8>, bool)>> {
     let mut head = Vec::new();
     file.by_ref().take(20).read_to_end(&mut head)?;

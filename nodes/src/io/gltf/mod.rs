@@ -71,7 +71,7 @@ pub struct File {
     name: String,
     /// The checked document.
     pub document: Document,
-    /// The same as plain JSON, for extensions.
+    /// The document as plain JSON, for extensions.
     pub json: Value,
     blob: Option<Vec<u8>>,
 }

@@ -69,8 +69,8 @@ pub fn range<'a>(
     })
 }
 
-/// A count of splats, an error if the available bytes cannot hold it. `densest` is the largest number of splats per
-/// byte: 1 over the bytes of a row, or more if the file is compressed.
+/// Checks a count of splats: it is an error if the available bytes cannot hold it. `densest` is the largest number
+/// of splats per byte: 1 over the bytes of a row, or more if the file is compressed.
 pub fn believed(file: &str, count: u64, held: usize, densest: f64) -> Result<usize, Error> {
     if count as f64 <= held as f64 * densest
         && let Ok(count) = usize::try_from(count)

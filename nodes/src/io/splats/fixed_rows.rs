@@ -15,7 +15,7 @@ use crate::io::ply::{self, Format, Scalar};
 pub struct Field {
     /// Bytes from the start of the row.
     pub at: usize,
-    /// How it is stored.
+    /// Type of the stored number.
     pub scalar: Scalar,
 }
 
@@ -47,7 +47,7 @@ pub struct Element {
     pub stride: usize,
     /// Names and places of the fields, in order.
     pub fields: Vec<(String, Field)>,
-    /// Where the rows begin in the file; `None` behind rows of varying length.
+    /// Start of the rows in the file; `None` after rows of varying length.
     start: Option<usize>,
     varies: bool,
 }
@@ -82,7 +82,7 @@ impl Element {
 pub struct FixedRows {
     /// The elements, in order.
     pub elements: Vec<Element>,
-    /// Where the last row ends; `None` behind rows of varying length.
+    /// End of the last row; `None` after rows of varying length.
     pub end: Option<usize>,
     /// Comment lines without the word `comment`.
     pub comments: Vec<String>,

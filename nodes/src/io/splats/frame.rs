@@ -57,7 +57,7 @@ pub struct Turn {
 }
 
 impl Turn {
-    /// `x` becomes `scale * matrix * x + offset`; `matrix` is orthogonal.
+    /// The transform of `x` to `scale * matrix * x + offset`; `matrix` is orthogonal.
     pub fn new(matrix: DMat3, scale: f64, offset: DVec3) -> Self {
         let proper = if matrix.determinant() < 0.0 { -matrix } else { matrix };
         Self { matrix, scale, offset, quat: quaternion(proper), sh: ShTurn::new(matrix) }

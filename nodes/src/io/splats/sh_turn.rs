@@ -44,7 +44,7 @@ fn band(l: usize, d: DVec3) -> [f64; WIDEST] {
 }
 
 impl ShTurn {
-    /// For the orthogonal matrix `q`: a feature in direction d moves to direction `q d`.
+    /// The matrices for the orthogonal matrix `q`: a feature in direction d moves to direction `q d`.
     pub fn new(q: DMat3) -> Self {
         // Abramowitz and Stegun, table 25.4, n = 5, in closed form.
         let root = |sign: f64| (5.0 + sign * 2.0 * (10.0_f64 / 7.0).sqrt()).sqrt() / 3.0;

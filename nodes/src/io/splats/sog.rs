@@ -109,7 +109,7 @@ pub(super) struct Meta {
     colours: [Table; 3],
     opacities: Table,
     palette: Option<Palette>,
-    /// means low, means high, scales, quats, sh0, then palette and labels.
+    /// The files: means low, means high, scales, quats, sh0, then palette and labels.
     files: Vec<String>,
 }
 
@@ -389,7 +389,8 @@ pub(super) fn load(
     Ok(loaded)
 }
 
-/// The three smaller components in 8 bits each; alpha, from 252 on, is the index of the omitted one: w, x, y, z.
+/// Decodes a rotation: the three smaller components in 8 bits each; alpha, from 252 on, is the index of the omitted
+/// component (w, x, y, z).
 fn quaternion([a, b, c, tag]: [u8; 4]) -> Result<[f64; 4], RowFault> {
     let which = tag.checked_sub(252).ok_or(RowFault::NoSuchEntry)?;
     let smaller = [a, b, c].map(|v| (f64::from(v) / 255.0 - 0.5) * std::f64::consts::SQRT_2);

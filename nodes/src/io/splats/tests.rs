@@ -59,7 +59,7 @@ fn quaternions_of_any_length_become_units() {
     near(&splats.quats[0], &[-half, 0.0, -half, 0.0], 1e-7);
 }
 
-/// Every field in turn: dropped, or named with `strict`.
+/// A row with a non-finite value in any field is dropped, or named with `strict`.
 #[test]
 fn what_is_not_finite_is_dropped_or_named() {
     let fields = build::ply(&[PlyRow::default()], 3).len() - build::ply(&[], 3).len();

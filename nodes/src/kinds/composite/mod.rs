@@ -12,11 +12,11 @@ use crate::types::{Data, Image, Images, Linear, NamedImage, Picture};
 mod sharpness;
 
 engine::choices! {
-    /// How sharp the objects are.
+    /// Sharpness of the objects.
     pub enum Sharpness {
         /// As rendered.
         Keep,
-        /// As the sharpest edges of the background around them, measured in each view.
+        /// Blurred like the sharpest edges of the background around them, measured in each view.
         Match,
     }
 }
@@ -160,7 +160,7 @@ impl Composite {
     }
 }
 
-/// Less blur than this, in pixels, changes next to nothing.
+/// Smallest blur that is applied, in pixels; less is not visible.
 const LEAST_BLUR: f64 = 0.1;
 
 impl Kind for Composite {
@@ -288,7 +288,7 @@ mod tests {
         assert_eq!(run(Some([0.0; 3]), rgb(b), [0.2, 0.3, 0.001, 1.0], s), [0.2, 0.3, 0.001]);
     }
 
-    /// Light with no coverage is a glow.
+    /// Light without coverage is added as a glow.
     #[test]
     fn glow_is_added() {
         assert_eq!(run(None, rgb([0.5; 3]), [0.25, 0.0, 0.0, 0.0], [1.0; 3]), [0.75, 0.5, 0.5]);

@@ -1,8 +1,7 @@
-//! How sharp a background is, and an object blurred to the same.
-//!
-//! Captures are softer than renders: splats overlap, and photographs pass a lens. The width of the sharpest edges of the
-//! background says by how much. An edge that a Gaussian of standard deviation s blurs from contrast C has the greatest
-//! slope C / (s sqrt(2 pi)), so s follows from contrast and slope wherever one edge dominates its surroundings.
+//! Measures the sharpness of a background, and blurs objects to match it. Captures are softer than renders, since
+//! splats overlap and lenses blur photographs. The amount follows from the width of the sharpest edges of the
+//! background. An edge that a Gaussian of standard deviation s blurs from contrast C has the greatest slope C / (s
+//! sqrt(2 pi)), so s follows from contrast and slope wherever one edge dominates its surroundings.
 
 use std::f64::consts::PI;
 
@@ -12,14 +11,14 @@ use crate::math::color::{luminance, srgb_from_linear};
 use crate::math::num;
 use crate::types::{Image, Linear};
 
-/// Half the side of the window in which an edge is looked at, in pixels.
+/// Half the side of the window in which an edge is measured, in pixels.
 const REACH: usize = 4;
 /// Least contrast of an edge, in display values.
 const CONTRAST: f32 = 0.12;
-/// The blur of a background is that of this share of its edges, from the sharpest: the others are soft in the scene itself,
-/// such as penumbras and round things.
+/// The share of edges, from the sharpest, that determine the blur of a background: other edges, such as penumbras
+/// and round shapes, are soft in the scene itself.
 const SHARPEST: f64 = 0.1;
-/// Fewer edges than this say nothing.
+/// Minimum number of edges for a measurement.
 const FEWEST: usize = 64;
 /// Blur that this measure finds in an unblurred step between two pixels, in pixels: renders have such edges.
 const RENDERED: f64 = 0.551;
@@ -95,7 +94,7 @@ fn surroundings(object: &Image<Linear>) -> Option<[usize; 4]> {
     ])
 }
 
-/// The blur that takes a render to a background's, in pixels; variances of blurs add.
+/// The blur that makes a render as soft as the background, in pixels; variances of blurs add up.
 pub(super) fn missing(background: f64) -> f64 {
     (background * background - RENDERED * RENDERED).max(0.0).sqrt().min(MOST)
 }

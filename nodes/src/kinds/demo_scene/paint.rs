@@ -66,7 +66,7 @@ fn mixed(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
     [0, 1, 2].map(|i| a[i] * (1.0 - t) + b[i] * t)
 }
 
-/// 1 within `width` of a multiple of `period`, falling to 0 over as much again.
+/// 1 within `width` of a multiple of `period`, falling to 0 over another `width`.
 fn groove(x: f64, period: f64, width: f64) -> f64 {
     let t = x / period;
     let away = (t - (t + 0.5).floor()).abs() * period;

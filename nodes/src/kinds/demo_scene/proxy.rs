@@ -117,7 +117,7 @@ pub(super) fn mesh(
     })
 }
 
-/// Six walls that face inwards.
+/// A shell of six walls that face inwards.
 fn shell(layout: &Layout) -> Vec<Quad> {
     let mut shapes = super::shape::Shapes::default();
     let [low, high] = layout.bounds;

@@ -81,7 +81,7 @@ pub(super) struct Shapes {
     solids: u32,
 }
 
-/// Axes (u, v) of each face of a box and the side it lies on, so that u x v points outwards.
+/// For each face of a box its axes u and v, chosen so that u x v points outwards, and its side.
 const FACES: [([f64; 3], [f64; 3], [f64; 3]); 6] = [
     ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]),
     ([0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]),

@@ -11,7 +11,7 @@ fn make(params: &DemoScene, seed: u64, up: Up, metres_per_unit: f64) -> Out {
     DemoScene::run(params, In {}, &cx).expect("runs").0
 }
 
-/// Edges used once or three times are holes or fins: a closed mesh uses each edge once in each direction.
+/// Number of edges that are not used exactly once in each direction, as they are in a closed mesh.
 fn open_edges(mesh: &Mesh) -> usize {
     let mut edges = std::collections::BTreeMap::new();
     for [a, b, c] in &mesh.triangles {

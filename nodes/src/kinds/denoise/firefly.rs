@@ -9,8 +9,8 @@ use super::means::Field;
 
 /// A firefly is this many times brighter than all pixels around it.
 const BRIGHTER: f32 = 2.0;
-/// A firefly has this many times the mean variance of the pixels around it. A real highlight, which appears in
-/// every chunk of samples, has not.
+/// A firefly has this many times the mean variance of the pixels around it. A real highlight does not, since it
+/// appears in every chunk of samples.
 const LESS_SURE: f32 = 16.0;
 
 impl Field {

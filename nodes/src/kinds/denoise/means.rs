@@ -170,7 +170,7 @@ impl Field {
         self.average_at(Level::new(), reach, cx)
     }
 
-    /// The same with a given set of vector instructions; all sets give the same bits.
+    /// Like [`average`](Self::average), with a given set of vector instructions; all sets give the same bits.
     pub(super) fn average_at(
         &self,
         level: Level,
@@ -208,20 +208,20 @@ impl Field {
     }
 }
 
-/// Planes of a tile, one per number of a pixel: the signal, its variance, whether the pixel takes part,
+/// Planes of a tile, one per number of a pixel. First the signal, its variance, and whether the pixel takes part.
 const SIGNAL: usize = 0;
 const VARIANCE: usize = 3;
 const THERE: usize = 4;
-/// its normal and the sum of the normal's absolute components, nearness and its slopes, the reciprocal of the
-/// difference of nearness that makes another surface,
+/// Then its normal and the sum of the normal's absolute components, nearness and its slopes, and the reciprocal of
+/// the difference of nearness that separates two surfaces.
 const NORMAL: usize = 5;
 const FACED: usize = 8;
 const NEARNESS: usize = 9;
 const LEVEL: usize = 12;
-/// the values to average,
+/// Then the values to average.
 const AVERAGED: usize = 13;
-/// and, if weights are reduced by variance, the reciprocal of its variance and the largest variance averaged at
-/// full weight.
+/// Last, if weights are reduced by variance, the reciprocal of the variance and the largest variance that is
+/// averaged at full weight.
 const DOUBT: usize = AVERAGED + VALUES;
 
 /// A tile and its surroundings, one plane per number, so that rows run through vector registers. No lane depends on

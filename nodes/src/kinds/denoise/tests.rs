@@ -1,4 +1,4 @@
-//! A shadow with a soft edge on a floor, with the noise of sampling, and an object of two colours.
+//! Tests on a shadow with a soft edge on a floor, with sampling noise, and an object of two colours.
 
 use super::*;
 use crate::geometry::sampling::{mix, unit};
@@ -14,7 +14,7 @@ fn truth(x: usize) -> f32 {
     1.0 - 0.5 * ((x as f32 - 20.0) / 8.0).clamp(0.0, 1.0)
 }
 
-/// Output of a path tracer with shared random numbers: of each sample's light, all or a part arrives.
+/// Output of a path tracer with shared random numbers: all or a part of each sample's light arrives.
 fn noisy(seed: u32) -> In {
     let [mut without, mut with] = [3, 3].map(|c| Image::<Linear>::new(SIZE, SIZE, c));
     let mut object = Image::<Linear>::new(SIZE, SIZE, 4);

@@ -1,4 +1,4 @@
-//! The light that points receive besides the sun.
+//! The light that points receive in addition to the sun.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -17,12 +17,12 @@ const TILE: usize = 128;
 /// Environment texels at least this bright are clipped in the panorama.
 pub(super) const WHITE: f32 = 0.95;
 
-/// Irradiance of one point, by origin. Radiance is what the capture shows, so it holds every bounce.
+/// Irradiance of one point, by origin. Radiance is taken from the capture, so it includes all bounces.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Incident {
-    /// From surfaces and sky that are not clipped.
+    /// Irradiance from surfaces and sky that are not clipped.
     pub known: Vec3,
-    /// From what is clipped, as if it were as bright as it shows: a lower bound.
+    /// Irradiance from clipped surfaces and sky at their displayed brightness, which is a lower bound.
     pub clipped: Vec3,
 }
 
@@ -36,8 +36,8 @@ pub(super) fn shown(env: &Environment, direction: DVec3) -> (Vec3, bool) {
     (Vec3::from(rgb) / most.max(1.0), luminance(rgb) >= WHITE)
 }
 
-/// The incident light of each point. A point of a surface receives what it would see: the captured colours of the place,
-/// and the environment where there is no surface.
+/// The incident light of each point. A point of a surface receives the radiance that is visible from it: the
+/// captured colours of the place, and the environment where there is no surface.
 pub(super) fn incident(
     place: &Place,
     shading: &Shading,

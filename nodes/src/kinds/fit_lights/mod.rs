@@ -1,4 +1,4 @@
-//! `fit-lights`: lights of an environment, corrected by what they light.
+//! `fit-lights`: the sun of an environment, corrected by the shadows that it casts.
 
 use std::sync::Arc;
 
@@ -36,8 +36,8 @@ engine::params! {
     pub struct FitLights {
         /// Number of surface points to compare.
         points: u32 = 12000, range(200, 200000), other("400"), inert("the panorama of the test graph is not clipped above the horizon");
-        /// By which share of its error a sun must improve the explanation of the colours to be accepted. True suns of
-        /// open places reach 0.1 to 0.3; chance stays below 0.01.
+        /// Minimum fraction by which a sun must reduce the error of explaining the colours to be accepted. Real
+        /// suns in open places reach 0.1 to 0.3; chance stays below 0.01.
         min_gain: f64 = 0.03, range(0.0, 1.0), other("0.9"), inert("the light of the test graph has no sun at any of the two");
     }
 }
@@ -131,7 +131,7 @@ impl Kind for FitLights {
     }
 }
 
-/// Whether the best candidate is a sun that lights the point of capture.
+/// Decides whether the best candidate is a sun that lights the point of capture.
 fn judge(params: &FitLights, found: Option<&Sun>, place: &Place, origin: DVec3) -> Verdict {
     match found {
         None => Verdict::NothingToCompare,

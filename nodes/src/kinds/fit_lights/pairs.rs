@@ -7,9 +7,9 @@ use glam::DVec3;
 use super::shading::{Point, Shading};
 use crate::geometry::sampling::hash;
 
-/// Neighbours lie within this share of the size of the surroundings.
+/// Largest distance of neighbours, as a fraction of the size of the surroundings.
 const REACH: f64 = 0.16;
-/// Least cosine between the normals of two neighbours.
+/// Smallest cosine between the normals of two neighbours.
 const ALIKE: f64 = 0.95;
 /// Pairs per point, at most.
 const PER_POINT: usize = 4;

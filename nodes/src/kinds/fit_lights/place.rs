@@ -1,4 +1,4 @@
-//! The receiver mesh as rays see it: a tree, its colours, and which triangles are clipped.
+//! The receiver mesh for ray casting: a tree, its colours, and its clipped triangles.
 
 use glam::{DVec3, Vec3};
 
@@ -8,7 +8,8 @@ use crate::types::Mesh;
 /// A colour with a channel above this is clipped: a window, a lamp, or a glint.
 pub(super) const CLIPPED: f32 = 0.93;
 
-/// Rays start off a surface by this share of the diagonal of the mesh, since splats lie somewhat below or above it.
+/// Offset of ray origins from a surface, as a fraction of the diagonal of the mesh, since splats lie slightly below
+/// or above it.
 const OFFSET: f64 = 0.002;
 
 /// The mesh of a place, ready for rays. Positions are relative to the middle of the mesh, in f32.
@@ -20,13 +21,13 @@ pub(super) struct Place {
     colours: Vec<[Vec3; 3]>,
     /// Middle of the mesh in world units.
     middle: DVec3,
-    /// By how much rays start off a surface, in world units.
+    /// Offset of ray origins from a surface, in world units.
     pub offset: f64,
 }
 
 /// The result of a ray.
 pub(super) enum Seen {
-    /// Nothing: the sky.
+    /// No surface: the sky.
     Sky,
     /// A surface of this linear colour.
     Surface(Vec3),
@@ -78,7 +79,7 @@ impl Place {
         *a * (1.0 - hit.b1 - hit.b2) + *b * hit.b1 + *c * hit.b2
     }
 
-    /// Whether light from far away in a direction reaches a local point: nothing blocks it, or only surfaces whose
+    /// True if light from far away in a direction reaches a local point: nothing blocks it, or only surfaces whose
     /// colours are clipped, such as a window.
     pub fn lets_in(&self, from: DVec3, direction: DVec3) -> bool {
         let ray = Ray::new(from.as_vec3(), direction.as_vec3());
@@ -90,7 +91,7 @@ impl Place {
         self.lets_in(self.local(position), direction)
     }
 
-    /// The linear colour of a triangle's middle, where the mesh has colours.
+    /// The linear colour at the middle of a triangle; `None` if the mesh has no colours.
     pub fn middle_colour(&self, triangle: usize) -> Option<Vec3> {
         self.colours.get(triangle).map(|[a, b, c]| (*a + *b + *c) / 3.0)
     }

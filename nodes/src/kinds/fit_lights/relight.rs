@@ -1,4 +1,4 @@
-//! The environment with a sun put into it.
+//! Inserts the sun into an environment.
 
 use glam::DVec3;
 

@@ -7,13 +7,13 @@ use super::place::{CLIPPED, Place};
 use crate::math::color::linear_from_srgb;
 use crate::types::{SplatEncoding, Splats};
 
-/// Degree 0 of the spherical harmonics is this constant.
+/// The constant spherical harmonic of degree 0.
 const SH0: f32 = 0.282_094_8;
-/// Splats more transparent than this are not surfaces.
+/// Minimum opacity of a splat that counts as a surface.
 const OPAQUE: f32 = 0.5;
-/// Points darker than this carry more noise than signal, in linear luminance.
+/// Minimum linear luminance of a point; darker ones have more noise than signal.
 const DARKEST: f32 = 0.002;
-/// Points this many times farther away than the median are left out: sky shells, distant background.
+/// Maximum distance of a point relative to the median; farther ones are sky shells or distant background.
 const FARTHEST: f64 = 3.0;
 /// Points of one tile.
 const TILE: usize = 256;
@@ -21,7 +21,7 @@ const TILE: usize = 256;
 /// A surface point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Point {
-    /// In the frame of the place's tree.
+    /// Position in the frame of the place's tree.
     pub position: DVec3,
     /// Unit normal, on the side that the point of capture sees.
     pub normal: DVec3,
@@ -29,7 +29,7 @@ pub(super) struct Point {
     pub radiance: Vec3,
 }
 
-/// The points that are compared, and the size of what surrounds the point of capture.
+/// The points that are compared, and the size of the surroundings of the point of capture.
 pub(super) struct Shading {
     pub points: Vec<Point>,
     /// Median distance of surfaces from the point of capture, in world units.
@@ -44,9 +44,9 @@ struct Surface {
 }
 
 impl Shading {
-    /// Draws `count` points from the splats, or else from the mesh: those that the point of capture sees, near ones more
-    /// often, as they matter more for what stands there. Points are taken at equal steps of the summed weights, so equal
-    /// inputs give equal points.
+    /// Draws `count` points from the splats, or else from the mesh: those visible from the point of capture, near
+    /// ones more often, since they matter more for an object at that point. Points are taken at equal steps of the
+    /// summed weights, so equal inputs give equal points.
     pub fn sample(
         place: &Place,
         splats: Option<&Splats>,
@@ -93,7 +93,8 @@ impl Shading {
     }
 }
 
-/// Whether the point of capture sees a surface. What lies behind others was not captured, so its colour means nothing.
+/// True if a surface is visible from the point of capture. Hidden surfaces were not captured, so their colours are
+/// meaningless.
 fn is_seen(place: &Place, origin: DVec3, size: f64, surface: &Surface) -> bool {
     let towards = (surface.point.position - origin) / surface.distance;
     place.distance(origin, towards) > surface.distance - 0.02 * (size + surface.distance)

@@ -14,44 +14,45 @@ use crate::math::equirect::axes;
 use crate::math::num;
 use crate::types::Environment;
 
-/// Ratios of neighbouring colours off by much more than this, in natural logarithms, count as changes of albedo.
+/// Scale of the robust comparison, in natural logarithms: larger deviations of the ratio of neighbouring colours
+/// count as changes of albedo.
 const SPREAD: f64 = 0.25;
-/// Fewer pairs than this say nothing.
+/// Minimum number of pairs.
 const FEWEST: usize = 50;
 /// Directions over the whole sphere for the coarse search: one every square degree.
 const COARSE: usize = 41_253;
-/// At most this many of them are tried; more are thinned out evenly.
+/// Maximum number of these that are tried; more are thinned out evenly.
 const MOST: usize = 2500;
-/// The clipped regions grow by this angle, since a sun may stand at the edge of one.
+/// Angle by which the clipped regions are enlarged, since the sun may be at the edge of one.
 const MARGIN_DEG: f64 = 2.0;
 /// Sine of the lowest elevation of a sun.
 const LOWEST: f64 = 0.02;
 /// Directions closer than this to the best one are not rivals.
 const RIVAL_DEG: f64 = 8.0;
-/// How many coarse directions are refined, and by which steps, in degrees.
+/// Number of coarse directions that are refined, and the step sizes, in degrees.
 const REFINED: usize = 4;
 const STEPS_DEG: [f64; 3] = [0.4, 0.15, 0.05];
 /// Assumed radiance of clipped surfaces and sky, relative to their displayed value.
 const GLOWS: [f64; 6] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
-/// Irradiance of a sun over the median of all other light: the coarse and the fine search.
+/// Irradiance of a candidate sun relative to the median of all other light, for the coarse and the fine search.
 const FEW: [f64; 3] = [0.5, 2.0, 8.0];
 const MANY: [f64; 8] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
-/// A direction that explains the colours of the place best.
+/// The direction that explains the colours of the place best.
 #[derive(Debug, Clone)]
 pub(super) struct Sun {
     /// Unit direction to the sun.
     pub direction: DVec3,
     /// Linear irradiance of a surface that faces it.
     pub irradiance: [f64; 3],
-    /// Standard error of the irradiance, in stops, from four disjoint sets of pairs. Errors that all sets share, such as
-    /// those of the mesh, are not in it.
+    /// Standard error of the irradiance, in stops, from four disjoint sets of pairs. Errors that all sets share,
+    /// such as those of the mesh, are not included.
     pub error_stops: f64,
     /// Radiance of clipped sky without the sun, relative to its displayed value.
     pub glow: f64,
-    /// By which share the sun lowers the cost of the best explanation without one.
+    /// Fraction by which the sun lowers the cost of the best explanation without a sun.
     pub gain: f64,
-    /// The same of the best direction elsewhere.
+    /// The gain of the best direction elsewhere.
     pub rival: f64,
 }
 
@@ -73,7 +74,7 @@ pub(super) enum Verdict {
 }
 
 impl Verdict {
-    /// The reason as users read it.
+    /// The reason in words, for users.
     pub fn reason(self) -> &'static str {
         match self {
             Self::Accepted => "accepted",
@@ -154,7 +155,7 @@ pub(super) fn find(
     }))
 }
 
-/// The smallest number and what belongs to it; the first of equal ones.
+/// The smallest number with its item; the first of equal ones.
 fn least<T: Copy>(of: impl IntoIterator<Item = (f64, T)>) -> (f64, T) {
     let mut of = of.into_iter();
     let first = of.next().expect("the lists of settings and directions are not empty");
@@ -200,7 +201,7 @@ struct Scene<'a> {
 }
 
 impl Scene<'_> {
-    /// The cosine at which each point faces a far light; 0 where it does not reach the point.
+    /// For each point the cosine of the incident direction of a distant light; 0 where the light is blocked.
     fn lit(&self, direction: DVec3) -> Vec<f64> {
         let cosine = |point: &super::shading::Point| {
             let cosine = point.normal.dot(direction);
@@ -218,7 +219,7 @@ struct Fit<'a> {
     ratios: Vec<f64>,
     /// Irradiance without a sun, and its logarithm, of each point by each of [`GLOWS`].
     base: Vec<Vec<[f64; 2]>>,
-    /// Median irradiance of all points, with clipped light as it shows.
+    /// Median irradiance of all points, with clipped light at its displayed value.
     median: f64,
 }
 
@@ -250,8 +251,9 @@ impl<'a> Fit<'a> {
         self.cost(glow, &vec![0.0; self.base[glow].len()], 0.0)
     }
 
-    /// How badly the light explains the ratios: the sum over pairs of r^2 / (r^2 + SPREAD^2), with r the difference of a
-    /// ratio of colours and the ratio of light (Geman and McClure's robust error). A change of albedo costs at most 1.
+    /// The cost of explaining the ratios by the light: the sum over pairs of r^2 / (r^2 + SPREAD^2), with r the
+    /// difference of a ratio of colours and the ratio of light (Geman and McClure's robust error). A change of
+    /// albedo costs at most 1.
     fn cost(&self, glow: usize, lit: &[f64], sun: f64) -> f64 {
         let light = self.base[glow].iter().zip(lit);
         let log = |([light, log], lit): (&[f64; 2], &f64)| {
@@ -266,8 +268,8 @@ impl<'a> Fit<'a> {
         errors.sum()
     }
 
-    /// The irradiance of a sun at least cost, within a factor of 16 of a start: a scan in steps of half a stop, then
-    /// golden sections.
+    /// The irradiance of a sun with the lowest cost, within a factor of 16 of a start: a scan in steps of half a
+    /// stop, then golden-section search.
     fn irradiance(&self, glow: usize, lit: &[f64], start: f64) -> f64 {
         let at = |stops: f64| self.cost(glow, lit, start * num::f64::exp2(stops));
         let (_, middle) = least((-8..=8).map(|half| (at(0.5 * f64::from(half)), 0.5 * f64::from(half))));

@@ -1,4 +1,4 @@
-//! Made-up places whose sun is known.
+//! Synthetic places with a known sun.
 
 use engine::Up;
 

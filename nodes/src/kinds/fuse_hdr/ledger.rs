@@ -37,7 +37,7 @@ pub(super) fn luminance_of(pixels: &LinearPixels, at: usize) -> f64 {
 }
 
 impl Lights {
-    /// `predicted` is the luminance that the gain map gives a pixel.
+    /// Finds the lights of a fused panorama. `predicted` is the luminance that the gain map gives a pixel.
     pub(super) fn find(pixels: &LinearPixels, fused: &[Fused], predicted: impl Fn(usize) -> f64) -> Self {
         let mask: Vec<bool> =
             fused.iter().enumerate().map(|(at, f)| f.luminance > luminance_of(pixels, at)).collect();
@@ -285,7 +285,7 @@ struct Light {
     /// Luminance times solid angle, after each step.
     power: Vec<f64>,
     peak: f64,
-    /// Flux per source, the base last; then that of lower bounds.
+    /// Flux per source, the base last, followed by the flux of lower bounds.
     by_source: Vec<f64>,
     bound: f64,
 }

@@ -30,7 +30,7 @@ engine::choices! {
 }
 
 engine::choices! {
-    /// Which form of the prediction is fused.
+    /// The form of the prediction that is fused.
     pub enum Gain {
         /// The gain map in floats, which has no upper limit.
         Direct,
@@ -42,7 +42,7 @@ engine::choices! {
 engine::choices! {
     /// Source of the colour of recovered light.
     pub enum Hue {
-        /// The panorama, as in the paper; white where all channels are clipped.
+        /// The colour of the panorama, as in the paper; white where all channels are clipped.
         Base,
         /// The brightest exposure that is not clipped at a pixel, blended in as far as the panorama is clipped;
         /// without one, the panorama. Matters for `Photographs` only: other methods give exposures with the colour
@@ -110,7 +110,7 @@ struct Fused {
     luminance: f64,
     /// Index of the exposure that contributed most; the base has the number of exposures as index.
     source: usize,
-    /// The darkest exposure is white here, so the light is a lower bound.
+    /// True if the darkest exposure is white here, so that the light is a lower bound.
     saturated: bool,
 }
 
@@ -358,8 +358,8 @@ fn apply(rgb: [f32; 3], fused: f64) -> [f32; 3] {
     rgb.map(|v| (f64::from(v) * (fused / own)).min(f64::from(f32::MAX)) as f32)
 }
 
-/// The colour of the brightest exposure that is not clipped at a pixel, at the luminance of `fused`, blended in as
-/// far as the panorama is clipped. The brightest is used because its codes are the finest.
+/// The colour of a pixel at the luminance of `fused`. It is taken from the brightest exposure that is not clipped
+/// there, in proportion to how far the panorama is clipped. The brightest is used because its codes are the finest.
 fn recolour(params: &FuseHdr, brackets: &Brackets, base: [f32; 3], fused: [f32; 3], at: usize) -> [f32; 3] {
     let clipped = match params.blend {
         Blend::Hard if luminance(base) > params.threshold => 1.0,

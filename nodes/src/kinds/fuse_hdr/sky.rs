@@ -40,7 +40,7 @@ pub(super) struct Balance {
     seen: f64,
     /// Integral of 1 - alpha times the cosine over the upper half, in steradians.
     open: f64,
-    /// The same divided by the integral of the cosine, 0 to 1.
+    /// `open` divided by the integral of the cosine, 0 to 1.
     share: f64,
 }
 

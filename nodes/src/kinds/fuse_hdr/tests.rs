@@ -230,7 +230,7 @@ fn a_wrongly_dark_prediction_changes_nothing() {
     }
 }
 
-/// Continuous over the ramp, strict at the threshold with `Hard`.
+/// The result is continuous over the ramp, and switches at the threshold with `Hard`.
 #[test]
 fn the_ramp_is_continuous_and_the_step_is_strict() {
     let one = |value: f32, blend: Blend| {

@@ -39,7 +39,8 @@ const INRIA: &str = r#"[{"id": 0, "img_name": "a", "width": 40, "height": 30, "f
     "position": [1, 2, 3], "rotation": [[0, -1, 0], [1, 0, 0], [0, 0, 1]]}]"#;
 const CAMERAS: &str = "# id\n7 PINHOLE 40 30 50 51 20.5 14\n";
 
-/// Camera from world of the same camera: a rotation by -90 degrees, and -R (1, 2, 3) = (-2, 1, -3).
+/// `images.txt` with the transform from world to camera of the same camera: a rotation by -90 degrees, and -R (1,
+/// 2, 3) = (-2, 1, -3).
 fn images() -> String {
     let h = 0.5_f64.sqrt();
     format!("# id\n3 {h} 0 0 -{h} -2 1 -3 7 set/a.png\n1 2 -1 3 4 -1\n4 1 0 0 0 0 0 0 7 a b.png\n\n")

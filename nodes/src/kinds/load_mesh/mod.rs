@@ -217,7 +217,7 @@ fn from_gltf(p: &LoadMesh, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Res
 
 const WHITE: [f64; 3] = [1.0; 3];
 
-/// Drops parts that cannot be traced, and makes colours linear. Row 41 of the table of extremes.
+/// Drops parts that cannot be traced, and makes colours linear.
 fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) -> Result<Mesh, NodeError> {
     let n = raw.positions.len();
     let range = Range::of_floats(raw.colours.as_flattened().iter().copied());
@@ -292,7 +292,8 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
     Ok(mesh)
 }
 
-/// In f64, where products of f32 differences are exact enough that only a true line gives 0.
+/// True if a triangle has no area. Computed in f64, where products of f32 differences are so exact that only
+/// collinear corners give 0.
 fn area_is_zero([a, b, c]: [DVec3; 3]) -> bool {
     (b - a).cross(c - a) == DVec3::ZERO
 }

@@ -392,7 +392,7 @@ fn round_up(samples: f64) -> u64 {
 fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes) {
     if share > 0.01 {
         let text = format!(
-            "`{view}`: {:.0} % of the paths through objects end after {} surfaces with most of their light to come, so stacked \
+            "`{view}`: {:.0} % of the paths through objects end after {} surfaces while they still carry most of their light, so stacked \
              glass, facing mirrors and bright cavities are too dark",
             100.0 * share,
             max_bounces + 1

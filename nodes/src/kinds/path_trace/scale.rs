@@ -70,7 +70,7 @@ mod tests {
         Aabb { low: Vec3::splat(at - half), high: Vec3::splat(at + half) }
     }
 
-    /// Mutation: `TOO_LARGE` 0; `is_empty` not asked.
+    /// Objects larger than the place are reported. Mutation: `TOO_LARGE` 0; `is_empty` not tested.
     #[test]
     fn what_is_larger_than_the_place_is_reported() {
         let floor = Mesh {

@@ -81,7 +81,7 @@ fn ball(radius: f32, material: Material, at: DVec3) -> Arc<Placed> {
     fine_ball(radius, 24, material, at)
 }
 
-/// The same with a number of rings of facets.
+/// A sphere like [`ball`], with a given number of rings of facets.
 fn fine_ball(radius: f32, rings: i32, material: Material, at: DVec3) -> Arc<Placed> {
     let mut primitive = Primitive::default();
     for i in 0..=rings {

@@ -31,13 +31,13 @@ pub(super) struct Clipping<'a> {
     pub mask: Vec<bool>,
     /// Number of clipped pixels.
     pub clipped: u64,
-    /// Whether the method runs even without clipped pixels; see [`Context::exhaustive`].
+    /// True if the method runs even without clipped pixels; see [`Context::exhaustive`].
     exhaustive: bool,
     /// White level of the panorama.
     ceiling: f64,
-    /// With `Learned`.
+    /// The networks, for `Learned`.
     network: Option<network::Network>,
-    /// With `Photographs`.
+    /// The photographs, for The gain measured by `Photographs`.
     pub photographs: Option<Photographs>,
 }
 
@@ -70,7 +70,7 @@ impl<'a> Clipping<'a> {
         Ok(Self { params, pano, pixels, mask, clipped, exhaustive, ceiling, network, photographs })
     }
 
-    /// The method that is used: none without clipped pixels, unless the run is exhaustive.
+    /// The method that is used: `Skip` without clipped pixels, unless the run is exhaustive.
     pub fn method(&self) -> &Method {
         if self.clipped == 0 && !self.exhaustive { &Method::Skip } else { &self.params.method }
     }
@@ -104,7 +104,7 @@ impl<'a> Clipping<'a> {
         Prediction { log2_gain: vec![0.0; self.mask.len()], regions: Vec::new() }
     }
 
-    /// `Learned` if there is a network, otherwise `Region`.
+    /// The prediction of `Learned` if there is a network, otherwise of `Region`.
     fn by_regression(
         &self,
         table: &mut EnergyTable,
@@ -139,7 +139,7 @@ impl<'a> Clipping<'a> {
         Ok(gain.unwrap_or_default())
     }
 
-    /// `FluxKontext`.
+    /// The prediction of `FluxKontext`.
     fn by_diffusion(
         &self,
         table: &mut EnergyTable,

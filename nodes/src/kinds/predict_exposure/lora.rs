@@ -50,8 +50,7 @@ pub enum LoraProgress {
 const FROM: [f64; 2] = [0.0, -STOPS];
 /// Number of steps between checkpoints.
 const KEPT: u64 = 50;
-/// At EV 0 the median luminance is encoded as a half, and at most this share of the sphere is clipped: the rule of
-/// the evaluation in `docs`.
+/// The rule for EV 0: encoded value of the median luminance, and the largest share of the sphere that is clipped.
 const MEDIAN: f32 = 0.5;
 const MOST_CLIPPED: f64 = 0.15;
 
@@ -143,7 +142,7 @@ pub fn train(
     };
     for file in [&files.transformer, &files.vae, &files.prompt] {
         if !file.exists() {
-            let what = format!("is not there; {}", WHERE);
+            let what = format!("does not exist; {}", WHERE);
             return Err(Error::format(file.display().to_string(), what));
         }
     }
@@ -156,8 +155,9 @@ pub fn train(
     };
     // Checked now rather than after hours.
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder)
-        .map_err(|error| Error::format(folder.display().to_string(), format!("cannot be made: {error}")))?;
+    std::fs::create_dir_all(folder).map_err(|error| {
+        Error::format(folder.display().to_string(), format!("cannot be created: {error}"))
+    })?;
     let learned_from = learned_from(panoramas, &files, plan.width)?;
     let device = device().map_err(flux)?;
     let model = Kontext::load(&files, &device, DType::F32).map_err(flux)?;

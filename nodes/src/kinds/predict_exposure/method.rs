@@ -69,7 +69,7 @@ pub enum Method {
     },
 }
 
-/// Lists of four numbers, with an error that says what is wrong with another list.
+/// Reads lists of four numbers; the error for any other list describes the problem.
 fn emitters<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<[f64; 4]>, D::Error> {
     let emitters = Vec::<Emitter>::deserialize(from)?;
     Ok(emitters.into_iter().map(|Emitter(numbers)| numbers).collect())

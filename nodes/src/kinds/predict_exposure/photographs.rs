@@ -62,7 +62,7 @@ impl Photograph {
 #[derive(Clone, Copy)]
 struct Off {
     stops: f32,
-    /// All others are clipped there, so the photograph must show at least as much.
+    /// True if all others are clipped there, so that the photograph must show at least as much light.
     white: bool,
 }
 
@@ -88,7 +88,7 @@ impl Photograph {
 
     /// Warns if the photograph contradicts the others.
     fn tell(&self, shown: &[Off], white: &[Off], notes: &mut Notes) {
-        let taken = format!("`{}`, taken at EV {}, shows", self.name, self.ev);
+        let taken = format!("in `{}`, taken at EV {},", self.name, self.ev);
         let mut off: Vec<f32> = shown.iter().map(|off| off.stops).collect();
         let enough = off.len() >= FEWEST;
         let middle = if enough { median(&mut off) } else { 0.0 };
@@ -96,21 +96,21 @@ impl Photograph {
         let apart = if enough { median(&mut off) } else { 0.0 };
         let short = white.iter().filter(|off| off.stops < -APART[0]).count();
         if middle.abs() > APART[0] || apart > APART[1] {
-            let (stops, than) = (middle.abs(), if middle > 0.0 { "more" } else { "less" });
+            let (stops, than) = (middle.abs(), if middle > 0.0 { "brighter" } else { "darker" });
             let text = format!(
-                "{taken} {stops:.1} stops {than} light than the panorama or a brighter photograph does of the same {} pixels (the median; half of them lie within {apart:.1} stops of it): is it of another exposure or place?",
+                "{taken} {} pixels are {stops:.1} stops {than} than in the panorama or a brighter photograph (median; half of the pixels are within {apart:.1} stops of it); check its exposure, and that it shows the same place",
                 shown.len()
             );
             notes.warning("photograph-disagrees", text);
         } else if short as f64 > SHORT * white.len() as f64 {
             let text = format!(
-                "{taken} less light than their white of {short} of {} pixels that are white in brighter pictures: is it of another place, or turned?",
+                "{taken} {short} of {} pixels that are white in brighter pictures are darker than that white; check that it shows the same place and is not rotated",
                 white.len()
             );
             notes.warning("photograph-disagrees", text);
         } else if !enough {
             let text = format!(
-                "{taken} too little of what the panorama and brighter photographs show to be checked by it"
+                "{taken} too few pixels can be compared with the panorama or brighter photographs, so its exposure is not checked"
             );
             notes.decision("photograph-unchecked", text);
         }
@@ -293,7 +293,7 @@ fn read(
     Ok(Photograph { ev, name: file.0.clone(), rgb, alpha, linear })
 }
 
-/// The lower median; of at least one number.
+/// The lower median of at least one number.
 fn median(of: &mut [f32]) -> f32 {
     let middle = (of.len() - 1) / 2;
     *of.select_nth_unstable_by(middle, f32::total_cmp).1

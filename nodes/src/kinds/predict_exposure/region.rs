@@ -11,8 +11,7 @@ use crate::math::color::luminance;
 use crate::math::num;
 
 /// Mean and spread of each feature, and its weight, in the order of [`features`]. Ridge regression of
-/// log2 mean gain on 4123 regions of 28 HDR panoramas at 5 exposures each, 256x128: fitted by
-/// `eval_pano.py` (`Classical.fit`) of the evidence for this task, stored there as `classical.json`.
+/// log2 mean gain on 4123 regions of 28 HDR panoramas at 5 exposures each, 256x128.
 const MEAN: [f64; 9] = [0.0, -7.542, 6.265, 0.229, 0.357, 0.993, 0.619, 0.032, 0.232];
 const SPREAD: [f64; 9] = [1.0, 2.404, 3.169, 0.534, 0.151, 0.032, 1.193, 0.118, 0.092];
 const WEIGHT: [f64; 9] = [1.012, 0.411, -0.149, 0.362, -0.269, -0.008, -0.235, -0.064, 0.082];

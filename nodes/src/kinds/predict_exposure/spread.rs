@@ -21,7 +21,7 @@ pub(super) struct Spread {
     pub solid_angle: Vec<f64>,
     /// Luminance times solid angle of the clipped pixels.
     pub flux: Vec<f64>,
-    /// The same of their whole cells.
+    /// Luminance times solid angle of their whole cells.
     pub cell_flux: Vec<f64>,
 }
 
@@ -34,7 +34,8 @@ pub(super) struct Given {
 }
 
 impl Spread {
-    /// `profile` returns, for a clipped pixel of a region, its gain minus 1 up to a factor per region.
+    /// Collects the clipped pixels of each region. `profile` returns, for a clipped pixel of a region, its gain
+    /// minus 1 up to a factor per region.
     pub fn new(
         image: &LinearPixels,
         mask: &[bool],

@@ -147,7 +147,7 @@ fn rolling_the_panorama_rolls_the_gain() {
     }
 }
 
-/// Also for a panorama finer than the grid, by less than a cell.
+/// The gain rotates with a panorama finer than the grid, even by less than a cell.
 #[test]
 fn turning_by_part_of_a_cell_turns_the_gain() {
     let width = 300;

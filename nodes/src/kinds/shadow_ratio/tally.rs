@@ -18,9 +18,9 @@ pub(super) struct Tally {
     pub(super) samples: u64,
     pub(super) dark: u64,
     pub(super) clipped: u64,
-    /// Those of them in places that objects brighten.
+    /// Number of these samples in places that objects brighten.
     pub(super) shone_on: u64,
-    /// Sums of the clipped ratios' terms: with the objects and without.
+    /// Sums of light over the clipped samples: with the objects and without.
     pub(super) bright: [f64; 2],
     pub(super) broken: u64,
 }
@@ -56,7 +56,7 @@ impl Tally {
             "clipped",
             self.clipped,
             format_args!(
-                "samples ({:.2} %) are brighter with the objects than `s_max` = {s_max} lets through, by more than 1 %: {:.3} times as bright in sum",
+                "samples ({:.2} %) exceed the ratio `s_max` = {s_max} by more than 1 %: with the objects they are {:.3} times as bright in total",
                 share(self.clipped),
                 self.bright[0] / self.bright[1].max(f64::MIN_POSITIVE)
             ),

@@ -143,7 +143,7 @@ fn exposure_does_not_change_the_ratio() {
     row(52, "change of the ratio at 1e-6 and 1e6 of the light", change(1e-6).max(change(1e6)), 1e-6);
 }
 
-/// Such samples are counted, and add no light.
+/// Dark and non-finite samples are counted, and cast no shadow.
 #[test]
 fn dark_and_broken_samples_cast_no_shadow() {
     let r0 = [1.0, 1e-8, f32::NAN, f32::INFINITY, 1.0];
@@ -172,7 +172,7 @@ fn dark_and_broken_samples_cast_no_shadow() {
     }
 }
 
-/// Monotone in each shaping parameter, and the ends are exact.
+/// The shaping is monotone in each parameter, and exact at the ends.
 #[test]
 fn shaping_follows_the_paper() {
     let p = ShadowRatio::default;

@@ -136,7 +136,7 @@ impl Ground {
 fn under_a_shell([reach, under, upper]: [f64; 3]) -> NodeError {
     let side = if under > 0.0 { "above" } else { "below" };
     let text = format!(
-        "no surface within {reach} m of the object's foot faces up: the one {:.2} m {side} it is the underside of a shell, whose \
+        "no surface within {reach} m of the object's foot faces up: the surface {:.2} m {side} it is the underside of a shell, whose \
          upper side is {upper:.2} m above it",
         under.abs()
     );

@@ -8,7 +8,7 @@ use crate::geometry::sampling::hash;
 
 /// Number of planes that are tried, each horizontal or through three points.
 const TRIED: u32 = 400;
-/// With fewer points below the foot itself, they do not determine a level there.
+/// Minimum number of points below the foot itself that determine a level there.
 const FEW: usize = 8;
 
 /// A plane and the number of points on it.

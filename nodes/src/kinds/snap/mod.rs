@@ -63,7 +63,7 @@ engine::outputs! {
 const NEAR: f64 = 0.02;
 /// Splats with an opacity below this are not ground.
 const OPAQUE: f32 = 0.3;
-/// How far ground is searched to report where it is, in metres; the largest `reach_metres`.
+/// Distance within which ground is searched for messages, in metres; the largest `reach_metres`.
 const FAR: f64 = 100.0;
 /// Cosine of the steepest ground.
 const STEEPEST: f64 = 0.7;

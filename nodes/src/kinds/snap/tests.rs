@@ -165,7 +165,8 @@ fn on_curved_ground_objects_stand_on_what_they_touch() {
 }
 
 // On a slope the middle of the foot stands on the ground, however large the foot.
-/// Mutation: level planes alone in `bearing` (seen red).
+/// On a slope the middle of the foot is put on the ground. Mutation: only horizontal planes in `bearing` (seen
+/// red).
 #[test]
 fn slopes_hold_the_middle_of_the_foot() {
     for rise in [-0.9, -0.3, 0.05, 0.2, 0.6] {

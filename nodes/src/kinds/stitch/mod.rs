@@ -102,7 +102,8 @@ impl Source {
         })
     }
 
-    /// Where the view shows `direction`, in pixels, and its weight there; `None` if it does not show it.
+    /// Position in the view of `direction`, in pixels, and its weight there; `None` if the view does not contain
+    /// it.
     #[inline]
     fn place(&self, direction: DVec3) -> Option<([f64; 2], f64)> {
         let z = self.axes[2].dot(direction);

@@ -25,7 +25,7 @@ fn stitched(views: Arc<Views>, width_px: u32) -> Arc<Panorama> {
     Stitch::run(&params, In { views }, &context()).expect("stitches").0.pano
 }
 
-/// For face sizes down to a pixel, with and without a guard band.
+/// Faces of one colour give a constant panorama, for sizes down to a pixel, with and without a guard band.
 #[test]
 fn constant_faces_stay_constant() {
     let mut largest = 0.0_f64;

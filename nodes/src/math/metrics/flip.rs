@@ -266,7 +266,7 @@ struct Kernels {
     edge: Vec<f64>,
     /// Its second derivative: the parts of either sign sum to 1.
     point: Vec<f64>,
-    /// The Gaussian in the perpendicular direction.
+    /// The Gaussian, for the perpendicular direction.
     across: Vec<f64>,
 }
 

@@ -11,7 +11,7 @@ pub struct Conv {
     pub shape: [usize; 4],
     /// The kernel, in the order of `shape`.
     pub weight: Vec<f32>,
-    /// One for each output channel; empty for none.
+    /// One number per output channel; empty without a bias.
     pub bias: Vec<f32>,
     /// Step between outputs, along both axes.
     pub stride: usize,
@@ -106,7 +106,7 @@ mod tests {
     use super::*;
     use crate::testing::context;
 
-    /// The definition, in f64.
+    /// A direct implementation of the definition, in f64.
     fn slow(conv: &Conv, input: &Tensor) -> Vec<f64> {
         let [outputs, inputs, rows, columns] = conv.shape;
         let (height, width) = (conv.output_size(input.height, rows), conv.output_size(input.width, columns));

@@ -34,10 +34,10 @@ impl<'a> Weights<'a> {
             Dtype::F32 => bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),
             Dtype::F16 => bytes.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32()).collect(),
             Dtype::BF16 => bytes.as_chunks().0.iter().map(|b| bf16::from_le_bytes(*b).to_f32()).collect(),
-            other => return Err(wrong(format!("holds {other:?}; F32, F16 and BF16 are read"))),
+            other => return Err(wrong(format!("has the type {other:?}; F32, F16 and BF16 are supported"))),
         };
         if let Some(at) = values.iter().position(|v| !v.is_finite()) {
-            return Err(wrong(format!("holds {} at {at}", values[at])));
+            return Err(wrong(format!("contains {} at {at}", values[at])));
         }
         Ok((view.shape().to_vec(), values))
     }

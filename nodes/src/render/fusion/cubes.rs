@@ -1,4 +1,4 @@
-//! Which cubes hold a surface: those at what enough views see.
+//! The cubes that contain a surface: those with points that enough views see.
 
 use engine::{Context, NodeError};
 use glam::Vec3;
@@ -6,13 +6,13 @@ use glam::Vec3;
 use super::depth_view::{DepthView, EDGE};
 use super::levels::{Cube, Levels, SIDE};
 
-/// Views that must see a surface in a cube.
+/// Minimum number of views that see a surface in a cube.
 const VIEWS: usize = 2;
 
-/// Pixels that count less than this of 255 put no cube anywhere.
+/// Minimum confidence (of 255) of pixels that add cubes.
 const TRUST: u8 = 16;
 
-/// How far around a point cubes are wanted, in cells.
+/// Distance around a point within which cubes are added, in cells.
 const AROUND: f32 = 1.5;
 
 /// Adds the cubes at a point.
@@ -42,7 +42,7 @@ fn add(levels: &Levels, point: Vec3, found: &mut Vec<Cube>) {
     }
 }
 
-/// The cubes at what a view sees.
+/// The cubes at the points that a view sees.
 fn of_view(view: &DepthView, levels: &Levels) -> Vec<Cube> {
     let mut found = Vec::new();
     for y in 0..view.height {
@@ -81,8 +81,8 @@ fn of_view(view: &DepthView, levels: &Levels) -> Vec<Cube> {
     found
 }
 
-/// The cubes at what at least two views see, in order; of those beyond `most` the nearest to the foci. The second is whether
-/// some were left out.
+/// The cubes at points that at least two views see, in order. If there are more than `most`, those nearest to the
+/// foci are kept, and the second value is true.
 pub fn wanted(
     views: &[DepthView],
     levels: &Levels,

@@ -1,4 +1,4 @@
-//! How well a mesh fits what cameras see of the splats.
+//! Measures how well a mesh fits the splats as seen by cameras.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -10,21 +10,21 @@ use crate::types::{Camera, Splats};
 /// Longest side of the picture that is compared, in pixels.
 const SIDE_PX: u32 = 256;
 
-/// How the depths of mesh and splats differ in a view.
+/// Difference of the depths of mesh and splats in a view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fit {
-    /// Half of the pixels differ by less, along the ray, in world units; `None` where there are none.
+    /// Median difference along the ray, in world units; `None` without pixels.
     pub median: Option<f64>,
-    /// 95 of 100 differ by less.
+    /// 95th percentile of the difference.
     pub most: Option<f64>,
-    /// Shares of the pixels where splats within reach are seen and no mesh is, and the other way around.
+    /// Shares of the pixels that show splats within reach but no mesh, and the reverse.
     pub holes: f64,
     pub extra: f64,
     /// Share of the pixels that see the mesh from behind.
     pub backs: f64,
 }
 
-/// A camera of at most [`SIDE_PX`] a side that sees the same.
+/// The camera with at most [`SIDE_PX`] pixels per side and the same view.
 fn small(camera: &Camera) -> Camera {
     let scale = (f64::from(SIDE_PX) / f64::from(camera.width_px.max(camera.height_px))).min(1.0);
     let pixels = |px: u32| ((f64::from(px) * scale).round() as u32).max(1);
@@ -44,7 +44,7 @@ fn small(camera: &Camera) -> Camera {
     }
 }
 
-/// Compares triangles relative to an origin with what a camera sees of the splats up to a distance from `middle`.
+/// Compares triangles, relative to an origin, with the splats in a camera's view, up to a distance from `middle`.
 pub fn fit(
     (splats, blocks): (&Splats, &Blocks),
     (triangles, origin): (&Bvh, DVec3),

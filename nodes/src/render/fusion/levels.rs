@@ -1,15 +1,15 @@
-//! How fine space is divided: cubes of eight cells a side, whose cells double in size with the distance from where objects will
-//! stand.
+//! The subdivision of space: cubes of eight cells per side, whose cells double in size with the distance from the
+//! places where objects will stand.
 
 use glam::Vec3;
 
 /// Cells along the side of a cube.
 pub const SIDE: i32 = 8;
 
-/// How much farther each level reaches than the one before.
+/// Ratio of the reach of a level to that of the one before.
 const GROWTH: f32 = 2.5;
 
-/// Most levels.
+/// Maximum number of levels.
 pub const MOST: usize = 7;
 
 /// A cube of cells: its level, and its place in cubes of that level.
@@ -38,9 +38,9 @@ impl Cube {
 pub struct Levels {
     /// Side of the finest cells, in world units.
     pub cell: f32,
-    /// Where it is finest.
+    /// The foci: points around which cells are finest.
     pub foci: Vec<Vec3>,
-    /// How far each level reaches from the nearest of these, in world units; the last one is the end of the mesh.
+    /// Reach of each level from the nearest focus, in world units; the last one is the end of the mesh.
     pub reach: Vec<f32>,
 }
 
@@ -73,7 +73,7 @@ impl Levels {
         self.distance(low, low + Vec3::splat(side))
     }
 
-    /// Whether the space of this cube is divided into smaller ones.
+    /// True if the space of this cube is divided into smaller cubes.
     pub fn is_split(&self, cube: Cube) -> bool {
         cube.level > 0 && self.distance_to(cube) < self.reach[cube.level as usize - 1]
     }

@@ -1,8 +1,8 @@
-//! Pieces of a surface that hang together, and which of them are too small to be anything.
+//! Connected pieces of a surface, and removal of those that are too small.
 
 use super::surface::Surface;
 
-/// The pieces left out.
+/// Counts of kept and removed pieces.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Pieces {
     /// Pieces that are kept.
@@ -21,7 +21,7 @@ fn root(parents: &mut [u32], mut of: u32) -> u32 {
     of
 }
 
-/// Leaves out pieces of less than an area that is given for each level of their cells, in square world units.
+/// Removes pieces with less than a minimum area, given for each level of cells in square world units.
 pub fn without_small(surface: &mut Surface, least: &dyn Fn(u8) -> f64) -> Pieces {
     let mut parents: Vec<u32> = (0..surface.points.len() as u32).collect();
     for [a, b, c] in &surface.triangles {

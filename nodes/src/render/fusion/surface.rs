@@ -1,6 +1,6 @@
-//! The surface where the field is 0: a point in each cell that it passes through, in the middle of where it crosses edges, and a
-//! quadrangle around each edge (surface nets, Gibson 1998), over cells of several sizes (Ju et al. 2002). Cells that were not seen
-//! whole have none, so the mesh is open there.
+//! The surface where the field is 0: a point in each cell that it passes through, in the middle of where it crosses
+//! edges, and a quadrangle around each edge (surface nets, Gibson 1998), over cells of several sizes (Ju et al.
+//! 2002). Cells that were not completely seen have no point, so the mesh is open there.
 
 use engine::{Context, NodeError};
 use glam::Vec3;
@@ -21,14 +21,15 @@ pub struct Surface {
 struct Crossing {
     /// Numbers of the four cells around it, counter-clockwise seen from its empty end.
     cells: [u32; 4],
-    /// Where.
+    /// Position of the crossing.
     point: Vec3,
 }
 
 /// Cells of a block.
 const CELLS: usize = (SIDE * SIDE * SIDE) as usize;
 
-/// The crossings of the edges of a block that no finer one has, and no earlier one of the same size.
+/// The crossings of the edges that belong to a block: those not shared with a finer block, or with an earlier one
+/// of the same size.
 fn crossings(field: &Field<'_>, index: usize) -> Vec<Crossing> {
     let block = &field.blocks[index];
     let (first, step, side) = (block.cube.corner(), block.cube.step(), SIDE as usize);
@@ -147,7 +148,7 @@ impl Surface {
         Ok(Self { points, levels, triangles })
     }
 
-    /// Leaves out points of no triangle; gives for each point that is left which one it was.
+    /// Removes points without a triangle; returns the former index of each remaining point.
     pub fn compact(&mut self) -> Vec<u32> {
         let mut numbers = vec![u32::MAX; self.points.len()];
         let mut kept = Vec::new();

@@ -1,4 +1,4 @@
-//! The colours of points: the mean of what the views show there.
+//! The colours of points: the mean of the colours that the views show there.
 
 use engine::{Context, NodeError};
 use glam::Vec3;
@@ -15,7 +15,7 @@ pub struct Seen {
     pub colour: [f32; 3],
     /// Views that see it.
     pub views: u16,
-    /// Standard deviation of the distance at which they see it, at a right angle to what they see, in world units.
+    /// Standard deviation of the observed distance, perpendicular to the surface, in world units.
     pub deviation: f32,
 }
 

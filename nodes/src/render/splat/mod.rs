@@ -113,8 +113,7 @@ impl Work {
                 format!("most have an opacity of 0 or below `alpha_cut`, {:.6}", settings.alpha_cut)
             } else if most(self.behind) {
                 format!(
-                    "most lie behind the eye or nearer than `near`, {near} world units: is `near` too large for this scene, or does \
-                     the eye look away from it?"
+                    "most are behind the camera or nearer than `near` ({near} world units): is `near` too large for this scene, or does the camera look away from it?"
                 )
             } else if self.degenerate > self.projected {
                 format!(
@@ -122,7 +121,7 @@ impl Work {
                     self.degenerate
                 )
             } else {
-                "do the eye and the splats share a frame and a scale?".to_owned()
+                "do the camera and the splats use the same frame and scale?".to_owned()
             };
             let text = format!("{} of {splats} splats are seen; {why}", self.projected);
             notes.warning("few-splats-seen", text);

@@ -110,7 +110,7 @@ impl Drawing {
         };
         if compensate != splats.antialiased {
             let text = if compensate {
-                "compensation is on, but the file does not say it was trained so; thin detail may vanish"
+                "compensation is on, but the file does not say that it was trained with it; thin detail may vanish"
             } else {
                 "compensation is off, but the file says it was trained with it"
             };

@@ -5,11 +5,11 @@
 //! | room | what |
 //! |---|---|
 //! | [`picture`] | the pictures of a camera, in tiles, chunks of samples and stored parts |
-//! | [`path`] | paths: what one sample of one pixel finds |
-//! | [`ground`] | what objects rest on, and where the panorama was captured |
+//! | [`path`] | paths: the light of one sample of one pixel |
+//! | [`ground`] | the supports of objects, and the point of capture |
 //! | [`scene`] | the receiver and the objects: geometry, materials, media |
 //! | [`sky`] | the environment as a light, and cones of directions |
-//! | [`bsdf`] | how surfaces scatter light |
+//! | [`bsdf`] | scattering at surfaces |
 
 pub mod bsdf;
 pub mod ground;

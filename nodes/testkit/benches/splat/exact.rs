@@ -1,4 +1,4 @@
-//! Every mode against the float64 references of `splat-refs`, and against our own truth.
+//! Compares every mode with the float64 references of `splat-refs`, and with the exact sum of this renderer.
 
 use nodes::render::splat::{Bounds, Precision, Settings, render};
 

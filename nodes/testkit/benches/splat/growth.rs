@@ -1,4 +1,4 @@
-//! How time grows with the scene, and what a second thread costs and gives.
+//! Measures how time grows with the scene, and the cost and gain of a second thread.
 
 use std::sync::Mutex;
 
@@ -11,7 +11,7 @@ use testkit::{process_seconds, thread_seconds};
 
 use crate::{Bench, millions};
 
-/// Runs of which the least time counts.
+/// Number of runs, of which the shortest counts.
 const RUNS: u32 = 15;
 
 /// The `count` splats nearest to a point, in file order.
@@ -75,10 +75,10 @@ pub fn table(bench: &Bench) {
     }
 }
 
-/// CPU milliseconds of a picture: project, sort, bin, blend, and giving back memory.
+/// CPU milliseconds of a picture: project, sort, bin, blend, and freeing memory.
 #[derive(Clone, Copy)]
 struct Run {
-    /// Times of the thread that draws, and of all.
+    /// Times of the drawing thread, and of all threads.
     stages: [[f64; 2]; 5],
 }
 

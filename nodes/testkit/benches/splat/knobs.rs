@@ -7,7 +7,7 @@ use testkit::psnr;
 
 use crate::{Bench, millions, timed};
 
-/// Half the size, shown at the full one by interpolation between pixel centres.
+/// Renders at half the size, enlarged to the full size by interpolation between pixel centres.
 fn at_half(scene: &Splats, camera: &Camera, settings: Settings, bench: &Bench) -> Rendered {
     let half = Camera {
         width_px: camera.width_px / 2,

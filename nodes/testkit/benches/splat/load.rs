@@ -37,7 +37,7 @@ fn file() -> Vec<u8> {
     bytes
 }
 
-/// The least CPU and wall seconds of several runs.
+/// The shortest CPU and wall time of several runs, in seconds.
 fn least(mut work: impl FnMut()) -> [f64; 2] {
     let mut best = [f64::INFINITY; 2];
     for _ in 0..RUNS {
@@ -48,7 +48,7 @@ fn least(mut work: impl FnMut()) -> [f64; 2] {
     best
 }
 
-/// A folder with the file, and how to load it from there.
+/// A folder with the file, and a function that loads it.
 pub fn million() -> (tempfile::TempDir, impl Fn() -> Arc<Splats>) {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("scene.ply"), file()).unwrap();

@@ -86,7 +86,7 @@ fn cloud() -> Splats {
     }
 }
 
-/// A 640x480 view along -y, turned off the axes where its name says so.
+/// A 640x480 view along -y, rotated off the axes if its name says so.
 fn before_the_cloud(name: &str) -> Camera {
     let tilted = DVec3::new(-0.121_572, -0.990_128, -0.069_756);
     let forward = if name.contains("tilted") { tilted.normalize() } else { DVec3::NEG_Y };
@@ -106,7 +106,7 @@ fn before_the_cloud(name: &str) -> Camera {
     }
 }
 
-/// A camera's transform, of its axes and where it stands.
+/// The transform of a camera from its axes and position.
 fn look(right: DVec3, down: DVec3, forward: DVec3, eye: DVec3) -> [f64; 16] {
     let columns = [right.extend(0.0), down.extend(0.0), forward.extend(0.0), eye.extend(1.0)];
     glam::DMat4::from_cols(columns[0], columns[1], columns[2], columns[3]).to_cols_array()
@@ -150,7 +150,7 @@ fn origin() -> String {
     )
 }
 
-/// A name, and what prints it.
+/// The name of a section, and the function that prints it.
 type Section = (&'static str, fn(&Bench));
 
 fn main() {

@@ -14,7 +14,8 @@ use nodes::types::{Pose, Rig};
 
 use crate::{Bench, EYE, load};
 
-/// With it the allocator of the C library gives back what is freed: what it keeps would hide a peak.
+/// An environment variable that makes the allocator of the C library return freed memory at once, since kept memory
+/// would hide a peak.
 const GIVE_BACK: (&str, &str) = ("MALLOC_MMAP_THRESHOLD_", "65536");
 
 /// A value of `/proc/self/status`, in MiB.
@@ -24,7 +25,7 @@ fn status(name: &str) -> f64 {
     line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
 }
 
-/// The most that is held while `work` runs beyond what is held before it, in MiB.
+/// The peak memory while `work` runs, minus the memory before it, in MiB.
 fn peak<T>(work: impl FnOnce() -> T) -> f64 {
     // 5 forgets the peak so far (proc(5)).
     std::fs::write("/proc/self/clear_refs", "5").unwrap();

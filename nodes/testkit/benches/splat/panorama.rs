@@ -1,4 +1,5 @@
-//! Both ways to a panorama against a float64 one of narrow cameras, three samples per pixel each way.
+//! Compares both ways to a panorama with a float64 panorama from narrow cameras, with three samples per pixel along
+//! each axis.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -56,7 +57,7 @@ fn direct(scene: &Arc<Splats>, supersample: u32, precision: Precision, bench: &B
     SplatPanorama::run(&params, input, &bench.cx).unwrap().0.pano
 }
 
-/// 16 by 8 cameras, each over 22.5 degrees of both angles and a margin.
+/// A rig of 16 by 8 cameras, each covering 22.5 degrees in both directions and a margin.
 fn narrow() -> Arc<Rig> {
     let focal = 3.0 * WIDTH as f64 / (2.0 * PI);
     let size = (2.0 * focal * num::f64::tan(18.5_f64.to_radians())).ceil();
@@ -100,8 +101,8 @@ fn square(x: f64) -> f64 {
     x * x
 }
 
-/// Change of the error across the borders of a rig's faces, against that between other neighbours in a
-/// row: 1 where no seam shows.
+/// Change of the error across the borders of a rig's faces, relative to that between other neighbours in a row: 1
+/// means that there is no seam.
 fn seam(seen: &[f32], truth: &[f32], rig: &Rig) -> f64 {
     let face = |x: usize, y: usize| {
         let d = equirect::direction(
@@ -128,7 +129,7 @@ fn seam(seen: &[f32], truth: &[f32], rig: &Rig) -> f64 {
     (sums[1][0] / sums[1][1] / (sums[0][0] / sums[0][1])).sqrt()
 }
 
-/// The same across the wrap, of columns `WIDTH - 1` and 0.
+/// The same ratio across the wrap-around, between columns `WIDTH - 1` and 0.
 fn wrap(seen: &[f32], truth: &[f32]) -> f64 {
     let mut sums = [[0.0_f64; 2]; 2];
     for y in 0..WIDTH / 2 {
@@ -188,7 +189,7 @@ pub fn table(bench: &Bench) {
     }
 }
 
-/// A PNG for the eye, where `SPLAT_TABLES_OUT` names a folder.
+/// Writes a PNG to look at, if `SPLAT_TABLES_OUT` names a folder.
 fn save(name: &str, samples: &[f32]) {
     let Some(folder) = std::env::var_os("SPLAT_TABLES_OUT") else { return };
     let name = name.replace([' ', ','], "_");

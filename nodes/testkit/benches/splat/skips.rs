@@ -11,7 +11,7 @@ use engine::{Kind, Up};
 
 use crate::{Bench, EYE, timed};
 
-/// Runs of which the least time counts.
+/// Number of runs, of which the shortest counts.
 const RUNS: usize = 9;
 
 pub fn table(bench: &Bench) {
@@ -71,7 +71,7 @@ fn faces(bench: &Bench, at: glam::DVec3) -> Vec<Camera> {
     out.rig.cameras.clone()
 }
 
-/// In an order that says nothing of where the splats are.
+/// Shuffles the splats, so that their order does not depend on their positions.
 fn shuffle(splats: &mut Splats) {
     let mut state = 1_u64;
     let width = splats.sh_len();

@@ -1,5 +1,5 @@
 //! CPU time of a view on one thread, stage by stage, for every instruction set of this machine, and the rate of the
-//! blend's own arithmetic on one tile that stays in the first cache.
+//! blending arithmetic alone, on one tile that stays in the L1 cache.
 
 use fearless_simd::Level;
 use nodes::render::splat::{Clock, Rendered, Settings, calibrate, render_at};
@@ -8,7 +8,7 @@ use testkit::thread_seconds;
 
 use crate::{Bench, millions};
 
-/// Runs of which the least time counts: others share the machine.
+/// Number of runs, of which the shortest counts, since other load shares the machine.
 const RUNS: usize = 9;
 
 fn levels() -> Vec<(&'static str, Level)> {

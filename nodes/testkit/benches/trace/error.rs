@@ -1,4 +1,4 @@
-//! Error of each output against samples and seconds.
+//! Error of each output by samples and seconds.
 
 use nodes::kinds::path_trace::surroundings::Surroundings;
 use testkit::{Case, Data, Traced, block_scores, relative_mse, rgb};
@@ -15,13 +15,13 @@ fn ratio_error(r0: &[f32], r1: &[f32], b0: &[f32], b1: &[f32]) -> f64 {
     (sum / f64::max(n, 1.0)).sqrt()
 }
 
-/// Samples of the rows of a table, and of what they are compared with.
+/// Numbers of samples of the rows of a table, and of their reference.
 struct Effort {
     rows: &'static [u32],
     reference: u32,
 }
 const WHOLE: Effort = Effort { rows: &[4, 8, 16, 64], reference: 256 };
-/// To see whether it runs.
+/// A small amount, to check that the benchmark runs.
 const SMALL: Effort = Effort { rows: &[4], reference: 8 };
 
 /// Prints the table of the open scene, or only tries it.

@@ -1,4 +1,5 @@
-//! One round of what `tests/tables/peers.py` compares with other programs: seconds as a line of JSON, pictures as files.
+//! One round of the comparison of `tests/tables/peers.py` with other programs: prints seconds as a line of JSON and
+//! writes pictures to files.
 
 use std::path::Path;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Error of the ratio S = with / without against seconds, as traced and denoised.
+//! Error of the ratio S = with / without by seconds, as traced and denoised.
 
 use std::collections::BTreeMap;
 
@@ -6,11 +6,11 @@ use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::types::Images;
 use testkit::{Case, Data, Traced, denoised, relative_mse, rgb};
 
-/// Seeds that errors are taken over; of seconds the median.
+/// Number of seeds. Errors are means over them, seconds are medians.
 const SEEDS: u64 = 3;
 
-/// Root mean square errors of S, at most 1: of pixels that the object does not cover, and of those that it covers
-/// in part.
+/// Root mean square errors of S, at most 1: over pixels that the object does not cover, and over those that it
+/// covers in part.
 fn errors(alpha: &Images, [r0, r1]: [&Images; 2], [b0, b1]: &[Vec<f32>; 2]) -> [f64; 2] {
     let (r0, r1, alpha) = (rgb(r0), rgb(r1), alpha.0[0].picture.samples());
     let (mut sums, mut counts) = ([0.0; 2], [0.0; 2]);

@@ -9,11 +9,11 @@ use nodes::geometry::bvh::{Bvh, Ray};
 use nodes::geometry::sampling::{Points, circle};
 use testkit::{Case, Data, thread_seconds};
 
-/// Rays of a set.
+/// Number of rays in a set.
 const RAYS: u32 = 196_608;
-/// How often a set is followed between two looks at the clock: a tenth of a second and more.
+/// Number of passes over a set per time measurement, which then takes at least a tenth of a second.
 const PASSES: usize = 4;
-/// Turns that ours and Embree take.
+/// Number of alternating rounds of this tracer and Embree.
 const ROUNDS: usize = 7;
 
 fn helmet(data: &Data) -> Vec<[Vec3; 3]> {
@@ -25,7 +25,7 @@ fn helmet(data: &Data) -> Vec<[Vec3; 3]> {
     corners.collect()
 }
 
-/// Rays of a pinhole at `eye` that looks along -z, and rays without order.
+/// Rays of a pinhole camera at `eye` that looks along -z, and incoherent rays.
 fn rays(eye: Vec3, tangent: f32, origins: impl Fn(Points) -> Vec3) -> [Vec<Ray>; 2] {
     let (width, height) = (512, RAYS / 512);
     let coherent = (0..RAYS).map(|i| {
@@ -43,7 +43,7 @@ fn rays(eye: Vec3, tangent: f32, origins: impl Fn(Points) -> Vec3) -> [Vec<Ray>;
     [coherent.collect(), random.collect()]
 }
 
-/// CPU seconds of all rays of a set, [`PASSES`] times: closest and any, and hits.
+/// CPU seconds of [`PASSES`] passes over a set, for closest hits and for any hit, and the number of hits.
 fn pass(bvh: &Bvh, rays: &[Ray]) -> ([f64; 2], usize) {
     let start = thread_seconds();
     let mut hits = [0; 2];
@@ -64,7 +64,7 @@ fn write(path: &Path, vectors: impl Iterator<Item = Vec3>) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Embree on the same triangles and rays, as a program of its own that waits for a set to be named.
+/// Embree on the same triangles and rays: a separate process that waits for the name of a set.
 struct Embree {
     program: Child,
     folder: PathBuf,
@@ -73,7 +73,7 @@ struct Embree {
 }
 
 impl Embree {
-    /// None unless a C++ compiler and Embree 3 are installed.
+    /// Compiles and starts the process; `None` unless a C++ compiler and Embree 3 are installed.
     fn start(triangles: &[[Vec3; 3]], sets: &[Vec<Ray>; 2]) -> Option<Self> {
         let folder = std::env::temp_dir().join(format!("lightharmony-rays-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
@@ -97,7 +97,7 @@ impl Embree {
         Some(Self { program, folder, said })
     }
 
-    /// The numbers of its next line.
+    /// The numbers in the next line of its output.
     fn numbers(&mut self) -> Vec<f64> {
         let line = self.said.next().expect("a line").unwrap();
         line.split(' ').map(|word| word.parse().unwrap()).collect()
@@ -117,7 +117,7 @@ impl Embree {
     }
 }
 
-/// Least, median and most.
+/// Minimum, median and maximum.
 fn spread(mut list: Vec<f64>) -> [f64; 3] {
     list.sort_by(f64::total_cmp);
     [list[0], list[list.len() / 2], list[list.len() - 1]]

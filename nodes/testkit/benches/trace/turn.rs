@@ -1,5 +1,5 @@
-//! Cost of a turn of the object at two samples, repeated: seconds, and a digest of the pictures, so that changes of
-//! speed alone are distinguished from changes of the light.
+//! Cost of rotating the object at two samples, repeated: prints the seconds and a digest of the pictures, which
+//! shows whether only the speed has changed.
 
 use nodes::kinds::path_trace::surroundings::Surroundings;
 use testkit::{Case, Data, denoised};

@@ -29,7 +29,7 @@ fn off(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).fold(0.0, |m, (a, b)| m.max((a - b).abs()))
 }
 
-/// Angle between the axes of two Gaussians, in degrees: a half turn about an axis of its own changes none.
+/// Angle between two Gaussians, in degrees; half turns about an axis of the Gaussian do not count.
 fn turned(a: [f32; 4], [w, x, y, z]: [f32; 4]) -> f64 {
     let same = [[w, x, y, z], [-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]];
     let dot = |b: [f32; 4]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(b)).sum::<f64>().abs();

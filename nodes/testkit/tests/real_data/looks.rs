@@ -1,4 +1,4 @@
-//! Objects in their own materials.
+//! Renders of objects with their own materials.
 
 use std::sync::Arc;
 

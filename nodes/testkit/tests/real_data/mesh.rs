@@ -14,7 +14,7 @@ use nodes::types::{Camera, Mesh, Pose, Rig, Splats};
 use super::data;
 use super::splat::load;
 
-/// Where the object of the bench case stands.
+/// Position of the object of the bench case.
 const FOOT: DVec3 = DVec3::new(0.4, 0.3, 0.0);
 
 fn views() -> Arc<Rig> {
@@ -27,7 +27,7 @@ fn truth(view: &str) -> Vec<f32> {
     nodes::io::exr::read(view, &bytes).unwrap().find("Z").unwrap().to_vec()
 }
 
-/// Numbers of a normal distribution, the same on every machine.
+/// Normally distributed random numbers, the same on every machine.
 struct Normal(u64);
 
 impl Normal {
@@ -55,8 +55,8 @@ impl Normal {
     }
 }
 
-/// Splats as a training leaves them: normals turned by N(0, tilt), centres moved by N(0, jitter) along the normal and half
-/// of that across, axes times exp N(0, 0.35), opacities of Beta(4, 1.2).
+/// Splats with the errors of a training: normals rotated by N(0, tilt), centres moved by N(0, jitter) along the
+/// normal and half of that across, axes times exp N(0, 0.35), opacities of Beta(4, 1.2).
 fn degraded(splats: &Splats, tilt_deg: f64, jitter: f64) -> Splats {
     let (mut random, mut out) = (Normal(12_345), splats.clone());
     out.means_low.clear();
@@ -84,12 +84,13 @@ fn degraded(splats: &Splats, tilt_deg: f64, jitter: f64) -> Splats {
     out
 }
 
-/// How far a mesh is off the truth in a view.
+/// Deviation of a mesh from the ground truth in a view.
 struct Score {
-    /// Millimetres along the ray within 1 m of the foot: half of the pixels are off by less, and nine of ten.
+    /// Deviation along the ray within 1 m of the foot, in millimetres: median and 90th percentile.
     median: f64,
     most: f64,
-    /// Percent of the pixels of the picture where the truth has a surface and the mesh has none, and where it shows its back.
+    /// Percent of the pixels where the ground truth has a surface and the mesh has none, and where the mesh shows
+    /// its back.
     holes: f64,
     backs: f64,
 }

@@ -107,7 +107,8 @@ fn relative_mse_agrees_on_linear_light() {
     }
 }
 
-/// `score-env` on the same pictures taken for panorama and truth: its error over the mean of the truth, by solid angle.
+/// Compares the panorama error of `score-env` (relative to the mean of the truth, by solid angle) with the
+/// reference on the same pictures.
 #[test]
 fn panoramas_are_weighed_as_the_reference_does() {
     for (name, wanted) in refs()["hdr"].as_object().unwrap() {

@@ -156,7 +156,7 @@ fn the_ratio_raw_and_denoised_is_within_its_bars() {
     }
 }
 
-/// Ten million triangles: all in one place, and a rough ground.
+/// Builds and traces ten million triangles: all in one place, and as rough ground.
 /// Mutation: `most_in_one_place` of 0 in `Bvh::build`.
 #[test]
 fn ten_million_triangles_are_built_and_met() {

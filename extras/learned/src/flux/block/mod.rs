@@ -11,9 +11,9 @@ use super::norm::{modulated, root_mean_square};
 use super::rope::Rotations;
 use super::watch::Watch;
 
-/// A block's view of everything that all blocks share.
+/// The inputs that all blocks share.
 pub struct Shared<'a> {
-    /// silu of the embedding of time, guidance and text: 1 x hidden.
+    /// Conditioning vector: silu of the embedding of time, guidance and text, 1 x hidden.
     pub mood: Tensor,
     /// Rotations of all tokens, text first.
     pub rotations: &'a Rotations,
@@ -21,7 +21,7 @@ pub struct Shared<'a> {
     pub head: usize,
 }
 
-/// `count` vectors of equal length, which a layer makes of the mood.
+/// The `N` vectors of equal length that a layer computes from the conditioning vector.
 pub(crate) fn modulation<const N: usize>(layer: &Linear, mood: &Tensor) -> Result<[Tensor; N]> {
     let all = layer.forward(mood)?;
     let width = all.dim(1)? / N;
@@ -46,7 +46,7 @@ impl HeadNorm {
         })
     }
 
-    /// tokens x 3 hidden to queries, keys and values of heads x tokens x head.
+    /// Splits tokens x (3 * hidden) into queries, keys and values, each heads x tokens x head.
     fn split(&self, qkv: &Tensor, head: usize) -> Result<[Tensor; 3]> {
         let (tokens, width) = qkv.dims2()?;
         let apart = qkv.reshape((tokens, 3, width / 3 / head, head))?.permute((1, 2, 0, 3))?.contiguous()?;
@@ -179,7 +179,7 @@ impl Single {
     }
 }
 
-/// silu in f32, in the type of the input.
+/// silu, computed in f32 and returned in the type of the input.
 pub(crate) fn silu(x: &Tensor) -> Result<Tensor> {
     Ok(x.to_dtype(DType::F32)?.silu()?.to_dtype(x.dtype())?)
 }

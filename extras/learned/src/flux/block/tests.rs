@@ -11,7 +11,7 @@ const HEAD: usize = 128;
 const HIDDEN: usize = HEADS * HEAD;
 const MLP: usize = 512;
 const AXES: [usize; 3] = [16, 56, 56];
-/// Two tokens of text; then of the picture that is made and of the other, as far from each other as at 1440 x 720.
+/// Two tokens of text, then tokens of the new and of the original picture, as far from each other as at 1440 x 720.
 const PLACES: [[f32; 3]; 7] =
     [[0.0; 3], [0.0; 3], [0.0; 3], [0.0, 44.0, 1.0], [0.0, 3.0, 89.0], [1.0, 44.0, 89.0], [1.0, 0.0, 45.0]];
 const TEXTS: usize = 2;
@@ -33,7 +33,7 @@ fn vector(row: &[f64]) -> Tensor {
     Tensor::new(row.iter().map(|v| *v as f32).collect::<Vec<_>>(), &Device::Cpu).expect("is a vector")
 }
 
-/// A layer, and the same in f64.
+/// A layer and its copy in f64.
 struct Layer {
     weight: Rows,
     bias: Vec<f64>,

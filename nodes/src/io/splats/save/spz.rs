@@ -1,6 +1,6 @@
 //! SPZ (nianticlabs/spz): version 3, one gzip stream, which every reader of the format supports, or version 4, a
-//! Zstandard stream per attribute, which decompresses in parallel and is the only one with harmonics of degree 4.
-//! Harmonics keep 8 bits, where the reference rounds to 5 and 4.
+//! Zstandard stream per attribute, which decompresses in parallel and is the only version with harmonics of degree
+//! 4. Harmonics are stored with 8 bits; the reference rounds them to 5 and 4 bits.
 
 use std::io::Write;
 
@@ -224,12 +224,12 @@ fn streams_apart(
 }
 
 /// Largest difference by which another component may exceed the omitted one: rounding three components by half a
-/// step of 0.0014 has this effect on four equal ones, with a margin.
+/// step of 0.0014 can cause this difference among four equal ones, with a margin.
 const AS_LARGE: f32 = 0.004;
 
-/// The bits of a rotation. Among components that are practically equal to the largest, the one is omitted with
-/// which the decoded rotation is nearest: for a file that was read, the one that it had omitted, so that it is
-/// written unchanged.
+/// The bits of a rotation. If several components are practically equal to the largest, the one is omitted that
+/// makes the decoded rotation most accurate. For a rotation that was read from a file, this is the one that the
+/// file had omitted, so it is written unchanged.
 pub(super) fn rotation(quat: [f32; 4]) -> u32 {
     let [w, x, y, z] = quat;
     let parts = [x, y, z, w];

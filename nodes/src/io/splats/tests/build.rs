@@ -65,7 +65,8 @@ pub struct Packed {
     pub rest: Vec<u8>,
 }
 
-/// Centres from -1 to 2, 10 further on with each chunk, scales e^-6 to 1, colours -0.5 to 1.5.
+/// A compressed PLY with centres from -1 to 2 (shifted by 10 for each chunk), scales from e^-6 to 1, and colours
+/// from -0.5 to 1.5.
 pub fn compressed_ply(rows: &[Packed], degree: u32) -> Vec<u8> {
     let chunks = rows.len().div_ceil(256);
     let mut out =
@@ -128,7 +129,7 @@ pub fn harmonic(i: usize, channel: usize) -> f32 {
     ((i * 5 + channel * 11) % 32) as f32 / 16.0 - 1.0
 }
 
-/// Five splats: a full bucket of two, then partial ones of one and two.
+/// A `.ksplat` of five splats: a full bucket of two, then partial ones of one and two.
 pub fn ksplat(level: usize, degree: usize) -> Vec<u8> {
     let mut head = vec![0_u8; 4096 + 1024];
     let mut put = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);

@@ -1,5 +1,5 @@
-//! Every small file truncated at every position and with every byte changed: an error or a scene, without a panic
-//! or non-finite values.
+//! Truncates every small file at every position and changes every byte: the result is an error or a scene, never a
+//! panic or a non-finite value.
 
 use super::*;
 
@@ -139,7 +139,8 @@ impl Damage {
         self.next() % end.max(1)
     }
 
-    /// One to eight changes: bits, bytes, numbers that may overflow, pieces duplicated, moved and removed.
+    /// Makes one to eight changes: bits, bytes, numbers that may overflow, and pieces that are duplicated, moved or
+    /// removed.
     fn apply(&mut self, bytes: &mut Vec<u8>) {
         for _ in 0..=self.below(8) {
             // Headers are short compared with the data: half of the changes are in the first 256 bytes.
@@ -171,7 +172,8 @@ impl Damage {
     }
 }
 
-/// Compressed files are damaged before compression, since the checksum would catch later damage.
+/// A damaged file of each format. Compressed files are damaged before compression, since the checksum would detect
+/// later damage.
 fn damaged(name: &str, bytes: &[u8], damage: &mut Damage) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     match name {

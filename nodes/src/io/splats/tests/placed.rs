@@ -1,4 +1,4 @@
-//! glTF, and the frames of the formats that have one.
+//! glTF, and the frames of the formats that define one.
 
 use engine::Scene;
 

@@ -2,7 +2,7 @@
 //!
 //! The inputs are those that worked best of several on `render-refs` (`docs/evidence/light-transport.md`): the
 //! ratio as a picture of its own without guides, since it has no texture and the guides have edges that the ratio
-//! has not; the object premultiplied, with its normals and with its alpha in place of an albedo.
+//! lacks; the object premultiplied, with its normals and with its alpha in place of an albedo.
 
 use std::sync::OnceLock;
 
@@ -48,7 +48,8 @@ pub(in super::super) fn tell(notes: &mut Notes) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Memory of the library for two pictures at once: 0.6 kB per pixel of each were measured, up to a bound.
+/// Memory of the library for two pictures at once: about 0.6 kB per pixel of each picture, as measured, up to a
+/// limit.
 pub(in super::super) fn bytes(pixels: usize) -> u64 {
     2 * (pixels as u64 * 640).min(oidn::MEMORY_BYTES) + pixels as u64 * 60
 }

@@ -7,7 +7,7 @@ fn until(error: f64, samples: u32) -> PathTrace {
     PathTrace { max_error: Some(error), ..params(samples, Surroundings::OPEN) }
 }
 
-/// The scene of [`shadowed`] seen from so far that most of it is not in the shadow.
+/// The scene of [`shadowed`] from so far away that most of the view is outside the shadow.
 fn far(size: u32) -> (Mesh, Vec<Arc<Placed>>, Arc<Rig>) {
     let (plane, objects, _) = shadowed();
     (plane, objects, rig(DVec3::new(0.0, -4.0, 2.5), DVec3::new(0.0, 0.0, 0.2), size, 2.0))
@@ -96,7 +96,7 @@ fn the_error_asked_for_is_reached() {
     assert!(rays < 8 * sixteenth, "{rays} {sixteenth}");
 }
 
-/// Renders with other seeds, and for each a value per pixel and its reported variance.
+/// Renders with several seeds: for each, the value of every pixel and its reported variance.
 fn seeds(p: &PathTrace, n: u64, layer: usize) -> Vec<Vec<[f64; 2]>> {
     let (plane, objects, rig) = shadowed();
     let render = |seed| {
@@ -139,7 +139,7 @@ fn variance_is_that_of_many_seeds() {
     }
 }
 
-/// Shares of pixels of some noise that lie two and three of their standard errors or more from another render.
+/// The shares of noisy pixels that differ from another render by at least two and three standard errors.
 fn beyond(a: &[[f64; 2]], b: &[[f64; 2]]) -> ([f64; 2], f64) {
     let pairs = a.iter().zip(b).filter(|([_, v], [_, w])| v + w > 0.0);
     let z: Vec<f64> = pairs.map(|([a, v], [b, w])| (a - b).abs() / (v + w).sqrt()).collect();
@@ -182,8 +182,8 @@ fn intervals_cover_where_samples_are_adapted() {
     assert!((bias / all).abs() < 2e-3, "{}", bias / all);
 }
 
-/// Where the error is not reached, the note states the samples that would reach it: errors fall with the square
-/// root.
+/// If the error is not reached, the note states the number of samples that would reach it, since errors fall with
+/// the square root.
 #[test]
 fn what_would_reach_the_error_is_reported() {
     use crate::kinds::path_trace::reporting::report_plan;

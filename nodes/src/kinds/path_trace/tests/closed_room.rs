@@ -1,10 +1,10 @@
-//! Objects whose foot lies under the floor of a closed room, within what its mesh may be wrong: the room lets in what it
-//! lets in for one that stands on the floor.
+//! Objects whose foot is below the floor of a closed room, within the error of its mesh: the room lets in the same
+//! light as for an object that stands on the floor.
 
 use super::materials::clear;
 use super::*;
 
-/// Heights of the base of a cube over the floor: sunk, a little sunk, on it, a little over it.
+/// Heights of the base of a cube above the floor: below it, slightly below, on it, and slightly above.
 const HEIGHTS: [f64; 4] = [-0.01, -0.001, 0.0, 0.001];
 
 fn cube(material: &Material, z: f64) -> [Arc<Placed>; 1] {
@@ -20,7 +20,7 @@ fn told(surroundings: Surroundings) -> PathTrace {
     PathTrace { contact_metres: Some(0.02), ..params(64, surroundings) }
 }
 
-/// No light gets into a room without openings, on the floor or on what stands on it.
+/// No light reaches the floor of a room without openings, or an object on it.
 /// Mutation: `over` left out of `Integrator::surface` (seen red).
 #[test]
 fn no_light_gets_in_under_a_foot() {
@@ -37,7 +37,7 @@ fn no_light_gets_in_under_a_foot() {
     }
 }
 
-/// Under a bright ceiling a foot has the light that it has a millimetre over the floor.
+/// Under a bright ceiling, the foot of an object is lit as it is a millimetre above the floor.
 /// Mutation: `over` left out of `Integrator::surface` (seen red: 10 % off).
 #[test]
 fn a_sunk_foot_is_lit_like_one_on_the_floor() {
@@ -101,8 +101,9 @@ fn what_is_beyond_the_walls_takes_no_light() {
     assert!(told.starts_with("Room") && furnished[0] < 0.95 * alone[0], "{told}: {furnished:?}");
 }
 
-/// An object behind a wall, in the next room, changes nothing in this one: the light of the wall starts there.
-/// Mutation: in `sky_transmittance` return `all`; `before_the_light` give back what it is given (each seen red).
+/// An object behind a wall, in the next room, changes nothing in this one: the light of the panorama starts at the
+/// wall. Mutation: in `sky_transmittance` return `all`; `before_the_light` give back what it is given (each seen
+/// red).
 #[test]
 fn objects_behind_a_wall_change_nothing() {
     let mut env = sunny();
@@ -132,9 +133,9 @@ fn objects_behind_a_wall_change_nothing() {
     }
 }
 
-/// On a mesh that lies too low, and within what it may be wrong, a lamp lights what the camera sees of the ground as on a
-/// mesh that is right; none of its light comes out from under a box of which the bottom alone shines.
-/// Mutation: `lift` left out of `sample_emitters` (seen red: 4 % too bright).
+/// If a mesh is too low, but within its error, a lamp lights the visible ground as on a correct mesh, and no light
+/// escapes from under a box that emits only at its bottom. Mutation: `lift` left out of `sample_emitters` (seen
+/// red: 4 % too bright).
 #[test]
 fn lamps_light_the_ground_where_the_camera_sees_it() {
     let lamp = Material { emissive: [3.0; 3], ..matte(0.0) };
@@ -179,8 +180,8 @@ fn lamps_light_the_ground_where_the_camera_sees_it() {
     }
 }
 
-/// A rug right on the floor stays there with a box on it, however far up other things are.
-/// Mutation: `lifted` left out of the reach of `Touching` (seen red: the rug was gone).
+/// A rug exactly on the floor stays visible with a box on it, however high other objects are. Mutation: `lifted`
+/// left out of the reach of `Touching` (seen red: the rug vanished).
 #[test]
 fn a_rug_under_a_box_stays_in_front_of_the_floor() {
     let red = Material { base_colour: [0.9, 0.05, 0.05, 1.0], ..matte(0.5) };

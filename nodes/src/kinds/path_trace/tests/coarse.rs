@@ -1,4 +1,4 @@
-//! One pixel for a block: what a preview traces.
+//! One pixel per block, as previews trace it.
 
 use super::*;
 

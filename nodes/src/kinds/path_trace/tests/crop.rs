@@ -1,10 +1,10 @@
-//! Cropping of tiles that objects are too far from.
+//! Cropping of tiles that are too far from the objects.
 
 use super::*;
 use crate::geometry::sampling::{hash, unit};
 use crate::types::Image;
 
-/// A place seen from afar.
+/// A place seen from far away.
 struct Afar {
     receiver: Mesh,
     object: Arc<Placed>,
@@ -43,8 +43,8 @@ impl Afar {
     }
 }
 
-/// Where nothing is asked, and only there, S is 1 bit for bit, and what was left out is within the bound: the mean of what
-/// more samples find there, over tiles, for their noise.
+/// Exactly where tiles are cropped, S is 1 bit for bit. The omitted change is within the bound; it is measured with
+/// more samples, as the mean over tiles because of noise.
 #[test]
 fn what_is_left_out_is_within_the_bound() {
     let dark = Mesh { colours: vec![[0.02, 0.05, 0.4]; 4], ..plane(40.0) };
@@ -116,7 +116,7 @@ fn nothing_is_left_out_that_no_bound_is_known_of() {
     assert!(scene.trace(0.004, true).told.is_some());
 }
 
-/// Made-up scenes that try to throw more light somewhere than the bound allows: mirrors, lenses, brushed and coated things,
+/// Synthetic scenes that try to exceed the bound: mirrors, lenses, brushed and coated things,
 /// near and far, standing, hovering and below the floor, over floors and steps, under skies of strong contrast.
 #[test]
 fn no_scene_changes_more_than_the_bound() {
@@ -176,8 +176,7 @@ fn no_scene_changes_more_than_the_bound() {
     assert!(left_out > 40, "{left_out} tiles");
 }
 
-/// An object far from all visible surfaces costs no ray in addition to those that may see it, to the side or
-/// overhead.
+/// An object far from all visible surfaces, to the side or overhead, costs only the camera rays that may see it.
 #[test]
 fn no_ray_asks_an_object_that_is_far_from_all() {
     for (at, env) in
@@ -193,8 +192,8 @@ fn no_ray_asks_an_object_that_is_far_from_all() {
     }
 }
 
-/// Where the receiver is the light: an object high over rough ground, or far aside, costs hardly a ray of `with`, and one
-/// near over an even floor is left out where it is far from.
+/// If the receiver is the light, an object high above rough ground or far to the side costs hardly any ray of
+/// `with`; for one close above an even floor, distant tiles are cropped.
 #[test]
 fn near_light_is_not_asked_for_what_is_far() {
     let rough = || {

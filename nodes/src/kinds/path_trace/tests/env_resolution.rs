@@ -1,9 +1,9 @@
-//! How many columns suffice, and that they do.
+//! The number of columns that suffice for an environment, and a test that they do.
 
 use super::*;
 use crate::light::env_resolution::EnvResolution;
 
-/// A blue sky over brown ground with a disc of light of a width in degrees, 40 degrees up.
+/// A blue sky over brown ground with a disc of light of the given width in degrees, at an elevation of 40 degrees.
 fn lit(width: usize, disc_deg: f64) -> Environment {
     let mut environment = constant(Up::PlusZ, [0.0; 3], width);
     let (sin, cos) = crate::math::num::sin_cos_deg(40.0);
@@ -24,7 +24,7 @@ fn lit(width: usize, disc_deg: f64) -> Environment {
     environment
 }
 
-/// With fewer columns, each the mean of those that it stands for.
+/// The environment with half as many columns, each the mean of two.
 fn halved(environment: &Environment) -> Environment {
     let (width, height) = (environment.image.width / 2, environment.image.height / 2);
     let mut half = constant(environment.up, [0.0; 3], width);
@@ -67,7 +67,7 @@ fn smooth_surfaces_and_small_lights_ask_for_more() {
     );
 }
 
-/// A sun in an aureole asks for as much as nearly the sun alone: the light is where its power is.
+/// A sun with an aureole needs nearly the same resolution as the sun alone, since most of the power is in the sun.
 #[test]
 fn an_aureole_does_not_widen_the_sun() {
     let columns = |halo: f32| {

@@ -1,4 +1,4 @@
-//! The ends of the range: rows of the table of extremes.
+//! Tests at the ends of the parameter ranges, as listed in `docs/evidence/extremes.md`.
 
 use super::*;
 use crate::testing::row;
@@ -28,7 +28,8 @@ fn furnace_holds_in_the_scene() {
     }
 }
 
-/// However it is posed: mirrored, with two axes swapped, sheared, mirrored and sheared, flattened to a hundredth.
+/// A white body is white in every pose: mirrored, with two axes swapped, sheared, mirrored and sheared, or
+/// flattened to a hundredth.
 #[test]
 fn a_white_body_is_white_in_every_pose() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 24, 1.5);
@@ -48,8 +49,8 @@ fn a_white_body_is_white_in_every_pose() {
     }
 }
 
-/// A white ball in a white sky is white: what met itself again would be dark. As small as a millionth, and
-/// as large as a million, and with coordinates of some ten thousand sizes.
+/// A white ball in a white sky is white; if its rays hit itself again, it would be dark. Tested at sizes of a
+/// millionth and a million units, and at a distance of some ten thousand times its size from the origin.
 #[test]
 fn far_and_tiny_objects_do_not_shade_themselves() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 24, 1.5);
@@ -76,8 +77,8 @@ fn far_and_tiny_objects_do_not_shade_themselves() {
     row(42, "change 1e4 from the receiver", (aside - plain).abs(), 1e-3);
 }
 
-/// The shadow of a ball on a floor does not depend on what else there is of the floor: a stray triangle far away, or
-/// two triangles that reach to a horizon.
+/// The shadow of a ball on a floor does not depend on the rest of the mesh: a stray triangle far away, or a floor
+/// of two triangles that reach to the horizon.
 #[test]
 fn a_stray_triangle_and_a_huge_floor_change_nothing() {
     let (_, objects, rig) = shadowed();
@@ -153,7 +154,7 @@ fn a_scene_may_lie_anywhere_and_have_any_size() {
     }
 }
 
-/// Contact on the plane. The floor under a box is dark whatever the gap is, up to what comes in through it,
+/// Contact on a plane. The floor under a box is dark at any gap, except for the light that enters through the gap,
 /// and no light leaks at gap 0.
 #[test]
 fn contact_shadow_is_dark_and_monotone_in_the_gap() {
@@ -173,8 +174,8 @@ fn contact_shadow_is_dark_and_monotone_in_the_gap() {
     assert!(last > 0.0);
 }
 
-/// The error of S over a crop falls at least with the root of the samples, for any seed, and one sample is one
-/// too: finite, and right on average.
+/// The error of S over a part of the image falls at least with the square root of the number of samples, for any
+/// seed. A single sample works, too: its result is finite and unbiased.
 #[test]
 fn errors_fall_with_samples_whatever_the_seed() {
     let (plane, objects, rig) = shadowed();
@@ -224,7 +225,7 @@ fn a_million_samples_add_up() {
     row(47, "error of 2^20 samples of an even sky, relative", error(MOST), 1e-5);
 }
 
-/// A power of two is exact; at 1e-40 numbers keep 16 bits, and the ratio what they keep.
+/// Scaling the light by a power of two is exact. At 1e-40 numbers keep 16 bits, and so does the ratio.
 #[test]
 fn light_of_any_strength_gives_the_same_picture() {
     let (plane, objects, rig) = shadowed();
@@ -251,8 +252,8 @@ fn light_of_any_strength_gives_the_same_picture() {
     row(48, "change of the ratio at 1e-40 of the light", off, 1e-2);
 }
 
-/// The variance of the ratio is that of any light, bit for bit; variances of light beyond single precision are
-/// finite and reported.
+/// The variance of the ratio does not depend on the unit of light, bit for bit; variances of light beyond single
+/// precision are finite and reported.
 #[test]
 fn the_noise_of_the_ratio_is_that_of_any_light() {
     let (plane, objects, rig) = shadowed();

@@ -1,8 +1,8 @@
-//! Objects that hang on a rough wall: what is seen of them and their shadows are as on a smooth wall.
+//! Objects on a rough wall: they and their shadows look as on a smooth wall.
 
 use super::*;
 
-/// A wall of 5 cm cells that faces -y, with so much noise along y.
+/// A wall of 5 cm cells that faces -y, with the given noise along y.
 pub(super) fn rough_wall(noise: f32) -> Mesh {
     let side = 81_u32;
     let mut mesh = Mesh::default();
@@ -20,7 +20,8 @@ pub(super) fn rough_wall(noise: f32) -> Mesh {
     mesh
 }
 
-/// Cover of a picture as thick as that, so far off the wall, and the light that it takes from what is seen of the wall.
+/// Coverage of a picture of the given thickness and distance from the wall, and the light that it blocks from the
+/// visible wall.
 fn seen(noise: f32, (thick, off): (f32, f64), eye: DVec3, contact_metres: Option<f64>) -> [f64; 2] {
     let picture = box_mesh([-0.4, -thick, -0.3], [0.4, 0.0, 0.3], false);
     let objects = [placed(&picture, matte(0.5), DVec3::Y * -off)];
@@ -32,8 +33,8 @@ fn seen(noise: f32, (thick, off): (f32, f64), eye: DVec3, contact_metres: Option
     [cover, bare.map(|((a, b), _)| 1.0 - f64::from(b[0] / a[0].max(1e-6))).sum()]
 }
 
-/// A picture of 2 cm, and one of 4 mm that the noise of the wall reaches over, from the front and from aside.
-/// Mutation: `Side::flat` empty, which is as with `contact_metres: 0`.
+/// A picture of 2 cm, and one of 4 mm that is thinner than the noise of the wall, are whole from the front and from
+/// the side. Mutation: `Side::flat` empty, as with `contact_metres: 0`.
 #[test]
 fn a_picture_on_a_rough_wall_is_whole() {
     for eye in [DVec3::new(0.1, -3.0, 0.2), DVec3::new(2.4, -1.2, 0.4)] {

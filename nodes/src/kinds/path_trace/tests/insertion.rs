@@ -1,4 +1,4 @@
-//! Objects on the receiver: shadows, contact, holdout, what they give back.
+//! Objects on the receiver: shadows, contact, holdout, and reflected light.
 
 use super::*;
 
@@ -82,8 +82,8 @@ fn emission_reaches_the_receiver() {
     assert!((covered(&out.object) - 5.0).abs() < 1e-4);
 }
 
-/// A mesh whose colours have channels of 0, or are black, as captures have where no photograph shows them, keeps
-/// the whole shadow, in the colours of a grey one; raised colours are reported.
+/// A mesh with black colours or channels of 0, as captures have where no photograph shows the surface, keeps the
+/// whole shadow, with the colours of a shadow on a grey mesh. Raised colours are reported.
 #[test]
 fn colours_of_the_mesh_do_not_colour_the_shadow() {
     // So wide that the camera sees nothing else.
@@ -107,7 +107,8 @@ fn colours_of_the_mesh_do_not_colour_the_shadow() {
     }
 }
 
-/// `with` is the same, bit for bit, where the object is not shown, and the object's rays are saved.
+/// With `shadow_only`, `with` is the same bit for bit wherever the object is not visible, and the rays of the
+/// object are saved.
 #[test]
 fn a_shadow_alone_is_the_shadow() {
     let (plane, objects, rig) = shadowed();
@@ -130,8 +131,8 @@ fn a_shadow_alone_is_the_shadow() {
 }
 
 /// Among several objects, one under the ground or outside the view is named, with the reason; one behind or inside
-/// another, which may be of glass, is not. Mutation: `is_before` left out of `unseen`, and `met` always true (each
-/// seen red).
+/// another object, which may be made of glass, is not. Mutation: `is_before` left out of `unseen`, and `met` always
+/// true (each seen red).
 #[test]
 fn one_of_several_objects_that_is_not_seen_is_named() {
     let (plane, objects, rig) = shadowed();
@@ -163,8 +164,9 @@ fn one_of_several_objects_that_is_not_seen_is_named() {
     }
 }
 
-/// Rods a third of a pixel wide, and a pane of which a third is seen: `nearest` is theirs wherever any of the pixel shows
-/// them, as its first 16 samples tell, and else `depth`, which is that of most of what is at the centre.
+/// Rods a third of a pixel wide, and a pane with a coverage of a third: `nearest` is their depth wherever any of
+/// the first 16 samples of a pixel hits them, and otherwise `depth`, which is that of the surface that covers most
+/// of the pixel's centre.
 #[test]
 fn nearest_is_what_shows_anywhere_in_a_pixel() {
     let rod = box_mesh([-0.01, -0.01, 0.0], [0.01, 0.01, 1.0], false);

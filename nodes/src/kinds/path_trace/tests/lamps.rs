@@ -1,5 +1,5 @@
-//! Light that objects add: it is not in the panorama, so it goes on from wall to wall whatever the receiver is to the
-//! environment's own.
+//! Light that objects add: it is not in the panorama, so it is reflected from wall to wall, however the receiver
+//! treats the light of the environment.
 
 use super::*;
 use crate::types::{ColourMap, DiffuseTransmission, Map};
@@ -16,9 +16,9 @@ fn hollow(radius: f32) -> Mesh {
     Mesh { positions: primitive.positions.clone(), triangles, ..Mesh::default() }
 }
 
-/// In a ball of albedo a, with a lamp at its middle, every bounce spreads light evenly: of the light that the lamp sends to
-/// the walls they have `1 + a + a^2 + ..`. The receiver of this file is grey, of albedo 0.5, so that is twice the direct
-/// light. Before, only the direct light was added where the panorama is the light or passes the walls.
+/// In a hollow ball of albedo a with a lamp at its centre, every bounce spreads light evenly, so the walls receive
+/// `1 + a + a^2 + ..` times the direct light. The receiver here has an albedo of 0.5, so the total is twice the
+/// direct light. Earlier, only the direct light was added if the panorama is the light or passes the walls.
 #[test]
 fn light_of_a_lamp_goes_from_wall_to_wall() {
     let (radius, lamp, radiance) = (2.0, 0.2, 50.0);
@@ -49,7 +49,7 @@ fn shining(radiance: f32) -> Material {
     Material { emissive: [radiance; 3], ..matte(0.0) }
 }
 
-/// The mean over the pixels of a square camera of what a place of the level z gives to its picture.
+/// The mean over the pixels of a square camera of a function of the position on the plane z = 0.
 fn mean_over(eye: DVec3, size: u32, focal: f64, z: f64, of: impl Fn(DVec3) -> f64) -> f64 {
     let rig = rig(eye, DVec3::Z * z, size, focal);
     let [camera] = &rig.cameras[..] else { panic!("one camera") };
@@ -64,8 +64,8 @@ fn mean_over(eye: DVec3, size: u32, focal: f64, z: f64, of: impl Fn(DVec3) -> f6
 }
 
 /// The light of a glowing ball of fine facets on a floor and on a table, near and far from the origin, in closed
-/// form: radiance albedo * L * (r / d)^2 * cos. Light of a facet must not be lost to its neighbours. Before,
-/// samples ended on the triangle, by rays parallel to those from the surface: 0.95 of it at 2 cm, 0.80 at 1 cm.
+/// form: radiance albedo * L * (r / d)^2 * cos. Neighbouring facets must not block the light of a facet. Earlier,
+/// light samples ended on the triangle itself, and only 0.95 of the light arrived at 2 cm, and 0.80 at 1 cm.
 #[test]
 fn fine_lamps_shed_all_their_light() {
     let (radiance, height) = (5e4, 1.0);
@@ -102,10 +102,11 @@ fn fine_lamps_shed_all_their_light() {
     }
 }
 
-/// A lamp in a globe of paper, which half of the light passes and half comes back from: outside the globe shines with L (r / R)^2
-/// times 0.5 + 0.25 + .., less what the lamp takes of what comes back, whether the receiver is the light or not. Rays of all directions
-/// seldom meet it; those sent to where it is do, so that every pixel is lit. Both count, and nothing twice.
-/// Mutation: roulette by the throughput without `share` (seen red: pixels 1.2 apart). Before, without such rays, 1.5.
+/// A lamp in a paper globe, which transmits half of the light and reflects half: from outside the globe has the
+/// radiance L (r / R)^2 times (0.5 + 0.25 + ..), minus the reflected light that the lamp absorbs, whether the
+/// receiver is the light or not. Scattered rays seldom hit the lamp; rays sent towards it do, so that every pixel
+/// is lit. Both are counted, and nothing is counted twice. Mutation: roulette by the throughput without `share`
+/// (seen red: pixels 1.2 apart). Earlier, without such rays, the difference was 1.5.
 #[test]
 fn a_lamp_in_a_globe_lights_every_pixel() {
     let (radiance, lamp, globe) = (5e4_f32, 0.02_f32, 0.1_f32);
@@ -138,7 +139,7 @@ fn a_lamp_in_a_globe_lights_every_pixel() {
     }
 }
 
-/// The same globe over a card, which is an object: rays from what the camera sees of it find the globe too.
+/// The same globe above a card, which is an object: rays from its visible points find the globe, too.
 /// Mutation: `shades` left out of `path_radiance` (seen red: pixels 2.1 apart).
 #[test]
 fn a_lamp_in_a_globe_lights_every_pixel_of_an_object() {
@@ -168,8 +169,9 @@ fn a_lamp_in_a_globe_lights_every_pixel_of_an_object() {
     assert!(off.abs() < 4.0 * spread / f64::from(24 * 24).sqrt(), "{off}, pixels by {spread}");
 }
 
-/// A panel that is dark but for a lamp of 8 texels of 256 lights a floor by radiance * area * cos^2 / d^2 / pi * albedo, and the pixels are
-/// alike: light samples fall on the lamp, not on the panel. Before, none fell there.
+/// A panel that is dark except for a lamp of 8 of its 256 texels lights a floor with radiance * area * cos^2 / d^2
+/// / pi * albedo, with little noise: light samples are taken on the lamp and not on the rest of the panel. Earlier,
+/// none were taken there.
 #[test]
 fn a_small_lamp_of_a_picture_is_a_lamp() {
     use crate::types::{Sampler, Texture, TextureRef, Wrap};
@@ -217,7 +219,7 @@ fn a_small_lamp_of_a_picture_is_a_lamp() {
     }
 }
 
-/// A lamp a tenth of a millimetre over a black sheet, 7 m from where coordinates start, sends nothing through it.
+/// A lamp a tenth of a millimetre above a black sheet, 7 m from the origin, sends no light through the sheet.
 #[test]
 fn what_lies_before_a_lamp_hides_it() {
     let lamp = placed(&plane(0.1), shining(5e4), DVec3::Z * 1.0001);
@@ -234,7 +236,7 @@ fn what_lies_before_a_lamp_hides_it() {
     assert!(hidden.abs() < 1e-6 * open, "{hidden} of {open}");
 }
 
-/// An object that stands on another one stands.
+/// An object that stands on another object is not reported as unsupported.
 #[test]
 fn objects_stand_on_objects() {
     let cube = box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.2], false);
@@ -250,8 +252,8 @@ fn objects_stand_on_objects() {
     assert_eq!(told(&[table, aloft]), 1);
 }
 
-/// An object beyond the edge of the receiver is reported, and one that stands or hangs over it is not. Mutation:
-/// `lost` always none; `carried` not asked; `over` left out.
+/// An object beyond the edge of the receiver is reported, and one that stands on the edge or extends over it is
+/// not. Mutation: `lost` always `None`; `carried` not tested; `over` left out.
 #[test]
 fn an_object_beyond_the_edge_has_no_ground() {
     let cube = box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.2], false);
@@ -268,7 +270,7 @@ fn an_object_beyond_the_edge_has_no_ground() {
     assert_eq!(told(&[at(0.0, -3.0)]), None);
 }
 
-/// A boulder with its middle in the ground meets its shadow; one wholly under the ground does not.
+/// The shadow of a boulder half in the ground touches it; a boulder entirely under the ground is reported.
 #[test]
 fn half_buried_objects_meet_their_shadows() {
     let camera = rig(DVec3::new(0.0, -4.0, 2.5), DVec3::ZERO, 8, 2.0);
@@ -282,8 +284,8 @@ fn half_buried_objects_meet_their_shadows() {
     }
 }
 
-/// A point of capture a hair under the ground sees the lower side of it, which has no sun, or one on it nothing of it: in
-/// the open, in a closed room, and in one whose walls have an outer side.
+/// A point of capture slightly under the ground would see its unlit lower side, and one exactly on it nothing of
+/// it. Tested in the open, in a closed room, and in a room whose walls have an outer side.
 #[test]
 fn a_point_of_capture_under_the_ground_is_taken_over_it() {
     let (plane, objects, open) = shadowed();
@@ -332,8 +334,8 @@ fn a_point_of_capture_where_no_camera_stood_is_reported() {
     }
 }
 
-/// The limit of what a path brings after its first vertex leaves the direct light of a lamp alone, whichever way finds it.
-/// Mutation: `bounce` in place of the one before for what shines (seen red).
+/// The limit on contributions after the first vertex does not affect the direct light of a lamp, whichever strategy
+/// finds it. Mutation: `bounce` instead of the previous one for emission (seen red).
 #[test]
 fn the_limit_spares_direct_light_of_lamps() {
     let shines = Material { emissive: [40.0; 3], ..matte(0.0) };

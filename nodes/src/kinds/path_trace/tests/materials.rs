@@ -1,4 +1,4 @@
-//! Materials in whole renders: what light does that passes an object, and what its shadow is then.
+//! Materials in whole renders: light transmitted by objects, and their shadows.
 
 use super::*;
 use crate::render::transport::bsdf::{BsdfParams, straight};
@@ -308,9 +308,9 @@ fn mirrors_show_no_texels() {
     }
 }
 
-/// A ball of metal, which maps equal solid angles of the sky to equal areas of the picture, throws back the light of a sun of
-/// one texel once: whether its lobes are wider than the texel, as wide, or narrower, and for any number of texels.
-/// Mutation: in `light_sample` the glossy lobe stays.
+/// A ball of metal, which maps equal solid angles of the sky to equal areas of the picture, reflects the light of a
+/// sun of one texel exactly once: whether its lobes are wider than the texel, as wide, or narrower, and for any
+/// number of texels. Mutation: in `light_sample` the glossy lobe is kept.
 #[test]
 fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
     let of_width = |times: usize| {
@@ -342,9 +342,9 @@ fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
     }
 }
 
-/// A matte surface whose normals are bent away from that of its triangles sends what Lambert's law says, by the sum over the texels above
-/// the triangles, whoever looks: no mirror bends its normals.
-/// Mutation: `Frame::around(matte_normal)` to `frame`.
+/// A matte surface with bent shading normals reflects light by Lambert's law, summed over the texels above its
+/// triangles, for any viewer: the adjustment of normals for mirrors does not apply. Mutation:
+/// `Frame::around(matte_normal)` to `frame`.
 #[test]
 fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
     let mut env = constant(Up::PlusZ, [0.1; 3], 64);
@@ -379,8 +379,8 @@ fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
 }
 
 /// Blended surfaces cover a pixel by their alpha with almost no noise, alone, behind another and behind a cut-out,
-/// and take that share of a sun's light: neither depends on independent random numbers. For 16 of them the
-/// deviation would be 0.125. Mutation: `front` by `accepts`; `object_transmittance` by `accepts`.
+/// and take that share of a sun's light: neither depends on independent random numbers. With independent random
+/// numbers, 16 samples would deviate by 0.125. Mutation: `front` by `accepts`; `object_transmittance` by `accepts`.
 #[test]
 fn blended_surfaces_are_smooth() {
     let sheet = |alpha: f32, z: f64| {

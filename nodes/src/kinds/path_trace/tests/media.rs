@@ -1,4 +1,4 @@
-//! Light through bodies: nested, filled, standing on the receiver and in it, by closed forms.
+//! Light through bodies (nested, filled, standing on the receiver and in it), compared with closed forms.
 
 use super::materials::{clear, over_cosines};
 use super::samplers::matte_rules;
@@ -12,7 +12,7 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::surface::Surface;
 use crate::render::transport::sky::environment::EnvironmentLight;
 
-/// Halves what passes a metre of it in red, and takes nothing of blue.
+/// A material that absorbs half of the red light per metre and no blue light.
 fn tinted(ior: f32) -> Material {
     clear(1.0, Some([ln(2.0), 0.5 * ln(2.0), 0.0]), ior)
 }
@@ -174,10 +174,10 @@ fn nested_glass_keeps_white_light() {
     }
 }
 
-/// Where glass stands exactly on a table that is an object too, or on the floor, the ground under it is seen and
-/// lit as from a millimetre above: through a clear medium of index 1, in a body or a thin wall, as if nothing were
-/// there. Mutation: `touching` to `None` in `Integrator::path_radiance`, `part.clear` not asked in `Objects::reach`
-/// (each seen red).
+/// If glass stands exactly on a table (also an object) or on the floor, the ground under it is visible and lit as
+/// if the glass were a millimetre higher. With a clear medium of index 1, in a body or a thin wall, it looks as if
+/// nothing were there. Mutation: `touching` to `None` in `Integrator::path_radiance`, `part.clear` not tested in
+/// `Objects::reach` (each seen red).
 #[test]
 fn glass_on_a_table_changes_nothing() {
     let table = slab(0.2, 0.5, 300.0, matte(0.5));
@@ -193,8 +193,8 @@ fn glass_on_a_table_changes_nothing() {
     }
 }
 
-/// A body that ends where one around it does, and one that fills the hollow of another, absorb over their own ways.
-/// Mutation: `touching` to `None` in `Integrator::path_radiance` (seen red).
+/// A body that shares a face with a surrounding one, and one that fills the hollow of another, absorb along their
+/// own path lengths. Mutation: `touching` to `None` in `Integrator::path_radiance` (seen red).
 #[test]
 fn bodies_may_share_a_face() {
     let block = |low: f32, high: f32, inward| box_mesh([-100.0, -100.0, low], [100.0, 100.0, high], inward);
@@ -224,9 +224,9 @@ fn estimate(n: u32, value: impl Fn(u32) -> Vec3) -> [DVec3; 2] {
     [mean, spread / f64::from(n) / f64::from(n - 1)]
 }
 
-/// The two strategies by which a matte surface finds the sky see the same of it through whatever stands in the way, each
-/// alone: light samples, which bodies dim, and scattered rays, which they let pass at random. A z-test of each colour, on
-/// the floor, in a body and below one that stands in the floor.
+/// The two strategies by which a matte surface finds the sky agree, each used alone, whatever is in the way: light
+/// samples, which bodies attenuate, and scattered rays, which bodies let pass at random. A z-test of each colour,
+/// on the floor, in a body, and below one that stands in the floor.
 #[test]
 fn light_samples_and_scattered_rays_agree_through_bodies() {
     let wall = Material { base_colour: [0.9, 0.6, 0.3, 1.0], ..clear(1.0, None, 1.5) };

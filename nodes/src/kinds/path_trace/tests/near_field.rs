@@ -1,4 +1,4 @@
-//! The receiver as the light that the panorama shows of it.
+//! The receiver as a light source, with the radiance that the panorama shows.
 
 use super::*;
 use crate::geometry::bvh::Ray;
@@ -10,7 +10,7 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::EnvironmentLight;
 use crate::testing::{SphereBins, chi_square};
 
-/// Where the panoramas below were taken.
+/// The point of capture of the panoramas below.
 const EYE: DVec3 = DVec3::new(-0.9, -0.7, 1.1);
 /// A lamp on the wall at x = 2 of [`room`]: its lowest and highest y and z.
 const LAMP: [[f64; 2]; 2] = [[0.2, 1.2], [1.5, 2.3]];
@@ -56,7 +56,7 @@ fn near(samples: u32) -> PathTrace {
     params(samples, Surroundings::Projected)
 }
 
-/// Mean of a small view straight down on, or straight at, a point of the room.
+/// Mean of a small view that looks straight at a point of the room.
 fn at(p: &PathTrace, env: &Environment, point: DVec3, normal: DVec3) -> f64 {
     of(p, &room(), env, point, normal)
 }
@@ -118,9 +118,9 @@ fn auto_is_near_where_the_receiver_is_what_the_panorama_shows() {
     assert!(decided(400.0, None).ends_with("the environment has no point of capture"));
 }
 
-/// Chi-square of light samples against the density that scattered rays ask for, by the direction in which a point sees
-/// them: in a room, in one with a cupboard that hides some, and over a patch of ground.
-/// Mutation: `square.sqrt()` to `1.0` in `NearFieldLight::spread`, the density of what is sky from both left out of
+/// Chi-square of light samples against the density that scattered rays evaluate, by direction from a point: in a
+/// room, in a room with a cupboard that hides some of the light, and above a patch of ground. Mutation:
+/// `square.sqrt()` to `1.0` in `NearFieldLight::spread`, the density of what is sky from both left out of
 /// `NearFieldLight::eval` (each seen red).
 #[test]
 fn light_samples_follow_their_density() {
@@ -240,8 +240,8 @@ fn the_sun_through_a_window_lights_its_patch() {
     }
 }
 
-/// In a room so large that all of the picture sees the walls in the same directions, the receiver as the light is a far
-/// one, through tinted bodies and glass in one another too.
+/// In a room so large that every visible point sees the walls in the same directions, near light equals distant
+/// light, also through nested bodies of tinted glass.
 #[test]
 fn a_near_light_that_is_far_shines_through_bodies_as_a_far_one() {
     let hall = box_mesh([-400.0, -400.0, 0.0], [400.0, 400.0, 800.0], true);
@@ -280,9 +280,9 @@ fn nowhere_is_refused() {
     assert!(error.to_string().contains("point of capture"), "{error}");
 }
 
-/// For light of a place in a room with a white lamp on a wall and bluish walls a hundredth as bright, choices are
-/// on the lamp as often as its share of each channel, in closed form, for any point of capture. Mutation: `hit.t *
-/// hit.t` to `hit.t`, `/ (distance * distance)` left out; `up_to[k] > wanted[k]` to `up_to.y > wanted.y`.
+/// In a room with a white lamp on a wall and bluish walls a hundredth as bright, the lamp is chosen in proportion
+/// to its share of each channel, in closed form, for any point of capture. Mutation: `hit.t * hit.t` to `hit.t`, `/
+/// (distance * distance)` left out; `up_to[k] > wanted[k]` to `up_to.y > wanted.y`.
 #[test]
 fn choices_follow_the_light_of_a_place() {
     let mut env = lamplight(256);
@@ -319,9 +319,8 @@ fn choices_follow_the_light_of_a_place() {
     }
 }
 
-/// White furnace: in a white room under even light objects change nothing, be it seen directly or in a mirror: what a cube
-/// hides from the floor before it, it sends there itself.
-/// Mutation: `objects_beyond` gives nothing.
+/// White furnace: in a white room under uniform light objects change nothing, seen directly or in a mirror, since a
+/// cube reflects as much light to the floor as it blocks. Mutation: `objects_beyond` returns 0.
 #[test]
 fn a_white_room_stays_white_in_a_mirror() {
     let mut env = white();

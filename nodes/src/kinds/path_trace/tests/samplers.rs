@@ -14,7 +14,7 @@ use crate::render::transport::scene::supports::Ground;
 use crate::render::transport::sky::environment::EnvironmentLight;
 use crate::testing::chi_square;
 
-/// A receiver that lets the sky through and sends no light.
+/// Rules for a receiver that lets the sky through and emits no light.
 pub(super) fn matte_rules() -> Rules {
     Rules {
         block: Block::Pass,
@@ -27,7 +27,7 @@ pub(super) fn matte_rules() -> Rules {
     }
 }
 
-/// The frequency of an event over independent samples, against its probability.
+/// Compares the frequency of an event over independent samples with its probability.
 fn expect_share(what: &str, probability: f64, happens: impl Fn(u32) -> bool) {
     let n = 100_000;
     let count = f64::from((0..n).map(|i| u32::from(happens(i))).sum::<u32>());
@@ -36,7 +36,7 @@ fn expect_share(what: &str, probability: f64, happens: impl Fn(u32) -> bool) {
     assert!(z < 4.0, "{what}: {count} of {n} for {expected}");
 }
 
-/// A box filter: the first sample of each of many seeds lies anywhere in its pixel, as likely as elsewhere.
+/// A box filter: over many seeds, the first sample is uniformly distributed over its pixel.
 /// Mutation: `points.pair(0)` squared in `CameraRays::sample` (seen red).
 #[test]
 fn samples_fill_their_pixel_evenly() {
@@ -59,7 +59,7 @@ fn samples_fill_their_pixel_evenly() {
     assert!(z < 4.0, "{z}");
 }
 
-/// Paths that bring little end at random, and those that go on carry what the others would have brought.
+/// Paths of low throughput end at random, and the surviving ones are weighted so that the mean is unchanged.
 /// Mutation: `throughput / survival` to `throughput`, `0.05` to `0.2` (each seen red).
 #[test]
 fn russian_roulette_keeps_what_paths_bring() {
@@ -84,9 +84,9 @@ fn russian_roulette_keeps_what_paths_bring() {
     }
 }
 
-/// A surface of some alpha is met so often, one that lets light pass straight as often as it does not, whichever ray asks.
-/// Mutation: `< coverage` to `<= coverage * coverage` in `Objects::accepts`, `!key` to `1` in `Objects::closest_straight`
-/// (each seen red).
+/// A ray stops at a surface with a probability of its alpha, and at one that transmits light straight with one
+/// minus its transmittance, for every kind of ray. Mutation: `< coverage` to `<= coverage * coverage` in
+/// `Objects::accepts`, `!key` to `1` in `Objects::closest_straight` (each seen red).
 #[test]
 fn surfaces_are_met_as_often_as_they_hide() {
     let ray = Ray::new(Vec3::new(0.1, 0.2, 3.0), Vec3::NEG_Z);

@@ -1,4 +1,4 @@
-//! Samples: how many are taken, shared and traced, and what they claim of themselves.
+//! Samples: their number, sharing and tracing, and their reported errors.
 
 use super::*;
 

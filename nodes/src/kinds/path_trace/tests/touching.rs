@@ -1,16 +1,16 @@
-//! Objects that lie in the very place of the receiver: what they cover, shade and let through is what they do a
-//! millimetre above it.
+//! Objects that coincide with the receiver: coverage, shadow and transmission are the same as a millimetre above
+//! it.
 
 use super::hanging::rough_wall;
 use super::materials::clear;
 use super::*;
 use crate::types::{AlphaMode, ColourMap, DiffuseTransmission, Map};
 
-/// Tolerances of cover, light, ratio under it and ratio.
+/// Tolerances of coverage, light, ratio under the object, and ratio of the whole picture.
 const TOLERANCES: [f64; 4] = [0.003, 0.02, 0.03, 0.006];
 const LEAST: [f64; 4] = [0.1, 0.1, 0.5, 0.5];
 
-/// Cover, light of the object, and mean ratio under it and of the whole picture.
+/// Coverage, light of the object, and the mean ratio under it and over the whole picture.
 fn looks(
     receiver: &Mesh,
     sheet: &Mesh,
@@ -59,9 +59,9 @@ fn sheets() -> Vec<(&'static str, Material)> {
     ]
 }
 
-/// A sheet on a floor, under far light and under near, and one that reaches beyond a table on all sides: exactly on it,
-/// within rounding over and under it, and a millimetre over it.
-/// Before, an opaque sheet right on the floor covered 71 % of its pixels, and shaded none.
+/// A sheet on a floor, under distant and near light, and one that extends beyond a table on all sides: exactly on
+/// the surface, within rounding above and below, and a millimetre above. Earlier, an opaque sheet exactly on the
+/// floor covered 71 % of its pixels and cast no shadow.
 #[test]
 fn what_lies_on_the_receiver_looks_as_a_millimetre_over_it() {
     let camera = rig(DVec3::new(1.5, -1.5, 1.2), DVec3::ZERO, 24, 2.5);
@@ -106,7 +106,7 @@ fn what_lies_on_the_receiver_looks_as_a_millimetre_over_it() {
     }
 }
 
-/// The same on a wall, which is the receiver of another axis.
+/// The same test on a wall, where the receiver has another axis.
 #[test]
 fn what_hangs_on_a_wall_looks_as_a_millimetre_before_it() {
     let turned =
@@ -126,8 +126,8 @@ fn what_hangs_on_a_wall_looks_as_a_millimetre_before_it() {
     }
 }
 
-/// A label on a box, a card on a card: what lies exactly on an object is in front of it, as a millimetre over it.
-/// Before, the two took turns from pixel to pixel.
+/// A label on a box, a card on a card: an object exactly on another one is in front of it, as it is a millimetre
+/// above. Earlier, which one was visible changed from pixel to pixel.
 #[test]
 fn what_lies_on_an_object_looks_as_a_hair_over_it() {
     let camera = rig(DVec3::new(1.2, -1.3, 1.5), DVec3::new(0.0, 0.0, 0.3), 24, 2.5);
@@ -157,9 +157,9 @@ fn what_lies_on_an_object_looks_as_a_hair_over_it() {
     assert!((found[1] / over[1] - 1.0).abs() < 0.02, "{found:?} for {over:?}");
 }
 
-/// A rug on the floor with an object on it, and tiles edge to edge with winding down, while the objects are tall:
-/// they are seen as a millimetre above the floor. Before, the rug was pressed into the floor by the foot on it, and
-/// each tile by its neighbour, so that none of the rug and a quarter of the tiles was seen.
+/// A rug on the floor with an object on it, and tiles edge to edge with winding down, below tall objects, look as
+/// they do a millimetre above the floor. Earlier, the rug was moved into the floor by the foot on it, and each tile
+/// by its neighbour, so that the rug and three quarters of the tiles were invisible.
 #[test]
 fn a_rug_under_a_table_stays_on_the_floor() {
     let camera = rig(DVec3::new(1.2, -1.2, 0.9), DVec3::ZERO, 24, 1.4);
@@ -198,8 +198,9 @@ fn a_rug_under_a_table_stays_on_the_floor() {
     }
 }
 
-/// For a picture on a wall with 3 mm of noise, the distance at which it is whole is reported; there, on a smooth
-/// wall and on rough ground nothing is reported. Mutation: `REPORTED` from 0.7 on (seen red).
+/// For a picture embedded in a wall with 3 mm of noise, the distance at which it is whole is reported. At that
+/// distance, on a smooth wall, and on rough ground nothing is reported. Mutation: `REPORTED` from 0.7 on (seen
+/// red).
 #[test]
 fn a_picture_in_a_rough_wall_is_reported() {
     let camera = rig(DVec3::new(0.3, -3.0, 0.2), DVec3::ZERO, 16, 1.5);
@@ -227,9 +228,9 @@ fn a_picture_in_a_rough_wall_is_reported() {
     assert_eq!(told(0.0, 0.0).0, None);
 }
 
-/// An object on a floor is not embedded in a surface, for any `contact_metres`: neither by its level nor by the
-/// inside of its bottom, which it hides itself. An object off the floor is reported all the same. Mutation: in
-/// `measure` nothing measured where `fixed`, and `double_sided &&` to `false &&` in `embedded.rs`.
+/// An object on a floor is not embedded in a surface, for any `contact_metres`: neither at its own level nor by the
+/// inside of its bottom. An object off the floor is still reported. Mutation: in `measure` nothing measured where
+/// `fixed`, and `double_sided &&` to `false &&` in `embedded.rs`.
 #[test]
 fn what_stands_on_a_floor_lies_in_no_surface() {
     let material = Material { double_sided: true, ..matte(0.5) };
@@ -247,8 +248,8 @@ fn what_stands_on_a_floor_lies_in_no_surface() {
     }
 }
 
-/// A plate on a coaster that it reaches over keeps its shadow on rough ground, which is not that of the plate.
-/// Mutation: `on_others` all false (seen red).
+/// A plate that extends over its coaster keeps its shadow on rough ground, which is the ground of the coaster and
+/// not of the plate. Mutation: `on_others` all false (seen red).
 #[test]
 fn a_plate_on_a_coaster_keeps_its_shadow() {
     let ground = |noise: f32| {

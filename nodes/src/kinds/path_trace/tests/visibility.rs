@@ -109,10 +109,9 @@ fn both_strategies_together_are_exact_for_any_sky() {
     }
 }
 
-/// The light that a slab of the receiver blocks from the floor of a room below it is its form factor, by Lambert's sum over the
-/// edges of its underside; where the receiver passes it takes nothing. The notes give 0.3576 and 0.3360 for a slab
-/// under a sun, whose size and camera they do not tell; this is the same from a closed form.
-/// Mutation: `hit.back` not asked in `Block::passes` (seen red).
+/// The light that a slab of the receiver blocks from the floor of a room below it is its form factor, by Lambert's
+/// sum over the edges of its underside; if the receiver lets light pass, it blocks nothing. Mutation: `hit.back`
+/// not tested in `Block::passes` (seen red).
 #[test]
 fn a_slab_takes_its_form_factor_from_the_floor() {
     let furnished = merge(room(), box_mesh([-0.8, -0.8, 0.9], [0.8, 0.8, 1.0], false));
@@ -175,9 +174,9 @@ fn auto_finds_out_what_the_receiver_is() {
     assert_eq!(decided(&mixed, &inside()), "Transparent");
 }
 
-/// A room with a hole in a wall, without a known point of capture: in the evening its lamp is nearly all the light,
-/// and a camera by the hole, which sees much of what is outside, has it as one in a corner has; by day the hole is the light.
-/// Mutation: `solid_light` not asked in `Probe::decide` (seen red).
+/// A room with a hole in a wall, without a known point of capture: in the evening nearly all light comes from its
+/// lamp, and the decision is the same from a camera at the hole, which sees much of the outside, as from one in a
+/// corner; by day the light comes from the hole. Mutation: `solid_light` not used in `Probe::decide` (seen red).
 #[test]
 fn a_window_does_not_take_the_light_of_the_lamp() {
     let mut holed = room();
@@ -221,8 +220,8 @@ fn pass_beyond_blocks_only_what_is_near() {
     assert_eq!(lit(100.0), 0.0);
 }
 
-/// Without a point of capture a camera in the room stands for it, whichever comes first in the rig.
-/// Mutation: `stand_in` gives the first camera (seen red).
+/// Without a point of capture, a camera in the room is used instead, whatever the order of the rig. Mutation:
+/// `stand_in` returns the first camera (seen red).
 #[test]
 fn the_order_of_cameras_changes_no_light() {
     let (within, over) = (inside(), rig(DVec3::new(0.5, -6.0, 9.0), DVec3::ZERO, 8, 2.0));

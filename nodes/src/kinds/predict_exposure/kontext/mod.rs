@@ -14,7 +14,7 @@ pub(super) mod picture;
 /// The files that a user must supply, where they are, and their sizes: for the error about a missing one.
 pub(super) const WHERE: &str = "you must supply the weights: Flux.1 Kontext [dev] from \
     huggingface.co/black-forest-labs/FLUX.1-Kontext-dev, under its non-commercial licence, which you accept there: \
-    `flux1-kontext-dev.safetensors` (23.8 GB; a GGUF of it has 6.7 GB with four bits a weight) and `ae.safetensors` \
+    `flux1-kontext-dev.safetensors` (23.8 GB; a GGUF of it has 6.7 GB with four bits per weight) and `ae.safetensors` \
     (0.3 GB); the encoded prompt (4 MB) and a LoRA for exposure (`train-exposure --backend flux-kontext`). It needs \
     the size of the transformer in memory plus 7 GB. See docs/kontext.md";
 

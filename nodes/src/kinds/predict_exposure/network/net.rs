@@ -101,7 +101,7 @@ impl Network {
                 let (got, wanted) = (rows[m].len(), units * each);
                 if got != wanted {
                     let what = format!(
-                        "tensor `score.{name}` holds {got} values a network; {units} units, as `score.out` has, take {wanted}"
+                        "tensor `score.{name}` has {got} values per network, but the {units} units of `score.out` need {wanted}"
                     );
                     return Err(Error::format(file, what));
                 }
@@ -116,7 +116,10 @@ impl Network {
         let scale = |name: &str, columns: usize| {
             let spread = sized(&format!("{name}.spread"), columns)?;
             if spread.iter().any(|v| *v <= 0.0) {
-                return Err(Error::format(file, format!("tensor `{name}.spread` holds a value not above 0")));
+                return Err(Error::format(
+                    file,
+                    format!("tensor `{name}.spread` contains a value that is not above 0"),
+                ));
             }
             Ok((sized(&format!("{name}.mean"), columns)?, spread))
         };

@@ -15,7 +15,7 @@ const LEAST: f64 = 1e-4;
 /// Smallest luminance of a cell, and the limit of dark cells.
 const BLACK: f64 = 2e-3;
 const DARK: f64 = 0.02;
-/// Sines of elevation: where sky or ground begins, where the near ground begins, and of the highest wall.
+/// Sines of elevation: the limit of sky and ground, the limit of the near ground, and the highest wall.
 const HORIZON: f64 = 0.05;
 const NEAR: f64 = -0.3;
 const WALL: f64 = 0.4;

@@ -79,7 +79,7 @@ pub(super) struct View<'a> {
     pub open: Vec<f64>,
     pub open_rgb: Vec<[f64; 3]>,
     pub open_luminance: Vec<f64>,
-    /// The same for the clipped part.
+    /// Visible clipped part: solid angle, light and its luminance.
     pub clipped: Vec<f64>,
     clipped_rgb: Vec<[f64; 3]>,
     pub clipped_luminance: Vec<f64>,

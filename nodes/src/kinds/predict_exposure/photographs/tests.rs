@@ -13,7 +13,8 @@ use crate::math::color::{code8, linear_from_srgb};
 const W: usize = 64;
 const H: usize = 32;
 
-/// A lamp, a sun and a moon repeat every four columns, with a dim column between that gets brighter to the right.
+/// Light at a column: a lamp, a sun and a moon, then a dim column; repeated every four columns, with dim columns
+/// that become brighter to the right.
 fn light(x: usize) -> f32 {
     [3.0, 30.0, 900.0, 0.2 + 0.01 * x as f32][x % 4]
 }
@@ -29,7 +30,7 @@ impl Place {
         place
     }
 
-    /// In 8 bits; with this alpha in every pixel, or with 0 in column 0 and this alpha elsewhere.
+    /// Writes an 8-bit photograph, with this alpha in every pixel, or with 0 in column 0 and this alpha elsewhere.
     fn take(&self, name: &str, ev: f32, (width, height): (usize, usize), alpha: Option<(u16, bool)>) {
         let code = |x: usize| u16::from(code8(srgb_from_linear((light(x) * num::f32::exp2(ev)).min(1.0))));
         let pixel = |at: usize| {
@@ -44,7 +45,7 @@ impl Place {
         self.write(name, &png::write(&raster, false, &[]).expect("packs"));
     }
 
-    /// The same as linear light.
+    /// Writes a photograph as linear light.
     fn take_linear(&self, name: &str, ev: f32) {
         let samples: Vec<f32> = (0..W * H).map(|at| light(at % W) * num::f32::exp2(ev)).collect();
         let planes = ["R", "G", "B"]
@@ -98,8 +99,8 @@ fn reported<'a>(notes: &'a Notes, id: &str) -> Vec<&'a str> {
     notes.iter().filter(|note| note.id == id).map(|note| note.text.as_str()).collect()
 }
 
-/// Each clipped pixel by the brightest file in which it is unclipped, in any order of files. Mutation: `.rev()`
-/// dropped in `Photographs::gains`.
+/// The gain of each clipped pixel comes from the brightest file in which it is unclipped, whatever the order of
+/// files. Mutation: `.rev()` dropped in `Photographs::gains`.
 #[test]
 fn photographs_tell_the_gain_and_are_the_exposures() {
     let place = Place::new();
@@ -161,7 +162,7 @@ fn alpha_takes_no_light() {
     assert!((out.brackets.exposures[0].rgb(0, 3)[0] - srgb_from_linear(0.125)).abs() < 1e-6);
 }
 
-/// Mutation: `clipped: false` to `Shown::display` for linear files.
+/// Linear files are never clipped. Mutation: `clipped: false` to `Shown::display` for linear files.
 #[test]
 fn linear_light_has_no_ceiling() {
     let place = Place::new();
@@ -183,7 +184,7 @@ fn photographs_that_contradict_the_panorama_are_reported() {
     let place = Place::new();
     let (_, notes) = place.gains(&["b.png", "a.png"], &[-3.0, -6.0]);
     let found = reported(&notes, "photograph-disagrees");
-    assert!(found.len() == 2 && found[0].starts_with("`b.png`, taken at EV -3, shows 3.0 stops less"));
+    assert!(found.len() == 2 && found[0].starts_with("in `b.png`, taken at EV -3, "));
     // The same median, but of another place: light and dark pixels are mixed up.
     let code = |at: usize| u16::from(code8(srgb_from_linear([0.002_f32, 0.04, 0.9][at * 7 % 3])));
     let codes = (0..W * H).flat_map(|at| [code(at); 3]).collect();

@@ -1,4 +1,4 @@
-//! Which pixels count as clipped, and that no other pixel gets light.
+//! Tests of which pixels count as clipped, and that no other pixel gets light.
 
 use super::*;
 

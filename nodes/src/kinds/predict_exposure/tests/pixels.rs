@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// A mirrored panorama has the mirrored light, finer than the grid too. Mutation: `from_start` for `from_end` in
-/// `Grid::new`, or edges read to the right alone.
+/// A mirrored panorama gives mirrored light, also if it is finer than the grid. Mutation: `from_start` for
+/// `from_end` in `Grid::new`, or edges read to the right alone.
 #[test]
 fn a_mirrored_panorama_gives_mirrored_light() {
     let scene = |width: usize| {

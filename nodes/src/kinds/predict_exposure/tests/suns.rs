@@ -1,4 +1,4 @@
-//! Which clipped light is the sun.
+//! Tests of the detection of the sun.
 
 use super::*;
 

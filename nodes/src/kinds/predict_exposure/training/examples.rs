@@ -17,8 +17,8 @@ use crate::types::{Image, Linear};
 const SHOTS: u32 = 8;
 /// Largest exposure away from EV 0, in stops.
 const STOPS: f64 = 1.2;
-/// Number of clipped cells that an example keeps; of more, those with the most light and a random choice of the
-/// others.
+/// Number of clipped cells that an example keeps. If there are more, it keeps those with the most light and a
+/// random choice of the others.
 const CELLS: usize = 1400;
 const BRIGHTEST: usize = 250;
 /// Shares of the photographs that are taken from the finer panorama, and that have glints: 0, until the

@@ -78,7 +78,7 @@ pub struct Trained {
     pub weights: Vec<u8>,
     /// Scores of the cross-validation, in order of name.
     pub scores: Vec<Score>,
-    /// The same for photographs of [`FINE`] columns, for panoramas of that size.
+    /// Scores for photographs of [`FINE`] columns, for panoramas of that size.
     pub finer: Vec<Score>,
     /// The light recovered from each panorama by networks trained without its place, as EXR, by name.
     pub recovered: Vec<(String, Vec<u8>)>,
@@ -127,10 +127,10 @@ pub fn train(
         if chosen.is_empty() {
             let what = match fold {
                 Some(_) => {
-                    "a part of the cross-validation leaves no panorama in which anything is clipped to learn from: take fewer parts or none (--folds), more panoramas, or some by formula (--procedural)"
+                    "in one part of the cross-validation no panorama to learn from has a clipped pixel: use fewer parts (--folds), more panoramas, or procedural ones (--procedural)"
                 }
                 None => {
-                    "nothing is clipped in any panorama, so there is nothing to learn from: take more panoramas, or some by formula (--procedural)"
+                    "no panorama has a clipped pixel, so there is nothing to learn from: use more panoramas, or procedural ones (--procedural)"
                 }
             };
             return Err(Error::Mismatch(what.to_owned()));

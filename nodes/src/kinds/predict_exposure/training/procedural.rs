@@ -1,6 +1,6 @@
 //! Procedural panoramas: skies with sun, clouds or overcast, nights with a moon or lamps, rooms with windows and
-//! lamps, studios. The energy of their lights and of what these light is consistent, which is what the amount of
-//! hidden light is learned from.
+//! lamps, studios. The energy of their lights is consistent with the brightness of the lit surfaces, from which the
+//! amount of hidden light is learned.
 
 use std::f64::consts::{PI, TAU};
 

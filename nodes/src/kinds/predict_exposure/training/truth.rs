@@ -1,4 +1,4 @@
-//! Ground truth for training: HDR panoramas, photographed so that they clip, with the light that this hides.
+//! Ground truth for training: HDR panoramas, photographs of them that clip, and the light that clipping hides.
 
 use std::collections::BTreeMap;
 
@@ -22,7 +22,7 @@ use crate::types::{Environment, Image, Linear, Panorama, Srgb};
 pub struct Truth {
     /// Linear light of [`WIDTH`] columns, scaled to EV 0.
     pub image: Image<Linear>,
-    /// The same with [`FINE`] columns, if the panorama has that resolution.
+    /// Linear light of [`FINE`] columns, if the panorama has that resolution.
     pub fine: Option<Image<Linear>>,
     /// Direction of the dominant light.
     pub light: DVec3,
@@ -69,7 +69,7 @@ pub struct Example {
     pub toward: Vec<[f64; 2]>,
     /// Flux of the visible panorama: total, and on that plane from near the dominant light and from elsewhere.
     pub visible: [f64; 3],
-    /// The same for the truth.
+    /// Flux of the ground truth, split in the same way.
     pub truth: [f64; 3],
 }
 

@@ -1,4 +1,4 @@
-//! Files of weights.
+//! Reading and writing of files of weights.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ pub(super) const TENSORS: [&str; 5] =
     ["score.linear", "score.cell", "score.overview", "score.bias", "score.out"];
 
 fn write(tensors: &[(String, Vec<usize>, Vec<u8>)], dtype: Dtype) -> Result<Vec<u8>, Error> {
-    let fail = |error| Error::Mismatch(format!("cannot make a file of weights: {error}"));
+    let fail = |error| Error::Mismatch(format!("cannot encode the weights: {error}"));
     let views = tensors
         .iter()
         .map(|(name, shape, bytes)| Ok((name.as_str(), TensorView::new(dtype, shape.clone(), bytes)?)))
@@ -63,8 +63,9 @@ pub(super) fn write_part(path: &Path, network: &Network) -> Result<(), Error> {
         })
         .collect();
     let bytes = write(&tensors, Dtype::F32)?;
-    let fail =
-        |error: std::io::Error| Error::format(path.display().to_string(), format!("cannot be kept: {error}"));
+    let fail = |error: std::io::Error| {
+        Error::format(path.display().to_string(), format!("cannot be written: {error}"))
+    };
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(fail)?;
     }
@@ -73,7 +74,7 @@ pub(super) fn write_part(path: &Path, network: &Network) -> Result<(), Error> {
     std::fs::write(&temporary, bytes).and_then(|()| std::fs::rename(&temporary, path)).map_err(fail)
 }
 
-/// A stored network, if there is one.
+/// Reads a stored network; `None` if there is none.
 pub(super) fn read_part(path: &Path) -> Option<Network> {
     let bytes = std::fs::read(path).ok()?;
     let name = path.display().to_string();

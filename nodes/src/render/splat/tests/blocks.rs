@@ -37,7 +37,8 @@ fn both(draw: impl Fn(bool) -> Rendered) -> Work {
     with.work
 }
 
-/// Seen red with `* self.steepest` dropped in `Pinhole::misses` and with `size.dot(half)` halved in `Block::most`.
+/// Skipped blocks change no bit. Seen red with `* self.steepest` dropped in `Pinhole::misses` and with
+/// `size.dot(half)` halved in `Block::most`.
 #[test]
 fn blocks_that_are_left_out_change_no_bit() {
     let mut random = Random(5);

@@ -237,7 +237,7 @@ fn pictures_do_not_depend_on_where_the_world_is() {
     }
 }
 
-/// `near` is in world units and scales with the scene.
+/// The size of the world does not change the picture, if `near`, which is in world units, is scaled with it.
 #[test]
 fn pictures_do_not_depend_on_how_large_the_world_is() {
     let splats = cloud(300, 6);
@@ -272,8 +272,8 @@ fn colours_are_cut_at_0_and_nowhere_else() {
     assert_eq!(back.find("R"), Some(&plane(0)[..]));
 }
 
-/// Finite coefficients whose sum overflows: the colour is clamped, and reported. A splat at the edge of a tile, so
-/// that it covers only some pixels of a vector.
+/// If a sum of finite coefficients overflows, the colour is clamped and reported. The splat is at the edge of a
+/// tile, so that it covers only some pixels of a vector.
 #[test]
 fn colours_that_overflow_are_capped_and_reported() {
     let mut splats = one([0.0, 0.0, 1.0], [0.03; 3], 0.9, [3.3e38; 3]);

@@ -194,7 +194,7 @@ fn an_empty_view_is_reported_with_its_cause() {
     }
     let aside = DMat4::from_translation(DVec3::new(1e4, 0.0, -1e3)).to_cols_array();
     let text = reported(&Camera { world_from_camera: aside, ..ahead }, 0.2);
-    assert!(text.contains("share a frame"), "{text}");
+    assert!(text.contains("use the same frame and scale"), "{text}");
 }
 
 // A tile of a large scene may take seconds if every splat is evaluated everywhere; a cancelled run must not wait

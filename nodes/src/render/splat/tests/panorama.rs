@@ -37,7 +37,7 @@ fn origin(up: Up, width_px: u32) -> PanoramaCamera {
     PanoramaCamera { eye: DVec3::ZERO, up, width_px }
 }
 
-/// True where the layout is drawn without a picture of its cap.
+/// True for rows that are drawn directly, outside the caps.
 fn in_the_belt(y: usize, width: u32) -> bool {
     let theta = (y as f64 + 0.5) * TAU / f64::from(width);
     (PI / 6.0..=5.0 * PI / 6.0).contains(&theta)

@@ -1,7 +1,7 @@
 //! Tables of directional albedo: the share of light towards a viewer that a lobe reflects, from all directions of
-//! incidence. They determine what a layer leaves to the layers below, and the energy that single scattering between
-//! microfacets loses, which a gain compensates (Turquin 2019, Practical multiple scattering compensation for
-//! microfacet models).
+//! incidence. They determine how much light a layer leaves to the layers below, and how much energy single
+//! scattering at microfacets loses, which a gain compensates (Turquin 2019, Practical multiple scattering
+//! compensation for microfacet models).
 //!
 //! Microfacets have tables for fixed relative indices and roughnesses, made on first use and interpolated. All
 //! quantities of a table come from the same sample points, so that excess reflection in a table is missing in its
@@ -76,7 +76,7 @@ pub struct Facets {
     pub all: f32,
     /// The part of `all` weighted by the rise of Schlick's reflectance, for metals.
     metal: f32,
-    /// The same by Fresnel's reflectance, for dielectrics.
+    /// The part of `all` weighted by Fresnel's reflectance, for dielectrics.
     dielectric: f32,
     /// Transmitted by a dielectric interface.
     pub passed: f32,
@@ -90,7 +90,7 @@ impl Facets {
     /// A surface without an interface, which needs no table.
     pub const NONE: Self = Self { all: 1.0, metal: 0.0, dielectric: 0.0, passed: 1.0, mean: 1.0, rise: 0.0 };
 
-    /// For a distribution towards a viewer in its frame, with the relative index of the other side.
+    /// The shares of a distribution, for a viewer in its frame and the relative index of the other side.
     pub fn new(ggx: &Ggx, out: Vec3, eta: f32) -> Self {
         let [x, y] = ggx.alphas();
         if x <= y {
@@ -102,7 +102,7 @@ impl Facets {
         Self::of(eta, ggx.roughness(out), |slice| slice.brushed.get_or_init(|| brushed(slice.eta)).at(point))
     }
 
-    /// For isotropic facets of a perceptual roughness.
+    /// The shares of isotropic facets of a perceptual roughness.
     pub fn round(cosine: f32, roughness: f32, eta: f32) -> Self {
         Self::of(eta, roughness, |slice| slice.round(place(cosine), roughness))
     }
@@ -122,7 +122,7 @@ impl Facets {
         [once, once * self.gain(f0 + (1.0 - f0) / 21.0)]
     }
 
-    /// The same for a dielectric.
+    /// Single and multiple scattering of a dielectric by its reflectance at normal incidence.
     pub fn dielectric(&self, f0: f32) -> [f32; 2] {
         let once = f0 * (self.all - self.dielectric) + self.dielectric;
         [once, (once * self.gain(f0 + (1.0 - f0) * self.rise)).min(1.0)]
@@ -166,7 +166,8 @@ struct Slice {
     eta: f32,
     /// For each roughness, over the viewer coordinate: `all`, `metal`, `dielectric` and `passed` of [`Facets`].
     round: [OnceLock<[[f32; 4]; SIDE]>; SIDE],
-    /// The same for anisotropic facets, over the viewer coordinate, its azimuth, the roughness and the anisotropy.
+    /// The same quantities for anisotropic facets, over the viewer coordinate, its azimuth, the roughness and the
+    /// anisotropy.
     brushed: OnceLock<Table<4, 4>>,
     /// For each roughness, means over the hemisphere, linear in f0: both terms for single and for multiple
     /// scattering.

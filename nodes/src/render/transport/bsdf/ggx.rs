@@ -28,18 +28,19 @@ pub struct Mirror {
 }
 
 impl Ggx {
-    /// For a perceptual roughness.
+    /// An isotropic distribution of a perceptual roughness.
     pub fn isotropic(roughness: f32) -> Self {
         Self::anisotropic(roughness, 0.0)
     }
 
-    /// For a perceptual roughness, wider along the first axis: KHR_materials_anisotropy.
+    /// A distribution of a perceptual roughness, wider along the first axis, as KHR_materials_anisotropy defines
+    /// it.
     pub fn anisotropic(roughness: f32, strength: f32) -> Self {
         let alpha = roughness * roughness;
         Self::of([alpha + (1.0 - alpha) * strength * strength, alpha])
     }
 
-    /// For alphas along both axes.
+    /// A distribution with these alphas along both axes.
     pub fn of([x, y]: [f32; 2]) -> Self {
         Self { x: x.max(NARROWEST), y: y.max(NARROWEST) }
     }

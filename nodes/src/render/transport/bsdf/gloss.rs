@@ -35,9 +35,9 @@ impl Interface {
         self.strength * Facets::round(cosine, self.roughness, self.index).dielectric(self.f0)[1]
     }
 
-    /// The matte layer below receives what the interface transmits from a direction, and the viewer receives what
-    /// it transmits of the reflected light. This factor keeps white surfaces white (Kelemen and Szirmay-Kalos
-    /// 2001).
+    /// Coupling factor of the matte layer below. The layer receives the light that the interface transmits, and the
+    /// viewer receives the part of the reflected light that it transmits back. The factor keeps white surfaces
+    /// white (Kelemen and Szirmay-Kalos 2001).
     pub fn between(&self) -> f32 {
         if self.strength == 0.0 {
             return 1.0;
@@ -57,7 +57,7 @@ pub struct Gloss {
     pub eta: f32,
     /// Reflectance of the dielectric at normal and grazing incidence, times its share.
     dielectric: [Vec3; 2],
-    /// The same for the metal.
+    /// Reflectance of the metal at normal and grazing incidence, times its share.
     metal: [Vec3; 2],
     /// Compensation of energy lost between facets.
     gain: Vec3,

@@ -79,7 +79,7 @@ pub struct BsdfParams {
 }
 
 impl Default for BsdfParams {
-    /// White and matte, with an index of 1.5.
+    /// A white, matte surface with an index of 1.5.
     fn default() -> Self {
         Self {
             base: Vec3::ONE,
@@ -106,7 +106,7 @@ impl Default for BsdfParams {
 pub struct Frame([Vec3; 3]);
 
 impl Frame {
-    /// Around a unit vector (Duff et al. 2017).
+    /// A frame around a unit vector (Duff et al. 2017).
     pub fn around(n: Vec3) -> Self {
         let sign = 1.0_f32.copysign(n.z);
         let a = -1.0 / (sign + n.z);
@@ -118,7 +118,7 @@ impl Frame {
         ])
     }
 
-    /// Around a unit vector, with the first axis as close as possible to `tangent`.
+    /// A frame around a unit vector, with the first axis as close as possible to `tangent`.
     pub fn along(n: Vec3, tangent: Vec3) -> Self {
         match (tangent - n * n.dot(tangent)).try_normalize() {
             Some(t) => Self([t, n.cross(t), n]),
@@ -178,7 +178,7 @@ fn cosine([u, v]: [f32; 2]) -> Vec3 {
 pub enum Bsdf {
     /// Lambertian reflection: the receiver.
     Matte {
-        /// Around the geometric normal on the side of the viewer.
+        /// Frame around the geometric normal on the side of the viewer.
         frame: Frame,
         /// Linear albedo.
         albedo: Vec3,

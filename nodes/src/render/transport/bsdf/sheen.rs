@@ -18,7 +18,7 @@ pub fn uniform([u, v]: [f32; 2]) -> Vec3 {
     Vec3::new(r * cos, r * sin, v)
 }
 
-/// The fit of the masking of fibres; between the coefficients for alpha 0 and 1, by the square.
+/// The fit of the masking of fibres; coefficients are interpolated between those for alpha 0 and 1, by the square.
 fn fit(x: f32, alpha: f32) -> f32 {
     let t = (1.0 - alpha) * (1.0 - alpha);
     let at = |wide: f32, narrow: f32| wide + (narrow - wide) * t;

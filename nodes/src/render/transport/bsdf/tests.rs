@@ -30,7 +30,7 @@ fn furnace(params: &BsdfParams, cosine: f32) -> f64 {
     furnace_from(params, towards(cosine), 2, 16_384)
 }
 
-/// The same for any viewer, with a number of points of a scramble.
+/// Like [`furnace`], for any viewer, with the given number of points and scramble.
 fn furnace_from(params: &BsdfParams, out: Vec3, scramble: u64, points: u32) -> f64 {
     let bsdf = surface(params, out);
     let weight = |i| {

@@ -137,7 +137,7 @@ impl Side {
         self.grid_rays(origin, largest).filter_map(height).collect()
     }
 
-    /// The level of the mesh over a foot. A surface above that faces down is a ceiling and does not count.
+    /// The level of the mesh over a foot. A surface above the foot that faces down is a ceiling and does not count.
     pub(crate) fn ground(&self, receiver: (&Receiver, bool), origin: DVec3, largest: f64) -> Option<Level> {
         let hits = self.heights(receiver, origin, largest).into_iter();
         let heights: Vec<_> = hits.filter(|(at, faces)| *faces || at[2] <= 0.0).map(|(at, _)| at).collect();
@@ -171,9 +171,9 @@ impl Side {
     }
 
     /// The level of the mesh at a flat side that rests on it, and the height by which it tilts the ends of the
-    /// side. An object may well stand near a wall, so a gap counts as an error of the mesh only within its noise;
-    /// it cannot be inside a wall, so a covered side counts as on the ground. `fixed` is the error of the mesh in
-    /// metres if known.
+    /// side. Objects often stand near a wall, so a gap counts as an error of the mesh only within its noise.
+    /// Objects cannot be inside a wall, so a side that the mesh covers counts as resting, as on the ground. `fixed`
+    /// is the error of the mesh in metres if known.
     pub(crate) fn rests(
         &self,
         receiver: (&Receiver, bool),

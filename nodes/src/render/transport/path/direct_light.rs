@@ -18,7 +18,7 @@ use crate::render::transport::sky::light_draws::wanted;
 const LAMPS: u32 = 1 << 16;
 /// First dimension pair of the attenuation of near light by objects, per vertex.
 const DIMMING: u32 = 3 << 17;
-/// The same for the position in a piece of the sky.
+/// First dimension pair of the position in a piece of the sky.
 const DIMMING_PIECE: u32 = 7 << 16;
 /// Maximum number of light samples per vertex.
 const MANY: usize = 5;
@@ -243,8 +243,8 @@ impl<'a> Integrator<'a> {
         left
     }
 
-    /// Reflected light of a light sample at a surface. `near` has near light, if used, and the random numbers of
-    /// the sample.
+    /// Reflected light of a light sample at a surface. `near` contains the near light, if used, and the random
+    /// numbers of the sample.
     fn light_sample(
         &mut self,
         surface: &Surface,
@@ -302,7 +302,8 @@ impl<'a> Integrator<'a> {
         arrived * sample.radiance / sample.pdf
     }
 
-    /// The same for a matte surface and distant light, which light samples find completely.
+    /// Like [`light_sample`](Self::light_sample), for a matte surface and distant light, which light samples find
+    /// completely.
     fn matte_light_sample(&mut self, surface: &Surface, sample: &LightSample, key: u32) -> Vec3 {
         let scatter = surface.bsdf.eval(sample.direction)[Lobe::Diffuse as usize];
         if sample.radiance == Vec3::ZERO || scatter.value == Vec3::ZERO {

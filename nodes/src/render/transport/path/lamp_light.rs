@@ -44,8 +44,8 @@ impl Integrator<'_> {
     }
 
     /// Light without emission that objects scatter to the receiver hit of a ray, under near light. The point
-    /// reflects as much of it as it is seen to reflect of all light that falls on it, independent of the receiver's
-    /// albedo, as in the ratio.
+    /// reflects the same share of it as it visibly reflects of all its incident light, independent of the
+    /// receiver's albedo, as in the ratio.
     pub(crate) fn objects_beyond(
         &mut self,
         landed: Option<Hit>,

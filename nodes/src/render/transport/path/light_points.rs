@@ -1,5 +1,5 @@
-//! Virtual lights: near light as points of the receiver and the sky, to tell which share of a point's light objects
-//! block.
+//! Virtual lights: near light as points of the receiver and the sky, to find the share of a point's light that
+//! objects block.
 //!
 //! A receiver point under near light has the radiance that the panorama shows, captured without the objects. The
 //! light they block there is the blocked share of its irradiance, and the light they add is in proportion to its
@@ -23,7 +23,7 @@ use crate::render::transport::sky::environment::EnvironmentLight;
 const POINTS: usize = 1024;
 /// Lights weighted for one choice. Any aligned block of them covers all directions.
 const BLOCK: usize = 32;
-/// One light in this many has a uniform direction: dark but near surfaces contribute too.
+/// One light in this many has a uniform direction, since dark but near surfaces contribute, too.
 const SPREAD: u32 = 4;
 
 /// A virtual light.

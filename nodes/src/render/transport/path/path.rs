@@ -18,11 +18,12 @@ pub(crate) const fn first_pair(bounce: u32) -> u32 {
 /// A vertex of a path.
 #[derive(Debug, Clone, Copy)]
 pub enum Vertex {
-    /// On the receiver.
+    /// A vertex on the receiver.
     Receiver(Hit),
-    /// On an object, hit by a camera ray or a specular ray.
+    /// A vertex on an object, hit by a camera ray or a specular ray.
     Object(Hit),
-    /// On an object, hit by a ray of a matte surface, which continues straight through transmissive surfaces.
+    /// A vertex on an object, hit by a ray of a matte surface, which continues straight through transmissive
+    /// surfaces.
     Straight(Hit),
 }
 

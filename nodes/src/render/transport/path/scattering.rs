@@ -43,7 +43,7 @@ impl Integrator<'_> {
         at.surface.bsdf.is_matte() && self.scene.rules.near.is_none()
     }
 
-    /// Scatters a ray; `None` where the surface scatters none, or where the ray could find nothing.
+    /// Scatters a ray; `None` if the surface scatters no light, or if the ray could find none.
     pub(crate) fn scatter(&mut self, path: &Path, at: &ShadingPoint) -> Option<Scattered> {
         let (rules, surface) = (self.scene.rules, &at.surface);
         let (go_on, matte) = (at.bounce < rules.max_bounces, self.is_matte(at));

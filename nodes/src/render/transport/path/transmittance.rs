@@ -38,7 +38,7 @@ impl Integrator<'_> {
         objects.bvh.closest(ray, |hit| objects.accepts(hit, key, false)).map(Vertex::Object)
     }
 
-    /// The weight of radiance at the end of such a ray, at a vertex or at infinity, and the media there.
+    /// The weight of radiance at the end of a ray of a lobe, at a vertex or at infinity, and the media there.
     pub(crate) fn along(
         &mut self,
         mut ray: Ray,
@@ -74,7 +74,8 @@ impl Integrator<'_> {
         left
     }
 
-    /// The same, and whether an object was hit, which is not recorded.
+    /// Like [`object_transmittance`](Self::object_transmittance); also returns whether an object was hit, which is
+    /// not recorded.
     fn objects_along(&mut self, ray: Ray, key: u32, except: Option<u32>, media: Media) -> ([Vec3; 2], bool) {
         if !self.pass.objects {
             return ([Vec3::ONE; 2], false);

@@ -77,7 +77,7 @@ mod tests {
     use super::*;
     use crate::render::transport::scene::block::EVERYWHERE;
 
-    /// Each ray under each rule: what a scattered ray and a shadow ray find at the receiver.
+    /// Tests the result of a scattered ray and a shadow ray at the receiver, for each ray and each rule.
     #[test]
     fn each_ray_sees_the_receiver_by_its_rule() {
         let rules = |block, bounce_solid, specular_env, printed| Rules {

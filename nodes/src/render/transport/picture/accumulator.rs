@@ -1,4 +1,4 @@
-//! From sums over samples to the finished images of one camera.
+//! Computes the finished images of one camera from sums over samples.
 
 use super::film::CROSS;
 use super::film::FIRST_HIT;

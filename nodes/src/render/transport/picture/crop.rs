@@ -1,4 +1,4 @@
-//! Cropping: an upper bound of what objects can change of the light of a tile of pixels.
+//! Cropping: an upper bound of the change by objects of the light of a tile of pixels.
 //!
 //! Objects change the light from the directions in which they are seen: they block the light behind them and add
 //! their own. All these directions lie in a [`Window`]. With `P` its projected solid angle, `T` the light of the
@@ -125,7 +125,7 @@ impl Crop {
         (bound <= self.limit).then_some(bound)
     }
 
-    /// The same under near light.
+    /// Like [`bound`](Self::bound), under near light.
     fn near_bound(
         &self,
         scene: &Scene<'_>,

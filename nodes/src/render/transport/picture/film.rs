@@ -111,17 +111,17 @@ pub struct Sums {
 pub struct TileSums {
     /// Sums of the tile's pixels, in order.
     pub sums: Vec<f32>,
-    /// As in [`Sums`].
+    /// Rays cast in the tile.
     pub rays: Rays,
-    /// As in [`Sums`].
+    /// Samples that were not finite and were ignored.
     pub broken: u64,
-    /// As in [`Sums`].
+    /// Object samples whose path was cut with most of its light to come.
     pub cut: u64,
-    /// As in [`Sums`].
+    /// Pixels whose sums equal those without objects, bit for bit.
     pub untouched: u64,
     /// The largest possible relative change of light, if the tile was cropped.
     pub cropped: Option<f64>,
-    /// Bounds of its points.
+    /// Bounds of the points of the tile.
     pub bounds: Option<TileBounds>,
 }
 

@@ -22,7 +22,7 @@ pub(crate) struct Silhouette {
 type Rectangle = [[usize; 2]; 2];
 
 impl Silhouette {
-    /// For objects seen by a camera at `eye`, whose right, down and forward in the world are `axes`.
+    /// The silhouette of objects for a camera at `eye`, whose right, down and forward in the world are `axes`.
     pub(crate) fn of(objects: &Objects, camera: &Camera, eye: Vec3, axes: [DVec3; 3]) -> Self {
         let size = [camera.width_px, camera.height_px].map(|n| n as usize);
         let Camera { fx, fy, cx, cy, .. } = *camera;
@@ -70,8 +70,8 @@ impl Silhouette {
         self.held[y as usize * self.size[0] + x as usize]
     }
 
-    /// Adds a triangle by its corners in the image, or the rectangle around two of them; for a box, whether to open
-    /// it.
+    /// Adds a triangle by its corners in the image, or the rectangle around it; for a box, returns whether to
+    /// descend into it.
     fn look(&mut self, corners: &[DVec2], is_box: bool) -> bool {
         let Some(pixels) = self.around(corners) else { return false };
         if self.is_known(pixels) {
@@ -165,8 +165,8 @@ mod tests {
         Objects::new(None, &[Arc::new(placed)], DVec3::ZERO).expect("consistent")
     }
 
-    /// Cameras outside and inside a crowd of triangles, so that some are to the side of and behind the eye: every pixel
-    /// with a ray that hits a triangle is included, and from outside few others.
+    /// Every pixel with a ray that hits a triangle is included, and from outside few others. The cameras are
+    /// outside and inside a set of triangles, some of which are beside or behind the eye.
     #[test]
     fn what_a_ray_meets_is_held() {
         let ground = Ground::default();

@@ -30,7 +30,7 @@ impl Default for TileBounds {
 }
 
 impl TileBounds {
-    /// For the pixels of a tile: the sum of light of each and the hits of its samples.
+    /// The bounds of a tile, given for each pixel the sum of its light and the hits of its samples.
     pub fn of<'a>(
         receiver: &Receiver,
         pixels: impl Iterator<Item = (Vec3, &'a [Option<Hit>])> + Clone,
@@ -59,7 +59,7 @@ impl TileBounds {
         tile
     }
 
-    /// Number of stored values: box, normals, height, light.
+    /// Number of stored values: those of box, normals, height and light.
     pub const VALUES: usize = 14;
 
     /// The values to store.

@@ -36,14 +36,14 @@ struct Extra<'a> {
     area: Area,
     coarse_px: u32,
     range: Range,
-    /// Up, metres per unit and the error of the mesh; absent for parts that do not depend on them.
+    /// Up axis, metres per unit and the error of the mesh; `None` for parts that do not depend on them.
     contact: Option<([f64; 3], f64, Option<f64>)>,
-    /// Crop limit; absent likewise.
+    /// Crop limit; `None` for parts that do not depend on it.
     crop: Option<f64>,
     /// True if the light of the objects is omitted.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     shadow_only: bool,
-    /// True if absent lobes are evaluated; in the key, so that it is computed.
+    /// True if absent lobes are evaluated. Part of the key, so that such a run computes everything.
     every_lobe: bool,
 }
 

@@ -1,4 +1,5 @@
-//! A part of the sphere that contains the directions from some points to a box, and bounds of light from it.
+//! Windows: parts of the sphere of directions that contain all directions from the points of a tile to a box, and
+//! bounds of the light from them.
 
 use std::f64::consts::PI;
 
@@ -32,7 +33,7 @@ struct Wedge {
 }
 
 impl Window {
-    /// For a box or a triangle by its corners; `None` where it may surround the points.
+    /// The window of a box or a triangle, given by its corners; `None` if it may surround the points.
     pub(crate) fn of(tile: &TileBounds, corners: &[Vec3]) -> Option<Self> {
         let up = tile.normals.axis.as_dvec3();
         let heights = corners.iter().map(|corner| corner.as_dvec3().dot(up));
@@ -89,7 +90,8 @@ impl Window {
 }
 
 impl Wedge {
-    /// For corners of which the highest is `above` the points; `None` where they may be anywhere above.
+    /// The wedge of some corners, of which the highest is `above` the points; `None` if they may be in any
+    /// direction above.
     fn of(tile: &TileBounds, corners: &[Vec3], above: f64) -> Option<Self> {
         let up = tile.normals.axis.as_dvec3();
         let [low, high] = [tile.low, tile.high].map(|p| p.as_dvec3());
@@ -142,7 +144,7 @@ mod tests {
     use crate::geometry::sampling::Points;
     use crate::testing::direction;
 
-    /// A number between two.
+    /// Interpolates between two numbers.
     fn between(low: f32, high: f32, u: f32) -> f32 {
         low + (high - low) * u
     }

@@ -83,7 +83,7 @@ impl SurfacePoint<'_> {
         [r / alpha, g / alpha, b / alpha, alpha]
     }
 
-    /// The same; colours with coverage are premultiplied by alpha.
+    /// Like [`texture`](Self::texture); colours with coverage are premultiplied by alpha.
     fn weighed(&self, texture: Option<TextureRef>, texels: Texels) -> [f32; 4] {
         let Some(texture) = texture else { return [1.0; 4] };
         let Some(image) = self.object.textures.get(texture.texture as usize) else { return [1.0; 4] };

@@ -1,4 +1,4 @@
-//! Transparent bodies along a ray: which of them surround it, and how much of its light they absorb.
+//! Transparent bodies along a ray: those that surround it, and the light that they absorb.
 
 use std::cmp::Ordering;
 

@@ -97,9 +97,9 @@ fn share_area(a: &[DVec2; 3], b: &[DVec2; 3], by: f64) -> bool {
 }
 
 impl Objects {
-    /// Lifts flat objects off the objects that they coincide with: to the front side of the other face; of two flat
-    /// objects the later off the earlier, towards the camera if that one is two-sided. A flat object on the
-    /// receiver is lifted only off other flat ones.
+    /// Lifts flat objects off the objects that they coincide with: to the front side of the other face. Of two flat
+    /// objects, the later one is lifted off the earlier one, towards the camera if the earlier one is two-sided. A
+    /// flat object on the receiver is lifted only off other flat ones.
     pub(crate) fn lift_sheets(&mut self, receiver: Option<&Receiver>) {
         let Some((low, high)) = self.bvh.bounds().filter(|_| self.placed().len() > 1) else { return };
         let space = margin(&[low, high, low]);

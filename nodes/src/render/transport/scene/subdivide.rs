@@ -13,9 +13,9 @@
 
 use glam::{DVec3, Vec3};
 
-/// An edge is halved if it is longer than this share of its distance from the origin
+/// First term of the largest length of an edge, as a share of its distance from the origin.
 const SHARE: f64 = 0.5;
-/// plus this multiple of the distance of the nearest point of the mesh.
+/// Second term of the largest length of an edge, as a multiple of the distance of the nearest point of the mesh.
 const NEAREST: f64 = 16.0;
 /// Edges shorter than this share of the distance of the farthest corner are never halved, even if the origin lies
 /// on the mesh.

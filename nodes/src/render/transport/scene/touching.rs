@@ -13,7 +13,7 @@ use crate::geometry::bvh::Ray;
 /// The triangles of objects that may coincide with the receiver.
 #[derive(Debug, Clone, Default)]
 pub struct Touching {
-    /// True if each triangle does; empty where none does.
+    /// For each triangle, true if it may coincide; empty if none does.
     pub(crate) triangles: Vec<bool>,
     /// Bounding box of those triangles, grown by [`reach`](Self::reach).
     pub(crate) held: Option<Aabb>,
@@ -22,7 +22,8 @@ pub struct Touching {
 }
 
 impl Touching {
-    /// How far the points of a box must be lowered to lie below objects that lie on them; 0 where there are none.
+    /// Distance by which the points of a box must be lowered to be below objects that lie on them; 0 if there are
+    /// none.
     pub fn depth(&self, low: Vec3, high: Vec3) -> f32 {
         let there = self.held.is_some_and(|held| held.meets(&Aabb { low, high }));
         if there { 2.0 * self.reach } else { 0.0 }

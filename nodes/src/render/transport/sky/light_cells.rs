@@ -123,8 +123,8 @@ impl LightCells {
         }
     }
 
-    /// Touches the data that the second half searches, so that memory accesses of many choices overlap. The sum is
-    /// meaningless.
+    /// Touches the data that the second half searches, so that memory accesses of many choices overlap. Returns a
+    /// meaningless sum.
     #[inline(always)]
     pub fn look_ahead(&self, &RowChoice { y, columns: [start, end], .. }: &RowChoice) -> f32 {
         let line = &self.across[y as usize * self.width + start as usize..];

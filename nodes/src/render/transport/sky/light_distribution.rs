@@ -20,7 +20,7 @@ const ANY: usize = SIDE * SIDE;
 
 /// Entries compared at once.
 const LANES: usize = 8;
-/// Lines with more entries are bisected down to this number, then scanned.
+/// Number of entries that are scanned; longer lines are bisected down to this number first.
 const SCANNED: usize = 32;
 
 /// Pads a line of cumulative probabilities for [`invert`]: whole vectors may be read from any entry.
@@ -196,7 +196,7 @@ mod tests {
         crate::testing::direction(Points::new(stream(8, 0, 0), i).pair(pair))
     }
 
-    /// By every SIMD level.
+    /// Inverts with every SIMD level and checks that all agree.
     fn inverted(cumulative: &[f64], u: f64) -> (usize, f64) {
         let mut single: Vec<f32> = cumulative.iter().map(|&c| c as f32).collect();
         pad(&mut single);
@@ -223,8 +223,8 @@ mod tests {
         assert_eq!(inverted(&cumulative[..4], 0.6).0, 2);
     }
 
-    /// Lines of any length, with anything behind them: the result is the entry after those up to `u`. Mutation:
-    /// `half - 1` of `invert` to `half - 2`.
+    /// Inversion finds the first entry above `u`, for lines of any length, whatever follows them in memory.
+    /// Mutation: `half - 1` of `invert` to `half - 2`.
     #[test]
     fn inversion_finds_the_first_entry_above() {
         for length in [1, 2, 7, 8, 9, 31, 32, 33, 64, 65, 100, 257] {

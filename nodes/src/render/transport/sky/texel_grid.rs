@@ -122,7 +122,7 @@ impl TexelGrid {
         row
     }
 
-    /// The column of a direction, likewise.
+    /// The column of a direction: estimated by an approximate angle, corrected by the exact edges.
     fn column(&self, x: f64, y: f64) -> usize {
         let turns = approximate_turns(x, y) + 0.5;
         let column = ((turns * self.width as f64) as usize).min(self.width - 1);

@@ -212,10 +212,10 @@ fn follows(
     assert!(z < 4.0, "{what}: {z}");
 }
 
-/// Every way to sample directions: tiers, cells, texels and points in them. Mutation: `numbers[tier]` left out of
-/// `EnvironmentLight::eval`, `share(rows, row)` of `LightDistribution::probability` squared, `of_row` left out of
-/// `LightCells::divide`, `v` squared in `TexelGrid::within`, `0.75` and `0.25` of `eval_defensive` swapped (each
-/// seen red).
+/// Samples follow their densities in every step: tiers, cells, texels and points in them. Mutation: `numbers[tier]`
+/// left out of `EnvironmentLight::eval`, `share(rows, row)` of `LightDistribution::probability` squared, `of_row`
+/// left out of `LightCells::divide`, `v` squared in `TexelGrid::within`, `0.75` and `0.25` of `eval_defensive`
+/// swapped (each seen red).
 #[test]
 fn samples_follow_their_densities() {
     let mut lamps = noisy(24, 12);
