@@ -14,8 +14,8 @@ const ZOOM: usize = 8;
 const WINDOW: usize = 3 * ZOOM;
 /// Half the side of the square whose median depth is taken, in rendered pixels.
 const SQUARE: usize = 3;
-/// Least coverage of a pixel that shows something.
-const COVERED: f32 = 0.5;
+/// Least mean coverage of a pixel that shows something.
+const COVERED: f64 = 0.5;
 /// Splats nearer to the camera than this share of the scene's distance are left out.
 const NEAR: f64 = 1e-3;
 
@@ -104,8 +104,12 @@ pub fn on_splats(
     };
     let settings = Settings { near, depth: DepthMode::RayMedian, ..Settings::default() };
     let seen = render(splats, &window, None, &settings, cx)?;
-    let middle = side * side / 2;
-    if seen.rgba.get(middle * 4 + 3).is_none_or(|alpha| *alpha < COVERED) {
+    // The pixel of the view.
+    let own = WINDOW - ZOOM / 2..=WINDOW + ZOOM / 2;
+    let alpha = |x: usize, y: usize| f64::from(seen.rgba[(y * side + x) * 4 + 3]);
+    let covered: f64 =
+        own.clone().flat_map(|y| own.clone().map(move |x| (x, y))).map(|(x, y)| alpha(x, y)).sum();
+    if covered < COVERED * (own.clone().count() * own.count()) as f64 {
         let what = "the background: less than half of it is covered by splats";
         return Err(nothing(camera, pixel, what).hint("take a pixel of the ground"));
     }

@@ -78,7 +78,8 @@ impl Data {
 
     /// A mesh in the frame of the world.
     pub fn mesh(&self, path: &str, colours: ColourEncoding) -> (Arc<Mesh>, Notes) {
-        let params = LoadMesh { path: InputFile(path.to_owned()), frame: MeshFrame::World, colours, matrix: None };
+        let params =
+            LoadMesh { path: InputFile(path.to_owned()), frame: MeshFrame::World, colours, matrix: None };
         let (out, notes) = LoadMesh::run(&params, load_mesh::In {}, &self.context()).unwrap();
         (out.mesh, notes)
     }

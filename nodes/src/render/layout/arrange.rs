@@ -184,7 +184,7 @@ mod tests {
     fn an_object_stands_under_the_open_sky() {
         let mut mesh = Mesh::default();
         square(&mut mesh, [0.0; 3], 3.0);
-        square(&mut mesh, [0.1, -0.1, 0.6], 0.8);
+        square(&mut mesh, [0.1, -0.1, 1.5], 0.8);
         let splats = of_mesh(&mesh);
         let stand = level::upright(&splats, DVec3::Z, None).expect("a scene");
         let object = Extents { low: DVec3::new(-0.1, 0.0, -0.1), high: DVec3::new(0.1, 0.2, 0.1) };

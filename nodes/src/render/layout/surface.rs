@@ -10,7 +10,7 @@ const CLEAR: usize = 5;
 const STACKED: usize = 4;
 /// A place with this many times `Wish::enough` of free space over it is worth half of one under the open sky: what stands
 /// under something is dark and badly seen.
-const COVERED: f64 = 4.0;
+const COVERED: f64 = 10.0;
 /// Surfaces of fewer cells are not looked at.
 const FEWEST: usize = 30;
 

@@ -14,7 +14,6 @@ mod metrics;
 mod splat;
 mod trace;
 mod trials;
-mod trials;
 
 /// The shared data, with z up and seed 7.
 fn data() -> testkit::Data {
