@@ -8,6 +8,7 @@ pub mod locked;
 mod names;
 pub mod origin;
 pub mod splats;
+pub mod standing;
 
 pub use engine::{EngineArgs, cache_folder, on_interrupt, size, time};
 pub use error::Error;

@@ -55,7 +55,7 @@ pub fn check_memory(path: &Path, memory: u64) -> Result<(), NodeError> {
 }
 
 fn params(path: InputFile, frame: Frame) -> LoadSplats {
-    LoadSplats { path, more: Vec::new(), strict: false, max_extent: 1e6, frame }
+    LoadSplats { path, more: Vec::new(), strict: false, max_extent: 1e6, frame, matrix: None }
 }
 
 /// The axis of the world that points up.

@@ -4,6 +4,7 @@
 mod bytes;
 mod cache;
 mod incremental;
+mod init;
 mod kill;
 mod layers;
 mod messages;

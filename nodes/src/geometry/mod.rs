@@ -2,6 +2,7 @@
 
 pub mod bvh;
 pub mod inspect;
+pub mod level;
 pub mod resting;
 pub mod sampling;
 pub mod support;

@@ -8,6 +8,7 @@ use engine::{
 
 use crate::io::splats::{Placing, Reading, assemble, load, report, size, source};
 use crate::types::Splats;
+use crate::types::frame::Similarity;
 
 pub use crate::io::splats::Frame;
 
@@ -36,6 +37,10 @@ engine::params! {
         max_extent: f64 = 1e6, range(1e-12, 1e30), unit("world units"), other("0.2");
         /// Up axis of the file: by its format, or given here.
         frame: Frame = Frame::ByFormat, other("YUp");
+        /// A rotation, an even scale and a shift of the scene after `frame`: 16 numbers, row after row. Harmonics are
+        /// turned with it. For captures that lie aslant, as COLMAP leaves them; the same numbers go to `load-cameras`
+        /// and `load-mesh`. `lightharmony init` writes them.
+        matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }
 engine::inputs! {
@@ -60,6 +65,10 @@ impl Kind for LoadSplats {
     type In = In;
     type Out = Out;
 
+    fn check(params: &Self) -> Result<(), NodeError> {
+        Similarity::of_parameter(params.matrix.as_ref()).map(|_| ())
+    }
+
     fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
         // Each file with its unpacked data and its rows; at the end the rows of all files and the resulting scene.
         let (mut rows, mut most) = (0_u64, 0_u64);
@@ -83,8 +92,9 @@ impl Kind for LoadSplats {
 
     fn run(params: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
+        let matrix = Similarity::of_parameter(params.matrix.as_ref())?;
         let placing = Placing { frame: params.frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
-        let reading = Reading { cx, placing, max_extent: params.max_extent };
+        let reading = Reading { cx, placing, max_extent: params.max_extent, matrix };
         let mut names = Vec::new();
         for (field, named) in
             std::iter::once(("path", &params.path)).chain(params.more.iter().map(|file| ("more", file)))
@@ -121,5 +131,67 @@ impl Kind for LoadSplats {
             notes.degraded("no-splats", "the scene holds no splat that can be drawn");
         }
         Ok((Out { splats: Arc::new(splats) }, notes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DQuat, DVec3};
+
+    use super::*;
+    use crate::io::splats::save::{SaveFormat, encode};
+    use crate::render::splat::{Settings, render};
+    use crate::types::Camera;
+
+    /// A scene of degree 3 loaded by a matrix looks to a camera that was moved the same way as it did before.
+    /// Mutation: `self.sh.apply(sh)` left out of `Turn::apply`, seen red.
+    #[test]
+    fn turned_scene_and_turned_camera_give_the_same_picture() {
+        let mut scene = crate::testing::no_splats();
+        scene.sh_degree = 3;
+        let unit = |i: usize, k: usize| ((i * 7919 + k * 104_729) % 1009) as f32 / 504.0 - 1.0;
+        for i in 0..400 {
+            scene.means.push([0, 1, 2].map(|k| unit(i, k)));
+            scene.scales.push([3, 4, 5].map(|k| 0.06 + 0.05 * unit(i, k)));
+            let quat = [6, 7, 8, 9].map(|k| unit(i, k) + 0.01);
+            let length = quat.iter().map(|q| q * q).sum::<f32>().sqrt();
+            scene.quats.push(quat.map(|q| q / length));
+            scene.opacities.push(0.5 + 0.4 * unit(i, 10));
+            scene.sh.extend((0..16).map(|k| [11, 12, 13].map(|c| 0.4 * unit(i, c + 3 * k))));
+        }
+        let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+        let root = folder.path().display().to_string();
+        let scene_block =
+            engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+        let cx = Context::detached(scene_block, &root);
+        let bytes = encode(&scene, SaveFormat::Ply, None, &cx).unwrap_or_else(|e| panic!("{e}")).0;
+        std::fs::write(folder.path().join("a.ply"), bytes).unwrap_or_else(|e| panic!("{e}"));
+        let load = |matrix: Option<[f64; 16]>| {
+            let path = InputFile("a.ply".to_owned());
+            let frame = Frame::ByFormat;
+            let p = LoadSplats { path, more: Vec::new(), strict: true, max_extent: 1e6, frame, matrix };
+            LoadSplats::check(&p).unwrap_or_else(|e| panic!("{e}"));
+            LoadSplats::run(&p, In {}, &cx).unwrap_or_else(|e| panic!("{e}")).0.splats
+        };
+        let rotation = DQuat::from_xyzw(0.2, -0.5, 0.3, 0.7).normalize();
+        let moved = Similarity {
+            rotation: glam::DMat3::from_quat(rotation),
+            scale: 1.7,
+            offset: DVec3::new(3.0, -2.0, 1.0),
+        };
+        let camera = |by: &Similarity| {
+            let forward = DVec3::new(0.1, 0.9, -0.2).normalize();
+            let right = forward.cross(DVec3::Z).normalize();
+            let axes = [right, forward.cross(right), forward].map(|v| by.rotation * v);
+            Camera::centred("v", [96, 64], 70.0, axes, by.point(DVec3::new(0.0, -3.2, 0.4)))
+        };
+        let picture = |splats: &Splats, by: &Similarity| {
+            let seen = render(splats, &camera(by), None, &Settings::default(), &cx);
+            seen.unwrap_or_else(|e| panic!("{e}")).rgba
+        };
+        let before = picture(&load(None), &Similarity::IDENTITY);
+        let after = picture(&load(Some(moved.rows())), &moved);
+        let off = before.iter().zip(&after).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(before.iter().any(|v| *v > 0.5) && off < 2e-3, "{off}");
     }
 }

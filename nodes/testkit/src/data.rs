@@ -70,13 +70,15 @@ impl Data {
             strict,
             max_extent: 1e6,
             frame: Frame::ByFormat,
+            matrix: None,
         };
         LoadSplats::run(&params, load_splats::In {}, &self.context()).unwrap().0.splats
     }
 
     /// A mesh in the frame of the world.
     pub fn mesh(&self, path: &str, colours: ColourEncoding) -> (Arc<Mesh>, Notes) {
-        let params = LoadMesh { path: InputFile(path.to_owned()), frame: MeshFrame::World, colours };
+        let params =
+            LoadMesh { path: InputFile(path.to_owned()), frame: MeshFrame::World, colours, matrix: None };
         let (out, notes) = LoadMesh::run(&params, load_mesh::In {}, &self.context()).unwrap();
         (out.mesh, notes)
     }
@@ -109,6 +111,7 @@ impl Data {
             list: list.to_owned(),
             resolution: 1.0,
             distortion: Distortion::Refuse,
+            matrix: None,
         };
         LoadCameras::run(&params, load_cameras::In {}, &self.context()).unwrap().0.rig
     }

@@ -20,6 +20,7 @@ use crate::error::Error;
 use crate::io::base64;
 use crate::math::num;
 use crate::types::SplatEncoding;
+use crate::types::frame::Similarity;
 
 const NAME: &str = "KHR_gaussian_splatting";
 const SPZ: [&str; 2] = ["KHR_gaussian_splatting_compression_spz_2", "KHR_gaussian_splatting_compression_spz"];
@@ -256,11 +257,11 @@ pub(super) fn load(
         });
     }
     let world = reading.world(file, Some(Up::PlusY), true, notes);
-    let (matrix, scale) = world.unwrap_or((DMat3::IDENTITY, 1.0));
+    let world = world.unwrap_or(Similarity::IDENTITY);
     let mut all: Option<Loaded> = None;
     for (number, one) in uses.iter().enumerate() {
-        let linear = matrix * DMat3::from_mat4(one.matrix) * scale;
-        let offset = matrix * one.matrix.w_axis.truncate() * scale;
+        let linear = world.rotation * DMat3::from_mat4(one.matrix) * world.scale;
+        let offset = world.point(one.matrix.w_axis.truncate());
         let turn = if linear == DMat3::IDENTITY && offset == DVec3::ZERO {
             None
         } else {

@@ -30,11 +30,12 @@ use engine::{Context, NodeError, Notes, Up};
 use glam::{DMat3, DVec3};
 
 use crate::error::Error;
+use crate::types::frame::Similarity;
 use crate::types::{SplatEncoding, Splats};
 use parts::Part;
 
 pub(crate) use frame::Placing;
-pub use frame::{Frame, Turn, from_y_up};
+pub use frame::{Frame, Turn, from_y_up, quaternion};
 pub(crate) use rows::unit;
 pub use rows::{Row, RowFault, SH_C0, sh_rest};
 pub use sh_turn::ShTurn;
@@ -49,6 +50,8 @@ pub(crate) struct Reading<'a> {
     pub(crate) cx: &'a Context,
     pub(crate) placing: Placing,
     pub(crate) max_extent: f64,
+    /// What the user does to it in the world.
+    pub(crate) matrix: Similarity,
 }
 
 impl Reading<'_> {
@@ -73,25 +76,21 @@ impl Reading<'_> {
         parts::read_rows(first, count, turn, self.cx, read)
     }
 
-    /// The rotation and scale into the world, by the format of the file; the decision is noted.
-    fn world(
-        &self,
-        file: &str,
-        declared: Option<Up>,
-        metres: bool,
-        notes: &mut Notes,
-    ) -> Option<(DMat3, f64)> {
+    /// The transform into the world, by the format of the file and the user's parameters; the decision is noted.
+    fn world(&self, file: &str, declared: Option<Up>, metres: bool, notes: &mut Notes) -> Option<Similarity> {
         let (turn, text) = self.placing.turn(declared, metres);
         if let Some(text) = text {
             notes.decision("frame", format!("`{file}` {text}"));
         }
-        turn
+        let (rotation, scale) = turn.unwrap_or((DMat3::IDENTITY, 1.0));
+        let all = self.matrix.after(&Similarity { rotation, scale, offset: DVec3::ZERO });
+        (all != Similarity::IDENTITY).then_some(all)
     }
 
     /// The same as a transform of rows.
     fn turn(&self, file: &str, declared: Option<Up>, metres: bool, notes: &mut Notes) -> Option<Turn> {
-        let (matrix, scale) = self.world(file, declared, metres, notes)?;
-        Some(Turn::new(matrix, scale, DVec3::ZERO))
+        let Similarity { rotation, scale, offset } = self.world(file, declared, metres, notes)?;
+        Some(Turn::new(rotation, scale, offset))
     }
 }
 
@@ -183,7 +182,7 @@ pub fn from_bytes(
     cx: &Context,
 ) -> Result<(Splats, Notes), NodeError> {
     let placing = Placing { frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
-    let reading = Reading { cx, placing, max_extent: 1e6 };
+    let reading = Reading { cx, placing, max_extent: 1e6, matrix: Similarity::IDENTITY };
     let mut notes = Notes::none();
     let alone =
         |name: &str| Err(NodeError::new(format!("`{file}` needs the file `{name}` in the same folder")));

@@ -88,6 +88,7 @@ fn what_is_not_finite_is_dropped_or_named() {
         strict: true,
         max_extent: 1e6,
         frame: Frame::ByFormat,
+        matrix: None,
     };
     let error = LoadSplats::run(&params, In {}, &cx).err().unwrap();
     assert!(error.message().contains("splat 33333 "), "{error}");
@@ -324,6 +325,7 @@ fn sog_versions_and_wrappings_agree() {
             strict: true,
             max_extent: 1e6,
             frame: Frame::ByFormat,
+            matrix: None,
         };
         let sources = LoadSplats::sources(&params, &root).unwrap();
         (LoadSplats::run(&params, In {}, &cx).unwrap().0.splats, sources)
@@ -441,6 +443,7 @@ fn chunks_that_come_and_go_while_it_runs_ask_for_another_run() {
         strict: true,
         max_extent: 1e6,
         frame: Frame::ByFormat,
+        matrix: None,
     };
     let sources = LoadSplats::sources(&params, &SourceRoot::new(folder.path())).unwrap();
     let scene = engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };

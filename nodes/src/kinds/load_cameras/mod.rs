@@ -1,6 +1,7 @@
 //! `load-cameras`: the cameras of a capture or of another program.
 
 mod colmap;
+mod gltf;
 mod json;
 #[cfg(test)]
 mod tests;
@@ -9,11 +10,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use engine::{
-    Context, InputFile, Keep, Kind, NodeError, Notes, Scene, SourceFile, SourceRoot, Up, ViewCount,
+    Context, ContextField, InputFile, Keep, Kind, NodeError, Notes, Scene, SourceFile, SourceRoot, Up,
+    ViewCount,
 };
 use glam::{DMat3, DMat4, DVec3};
 
 use crate::error::Error;
+use crate::types::frame::Similarity;
 use crate::types::{Camera, Rig};
 
 engine::choices! {
@@ -26,14 +29,15 @@ engine::choices! {
     }
 }
 engine::params! {
-    /// Loads cameras: our own JSON, COLMAP, nerfstudio or INRIA files.
+    /// Loads cameras: our own JSON, COLMAP, nerfstudio or INRIA files, or those of a glTF scene.
     ///
     /// The format is detected by content: (1) our own JSON, `{"views": [{"name": "view_0", "w": 512, "h": 384,
     /// "fx": 491.8, "fy": 491.8, "cx": 256.0, "cy": 192.0, "c2w_opencv": [[..4], [..4], [..4], [..4]]}]}` with the
     /// rows of the matrix from camera to world, camera x right, y down, z forward; or `c2w_opengl`, y up and z
     /// backward. (2) A COLMAP model, text or binary: its folder, or a folder that holds `sparse/0`. (3)
-    /// nerfstudio's `transforms.json`. (4) INRIA's `cameras.json`. Pixel centres lie at +0.5 in all of them. A view
-    /// is named after its picture, without folder and extension, but with as many folders as needed to distinguish
+    /// nerfstudio's `transforms.json`. (4) INRIA's `cameras.json`. (5) The perspective cameras of a glTF or GLB scene,
+    /// converted from y up and metres to the world as objects are; their pictures have 1080 rows times `resolution`.
+    /// Pixel centres lie at +0.5 in all of them. A view is named after its picture, without folder and extension, but with as many folders as needed to distinguish
     /// pictures of the same name: `day1_IMG_0001`.
     pub struct LoadCameras {
         /// The file, or the folder of a COLMAP model.
@@ -47,6 +51,8 @@ engine::params! {
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
         /// Treatment of lens distortion.
         distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have none");
+        /// A rotation, an even scale and a shift of the cameras: 16 numbers, row after row, as `load-splats` has them.
+        matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }
 engine::inputs! {
@@ -82,14 +88,19 @@ const CAMERA_LIMIT: usize = 1_000_000;
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
     const VERSION: u32 = 3;
+    const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
     type Params = Self;
     type In = In;
     type Out = Out;
 
+    fn check(p: &Self) -> Result<(), NodeError> {
+        Similarity::of_parameter(p.matrix.as_ref()).map(|_| ())
+    }
+
     fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
-        if is_json(&p.path) {
+        if is_json(&p.path) || is_gltf(&p.path) {
             return Ok(vec![root.file(&p.path)]);
         }
         Ok(files(&p.path, root)?.iter().map(|file| root.file(file)).collect())
@@ -142,6 +153,11 @@ fn is_json(path: &InputFile) -> bool {
     path.0.to_lowercase().ends_with(".json")
 }
 
+fn is_gltf(path: &InputFile) -> bool {
+    let lower = path.0.to_lowercase();
+    lower.ends_with(".glb") || lower.ends_with(".gltf")
+}
+
 /// The files that a path other than `.json` may refer to, in order of preference.
 fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     let folder = match path.0.rsplit_once('/') {
@@ -174,13 +190,16 @@ fn is_part(file: &str) -> bool {
 }
 
 fn unknown(path: &InputFile) -> NodeError {
-    NodeError::new(format!("`{}` is neither a JSON file nor the folder of a COLMAP model", path.0))
+    NodeError::new(format!("`{}` is neither JSON nor glTF nor the folder of a COLMAP model", path.0))
         .at("path")
         .hint("a COLMAP model has `cameras.bin` and `images.bin`, or both as `.txt`")
 }
 
 fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, NodeError> {
     let name = &p.path.0;
+    if is_gltf(&p.path) {
+        return Ok(gltf::read(name, &cx.read(&p.path)?, cx, notes)?);
+    }
     if is_json(&p.path) {
         return Ok(json::read(name, &cx.read(&p.path)?, &p.list, notes)?);
     }
@@ -337,6 +356,8 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     let turn = orthonormal(DMat3::from_mat4(raw.world_from_camera)).ok_or_else(|| {
         bad("its matrix is not a rotation".to_owned()).hint("a scaled or mirrored pose cannot be used")
     })?;
+    let matrix = Similarity::of_parameter(p.matrix.as_ref())?;
+    let (eye, turn) = (matrix.point(eye), matrix.rotation * turn);
     if !eye.is_finite() {
         return Err(bad("its position is not finite".to_owned()));
     }

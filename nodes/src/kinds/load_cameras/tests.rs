@@ -8,6 +8,7 @@ fn node(path: &str) -> LoadCameras {
         list: "views".into(),
         resolution: 1.0,
         distortion: Distortion::Refuse,
+        matrix: None,
     }
 }
 
@@ -238,6 +239,37 @@ fn hostile_files_are_errors() {
     }
     assert!(load(&[("c.json", b"{\"other\": 3}")], &node("c.json")).is_err());
     assert!(load(&[], &node("nowhere")).is_err());
+}
+
+/// A camera of Blender looks along -z with y up; its node is turned, scaled and a child of another.
+#[test]
+fn cameras_of_gltf_come_into_the_world_as_objects_do() {
+    let json = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+        "nodes": [{"translation": [1, 2, 3], "children": [1, 2]},
+                  {"name": "shot", "camera": 0, "scale": [2, 2, 2], "rotation": [0, 0.7071067811865476, 0, 0.7071067811865476]},
+                  {"camera": 1}],
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 1.5707963267948966, "aspectRatio": 2.0, "znear": 0.1}},
+                    {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "znear": 0.1, "zfar": 9}}]}"#;
+    let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+    std::fs::write(folder.path().join("a.gltf"), json).unwrap_or_else(|e| panic!("{e}"));
+    let scene = Scene { up: Up::PlusZ, metres_per_unit: 0.5, seed: 0, exhaustive: false };
+    let cx = Context::detached(scene, folder.path().display().to_string());
+    let p = LoadCameras { resolution: 0.5, ..node("a.gltf") };
+    let (out, notes) = LoadCameras::run(&p, In {}, &cx).unwrap_or_else(|e| panic!("{e}"));
+    let [camera] = &out.rig.cameras[..] else { panic!("{:?}", out.rig) };
+    assert_eq!((camera.name.as_str(), camera.width_px, camera.height_px), ("shot", 1080, 540));
+    // glTF angles are single precision: half an ulp of 1.57 is 6e-8, times 270 pixels.
+    assert!((camera.fy - 270.0).abs() < 2e-5);
+    // (1, 2, 3) of y up is (1, -3, 2) of z up, in units of half a metre.
+    assert!((camera.eye() - DVec3::new(2.0, -6.0, 4.0)).length() < 1e-9);
+    // -z turned by a quarter about y is -x.
+    assert!((camera.direction(camera.cx, camera.cy) - DVec3::NEG_X).length() < 1e-9);
+    assert!(notes.iter().any(|note| note.id == "parallel-cameras"));
+    let turned = [0.0, -1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+    let p = LoadCameras { matrix: Some(turned), ..p };
+    let camera = LoadCameras::run(&p, In {}, &cx).unwrap_or_else(|e| panic!("{e}")).0.rig.cameras[0].clone();
+    assert!((camera.eye() - DVec3::new(7.0, 2.0, 4.0)).length() < 1e-9);
+    assert!((camera.direction(camera.cx, camera.cy) - DVec3::NEG_Y).length() < 1e-9);
 }
 
 // Some exporters write tabs or two spaces between words. Once refused as "not understood".

@@ -14,7 +14,7 @@ use crate::error::Error;
 use crate::io::gltf::{self, object};
 use crate::io::head;
 use crate::math::color::linear_from_srgb;
-use crate::types::frame::world_from_gltf;
+use crate::types::frame::{Similarity, world_from_gltf};
 use crate::types::{Mesh, Primitive};
 use of_ply::from_ply;
 
@@ -52,6 +52,9 @@ engine::params! {
         colours: ColourEncoding = ColourEncoding::Auto, other("Linear");
         /// Frame of reference of the coordinates.
         frame: MeshFrame = MeshFrame::World, other("Gltf");
+        /// A rotation, an even scale and a shift of the mesh after `frame`: 16 numbers, row after row, as `load-splats`
+        /// has them.
+        matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }
 engine::inputs! {
@@ -89,6 +92,10 @@ impl Kind for LoadMesh {
     type Params = Self;
     type In = In;
     type Out = Out;
+
+    fn check(p: &Self) -> Result<(), NodeError> {
+        Similarity::of_parameter(p.matrix.as_ref()).map(|_| ())
+    }
 
     fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         if is_gltf(&p.path) { object::sources(&p.path, root) } else { Ok(vec![root.file(&p.path)]) }
@@ -134,6 +141,12 @@ impl Kind for LoadMesh {
             let m = world_from_gltf(cx.up(), cx.metres_per_unit());
             for position in &mut raw.positions {
                 *position = m.transform_point3(DVec3::from_array(*position)).to_array();
+            }
+        }
+        if p.matrix.is_some() {
+            let matrix = Similarity::of_parameter(p.matrix.as_ref())?;
+            for position in &mut raw.positions {
+                *position = matrix.point(DVec3::from_array(*position)).to_array();
             }
         }
         let srgb = match p.colours {

@@ -13,7 +13,12 @@ fn load(bytes: &[u8], p: &LoadMesh) -> Result<(Arc<Mesh>, Notes), NodeError> {
     LoadMesh::run(p, In {}, &cx).map(|(out, notes)| (out.mesh, notes))
 }
 fn plain() -> LoadMesh {
-    LoadMesh { path: InputFile("a.ply".into()), colours: ColourEncoding::Auto, frame: MeshFrame::World }
+    LoadMesh {
+        path: InputFile("a.ply".into()),
+        colours: ColourEncoding::Auto,
+        frame: MeshFrame::World,
+        matrix: None,
+    }
 }
 fn good(bytes: &[u8]) -> (Arc<Mesh>, Notes) {
     load(bytes, &plain()).unwrap_or_else(|e| panic!("{e}"))
@@ -93,7 +98,7 @@ fn colours_of_wide_numbers_are_codes() {
 fn the_factor_of_a_gltf_material_colours_its_vertices() {
     let factor = r#"{"pbrMetallicRoughness":{"baseColorFactor":[0.5,0.25,1.0,1.0]}}"#;
     let colours = |material: &str, vertex: Option<[f32; 3]>, colours: ColourEncoding| {
-        let p = LoadMesh { path: InputFile("a.glb".into()), colours, frame: MeshFrame::World };
+        let p = LoadMesh { path: InputFile("a.glb".into()), colours, frame: MeshFrame::World, matrix: None };
         load(&triangle(material, vertex), &p).unwrap_or_else(|e| panic!("{e}")).0.colours.clone()
     };
     let auto = ColourEncoding::Auto;
@@ -138,7 +143,8 @@ fn colours_of_faces_are_those_of_their_corners() {
 #[test]
 fn axes_of_gltf_are_reported() {
     for (frame, reported) in [(MeshFrame::World, true), (MeshFrame::Gltf, false)] {
-        let p = LoadMesh { path: InputFile("a.glb".into()), colours: ColourEncoding::Auto, frame };
+        let p =
+            LoadMesh { path: InputFile("a.glb".into()), colours: ColourEncoding::Auto, frame, matrix: None };
         let notes = load(&triangle("{}", None), &p).unwrap_or_else(|e| panic!("{e}")).1;
         assert_eq!(notes.iter().any(|note| note.id == "mesh-frame"), reported);
     }

@@ -17,7 +17,7 @@ fn cx() -> Context {
 
 fn load(path: &str, frame: Frame) -> (Arc<Splats>, Notes) {
     let path = InputFile(format!("splats/{path}"));
-    let params = LoadSplats { path, more: Vec::new(), strict: true, max_extent: 1e6, frame };
+    let params = LoadSplats { path, more: Vec::new(), strict: true, max_extent: 1e6, frame, matrix: None };
     let (out, notes) = LoadSplats::run(&params, load_splats::In {}, &cx()).unwrap();
     (out.splats, notes)
 }

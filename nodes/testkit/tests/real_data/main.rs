@@ -6,6 +6,7 @@
 
 mod files;
 mod formats;
+mod level;
 mod light;
 mod looks;
 mod mesh;

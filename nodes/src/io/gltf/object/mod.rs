@@ -6,6 +6,8 @@ pub(crate) mod tangents;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use geometry::local;
+
 use engine::{Context, InputFile, NodeError, Notes, SourceFile, SourceRoot};
 
 use self::geometry::Geometry;

@@ -46,6 +46,7 @@ fn read(bytes: &[u8], strict: bool) -> Result<(Arc<Splats>, Notes), NodeError> {
         strict,
         max_extent: 1e6,
         frame: Frame::ByFormat,
+        matrix: None,
     };
     LoadSplats::run(&params, In {}, &Context::detached(scene, folder.path()))
         .map(|(out, notes)| (out.splats, notes))
@@ -128,6 +129,7 @@ fn files_of_a_scene_are_appended_at_the_higher_degree() {
         strict: true,
         max_extent: 1e6,
         frame: Frame::ByFormat,
+        matrix: None,
     };
     let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false };
     let cx = Context::detached(scene, folder.path());
