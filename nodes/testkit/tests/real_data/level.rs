@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use engine::{Context, InputFile, Kind, Scene, Up};
+use engine::{InputFile, Kind};
 use glam::{DMat3, DQuat, DVec3};
 use nodes::geometry::level::{self, LevelEstimate};
 use nodes::io::splats::{Frame, Row, Turn};
@@ -24,10 +24,7 @@ struct Known {
 }
 
 fn file(name: &'static str, path: &str, truth: Option<(DVec3, f64)>, bounds: (f64, f64)) -> Known {
-    let cx = Context::detached(
-        Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false },
-        data().path(""),
-    );
+    let cx = data().context();
     let params = LoadSplats {
         path: InputFile(path.to_owned()),
         more: Vec::new(),
@@ -42,10 +39,7 @@ fn file(name: &'static str, path: &str, truth: Option<(DVec3, f64)>, bounds: (f6
 }
 
 fn demo(name: &'static str, place: Setting, floor: (f64, f64)) -> Known {
-    let cx = Context::detached(
-        Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false },
-        data().path(""),
-    );
+    let cx = data().context();
     let params = DemoScene {
         place,
         splats: 60_000,
