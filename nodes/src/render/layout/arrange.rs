@@ -165,6 +165,37 @@ fn rounded(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::level;
+    use crate::render::look::of_mesh;
+    use crate::types::Mesh;
+
+    /// A level square of a mesh, around the vertical at a place.
+    fn square(mesh: &mut Mesh, [x, y, z]: [f32; 3], half: f32) {
+        let first = mesh.positions.len() as u32;
+        mesh.positions.extend(
+            [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0_f32]]
+                .map(|[u, v]| [x + u * half, y + v * half, z]),
+        );
+        mesh.triangles.extend([[0, 1, 2], [0, 2, 3]].map(|t: [u32; 3]| t.map(|v| v + first)));
+    }
+
+    /// An object is put on the ground and not under a roof, even if that stands in the middle of the scene.
+    #[test]
+    fn an_object_stands_under_the_open_sky() {
+        let mut mesh = Mesh::default();
+        square(&mut mesh, [0.0; 3], 3.0);
+        square(&mut mesh, [0.1, -0.1, 0.6], 0.8);
+        let splats = of_mesh(&mesh);
+        let stand = level::upright(&splats, DVec3::Z, None).expect("a scene");
+        let object = Extents { low: DVec3::new(-0.1, 0.0, -0.1), high: DVec3::new(0.1, 0.2, 0.1) };
+        let cx = Context::detached(
+            engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 1, exhaustive: false },
+            "",
+        );
+        let found = arrange(&splats, &stand, &object, 1.0, None, &cx).unwrap_or_else(|e| panic!("{e}"));
+        let aside = (found.place.x - 0.1).abs().max((found.place.y + 0.1).abs());
+        assert!(found.place.z.abs() < 0.05 && aside > 0.8 && aside < 2.5, "{found:?}");
+    }
 
     #[test]
     fn numbers_are_rounded_to_two_digits() {

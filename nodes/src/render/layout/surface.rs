@@ -8,6 +8,9 @@ use super::grid::Grid;
 const CLEAR: usize = 5;
 /// Surfaces of a column that are looked at.
 const STACKED: usize = 4;
+/// A place with this many times `Wish::enough` of free space over it is worth half of one under the open sky: what stands
+/// under something is dark and badly seen.
+const COVERED: f64 = 4.0;
 /// Surfaces of fewer cells are not looked at.
 const FEWEST: usize = 30;
 
@@ -141,9 +144,10 @@ fn best(
         let place = grid.axes * top;
         let away = (place - wish.near.0).length() / wish.near.1;
         let detail = grid.detail(x, y).map_or(0.0, |size| 1.0 / (1.0 + size / grid.cell));
-        let score = (radius / wish.enough).min(1.0) * detail / (1.0 + away * away);
+        let clearance = if free == u16::MAX { f64::INFINITY } else { f64::from(free) * grid.cell };
+        let open = 1.0 / (1.0 + COVERED * wish.enough / clearance);
+        let score = (radius / wish.enough).min(1.0) * detail * open / (1.0 + away * away);
         if best.is_none_or(|best| score > best.score) {
-            let clearance = if free == u16::MAX { f64::INFINITY } else { f64::from(free) * grid.cell };
             let height = top.z - floor;
             let area = cells.len() as f64 * grid.cell * grid.cell;
             best = Some(Surface { place, radius, height, clearance, area, score });
