@@ -45,7 +45,7 @@ fn an_axis_with_a_range_takes_one_camera_after_the_other() {
     assert!(pictures[0] != pictures[1] && pictures[1] != pictures[2]);
 }
 
-/// A mesh of another size than the splats is reported, and one that agrees is not.
+/// A mesh in metres that is read as one in centimetres is reported, and one that agrees is not.
 #[test]
 fn a_mesh_of_another_frame_is_reported() {
     let reports = |place: &Place| {
@@ -58,7 +58,7 @@ fn a_mesh_of_another_frame_is_reported() {
     let place = Place::new(&INSERT.replace("\n        view:", write));
     assert!(!reports(&place));
     let load = r#"
-        small:  LoadMesh(path: "out/proxy.ply", matrix: Some((0.1, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0))),
+        small:  LoadMesh(path: "out/proxy.ply", matrix: Some((0.01, 0.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 1.0))),
         view:"#;
     let receiver = |text: String| text.replace("receiver: \"demo.proxy\"", "receiver: \"small\"");
     place.write(&receiver(INSERT.replace("\n        view:", load)));

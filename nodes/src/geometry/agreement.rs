@@ -37,8 +37,9 @@ const DRAWN: f32 = 0.5;
 const BEFORE: f32 = 0.85;
 /// Logarithm of the ratio of depths up to which they agree: a proxy mesh lies a tenth off.
 const AGREE: f64 = 0.2;
-/// Share of the pixels of an object from which on splats before it are reported.
-const SHARE_BEFORE: f64 = 0.05;
+/// Share of the pixels of an object from which on splats before it are reported. Splats are wider than the mesh that
+/// they agree with: along the edge of a post before an object they covered 11 % of it.
+const SHARE_BEFORE: f64 = 0.2;
 /// Share of agreeing pixels below which splats and mesh are of different frames.
 const SHARE_AGREE: f64 = 0.1;
 /// Share of the pixels of solid splats below which the mesh is not in the view at all.
@@ -162,7 +163,7 @@ mod tests {
             assert_eq!(ids(|i| [place(i), 1.0, place(i) * scale, 0.0]), ["mesh-elsewhere"], "{scale}");
         }
         assert_eq!(ids(|i| [place(i), 1.0, f32::INFINITY, 0.0]), ["mesh-elsewhere"]);
-        let post = |i: usize| is_object(i) && i % N < 45;
+        let post = |i: usize| is_object(i) && i % N < 46;
         assert_eq!(
             ids(|i| if post(i) { [1.0, 1.0, place(i), 1.0] } else { right(i) }),
             ["splats-before-object"]
