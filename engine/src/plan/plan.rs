@@ -40,7 +40,7 @@ pub enum Fate {
     Fails(String),
 }
 
-/// Why a node would run.
+/// The reason why a node would run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Why {
     /// No node of this name ran in this graph file, or its record is gone.

@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::metric::Metric;
 use crate::tunables::Assignment;
 
-/// Why there is nothing to report.
+/// The reason why there is nothing to report.
 #[derive(Debug)]
 pub enum Stop {
     /// The user interrupted it.

@@ -99,7 +99,7 @@ impl<'a> Geometry<'a> {
                 (0, 0) => String::new(),
                 (0, n) => format!(", but points or lines in {n} primitives"),
                 (n, _) => format!(
-                    " with an area, of {n}; are they smaller than the steps of its numbers, or no numbers?"
+                    " with an area: {n} triangles are too small for the precision of the coordinates, or are not finite"
                 ),
             };
             return Err(self.bad(format!("holds no triangles{why}")).into());
