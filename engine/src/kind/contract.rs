@@ -56,7 +56,7 @@ pub enum Keep {
 pub struct Former {
     /// The parameters that went together, reported as one.
     pub fields: &'static [&'static str],
-    /// The last version of the kind that had them.
+    /// The last version of the kind that had these parameters.
     pub last: u32,
     /// The remedy, as in ``write `surroundings: Open` ``.
     pub instead: String,

@@ -45,7 +45,7 @@ pub enum Fate {
 pub enum Why {
     /// No node of this name ran in this graph file, or its record is gone.
     New,
-    /// Its key differs from that of the last run in these parts.
+    /// Its key differs from that of the last run; the changes are listed.
     Changed(Vec<Change>),
 }
 

@@ -167,7 +167,7 @@ engine::params! {
     pub struct LoadDigits {
         /// A file or folder.
         path: InputFile, other("\"b.txt\"");
-        /// More of them.
+        /// More files or folders.
         more: Vec<InputFile> = Vec::new(), other("[\"b.txt\"]");
     }
 }

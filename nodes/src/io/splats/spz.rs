@@ -88,7 +88,7 @@ struct Attributes {
     /// The attributes, in the order of [`Header::sizes`].
     streams: [Vec<u8>; 6],
     extensions: Vec<u8>,
-    /// Number of bytes of the file after the last of them.
+    /// Number of bytes of the file after the last attribute.
     left_over: usize,
 }
 

@@ -50,7 +50,7 @@ pub(super) struct Entry {
     pub x1: u16,
 }
 
-/// The footprints of one job in file order, their keys and the tiles that they touch.
+/// The footprints of one job in file order, with their keys and the tiles that they touch.
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,

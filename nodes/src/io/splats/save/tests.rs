@@ -205,7 +205,7 @@ fn rotations_of_spz_come_back_as_they_were() {
     assert!(written(&back) == first);
 }
 
-/// Thin axes of otherwise large splats grow too.
+/// Thin axes of otherwise large splats are lengthened, too, and reported.
 #[test]
 fn every_axis_that_grows_is_reported() {
     let mut scene = scene(40, 0);

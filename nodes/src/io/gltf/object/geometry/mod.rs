@@ -229,7 +229,7 @@ impl<'a> Geometry<'a> {
         Ok(Some(p))
     }
 
-    /// Texture coordinates and vertex colours.
+    /// Reads texture coordinates and vertex colours.
     fn rest(&mut self, primitive: &gltf::Primitive<'_>, n: usize, p: &mut Primitive) -> Result<(), Error> {
         for (set, to) in [(0, &mut p.uv0), (1, &mut p.uv1)] {
             let uv = self.attribute::<2>(primitive, Semantic::TexCoords(set), n)?.unwrap_or_default();
