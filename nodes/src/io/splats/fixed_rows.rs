@@ -47,7 +47,7 @@ pub struct Element {
 }
 
 impl Element {
-    /// The field of a name.
+    /// The field with a name, if there is one.
     pub fn find(&self, name: &str) -> Option<Field> {
         self.fields.iter().find(|(known, _)| known == name).map(|(_, field)| *field)
     }
@@ -126,7 +126,7 @@ impl FixedRows {
         Err(Error::unsupported(file, format!("PLY format `{format}`; write it as binary_little_endian")))
     }
 
-    /// The element of a name.
+    /// The element with a name, if there is one.
     pub fn find(&self, name: &str) -> Option<&Element> {
         self.elements.iter().find(|element| element.name == name)
     }

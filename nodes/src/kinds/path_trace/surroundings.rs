@@ -16,7 +16,7 @@ pub enum Surroundings {
     Projected,
     /// An open scene: the mesh blocks and reflects light, as any solid object.
     Open {
-        /// True if scattered light is reflected by the mesh.
+        /// True if the mesh reflects light.
         #[serde(default = "yes")]
         bounces: bool,
     },
