@@ -38,7 +38,7 @@ pub enum Error {
     /// A collection waited, but a run was active the whole time.
     #[error("the cache is in use: a run is active, and did not end within {} s", waited.as_secs())]
     InUse {
-        /// How long the collection waited.
+        /// Time that the collection waited.
         waited: std::time::Duration,
     },
     /// A file was to be published over something that is not a file, such as a folder or a device.

@@ -14,7 +14,7 @@ pub(crate) const USED: &str = "used";
 #[derive(Debug, Default)]
 pub(crate) struct Table {
     stored: Vec<u8>,
-    /// Where a row starts in `stored`, by a hash of its name.
+    /// Start of each row in `stored`, by a hash of its name.
     offsets: HashMap<u64, usize, std::hash::BuildHasherDefault<DigestHasher>>,
     /// Rows that are not in `stored` yet.
     written: BTreeMap<String, Vec<u8>>,

@@ -64,7 +64,7 @@ impl Drop for Lease {
 #[derive(Debug, Default)]
 pub(crate) struct Leases {
     held: Mutex<Vec<Weak<File>>>,
-    /// For each lease held elsewhere: the time of its file, and since when it has been the same.
+    /// For each lease held elsewhere: the time of its file, and the moment since which that has not changed.
     awaited: Mutex<BTreeMap<Digest, (Option<SystemTime>, Instant)>>,
 }
 

@@ -5,7 +5,7 @@ use crate::digest::Digest;
 /// The identity of an entry: kind and key.
 pub(crate) type EntryId = (u8, Digest);
 
-/// Where an entry is stored: its offset in bytes from the end of the file's head, and the length of its payload.
+/// Location of an entry: its offset in bytes from the end of the file's head, and the length of its payload.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Location {
     pub offset: u64,

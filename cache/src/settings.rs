@@ -15,8 +15,8 @@ pub(crate) mod kind {
     pub const HISTORY: u8 = 4;
 }
 
-/// When written data is forced onto the disk. It matters only for a loss of power, never for a killed process.
-/// Verified reads detect what a loss of power damaged, and it is computed again.
+/// The policy for syncing written data to the disk. It matters only for a loss of power, never for a killed
+/// process. Verified reads detect what a loss of power damaged, and it is computed again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fsync {
     /// Once, by [`Store::flush`](crate::Store::flush).
@@ -28,10 +28,10 @@ pub enum Fsync {
     Off,
 }
 
-/// How to open a [`Store`](crate::Store).
+/// Options for opening a [`Store`](crate::Store).
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Options {
-    /// When to sync.
+    /// The policy for syncing.
     pub fsync: Fsync,
     /// Write nothing, even if the folder is writable. Folders that are not writable are detected without this.
     pub read_only: bool,

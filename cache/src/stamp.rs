@@ -19,7 +19,7 @@ pub struct FileStamp {
     pub dev: u64,
     /// Time of the last change of content or attributes, in nanoseconds since 1970.
     pub ctime_ns: i64,
-    /// When this stamp was taken, in nanoseconds since 1970, read before the `stat`. Not part of equality.
+    /// Time at which this stamp was taken, in nanoseconds since 1970; read before the `stat`. Not part of equality.
     pub taken_ns: i64,
 }
 

@@ -138,7 +138,7 @@ impl Store {
         self.read_only.is_some()
     }
 
-    /// Why nothing is written; `None` if the store is writable.
+    /// The reason why nothing is written; `None` if the store is writable.
     pub fn why_read_only(&self) -> Option<&str> {
         self.read_only.as_deref()
     }

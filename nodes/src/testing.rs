@@ -47,7 +47,7 @@ pub fn levels() -> Vec<Level> {
     levels
 }
 
-/// A unit direction, spread evenly over the sphere by two fractions.
+/// A unit direction, given by two fractions: uniform fractions give uniform directions.
 pub fn direction([u, v]: [f32; 2]) -> Vec3 {
     let (z, (sin, cos)) = (1.0 - 2.0 * v, circle(u));
     let r = (1.0 - z * z).max(0.0).sqrt();

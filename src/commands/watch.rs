@@ -91,7 +91,7 @@ impl Watch {
         let wrong = watch.run(&engine, load, |event| report.show(&event));
         if !self.json {
             for path in wrong {
-                terminal::remark(&format!("{} does not show the present graph", path.display()));
+                terminal::remark(&format!("{} does not show the current graph", path.display()));
             }
         }
         Ok(130)

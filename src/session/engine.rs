@@ -24,12 +24,12 @@ pub struct EngineArgs {
     /// wait until their share is free, and a node that needs more than all of it fails before it starts
     #[arg(long, value_name = "SIZE")]
     pub memory: Option<String>,
-    /// When results are synced to disk; this matters only if the power fails
+    /// Policy for syncing results to disk; this matters only if the power fails
     #[arg(long, value_name = "WHEN", default_value = "batch")]
     pub fsync: When,
 }
 
-/// When results are synced to disk.
+/// Policy for syncing results to disk.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 pub enum When {
     /// Once, at the end of a run

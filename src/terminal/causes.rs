@@ -1,10 +1,10 @@
-//! Why nodes run, in words, back to the first cause.
+//! The reasons why nodes run, in words, back to the first cause.
 
 use std::collections::BTreeMap;
 
 use engine::{Change, Engine, Fate, Graph, Planned, Role, Why};
 
-/// Why a node runs, in a few words.
+/// The reason why a node runs, in a few words.
 pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
     match fate {
         Fate::Unwanted => "not wanted".to_owned(),

@@ -89,7 +89,7 @@ pub struct Bench<'e> {
     reported: usize,
     observer: Option<Observer<'e>>,
     cancel: Arc<AtomicBool>,
-    /// When measuring ends.
+    /// Time at which measuring ends.
     deadline: Option<Instant>,
     truth: Option<Truth>,
     /// The metric required for every picture; a picture without it does not count, and the reason is reported.
@@ -231,7 +231,7 @@ impl<'e> Bench<'e> {
         }
     }
 
-    /// How far each knob can be turned.
+    /// The range of each knob.
     pub fn steps(&self) -> Vec<Steps> {
         self.tunables
             .iter()

@@ -2,7 +2,7 @@
 
 use engine::Diagnostics;
 
-/// Why a graph cannot be measured.
+/// The reason why a graph cannot be measured.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The graph has mistakes.

@@ -342,7 +342,7 @@ pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
         wires.sort_unstable();
         wires.dedup();
     } else if !layers.is_empty() {
-        reported.push("layers are for later work, so they are left out next to pictures".to_owned());
+        reported.push("layers of an EXR file are not judged if there are other pictures".to_owned());
     }
     let output = |wire: Wire| {
         let node = &graph.nodes[wire.node];

@@ -30,7 +30,7 @@ const REMOVED: u8 = 0x80;
 /// Bytes per read.
 const READ_BYTES: u64 = 1 << 20;
 
-/// Where a log is stored and how it is written.
+/// Settings of a log: its files and how they are written.
 #[derive(Clone, Debug)]
 pub(crate) struct Settings {
     pub path: PathBuf,

@@ -23,12 +23,12 @@ const MIN_DEAD: u64 = 1 << 20;
 /// An index is rewritten when at least this many bytes of the log are not in it, and a sixteenth of all.
 const MIN_UNINDEXED: u64 = 64 << 10;
 
-/// How long an append waits for another process, once: a stopped process must not stop us. Appending without the lock is
-/// safe. Bytes of a log are never changed or cut off, and a writer without the lock finds out if a compaction replaced
-/// the file meanwhile.
+/// Maximum time that an append waits for another process, once, so that a stopped process does not block others.
+/// Appending without the lock is safe. Bytes of a log are never changed or cut off, and a writer without the lock
+/// finds out if a compaction replaced the file meanwhile.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// How often an append is repeated while compactions replace the file.
+/// Maximum number of attempts of an append while compactions replace the file.
 const APPEND_ATTEMPTS: usize = 5;
 
 impl Log {

@@ -128,8 +128,8 @@ impl Context {
         self.scene.seed
     }
 
-    /// Whether to do all work, also where a check shows that it changes no byte, so that what such checks save can be
-    /// measured. The kind must declare [`ContextField::Exhaustive`].
+    /// True if all work is to be done, even if a check shows that it changes no byte, so that the savings of such
+    /// checks can be measured. The kind must declare [`ContextField::Exhaustive`].
     pub fn exhaustive(&self) -> bool {
         self.declared(ContextField::Exhaustive);
         self.scene.exhaustive
@@ -170,7 +170,7 @@ impl Context {
         self.cancel.store(true, Ordering::Relaxed);
     }
 
-    /// The same context, which cancels the run once progress reaches `fraction`; for tests of kinds.
+    /// A context that cancels the run once progress reaches `fraction`; for tests of kinds.
     pub fn stopping_at(self, fraction: f32) -> Self {
         let cancel = self.cancel.clone();
         let progress = move |done| {
@@ -181,7 +181,7 @@ impl Context {
         Self { progress: Box::new(progress), ..self }
     }
 
-    /// The same context with these files listed as sources; for tests of kinds.
+    /// A context with these files listed as sources; for tests of kinds.
     pub fn having_listed(mut self, files: &[SourceFile]) -> Self {
         let read = |file: &SourceFile| {
             let content = std::fs::read(&file.path).unwrap_or_default();
@@ -320,8 +320,8 @@ impl Context {
         self.root.file(file)
     }
 
-    /// For kinds that list a folder again when they run: an error that asks for another run if these files differ from
-    /// those that `sources` listed. Outside a run nothing was listed, and every file is accepted.
+    /// Returns an error that asks for another run if these files differ from those that `sources` listed; for kinds
+    /// that list a folder again when they run. Outside a run nothing was listed, and every file is accepted.
     pub fn check_listed(&self, files: &[SourceFile]) -> Result<(), NodeError> {
         if self.parts.is_none() && self.sources.is_empty() {
             return Ok(());

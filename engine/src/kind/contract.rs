@@ -56,7 +56,7 @@ pub enum Keep {
 pub struct Former {
     /// The parameters that went together, reported as one.
     pub fields: &'static [&'static str],
-    /// The last version of the kind that had them.
+    /// The last version of the kind that had these parameters.
     pub last: u32,
     /// The remedy, as in ``write `surroundings: Open` ``.
     pub instead: String,
@@ -81,7 +81,7 @@ pub enum ViewCount {
     As(&'static [&'static str]),
 }
 
-/// How the work of a kind can be reduced: by previews while watching, by presets, and in forecasts.
+/// Ways to reduce the work of a kind: for previews while watching, for presets, and in forecasts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Preview {
     /// A parameter (such as `samples`) whose work is cached in chunks: raising it computes only the added chunks, and a
@@ -113,7 +113,7 @@ pub trait Kind: 'static {
     const STORE: Keep = Keep::Always;
     /// True if source paths may be folders.
     const FOLDERS: bool = false;
-    /// Where to download required files; shown when one is missing.
+    /// Hint on where to download required files; shown when one is missing.
     const SUPPLIED: Option<&'static str> = None;
     /// Profile of the arithmetic: `portable`, or the name of a library whose bits may differ between machines.
     const PROFILE: &'static str = "portable";
@@ -123,7 +123,7 @@ pub trait Kind: 'static {
     /// True if `run` takes microseconds for any input. A plan then runs the node to find out what follows from it.
     const INSTANT: bool = false;
 
-    /// How `watch`, presets and forecasts reduce its work.
+    /// Ways in which `watch`, presets and forecasts reduce its work.
     const PREVIEW: Preview = Preview::NONE;
 
     /// Parameters, declared with [`params!`](crate::params).

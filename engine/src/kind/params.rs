@@ -23,9 +23,9 @@ pub struct ParamSpec {
     pub unit: &'static str,
     /// Another valid value in RON, for tests.
     pub other: Option<&'static str>,
-    /// Why the output may be equal for another value (a speed setting, for example).
+    /// The reason why the output may be equal for another value (a speed setting, for example).
     pub inert: Option<&'static str>,
-    /// How it trades work for accuracy, if it does.
+    /// The knob, if the parameter trades work for accuracy.
     pub knob: Option<Knob>,
     /// Role: a plain value, or a file.
     pub role: Role,

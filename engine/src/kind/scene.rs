@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::kind::param_type::ParamType;
 
-/// Which axis of the world points up. Worlds are right-handed. Written `"+y"`, `"-y"` or `"+z"`.
+/// The axis of the world that points up. Worlds are right-handed. Written `"+y"`, `"-y"` or `"+z"`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Up {
@@ -56,7 +56,7 @@ pub struct Scene {
     pub metres_per_unit: f64,
     /// Seed of all random numbers in the graph.
     pub seed: u64,
-    /// Whether work is done that checks show to change no byte; see [`crate::Context::exhaustive`].
+    /// True if work is done even if checks show that it changes no byte; see [`crate::Context::exhaustive`].
     pub exhaustive: bool,
 }
 

@@ -138,8 +138,8 @@ impl<'t> Tiles<'t> {
         }
     }
 
-    /// One turn of a helper. It then respawns itself rather than continue, since it may run on a thread that waits
-    /// for its own tiles.
+    /// One turn of a helper. It then spawns its next turn instead of looping, since it may run on a thread that
+    /// waits for its own tiles.
     fn help<'s>(&'s self, scope: &rayon::Scope<'s>) {
         let start = Instant::now();
         loop {

@@ -40,12 +40,12 @@ pub enum Fate {
     Fails(String),
 }
 
-/// Why a node would run.
+/// The reason why a node would run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Why {
     /// No node of this name ran in this graph file, or its record is gone.
     New,
-    /// Its key differs from that of the last run in these parts.
+    /// Its key differs from that of the last run; the changes are listed.
     Changed(Vec<Change>),
 }
 

@@ -103,7 +103,7 @@ pub(crate) fn history_of(graph: &Graph) -> String {
     history_name(&graph.source, &graph.root)
 }
 
-/// The same for a graph that was not parsed yet.
+/// Like [`history_of`], for a graph that was not parsed yet.
 pub(crate) fn history_name(source: &Source, root: &SourceRoot) -> String {
     let file = source.name.rsplit('/').next().unwrap_or_default();
     format!("last key\n{}\n{file}\n", root.folder().display())

@@ -41,7 +41,7 @@ pub enum Event {
     Progress {
         /// Name of the node.
         id: String,
-        /// From 0 to 1.
+        /// Progress from 0 to 1.
         fraction: f32,
     },
     /// A part of a running node ended.

@@ -20,7 +20,7 @@ pub(crate) struct Known {
 }
 
 impl Known {
-    /// No keys yet.
+    /// An empty table of keys.
     pub fn new(history: String) -> Self {
         let (made, in_flight, paces) = (HashMap::new(), HashMap::new(), BTreeMap::new());
         Self { history, made, in_flight, paces }

@@ -45,7 +45,7 @@ struct Line {
     short: BTreeSet<(usize, usize)>,
 }
 
-/// A number of nodes, and how many of them are short.
+/// A number of nodes, and the number of short ones among them.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 struct Count {
     all: usize,

@@ -12,7 +12,7 @@ pub(crate) struct Warm {
 }
 
 impl Warm {
-    /// No state yet, and room for this many bytes of values.
+    /// An empty state with space for this many bytes of values.
     pub fn new(bytes: u64) -> Self {
         Self { values: ValueCache::new(bytes), previous: Mutex::new(None) }
     }

@@ -41,7 +41,7 @@ mod clock {
     }
 }
 
-/// On systems without such clocks all CPU times are 0.
+/// Replacement for systems without such clocks: all CPU times are 0.
 #[cfg(not(unix))]
 mod clock {
     use std::time::Duration;

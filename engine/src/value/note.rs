@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// How serious a note is.
+/// Severity of a note.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
@@ -20,7 +20,7 @@ pub enum Level {
 /// One note.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
-    /// How serious it is.
+    /// Severity of the note.
     pub level: Level,
     /// Stable name in kebab-case, such as `zero-quaternion`, for tests and filters.
     pub id: String,

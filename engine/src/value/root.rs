@@ -20,7 +20,7 @@ pub struct SourceFile {
 /// A file that a node is about to read, for [`crate::Kind::estimate_files`].
 #[derive(Debug, Clone, Copy)]
 pub struct FileHead<'a> {
-    /// As written in the graph.
+    /// Name as written in the graph.
     pub name: &'a str,
     /// Length in bytes.
     pub bytes: u64,
@@ -68,7 +68,7 @@ impl SourceRoot {
         Ok(Self { folder, confined: Some(allowed.into()) })
     }
 
-    /// The same permissions for paths relative to another folder.
+    /// A root with the same permissions, for paths relative to another folder.
     pub fn at(self, folder: impl Into<PathBuf>) -> Self {
         Self { folder: folder.into(), ..self }
     }
@@ -124,7 +124,7 @@ impl SourceRoot {
     }
 }
 
-/// Nothing can be opened below a path that is not a folder. The rest of the name explains the error message.
+/// A path that cannot be opened, since its first part is not a folder. The rest of it explains the error message.
 const OUTSIDE: &str = "/dev/null/outside of what this graph may read";
 
 /// A file that a node reads: a path relative to the graph file, or absolute. Its content digest enters the key in

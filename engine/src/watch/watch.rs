@@ -257,7 +257,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    /// Whether a file of a successful run was deleted since.
+    /// True if a file of a successful run was deleted since.
     fn is_file_gone(&self) -> bool {
         let gone = |(path, file): (&PathBuf, &SinkFile)| file.shown == Shown::Right && !path.exists();
         self.good && self.shown.iter().any(gone)

@@ -167,7 +167,7 @@ engine::params! {
     pub struct LoadDigits {
         /// A file or folder.
         path: InputFile, other("\"b.txt\"");
-        /// More of them.
+        /// More files or folders.
         more: Vec<InputFile> = Vec::new(), other("[\"b.txt\"]");
     }
 }
@@ -325,7 +325,7 @@ engine::params! {
         coarse: u32 = 1, range(1, 64), other("2");
         /// Scales the mean; no part depends on it.
         gain: f64 = 1.0, other("2.0");
-        /// How long a part takes; no part depends on it.
+        /// Duration of a part; no part depends on it.
         millis: u64 = 0, inert("time is not part of the result");
     }
 }
@@ -377,7 +377,7 @@ simple!(Prepared = "prepared", One, |params, inputs, cx| {
 engine::params! {
     /// The numbers from the input upwards.
     pub struct Ramp {
-        /// How many.
+        /// Number of numbers.
         count: u32 = 2000, range(1, 100000000), other("3000");
     }
 }
@@ -454,7 +454,7 @@ impl Kind for Remark {
 engine::params! {
     /// Passes a number on after a while, unless stopped.
     pub struct Slow {
-        /// How long it takes.
+        /// Duration.
         millis: u32 = 50, unit("ms"), inert("only the time differs"), other("1");
     }
 }
@@ -502,7 +502,7 @@ pub static HEAVY: (AtomicUsize, AtomicUsize) = (AtomicUsize::new(0), AtomicUsize
 engine::params! {
     /// Passes a number on and claims memory for it.
     pub struct Heavy {
-        /// How much.
+        /// Claimed memory.
         megabytes: u32 = 1, unit("MB"), inert("claims memory only"), other("2");
     }
 }

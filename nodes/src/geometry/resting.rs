@@ -20,7 +20,7 @@ const EXCHANGES: u32 = 1000;
 pub struct Relief<'a> {
     /// Tree of its triangles, in axes of the world, relative to that point.
     pub bvh: &'a Bvh,
-    /// The same triangles.
+    /// The triangles of the tree.
     pub corners: &'a [[Vec3; 3]],
     /// Unit vectors of the world: across, along, up.
     pub axes: [DVec3; 3],

@@ -78,7 +78,7 @@ impl Points {
         Self { stream: self.stream, index: self.index.wrapping_mul(count).wrapping_add(number) }
     }
 
-    /// The same sample in another stream, whose numbers are independent of these.
+    /// The points of this sample in another stream, whose numbers are independent of these.
     #[inline]
     pub fn branch(&self, number: u32) -> Self {
         Self { stream: hash(self.stream, number), index: self.index }

@@ -77,7 +77,7 @@ impl GPano {
         if !(even && fits) {
             let [[fw, fh], [pw, ph], [x, y]] = [self.full, self.part, self.at];
             let what = format!(
-                "its metadata (GPano) says that it is the part of {pw}x{ph} at {x}, {y} of a sphere of {fw}x{fh}, which the {width}x{height} pixels cannot be; remove the metadata (`exiftool -XMP-GPano:all= FILE`) and pad the picture to 2:1"
+                "its metadata (GPano) describes a crop of {pw}x{ph} pixels at {x}, {y} of a panorama of {fw}x{fh}, which does not match its {width}x{height} pixels; remove the metadata (`exiftool -XMP-GPano:all= FILE`) and pad the picture to 2:1"
             );
             return Err(Error::format(file, what));
         }
@@ -86,7 +86,10 @@ impl GPano {
             return Ok(None);
         }
         if (size[0] as u64).saturating_mul(size[1] as u64) > MOST {
-            let what = format!("is a part of a sphere of {}x{} pixels; scale it down", size[0], size[1]);
+            let what = format!(
+                "is a crop of a panorama of {}x{} pixels, which is too large; scale it down",
+                size[0], size[1]
+            );
             return Err(Error::unsupported(file, what));
         }
         Ok(Some(Placement { size, at: at.map(|pixels| pixels as usize) }))

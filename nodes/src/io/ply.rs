@@ -103,7 +103,7 @@ pub struct Property {
     pub name: String,
     /// Type of its numbers.
     pub scalar: Scalar,
-    /// Type of the count before them, for a list.
+    /// Type of the count that precedes the numbers, for a list.
     pub count: Option<Scalar>,
 }
 

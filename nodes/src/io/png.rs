@@ -167,7 +167,7 @@ fn write_all(
 ) -> Result<Vec<u8>, Error> {
     let fail = |e: png::EncodingError| Error::Mismatch(format!("cannot make a PNG: {e}"));
     let Some(first) = frames.first() else {
-        return Err(Error::Mismatch("cannot make a PNG of no picture".to_owned()));
+        return Err(Error::Mismatch("cannot write a PNG without a picture".to_owned()));
     };
     let mut bytes = Vec::new();
     let mut encoder = Encoder::new(&mut bytes, first.width as u32, first.height as u32);

@@ -16,7 +16,7 @@ pub struct Linear;
 /// Display encoding with the sRGB curve, Rec.709 primaries. May exceed 1, as in splat scenes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Srgb;
-/// Not a colour: depth, normal, variance, mask.
+/// Data that are not colours: depth, normal, variance, mask.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Data;
 
@@ -103,7 +103,7 @@ pub enum Picture {
     Linear(Image<Linear>),
     /// Display-encoded.
     Srgb(Image<Srgb>),
-    /// Not a colour.
+    /// Data that are not colours.
     Data(Image<Data>),
 }
 

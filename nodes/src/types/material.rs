@@ -2,7 +2,7 @@
 
 use engine::{Corrupt, Decoder, Encoder};
 
-/// How a texture continues beyond its edge.
+/// Continuation of a texture beyond its edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wrap {
     /// The texture is repeated.

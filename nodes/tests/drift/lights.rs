@@ -120,7 +120,7 @@ fn sphere(shade: fn(&[Texel], DVec3) -> [f64; 3], found: &[Texel], truth: &[Texe
     (off / square).sqrt()
 }
 
-/// The same scores from the report.
+/// The scores from the report, in the order of [`scores`].
 pub fn reported(report: &Report) -> Vec<f64> {
     let begins = [
         "mean irradiance",

@@ -9,9 +9,9 @@ use serde::Serialize;
 /// The size and the brightness of a picture.
 #[derive(Debug, Serialize, PartialEq)]
 pub(super) struct Inspection {
-    /// In pixels.
+    /// Width in pixels.
     pub width: usize,
-    /// In pixels.
+    /// Height in pixels.
     pub height: usize,
     pub channels: usize,
     /// `linear`, `srgb` or `data`, as the file defines it.
@@ -25,9 +25,9 @@ pub(super) struct Inspection {
 /// The brightest pixel.
 #[derive(Debug, Serialize, PartialEq)]
 pub(super) struct Peak {
-    /// From the left.
+    /// Column, from the left.
     pub x: usize,
-    /// From the top.
+    /// Row, from the top.
     pub y: usize,
     /// Linear luminance; 1 is white.
     pub luminance: f64,

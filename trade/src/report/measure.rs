@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::metric::Metric;
 use crate::tunables::Assignment;
 
-/// Why there is nothing to report.
+/// The reason why there is nothing to report.
 #[derive(Debug)]
 pub enum Stop {
     /// The user interrupted it.
@@ -21,7 +21,7 @@ pub enum Stop {
     Wrong(Error),
 }
 
-/// Indices of the points that a report shows, and the error that each node causes in the graph as it is.
+/// Indices of the points that a report shows, and the error that each node causes with the graph's own settings.
 pub struct Measured {
     /// The points of the presets, in the order of [`PRESETS`]; `None` if the time ran out before.
     pub presets: [Option<usize>; 4],

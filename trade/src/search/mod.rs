@@ -127,7 +127,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         self.best().is_none_or(|best| self.tried[at].paid(self.goal) < self.tried[best].paid(self.goal))
     }
 
-    /// The index of an assignment among the tried ones.
+    /// The index of an assignment among the tried ones; measures it if it is new.
     fn measured(&mut self, assignment: &[usize]) -> Option<usize> {
         if let Some(known) = self.tried.iter().position(|t| t.assignment == assignment) {
             return Some(known);

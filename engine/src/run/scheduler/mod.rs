@@ -36,7 +36,7 @@ use crate::text::diag::{Diagnostic, Diagnostics};
 use crate::value::cpu;
 use crate::value::error::NodeError;
 
-/// How often other processes are shown that the holder of this process's leases is at work.
+/// Interval at which leases are renewed, which shows other processes that this one is working.
 const RENEW_EVERY: Duration = Duration::from_secs(1);
 
 /// History of a graph is never trimmed to fewer nodes than this.

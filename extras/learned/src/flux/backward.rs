@@ -18,15 +18,15 @@ use super::watch::Watch;
 
 /// Inputs of the transformer.
 pub struct Given<'a> {
-    /// As in [`Transformer::forward`].
+    /// Tokens, as in [`Transformer::forward`].
     pub tokens: &'a Tensor,
-    /// As in [`Transformer::forward`].
+    /// Places of the tokens, as in [`Transformer::forward`].
     pub places: &'a [Place],
-    /// As in [`Transformer::forward`].
+    /// Prompt, as in [`Transformer::forward`].
     pub prompt: &'a Prompt,
-    /// As in [`Transformer::forward`].
+    /// Noise level, as in [`Transformer::forward`].
     pub time: f32,
-    /// As in [`Transformer::forward`].
+    /// Strength of guidance, as in [`Transformer::forward`].
     pub guidance: f32,
 }
 

@@ -35,7 +35,7 @@ pub struct Files {
 pub struct Settings {
     /// Steps from noise to picture.
     pub steps: usize,
-    /// How strongly the model follows the prompt; it was trained with this number as an input.
+    /// Strength with which the model follows the prompt; it was trained with this number as an input.
     pub guidance: f32,
     /// Seed of the noise.
     pub seed: u64,

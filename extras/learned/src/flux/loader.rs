@@ -12,9 +12,9 @@ use super::source::{Format, Source, Stored};
 /// Memory of a network once it is loaded.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Tensors read.
+    /// Number of tensors read.
     pub tensors: u64,
-    /// Weights in them.
+    /// Number of weights in these tensors.
     pub weights: u64,
     /// Bytes that stay in memory.
     pub resident: u64,

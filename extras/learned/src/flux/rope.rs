@@ -19,7 +19,7 @@ pub fn grid(frame: f32, rows: usize, columns: usize) -> Vec<Place> {
 pub struct Rotations {
     /// Cosine of the angle by which each pair of numbers is turned.
     pub cos: Tensor,
-    /// As [`Rotations::cos`].
+    /// Sine of the angle by which each pair of numbers is rotated.
     pub sin: Tensor,
 }
 

@@ -11,7 +11,7 @@ use candle_core::{DType, Device, Tensor};
 use super::error::{Error, Result};
 use super::gguf;
 
-/// How numbers are kept in a file.
+/// The storage format of numbers in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     /// Plain numbers.
@@ -25,7 +25,7 @@ pub enum Format {
 pub struct Entry {
     /// Outermost axis first, as torch has it.
     pub shape: Vec<usize>,
-    /// How its numbers are kept.
+    /// Storage format of its numbers.
     pub format: Format,
     /// Index into the files of the [`Source`].
     pub(crate) file: usize,

@@ -28,7 +28,7 @@ pub struct VaeConfig {
     pub groups: usize,
     /// Latents are (mean - `shift`) * `scale`.
     pub scale: f64,
-    /// As [`VaeConfig::scale`].
+    /// Shift of the latents; see [`VaeConfig::scale`].
     pub shift: f64,
 }
 

@@ -11,7 +11,7 @@ pub trait Watch {
         Ok(())
     }
 
-    /// How much is done, from 0 to 1.
+    /// Reports the progress, from 0 to 1.
     fn progress(&mut self, _done: f64) {}
 
     /// An intermediate value, by its name in the layout of `diffusers`; for comparison with other code.

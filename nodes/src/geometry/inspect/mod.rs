@@ -22,7 +22,7 @@ impl Extent {
     }
 }
 
-/// The estimated floor. There is no estimate if the flat pieces of surface are as spread out as by chance.
+/// The estimated floor. There is no estimate if flat pieces of surface are spread out as much as chance explains.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FloorGuess {
     /// The axis that seems to point up: `+z`.

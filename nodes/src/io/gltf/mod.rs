@@ -84,7 +84,7 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     let mut json: Value = serde_json::from_slice(text).map_err(|e| match other_format(name, text) {
         Some(format) => Error::unsupported(
             name,
-            format!("{format}: objects are read from glTF and GLB; open it in a program that has it, as Blender, and export glTF 2.0"),
+            format!("{format}: objects must be glTF or GLB; open the file in a program that reads it, such as Blender, and export glTF 2.0"),
         ),
         None => Error::format(name, format!("neither GLB nor glTF: its JSON does not parse: {e}")),
     })?;
@@ -101,7 +101,10 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
         if texture.get("source").is_none() && texture["extensions"].get("EXT_texture_webp").is_none() {
             let other =
                 texture["extensions"].as_object().and_then(|o| o.keys().next()).map_or("no picture", |k| k);
-            return Err(Error::unsupported(name, format!("{other} for a texture{}", advice(other))));
+            return Err(Error::unsupported(
+                name,
+                format!("a texture in the format {other}{}", advice(other)),
+            ));
         }
     }
     check_accessors(name, &json)?;
@@ -256,7 +259,7 @@ impl File {
             };
             if bytes.len() < buffer.length() {
                 let what = format!(
-                    "buffer {} has {} bytes and claims {}",
+                    "buffer {} has {} bytes, but declares {}",
                     buffer.index(),
                     bytes.len(),
                     buffer.length()

@@ -51,7 +51,7 @@ impl Accessor {
         self.buffer_view.ok_or_else(|| Error::unsupported(file, "accessors without a buffer view"))
     }
 
-    /// Reads from the bytes of its buffer view.
+    /// A reader of the column in the bytes of its buffer view.
     pub fn reader<'a>(&self, file: &str, view: &'a [u8], stride: Option<usize>) -> Result<Reader<'a>, Error> {
         let (component, size) = match self.component_type {
             5120 => (Component::I8, 1),

@@ -53,7 +53,7 @@ pub struct Element {
 }
 
 impl Element {
-    /// The field of a name.
+    /// The field with a name, if there is one.
     pub fn find(&self, name: &str) -> Option<Field> {
         self.fields.iter().find(|(known, _)| known == name).map(|(_, field)| *field)
     }
@@ -123,7 +123,7 @@ impl FixedRows {
         Ok(Self { elements, end: start, comments: header.comments })
     }
 
-    /// The element of a name.
+    /// The element with a name, if there is one.
     pub fn find(&self, name: &str) -> Option<&Element> {
         self.elements.iter().find(|element| element.name == name)
     }

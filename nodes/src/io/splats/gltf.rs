@@ -253,7 +253,7 @@ pub(super) fn load(
                     let encoded = data.split_once(";base64,").map(|(_, encoded)| encoded);
                     encoded
                         .and_then(base64::decode)
-                        .ok_or_else(|| Error::format(file, "a broken data URI"))?
+                        .ok_or_else(|| Error::format(file, "an invalid data URI"))?
                 }
                 None => fetch(uri)?,
             },
@@ -370,8 +370,7 @@ fn primitive(
     let logarithms = below > count / 20;
     if logarithms {
         let text = format!(
-            "{below} of {count} splats of `{file}` have a scale below 0: scales are read as logarithms, as drafts \
-             of {NAME} had them"
+            "{below} of {count} splats of `{file}` have a negative scale, so scales are read as logarithms, as in drafts of {NAME}"
         );
         notes.warning("logarithmic-scales", text);
     }

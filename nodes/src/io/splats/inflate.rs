@@ -53,7 +53,7 @@ fn exactly(file: &str, stream: impl Read, length: usize, name: &str) -> Result<V
         .read_to_end(&mut out)
         .map_err(|e| Error::format(file, format!("broken {name} stream: {e}")))?;
     if out.len() != length {
-        let what = format!("a {name} stream unpacks to {} bytes or more, {length} are promised", out.len());
+        let what = format!("a {name} stream decompresses to {} bytes or more instead of {length}", out.len());
         return Err(Error::format(file, what));
     }
     Ok(out)

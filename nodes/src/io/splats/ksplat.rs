@@ -78,7 +78,7 @@ impl<'a> Section<'a> {
             return Err(Error::format(file, format!("spherical harmonics of degree {degree}")));
         }
         if count > room {
-            return Err(Error::format(file, format!("{count} splats in a section for {room}")));
+            return Err(Error::format(file, format!("a section for {room} splats claims {count}")));
         }
         if storage != 0 && storage < 12 {
             return Err(Error::format(file, format!("buckets of {storage} bytes do not hold a centre")));

@@ -282,7 +282,8 @@ pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Note
         notes.count(fault.id(), dropped, format!("splats of `{file}` {}; dropped", fault.words()));
     }
     if all * 2 > loaded.count as u64 {
-        let text = format!("{all} of {} splats of `{file}` were dropped; is the file whole?", loaded.count);
+        let text =
+            format!("{all} of {} splats of `{file}` were dropped; is the file complete?", loaded.count);
         notes.warning("mostly-dropped", text);
     }
     Ok(())

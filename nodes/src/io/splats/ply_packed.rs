@@ -99,7 +99,7 @@ pub(super) fn load(
     let (rows, chunks) = (vertex.rows(file, bytes)?, chunk.rows(file, bytes)?);
     if chunk.count < vertex.count.div_ceil(CHUNK) {
         let (c, n) = (chunk.count, vertex.count);
-        return Err(Error::format(file, format!("{c} chunks of 256 splats do not hold {n}")).into());
+        return Err(Error::format(file, format!("{n} splats do not fit into {c} chunks of 256")).into());
     }
     let harmonics = harmonics(file, bytes, header, vertex.count)?;
     let turn = reading.turn(file, None, false, notes);

@@ -338,7 +338,10 @@ pub(super) fn load(
             let degree = [1, 2, 3].into_iter().find(|l| centroids.width == 64 * sh_rest(*l));
             let degree =
                 degree.filter(|l| palette.degree.is_none_or(|reported| reported == *l)).ok_or_else(|| {
-                    Error::format(file, format!("a palette {} pixels wide fits no degree", centroids.width))
+                    Error::format(
+                        file,
+                        format!("the width of the palette, {} pixels, matches no degree", centroids.width),
+                    )
                 })?;
             Some((palette, centroids, labels, degree))
         }

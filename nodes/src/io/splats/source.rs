@@ -108,7 +108,7 @@ impl Format {
         let what = match named {
             _ if bytes.is_empty() => "the file is empty".to_owned(),
             Some(ending) => format!(
-                "{} bytes that do not begin as a `{ending}` does, nor as splats of any format; is the file whole?",
+                "its {} bytes begin neither like a `{ending}` nor like another format of splats; is the file complete?",
                 bytes.len()
             ),
             None => "not a known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF)"

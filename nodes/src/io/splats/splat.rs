@@ -40,7 +40,7 @@ pub(super) fn load(
     let (rows, rest) = bytes.as_chunks::<ROW>();
     if !rest.is_empty() {
         let what = format!(
-            "it begins like a .splat and ends within a splat: {} whole ones of {ROW} bytes and {} bytes more",
+            "it begins like a .splat but ends within a splat: {} complete splats of {ROW} bytes, then {} bytes",
             rows.len(),
             rest.len()
         );

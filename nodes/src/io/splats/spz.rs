@@ -86,10 +86,10 @@ impl Header {
 struct Attributes {
     header: Header,
     count: usize,
-    /// In the order of [`Header::sizes`].
+    /// The attributes, in the order of [`Header::sizes`].
     streams: [Vec<u8>; 6],
     extensions: Vec<u8>,
-    /// Number of bytes of the file after the last of them.
+    /// Number of bytes of the file after the last attribute.
     left_over: usize,
 }
 
@@ -153,7 +153,7 @@ fn unpack_4(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Erro
         let entry = entries.next().ok_or_else(|| Error::format(file, "a stream is missing"))?;
         let (packed, promised) = (u64_at(entry, 0), u64_at(entry, 8));
         if promised != length as u64 {
-            let what = format!("a stream of {promised} bytes where {count} splats have {length}");
+            let what = format!("a stream has {promised} bytes, but {count} splats need {length}");
             return Err(Error::format(file, what));
         }
         let packed = range(file, bytes, at, usize::try_from(packed).unwrap_or(usize::MAX), "a stream")?;

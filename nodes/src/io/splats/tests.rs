@@ -365,8 +365,8 @@ fn files_that_were_cut_off_are_reported_as_what_they_were() {
         from_bytes(name, bytes, Frame::ByFormat, &context()).err().unwrap().message().to_owned()
     };
     let splat = build::splat(3);
-    assert!(reported("a", &splat[..90]).contains("2 whole ones of 32 bytes and 26 bytes more"));
-    assert!(reported("a.splat", &splat[..20]).contains("20 bytes that do not begin as a `.splat`"));
+    assert!(reported("a", &splat[..90]).contains("2 complete splats of 32 bytes, then 26 bytes"));
+    assert!(reported("a.splat", &splat[..20]).contains("its 20 bytes begin neither like a `.splat`"));
     let mut ksplat = build::ksplat(1, 1);
     // Some writers leave out the number in use and the capacity.
     ksplat[8..16].fill(0);
@@ -376,7 +376,7 @@ fn files_that_were_cut_off_are_reported_as_what_they_were() {
     );
     assert!(reported("a", &ksplat[..5000]).contains("the headers of sections"));
     assert!(reported("a", &ksplat[..ksplat.len() - 1]).contains("the splats of a section"));
-    assert!(reported("a.ksplat", &ksplat[..16]).contains("do not begin as a `.ksplat`"));
+    assert!(reported("a.ksplat", &ksplat[..16]).contains("begin neither like a `.ksplat`"));
 }
 
 #[test]

@@ -14,7 +14,7 @@ mod sharpness;
 engine::choices! {
     /// Sharpness of the objects.
     pub enum Sharpness {
-        /// As rendered.
+        /// Not blurred: as rendered.
         Keep,
         /// Blurred like the sharpest edges of the background around them, measured in each view.
         Match,

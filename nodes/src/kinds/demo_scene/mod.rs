@@ -127,8 +127,8 @@ impl View {
         inside.then(|| way.length())
     }
 
-    /// How large a patch of a surface may be, in metres, to look `pixels` large. Larger outside of the frame and on
-    /// back sides.
+    /// Largest size of a patch of a surface, in metres, that appears `pixels` large. Larger outside of the frame
+    /// and on back sides.
     fn patch_size(&self, p: DVec3, n: DVec3, size: f64, pixels: f64) -> f64 {
         let way = self.eye - p;
         let close = pixels / self.focal;

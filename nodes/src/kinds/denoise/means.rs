@@ -208,20 +208,21 @@ impl Field {
     }
 }
 
-/// Planes of a tile, one per number of a pixel. First the signal, its variance, and whether the pixel takes part.
+/// Index of the first plane of a tile: the signal, its variance, and whether the pixel takes part. There is one
+/// plane per number of a pixel.
 const SIGNAL: usize = 0;
 const VARIANCE: usize = 3;
 const THERE: usize = 4;
-/// Then its normal and the sum of the normal's absolute components, nearness and its slopes, and the reciprocal of
-/// the difference of nearness that separates two surfaces.
+/// Index of the planes of the normal, the sum of its absolute components, nearness and its slopes, and the
+/// reciprocal of the difference of nearness that separates two surfaces.
 const NORMAL: usize = 5;
 const FACED: usize = 8;
 const NEARNESS: usize = 9;
 const LEVEL: usize = 12;
-/// Then the values to average.
+/// Index of the planes of the values to average.
 const AVERAGED: usize = 13;
-/// Last, if weights are reduced by variance, the reciprocal of the variance and the largest variance that is
-/// averaged at full weight.
+/// Index of the last planes, present if weights are reduced by variance: the reciprocal of the variance, and the
+/// largest variance that is averaged at full weight.
 const DOUBT: usize = AVERAGED + VALUES;
 
 /// A tile and its surroundings, one plane per number, so that rows run through vector registers. No lane depends on

@@ -21,7 +21,7 @@ impl Method {
         self.sources().map(|_| ())
     }
 
-    /// The library, whose file identifies its version, counts as a source file of the node.
+    /// Source files: that of the library, which identifies its version.
     pub(super) fn sources(self) -> Result<Vec<SourceFile>, NodeError> {
         match self {
             Self::Means => Ok(Vec::new()),

@@ -114,8 +114,7 @@ impl Kind for FitLights {
                 notes.decision(
                     "sun",
                     format!(
-                        "the shadows of the place show a sun at azimuth {azimuth:.1}, elevation {elevation:.1} degrees: it is in \
-                         the light with irradiance {:.2}",
+                        "the shadows of the place show a sun at azimuth {azimuth:.1}, elevation {elevation:.1} degrees; it was added to the environment with an irradiance of {:.2}",
                         sun.luminance()
                     ),
                 );

@@ -124,13 +124,13 @@ impl Balance {
         let radiance = ((wanted - self.seen) / self.open).max(0.0);
         if radiance == 0.0 {
             let text = format!(
-                "what was seen gives the ground an irradiance of {:.4}, and an albedo of {albedo} needs no more than {wanted:.4}: the {percent:.1} % of the upper half that were not seen are black; a lower `ground_albedo` makes them shine",
+                "the visible light gives the ground an irradiance of {:.4}, and an albedo of {albedo} needs only {wanted:.4}, so the unseen {percent:.1} % of the upper half are black; a lower `ground_albedo` turns them into a sky",
                 self.seen
             );
             notes.warning("sky-black", text);
         } else {
             let text = format!(
-                "the {percent:.1} % of the upper half that were not seen are a white sky of radiance {radiance:.4}, by which the ground, of radiance {ground:.4}, has an albedo of {albedo}: its irradiance is {:.4}, {:.4} without",
+                "the unseen {percent:.1} % of the upper half became a white sky of radiance {radiance:.4}, which gives the ground (radiance {ground:.4}) an albedo of {albedo}; its irradiance is {:.4} with this sky and {:.4} without",
                 self.seen + radiance * self.open,
                 self.light
             );

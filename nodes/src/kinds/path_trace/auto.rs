@@ -26,7 +26,7 @@ pub(super) struct Facts {
     pub(super) metres_per_unit: f64,
 }
 
-/// Why the panorama is infinitely far away, or projected onto the mesh.
+/// The reason why the panorama is infinitely far away, or projected onto the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Reason {
     /// The graph asks for it.
@@ -42,7 +42,7 @@ pub(super) enum Reason {
 /// The decision.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Decision {
-    /// How the mesh blocks light of a distant panorama.
+    /// The rule by which the mesh blocks light of a distant panorama.
     pub(super) block: Block,
     /// True if the mesh reflects light.
     pub(super) bounces: bool,

@@ -4,7 +4,7 @@ use engine::Former;
 
 /// The four parameters that [`super::surroundings`] replaces.
 const VISIBILITY: [&str; 4] = ["env_block", "bounce", "object_specular_sees", "near_field"];
-/// The last version that had them.
+/// The last version that had these parameters.
 const LAST: u32 = 19;
 
 /// The replacement of a field of a former version, given all fields of its node as written.

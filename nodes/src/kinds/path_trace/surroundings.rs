@@ -16,7 +16,7 @@ pub enum Surroundings {
     Projected,
     /// An open scene: the mesh blocks and reflects light, as any solid object.
     Open {
-        /// True if scattered light is reflected by the mesh.
+        /// True if the mesh reflects light.
         #[serde(default = "yes")]
         bounces: bool,
     },
@@ -96,7 +96,7 @@ impl Surroundings {
         ),
     ];
 
-    /// Why a number in it is not allowed, if one is not.
+    /// The reason why a number is out of range; `None` if all are valid.
     pub fn out_of_range(&self) -> Option<String> {
         match self {
             Self::Within { metres, .. } if !metres.is_finite() || *metres < 0.0 => {

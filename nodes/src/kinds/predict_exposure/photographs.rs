@@ -19,7 +19,7 @@ use crate::types::{Image, Panorama, Picture, Srgb, Taken};
 const BRIGHTER: f32 = 0.25;
 /// Smallest luminance of pixels that a photograph is checked with: the fourth 8-bit code.
 const SHOWN: f64 = 1.2e-3;
-/// Smallest number of such pixels.
+/// Smallest number of pixels that a photograph is checked with.
 const FEWEST: usize = 16;
 /// Largest accepted median difference of the light of a photograph, in stops, and largest spread of half of its
 /// pixels around that.

@@ -68,7 +68,7 @@ impl Block {
         }
     }
 
-    /// The same relative to an eye.
+    /// The block relative to an eye.
     #[inline(always)]
     pub(super) fn seen_from(&self, eye: DVec3) -> Self {
         Self { middle: self.middle - eye, half: self.half + eye.abs() * SLACK, ..*self }

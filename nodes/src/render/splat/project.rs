@@ -51,14 +51,14 @@ pub(super) struct Entry {
     pub x1: u16,
 }
 
-/// The footprints of one job in file order, their keys and the tiles that they touch.
+/// The footprints of one job in file order, with their keys and the tiles that they touch.
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,
-    /// How far in front of a limit each centre must lie, in world units; empty without a limit, or with 0
+    /// Minimum distance of each centre in front of a limit, in world units; empty without a limit, or with 0
     /// deviations.
     margins: Vec<f32>,
-    /// Where each is densest along rays, of `RayMedian`.
+    /// Position of the largest density of each footprint along rays; for `RayMedian`.
     peaks: Vec<Peak>,
     reaches: Vec<(u64, TileRange)>,
     skipped: u64,
@@ -125,7 +125,7 @@ impl Projected {
         &self.chunks[(index >> CHUNK_BITS) as usize].footprints[index as usize % CHUNK]
     }
 
-    /// How far in front of a limit this centre must lie, in world units.
+    /// Minimum distance of this centre in front of a limit, in world units.
     #[inline(always)]
     pub(super) fn margin(&self, index: u32) -> f32 {
         let margins = &self.chunks[(index >> CHUNK_BITS) as usize].margins;

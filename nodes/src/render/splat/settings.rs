@@ -36,7 +36,7 @@ engine::choices! {
 engine::choices! {
     /// Compensation of opacity for the area that the low-pass filter adds to a splat.
     pub enum Compensation {
-        /// On if the file says that it was trained with it.
+        /// On if the file says that it was trained with compensation.
         File,
         /// Always on.
         On,

@@ -14,7 +14,7 @@ type Lanes = [f64; BATCH];
 
 /// Splats that are projected together. If there are fewer than [`BATCH`], the remaining lanes keep old values.
 pub(super) struct Batch {
-    /// From the eye to the centre, in world units.
+    /// Vector from the eye to the centre, in world units.
     offset: [Lanes; 3],
     /// Rotation (w, x, y, z), and standard deviations along the axes, in world units.
     quat: [Lanes; 4],

@@ -269,7 +269,7 @@ impl<'a> Materials<'a> {
         if uv_set > 1 {
             return Err(Error::unsupported(
                 self.name,
-                format!("texture coordinates of set {uv_set}; sets 0 and 1 are"),
+                format!("texture coordinates of set {uv_set}; only sets 0 and 1 are supported"),
             ));
         }
         let finite = |t: &TextureTransform| {

@@ -241,7 +241,7 @@ fn other_formats_are_named() {
         ("chair.glb", b"ply\nformat ascii 1.0", "PLY"),
     ] {
         let reported = parse(name, bytes).err().map(|e| e.to_string()).unwrap_or_default();
-        assert!(reported.contains(&format!("{format}: objects are read from glTF")), "{reported}");
+        assert!(reported.contains(&format!("{format}: objects must be glTF")), "{reported}");
     }
     let reported = parse("a.gltf", b"{").err().map(|e| e.to_string()).unwrap_or_default();
     assert!(reported.contains("JSON does not parse"), "{reported}");
@@ -284,7 +284,7 @@ fn what_makes_no_triangle_is_reported() {
     assert!(reported(&json).contains("points or lines in 1"), "{}", reported(&json));
     json["meshes"][0]["primitives"][0]["mode"] = json!(4);
     json["nodes"][0]["scale"] = json!([1.0, 0.0, 0.0]);
-    assert!(reported(&json).contains("with an area, of 1"), "{}", reported(&json));
+    assert!(reported(&json).contains("with an area: 1 triangles"), "{}", reported(&json));
 }
 
 #[test]

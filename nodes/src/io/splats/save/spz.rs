@@ -90,7 +90,7 @@ pub(super) fn encode(
     notes: &mut Notes,
 ) -> Result<Vec<u8>, NodeError> {
     let count = u32::try_from(splats.len())
-        .map_err(|_| NodeError::new(format!("SPZ holds no {} splats", splats.len())))?;
+        .map_err(|_| NodeError::new(format!("SPZ cannot store {} splats", splats.len())))?;
     let bits = fraction_bits(splats, notes)?;
     // Scales begin at e^-10: smaller ones grow, which is visible if the whole scene is small.
     let smallest = num::f64::exp(-10.0);
@@ -99,8 +99,7 @@ pub(super) fn encode(
     if grown > 0 {
         let least = axes.iter().copied().fold(f32::INFINITY, f32::min);
         let text = format!(
-            "{grown} of {} axes of splats are shorter than {smallest:.1e} units, the least that SPZ holds, and grow \
-             to it; the shortest is {least:.1e}. Scale the scene up where that is to be seen",
+            "{grown} of {} splat axes are shorter than {smallest:.1e} units, the minimum of SPZ, and were lengthened to it; the shortest has {least:.1e}. Scale the scene up if this is visible",
             axes.len()
         );
         notes.warning("splats-grown", text);
@@ -143,7 +142,7 @@ pub(super) fn encode(
     let width = 3 * splats.len() as u64;
     let beyond = |which: &str, of: u64, cut: Cut, range: &str, loss: String| {
         format!(
-            "{} of {of} {which} lie beyond {range}, the range of SPZ, and are cut to it: {loss}",
+            "{} of {of} {which} are outside {range}, the range of SPZ, and were clamped to it: {loss}",
             cut.count
         )
     };
@@ -153,7 +152,7 @@ pub(super) fn encode(
             "scales-cut",
             scales,
             beyond("axes", width, scales, "e^5.94 (379 units)", {
-                format!("the longest shrinks {:.3} times", num::f64::exp(scales.steps / 16.0))
+                format!("the longest is divided by {:.3}", num::f64::exp(scales.steps / 16.0))
             }),
         ),
         (

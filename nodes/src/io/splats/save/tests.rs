@@ -117,7 +117,7 @@ fn what_does_not_fit_is_counted() {
     assert!(notes.iter().all(|note| note.level == engine::Level::Warning));
     for (id, says, loss) in [
         // The largest step, 255, is e^5.9375 units.
-        ("scales-cut", "3 of 120 axes", "shrinks 2.639 times"),
+        ("scales-cut", "3 of 120 axes", "divided by 2.639"),
         // 9 - 0.5 / 0.15 of the coefficient.
         ("colours-cut", "1 of 120 constant", "by up to 1.599"),
         // 5 - 127 / 128.
@@ -205,7 +205,7 @@ fn rotations_of_spz_come_back_as_they_were() {
     assert!(written(&back) == first);
 }
 
-/// Thin axes of otherwise large splats grow too.
+/// Thin axes of otherwise large splats are lengthened, too, and reported.
 #[test]
 fn every_axis_that_grows_is_reported() {
     let mut scene = scene(40, 0);
@@ -215,7 +215,9 @@ fn every_axis_that_grows_is_reported() {
     let reported: Vec<_> =
         notes.iter().filter(|note| note.id == "splats-grown").map(|note| &note.text).collect();
     assert!(
-        reported.len() == 1 && reported[0].starts_with("3 of 120 axes") && reported[0].contains("1.0e-8"),
+        reported.len() == 1
+            && reported[0].starts_with("3 of 120 splat axes")
+            && reported[0].contains("1.0e-8"),
         "{reported:?}"
     );
 }

@@ -38,7 +38,7 @@ pub(in super::super) struct Scene {
 pub(in super::super) struct ClippedCell {
     /// Its index in the grid.
     pub index: usize,
-    /// Its region.
+    /// Index of its region.
     pub region: usize,
     /// Features of the cell.
     pub features: [f32; CELL],

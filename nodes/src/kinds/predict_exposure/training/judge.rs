@@ -20,7 +20,7 @@ struct Region {
     sun: f64,
     visible: f64,
     hidden: f64,
-    /// Hidden flux predicted by the networks, and with the rule for suns.
+    /// Hidden flux predicted by the networks alone, and including the rule for suns.
     predicted: f64,
     given: f64,
     /// Disagreement of the networks, in stops.

@@ -252,7 +252,7 @@ fn pictures_do_not_depend_on_how_large_the_world_is() {
     }
 }
 
-/// Nothing is clamped above: a coefficient that makes 3 is 3 in the picture and in a file of floats.
+/// Colours are clamped at 0 and have no upper limit: a colour of 3 is 3 in the picture and in a file of floats.
 #[test]
 fn colours_are_cut_at_0_and_nowhere_else() {
     let coefficient = |colour: f64| ((colour - 0.5) / 0.282_094_791_773_878_14) as f32;

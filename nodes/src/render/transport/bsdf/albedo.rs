@@ -116,7 +116,7 @@ impl Facets {
         Self { all: all.clamp(1e-3, 1.0), metal, dielectric, passed, mean, rise }
     }
 
-    /// Single and multiple scattering of a metal by its reflectance at normal incidence.
+    /// Single and multiple scattering of a metal, given its reflectance at normal incidence.
     pub fn metal(&self, f0: f32) -> [f32; 2] {
         let once = f0 * (self.all - self.metal) + self.metal;
         [once, once * self.gain(f0 + (1.0 - f0) / 21.0)]

@@ -10,7 +10,7 @@ const PLACES: u32 = 256;
 /// Range of the hidden share that is reported: less is an edge, more is an object inside a wall.
 const REPORTED: std::ops::Range<f64> = 0.05..0.95;
 
-/// How an object is embedded in the receiver.
+/// The part of an object that is embedded in the receiver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Embedded {
     /// Share of the side facing the first camera that the receiver hides.

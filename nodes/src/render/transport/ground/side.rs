@@ -22,7 +22,7 @@ const LEVEL: f64 = 0.98;
 /// Maximum slope of the mesh against a flat side that rests on it.
 const SLANT: f64 = 0.1;
 
-/// Why an object has no receiver below it.
+/// The reason why there is no receiver below an object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unsupported {
     /// It is over a hole of the mesh, or beyond its edge.

@@ -1,4 +1,4 @@
-//! How the objects stand: on the receiver, on each other, or on nothing.
+//! The supports of the objects: the receiver, another object, or nothing.
 
 use glam::{DVec3, Vec3};
 
@@ -17,7 +17,7 @@ use crate::types::Placed;
 /// Minimum height by which a supporting object reaches farther down, in metres.
 const LOWER: f64 = 0.005;
 
-/// How the objects stand, one entry per object.
+/// The supports of the objects, one entry per object.
 pub(crate) struct Standing {
     /// Level of the ground below it, even if too far away.
     pub(crate) ground: Vec<Option<Level>>,
@@ -27,9 +27,9 @@ pub(crate) struct Standing {
     pub(crate) carried: Vec<bool>,
     /// Height above its base, in world units.
     pub(crate) tall: Vec<f64>,
-    /// Why there is no ground below it.
+    /// The reason why there is no ground below it.
     pub(crate) unsupported: Vec<Option<Unsupported>>,
-    /// How it is embedded in a surface that it does not stand on.
+    /// The part that is embedded in a surface that it does not stand on.
     pub(crate) embedded: Vec<Option<Embedded>>,
 }
 

@@ -30,7 +30,7 @@ pub struct Scene<'a> {
     pub objects: &'a Objects,
     /// The environment.
     pub sky: &'a EnvironmentLight,
-    /// How the receiver appears to each kind of ray.
+    /// The visibility of the receiver for each kind of ray.
     pub rules: &'a Rules,
     /// Virtual lights, under near light with objects.
     pub light_points: Option<&'a LightPoints>,

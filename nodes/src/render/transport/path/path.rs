@@ -44,7 +44,7 @@ impl Vertex {
     }
 }
 
-/// How a path reached a vertex.
+/// The way in which a path reached a vertex.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PathState {
     /// Unit direction of the ray to the vertex.

@@ -1,4 +1,4 @@
-//! How the receiver appears to each kind of ray.
+//! Visibility of the receiver for each kind of ray.
 
 use glam::Vec3;
 use serde::Serialize;
@@ -9,7 +9,7 @@ use crate::render::transport::scene::block::Block;
 /// The role of the receiver in light transport.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Rules {
-    /// How it blocks the environment.
+    /// The rule by which it blocks the environment.
     pub block: Block,
     /// True if diffuse rays hit it as a lit surface.
     pub bounce_solid: bool,
@@ -35,13 +35,13 @@ impl Rules {
     }
 }
 
-/// How the receiver appears to rays that leave a surface by one class of lobes.
+/// Visibility of the receiver for rays that leave a surface by one class of lobes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Visibility {
-    /// How it blocks the environment for a scattered ray.
+    /// The rule by which it blocks the environment for a scattered ray.
     pub block: Block,
-    /// How it blocks the environment for a shadow ray: identical, or light would be lost (see
-    /// `docs/light-transport.md`), except in the printed visibility.
+    /// The rule by which it blocks the environment for a shadow ray. It must equal that for scattered rays, or
+    /// light would be lost (see `docs/light-transport.md`); only the printed visibility differs.
     pub shadow: Block,
     /// True if a scattered ray continues from it.
     pub lands: bool,

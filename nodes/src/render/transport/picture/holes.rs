@@ -38,8 +38,9 @@ pub(crate) fn holes(depth: &Image<Data>) -> u64 {
 mod tests {
     use super::*;
 
-    /// Under a sky, a floor with a hole of 3 by 2 pixels and one of 20 by 20, at any size of the image, and one
-    /// that is cut by the border. Mutation: `at_edge` never set; steps up left out.
+    /// Surrounded regions are holes, and the sky is not: a floor under a sky with holes of 3 by 2 and of 20 by 20
+    /// pixels, at any size of the image, and a hole that is cut by the border. Mutation: `at_edge` never set; steps
+    /// up left out.
     #[test]
     fn what_is_surrounded_is_a_hole_and_the_sky_is_not() {
         for scale in [1, 2, 5] {

@@ -70,7 +70,7 @@ impl NearBounds {
     }
 }
 
-/// How the receiver sees objects that are apart from it.
+/// Bounds of the directions from the receiver to objects that are apart from it.
 pub(crate) struct Apart {
     /// A cone that contains the directions to the objects from all of its points.
     cone: Cone,
@@ -78,7 +78,7 @@ pub(crate) struct Apart {
     square: f64,
 }
 
-/// How all points of the receiver see the objects, if they are apart.
+/// The bounds for all points of the receiver; `None` unless the objects are apart from it.
 pub(crate) fn apart(scene: &Scene<'_>) -> Option<Apart> {
     let ((low, high), objects) = (scene.receiver.bvh.bounds()?, scene.objects.bvh.bounds()?);
     let margin = Vec3::splat(scene.receiver.margin_within(low, high));

@@ -240,7 +240,7 @@ impl Scene<'_> {
     }
 }
 
-/// How far a camera hit on the receiver is moved along its ray to where objects stand.
+/// Distance by which a camera hit on the receiver is moved along its ray to the support of an object.
 pub(crate) fn shift(scene: &Scene<'_>, camera_rays: &CameraRays<'_>, hit: &Hit, ray: Ray) -> f32 {
     let position = ray.origin + ray.direction * hit.t;
     camera_rays.ground.shift(position, scene.receiver.normal(hit.triangle), ray.direction)

@@ -1,4 +1,4 @@
-//! How the receiver mesh blocks light of the environment.
+//! Rules by which the receiver mesh blocks light of the environment.
 //!
 //! One function, [`Block::passes`], decides whether environment light reaches a point past the receiver. Light
 //! samples, scattered rays and shadow rays all use it, so that multiple importance sampling loses no energy.
@@ -14,7 +14,7 @@ pub const MOST_LAYERS: usize = 16;
 /// Default number of front-face layers.
 pub const LAYERS: u32 = 3;
 
-/// How the receiver blocks light of the environment, in the frame of the scene.
+/// A rule by which the receiver blocks light of the environment, in the frame of the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub enum Block {
     /// Any surface blocks.

@@ -64,8 +64,8 @@ pub fn find_touching(objects: &Objects, receiver: &Receiver, ground: &Ground) ->
 }
 
 impl Objects {
-    /// How far beyond an object's hit the receiver may be hit at the same place and still be behind it; 0 for an
-    /// object that does not lie on the receiver.
+    /// Distance within which a receiver hit counts as behind an object's hit at the same place; 0 for an object
+    /// that does not lie on the receiver.
     pub fn slack(&self, hit: &Hit, direction: Vec3) -> f32 {
         if !self.touching.holds(hit.triangle) {
             return 0.0;
@@ -73,8 +73,8 @@ impl Objects {
         self.touching.reach / self.normal(hit.triangle).dot(direction).abs().max(0.01)
     }
 
-    /// How far below a point of the receiver rays to objects start, so as to hit the object that lies on it; `None`
-    /// where there is none.
+    /// Depth below a point of the receiver at which rays to objects start, so that they hit the object that lies on
+    /// it; `None` if there is no such object.
     pub fn covers(&self, position: Vec3, normal: Vec3) -> Option<f32> {
         let touching = &self.touching;
         if !touching.held?.holds(position) {
@@ -85,8 +85,9 @@ impl Objects {
         self.bvh.any(touching.across(position, normal), lies).then_some(touching.reach)
     }
 
-    /// How far off an object's surface rays to the receiver start, so as to hit the receiver that it lies on: along
-    /// the normal, or against it if the ray came from there. `None` where the surface does not lie on the receiver.
+    /// Offset from an object's surface at which rays to the receiver start, so that they hit the receiver that it
+    /// lies on: along the normal, or against it if the ray came from that side. `None` where the surface does not
+    /// lie on the receiver.
     pub fn bed(&self, hit: &Hit, direction: Vec3, surface: &Surface, receiver: &Receiver) -> Option<Vec3> {
         let touching = &self.touching;
         let lies = |hit: &Hit| receiver.normal(hit.triangle).dot(surface.normal).abs() > ALONG;

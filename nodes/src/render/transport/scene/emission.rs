@@ -45,8 +45,8 @@ impl Objects {
         Emitters::new(&self.corners, |triangle| self.lattice(triangle, finest), emission)
     }
 
-    /// The maximum of the emission texture over a footprint, as [`emission`](Self::emission) is the mean; black
-    /// without a texture.
+    /// The maximum of the emission texture over a footprint; black without a texture. [`emission`](Self::emission)
+    /// is the mean.
     fn peak(&self, hit: &Hit, width: f32) -> Vec3 {
         let (_, material, point) = self.point(hit);
         let [r, g, b, _] = material.base_colour;

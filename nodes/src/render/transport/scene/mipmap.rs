@@ -9,16 +9,16 @@ use std::sync::OnceLock;
 use crate::math::color::{code8, srgb_from_linear};
 use crate::types::Texture;
 
-/// How the texels of a texture are averaged.
+/// Averaging of the texels of a texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Texels {
-    /// As plain numbers.
+    /// Averaged as plain numbers.
     Numbers,
-    /// As sRGB-encoded colours.
+    /// Averaged as sRGB-encoded colours.
     Colours,
-    /// As sRGB-encoded colours weighted by alpha.
+    /// Averaged as sRGB-encoded colours weighted by alpha.
     CoveredColours,
-    /// As colours; a level holds the maximum in place of the mean.
+    /// The maximum of colours instead of the mean.
     Peaks,
 }
 

@@ -55,8 +55,8 @@ impl Ground {
         })
     }
 
-    /// How far a camera hit moves along its unit ray to lie on the support of the nearest object (the first of
-    /// equal ones); 0 where it belongs to no support.
+    /// Distance by which a camera hit is moved along its unit ray, to lie on the support of the nearest object (the
+    /// first of equal ones); 0 where it belongs to no support.
     pub fn shift(&self, position: Vec3, normal: Vec3, direction: Vec3) -> f32 {
         let along = |out: Vec3| normal.dot(out).abs() >= STEEPEST;
         let Some((part, out)) = self.rise(position, along) else { return 0.0 };
@@ -96,7 +96,7 @@ impl Ground {
         (level <= height + slack).then(|| receiver.start(&hit) - position)
     }
 
-    /// How far a support lies above a point of the mesh, and its direction, among the permitted directions.
+    /// Height of a support above a point of the mesh, and its direction, among the permitted directions.
     fn rise(&self, position: Vec3, may_be: impl Fn(Vec3) -> bool) -> Option<(f32, Vec3)> {
         let height = |s: &Support| position.dot(s.out);
         let aside = |s: &Support| {

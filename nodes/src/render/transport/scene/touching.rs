@@ -29,7 +29,7 @@ impl Touching {
         if there { 2.0 * self.reach } else { 0.0 }
     }
 
-    /// How far beyond a receiver hit an object that lies on it may be hit.
+    /// Distance beyond a receiver hit within which an object that lies on it may be hit.
     pub fn allowance(&self, ray: &Ray, t: f32, normal: Vec3) -> f32 {
         let position = ray.origin + ray.direction * t;
         let there = self.held.is_some_and(|held| held.holds(position));

@@ -100,7 +100,7 @@ impl<'a> Geometry<'a> {
                 (0, 0) => String::new(),
                 (0, n) => format!(", but points or lines in {n} primitives"),
                 (n, _) => format!(
-                    " with an area, of {n}; are they smaller than the steps of its numbers, or no numbers?"
+                    " with an area: {n} triangles are too small for the precision of the coordinates, or are not finite"
                 ),
             };
             return Err(self.bad(format!("holds no triangles{why}")).into());
@@ -230,7 +230,7 @@ impl<'a> Geometry<'a> {
         Ok(Some(p))
     }
 
-    /// Texture coordinates and vertex colours.
+    /// Reads texture coordinates and vertex colours.
     fn rest(&mut self, primitive: &gltf::Primitive<'_>, n: usize, p: &mut Primitive) -> Result<(), Error> {
         for (set, to) in [(0, &mut p.uv0), (1, &mut p.uv1)] {
             let uv = self.attribute::<2>(primitive, Semantic::TexCoords(set), n)?.unwrap_or_default();

@@ -341,7 +341,7 @@ impl EnvironmentLight {
     }
 }
 
-/// From 32-bit integers to [0, 1).
+/// Factor from 32-bit integers to [0, 1).
 const SCALE: f64 = 1.0 / 4_294_967_296.0;
 
 /// An environment of one colour.
