@@ -113,10 +113,10 @@ impl Kind for LoadSplats {
             sources.extend(expanded.listing.iter().map(|file| cx.source(file)));
             for (id, text, warning) in expanded.notes {
                 if warning {
-                    notes.warning(id, text)
+                    notes.warning(id, text);
                 } else {
-                    notes.decision(id, text)
-                };
+                    notes.decision(id, text);
+                }
             }
             for piece in expanded.pieces {
                 sources.extend(source::with_companions(&piece.file, cx.root()).map_err(|e| e.at(field))?);

@@ -94,13 +94,8 @@ pub(super) fn read(
             }
         }
     }
-    let options = LoadOptions {
-        triangulate: true,
-        single_index: true,
-        ignore_lines: true,
-        ignore_points: true,
-        ..LoadOptions::default()
-    };
+    let options =
+        LoadOptions { triangulate: true, single_index: true, ignore_lines: true, ignore_points: true };
     let (models, materials) =
         tobj::load_obj_buf(&mut &*bytes, &options, |_| tobj::load_mtl_buf(&mut &*text)).map_err(wrong)?;
     let materials = materials.unwrap_or_default();

@@ -323,7 +323,7 @@ fn rows(file: &str, field: &Field, turn: &Turn, reading: &Reading<'_>) -> Result
     whole("orientations", turns.len(), 4)?;
     whole("opacities", opacities.len(), 1)?;
     let colours = list(COEFFICIENTS).as_chunks::<3>().0;
-    let held = if count == 0 { 0 } else { colours.len() / count };
+    let held = colours.len().checked_div(count).unwrap_or(0);
     let degree = field.degree.unwrap_or_else(|| (0..=4).find(|d| sh_rest(*d) + 1 == held).unwrap_or(0));
     whole(COEFFICIENTS, 3 * colours.len(), 3 * (sh_rest(degree) + 1))?;
     let each = sh_rest(degree) + 1;

@@ -68,7 +68,7 @@ mod tests {
                 let radial = c.k[0] * r2 + c.k[1] * r2 * r2 + c.k[2] * r2 * r2 * r2;
                 let dx = x * radial + 2.0 * c.p[0] * x * y + c.p[1] * (r2 + 2.0 * x * x);
                 let dy = y * radial + c.p[0] * (r2 + 2.0 * y * y) + 2.0 * c.p[1] * x * y;
-                most = most.max(((dx * lens[0]).powi(2) + (dy * lens[1]).powi(2)).sqrt());
+                most = most.max(glam::DVec2::new(dx * lens[0], dy * lens[1]).length());
             }
             let bound = c.pixels(size, lens);
             assert!((most..6.0 * most).contains(&bound), "{most} {bound}");

@@ -417,7 +417,7 @@ fn matches(pattern: &str, name: &str) -> bool {
 /// Checks a camera, and scales it to the requested resolution.
 fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result<Camera, NodeError> {
     let bad = |what: String| NodeError::from(Error::format(&p.path.0, format!("camera `{name}`: {what}")));
-    let seen = raw.distortion.as_ref().filter(|bend| !(bend.pixels <= INVISIBLE_PX));
+    let seen = raw.distortion.as_ref().filter(|bend| bend.pixels.is_nan() || bend.pixels > INVISIBLE_PX);
     if let Some(Bend { text: distortion, .. }) = seen {
         match p.distortion {
             Distortion::Refuse => {

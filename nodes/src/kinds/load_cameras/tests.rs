@@ -342,7 +342,7 @@ fn of_json(text: &str) -> Result<(Vec<Camera>, Notes), NodeError> {
 // A frame's own lens counts, whatever the top of the file says; once the angle of the top was taken.
 #[test]
 fn the_lens_of_a_frame_counts_before_that_of_the_file() {
-    let angle = 2.0 * (20.0_f64 / 50.0).atan();
+    let angle = 2.0 * crate::math::num::atan2(20.0, 50.0);
     let degrees = angle.to_degrees();
     let size = r#""w": 40, "h": 30, "#;
     for (top, frame) in [
@@ -352,7 +352,7 @@ fn the_lens_of_a_frame_counts_before_that_of_the_file() {
         (format!(r#""camera_angle_x": 0.3, "camera_angle_y": 0.2, {size}"#), r#""fl_x": 50, "#.to_owned()),
         (format!(r#""fl_x": 50, "camera_angle_x": 0.3, {size}"#), String::new()),
         (size.to_owned(), format!(r#""x_fov": {degrees}, "#)),
-        (format!(r#""w": 80, "h": 60, "fl_x": 3, "#), format!(r#""w": 40.0, "h": 30.0, "fl_y": 50, "#)),
+        (r#""w": 80, "h": 60, "fl_x": 3, "#.to_owned(), r#""w": 40.0, "h": 30.0, "fl_y": 50, "#.to_owned()),
     ] {
         let text = frames(&top, &frame);
         let camera = of_json(&text).unwrap_or_else(|e| panic!("{text}: {e}")).0.remove(0);
@@ -427,7 +427,7 @@ fn distortion_far_below_a_pixel_is_left_out() {
 fn marks_fill_and_back_slashes_are_read() {
     let (wanted, _) = of_json(STUDIO).unwrap_or_else(|e| panic!("{e}"));
     let marked = format!("\u{feff}{STUDIO}");
-    for text in [marked.clone(), format!("{STUDIO}\0\0\0"), STUDIO.replace("images/", ".\\\\images\\\\")] {
+    for text in [marked, format!("{STUDIO}\0\0\0"), STUDIO.replace("images/", ".\\\\images\\\\")] {
         let (cameras, _) = of_json(&text).unwrap_or_else(|e| panic!("{text}: {e}"));
         assert!(near(&cameras[0], &wanted[0]), "{text}");
     }
@@ -477,7 +477,7 @@ fn sizes_come_from_the_pictures() {
     let png = |w, h| crate::io::png::write(&raster(w, h), false, &[]).unwrap_or_else(|e| panic!("{e}"));
     let (wide, small) = (png(40, 30), png(20, 10));
     let pose = r#""transform_matrix": [[0, 1, 0, 1], [1, 0, 0, 2], [0, 0, -1, 3], [0, 0, 0, 1]]"#;
-    let angle = 2.0 * (20.0_f64 / 50.0).atan();
+    let angle = 2.0 * crate::math::num::atan2(20.0, 50.0);
     let text = format!(
         r#"{{"camera_angle_x": {angle}, "frames": [{{"file_path": "./train/r_0", {pose}}},
         {{"file_path": "train\\r_1.png", {pose}}}]}}"#

@@ -328,7 +328,7 @@ fn splats_of_usd_in_text_are_read() {
     };
     // The world of the test has +z up: y up is turned, centimetres are metres.
     let close = |(a, s): ([f32; 3], f32), b: [f32; 3], t: f32| {
-        near(&[a[0], a[1], a[2], s], &[b[0], b[1], b[2], t], 1e-6)
+        near(&[a[0], a[1], a[2], s], &[b[0], b[1], b[2], t], 1e-6);
     };
     close(means("upAxis = \"Z\"\n metersPerUnit = 0.5", ""), [0.5, 1.0, 1.5], 0.05);
     close(means("upAxis = \"Y\"\n metersPerUnit = 1", ""), [1.0, -3.0, 2.0], 0.1);
