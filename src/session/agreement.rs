@@ -7,7 +7,7 @@ use nodes::types::{Images, Picture};
 /// Number of pairs of a picture of splats and a trace that are compared; more would only repeat what they say.
 const MOST_PAIRS: usize = 4;
 
-/// What a pair of nodes shows: the id of the finding, and its text with the names of the nodes.
+/// Finding of a pair of nodes: its id, and its text with the names of the nodes.
 pub type Finding = (&'static str, String);
 
 /// Compares each picture of splats with each trace of the same cameras that have a mesh of the place. Values that are not

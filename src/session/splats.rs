@@ -101,7 +101,7 @@ pub fn check(path: &Path) -> Result<(), NodeError> {
 pub fn load(path: &Path, frame: Frame, cx: &Context) -> Result<(Arc<Splats>, Notes), NodeError> {
     let params = params(InputFile(path.display().to_string()), frame);
     let (out, notes) = LoadSplats::run(&params, load_splats::In {}, cx)?;
-    // There is no graph here, whose axis could be another one.
+    // Outside a graph there is not an axis that it could differ from.
     let notes = notes.iter().filter(|note| note.id != "up-differs").cloned().collect();
     Ok((out.splats, notes))
 }

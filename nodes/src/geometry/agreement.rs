@@ -76,7 +76,7 @@ impl Agreement {
         found
     }
 
-    /// What is wrong by these counts: id and text, after "in the view".
+    /// Findings by these counts: id and text.
     pub fn findings(&self) -> Vec<(&'static str, String)> {
         let share = |part: u64, whole: u64| part as f64 / whole.max(1) as f64;
         let mut list = Vec::new();

@@ -11,7 +11,7 @@ pub struct Range {
     pub guessed: bool,
 }
 
-/// Share of the numbers that must lie above 1 for floats to be taken as numbers up to 255: a stray number is no reason.
+/// Share of the numbers that must lie above 1 for floats to be taken as numbers up to 255: one stray number does not count.
 const SHARE: f64 = 0.01;
 /// Numbers up to here count as white with rounding.
 const SLACK: f64 = 1.5;

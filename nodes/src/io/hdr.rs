@@ -319,7 +319,7 @@ mod tests {
         }
     }
 
-    /// An exposure of 0 is none; other primaries come with the picture.
+    /// An exposure of 0 counts as 1; other primaries come with the picture.
     #[test]
     fn exposures_of_0_count_as_none_and_primaries_are_read() {
         let of = |head: &str| read("a.hdr", &file(&format!("{head}\n-Y 1 +X 1\n"), &[10, 20, 30, 136]));

@@ -22,7 +22,8 @@ engine::params! {
     /// degree 0 to 4, `filter_3D` of Mip-Splatting and MILo applied, two scales of 2DGS, `red green blue` in place of
     /// `f_dc_*`, other extra fields ignored), PlayCanvas compressed PLY, SOG
     /// versions 1 and 2 (`meta.json`, its folder, a folder of chunks joined in the order of their names, a streamed
-    /// scene with `lod-meta.json`, of which `level` is read, or a `.sog` bundle), SPZ versions 1 to 4, `.splat`, `.ksplat`, glTF or GLB with `KHR_gaussian_splatting`,
+    /// scene with `lod-meta.json` at one `level`, or a `.sog` bundle),
+    /// SPZ versions 1 to 4, `.splat`, `.ksplat`, glTF or GLB with `KHR_gaussian_splatting`,
     /// and USD in text with `ParticleField3DGaussianSplat`.
     /// Rows that cannot be drawn are dropped and counted by reason.
     ///

@@ -111,7 +111,7 @@ pub(super) fn read(
         });
         let colour = material.diffuse.filter(|_| texture.is_none()).unwrap_or([1.0; 3]);
         let opacity = material.dissolve.filter(|d| d.is_finite()).unwrap_or(1.0).clamp(0.0, 1.0);
-        // Of Blinn and Phong's exponent: alpha^2 = 2 / (n + 2), and alpha is the square of the roughness.
+        // By the exponent of Blinn and Phong: alpha^2 = 2 / (n + 2), and alpha is the square of the roughness.
         let exponent = f64::from(material.shininess.filter(|n| n.is_finite()).unwrap_or(0.0).max(0.0));
         let roughness = num::pow(2.0 / (exponent + 2.0), 0.25);
         let [r, g, b] = colour;

@@ -28,7 +28,7 @@ pub(super) fn read(name: &str, bytes: &[u8], builder: &mut Builder, cx: &Context
     }
     let mut plain = bytes.to_vec();
     if !text && let Some(head) = plain.first_chunk_mut::<5>() {
-        // The library tells the two apart by this word alone.
+        // The library distinguishes the two by this word alone.
         *head = [0; 5];
     }
     let mut cursor = Cursor::new(plain);

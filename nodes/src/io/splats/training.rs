@@ -16,7 +16,7 @@ pub(super) fn antialiased(comments: &[String], file: &str, notes: &mut Notes) ->
     yes
 }
 
-/// What one comment says about antialiasing; `None` if it is about something else.
+/// Statement of one comment about antialiasing; `None` if it is about something else.
 fn flag(comment: &str) -> Option<bool> {
     let lower = comment.to_ascii_lowercase();
     let words: Vec<&str> =

@@ -147,7 +147,7 @@ impl Kind for LoadCameras {
         let raw = read(p, cx, &mut notes).map_err(|e| e.at("path"))?;
         if unused_dataparser(p, cx.root()).is_some() {
             let text = format!(
-                "`{}` lies beside the cameras: splats that nerfstudio exported are in the coordinates that it gives; \
+                "`{}` lies in the folder of the cameras: splats that nerfstudio exported are in the coordinates that it gives; \
                  for them, set `dataparser` to it",
                 dataparser::NAME
             );
@@ -203,7 +203,7 @@ fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
     files
 }
 
-/// The picture of a frame, which lies beside the file of cameras; its ending may be left out, as in the synthetic
+/// The picture of a frame, in the folder of the file of cameras; its ending may be left out, as in the synthetic
 /// scenes of NeRF.
 fn existing(file: &SourceFile, picture: &str, root: &SourceRoot) -> Option<SourceFile> {
     ["", ".png", ".jpg", ".jpeg", ".JPG", ".PNG"]

@@ -375,7 +375,7 @@ fn flags_of_lenses_are_heard() {
         let error = of_json(&frames(&format!(r#""{flag}": true, {lens}"#), "")).err().map(|e| e.to_string());
         assert!(error.is_some_and(|e| e.contains(flag)));
     }
-    // A frame may say that it is no fisheye.
+    // A frame may say that it is not a fisheye.
     for text in [
         frames(&format!(r#""is_fisheye": false, {lens}"#), ""),
         frames(&format!(r#""is_fisheye": true, {lens}"#), r#""is_fisheye": false, "#),
@@ -519,7 +519,7 @@ fn cameras_follow_the_data_parser() {
     ] {
         assert!(with(STUDIO, wrong).is_err(), "{wrong}");
     }
-    // Left beside the cameras and not used: a warning.
+    // In the folder of the cameras and not used: a warning.
     let files = [("transforms.json", STUDIO.as_bytes()), ("dataparser_transforms.json", parser.as_bytes())];
     let (_, notes) = load(&files, &node("transforms.json")).unwrap_or_else(|e| panic!("{e}"));
     assert!(notes.iter().any(|note| note.id == "dataparser-unused"));

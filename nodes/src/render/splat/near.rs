@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use crate::types::{Camera, Splats};
 
-/// Number of splats that are examined; of more, every so many are.
+/// Number of splats that are examined; more are sampled evenly.
 const EXAMINED: usize = 1 << 16;
 /// Opacity of splats that count: fainter ones are haze, which may be cut.
 const SOLID: f32 = 0.5;
