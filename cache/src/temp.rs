@@ -1,4 +1,5 @@
 //! [`TempFile`]: a file that is written under a temporary name and then renamed, so that no reader sees a part of it.
+//! The crate `tempfile` has no lock by which another process recognises an abandoned file.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};

@@ -1,10 +1,9 @@
 //! Tests the order of the rooms of the crate, and that no kind imports another.
 
-use std::collections::BTreeSet;
 use std::path::Path;
 
 #[path = "../../tests/support/arrows.rs"]
-#[allow(clippy::unwrap_used, dead_code, reason = "a test; circles within a room are allowed here")]
+#[allow(clippy::unwrap_used, reason = "a test")]
 mod arrows;
 
 /// The rooms from the lowest to the highest: a file imports only its own room and those below.
@@ -23,13 +22,14 @@ fn imports() -> arrows::Imports {
 
 /// Imports lead only to lower rooms. Mutation: `use crate::kinds::pose::PoseNode;` in `types/pose.rs`, seen red.
 #[test]
-fn imports_lead_down() {
+fn imports_lead_down_and_in_no_circle() {
     let imports = imports();
     assert!(
         imports.len() > 150 && imports["kinds/place"].contains("types::frame::world_from_gltf"),
         "the imports were read"
     );
     assert_eq!(arrows::upward(&imports, &ROOMS), [""; 0]);
+    assert_eq!(arrows::circles(&imports), [[""; 0]; 0]);
 }
 
 /// The rooms of light transport from the lowest to the highest.
@@ -64,17 +64,7 @@ fn no_kind_imports_another() {
 
 #[test]
 fn the_rooms_are_the_folders_and_the_table_in_docs_architecture() {
-    let entries = std::fs::read_dir(folder().join("src")).expect("there");
-    let names = entries
-        .map(|entry| entry.expect("there").path().file_stem().expect("named").to_string_lossy().into_owned());
-    let folders: BTreeSet<String> =
-        names.filter(|name| !["lib", "testing"].contains(&name.as_str())).collect();
+    let (folders, table) = arrows::rooms(folder(), &["lib", "testing"], "Within `nodes`");
     assert_eq!(folders, ROOMS.map(String::from).into());
-    let page = std::fs::read_to_string(folder().join("../docs/architecture.md")).expect("there");
-    let (_, section) = page.split_once("Within `nodes`").expect("a section on `nodes`");
-    let lines =
-        section.lines().skip_while(|line| !line.starts_with("| `")).take_while(|line| line.starts_with('|'));
-    let mut rooms: Vec<&str> = lines.map(|line| line[3..].split('`').next().unwrap_or_default()).collect();
-    rooms.reverse();
-    assert_eq!(rooms, ROOMS, "the table has the highest room first");
+    assert_eq!(table, ROOMS, "the table has the highest room first");
 }

@@ -101,12 +101,21 @@ fn check_folder(output: &Path) -> Result<(), NodeError> {
 
 /// Warns where the floor of a scene indicates another up axis than the one that was assumed.
 fn warn_of_floor(scene: &Splats, up: Up, notes: &mut Notes, cx: &Context) -> Result<(), NodeError> {
-    let floor = nodes::geometry::inspect::splats::inspect(scene, cx)?.floor;
-    if let Some(floor) = floor.filter(|floor| floor.is_clear() && floor.up != up.name()) {
+    cx.check()?;
+    let level = nodes::geometry::level::of_splats(scene, None).filter(|level| level.is_sure());
+    let [_, _, axis] = nodes::math::equirect::axes(up);
+    // 20 degrees: a capture may lie a little aslant.
+    if let Some(level) = level.filter(|level| glam::DVec3::from_array(level.up).dot(axis) < 0.94) {
+        let measured = level.axis().map_or_else(
+            || {
+                let [x, y, z] = level.up;
+                format!("({x:.3}, {y:.3}, {z:.3})")
+            },
+            str::to_owned,
+        );
         let text = format!(
-            "{} was assumed to be up, but the floor of the scene indicates {}; set the axis with `--up`",
+            "{} was assumed to be up, but the floor of the scene indicates {measured}; set the axis with `--up`",
             up.name(),
-            floor.up
         );
         notes.warning("up-unlikely", text);
     }

@@ -1,5 +1,6 @@
 //! The parts that most verbs need first: a checked graph, a store, threads.
 
+pub mod agreement;
 pub mod budget;
 mod engine;
 mod error;
@@ -8,6 +9,7 @@ pub mod locked;
 mod names;
 pub mod origin;
 pub mod splats;
+pub mod standing;
 
 pub use engine::{EngineArgs, cache_folder, on_interrupt, size, time};
 pub use error::Error;

@@ -55,7 +55,7 @@ pub fn check_memory(path: &Path, memory: u64) -> Result<(), NodeError> {
 }
 
 fn params(path: InputFile, frame: Frame) -> LoadSplats {
-    LoadSplats { path, more: Vec::new(), strict: false, max_extent: 1e6, frame }
+    LoadSplats { path, more: Vec::new(), strict: false, max_extent: 1e6, level: 0, frame, matrix: None }
 }
 
 /// The axis of the world that points up.
@@ -101,6 +101,8 @@ pub fn check(path: &Path) -> Result<(), NodeError> {
 pub fn load(path: &Path, frame: Frame, cx: &Context) -> Result<(Arc<Splats>, Notes), NodeError> {
     let params = params(InputFile(path.display().to_string()), frame);
     let (out, notes) = LoadSplats::run(&params, load_splats::In {}, cx)?;
+    // There is no graph here, whose axis could be another one.
+    let notes = notes.iter().filter(|note| note.id != "up-differs").cloned().collect();
     Ok((out.splats, notes))
 }
 

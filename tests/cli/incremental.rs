@@ -70,7 +70,7 @@ fn edits_rerun_what_they_touch_and_nothing_else() {
 }
 
 /// A triangle of half a metre in the object's own units.
-const OBJECT: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+pub(crate) const OBJECT: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
 "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
 "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}],
 "bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36,

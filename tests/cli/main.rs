@@ -4,10 +4,12 @@
 mod bytes;
 mod cache;
 mod incremental;
+mod init;
 mod kill;
 mod layers;
 mod messages;
 mod names;
+mod other_tools;
 mod reference;
 mod share;
 mod show;

@@ -47,6 +47,23 @@ pub fn upward(imports: &Imports, order: &[&str]) -> Vec<String> {
         .collect()
 }
 
+/// The rooms of a crate, which are the names in its `src` but those of `others`; and those of the table below `heading` in
+/// `docs/architecture.md`, from the last to the first.
+pub fn rooms(folder: &Path, others: &[&str], heading: &str) -> (BTreeSet<String>, Vec<String>) {
+    let entries = std::fs::read_dir(folder.join("src")).unwrap();
+    let names =
+        entries.map(|entry| entry.unwrap().path().file_stem().unwrap().to_string_lossy().into_owned());
+    let folders = names.filter(|name| !others.contains(&name.as_str())).collect();
+    let page = std::fs::read_to_string(folder.join("../docs/architecture.md")).unwrap();
+    let (_, section) = page.split_once(heading).expect("a section on the crate");
+    let lines =
+        section.lines().skip_while(|line| !line.starts_with("| `")).take_while(|line| line.starts_with('|'));
+    let mut table: Vec<String> =
+        lines.map(|line| line[3..].split('`').next().unwrap_or_default().to_owned()).collect();
+    table.reverse();
+    (folders, table)
+}
+
 /// The groups of files that import each other in a circle.
 pub fn circles(imports: &Imports) -> Vec<Vec<String>> {
     let target = |path: &String| {

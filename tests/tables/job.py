@@ -36,7 +36,7 @@ class Job:
         """Output of a bench, built into a folder or by cargo."""
         if self.benches:
             return self.call(os.path.join(self.benches, name), *words)
-        return self.call("cargo", "bench", "-q", "-p", "lightharmony-nodes", "--bench", name, "--", *words)
+        return self.call("cargo", "bench", "-q", "-p", "lightharmony-testkit", "--bench", name, "--", *words)
 
     def graph(self, name):
         """A copy of a graph of this folder, which finds the data; small where the job is only tried."""

@@ -5,7 +5,7 @@ usage: mesh.py LIGHTHARMONY DATA WORK [SAMPLES | small]    prints tables of docs
 are those of the traces, 256 by default; `small` only tries it: one sample
 
 How far the meshes are off in millimetres is printed by a test:
-cargo test --release -p lightharmony-nodes --features real-data --test real_data mesh -- --nocapture
+cargo test --release -p lightharmony-testkit --features real-data --test real_data mesh -- --nocapture
 """
 import json, os, shutil, subprocess, sys
 

@@ -28,7 +28,7 @@ def lines(text):
 
 def bench():
     """The program of the bench, compiled."""
-    build = ["cargo", "bench", "-p", "lightharmony-nodes", "--bench", "trace", "--no-run", "--message-format", "json"]
+    build = ["cargo", "bench", "-p", "lightharmony-testkit", "--bench", "trace", "--no-run", "--message-format", "json"]
     told = subprocess.run(build, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout
     made = [line for line in map(json.loads, told.split("\n")[:-1]) if line.get("executable") and line["target"]["name"] == "trace"]
     return made[-1]["executable"]

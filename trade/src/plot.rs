@@ -1,4 +1,5 @@
-//! A plot of error over cost, as SVG without anything around it.
+//! A plot of error over cost, as SVG without anything around it. Written here, since crates of charts draw no links
+//! and no text on hover.
 
 use std::fmt::Write as _;
 
@@ -102,13 +103,7 @@ pub fn svg(
         );
         if dot.named {
             let name = crate::escape::escaped(&dot.name);
-            // To the right of its dot, above or below it, where there is no other name; else above.
-            let at = |dy: f64| [cx + 7.0, cy + dy, 6.5 * dot.name.len() as f64, 11.0];
-            let apart = |a: [f64; 4], b: &[f64; 4]| {
-                a[0] + a[2] < b[0] || b[0] + b[2] < a[0] || (a[1] - b[1]).abs() > a[3]
-            };
-            let free = [-5.0, 13.0, -18.0].map(at).into_iter().find(|a| names.iter().all(|b| apart(*a, b)));
-            let place = free.unwrap_or(at(-5.0));
+            let place = place_of_name(&dot.name, (cx, cy), &names);
             names.push(place);
             let _ = writeln!(
                 text,
@@ -126,6 +121,16 @@ pub fn svg(
         HEIGHT - 8.0
     );
     Some(text)
+}
+
+/// The box of the name of a dot: left, baseline, width and height. It is to the right of the dot, above or below it,
+/// where there is no other name; else above.
+fn place_of_name(name: &str, (x, y): (f64, f64), others: &[[f64; 4]]) -> [f64; 4] {
+    let at = |dy: f64| [x + 7.0, y + dy, 6.5 * name.len() as f64, 11.0];
+    let apart =
+        |a: [f64; 4], b: &[f64; 4]| a[0] + a[2] < b[0] || b[0] + b[2] < a[0] || (a[1] - b[1]).abs() > a[3];
+    let free = [-5.0, 13.0, -18.0].map(at).into_iter().find(|a| others.iter().all(|b| apart(*a, b)));
+    free.unwrap_or(at(-5.0))
 }
 
 /// 1, 2 and 5 times powers of ten between two logarithms; only powers where that would be many.

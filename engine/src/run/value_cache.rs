@@ -1,4 +1,5 @@
-//! A cache of values in memory, limited in bytes.
+//! A cache of values in memory, limited in bytes. Written here, since the crate `lru` limits the number of entries,
+//! and crates that limit bytes evict by estimated frequency of use.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Mutex, PoisonError};

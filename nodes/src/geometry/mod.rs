@@ -1,7 +1,9 @@
 //! Geometry: ray casting, objects resting on surfaces, sampling of directions, and summaries of scenes.
 
+pub mod agreement;
 pub mod bvh;
 pub mod inspect;
+pub mod level;
 pub mod resting;
 pub mod sampling;
 pub mod support;

@@ -1,14 +1,17 @@
-//! OpenEXR: reading the first flat part as named f32 channels, and writing one part of named channels, with
+//! OpenEXR: reading one flat part as named f32 channels, and writing one part of named channels, with
 //! reproducible bytes. Written by blocks here, since the parallel writer of the crate is not deterministic.
 
 use std::io::Cursor;
 
 use exr::block::writer::ChunksWriter;
 use exr::block::{UncompressedBlock, enumerate_ordered_header_block_indices};
+use exr::compression::Compression;
+use exr::image::read::layers::ReadChannels;
 use exr::image::write::layers::{LayersWriter, WritableLayers};
+use exr::meta::header::Header;
 use exr::prelude::{
-    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, MetaData, ReadChannels,
-    ReadLayers, Text, WritableImage, f16,
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, MetaData, ReadLayers,
+    Text, WritableImage, f16,
 };
 
 use super::png::believable;
@@ -33,8 +36,14 @@ pub struct Planes {
     pub height: usize,
     /// Sorted by name, as the format requires.
     pub channels: Vec<Channel>,
-    /// Number of parts in the file; only the first flat one is read.
+    /// Number of parts in the file; one of them is read.
     pub parts: usize,
+    /// Name of the part that was read; empty without one.
+    pub part: String,
+    /// Names of all flat parts that have one.
+    pub part_names: Vec<String>,
+    /// The layer within the part.
+    pub layer: String,
     /// True when the data window is not the display window.
     pub cropped: bool,
     /// x and y of red, green, blue and white, if the file has chromaticities.
@@ -44,16 +53,21 @@ pub struct Planes {
 /// x and y of red, green, blue and white of sRGB (Rec. ITU-R BT.709), the default of files without chromaticities.
 const REC_709: [[f32; 2]; 4] = [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06], [0.3127, 0.3290]];
 
+/// True if chromaticities differ from those of sRGB by more than rounding; false without any.
+pub fn differ_from_srgb(primaries: Option<&[[f32; 2]; 4]>) -> bool {
+    let off = |own: &[[f32; 2]; 4]| {
+        own.as_flattened()
+            .iter()
+            .zip(REC_709.as_flattened())
+            .any(|(a, b)| (a - b).abs().total_cmp(&2e-3).is_gt())
+    };
+    primaries.is_some_and(off)
+}
+
 impl Planes {
     /// True if the chromaticities of the file differ from those of sRGB by more than rounding.
     pub fn other_primaries(&self) -> bool {
-        let off = |own: &[[f32; 2]; 4]| {
-            own.as_flattened()
-                .iter()
-                .zip(REC_709.as_flattened())
-                .any(|(a, b)| (a - b).abs().total_cmp(&2e-3).is_gt())
-        };
-        self.primaries.as_ref().is_some_and(off)
+        differ_from_srgb(self.primaries.as_ref())
     }
 
     /// A channel by its full name.
@@ -69,44 +83,124 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Planes, Error> {
 
 /// Like [`read`], with progress and cancellation.
 pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Planes, Error> {
+    read_layer(file, bytes, "", progress)
+}
+
+/// Name of the part of a header.
+fn part_name(header: &Header) -> String {
+    header.own_attributes.layer_name.as_ref().map_or_else(String::new, ToString::to_string)
+}
+
+/// True if a part has colours without a layer, or a single grey plane.
+fn has_colours(header: &Header) -> bool {
+    let has = |name: &str| header.channels.list.iter().any(|channel| channel.name.eq(name));
+    let all = |names: [&str; 3]| names.into_iter().all(has);
+    all(["R", "G", "B"]) || all(["r", "g", "b"]) || has("Y")
+}
+
+/// The part of a file that holds a layer, and the layer within it. The unnamed layer is that of the first flat part that
+/// has colours, or of the first flat part. Another name is that of a layer in any part, or of a part, or of both with a
+/// dot or a slash between them.
+pub fn choose_part<'a>(headers: &'a [Header], layer: &str) -> Option<(&'a Header, String)> {
+    let flat = || headers.iter().filter(|header| !header.deep);
+    let first = flat().next()?;
+    if layer.is_empty() {
+        return Some((flat().find(|header| has_colours(header)).unwrap_or(first), String::new()));
+    }
+    let holds = |header: &&Header, name: &str| {
+        let channels = header.channels.list.iter().map(|channel| channel.name.to_string());
+        channels.into_iter().any(|channel| {
+            channel == name || channel.strip_prefix(name).is_some_and(|rest| rest.starts_with('.'))
+        })
+    };
+    if let Some(header) = flat().find(|header| holds(header, layer)) {
+        return Some((header, layer.to_owned()));
+    }
+    for header in flat() {
+        let name = part_name(header);
+        let Some(rest) = layer.strip_prefix(&*name).filter(|_| !name.is_empty()) else { continue };
+        if let [only] = &*header.channels.list
+            && rest.is_empty()
+        {
+            return Some((header, only.name.to_string()));
+        }
+        if rest.is_empty() {
+            return Some((header, String::new()));
+        }
+        if let Some(rest) = rest.strip_prefix(['.', '/'])
+            && holds(&header, rest)
+        {
+            return Some((header, rest.to_owned()));
+        }
+    }
+    Some((first, layer.to_owned()))
+}
+
+/// Reads the channels of one part only.
+struct Only<'a, R> {
+    part: &'a Header,
+    read: R,
+}
+
+impl<'s, R: ReadChannels<'s>> ReadChannels<'s> for Only<'_, R> {
+    type Reader = R::Reader;
+
+    fn create_channels_reader(&'s self, header: &Header) -> exr::error::Result<Self::Reader> {
+        // Parts have names of their own. Chromaticities may be NaN, so headers are not equal to themselves.
+        let same = header.own_attributes.layer_name == self.part.own_attributes.layer_name
+            && header.layer_size == self.part.layer_size
+            && header.channels == self.part.channels;
+        if same && !header.deep {
+            return self.read.create_channels_reader(header);
+        }
+        Err(exr::error::Error::NotSupported("another part".into()))
+    }
+}
+
+/// Reads the part that holds a layer; see [`choose_part`].
+///
+/// # Errors
+/// [`Error::Stopped`], and errors about the file.
+pub fn read_layer(file: &str, bytes: &[u8], layer: &str, progress: Progress<'_>) -> Result<Planes, Error> {
     let bad = |e: exr::error::Error| match e {
         exr::error::Error::NotSupported(what) => Error::unsupported(file, what.into_owned()),
         other => Error::format(file, format!("not a complete EXR: {other}")),
     };
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(bad)?;
-    let Some(header) = meta.headers.iter().find(|header| !header.deep) else {
+    let Some((header, layer)) = choose_part(&meta.headers, layer) else {
         return Err(Error::unsupported(file, "deep data"));
     };
+    if matches!(header.compression, Compression::HTJ2K32 | Compression::HTJ2K256) {
+        return Err(Error::unsupported(file, "HTJ2K compression; save it with ZIP or PIZ"));
+    }
     // The largest compression ratio found in a valid file is that of a black PIZ one.
     for header in &meta.headers {
         let (size, planes) = (header.layer_size, header.channels.list.len() as u64);
         believable(file, size.0 as u64, size.1 as u64, planes, bytes.len(), 1 << 15)?;
-        if header.channels.list.iter().any(|channel| channel.sampling.0 != 1 || channel.sampling.1 != 1) {
-            return Err(Error::unsupported(file, "subsampled channels (luminance and chroma)"));
-        }
+    }
+    if header.channels.list.iter().any(|channel| channel.sampling.0 != 1 || channel.sampling.1 != 1) {
+        return Err(Error::unsupported(file, "subsampled channels (luminance and chroma)"));
     }
     let window = header.shared_attributes.display_window;
     let (width, height) = (window.size.0, window.size.1);
     believable(file, width as u64, height as u64, 1, bytes.len(), 1 << 16)?;
 
-    let image = exr::prelude::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
+    let all = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels();
+    let image = Only { part: header, read: all }
         .first_valid_layer()
         .all_attributes()
         .non_parallel()
         .from_buffered(TrackedReader::new(bytes, progress))
         .map_err(bad)?;
-    let layer = image.layer_data;
-    let (size, position) = (layer.size, layer.attributes.layer_position);
+    let read = image.layer_data;
+    let (size, position) = (read.size, read.attributes.layer_position);
     let shift = [
         i64::from(position.0) - i64::from(window.position.0),
         i64::from(position.1) - i64::from(window.position.1),
     ];
     let cropped = shift != [0, 0] || (size.0, size.1) != (width, height);
-    let mut channels = Vec::with_capacity(layer.channel_data.list.len());
-    for channel in layer.channel_data.list {
+    let mut channels = Vec::with_capacity(read.channel_data.list.len());
+    for channel in read.channel_data.list {
         // Floats are moved; others are freed once they are converted to floats.
         let data: Vec<f32> = match channel.sample_data {
             FlatSamples::F32(samples) => samples,
@@ -122,7 +216,10 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Plan
         .shared_attributes
         .chromaticities
         .map(|found| [found.red, found.green, found.blue, found.white].map(|exr::math::Vec2(x, y)| [x, y]));
-    Ok(Planes { width, height, channels, parts: meta.headers.len(), cropped, primaries })
+    let flat = meta.headers.iter().filter(|header| !header.deep);
+    let part_names = flat.map(part_name).filter(|name| !name.is_empty()).collect();
+    let (parts, part) = (meta.headers.len(), part_name(header));
+    Ok(Planes { width, height, channels, parts, part, part_names, layer, cropped, primaries })
 }
 
 /// Copies rows of `data` to their position in the display window.
@@ -383,10 +480,62 @@ mod tests {
         image.write().non_parallel().to_buffered(&mut bytes).expect("writes");
         let back = read("a.exr", bytes.get_ref()).expect("reads");
         assert_eq!((back.width, back.height, back.parts, back.cropped), (2, 1, 2, false));
+        assert_eq!(
+            (back.part.as_str(), back.part_names.as_slice()),
+            ("a", &["a".to_owned(), "b".to_owned()][..])
+        );
         assert_eq!(back.find("R"), Some(&[0.5, 2.0][..]));
         assert_eq!(back.find("G"), Some(&[0.1, -0.0][..]));
         assert_eq!(back.find("id"), Some(&[7.0, 16_777_216.0][..]));
         assert_eq!(back.find("Z"), None);
+    }
+
+    /// A file whose first part is a depth: its colours are found in a later one, and any part can be named.
+    #[test]
+    fn colours_of_a_later_part_are_read_and_parts_can_be_named() {
+        let plane = |name: &str, v: f32| AnyChannel::new(name, FlatSamples::F32(vec![v; 2]));
+        let part = |name: &str, list: &[(&str, f32)]| {
+            let channels = list.iter().map(|(name, v)| plane(name, *v)).collect();
+            Layer::new(
+                (2, 1),
+                LayerAttributes::named(name),
+                Encoding::UNCOMPRESSED,
+                AnyChannels::sort(channels),
+            )
+        };
+        let file = |parts: Vec<Layer<AnyChannels<FlatSamples>>>| {
+            let window = exr::prelude::IntegerBounds::from_dimensions((2, 1));
+            let image = Image::from_layers(exr::prelude::ImageAttributes::new(window), parts);
+            let mut bytes = Cursor::new(Vec::new());
+            image.write().non_parallel().to_buffered(&mut bytes).expect("writes");
+            bytes.into_inner()
+        };
+        let rgb = |v: f32| [("R", v), ("G", v + 1.0), ("B", v + 2.0)];
+        let bytes = file(vec![
+            part("depth", &[("Z", 9.0)]),
+            part("beauty", &rgb(1.0)),
+            part("light", &[("key.R", 5.0), ("key.G", 6.0), ("key.B", 7.0)]),
+            part("left", &rgb(20.0)),
+        ]);
+        let of = |layer: &str| {
+            let read = read_layer("a.exr", &bytes, layer, Progress::UNTRACKED).expect("reads");
+            (read.part, read.layer, read.channels[0].samples[0])
+        };
+        let is = |part: &str, layer: &str, first: f32| (part.to_owned(), layer.to_owned(), first);
+        // Channels are sorted: B comes first.
+        assert_eq!(of(""), is("beauty", "", 3.0));
+        assert_eq!(of("left"), is("left", "", 22.0));
+        assert_eq!(of("depth"), is("depth", "Z", 9.0));
+        assert_eq!(of("Z"), is("depth", "Z", 9.0));
+        assert_eq!(of("key"), is("light", "key", 7.0));
+        assert_eq!((of("light.key"), of("light/key")), (is("light", "key", 7.0), is("light", "key", 7.0)));
+        assert_eq!(of("left.R"), is("left", "R", 22.0));
+        // No part of that name: the first, and the caller names what is there.
+        assert_eq!(of("right"), is("depth", "right", 9.0));
+        let grey = file(vec![part("id", &[("I", 1.0)]), part("plate", &[("Y", 4.0)])]);
+        assert_eq!(read("a.exr", &grey).map(|read| read.part).expect("reads"), "plate");
+        let none = file(vec![part("id", &[("I", 1.0)]), part("more", &[("J", 4.0)])]);
+        assert_eq!(read("a.exr", &none).map(|read| read.part).expect("reads"), "id");
     }
 
     #[test]

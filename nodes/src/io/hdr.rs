@@ -13,9 +13,47 @@ pub struct Radiance {
     pub height: usize,
     /// Three samples per pixel, finite and at least 0.
     pub rgb: Vec<f32>,
+    /// x and y of red, green, blue and white, if the file has them.
+    pub primaries: Option<[[f32; 2]; 4]>,
+    /// Lines of the header that mean nothing and are left out.
+    pub ignored: Vec<String>,
 }
 
-/// Reads a Radiance picture of the usual orientation, `-Y height +X width`.
+/// One side of the line that gives size and orientation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Side {
+    /// True for x, false for y.
+    pub across: bool,
+    /// True if it runs right or up, as the numbers of the axes grow.
+    pub forward: bool,
+    /// Number of pixels.
+    pub count: u32,
+}
+
+/// The sides of a line such as `-Y 512 +X 1024`: that of the scanlines, then that within them. `None` unless one is x
+/// and the other is y.
+pub fn sides(line: &str) -> Option<[Side; 2]> {
+    let words: Vec<&str> = line.split_ascii_whitespace().collect();
+    let [first, rows, second, columns] = words[..] else { return None };
+    let side = |axis: &str, count: &str| {
+        let (sign, name) = axis.split_at_checked(1)?;
+        let forward = match sign {
+            "+" => true,
+            "-" => false,
+            _ => return None,
+        };
+        let across = match name {
+            "X" => true,
+            "Y" => false,
+            _ => return None,
+        };
+        Some(Side { across, forward, count: count.parse().ok()? })
+    };
+    let [a, b] = [side(first, rows)?, side(second, columns)?];
+    (a.across != b.across).then_some([a, b])
+}
+
+/// Reads a Radiance picture of any orientation.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Radiance, Error> {
     read_for(file, bytes, Progress::UNTRACKED)
 }
@@ -28,6 +66,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
     }
     // Factor of each channel that the file was multiplied by.
     let (mut rest, mut scale) = (bytes, [1.0_f64; 3]);
+    let (mut primaries, mut ignored) = (None, Vec::new());
     let line = |rest: &mut &[u8]| -> Result<String, Error> {
         let end = rest
             .iter()
@@ -50,7 +89,20 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
         }
         if let Some(value) = text.strip_prefix("EXPOSURE=") {
             let value: f64 = value.trim().parse().map_err(|_| bad("EXPOSURE is not a number"))?;
-            scale = scale.map(|scale| scale * value);
+            if value == 0.0 {
+                // As FreeImage writes for an exposure that it does not know.
+                ignored.push(text.clone());
+            } else {
+                scale = scale.map(|scale| scale * value);
+            }
+        }
+        if let Some(values) = text.strip_prefix("PRIMARIES=") {
+            let values: Option<Vec<f32>> =
+                values.split_ascii_whitespace().map(|value| value.parse().ok()).collect();
+            let Some([rx, ry, gx, gy, bx, by, wx, wy]) = values.as_deref() else {
+                return Err(bad("PRIMARIES is not eight numbers"));
+            };
+            primaries = Some([[*rx, *ry], [*gx, *gy], [*bx, *by], [*wx, *wy]]);
         }
         if let Some(values) = text.strip_prefix("COLORCORR=") {
             let values: Option<Vec<f64>> =
@@ -65,24 +117,37 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
         return Err(bad("EXPOSURE or COLORCORR is not above 0"));
     }
     let size = line(&mut rest)?;
-    let words: Vec<&str> = size.split_ascii_whitespace().collect();
-    let ["-Y", height, "+X", width] = words[..] else {
-        return Err(Error::unsupported(file, format!("the orientation `{size}`; save it as `-Y .. +X ..`")));
-    };
-    let number = |text: &str| text.parse::<u32>().map_err(|_| bad("the size is not a number"));
-    let (width, height) = (number(width)?, number(height)?);
+    let [outer, inner] = sides(&size)
+        .ok_or_else(|| Error::format(file, format!("the line of its size, `{size}`, is not understood")))?;
     // A run of 127 equal samples takes 2 bytes; an old-style run of up to 255 pixels takes 4.
-    believable(file, width.into(), height.into(), 3, rest.len(), 255)?;
-    let (width, height) = (width as usize, height as usize);
-    let mut rgb = Vec::with_capacity(width * height * 3);
-    let mut scan = vec![[0_u8; 4]; width];
-    for row in 0..height {
-        progress.report(row as f32 / height as f32)?;
+    believable(file, inner.count.into(), outer.count.into(), 3, rest.len(), 255)?;
+    let (rows, columns) = (outer.count as usize, inner.count as usize);
+    let (width, height) = if outer.across { (rows, columns) } else { (columns, rows) };
+    let usual = !outer.across && !outer.forward && inner.forward;
+    let mut rgb = if usual { Vec::with_capacity(width * height * 3) } else { vec![0.0; width * height * 3] };
+    let mut scan = vec![[0_u8; 4]; columns];
+    for row in 0..rows {
+        progress.report(row as f32 / rows as f32)?;
         scanline(&mut rest, &mut scan)
-            .ok_or_else(|| Error::format(file, format!("row {row} of {height} is cut off or broken")))?;
-        rgb.extend(scan.iter().flat_map(|texel| decode(*texel, scale)));
+            .ok_or_else(|| Error::format(file, format!("row {row} of {rows} is cut off or broken")))?;
+        if usual {
+            rgb.extend(scan.iter().flat_map(|texel| decode(*texel, scale)));
+            continue;
+        }
+        for (column, texel) in scan.iter().enumerate() {
+            // x runs right; y runs up in the file, and down here.
+            let along = |side: Side, at: usize| {
+                let count = side.count as usize;
+                if side.forward == side.across { at } else { count - 1 - at }
+            };
+            let [a, b] = [along(outer, row), along(inner, column)];
+            let (x, y) = if outer.across { (a, b) } else { (b, a) };
+            if let Some(pixel) = rgb.as_chunks_mut::<3>().0.get_mut(y * width + x) {
+                *pixel = decode(*texel, scale);
+            }
+        }
     }
-    Ok(Radiance { width, height, rgb })
+    Ok(Radiance { width, height, rgb, primaries, ignored })
 }
 
 /// The value of a texel, as in OpenImageIO and OpenCV. (Radiance's own reader adds half a unit to each mantissa;
@@ -211,6 +276,66 @@ mod tests {
         row(64, "relative error of RGBE at 2e-39", off(3, 174.0 * power(2 - 136)), 1e-5);
         row(64, "relative error of RGBE at 1e38", off(6, 151.0 * power(255 - 136)), 1e-7);
         row(64, "relative error of RGBE at 1", off(9, 1.0), 0.0);
+    }
+
+    /// The eight orientations of one picture of 3 x 2. Mutation: `side.forward == side.across` to `side.forward`.
+    #[test]
+    fn every_orientation_is_the_same_picture() {
+        // Rows from the top, values 1 to 6.
+        let value = |x: usize, y: usize| (1 + x + 3 * y) as u8;
+        for (line, xs, ys, across) in [
+            ("-Y 2 +X 3", [0, 1, 2], [0, 1], false),
+            ("-Y 2 -X 3", [2, 1, 0], [0, 1], false),
+            ("+Y 2 +X 3", [0, 1, 2], [1, 0], false),
+            ("+Y 2 -X 3", [2, 1, 0], [1, 0], false),
+            ("+X 3 -Y 2", [0, 1, 2], [0, 1], true),
+            ("-X 3 -Y 2", [2, 1, 0], [0, 1], true),
+            ("+X 3 +Y 2", [0, 1, 2], [1, 0], true),
+            ("-X 3 +Y 2", [2, 1, 0], [1, 0], true),
+        ] {
+            let texel = |x: usize, y: usize| [value(x, y), 0, 0, 136];
+            let body: Vec<u8> = if across {
+                xs.iter()
+                    .flat_map(|&x| ys.iter().map(move |&y| (x, y)))
+                    .flat_map(|(x, y)| texel(x, y))
+                    .collect()
+            } else {
+                ys.iter()
+                    .flat_map(|&y| xs.iter().map(move |&x| (x, y)))
+                    .flat_map(|(x, y)| texel(x, y))
+                    .collect()
+            };
+            let bytes = file(&format!("\n{line}\n"), &body);
+            let picture = read("a.hdr", &bytes).unwrap_or_else(|e| panic!("{line}: {e}"));
+            assert_eq!((picture.width, picture.height), (3, 2), "{line}");
+            let red: Vec<f32> = picture.rgb.iter().step_by(3).copied().collect();
+            assert_eq!(red, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], "{line}");
+            let head = crate::io::head::Head::read(&mut std::io::Cursor::new(&bytes));
+            assert_eq!(head.map(|head| head.size), Some([3, 2]), "{line}");
+        }
+        for line in ["-Y 2 +Y 3", "-Z 2 +X 3", "2 3", "-Y 2", "-Y -2 +X 3", "Y 2 X 3"] {
+            let error = read("a.hdr", &file(&format!("\n{line}\n"), &[9; 64])).err().map(|e| e.to_string());
+            assert!(error.is_some_and(|e| e.contains("is not understood")), "{line}");
+        }
+    }
+
+    /// An exposure of 0 is none; other primaries come with the picture.
+    #[test]
+    fn exposures_of_0_count_as_none_and_primaries_are_read() {
+        let of = |head: &str| read("a.hdr", &file(&format!("{head}\n-Y 1 +X 1\n"), &[10, 20, 30, 136]));
+        for head in [
+            "EXPOSURE=0\n",
+            "EXPOSURE=          0.0000000000000\n",
+            "EXPOSURE=-0\n",
+            "EXPOSURE=0\nEXPOSURE=1\n",
+        ] {
+            let picture = of(head).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!((&picture.rgb[..], picture.ignored.len()), (&[10.0, 20.0, 30.0][..], 1));
+        }
+        assert!(of("EXPOSURE=-1\n").is_err() && of("EXPOSURE=nan\n").is_err());
+        let wide = "PRIMARIES= 0.708 0.292 0.170 0.797 0.131 0.046 0.3127 0.3290\n";
+        assert_eq!(of(wide).ok().and_then(|p| p.primaries).map(|p| p[1]), Some([0.17, 0.797]));
+        assert!(of("PRIMARIES=0.6 0.3\n").is_err());
     }
 
     #[test]

@@ -3,8 +3,11 @@
 use std::io::{BufRead, Read, Seek, SeekFrom};
 
 use exr::meta::attribute::SampleType;
+use exr::meta::header::Header;
 use exr::prelude::MetaData;
 
+use super::exr::choose_part;
+use super::hdr::sides;
 use super::ply;
 
 /// Size and format of a picture by the head of its file, not validated.
@@ -123,10 +126,11 @@ fn radiance(reader: &mut impl BufRead) -> Option<Head> {
         line.clear();
         all.read_line(&mut line).ok().filter(|read| *read > 0)?;
         if last {
-            let words: Vec<&str> = line.split_ascii_whitespace().collect();
-            let [_, height, _, width] = words[..] else { return None };
-            let size = |text: &str| text.parse::<u32>().ok().map(u64::from);
-            return Some(Head { size: [size(width)?, size(height)?], channels: 3, decoded: 0, floats: true });
+            let [rows, columns] = sides(&line)?;
+            let [width, height] =
+                if rows.across { [rows.count, columns.count] } else { [columns.count, rows.count] };
+            let size = [u64::from(width), u64::from(height)];
+            return Some(Head { size, channels: 3, decoded: 0, floats: true });
         }
         last = line.trim_end().is_empty();
     }
@@ -138,26 +142,44 @@ fn webp(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     Some(Head { size: [u64::from(width), u64::from(height)], channels: 4, decoded: 4, floats: false })
 }
 
-/// Reads the header of the first flat part, which is the one that is decoded.
+/// The part that is read without a layer. Another one may be named, so `decoded` is that of the largest flat part.
 fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     let meta = MetaData::read_from_buffered(reader, false).ok()?;
-    let header = meta.headers.iter().find(|header| !header.deep)?;
+    let (header, _) = choose_part(&meta.headers, "")?;
+    let area = |header: &Header| (header.layer_size.0 as u64).saturating_mul(header.layer_size.1 as u64);
+    let bytes = |header: &Header| {
+        let list = &header.channels.list;
+        // Halves are converted to floats one channel at a time.
+        let largest = list.iter().map(|c| if c.sample_type == SampleType::F32 { 0 } else { 4 }).max();
+        (4 * list.len() as u64).saturating_add(largest.unwrap_or(0))
+    };
     let (width, height) = (header.layer_size.0 as u64, header.layer_size.1 as u64);
-    let list = &header.channels.list;
-    // Halves are converted to floats one channel at a time.
-    let largest = list.iter().map(|c| if c.sample_type == SampleType::F32 { 0 } else { 4 }).max()?;
-    let (channels, decoded) = (list.len() as u64, 4 * list.len() as u64 + largest);
+    let channels = header.channels.list.len() as u64;
+    // A part that has more bytes of floats than this one.
+    let more = |other: &Header| {
+        let all = |h: &Header| area(h).saturating_mul(bytes(h) + 4 * (h.channels.list.len() as u64).min(4));
+        all(other).saturating_sub(all(header)).div_ceil(area(header).max(1))
+    };
+    let flat = meta.headers.iter().filter(|header| !header.deep);
+    let decoded = bytes(header).saturating_add(flat.map(more).max().unwrap_or(0));
     Some(Head { size: [width, height], channels, decoded, floats: true })
 }
 
-/// Elements of a PLY by name, with the number of rows and of properties; empty if the header is longer than 64 KiB
-/// or invalid.
-pub fn ply_elements(reader: &mut impl BufRead) -> Vec<(String, u64, u64)> {
+/// Header of a PLY; `None` if it is longer than 64 KiB or invalid.
+pub fn ply_header(reader: &mut impl BufRead) -> Option<ply::Header> {
     let mut head = Vec::new();
-    let read = reader.take(1 << 16).read_to_end(&mut head);
-    let header = read.ok().and_then(|_| ply::header("", &head).ok());
-    let elements = header.map_or_else(Vec::new, |header| header.elements);
-    elements.into_iter().map(|e| (e.name, e.rows, e.properties.len() as u64)).collect()
+    reader.take(1 << 16).read_to_end(&mut head).ok()?;
+    ply::header("", &head).ok()
+}
+
+/// Elements of a PLY by name, with the number of rows and of properties.
+pub fn elements_of(header: &ply::Header) -> Vec<(String, u64, u64)> {
+    header.elements.iter().map(|e| (e.name.clone(), e.rows, e.properties.len() as u64)).collect()
+}
+
+/// The same from the start of a file; empty if the header is longer than 64 KiB or invalid.
+pub fn ply_elements(reader: &mut impl BufRead) -> Vec<(String, u64, u64)> {
+    ply_header(reader).as_ref().map_or_else(Vec::new, elements_of)
 }
 
 #[cfg(test)]

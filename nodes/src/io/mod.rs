@@ -2,12 +2,15 @@
 //! memory is allocated, and invalid bytes give a typed error.
 
 pub(crate) mod base64;
+pub(crate) mod colour_range;
 pub mod exr;
+pub(crate) mod foreign;
 pub mod gltf;
 pub mod gpano;
 pub mod hdr;
 pub mod head;
 pub mod icc;
+pub(crate) mod import;
 pub mod jpeg;
 pub mod mesh;
 pub mod picture;
@@ -16,6 +19,7 @@ pub mod png;
 mod png_pack;
 pub mod progress;
 pub mod quantise;
+mod raster;
 pub mod recipe;
 pub mod splats;
 pub mod webp;

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use engine::{FileHead, Notes};
 
+use super::foreign::refuse_foreign;
 use super::head::Head;
 use super::png::Raster;
 use super::progress::Progress;
@@ -65,16 +66,28 @@ pub(crate) fn decode(
         [0xff, 0xd8, ..] => whole(jpeg::read_for(name, bytes, progress)?, encoding, notes, progress)?,
         [b'#', b'?', ..] => {
             let picture = hdr::read_for(name, bytes, progress)?;
+            for line in &picture.ignored {
+                notes.decision(
+                    "header-ignored",
+                    format!("the line `{line}` of the file means nothing and is ignored"),
+                );
+            }
+            if exr::differ_from_srgb(picture.primaries.as_ref()) {
+                notes.warning("profile-ignored", OTHER_PRIMARIES);
+            }
             (picture.width, picture.height, 3, picture.rgb, true)
         }
         [0x76, 0x2f, 0x31, 0x01, ..] => {
-            let planes = exr::read_for(name, bytes, progress)?;
-            tell(&planes, notes);
-            let found = layer(name, &planes, of_layer)?;
+            let planes = exr::read_layer(name, bytes, of_layer, progress)?;
+            tell(&planes, of_layer.is_empty(), notes);
+            let found = layer(name, &planes, &planes.layer)?;
             let samples = exr::interleaved(&found, progress)?;
             (planes.width, planes.height, found.len(), samples, true)
         }
-        _ => return Err(Error::format(name, "neither PNG, JPEG, OpenEXR nor Radiance HDR")),
+        _ => {
+            refuse_foreign(name, bytes)?;
+            return Err(Error::format(name, "neither PNG, JPEG, OpenEXR nor Radiance HDR"));
+        }
     };
     let encoding = match encoding {
         FileEncoding::Auto if linear => FileEncoding::Linear,
@@ -115,18 +128,25 @@ fn whole(
     Ok((raster.width, raster.height, channels, samples, linear))
 }
 
+/// A warning about primaries.
+const OTHER_PRIMARIES: &str =
+    "the chromaticities of the file differ from sRGB and are ignored; convert it to linear Rec. 709";
+
 /// Reports parts of an EXR file that are ignored.
-fn tell(planes: &exr::Planes, notes: &mut Notes) {
-    if planes.parts > 1 {
+fn tell(planes: &exr::Planes, by_default: bool, notes: &mut Notes) {
+    if planes.parts > 1 && by_default {
         notes.warning(
-            "first-part-only",
-            format!("the file has {} parts; only the first flat one is read", planes.parts),
+            "one-part-only",
+            format!(
+                "the file has {} parts; `{}` is read, and `layer` may name another: {}",
+                planes.parts,
+                planes.part,
+                planes.part_names.join(", ")
+            ),
         );
     }
     if planes.other_primaries() {
-        let text =
-            "the chromaticities of the file differ from sRGB and are ignored; convert it to linear Rec. 709";
-        notes.warning("profile-ignored", text);
+        notes.warning("profile-ignored", OTHER_PRIMARIES);
     }
     if planes.cropped {
         notes.decision("data-window", "the data window is not its display window; the rest is 0");
@@ -168,7 +188,10 @@ fn no_layer(name: &str, planes: &exr::Planes, layer: &str, chroma: bool) -> Erro
         names.map(|name| name.rsplit_once('.').map_or(name, |(layer, _)| layer)).collect();
     let layers: Vec<String> = layers.into_iter().take(20).map(|layer| format!("`{layer}`")).collect();
     let channels: Vec<&str> = planes.channels.iter().map(|channel| channel.name.as_str()).collect();
-    let text = format!("{what}; `layer` may be one of {}", layers.join(", "));
+    let mut text = format!("{what}; `layer` may be one of {}", layers.join(", "));
+    if planes.parts > 1 {
+        text.push_str(&format!(", or a part: {}", planes.part_names.join(", ")));
+    }
     Error::format(name, format!("{text}; its channels are {}", channels.join(", ")))
 }
 

@@ -1,5 +1,7 @@
-//! PLY files: the header, then rows of scalars and lists, ASCII or binary in either byte order.
+//! PLY files: the header, then rows of scalars and lists, ASCII or binary in either byte order. Written here, since
+//! crates for PLY allocate by the counts of the header, which a hostile file may claim at will.
 
+use super::foreign::{BYTE_ORDER_MARK, refuse_foreign};
 use crate::error::Error;
 
 /// Encoding of the numbers of the body.
@@ -40,6 +42,34 @@ impl Scalar {
             "double" | "float64" => Self::F64,
             _ => return None,
         })
+    }
+
+    /// Name in a header.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::I8 => "char",
+            Self::U8 => "uchar",
+            Self::I16 => "short",
+            Self::U16 => "ushort",
+            Self::I32 => "int",
+            Self::U32 => "uint",
+            Self::F32 => "float",
+            Self::F64 => "double",
+        }
+    }
+
+    /// Appends a number of this type, least significant byte first.
+    pub fn put(self, number: f64, out: &mut Vec<u8>) {
+        match self {
+            Self::I8 => out.extend_from_slice(&(number as i8).to_le_bytes()),
+            Self::U8 => out.push(number as u8),
+            Self::I16 => out.extend_from_slice(&(number as i16).to_le_bytes()),
+            Self::U16 => out.extend_from_slice(&(number as u16).to_le_bytes()),
+            Self::I32 => out.extend_from_slice(&(number as i32).to_le_bytes()),
+            Self::U32 => out.extend_from_slice(&(number as u32).to_le_bytes()),
+            Self::F32 => out.extend_from_slice(&(number as f32).to_le_bytes()),
+            Self::F64 => out.extend_from_slice(&number.to_le_bytes()),
+        }
     }
 
     /// Bytes in a binary file.
@@ -121,12 +151,16 @@ const HEADER_LIMIT: usize = 1 << 20;
 /// Reads the header. `file` names the file in errors.
 pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
     let bad = |what: String| Error::format(file, what);
-    let first = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
-    if first.len() == bytes.len() || first.trim_ascii_end() != b"ply" {
+    let mark = if bytes.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
+    let first = bytes.get(mark..).unwrap_or_default();
+    refuse_foreign(file, bytes)?;
+    let length = first.len();
+    let first = first.split(|byte| *byte == b'\n').next().unwrap_or_default();
+    if first.len() == length || first.trim_ascii_end() != b"ply" {
         return Err(bad("not a PLY file: it does not start with the line `ply`".to_owned()));
     }
     let (mut format, mut elements, mut comments) = (None, Vec::<Element>::new(), Vec::new());
-    let mut at = 0;
+    let mut at = mark;
     for number in 1.. {
         let rest = bytes.get(at..).unwrap_or_default();
         let end = rest.iter().take(HEADER_LIMIT).position(|&b| b == b'\n');
@@ -182,6 +216,17 @@ pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
     Ok(Header { format, elements, comments, body: at })
 }
 
+/// NaN and infinities as C libraries print them: `-nan(ind)`, `1.#INF`, `-1.#IND`.
+fn odd_float(text: &str) -> Option<f64> {
+    let lower = text.to_ascii_lowercase();
+    let size = lower.trim_start_matches(['+', '-']);
+    if size == "1.#inf" || size.starts_with("1.#inf0") {
+        return Some(if lower.starts_with('-') { f64::NEG_INFINITY } else { f64::INFINITY });
+    }
+    (size.starts_with("nan(") || size.starts_with("1.#ind") || size.starts_with("1.#qnan"))
+        .then_some(f64::NAN)
+}
+
 /// Reads the body row by row.
 pub struct Rows<'a> {
     file: &'a str,
@@ -196,6 +241,11 @@ impl<'a> Rows<'a> {
     pub fn new(file: &'a str, header: &Header, bytes: &'a [u8]) -> Self {
         let rest = bytes.get(header.body..).unwrap_or_default();
         Self { file, format: header.format, rest, length: bytes.len(), list: Vec::new() }
+    }
+
+    /// The bytes after the rows that were read.
+    pub fn rest(&self) -> &'a [u8] {
+        self.rest
     }
 
     /// The number of rows of an element, refused when the rest of the file cannot hold them. Call it
@@ -256,13 +306,14 @@ impl<'a> Rows<'a> {
         let text = std::str::from_utf8(&rest[..end]).unwrap_or_default();
         // A word of a float is rounded once, directly to its type.
         let value = match scalar {
-            Scalar::F32 => text.parse::<f32>().map(f64::from),
-            _ => text.parse::<f64>(),
+            Scalar::F32 => text.parse::<f32>().map(f64::from).ok(),
+            _ => text.parse::<f64>().ok(),
         };
+        let value = value.or_else(|| odd_float(text).filter(|_| scalar.whole_range().is_none()));
         let whole =
             |v: f64| scalar.whole_range().is_none_or(|(low, high)| low <= v && v <= high && v.trunc() == v);
         match value {
-            Ok(value) if whole(value) => {
+            Some(value) if whole(value) => {
                 self.rest = &rest[end..];
                 Ok(value)
             }

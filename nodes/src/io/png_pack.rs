@@ -7,9 +7,18 @@ use std::io::{Cursor, Write};
 
 use flate2::write::ZlibEncoder;
 
-use super::png::{Packing, Raster};
 use super::progress::Progress;
+use super::raster::Raster;
 use crate::error::Error;
+
+/// Compression effort.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Packing {
+    /// Small files: the filter of each row with the smallest sum, and deflate of level 6.
+    Small,
+    /// A tenth of the time and a larger file: differences to the row above, and deflate with a fixed code.
+    Fast,
+}
 
 /// Number of bytes of rows that are filtered at a time and held in addition to the picture.
 const BATCH: usize = 1 << 18;

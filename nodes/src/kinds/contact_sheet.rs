@@ -113,11 +113,9 @@ impl Kind for ContactSheet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::{Scene, Up};
 
     fn sheet(columns: u32, gap_px: u32, images: Vec<Images>) -> Result<Image<Data>, String> {
-        let cx =
-            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
+        let cx = crate::testing::context();
         let inputs = In { images: images.into_iter().map(Arc::new).collect() };
         let (out, _) =
             ContactSheet::run(&ContactSheet { columns, gap_px }, inputs, &cx).map_err(|e| e.to_string())?;

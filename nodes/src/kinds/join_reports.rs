@@ -89,7 +89,6 @@ fn cell(value: &str) -> Cell {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::{Scene, Up};
 
     fn report(columns: &[&str], value: f64) -> Arc<Report> {
         let columns: Vec<String> = columns.iter().map(|&name| name.to_owned()).collect();
@@ -98,8 +97,7 @@ mod tests {
     }
 
     fn join(reports: Vec<Arc<Report>>) -> Result<Report, String> {
-        let cx =
-            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
+        let cx = crate::testing::context();
         let joined = JoinReports::run(&JoinReports {}, In { reports }, &cx).map_err(|e| e.to_string())?;
         Ok((*joined.0.report).clone())
     }

@@ -5,13 +5,17 @@ use std::sync::Arc;
 
 use engine::{Context, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
 
+use crate::io::foreign::json_text;
 use crate::io::gltf::object::{object, sources};
 use crate::io::gltf::{self, Want};
 use crate::io::head::Head;
+use crate::io::import::Foreign;
 use crate::types::Object;
 
 engine::params! {
-    /// Loads an object to insert: glTF or GLB.
+    /// Loads an object to insert: glTF or GLB, Wavefront OBJ with its materials, or STL.
+    ///
+    /// Specular-glossiness is read as its diffuse colour. A closed shape whose faces look inwards is turned.
     ///
     /// Node transforms, instances, morph weights and skins are applied as the file has them. Materials are
     /// metallic-roughness with all their textures and the KHR extensions: transmission, volume, ior, clearcoat,
@@ -19,7 +23,7 @@ engine::params! {
     /// requires another extension is an error that names it. An optional extension that is not supported is
     /// reported, and marks the result as degraded if it would be visible. Pictures are PNG, JPEG or WebP.
     pub struct LoadObject {
-        /// The file: `.glb`, or `.gltf` with the files that it refers to.
+        /// The file: `.glb`, `.stl`, or `.gltf` and `.obj` with the files that they refer to.
         path: InputFile, other("\"b.glb\"");
         /// Index of the scene in the file, from 0. If not given, the default scene of the file is used.
         scene: Option<u32> = None, range(0, 65535), other("Some(1)"), inert("most files have one scene");
@@ -39,7 +43,7 @@ engine::outputs! {
 
 impl Kind for LoadObject {
     const NAME: &'static str = "load-object";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;
@@ -55,8 +59,10 @@ impl Kind for LoadObject {
         let beside = files.iter().filter_map(|file| Head::read(&mut file.open()?));
         let pictures = beside.chain(files.first().into_iter().flat_map(pictures_inside));
         let texels = pictures.map(|head| head.as_texels()[0]).fold(0, u64::saturating_add);
-        // The files, their geometry as floats, and again as triangles of the object.
-        Cost { bytes: all.saturating_mul(3).saturating_add(texels) }
+        // The files, their geometry as floats, again as triangles of the object, and the places of the vertices.
+        // The text of an OBJ file is read to lists and a table of corners first.
+        let foreign = files.first().is_some_and(|file| Foreign::of(file.name).is_some());
+        Cost { bytes: all.saturating_mul(if foreign { 16 } else { 4 }).saturating_add(texels) }
     }
 
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
@@ -75,7 +81,7 @@ fn pictures_inside(file: &FileHead<'_>) -> Vec<Head> {
     let read = || {
         let mut reader = file.open()?;
         let (json, binary) = gltf::json_in(&mut reader).ok()??;
-        let json: serde_json::Value = serde_json::from_slice(&json).ok().filter(|_| binary)?;
+        let json: serde_json::Value = serde_json::from_slice(json_text(&json)).ok().filter(|_| binary)?;
         // The binary chunk begins after its own length and type.
         let start = reader.stream_position().ok()? + 8;
         let views = json["images"].as_array()?.iter().filter_map(|image| image["bufferView"].as_u64());

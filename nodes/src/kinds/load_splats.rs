@@ -5,19 +5,25 @@ use std::sync::Arc;
 use engine::{
     Context, ContextField, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot,
 };
+use glam::DVec3;
 
-use crate::io::splats::{Placing, Reading, assemble, load, report, size, source};
+use crate::geometry::level::{self, LevelEstimate};
+use crate::io::splats::{Placing, Reading, assemble, load, load_ranges, report, size, source};
+use crate::math::equirect;
 use crate::types::Splats;
+use crate::types::frame::Similarity;
 
 pub use crate::io::splats::Frame;
 
 engine::params! {
     /// Loads a scene of Gaussian splats.
     ///
-    /// Formats, detected by content and not by the file extension: INRIA PLY (spherical harmonics of degree 0 to 4,
-    /// `filter_3D` of Mip-Splatting and MILo applied, other extra fields ignored), PlayCanvas compressed PLY, SOG
-    /// versions 1 and 2 (`meta.json`, its folder, a folder of chunks joined in the order of their names, or a
-    /// `.sog` bundle), SPZ versions 1 to 4, `.splat`, `.ksplat`, and glTF or GLB with `KHR_gaussian_splatting`.
+    /// Formats, detected by content and not by the file extension: INRIA PLY, binary or ASCII (spherical harmonics of
+    /// degree 0 to 4, `filter_3D` of Mip-Splatting and MILo applied, two scales of 2DGS, `red green blue` in place of
+    /// `f_dc_*`, other extra fields ignored), PlayCanvas compressed PLY, SOG
+    /// versions 1 and 2 (`meta.json`, its folder, a folder of chunks joined in the order of their names, a streamed
+    /// scene with `lod-meta.json`, of which `level` is read, or a `.sog` bundle), SPZ versions 1 to 4, `.splat`, `.ksplat`, glTF or GLB with `KHR_gaussian_splatting`,
+    /// and USD in text with `ParticleField3DGaussianSplat`.
     /// Rows that cannot be drawn are dropped and counted by reason.
     ///
     /// Frames: SPZ and glTF define +y as up, so they are rotated to the `up` of the scene as objects are (to +z (x,
@@ -34,8 +40,14 @@ engine::params! {
         /// Splats with a longer axis are dropped: they hide the scene, and usually mean that scales were not stored
         /// as logarithms.
         max_extent: f64 = 1e6, range(1e-12, 1e30), unit("world units"), other("0.2");
+        /// Level of a streamed SOG, 0 the finest.
+        level: u32 = 0, range(0, 64), other("1"), inert("only streamed scenes have levels");
         /// Up axis of the file: by its format, or given here.
         frame: Frame = Frame::ByFormat, other("YUp");
+        /// A rotation, an even scale and a shift of the scene after `frame`: 16 numbers, row after row. Harmonics are
+        /// turned with it. For captures that lie aslant, as COLMAP leaves them; the same numbers go to `load-cameras`
+        /// and `load-mesh`. `lightharmony init` writes them.
+        matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }
 engine::inputs! {
@@ -52,13 +64,17 @@ engine::outputs! {
 
 impl Kind for LoadSplats {
     const NAME: &'static str = "load-splats";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
     type Params = Self;
     type In = In;
     type Out = Out;
+
+    fn check(params: &Self) -> Result<(), NodeError> {
+        Similarity::of_parameter(params.matrix.as_ref()).map(|_| ())
+    }
 
     fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
         // Each file with its unpacked data and its rows; at the end the rows of all files and the resulting scene.
@@ -74,8 +90,10 @@ impl Kind for LoadSplats {
     fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         let mut sources = Vec::new();
         for named in std::iter::once(&params.path).chain(&params.more) {
-            for file in source::expand(named, &root.file(named).path)? {
-                sources.extend(source::with_companions(&file, root)?);
+            let expanded = source::expand(named, &root.file(named).path, params.level)?;
+            sources.extend(expanded.listing.iter().map(|file| root.file(file)));
+            for piece in &expanded.pieces {
+                sources.extend(source::with_companions(&piece.file, root)?);
             }
         }
         Ok(sources)
@@ -83,23 +101,33 @@ impl Kind for LoadSplats {
 
     fn run(params: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
+        let matrix = Similarity::of_parameter(params.matrix.as_ref())?;
         let placing = Placing { frame: params.frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
-        let reading = Reading { cx, placing, max_extent: params.max_extent };
-        let mut names = Vec::new();
+        let reading = Reading { cx, placing, max_extent: params.max_extent, matrix };
+        let (mut names, mut sources) = (Vec::new(), Vec::new());
         for (field, named) in
             std::iter::once(("path", &params.path)).chain(params.more.iter().map(|file| ("more", file)))
         {
-            let expanded = source::expand(named, &cx.source(named).path).map_err(|e| e.at(field))?;
-            names.extend(expanded.into_iter().map(|file| (field, file)));
-        }
-        let mut sources = Vec::new();
-        for (field, file) in &names {
-            sources.extend(source::with_companions(file, cx.root()).map_err(|e| e.at(field))?);
+            let expanded =
+                source::expand(named, &cx.source(named).path, params.level).map_err(|e| e.at(field))?;
+            sources.extend(expanded.listing.iter().map(|file| cx.source(file)));
+            for (id, text, warning) in expanded.notes {
+                if warning {
+                    notes.warning(id, text);
+                } else {
+                    notes.decision(id, text);
+                }
+            }
+            for piece in expanded.pieces {
+                sources.extend(source::with_companions(&piece.file, cx.root()).map_err(|e| e.at(field))?);
+                names.push((field, piece));
+            }
         }
         cx.check_listed(&sources)?;
         let mut files = Vec::new();
         let total = names.len() as f32;
-        for (done, (field, file)) in names.iter().enumerate() {
+        for (done, (field, piece)) in names.iter().enumerate() {
+            let file = &piece.file;
             cx.progress(done as f32 / total);
             let fetch = |name: &str| cx.read_beside(file, name);
             let read = || {
@@ -108,7 +136,10 @@ impl Kind for LoadSplats {
                 let path = std::path::Path::new(&file.0);
                 let name = path.file_name().filter(|_| path.is_absolute());
                 let name = name.map_or_else(|| file.0.clone(), |name| name.to_string_lossy().into_owned());
-                let loaded = load(&name, &bytes, &fetch, &reading, &mut notes)?;
+                let loaded = match &piece.ranges {
+                    Some(ranges) => load_ranges(&name, &bytes, ranges, &fetch, &reading, &mut notes)?,
+                    None => load(&name, &bytes, &fetch, &reading, &mut notes)?,
+                };
                 report(&name, &loaded, params.strict, &mut notes)?;
                 Ok(loaded)
             };
@@ -120,6 +151,140 @@ impl Kind for LoadSplats {
         if splats.is_empty() {
             notes.degraded("no-splats", "the scene holds no splat that can be drawn");
         }
+        if let Some(text) = other_up(&splats, cx) {
+            notes.warning("up-differs", text);
+        }
         Ok((Out { splats: Arc::new(splats) }, notes))
+    }
+}
+
+/// Number of splats by which the scene is levelled.
+const LEVELLED: usize = 1 << 16;
+/// Cosine of the angle between the two from which on they differ: 25 degrees.
+const SAME_UP: f64 = 0.906;
+
+/// A warning where the floor of the scene surely says another axis is up than the graph.
+fn other_up(splats: &Splats, cx: &Context) -> Option<String> {
+    let step = splats.len().div_ceil(LEVELLED).max(1);
+    let few = || (0..splats.len()).step_by(step);
+    let width = splats.sh_len();
+    let sample = Splats {
+        means: few().map(|i| splats.means[i]).collect(),
+        means_low: few().filter_map(|i| splats.means_low.get(i).copied()).collect(),
+        quats: few().map(|i| splats.quats[i]).collect(),
+        scales: few().map(|i| splats.scales[i]).collect(),
+        opacities: few().map(|i| splats.opacities[i]).collect(),
+        sh_degree: 0,
+        sh: few().filter_map(|i| splats.sh.get(i * width).copied()).collect(),
+        encoding: splats.encoding,
+        antialiased: splats.antialiased,
+    };
+    let found = level::of_splats(&sample, None).filter(LevelEstimate::is_sure)?;
+    let up = DVec3::from_array(found.up);
+    if up.dot(equirect::axes(cx.up())[2]) > SAME_UP {
+        return None;
+    }
+    let [x, y, z] = found.up;
+    let found = found.axis().map_or_else(|| format!("({x:.3}, {y:.3}, {z:.3})"), str::to_owned);
+    Some(format!(
+        "the floor of the scene says that {found} is up, the graph says {}: set `up` of the scene, or `frame` or \
+         `matrix` here (`lightharmony inspect` shows the scene)",
+        cx.up().name()
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DQuat;
+
+    use super::*;
+    use crate::io::splats::save::{SaveFormat, encode};
+    use crate::render::splat::{Settings, render};
+    use crate::types::Camera;
+
+    /// A place whose floor and walls say -y, as INRIA's files have it. Mutation: `> SAME_UP` to `< SAME_UP`.
+    #[test]
+    fn another_axis_up_than_the_floor_says_is_reported() {
+        let mut scene = crate::testing::no_splats();
+        let mut put = |mean: [f32; 3], scale: [f32; 3]| {
+            scene.means.push(mean);
+            scene.scales.push(scale);
+            scene.quats.push([1.0, 0.0, 0.0, 0.0]);
+            scene.opacities.push(0.9);
+            scene.sh.push([0.1; 3]);
+        };
+        let grid =
+            || (0..60).flat_map(|i| (0..60).map(move |j| (i as f32 * 0.1 - 3.0, j as f32 * 0.1 - 3.0)));
+        for (x, z) in grid() {
+            // The floor, at y = 0; things on it lie at negative y.
+            put([x, 0.0, z], [0.05, 0.002, 0.05]);
+            if x.abs() < 0.5 && z.abs() < 0.5 {
+                put([x, -0.7, z], [0.05, 0.002, 0.05]);
+            }
+        }
+        for (x, y) in grid().filter(|(_, y)| *y < -0.5) {
+            put([x, y + 0.5, 3.0], [0.05, 0.05, 0.002]);
+            put([3.0, y + 0.5, x], [0.002, 0.05, 0.05]);
+        }
+        let of = |up: engine::Up| {
+            let block = engine::Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+            other_up(&scene, &Context::detached(block, "."))
+        };
+        let sure = level::of_splats(&scene, None).is_some_and(|found| found.is_sure());
+        assert_eq!(of(engine::Up::MinusY), None);
+        assert_eq!(of(engine::Up::PlusZ).is_some_and(|text| text.contains("-y is up")), sure);
+    }
+
+    /// A scene of degree 3 loaded by a matrix looks to a camera that was moved the same way as it did before.
+    /// Mutation: `self.sh.apply(sh)` left out of `Turn::apply`, seen red.
+    #[test]
+    fn turned_scene_and_turned_camera_give_the_same_picture() {
+        let mut scene = crate::testing::no_splats();
+        scene.sh_degree = 3;
+        let unit = |i: usize, k: usize| ((i * 7919 + k * 104_729) % 1009) as f32 / 504.0 - 1.0;
+        for i in 0..400 {
+            scene.means.push([0, 1, 2].map(|k| unit(i, k)));
+            scene.scales.push([3, 4, 5].map(|k| 0.06 + 0.05 * unit(i, k)));
+            let quat = [6, 7, 8, 9].map(|k| unit(i, k) + 0.01);
+            let length = quat.iter().map(|q| q * q).sum::<f32>().sqrt();
+            scene.quats.push(quat.map(|q| q / length));
+            scene.opacities.push(0.5 + 0.4 * unit(i, 10));
+            scene.sh.extend((0..16).map(|k| [11, 12, 13].map(|c| 0.4 * unit(i, c + 3 * k))));
+        }
+        let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+        let root = folder.path().display().to_string();
+        let scene_block =
+            engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+        let cx = Context::detached(scene_block, &root);
+        let bytes = encode(&scene, SaveFormat::Ply, None, &cx).unwrap_or_else(|e| panic!("{e}")).0;
+        std::fs::write(folder.path().join("a.ply"), bytes).unwrap_or_else(|e| panic!("{e}"));
+        let load = |matrix: Option<[f64; 16]>| {
+            let path = InputFile("a.ply".to_owned());
+            let frame = Frame::ByFormat;
+            let p =
+                LoadSplats { path, more: Vec::new(), strict: true, max_extent: 1e6, level: 0, frame, matrix };
+            LoadSplats::check(&p).unwrap_or_else(|e| panic!("{e}"));
+            LoadSplats::run(&p, In {}, &cx).unwrap_or_else(|e| panic!("{e}")).0.splats
+        };
+        let rotation = DQuat::from_xyzw(0.2, -0.5, 0.3, 0.7).normalize();
+        let moved = Similarity {
+            rotation: glam::DMat3::from_quat(rotation),
+            scale: 1.7,
+            offset: DVec3::new(3.0, -2.0, 1.0),
+        };
+        let camera = |by: &Similarity| {
+            let forward = DVec3::new(0.1, 0.9, -0.2).normalize();
+            let right = forward.cross(DVec3::Z).normalize();
+            let axes = [right, forward.cross(right), forward].map(|v| by.rotation * v);
+            Camera::centred("v", [96, 64], 70.0, axes, by.point(DVec3::new(0.0, -3.2, 0.4)))
+        };
+        let picture = |splats: &Splats, by: &Similarity| {
+            let seen = render(splats, &camera(by), None, &Settings::default(), &cx);
+            seen.unwrap_or_else(|e| panic!("{e}")).rgba
+        };
+        let before = picture(&load(None), &Similarity::IDENTITY);
+        let after = picture(&load(Some(moved.rows())), &moved);
+        let off = before.iter().zip(&after).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(before.iter().any(|v| *v > 0.5) && off < 2e-3, "{off}");
     }
 }

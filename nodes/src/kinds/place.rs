@@ -56,7 +56,6 @@ impl Kind for Place {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::{Scene, Up};
     use glam::{DMat4, DVec3};
 
     // The published transform of bench-case: z up, yaw of -20.05 degrees.
@@ -67,8 +66,7 @@ mod tests {
             c, s, 0.0, 0.0, -s, c, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.4, 0.3, 0.0, 1.0,
         ]);
         let inputs = In { object: Arc::default(), pose: Arc::new(Pose { world_from_local: local }) };
-        let cx =
-            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
+        let cx = crate::testing::context();
         let (out, _) = Place::run(&Place {}, inputs, &cx).unwrap_or_else(|e| panic!("{e}"));
         let m = out.placed.world_from_object;
         assert_eq!(m.transform_point3(DVec3::ZERO), DVec3::new(0.4, 0.3, 0.0));

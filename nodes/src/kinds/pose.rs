@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, Keep, Kind, NodeError, Notes};
+use engine::{Context, ContextField, Keep, Kind, NodeError, Notes, Wired};
 use glam::{DMat3, DMat4, DVec3};
 
 use crate::math::equirect::{axes, yaw};
-use crate::types::Pose;
+use crate::math::num;
+use crate::render::pick::{on_mesh, on_splats};
+use crate::types::{Mesh, Pose, Rig, Splats};
 
 engine::params! {
     /// The pose of an object: where the origin of its file lies, the direction it faces, and its size.
@@ -15,7 +17,8 @@ engine::params! {
     /// moves those onto the ground below them.
     ///
     /// The object is scaled, rotated about the up axis of the scene (counter-clockwise seen from above), and then
-    /// translated. Give `matrix` instead for any other affine transform.
+    /// translated. Give `matrix` instead for any other affine transform, or `pixel` to stand
+    /// it where a view shows the ground.
     pub struct PoseNode {
         /// Position of the origin of the object's file, in the world.
         translation: [f64; 3] = [0.0; 3], range(-1e12, 1e12), unit("world units"), other("(0.5, 0.0, 0.2)");
@@ -27,11 +30,21 @@ engine::params! {
         /// Affine transform from the object's frame (axes of the world) to the world: 16 numbers in row-major
         /// order. Replaces the three parameters above.
         matrix: Option<[f64; 16]> = None, other("Some((1.0, 0.0, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
+        /// A pixel of the view `rig`, counted from the upper left, that shows the ground on `mesh` or `splats`: it is the point
+        /// that `translation` is added to. A pixel that shows no ground, or one steeper than 45 degrees, is an error.
+        pixel: Option<[f64; 2]> = None, range(0, 65536), unit("px"), other("Some((20.5, 25.5))");
     }
 }
 engine::inputs! {
-    /// No inputs.
-    pub struct In {}
+    /// What `pixel` is a pixel of, and nothing without it.
+    pub struct In {
+        /// The view: one camera.
+        rig: Option<Arc<Rig>>,
+        /// What it shows: a mesh of the place; or `splats`.
+        mesh: Option<Arc<Mesh>>,
+        /// The splats of the place.
+        splats: Option<Arc<Splats>>,
+    }
 }
 engine::outputs! {
     /// Outputs of [`PoseNode`].
@@ -59,7 +72,7 @@ impl Kind for PoseNode {
                 Ok(())
             };
         };
-        if p.translation != [0.0; 3] || p.yaw_deg != 0.0 || p.scale != 1.0 {
+        if p.pixel.is_some() || p.translation != [0.0; 3] || p.yaw_deg != 0.0 || p.scale != 1.0 {
             return Err(NodeError::new("`matrix` already holds translation, yaw and scale")
                 .at("matrix")
                 .hint("give either `matrix`, or the others"));
@@ -76,7 +89,28 @@ impl Kind for PoseNode {
         Ok(())
     }
 
-    fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+    fn check_wires(p: &Self, wired: &Wired) -> Result<(), NodeError> {
+        let [rig, mesh, splats] = ["rig", "mesh", "splats"].map(|input| !wired.of(input).is_empty());
+        match (p.pixel.is_some(), rig, mesh != splats) {
+            (true, true, true) => Ok(()),
+            (false, _, _) if !(rig || mesh || splats) => Ok(()),
+            (true, _, _) => Err(NodeError::new("`pixel` needs the view and what it shows")
+                .at("pixel")
+                .hint("wire `rig`, and either `mesh` or `splats`")),
+            (false, _, _) => {
+                Err(NodeError::new("`rig`, `mesh` and `splats` are for `pixel`, which is not given")
+                    .at("pixel")
+                    .hint("write `pixel: (x, y)`, or leave the wires out"))
+            }
+        }
+    }
+
+    fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let mut notes = Notes::none();
+        let ground = match p.pixel {
+            Some(pixel) => ground(pixel, &inputs, cx, &mut notes).map_err(|e| e.at("pixel"))?,
+            None => DVec3::ZERO,
+        };
         let world_from_local = match p.matrix {
             Some(matrix) => row_major(&matrix),
             None => {
@@ -86,16 +120,42 @@ impl Kind for PoseNode {
                     linear.x_axis.extend(0.0),
                     linear.y_axis.extend(0.0),
                     linear.z_axis.extend(0.0),
-                    DVec3::from_array(p.translation).extend(1.0),
+                    (ground + DVec3::from_array(p.translation)).extend(1.0),
                 )
             }
         };
-        let mut notes = Notes::none();
         if DMat3::from_mat4(world_from_local).determinant() < 0.0 {
             notes.decision("mirrored", "the pose mirrors the object");
         }
         Ok((Out { pose: Arc::new(Pose { world_from_local }) }, notes))
     }
+}
+
+/// The ground that a pixel shows.
+fn ground(pixel: [f64; 2], inputs: &In, cx: &Context, notes: &mut Notes) -> Result<DVec3, NodeError> {
+    let cameras = inputs.rig.as_deref().map_or(&[][..], |rig| &rig.cameras);
+    let [camera] = cameras else {
+        return Err(NodeError::new(format!("`rig` has {} cameras; a pixel is of one", cameras.len()))
+            .hint("`LoadCameras(pick: [\"name\"])` takes one"));
+    };
+    let picked = match (&inputs.mesh, &inputs.splats) {
+        (Some(mesh), None) => on_mesh(mesh, camera, pixel)?,
+        (None, Some(splats)) => on_splats(splats, camera, pixel, cx)?,
+        _ => return Err(NodeError::new("the ground is either `mesh` or `splats`")),
+    };
+    let [_, _, up] = axes(cx.up());
+    let (level, across) = (picked.normal.dot(up), picked.normal.cross(up).length());
+    if level < across {
+        let steep = num::atan2(across, level).to_degrees();
+        let what = format!(
+            "pixel ({}, {}) of `{}` shows a surface {steep:.0} degrees off level, on which nothing stands",
+            pixel[0], pixel[1], camera.name
+        );
+        return Err(NodeError::new(what).hint("take a pixel of the ground"));
+    }
+    let [x, y, z] = picked.position.to_array();
+    notes.decision("picked", format!("the pixel shows the ground at ({x:.4}, {y:.4}, {z:.4})"));
+    Ok(picked.position)
 }
 
 fn row_major(rows: &[f64; 16]) -> DMat4 {
@@ -110,11 +170,12 @@ mod tests {
 
     pub(crate) fn pose(up: Up, p: &PoseNode) -> Pose {
         let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
-        let (out, _) = PoseNode::run(p, In {}, &cx).unwrap_or_else(|e| panic!("{e}"));
+        let (out, _) = PoseNode::run(p, In { rig: None, mesh: None, splats: None }, &cx)
+            .unwrap_or_else(|e| panic!("{e}"));
         (*out.pose).clone()
     }
     fn plain() -> PoseNode {
-        PoseNode { translation: [0.0; 3], yaw_deg: 0.0, scale: 1.0, matrix: None }
+        PoseNode { translation: [0.0; 3], yaw_deg: 0.0, scale: 1.0, matrix: None, pixel: None }
     }
 
     #[test]
@@ -133,7 +194,8 @@ mod tests {
 
     #[test]
     fn turns_and_scales_before_it_moves() {
-        let p = PoseNode { translation: [1.0, 2.0, 3.0], yaw_deg: 90.0, scale: 2.0, matrix: None };
+        let p =
+            PoseNode { translation: [1.0, 2.0, 3.0], yaw_deg: 90.0, scale: 2.0, matrix: None, pixel: None };
         let moved = pose(Up::PlusZ, &p).world_from_local.transform_point3(DVec3::X);
         assert_eq!(moved, DVec3::new(1.0, 4.0, 3.0));
     }
@@ -160,5 +222,55 @@ mod tests {
         let mut column_major = identity;
         column_major[12] = 3.0;
         assert!(PoseNode::check(&PoseNode { matrix: Some(column_major), ..plain() }).is_err());
+    }
+
+    /// A floor at z = 0.5 that ends at y = 2 with a wall up to z = 1.5, and a camera before it.
+    fn place() -> (Mesh, crate::types::Camera) {
+        let mut mesh = Mesh::default();
+        let mut quad = |corners: [[f32; 3]; 4]| {
+            let first = mesh.positions.len() as u32;
+            mesh.positions.extend(corners);
+            mesh.triangles.extend([[0, 1, 2], [0, 2, 3]].map(|t: [u32; 3]| t.map(|v| v + first)));
+        };
+        quad([[-4.0, -4.0, 0.5], [4.0, -4.0, 0.5], [4.0, 2.0, 0.5], [-4.0, 2.0, 0.5]]);
+        quad([[-4.0, 2.0, 0.5], [4.0, 2.0, 0.5], [4.0, 2.0, 1.5], [-4.0, 2.0, 1.5]]);
+        let forward = DVec3::new(0.0, 1.0, -0.3).normalize();
+        let axes = [DVec3::X, forward.cross(DVec3::X), forward];
+        let eye = DVec3::new(0.0, -3.0, 1.7);
+        (mesh, crate::types::Camera::centred("view", [64, 48], 40.0, axes, eye))
+    }
+
+    fn at(pixel: [f64; 2], on_splats: bool) -> Result<Pose, NodeError> {
+        let (mesh, camera) = place();
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
+        let splats = on_splats.then(|| Arc::new(crate::render::look::of_mesh(&mesh)));
+        let mesh = (!on_splats).then(|| Arc::new(mesh));
+        let inputs = In { rig: Some(Arc::new(Rig { cameras: vec![camera] })), mesh, splats };
+        let p = PoseNode { pixel: Some(pixel), translation: [0.0, 0.0, 0.25], ..plain() };
+        PoseNode::run(&p, inputs, &cx).map(|(out, _)| (*out.pose).clone())
+    }
+
+    /// Mutation: `level < across` to `level < -across` in `ground`, seen red.
+    #[test]
+    fn an_object_stands_where_a_pixel_shows_the_ground_and_nowhere_else() {
+        let (_, camera) = place();
+        let wanted = DVec3::new(0.6, 0.2, 0.5);
+        let local = camera.camera_from_world().transform_point3(wanted);
+        let pixel = [local.x / local.z * 40.0 + 32.0, local.y / local.z * 40.0 + 24.0];
+        for (on_splats, bound) in [(false, 1e-9), (true, 0.03)] {
+            let pose = at(pixel, on_splats).unwrap_or_else(|e| panic!("{e}"));
+            let off = pose.world_from_local.w_axis.truncate() - DVec3::new(0.0, 0.0, 0.25) - wanted;
+            assert!(off.length() < bound, "{off}");
+            for (pixel, word) in
+                [([32.0, 17.0], "degrees off level"), ([32.0, 2.0], "shows"), ([64.5, 3.0], "outside")]
+            {
+                let error = at(pixel, on_splats).expect_err("no ground").to_string();
+                assert!(error.contains(word), "{error}");
+            }
+        }
+        let both =
+            PoseNode { pixel: Some([1.0, 1.0]), matrix: Some(DMat4::IDENTITY.to_cols_array()), ..plain() };
+        assert!(PoseNode::check(&both).is_err());
     }
 }

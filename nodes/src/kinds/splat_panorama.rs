@@ -6,6 +6,7 @@ use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, Sizes}
 
 use crate::light::panorama::{Unfilled, check_width, finish, linear_row};
 use crate::math::equirect;
+use crate::render::splat::near;
 use crate::render::splat::{self, Drawing, MAX_PIXELS, PanoramaCamera, Rendered, Sort, Surface, most_bytes};
 use crate::types::{Data, Image, Images, Mesh, Panorama, Pose, SplatEncoding, Splats};
 
@@ -106,7 +107,7 @@ impl Row {
 
 impl Kind for SplatPanorama {
     const NAME: &'static str = "splat-panorama";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     const READS: &'static [ContextField] =
         &[ContextField::Exhaustive, ContextField::Up, ContextField::MetresPerUnit];
     type Params = (Self, Drawing);
@@ -154,7 +155,11 @@ impl Kind for SplatPanorama {
         if !origin.is_finite() {
             return Err(NodeError::new("the point of the panorama is not finite").at("at"));
         }
-        let settings = drawing.settings(Sort::Distance, &splats, cx.exhaustive(), &mut notes);
+        let settings = drawing.settings(Sort::Distance, &splats, cx, &mut notes);
+        let share = near::cut_by_panorama(&splats, origin, settings.near);
+        if let Some(text) = near::warning(share, drawing.near, settings.near, "") {
+            notes.warning("near-cuts", text);
+        }
         let around = PanoramaCamera { eye: origin, up, width_px: params.width_px * params.supersample };
         let limit = limit.map(|mesh| Surface::new(&mesh, origin));
         let seen = splat::panorama(&splats, &around, limit.as_ref(), &settings, cx)?;

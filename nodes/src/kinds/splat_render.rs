@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, Sizes, ViewCount};
 
+use crate::render::splat::near;
 use crate::render::splat::{self, Blocks, Drawing, Limit, MAX_PIXELS, Sort, Work, most_bytes, render_with};
 use crate::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats, View, Views, tagged};
 
@@ -68,8 +69,8 @@ fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, 
 
 impl Kind for SplatRender {
     const NAME: &'static str = "splat-render";
-    const VERSION: u32 = 5;
-    const READS: &'static [ContextField] = &[ContextField::Exhaustive];
+    const VERSION: u32 = 6;
+    const READS: &'static [ContextField] = &[ContextField::Exhaustive, ContextField::MetresPerUnit];
     type Params = (Self, Drawing);
     type In = In;
     type Out = Out;
@@ -113,7 +114,16 @@ impl Kind for SplatRender {
         if rig.cameras.is_empty() {
             return Err(NodeError::new("the rig has no camera").at("rig"));
         }
-        let settings = drawing.settings(params.sort, &splats, cx.exhaustive(), &mut notes);
+        let settings = drawing.settings(params.sort, &splats, cx, &mut notes);
+        let cut =
+            rig.cameras.iter().map(|camera| (near::cut_by_camera(&splats, camera, settings.near), camera));
+        let most = cut.reduce(|most, other| if other.0 > most.0 { other } else { most });
+        let warning = most.and_then(|(share, camera)| {
+            near::warning(share, drawing.near, settings.near, &format!(" in the view `{}`", camera.name))
+        });
+        if let Some(text) = warning {
+            notes.warning("near-cuts", text);
+        }
         let limits = limit.as_deref().map(|limits| limits_of(&rig, limits)).transpose()?;
         if let (Some(limits), [camera]) = (&limit, rig.cameras.as_slice())
             && let [one] = limits.0.as_slice()

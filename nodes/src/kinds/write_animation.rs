@@ -65,7 +65,7 @@ impl Kind for WriteAnimation {
         let views = inputs.frames.first().map_or(1, |frame| frame.0.len().max(1)) as u64;
         // Codes of two bytes for all frames of a view, and a file that grows to twice its content; then the files
         // of all views, and a copy while they are stored.
-        Cost { bytes: 4 * all / views + 2 * (all - all / views) }
+        Cost::of([(all / views, 4), (all - all / views, 2)])
     }
 
     fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {

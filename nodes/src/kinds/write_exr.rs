@@ -111,7 +111,7 @@ impl Kind for WriteExr {
         // these while they are stored.
         let planes = pictures().map(|(floats, _)| floats).sum::<u64>() / views;
         let packed: u64 = pictures().map(|(_, packed)| packed).sum();
-        Cost { bytes: (planes + packed).max(2 * packed) }
+        Cost { bytes: planes.max(packed).saturating_add(packed) }
     }
 
     fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {

@@ -102,8 +102,9 @@ impl Kind for WriteImage {
         // For one view, codes of two bytes in rows and in one piece, then these and the packed bytes (at most as
         // long as the picture) as data and as a file. The files of all views are kept, and copied while they are
         // stored.
-        let view = (4 * one).max(2 * one + 2 * packed * one);
-        Cost { bytes: (view + packed * (all - one)).max(2 * packed * all) }
+        let (writing, storing) =
+            (Cost::of([(one, 2 + 2 * packed), (all - one, packed)]), Cost::of([(all, 2 * packed)]));
+        Cost { bytes: writing.bytes.max(storing.bytes) }
     }
 
     fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
@@ -141,12 +142,9 @@ impl Kind for WriteImage {
 mod tests {
     use super::*;
     use crate::math::color::linear_from_srgb;
+    use crate::testing::context as cx;
     use crate::types::{Data, Image, Linear, Srgb};
-    use engine::{Scene, Up};
 
-    fn cx() -> Context {
-        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".")
-    }
     fn node(path: &str) -> WriteImage {
         WriteImage {
             path: OutputFile(path.into()),

@@ -80,8 +80,12 @@ mod tests {
             WriteMesh::run(&params, In { mesh: Arc::new(mesh.clone()) }, &context()).expect("writes");
         std::fs::write(&path, &out.files.0[0].bytes).expect("is written");
         let frame = if name.ends_with("glb") { MeshFrame::Gltf } else { MeshFrame::World };
-        let params =
-            LoadMesh { path: InputFile(path.display().to_string()), colours: ColourEncoding::Auto, frame };
+        let params = LoadMesh {
+            path: InputFile(path.display().to_string()),
+            colours: ColourEncoding::Auto,
+            frame,
+            matrix: None,
+        };
         let read = LoadMesh::run(&params, load_mesh::In {}, &context()).expect("reads").0.mesh;
         std::fs::remove_file(&path).expect("is there");
         read

@@ -1,5 +1,8 @@
-//! Renderers that kinds share: Gaussian splats, and light transport.
+//! Renderers that kinds share: Gaussian splats, light transport, and where in what they show an object may stand.
 
 pub(crate) mod fusion;
+pub mod layout;
+pub mod look;
+pub mod pick;
 pub mod splat;
 pub mod transport;

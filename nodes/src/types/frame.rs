@@ -1,7 +1,90 @@
 //! Frames of reference of files.
 
-use engine::Up;
-use glam::{DMat4, DVec4};
+use engine::{NodeError, Up};
+use glam::{DMat3, DMat4, DVec3, DVec4};
+
+/// A rotation, an even scale and a shift: what may be done to a capture without bending it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Similarity {
+    /// Orthogonal, without a mirror.
+    pub rotation: DMat3,
+    /// Above 0.
+    pub scale: f64,
+    /// Added last, in world units.
+    pub offset: DVec3,
+}
+
+impl Similarity {
+    /// What changes nothing.
+    pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, scale: 1.0, offset: DVec3::ZERO };
+
+    /// Of 16 numbers, row after row. An error at the field `matrix` where they are not a similarity: axes scaled unevenly,
+    /// sheared or mirrored by more than the rounding of a text file.
+    pub fn of_rows(rows: &[f64; 16]) -> Result<Self, NodeError> {
+        let m = DMat4::from_cols_array(rows).transpose();
+        let (linear, offset) = (DMat3::from_mat4(m), m.w_axis.truncate());
+        let error = |what: &str| {
+            Err(NodeError::new(what).at("matrix").hint(
+                "only a rotation, one scale for all axes and a shift keep splats and lenses what they are",
+            ))
+        };
+        if rows[12..] != [0.0, 0.0, 0.0, 1.0] {
+            return Err(NodeError::new("the last row of `matrix` must be 0, 0, 0, 1")
+                .at("matrix")
+                .hint("the matrix is written row after row; the shift ends the first three rows"));
+        }
+        let determinant = linear.determinant();
+        if !(determinant.is_finite() && offset.is_finite()) || determinant == 0.0 {
+            return error("the determinant of `matrix` must be finite, and not 0");
+        }
+        if determinant < 0.0 {
+            return error("`matrix` mirrors");
+        }
+        let scale = linear.x_axis.length();
+        let axes = linear * (1.0 / scale);
+        let [x, y, z] = [axes.x_axis, axes.y_axis, axes.z_axis];
+        // Six digits are what people paste.
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-5;
+        let right = near(x.dot(y), 0.0) && near(y.dot(z), 0.0) && near(z.dot(x), 0.0);
+        if !(right && near(y.length(), 1.0) && near(z.length(), 1.0)) {
+            return error("`matrix` scales unevenly or shears");
+        }
+        let y = (y - x * x.dot(y)).normalize();
+        Ok(Self { rotation: DMat3::from_cols(x, y, x.cross(y)), scale, offset })
+    }
+
+    /// Of a parameter that may be left out.
+    pub fn of_parameter(rows: Option<&[f64; 16]>) -> Result<Self, NodeError> {
+        rows.map_or(Ok(Self::IDENTITY), Self::of_rows)
+    }
+
+    /// A point after it.
+    pub fn point(&self, p: DVec3) -> DVec3 {
+        self.rotation * p * self.scale + self.offset
+    }
+
+    /// This one after another.
+    #[must_use]
+    pub fn after(&self, first: &Self) -> Self {
+        Self {
+            rotation: self.rotation * first.rotation,
+            scale: self.scale * first.scale,
+            offset: self.point(first.offset),
+        }
+    }
+
+    /// The numbers row after row, as [`Self::of_rows`] reads them.
+    pub fn rows(&self) -> [f64; 16] {
+        let linear = self.rotation * self.scale;
+        let m = DMat4::from_cols(
+            linear.x_axis.extend(0.0),
+            linear.y_axis.extend(0.0),
+            linear.z_axis.extend(0.0),
+            self.offset.extend(1.0),
+        );
+        m.transpose().to_cols_array()
+    }
+}
 
 /// The transform from glTF's frame (y up, metres) to a frame with the axes and units of the world.
 pub fn world_from_gltf(up: Up, metres_per_unit: f64) -> DMat4 {
@@ -19,7 +102,26 @@ pub fn world_from_gltf(up: Up, metres_per_unit: f64) -> DMat4 {
 mod tests {
     use super::*;
     use crate::math::equirect::axes;
-    use glam::{DMat3, DVec3};
+
+    #[test]
+    fn similarities_are_read_row_by_row_and_nothing_else_is() {
+        let rows = [0.0, -2.0, 0.0, 5.0, 2.0, 0.0, 0.0, 6.0, 0.0, 0.0, 2.0, 7.0, 0.0, 0.0, 0.0, 1.0];
+        let read = Similarity::of_rows(&rows).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(read.point(DVec3::new(1.0, 0.0, 0.0)), DVec3::new(5.0, 8.0, 7.0));
+        assert_eq!((read.rows(), read.scale), (rows, 2.0));
+        let both = read.after(&read);
+        assert_eq!(both.point(DVec3::X), read.point(read.point(DVec3::X)));
+        let changed = |at: usize, value: f64| {
+            let mut other = rows;
+            other[at] = value;
+            Similarity::of_rows(&other)
+        };
+        for (at, value) in [(10, -2.0), (10, 3.0), (2, 0.5), (10, 0.0), (3, f64::INFINITY), (12, 1.0)] {
+            let error = changed(at, value).expect_err("not a similarity");
+            assert!(error.to_string().contains("matrix"), "{error}");
+        }
+        assert!(changed(10, 2.000_001).is_ok());
+    }
 
     #[test]
     fn up_of_the_file_is_up_of_the_world_and_metres_become_units() {

@@ -36,6 +36,9 @@ pub const CAMERAS_JSON: &str = r#"{
   ]
 }"#;
 
+/// A move of nerfstudio's data parser.
+pub const DATAPARSER_JSON: &str = r#"{"transform": [[0,-1,0,1],[1,0,0,0],[0,0,1,0]], "scale": 0.5}"#;
+
 /// INRIA PLY of `n` splats along a line, the last one large, degree 1.
 pub fn splats_ply(n: usize) -> Vec<u8> {
     let mut names: Vec<String> =

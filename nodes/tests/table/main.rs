@@ -79,6 +79,7 @@ fn handmade() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("mesh.ply", files::MESH_PLY.into()),
         ("cameras.json", files::CAMERAS_JSON.into()),
+        ("dataparser_transforms.json", files::DATAPARSER_JSON.into()),
         ("b.json", files::CAMERAS_JSON.into()),
         ("lpips.safetensors", files::lpips_safetensors()),
         ("exposure.safetensors", files::exposure_safetensors()),

@@ -1,5 +1,6 @@
 //! `inspect`: the properties of a scene of splats, a mesh or a picture.
 
+mod look;
 mod other;
 mod person;
 mod picture;
@@ -26,6 +27,12 @@ pub struct Inspect {
     /// One JSON object on standard output
     #[arg(long)]
     pub json: bool,
+    /// Writes a picture (PNG): a plan from above with a grid, and views whose cameras are printed
+    #[arg(long, value_name = "PNG")]
+    picture: Option<PathBuf>,
+    /// The cameras of the capture, which say which way is up and where it looks right
+    #[arg(long, requires = "picture")]
+    cameras: Option<PathBuf>,
     #[command(flatten)]
     memory: MemoryArgs,
 }
@@ -72,7 +79,8 @@ impl Inspect {
         };
         if let Some(found) = picture::inspect(&bytes) {
             (answer.holds, answer.format, answer.picture) = ("picture", None, Some(&found));
-            return self.print(&answer);
+            self.print(&answer)?;
+            return self.draw(|| look::of_panorama(&self.file, &bytes));
         }
         let inspected = splats::load(&self.file, Frame::AsStored, &cx)
             .and_then(|(scene, notes)| Ok((nodes::geometry::inspect::splats::inspect(&scene, &cx)?, notes)));
@@ -81,7 +89,8 @@ impl Inspect {
                 // `inspect` reads coordinates as stored, so this note about graphs does not apply.
                 let notes = notes.iter().filter(|note| note.id != "frame").cloned().collect();
                 (answer.scene, answer.notes) = (Some(&scene), &notes);
-                return self.print(&answer);
+                self.print(&answer)?;
+                return self.draw(|| look::of_splats(&self.file, self.cameras.as_deref()));
             }
             Err(failed) => failed,
         };
@@ -89,9 +98,11 @@ impl Inspect {
         let is_mesh = other::is_mesh(&bytes);
         match load_mesh(&self.file, &cx) {
             Ok((found, notes)) if !found.triangles.is_empty() => {
-                let found = mesh::inspect(&found);
-                (answer.holds, answer.mesh, answer.notes) = ("mesh", Some(&found), &notes);
-                return self.print(&answer);
+                let inspected = mesh::inspect(&found);
+                (answer.holds, answer.mesh, answer.notes) = ("mesh", Some(&inspected), &notes);
+                self.print(&answer)?;
+                let declared = format.and_then(Format::declared_up);
+                return self.draw(|| look::of_mesh(&found, declared));
             }
             Err(of_mesh) if is_mesh => return Ok(splats::failed(&of_mesh)),
             _ => {}
@@ -103,6 +114,20 @@ impl Inspect {
             None => failed,
         };
         Ok(splats::failed(&failed))
+    }
+
+    /// Writes the picture, where one is wanted, and prints what belongs to it.
+    fn draw(&self, make: impl FnOnce() -> Result<(Vec<u8>, String), NodeError>) -> Result<u8, Error> {
+        let Some(path) = &self.picture else { return Ok(0) };
+        let (png, lines) = match make() {
+            Ok(made) => made,
+            Err(error) => return Ok(splats::failed(&error)),
+        };
+        cache::publish_file(path, &png)?;
+        if !self.json {
+            terminal::print(&format!("{:>14}  {}\n{lines}", "picture", path.display()))?;
+        }
+        Ok(0)
     }
 
     fn print(&self, answer: &Answer<'_>) -> Result<u8, Error> {
@@ -123,6 +148,7 @@ fn load_mesh(path: &Path, cx: &Context) -> Result<(nodes::types::Mesh, Notes), N
         path: InputFile(path.display().to_string()),
         colours: load_mesh::ColourEncoding::Auto,
         frame: load_mesh::MeshFrame::World,
+        matrix: None,
     };
     let (out, notes) = LoadMesh::run(&params, load_mesh::In {}, cx)?;
     Ok((std::sync::Arc::unwrap_or_clone(out.mesh), notes))

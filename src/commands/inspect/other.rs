@@ -8,10 +8,15 @@ const PICTURES: [&[u8]; 6] =
 /// Keys of the camera files that `load-cameras` reads: of trainers, of nerfstudio and of Instant-NGP.
 const CAMERAS: [&str; 5] = ["\"fx\"", "\"rotation\"", "\"camera_angle_x\"", "\"frames\"", "\"fl_x\""];
 
-/// The type of a file that is not a scene, and what reads it; `None` if it is unknown.
+/// Whether a file, by its head, is a picture.
+pub(super) fn is_picture(bytes: &[u8]) -> bool {
+    PICTURES.iter().any(|begin| bytes.starts_with(begin))
+}
+
+/// The sort of a file that is not a scene, and what reads it; `None` where it is unknown.
 pub(super) fn other(path: &Path, bytes: &[u8]) -> Option<String> {
     let ends_with = |end: &str| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(end));
-    if PICTURES.iter().any(|begin| bytes.starts_with(begin)) {
+    if is_picture(bytes) {
         return Some(
             "a picture, which `load-image` reads; `load-environment` and `load-panorama` read panoramas"
                 .into(),

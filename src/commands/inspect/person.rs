@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use nodes::geometry::inspect::{Extent, Finding, FloorGuess, mesh, splats::Inspection};
+use nodes::geometry::level::LevelEstimate;
 
 use super::{Answer, picture};
 use crate::session::splats;
@@ -72,6 +73,32 @@ impl Lines {
                 floor.share * 100.0
             ),
         );
+    }
+
+    fn level(&mut self, level: Option<&LevelEstimate>, ruler: Ruler) {
+        let Some(level) = level else { return self.line("up, measured", "not found".to_owned()) };
+        let [x, y, z] = level.up;
+        let up = level.axis().map_or_else(|| format!("({x:.4}, {y:.4}, {z:.4})"), str::to_owned);
+        let sure = if level.is_sure() { "sure" } else { "not sure" };
+        self.line("up, measured", format!("{up}, {sure} ({:.2})", level.confidence));
+        let ceiling = level
+            .ceiling
+            .map_or_else(String::new, |c| format!(", ceiling {} over it", ruler.length(c - level.floor)));
+        let sure = if level.is_floor_sure() { "sure" } else { "not sure" };
+        self.line(
+            "floor",
+            format!(
+                "{} along up{ceiling}, {sure} ({:.2})",
+                ruler.length(level.floor),
+                level.floor_confidence
+            ),
+        );
+        let scale = &level.scale;
+        let metres = scale.metres_per_unit.map_or_else(
+            || format!("not known: {}", scale.reason),
+            |m| format!("{m:.3} m a unit ({:.2}): {}", scale.confidence, scale.reason),
+        );
+        self.line("scale", metres);
     }
 
     fn findings(&mut self, findings: &[Finding]) {
@@ -157,7 +184,7 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         let turned = "from which `LoadSplats` rotates it unless `frame: AsStored` is set";
         text.line("up", format!("{up} by its format, {turned}"));
     }
-    text.floor(scene.floor.as_ref(), ruler);
+    text.level(scene.level.as_ref(), ruler);
     if let Some(sizes) = &scene.sizes {
         text.line(
             "sizes",

@@ -12,6 +12,7 @@ use engine::{Engine, Event, Outcome, RunOptions, run_unchanged};
 use serde_json::{Value, json};
 use trace::Trace;
 
+use crate::session::agreement;
 use crate::session::origin::Origin;
 use crate::session::{
     EngineArgs, Error, GraphArgs, Loaded, budget, cache_folder, locked, on_interrupt, time,
@@ -126,6 +127,11 @@ impl Run {
         }
         if let Some(failures) = &outcome.failures {
             terminal::mistakes(failures, self.json);
+        }
+        if outcome.totals.exit_code() == 0 || outcome.totals.exit_code() == 3 {
+            for (id, text) in agreement::findings(&engine, graph) {
+                report.show(&Event::Warning { id, text });
+            }
         }
         if let Some(time) = time.filter(|time| begin.elapsed() > *time) {
             let [took, asked] =

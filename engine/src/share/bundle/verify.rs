@@ -9,6 +9,7 @@ use std::sync::atomic::AtomicBool;
 use cache::{Digest, Options, Store, TempFolder};
 
 use crate::graph::graph::Graph;
+use crate::kind::port::PortSpec;
 use crate::kind::registry::Registry;
 use crate::plan::lock::Lock;
 use crate::plan::plan::{Fate, Outlook};
@@ -127,14 +128,7 @@ pub fn verify<R: Read + Seek>(
     }
     differences.extend(lock.differences(&now).results);
 
-    // The chosen nodes are those with the lowest hash of seed and name.
-    let rank = |index: usize| {
-        *Digest::of(format!("{} {}", options.seed, graph.nodes[index].id).as_bytes()).as_bytes()
-    };
-    let mut chosen: Vec<usize> = known.keys().copied().collect();
-    chosen.sort_by_key(|&index| rank(index));
-    chosen.truncate(options.sample);
-    let chosen: BTreeSet<usize> = chosen.into_iter().collect();
+    let chosen = chosen(&graph, known.keys().copied(), options);
     let chosen_keys: BTreeSet<[u8; 32]> = chosen.iter().map(|index| *known[index].0.as_bytes()).collect();
 
     // A store with all results except theirs. Their values are left out as well, since they may be wrong.
@@ -169,16 +163,7 @@ pub fn verify<R: Read + Seek>(
         let same_key = made.actions[index].key.as_ref().is_some_and(|now| now.digest == *key);
         let verdict = match (fate, &made.records[index]) {
             (Fate::Known | Fate::Lost, Some(now)) if same_key => {
-                let ports = node.kind.outputs.iter().zip(record.outputs.iter().zip(&now.outputs));
-                let unequal = ports.into_iter().find(|(_, (then, now))| then.digest != now.digest);
-                unequal.map_or(Verdict::Equal, |(port, (then, now))| {
-                    let value = |engine: &Engine, digest: &Digest| {
-                        stored_value(engine.store(), &port.artifact, digest)
-                    };
-                    let pair = value(&claimed, &then.digest).zip(value(&recomputed, &now.digest));
-                    let difference = pair.map(|(then, now)| port.artifact.difference(&then, &now));
-                    Verdict::Differs { output: port.name.to_owned(), difference }
-                })
+                verdict(&node.kind.outputs, [(&claimed, record), (&recomputed, now)])
             }
             (Fate::Known | Fate::Lost, Some(_)) => Verdict::OtherInputs,
             _ => Verdict::Failed,
@@ -186,4 +171,26 @@ pub fn verify<R: Read + Seek>(
         nodes.push((node.id.clone(), verdict));
     }
     Ok(Verified { nodes, known: known.len(), differences, failures: outcome.failures })
+}
+
+/// Compares two results of a node with the same key, each with the engine that has its values.
+fn verdict(ports: &[PortSpec], [claimed, made]: [(&Engine, &Record); 2]) -> Verdict {
+    let mut pairs = ports.iter().zip(claimed.1.outputs.iter().zip(&made.1.outputs));
+    let Some((port, (then, now))) = pairs.find(|(_, (then, now))| then.digest != now.digest) else {
+        return Verdict::Equal;
+    };
+    let value = |engine: &Engine, digest| stored_value(engine.store(), &port.artifact, digest);
+    let pair = value(claimed.0, &then.digest).zip(value(made.0, &now.digest));
+    let difference = pair.map(|(then, now)| port.artifact.difference(&then, &now));
+    Verdict::Differs { output: port.name.to_owned(), difference }
+}
+
+/// The nodes to recompute: those with the lowest hash of seed and name.
+fn chosen(graph: &Graph, known: impl Iterator<Item = usize>, options: &VerifyOptions<'_>) -> BTreeSet<usize> {
+    let rank = |index: usize| {
+        *Digest::of(format!("{} {}", options.seed, graph.nodes[index].id).as_bytes()).as_bytes()
+    };
+    let mut all: Vec<usize> = known.collect();
+    all.sort_by_key(|&index| rank(index));
+    all.into_iter().take(options.sample).collect()
 }

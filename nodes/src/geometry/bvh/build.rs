@@ -5,7 +5,7 @@ use obvhs::aabb::Aabb;
 use obvhs::ploc::{PlocSearchDistance, SortPrecision};
 use obvhs::{BvhBuildParams, bvh2::Bvh2, bvh2::builder::build_bvh2};
 
-use super::collapse::Collapse;
+use super::collapse::{Branch, Collapse};
 use super::triangles::Packet;
 use super::{Bvh, LEAF, LEAF_SHIFT, Node, STACK, WIDE};
 
@@ -71,13 +71,6 @@ pub(super) enum Opens {
     Fewest,
     /// The child with the most triangles first, which makes the folded tree a third as deep.
     Fullest,
-}
-
-/// A binary tree before folding: boxes come from the leaves, so only the topology is stored.
-#[derive(Clone, Copy)]
-pub(super) enum Branch {
-    Inner(u32, u32),
-    Leaf { first: u32, count: u32 },
 }
 
 pub(super) struct Fold<'a> {

@@ -1,7 +1,13 @@
 //! Selection of the branches of a binary tree that become children of eight-wide nodes.
 
 use super::WIDE;
-use super::build::Branch;
+
+/// A binary tree before folding: boxes come from the leaves, so only the topology is stored.
+#[derive(Clone, Copy)]
+pub(super) enum Branch {
+    Inner(u32, u32),
+    Leaf { first: u32, count: u32 },
+}
 
 /// For each number of places, from none to all, that a branch may occupy among the children of a node: the number
 /// given to its left side; 0 if the branch occupies one place itself.

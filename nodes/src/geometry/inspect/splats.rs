@@ -3,7 +3,8 @@
 use engine::{Context, NodeError};
 use serde::Serialize;
 
-use super::{Extent, Finding, FloorGuess, Patch, floor_of, percentile};
+use super::{Extent, Finding, percentile};
+use crate::geometry::level::{self, LevelEstimate};
 use crate::math::num;
 use crate::types::{SplatEncoding, Splats};
 
@@ -60,8 +61,8 @@ pub struct Inspection {
     pub core: Option<Extent>,
     /// Median of the centres.
     pub centre: Option<[f64; 3]>,
-    /// The floor.
-    pub floor: Option<FloorGuess>,
+    /// Which way is up, the floor, and how long a unit is.
+    pub level: Option<LevelEstimate>,
     /// Sizes of splats.
     pub sizes: Option<Sizes>,
     /// Opacities.
@@ -92,7 +93,7 @@ pub fn inspect(splats: &Splats, cx: &Context) -> Result<Inspection, NodeError> {
         bounds: None,
         core: None,
         centre: None,
-        floor: None,
+        level: None,
         sizes: None,
         opacities: None,
         overdraw: None,
@@ -110,7 +111,7 @@ pub fn inspect(splats: &Splats, cx: &Context) -> Result<Inspection, NodeError> {
     let (bounds, core) = (Extent { min: along(0), max: along(4) }, Extent { min: along(1), max: along(3) });
     let centre = along(2);
     let sizes = sizes(splats);
-    found.floor = floor(splats, &core);
+    found.level = level::of_splats(splats, None);
     found.overdraw = Some(overdraw(splats, centre, &core));
     let share = |test: fn(&f32) -> bool| {
         splats.opacities.iter().filter(|o| test(o)).count() as f64 / splats.len() as f64
@@ -167,44 +168,6 @@ fn overdraw(splats: &Splats, centre: [f64; 3], core: &Extent) -> Overdraw {
         from_inside: inside / (4.0 * std::f64::consts::PI),
         from_outside: if disc > 0.0 { outside / disc } else { 0.0 },
     }
-}
-
-/// Searches the floor among the flat splats.
-fn floor(splats: &Splats, core: &Extent) -> Option<FloorGuess> {
-    let mut areas: Vec<f32> = splats.scales.iter().map(|s| area(*s) as f32).collect();
-    // Clamped, or a few splats of the sky would outweigh all others.
-    let largest = percentile(&mut areas, 0.95);
-    let patches = (0..splats.len()).map(|i| {
-        let weight = area(splats.scales[i]).min(largest) * f64::from(splats.opacities[i]);
-        Patch {
-            middle: splats.means[i].map(f64::from),
-            normal: normal(splats.scales[i], splats.quats[i]),
-            weight,
-            variance: weight * weight,
-        }
-    });
-    floor_of(patches, core)
-}
-
-/// Area of the flat side of a splat, up to a constant factor.
-fn area(scale: [f32; 3]) -> f64 {
-    let [_, middle, longest] = sorted(scale);
-    middle * longest
-}
-
-/// The direction of the shortest axis, if it is much shorter than the others.
-fn normal(scale: [f32; 3], [w, x, y, z]: [f32; 4]) -> Option<[f64; 3]> {
-    let [shortest, middle, _] = sorted(scale);
-    if shortest * 3.0 >= middle {
-        return None;
-    }
-    let axis = (1..3).fold(0, |best, i| if scale[i] < scale[best] { i } else { best });
-    let [w, x, y, z] = [w, x, y, z].map(f64::from);
-    Some(match axis {
-        0 => [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)],
-        1 => [2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)],
-        _ => [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)],
-    })
 }
 
 fn findings(
@@ -269,8 +232,8 @@ fn findings(
         ),
         (
             "floor-unclear",
-            found.floor.as_ref().is_none_or(|floor| !floor.is_clear()),
-            "the up axis cannot be determined from the splats; look at a render".to_owned(),
+            found.level.as_ref().is_none_or(|level| !level.is_sure()),
+            "the up axis cannot be determined from the splats; look at `inspect --picture`".to_owned(),
         ),
     ];
     list.into_iter().filter(|(_, holds, _)| *holds).map(|(id, _, text)| Finding { id, text }).collect()
@@ -311,10 +274,9 @@ mod tests {
         for (axis, names) in AXES.iter().enumerate() {
             for (sign, name) in [(-1.0, names[0]), (1.0, names[1])] {
                 let found = inspect(&room(axis, sign), &context()).unwrap();
-                let floor = found.floor.unwrap();
-                assert_eq!(floor.up, name);
-                assert!((floor.height + 1.0).abs() < 0.05, "{floor:?}");
-                assert!(floor.confidence > 0.3, "{floor:?}");
+                let level = found.level.unwrap();
+                assert_eq!(level.axis(), Some(name));
+                assert!((level.floor + 1.0).abs() < 0.05 && level.is_floor_sure(), "{level:?}");
             }
         }
     }
@@ -346,7 +308,8 @@ mod tests {
                     *quat = quat.map(|q| q / length);
                 }
                 let found = inspect(&splats, &context()).unwrap();
-                assert_eq!(found.floor, None, "{count} splats, try {attempt}");
+                let sure = found.level.as_ref().is_some_and(LevelEstimate::is_sure);
+                assert!(!sure, "{count} splats, try {attempt}: {:?}", found.level);
                 assert!(found.findings.iter().any(|finding| finding.id == "floor-unclear"));
             }
         }

@@ -16,7 +16,7 @@ pub(super) fn inline(name: &str, uri: &str) -> Option<Result<Vec<u8>, Error>> {
 }
 
 /// The path that an address names, with `%20` and the like decoded.
-pub(super) fn path(name: &str, uri: &str) -> Result<String, Error> {
+pub(crate) fn path(name: &str, uri: &str) -> Result<String, Error> {
     let mut out = Vec::with_capacity(uri.len());
     let mut rest = uri.bytes();
     while let Some(byte) = rest.next() {
@@ -29,9 +29,12 @@ pub(super) fn path(name: &str, uri: &str) -> Result<String, Error> {
             other => other,
         });
     }
+    // Exporters of Windows separate folders by back slashes.
     let path = String::from_utf8(out)
-        .map_err(|_| Error::format(name, format!("the address `{uri}` is not text")))?;
-    if path.contains("://") || path.starts_with('/') || path.contains('\\') || path.contains('\0') {
+        .map_err(|_| Error::format(name, format!("the address `{uri}` is not text")))?
+        .replace('\\', "/");
+    let drive = path.as_bytes().get(1) == Some(&b':');
+    if path.contains("://") || path.starts_with('/') || drive || path.contains('\0') {
         return Err(Error::unsupported(
             name,
             format!(
@@ -49,7 +52,15 @@ mod tests {
     #[test]
     fn addresses_decode() {
         assert_eq!(path("a", "my%20chair.bin").ok().as_deref(), Some("my chair.bin"));
-        for refused in ["https://x/y.bin", "/etc/passwd", "a%2", "c:\\x"] {
+        for (slashes, plain) in [
+            ("maps\\c.png", "maps/c.png"),
+            ("maps%5Cc.png", "maps/c.png"),
+            (".\\maps\\deep\\c%20d.png", "./maps/deep/c d.png"),
+            ("..\\c.png", "../c.png"),
+        ] {
+            assert_eq!(path("a", slashes).ok().as_deref(), Some(plain));
+        }
+        for refused in ["https://x/y.bin", "/etc/passwd", "a%2", "c:\\x", "\\\\server\\x", "\\x", "C:/x"] {
             assert!(path("a", refused).is_err(), "{refused}");
         }
         // Files of a parent folder are read, since exporters with a folder of textures refer to them. The message

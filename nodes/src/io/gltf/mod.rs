@@ -1,7 +1,7 @@
 //! glTF and GLB: the container, its checked document, buffers, accessors, pictures, and objects made of them.
 
 mod accessor;
-mod address;
+pub(crate) mod address;
 mod container;
 pub(crate) mod object;
 
@@ -10,6 +10,7 @@ use std::collections::BTreeSet;
 use gltf::Document;
 use serde_json::{Value, json};
 
+use super::foreign::{json_text, refuse_foreign};
 use super::png::Raster;
 use super::{jpeg, png, webp};
 use crate::error::Error;
@@ -29,7 +30,7 @@ pub enum Want {
 }
 
 /// Extensions that a file may require.
-pub const SUPPORTED: [&str; 18] = [
+pub const SUPPORTED: [&str; 19] = [
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
     "KHR_materials_anisotropy",
@@ -38,6 +39,7 @@ pub const SUPPORTED: [&str; 18] = [
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_iridescence",
+    "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_sheen",
     "KHR_materials_specular",
     "KHR_materials_transmission",
@@ -60,7 +62,6 @@ fn advice(extension: &str) -> &'static str {
         }
         "KHR_texture_basisu" => ": KTX2 textures; save them as PNG or JPEG",
         "EXT_texture_avif" => ": AVIF textures; save them as PNG or JPEG",
-        "KHR_materials_pbrSpecularGlossiness" => ": specular-glossiness; convert it to metallic-roughness",
         _ => "",
     }
 }
@@ -78,7 +79,8 @@ pub struct File {
 /// Reads the container and the JSON of a glTF or GLB file.
 pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     let (text, blob) = if bytes.starts_with(b"glTF") { split(name, bytes)? } else { (bytes, None) };
-    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
+    refuse_foreign(name, text)?;
+    let text = json_text(text);
     let mut json: Value = serde_json::from_slice(text).map_err(|e| match other_format(name, text) {
         Some(format) => Error::unsupported(
             name,
@@ -106,6 +108,7 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
         }
     }
     check_accessors(name, &json)?;
+    specular_glossiness(&mut json);
     if let Some(top) = json.as_object_mut() {
         // Checked above; the crate knows fewer of them.
         top.remove("extensionsRequired");
@@ -147,6 +150,27 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     let root = gltf::json::deserialize::from_slice(&text).map_err(|e| invalid(e.to_string()))?;
     let document = Document::from_json(root).map_err(|e| invalid(e.to_string()))?;
     Ok(File { name: name.to_owned(), document, json, blob })
+}
+
+/// Name of the extension of specular-glossiness, which the crate does not read.
+pub(crate) const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
+
+/// Replaces specular-glossiness by metallic-roughness as Blender does: the diffuse colour and its texture are the base
+/// colour, nothing is metal, and roughness is one minus glossiness. The specular colour is left out.
+fn specular_glossiness(json: &mut Value) {
+    for material in json.get_mut("materials").and_then(Value::as_array_mut).into_iter().flatten() {
+        let Some(gloss) = material["extensions"].get(SPECULAR_GLOSSINESS).cloned() else { continue };
+        let glossiness = gloss["glossinessFactor"].as_f64().unwrap_or(1.0).clamp(0.0, 1.0);
+        let mut plain = json!({"metallicFactor": 0.0, "roughnessFactor": 1.0 - glossiness});
+        for (from, to) in [("diffuseFactor", "baseColorFactor"), ("diffuseTexture", "baseColorTexture")] {
+            if let Some(value) = gloss.get(from) {
+                plain[to] = value.clone();
+            }
+        }
+        if let Some(material) = material.as_object_mut() {
+            material.insert("pbrMetallicRoughness".to_owned(), plain);
+        }
+    }
 }
 
 /// The format of a file that is not glTF, by its first bytes or, if these are not known, by its name.
@@ -302,6 +326,53 @@ impl File {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn specular_glossiness_becomes_its_diffuse_colour() {
+        let of = |gloss: &str| {
+            let text = format!(
+                r#"{{"asset":{{"version":"2.0"}},"extensionsRequired":["KHR_materials_pbrSpecularGlossiness"],
+                "images":[{{"uri":"a.png"}}],"textures":[{{"source":0}}],"materials":[{{"pbrMetallicRoughness":{{"baseColorFactor":[1,1,1,1]}},
+                "extensions":{{"KHR_materials_pbrSpecularGlossiness":{gloss}}}}}, {{"name": "other"}}]}}"#
+            );
+            let json = parse("a.gltf", text.as_bytes()).unwrap_or_else(|e| panic!("{e}")).json;
+            assert!(json["materials"][1].get("pbrMetallicRoughness").is_none());
+            json["materials"][0]["pbrMetallicRoughness"].clone()
+        };
+        let red = r#"{"diffuseFactor":[0.8,0.2,0.1,1],"glossinessFactor":0.25,"specularFactor":[1,1,1]}"#;
+        assert_eq!(
+            of(red),
+            json!({"baseColorFactor": [0.8, 0.2, 0.1, 1], "metallicFactor": 0.0, "roughnessFactor": 0.75})
+        );
+        assert_eq!(of("{}"), json!({"metallicFactor": 0.0, "roughnessFactor": 0.0}));
+        let mapped = of(r#"{"diffuseTexture":{"index":0},"glossinessFactor":7}"#);
+        assert_eq!(mapped["baseColorTexture"]["index"], 0);
+    }
+
+    // Chunks that a program filled with NUL, and marks in front.
+    #[test]
+    fn json_with_a_mark_or_fill_is_read() {
+        let text = br#"{"asset":{"version":"2.0"}}"#;
+        let glb = |fill: &[u8]| {
+            let chunk = [&text[..], fill].concat();
+            let mut out = b"glTF\x02\0\0\0".to_vec();
+            out.extend((20 + chunk.len() as u32).to_le_bytes());
+            out.extend((chunk.len() as u32).to_le_bytes());
+            out.extend(b"JSON");
+            [out, chunk].concat()
+        };
+        for bytes in [
+            glb(b" "),
+            glb(b"\0"),
+            glb(b"\0\0\0\0\0"),
+            glb(b" \n\0"),
+            [b"\xef\xbb\xbf", &text[..], b"\0"].concat(),
+        ] {
+            assert!(parse("a", &bytes).is_ok(), "{bytes:?}");
+        }
+        let lfs = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 1\n";
+        assert!(parse("a.glb", lfs).err().is_some_and(|e| e.to_string().contains("git lfs pull")));
+    }
 
     #[test]
     fn what_is_required_and_unknown_is_named() {

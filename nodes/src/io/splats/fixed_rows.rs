@@ -1,4 +1,10 @@
-//! Binary PLY files with rows of fixed length: positions of the fields of each element.
+//! PLY files with rows of fixed length: positions of the fields of each element. Files in ASCII or with the most
+//! significant byte first are converted to binary little-endian first.
+
+use std::borrow::Cow;
+use std::fmt::Write as _;
+
+use engine::{Context, NodeError};
 
 use super::bytes::{f32_at, f64_at, u8_at, u16_at, u32_at};
 use crate::error::Error;
@@ -78,7 +84,8 @@ pub struct FixedRows {
     pub elements: Vec<Element>,
     /// End of the last row; `None` after rows of varying length.
     pub end: Option<usize>,
-    format: Format,
+    /// Comment lines without the word `comment`.
+    pub comments: Vec<String>,
 }
 
 impl FixedRows {
@@ -113,21 +120,57 @@ impl FixedRows {
             start = start.and_then(|start| length.and_then(|length| start.checked_add(length)));
             elements.push(placed);
         }
-        Ok(Self { elements, end: start, format: header.format })
-    }
-
-    /// An error unless the rows are binary and little-endian, as all programs write splats.
-    pub fn check_binary(&self, file: &str) -> Result<(), Error> {
-        let format = match self.format {
-            Format::Little => return Ok(()),
-            Format::Ascii => "ascii",
-            Format::Big => "binary_big_endian",
-        };
-        Err(Error::unsupported(file, format!("PLY format `{format}`; write it as binary_little_endian")))
+        Ok(Self { elements, end: start, comments: header.comments })
     }
 
     /// The element with a name, if there is one.
     pub fn find(&self, name: &str) -> Option<&Element> {
         self.elements.iter().find(|element| element.name == name)
     }
+}
+
+/// Number of rows between two checks for cancellation.
+const CHECK_ROWS: usize = 65_536;
+
+/// The file as binary little-endian: itself, or converted with the same elements and types. Properties that are
+/// lists are left out of a converted file.
+pub fn little_endian<'a>(file: &str, bytes: &'a [u8], cx: &Context) -> Result<Cow<'a, [u8]>, NodeError> {
+    let header = ply::header(file, bytes)?;
+    if header.format == Format::Little {
+        return Ok(Cow::Borrowed(bytes));
+    }
+    let mut text = "ply\nformat binary_little_endian 1.0\n".to_owned();
+    for comment in &header.comments {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "comment {comment}");
+    }
+    for element in &header.elements {
+        let _ = writeln!(text, "element {} {}", element.name, element.rows);
+        for property in element.properties.iter().filter(|property| property.count.is_none()) {
+            let _ = writeln!(text, "property {} {}", property.scalar.name(), property.name);
+        }
+    }
+    text.push_str("end_header\n");
+    let mut out = text.into_bytes();
+    let mut rows = ply::Rows::new(file, &header, bytes);
+    for element in &header.elements {
+        let count = rows.believable(element)?;
+        let kept: Vec<Option<Scalar>> =
+            element.properties.iter().map(|p| p.count.is_none().then_some(p.scalar)).collect();
+        let stride: usize = kept.iter().flatten().map(|scalar| scalar.size()).sum();
+        out.reserve(count.saturating_mul(stride));
+        for row in 0..count {
+            if row % CHECK_ROWS == 0 {
+                cx.check()?;
+            }
+            rows.row(element, |index, numbers| {
+                if let (Some(Some(scalar)), [number]) = (kept.get(index), numbers) {
+                    scalar.put(*number, &mut out);
+                }
+            })?;
+        }
+    }
+    let rest = rows.rest();
+    out.extend_from_slice(if header.format == Format::Ascii { rest.trim_ascii() } else { rest });
+    Ok(Cow::Owned(out))
 }

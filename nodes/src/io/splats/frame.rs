@@ -106,7 +106,7 @@ impl Turn {
 
 /// The quaternion (w, x, y, z) of a rotation: the largest of four candidates, which avoids dividing by the root of
 /// a small difference.
-fn quaternion(m: DMat3) -> [f64; 4] {
+pub fn quaternion(m: DMat3) -> [f64; 4] {
     let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
     let squares =
         [1.0 + x.x + y.y + z.z, 1.0 + x.x - y.y - z.z, 1.0 - x.x + y.y - z.z, 1.0 - x.x - y.y + z.z];

@@ -13,12 +13,16 @@ use serde::Deserialize;
 use super::accessor::{Accessor, Reader};
 use super::bytes::{range, u32_at};
 use super::frame::Turn;
-use super::rows::{Part, Row, sh_rest};
+use super::parts::Part;
+use super::rows::{Row, sh_rest};
 use super::{Fetch, Loaded, Reading, spz};
 use crate::error::Error;
 use crate::io::base64;
+use crate::io::foreign::json_text;
+use crate::io::gltf::address;
 use crate::math::num;
 use crate::types::SplatEncoding;
+use crate::types::frame::Similarity;
 
 const NAME: &str = "KHR_gaussian_splatting";
 const SPZ: [&str; 2] = ["KHR_gaussian_splatting_compression_spz_2", "KHR_gaussian_splatting_compression_spz"];
@@ -128,12 +132,13 @@ struct Buffer {
 impl Document {
     /// Reads the JSON of a file.
     pub fn read(file: &str, json: &[u8]) -> Result<Self, Error> {
-        serde_json::from_slice(json).map_err(|e| Error::format(file, format!("not glTF: {e}")))
+        serde_json::from_slice(json_text(json)).map_err(|e| Error::format(file, format!("not glTF: {e}")))
     }
 
     /// The files that contain its buffers.
-    pub fn files(&self) -> impl Iterator<Item = &str> {
-        self.buffers.iter().filter_map(|buffer| buffer.uri.as_deref()).filter(|uri| !uri.starts_with("data:"))
+    pub fn files(&self, file: &str) -> Result<Vec<String>, Error> {
+        let uris = self.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
+        uris.filter(|uri| !uri.starts_with("data:")).map(|uri| address::path(file, uri)).collect()
     }
 }
 
@@ -255,11 +260,11 @@ pub(super) fn load(
         });
     }
     let world = reading.world(file, Some(Up::PlusY), true, notes);
-    let (matrix, scale) = world.unwrap_or((DMat3::IDENTITY, 1.0));
+    let world = world.unwrap_or(Similarity::IDENTITY);
     let mut all: Option<Loaded> = None;
     for (number, one) in uses.iter().enumerate() {
-        let linear = matrix * DMat3::from_mat4(one.matrix) * scale;
-        let offset = matrix * one.matrix.w_axis.truncate() * scale;
+        let linear = world.rotation * DMat3::from_mat4(one.matrix) * world.scale;
+        let offset = world.point(one.matrix.w_axis.truncate());
         let turn = if linear == DMat3::IDENTITY && offset == DVec3::ZERO {
             None
         } else {

@@ -5,7 +5,8 @@
 use engine::{NodeError, Notes};
 
 use super::bytes::{f16_at, f32_at, range, u8_at, u16_at, u32_at};
-use super::rows::{Part, Row, RowFault, SH_C0, sh_rest};
+use super::parts::Part;
+use super::rows::{Row, RowFault, SH_C0, sh_rest};
 use super::{Loaded, Reading};
 use crate::error::Error;
 

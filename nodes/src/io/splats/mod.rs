@@ -8,6 +8,7 @@ mod frame;
 mod gltf;
 mod inflate;
 mod ksplat;
+mod parts;
 mod ply;
 mod ply_packed;
 mod rows;
@@ -18,9 +19,12 @@ mod sog;
 pub(crate) mod source;
 mod splat;
 mod spz;
+pub(crate) mod streamed;
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 mod tests;
+mod training;
+mod usda;
 mod zip;
 
 use std::sync::{Mutex, PoisonError};
@@ -29,11 +33,12 @@ use engine::{Context, NodeError, Notes, Up};
 use glam::{DMat3, DVec3};
 
 use crate::error::Error;
+use crate::types::frame::Similarity;
 use crate::types::{SplatEncoding, Splats};
-use rows::Part;
+use parts::Part;
 
 pub(crate) use frame::Placing;
-pub use frame::{Frame, Turn, from_y_up};
+pub use frame::{Frame, Turn, from_y_up, quaternion};
 pub(crate) use rows::unit;
 pub use rows::{Row, RowFault, SH_C0, sh_rest};
 pub use sh_turn::ShTurn;
@@ -48,17 +53,19 @@ pub(crate) struct Reading<'a> {
     pub(crate) cx: &'a Context,
     pub(crate) placing: Placing,
     pub(crate) max_extent: f64,
+    /// What the user does to it in the world.
+    pub(crate) matrix: Similarity,
 }
 
 impl Reading<'_> {
-    /// Rows of a file without sections; see [`rows::read_rows`].
+    /// Rows of a file without sections; see [`parts::read_rows`].
     fn rows(
         &self,
         count: usize,
         turn: Option<&Turn>,
         read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
     ) -> Result<Vec<Part>, NodeError> {
-        rows::read_rows(0, count, turn, self.cx, read)
+        parts::read_rows(0, count, turn, self.cx, read)
     }
 
     /// Rows of a section that begins at row `first` of the file.
@@ -69,28 +76,24 @@ impl Reading<'_> {
         turn: Option<&Turn>,
         read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
     ) -> Result<Vec<Part>, NodeError> {
-        rows::read_rows(first, count, turn, self.cx, read)
+        parts::read_rows(first, count, turn, self.cx, read)
     }
 
-    /// The rotation and scale into the world, by the format of the file; the decision is noted.
-    fn world(
-        &self,
-        file: &str,
-        declared: Option<Up>,
-        metres: bool,
-        notes: &mut Notes,
-    ) -> Option<(DMat3, f64)> {
+    /// The transform into the world, by the format of the file and the user's parameters; the decision is noted.
+    fn world(&self, file: &str, declared: Option<Up>, metres: bool, notes: &mut Notes) -> Option<Similarity> {
         let (turn, text) = self.placing.turn(declared, metres);
         if let Some(text) = text {
             notes.decision("frame", format!("`{file}` {text}"));
         }
-        turn
+        let (rotation, scale) = turn.unwrap_or((DMat3::IDENTITY, 1.0));
+        let all = self.matrix.after(&Similarity { rotation, scale, offset: DVec3::ZERO });
+        (all != Similarity::IDENTITY).then_some(all)
     }
 
     /// Like [`world`](Self::world), as a transform of rows.
     fn turn(&self, file: &str, declared: Option<Up>, metres: bool, notes: &mut Notes) -> Option<Turn> {
-        let (matrix, scale) = self.world(file, declared, metres, notes)?;
-        Some(Turn::new(matrix, scale, DVec3::ZERO))
+        let Similarity { rotation, scale, offset } = self.world(file, declared, metres, notes)?;
+        Some(Turn::new(rotation, scale, offset))
     }
 }
 
@@ -157,6 +160,8 @@ pub(crate) fn load(
 ) -> Result<Loaded, NodeError> {
     match Format::of(file, bytes)? {
         Format::Ply => {
+            ply::refuse_mesh(file, &crate::io::ply::header(file, bytes)?)?;
+            let bytes = &*fixed_rows::little_endian(file, bytes, reading.cx)?;
             let header = fixed_rows::FixedRows::read(file, bytes)?;
             let packed = ply_packed::is_packed(&header);
             let read = if packed { ply_packed::load } else { ply::load };
@@ -165,11 +170,30 @@ pub(crate) fn load(
             Ok(loaded)
         }
         Format::Spz => spz::load(file, bytes, None, reading, notes),
-        Format::SogMeta => sog::load(file, &sog::Meta::read(file, bytes)?, fetch, reading, notes),
-        Format::SogBundle => sog::load_bundle(file, bytes, reading, notes),
+        Format::SogMeta => sog::load(file, &sog::Meta::read(file, bytes)?, None, fetch, reading, notes),
+        Format::SogBundle => sog::load_bundle(file, bytes, None, reading, notes),
         Format::Glb | Format::Gltf => gltf::load(file, bytes, fetch, reading, notes),
         Format::Ksplat => ksplat::load(file, bytes, reading, notes),
         Format::Splat => splat::load(file, bytes, reading, notes),
+        Format::Usda => usda::load(file, bytes, reading, notes),
+    }
+}
+
+/// Reads ranges of rows of a SOG file.
+pub(crate) fn load_ranges(
+    file: &str,
+    bytes: &[u8],
+    ranges: &[(usize, usize)],
+    fetch: &Fetch<'_>,
+    reading: &Reading<'_>,
+    notes: &mut Notes,
+) -> Result<Loaded, NodeError> {
+    match Format::of(file, bytes)? {
+        Format::SogMeta => {
+            sog::load(file, &sog::Meta::read(file, bytes)?, Some(ranges), fetch, reading, notes)
+        }
+        Format::SogBundle => sog::load_bundle(file, bytes, Some(ranges), reading, notes),
+        other => Err(Error::unsupported(file, format!("a streamed scene of {} files", other.name())).into()),
     }
 }
 
@@ -182,7 +206,7 @@ pub fn from_bytes(
     cx: &Context,
 ) -> Result<(Splats, Notes), NodeError> {
     let placing = Placing { frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
-    let reading = Reading { cx, placing, max_extent: 1e6 };
+    let reading = Reading { cx, placing, max_extent: 1e6, matrix: Similarity::IDENTITY };
     let mut notes = Notes::none();
     let alone =
         |name: &str| Err(NodeError::new(format!("`{file}` needs the file `{name}` in the same folder")));

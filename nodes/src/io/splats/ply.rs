@@ -1,29 +1,50 @@
-//! INRIA PLY: binary little-endian, one row per splat, before activation.
+//! INRIA PLY: one row per splat, before activation, in ASCII or binary.
 //!
 //! Fields (gaussian-splatting, `scene/gaussian_model.py`, `save_ply`): `x y z`, `f_dc_0..2`, `f_rest_*` channel by
-//! channel, `opacity` (logit), `scale_0..2` (log), `rot_0..3` (w x y z). `filter_3D`, which Mip-Splatting and MILo
+//! channel, `opacity` (logit), `scale_0..2` (log), `rot_0..3` (w x y z). 2DGS writes two scales: the third is 0. Some
+//! programs write `red`, `green`, `blue` for `f_dc_*` (nerfstudio's `ply_color_mode: rgb`). `filter_3D`, which Mip-Splatting and MILo
 //! add, is the standard deviation of a smoothing filter that the stored scales and opacities do not include yet.
 //! Other fields are ignored.
 
 use engine::{NodeError, Notes};
 
 use super::fixed_rows::{Element, Field, FixedRows};
-use super::rows::{Row, RowFault};
-use super::{Loaded, Reading};
+use super::rows::{Row, RowFault, SH_C0};
+use super::{Loaded, Reading, training};
 use crate::error::Error;
-use crate::io::ply::Scalar;
+use crate::io::colour_range::Range;
+use crate::io::ply::{self, Scalar};
+
+/// The constant colour of a row.
+enum Colour {
+    /// Coefficients of the constant function.
+    Coefficients([Field; 3]),
+    /// Display colours, and the factor that maps white to 1.
+    Display([Field; 3], f64),
+}
+
+impl Colour {
+    /// The coefficients of a row.
+    fn get(&self, row: &[u8]) -> [f32; 3] {
+        match self {
+            Self::Coefficients(fields) => fields.map(|f| f.get(row) as f32),
+            Self::Display(fields, white) => fields.map(|f| ((f.get(row) * white - 0.5) / SH_C0) as f32),
+        }
+    }
+}
 
 /// Positions of the fields of a row.
 struct Layout {
     sh_degree: u32,
     mean: [Field; 3],
-    dc: [Field; 3],
-    /// Fields of the spherical harmonics, in the order of the file: channel by channel.
+    colour: Colour,
+    /// All of them, in the order of the file: channel by channel.
     rest: Vec<Field>,
     /// Start of these fields, if they are consecutive floats.
     rest_run: Option<usize>,
     opacity: Field,
-    scale: [Field; 3],
+    /// Two in files of 2DGS, whose splats have no thickness.
+    scale: [Option<Field>; 3],
     rotation: [Field; 4],
     filter: Option<Field>,
     /// Names of fields that are not used, in order.
@@ -36,10 +57,9 @@ impl Layout {
             |name: &str| vertex.find(name).filter(|field| matches!(field.scalar, Scalar::F32 | Scalar::F64));
         let need = |name: &str| {
             find(name).ok_or_else(|| {
-                let hint = if name == "scale_2" {
-                    "; 2D splats have none and are not supported"
-                } else {
-                    "; is this a mesh or a point cloud?"
+                let hint = match vertex.find(name) {
+                    Some(field) => format!(" of floats, but one of type `{}`", field.scalar.name()),
+                    None => "; is this a mesh or a point cloud?".to_owned(),
                 };
                 Error::format(file, format!("the splats have no field `{name}`{hint}"))
             })
@@ -63,16 +83,26 @@ impl Layout {
             ["x", "y", "z", "nx", "ny", "nz", "opacity", "filter_3D"].contains(&name)
                 || ["f_dc_", "f_rest_", "scale_", "rot_"].iter().any(|prefix| name.starts_with(prefix))
         };
+        let display = ["red", "green", "blue"].map(|name| vertex.find(name));
+        let colour = match display {
+            [Some(r), Some(g), Some(b)] if find("f_dc_0").is_none() => Colour::Display([r, g, b], 1.0),
+            _ => Colour::Coefficients([need("f_dc_0")?, need("f_dc_1")?, need("f_dc_2")?]),
+        };
+        let shown = matches!(colour, Colour::Display(..));
+        let known = |name: &str| known(name) || shown && ["red", "green", "blue"].contains(&name);
         let names = vertex.fields.iter().map(|(name, _)| name);
         Ok(Self {
             sh_degree,
             unused: names.filter(|name| !known(name)).cloned().collect(),
             mean: [need("x")?, need("y")?, need("z")?],
-            dc: [need("f_dc_0")?, need("f_dc_1")?, need("f_dc_2")?],
+            colour,
             rest,
             rest_run: in_line.then_some(first),
             opacity: need("opacity")?,
-            scale: [need("scale_0")?, need("scale_1")?, need("scale_2")?],
+            scale: match vertex.find("scale_2") {
+                None => [Some(need("scale_0")?), Some(need("scale_1")?), None],
+                Some(_) => [Some(need("scale_0")?), Some(need("scale_1")?), Some(need("scale_2")?)],
+            },
             rotation: [need("rot_0")?, need("rot_1")?, need("rot_2")?, need("rot_3")?],
             filter: find("filter_3D"),
         })
@@ -83,12 +113,12 @@ impl Layout {
         let made = Row::activate(
             self.mean.map(|f| f.get(row)),
             self.rotation.map(|f| f.get(row)),
-            self.scale.map(|f| f.get(row)),
+            self.scale.map(|f| f.map_or(f64::NEG_INFINITY, |f| f.get(row))),
             self.opacity.get(row),
             self.filter.map(|f| f.get(row)),
             max_extent,
         )?;
-        sh.push(self.dc.map(|f| f.get(row) as f32));
+        sh.push(self.colour.get(row));
         let each = self.rest.len() / 3;
         if let Some(start) = self.rest_run {
             // The usual case: consecutive floats.
@@ -117,15 +147,21 @@ pub(super) fn load(
     notes: &mut Notes,
 ) -> Result<Loaded, NodeError> {
     let vertex = header.find("vertex");
-    let faces = header.find("face").map_or(0, |face| face.count);
-    if faces > 0 && vertex.is_none_or(|vertex| vertex.find("f_dc_0").is_none()) {
-        let what = format!("`{file}` is a mesh of {faces} faces; it holds no splats");
-        return Err(NodeError::new(what).hint("`LoadMesh` reads meshes"));
-    }
-    header.check_binary(file)?;
     let vertex = vertex.ok_or_else(|| Error::format(file, "the PLY file has no element `vertex`"))?;
-    let layout = Layout::of(file, vertex)?;
+    let mut layout = Layout::of(file, vertex)?;
     let rows = vertex.rows(file, bytes)?;
+    if let Colour::Display(fields, white) = &mut layout.colour {
+        let range = Range::of(fields[0].scalar, || {
+            rows.chunks_exact(vertex.stride.max(1)).flat_map(|row| fields.map(|f| f.get(row)))
+        });
+        *white = 1.0 / range.white;
+        let text = format!("`{file}` has display colours {}, which replace `f_dc_*`", range.words());
+        notes.decision("display-colours", text);
+    }
+    if layout.scale[2].is_none() {
+        let text = format!("`{file}` has two scales per splat, as 2DGS writes: its splats are flat");
+        notes.decision("two-scales", text);
+    }
     if layout.filter.is_some() {
         notes.decision("filter-3d", format!("`filter_3D` of `{file}` is applied to scales and opacities"));
     }
@@ -139,7 +175,22 @@ pub(super) fn load(
         let row = rows.get(index * stride..(index + 1) * stride).unwrap_or_default();
         layout.row(row, reading.max_extent, sh)
     })?;
-    Ok(Loaded::new(parts, vertex.count, layout.sh_degree))
+    let mut loaded = Loaded::new(parts, vertex.count, layout.sh_degree);
+    loaded.antialiased = training::antialiased(&header.comments, file, notes);
+    Ok(loaded)
+}
+
+/// An error for a file that is a mesh by its header.
+pub(super) fn refuse_mesh(file: &str, header: &ply::Header) -> Result<(), NodeError> {
+    let find = |name: &str| header.elements.iter().find(|element| element.name == name);
+    let faces = find("face").map_or(0, |face| face.rows);
+    let splats =
+        |e: &ply::Element| ["f_dc_0", "opacity", "packed_position"].iter().any(|f| e.find(f).is_some());
+    if faces == 0 || find("vertex").is_some_and(splats) {
+        return Ok(());
+    }
+    let what = format!("`{file}` is a mesh of {faces} faces; it holds no splats");
+    Err(NodeError::new(what).hint("`LoadMesh` reads meshes"))
 }
 
 /// The first few names of a list.

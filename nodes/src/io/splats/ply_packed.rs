@@ -11,6 +11,7 @@ use engine::{NodeError, Notes};
 use super::bytes::{u8_at, u32_at};
 use super::fixed_rows::{Element, Field, FixedRows};
 use super::rows::{Row, SH_C0, largest_left_out};
+use super::training;
 use super::{Loaded, Reading};
 use crate::error::Error;
 use crate::io::ply::Scalar;
@@ -71,7 +72,6 @@ pub(super) fn load(
     reading: &Reading<'_>,
     notes: &mut Notes,
 ) -> Result<Loaded, NodeError> {
-    header.check_binary(file)?;
     let need = |name: &str| {
         header.find(name).ok_or_else(|| Error::format(file, format!("the PLY file has no element `{name}`")))
     };
@@ -136,7 +136,9 @@ pub(super) fn load(
         24 => 2,
         _ => 3,
     };
-    Ok(Loaded::new(parts, vertex.count, sh_degree))
+    let mut loaded = Loaded::new(parts, vertex.count, sh_degree);
+    loaded.antialiased = training::antialiased(&header.comments, file, notes);
+    Ok(loaded)
 }
 
 /// Rows, stride and places of the fields of the element `sh`, channel by channel.

@@ -1,14 +1,11 @@
-//! Rows of splats, common to all formats: activation, errors of single rows, and parallel reading.
+//! Rows of splats, common to all formats: activation, and errors of single rows.
 
-use engine::{Context, NodeError};
-
-use super::frame::Turn;
 use crate::math::num;
 
 /// Reason why a row is dropped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RowFault {
-    /// A field is NaN or infinite.
+    /// A field is NaN, or infinite where this has no meaning.
     NotFinite,
     /// The quaternion is zero: as in rows of incomplete exports.
     ZeroQuaternion,
@@ -77,6 +74,9 @@ impl Row {
     /// Activates the parameters of the optimiser: log scales, logit opacity, a quaternion of any length. `filter`
     /// is `filter_3D` of Mip-Splatting (Yu et al. 2024, eq. 9; `get_scaling_with_3D_filter`): it widens every axis
     /// and reduces the opacity by the ratio of the volumes.
+    ///
+    /// Infinities have the meaning of their limits: a logit of +inf is an opacity of 1, -inf of 0, and a log scale
+    /// of -inf a thickness of 0. A log scale of +inf is too large.
     pub fn activate(
         mean: [f64; 3],
         quat: [f64; 4],
@@ -85,8 +85,10 @@ impl Row {
         filter: Option<f64>,
         max_extent: f64,
     ) -> Result<Self, RowFault> {
-        let numbers = mean.iter().chain(&quat).chain(&log_scale).chain([&logit]).chain(filter.as_ref());
-        if numbers.into_iter().any(|value| !value.is_finite()) {
+        let numbers = mean.iter().chain(&quat).chain(filter.as_ref());
+        if numbers.into_iter().any(|value| !value.is_finite())
+            || log_scale.iter().chain([&logit]).any(|value| value.is_nan())
+        {
             return Err(RowFault::NotFinite);
         }
         let mut scale = log_scale.map(num::f64::exp);
@@ -176,71 +178,4 @@ pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 /// Number of coefficients of a degree besides the constant one.
 pub fn sh_rest(degree: u32) -> usize {
     ((degree + 1) * (degree + 1) - 1) as usize
-}
-
-/// Number of rows per job.
-const CHUNK: usize = 16_384;
-
-/// A part of a scene: the rows of one job.
-#[derive(Default)]
-pub struct Part {
-    /// The splats that can be drawn.
-    pub rows: Vec<Row>,
-    /// Their colours: triples per splat by the degree of the file.
-    pub sh: Vec<[f32; 3]>,
-    /// Number of dropped rows, by reason.
-    pub dropped: [u64; RowFault::ALL.len()],
-    /// Index in the file of the first dropped row, and its reason.
-    pub first_fault: Option<(usize, RowFault)>,
-    /// True if a centre has more digits than f32 holds.
-    pub finer: bool,
-}
-
-/// True if no value is NaN or infinite. Compares the largest magnitude as bits, which vectorises, unlike a search.
-fn all_finite(values: &[f32]) -> bool {
-    values.iter().fold(0, |most, value| (value.to_bits() & 0x7fff_ffff).max(most)) < 0x7f80_0000
-}
-
-/// Reads `count` rows in parallel with `read(index, sh)`, which appends the colour of a row; for a row with an
-/// error it need not remove the colour. `first` is the index of the first row in the file.
-pub fn read_rows(
-    first: usize,
-    count: usize,
-    turn: Option<&Turn>,
-    cx: &Context,
-    read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
-) -> Result<Vec<Part>, NodeError> {
-    cx.for_each_tile(count.div_ceil(CHUNK), |chunk| {
-        let rows = chunk * CHUNK..((chunk + 1) * CHUNK).min(count);
-        let mut part = Part { rows: Vec::with_capacity(rows.len()), ..Part::default() };
-        let count = rows.len();
-        for index in rows {
-            let start = part.sh.len();
-            if part.rows.len() == 1 && part.sh.capacity() < start * count {
-                // The first row determines the size of the colour of each row.
-                part.sh.reserve_exact(start * count - start);
-            }
-            let row = read(index, &mut part.sh).and_then(|mut row| {
-                let own = part.sh.get_mut(start..).unwrap_or_default();
-                if let Some(turn) = turn {
-                    turn.apply(&mut row, own);
-                }
-                let finite =
-                    all_finite(own.as_flattened()) && all_finite(&row.mean) && all_finite(&row.scale);
-                if finite { Ok(row) } else { Err(RowFault::NotFinite) }
-            });
-            match row {
-                Ok(row) => {
-                    part.finer |= row.mean_low != [0.0; 3];
-                    part.rows.push(row);
-                }
-                Err(fault) => {
-                    part.sh.truncate(start);
-                    part.dropped[fault as usize] += 1;
-                    part.first_fault.get_or_insert((first + index, fault));
-                }
-            }
-        }
-        part
-    })
 }

@@ -8,7 +8,8 @@ use flate2::read::GzDecoder;
 use super::bytes::{u8_at, u32_at};
 use super::rows::{Row, sh_rest};
 use super::spz;
-use crate::io::head::ply_elements;
+use crate::io::head::{elements_of, ply_header};
+use crate::io::ply;
 
 /// Bytes of the rows of a file, and of its decompressed data: by the number in the header if there is one,
 /// otherwise by the length and the usual size of a splat in such files.
@@ -24,14 +25,23 @@ pub(crate) fn of(file: &FileHead<'_>) -> (u64, u64) {
         (count.saturating_mul(row), count.saturating_mul(packed))
     };
     match head[..] {
-        [b'p', b'l', b'y', ..] => {
-            let elements = file.open().map_or_else(Vec::new, |mut reader| ply_elements(&mut reader));
+        [b'p', b'l', b'y', ..] | [0xef, 0xbb, 0xbf, b'p', b'l', b'y', ..] => {
+            let header = file.open().and_then(|mut reader| ply_header(&mut reader));
+            let elements = header.as_ref().map_or_else(Vec::new, elements_of);
+            // Words and the other byte order are converted to a file of their own first.
+            let converted = header.iter().filter(|header| header.format != ply::Format::Little);
+            let stride = converted
+                .flat_map(|header| &header.elements)
+                .filter(|element| element.name == "vertex")
+                .flat_map(|element| &element.properties)
+                .map(|property| property.scalar.size() as u64)
+                .sum();
             let found = |wanted: &str| elements.iter().find(|(name, ..)| name == wanted);
             let vertices = found("vertex").map_or((0, 0), |(_, count, fields)| (*count, *fields));
             // Nine for degree 1, 24 for 2, 45 for 3, 72 for 4, among the fields or in a separate element.
             let fields = vertices.1 + found("sh").map_or(0, |(.., fields)| *fields);
             let degree = [72, 45, 24, 9].iter().position(|least| fields >= *least).map_or(0, |at| 4 - at);
-            of(vertices.0, degree as u32, 0)
+            of(vertices.0, degree as u32, stride)
         }
         [0x1f, 0x8b, ..] | [b'N', b'G', b'S', b'P', ..] => {
             let mut plain = vec![0; 16];
@@ -54,6 +64,8 @@ pub(crate) fn of(file: &FileHead<'_>) -> (u64, u64) {
         [b'P', b'K', ..] => of(file.bytes / 12, 3, 80),
         // Pictures of SOG, each with its share of 12 bytes per splat.
         [b'R', b'I', b'F', b'F', ..] => of(file.bytes / 12, 3, 80),
+        // Text of USD: some four bytes per number, and the numbers as floats before they are rows.
+        [b'#', b'u', b's', b'd', b'a', ..] => (file.bytes.saturating_mul(4), file.bytes.saturating_mul(2)),
         [b'g', b'l', b'T', b'F', ..] => of(file.bytes / 236, 3, 0),
         _ if file.name.to_ascii_lowercase().ends_with(".ksplat") => of(u64::from(u32_at(&head, 16)), 3, 0),
         _ if file.name.to_ascii_lowercase().ends_with(".splat") => of(file.bytes / 32, 0, 0),

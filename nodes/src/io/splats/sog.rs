@@ -12,6 +12,7 @@ use super::rows::{Row, RowFault, largest_left_out, sh_rest};
 use super::zip::Archive;
 use super::{Fetch, Loaded, Reading};
 use crate::error::Error;
+use crate::io::foreign::json_text;
 use crate::math::num;
 
 #[derive(Deserialize)]
@@ -130,6 +131,7 @@ impl Meta {
             version: Option<u32>,
         }
         let wrong = |e: serde_json::Error| Error::format(file, format!("not a SOG `meta.json`: {e}"));
+        let bytes = json_text(bytes);
         let version: Version = serde_json::from_slice(bytes).map_err(wrong)?;
         let meta = match version.version {
             None | Some(1) => {
@@ -277,10 +279,20 @@ const META_BYTES: usize = 16 << 20;
 pub(super) fn load_bundle(
     file: &str,
     bytes: &[u8],
+    ranges: Option<&[(usize, usize)]>,
     reading: &Reading<'_>,
     notes: &mut Notes,
 ) -> Result<Loaded, NodeError> {
     let archive = Archive::read(file, bytes)?;
+    if archive.find(super::streamed::NAME).is_some() {
+        let what = "an archive of a streamed SOG; unpack it and name its folder";
+        return Err(Error::unsupported(file, what).into());
+    }
+    if file.to_ascii_lowercase().ends_with(".usdz") {
+        return Err(
+            Error::unsupported(file, "USDZ; unpack it, and save what is inside as text, `.usda`").into()
+        );
+    }
     let Some(name) = archive.find("meta.json") else {
         return Err(Error::format(file, "the ZIP archive holds no `meta.json`, or several; not SOG").into());
     };
@@ -290,13 +302,14 @@ pub(super) fn load_bundle(
         return Err(Error::format(file, format!("its `meta.json` has {length} bytes")).into());
     }
     let meta = Meta::read(file, &archive.get(name)?)?;
-    load(file, &meta, &|name| Ok(archive.get(&format!("{folder}{name}"))?), reading, notes)
+    load(file, &meta, ranges, &|name| Ok(archive.get(&format!("{folder}{name}"))?), reading, notes)
 }
 
-/// Loads the pictures of a `meta.json`.
+/// Loads the pictures of a `meta.json`: all rows, or those in ascending ranges.
 pub(super) fn load(
     file: &str,
     meta: &Meta,
+    ranges: Option<&[(usize, usize)]>,
     fetch: &Fetch<'_>,
     reading: &Reading<'_>,
     notes: &mut Notes,
@@ -335,7 +348,7 @@ pub(super) fn load(
         _ => None,
     };
     let turn = reading.turn(file, None, false, notes);
-    let parts = reading.rows(count, turn.as_ref(), |index, sh| {
+    let read = |index: usize, sh: &mut Vec<[f32; 3]>| {
         let (low, high) = (low.own(index), high.own(index));
         let mean = [0, 1, 2].map(|axis| {
             let whole = f64::from(u16::from(high[axis]) << 8 | u16::from(low[axis]));
@@ -362,9 +375,19 @@ pub(super) fn load(
             }
         }
         Row::checked(mean, quaternion(quats.own(index))?, scale, opacity, reading.max_extent)
-    })?;
+    };
+    let whole = [(0, count)];
+    let (mut parts, mut rows) = (Vec::new(), 0);
+    for &(start, end) in ranges.unwrap_or(&whole) {
+        if end > count || start > end {
+            let what = format!("the streamed scene takes splats {start} to {end} of its {count}");
+            return Err(Error::format(file, what).into());
+        }
+        parts.extend(reading.rows_from(start, end - start, turn.as_ref(), |i, sh| read(start + i, sh))?);
+        rows += end - start;
+    }
     let degree = palette.map_or(0, |(_, _, _, degree)| degree);
-    let mut loaded = Loaded::new(parts, count, degree);
+    let mut loaded = Loaded::new(parts, rows, degree);
     loaded.antialiased = meta.antialiased;
     Ok(loaded)
 }

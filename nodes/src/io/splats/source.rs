@@ -7,8 +7,10 @@ use engine::{InputFile, NodeError, SourceFile, SourceRoot, Up};
 
 use super::gltf::{self, Document};
 use super::sog::Meta;
-use super::{ksplat, splat, spz};
+use super::streamed::{self, Ranges};
+use super::{ksplat, splat, spz, usda};
 use crate::error::Error;
+use crate::io::foreign::{BYTE_ORDER_MARK, json_text, refuse_foreign};
 
 /// File extensions of splats.
 const ENDINGS: [&str; 8] = [".ply", ".spz", ".sog", ".json", ".glb", ".gltf", ".ksplat", ".splat"];
@@ -32,6 +34,8 @@ pub enum Format {
     Ksplat,
     /// `.splat`.
     Splat,
+    /// USD in text.
+    Usda,
 }
 
 impl Format {
@@ -44,6 +48,7 @@ impl Format {
             Self::Glb | Self::Gltf => "gltf",
             Self::Ksplat => "ksplat",
             Self::Splat => "splat",
+            Self::Usda => "usda",
         }
     }
 
@@ -54,7 +59,9 @@ impl Format {
 
     /// Detects the format by content.
     pub fn of(file: &str, bytes: &[u8]) -> Result<Self, Error> {
-        let starts = |magic: &[u8]| bytes.starts_with(magic);
+        refuse_foreign(file, bytes)?;
+        let unmarked = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
+        let starts = |magic: &[u8]| unmarked.starts_with(magic);
         if starts(b"ply\n") || starts(b"ply\r\n") || starts(b"ply ") {
             return Ok(Self::Ply);
         }
@@ -63,6 +70,12 @@ impl Format {
         }
         if starts(b"PK\x03\x04") {
             return Ok(Self::SogBundle);
+        }
+        if starts(usda::MAGIC) {
+            return Ok(Self::Usda);
+        }
+        if starts(usda::BINARY) {
+            return Err(Error::unsupported(file, "binary USD; save it as text, `.usda`"));
         }
         if starts(gltf::MAGIC) {
             return Ok(Self::Glb);
@@ -73,7 +86,11 @@ impl Format {
                 asset: Option<serde::de::IgnoredAny>,
                 means: Option<serde::de::IgnoredAny>,
             }
-            let peek: Peek = serde_json::from_slice(bytes)
+            if streamed::is_streamed(bytes) {
+                let what = "the levels of a streamed SOG; `LoadSplats` reads them from its folder";
+                return Err(Error::unsupported(file, what));
+            }
+            let peek: Peek = serde_json::from_slice(json_text(bytes))
                 .map_err(|e| Error::format(file, format!("broken JSON: {e}")))?;
             return match peek {
                 Peek { means: Some(_), .. } => Ok(Self::SogMeta),
@@ -102,20 +119,61 @@ impl Format {
 }
 
 fn is_json(bytes: &[u8]) -> bool {
-    bytes.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'{')
+    let text = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
+    text.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'{')
+}
+
+/// A file of splats of a parameter.
+pub struct Piece {
+    /// The file.
+    pub file: InputFile,
+    /// Rows to read, ascending; `None` for all of them.
+    pub ranges: Option<Ranges>,
+}
+
+impl Piece {
+    fn whole(file: InputFile) -> Self {
+        Self { file, ranges: None }
+    }
+}
+
+/// The files of a parameter.
+pub struct Expanded {
+    /// Files of splats, in order.
+    pub pieces: Vec<Piece>,
+    /// The description of a streamed scene, which names the pieces.
+    pub listing: Option<InputFile>,
+    /// Decisions and warnings: id, text, and true for a warning.
+    pub notes: Vec<(&'static str, String, bool)>,
+}
+
+impl Expanded {
+    fn of(files: Vec<InputFile>) -> Self {
+        Self { pieces: files.into_iter().map(Piece::whole).collect(), listing: None, notes: Vec::new() }
+    }
 }
 
 /// The files of a parameter: the file itself, or the files in the folder. A folder is a SOG scene with its
-/// `meta.json`, or holds such folders and bundles (`.sog`), joined in the order of their names.
-pub fn expand(file: &InputFile, path: &Path) -> Result<Vec<InputFile>, NodeError> {
+/// `meta.json`, a streamed one with its `lod-meta.json`, or holds such folders and bundles (`.sog`), joined in the
+/// order of their names. Of a streamed scene, the files of one level are taken.
+pub fn expand(file: &InputFile, path: &Path, level: u32) -> Result<Expanded, NodeError> {
     if !path.is_dir() {
-        return Ok(vec![file.clone()]);
+        let named = path.is_file() && file.0.to_ascii_lowercase().ends_with(".json");
+        let read = || std::fs::read(path).ok().filter(|bytes| streamed::is_streamed(bytes));
+        return match named.then(read).flatten() {
+            Some(bytes) => streamed_level(file, &bytes, level),
+            None => Ok(Expanded::of(vec![file.clone()])),
+        };
     }
     let inside = |name: &str| InputFile(format!("{}/{name}", file.0.trim_end_matches('/')));
-    if path.join("meta.json").is_file() {
-        return Ok(vec![inside("meta.json")]);
-    }
     let failed = |e| NodeError::new(format!("cannot list `{}`: {e}", path.display()));
+    if path.join(streamed::NAME).is_file() {
+        let bytes = std::fs::read(path.join(streamed::NAME)).map_err(failed)?;
+        return streamed_level(&inside(streamed::NAME), &bytes, level);
+    }
+    if path.join("meta.json").is_file() {
+        return Ok(Expanded::of(vec![inside("meta.json")]));
+    }
     let mut chunks = Vec::new();
     for entry in std::fs::read_dir(path).map_err(failed)? {
         let entry = entry.map_err(failed)?;
@@ -131,7 +189,43 @@ pub fn expand(file: &InputFile, path: &Path) -> Result<Vec<InputFile>, NodeError
         return Err(NodeError::new(what).hint("name a file, or a folder with `meta.json` or with chunks"));
     }
     chunks.sort();
-    Ok(chunks.iter().map(|name| inside(name)).collect())
+    let mut all = Expanded::of(chunks.iter().map(|name| inside(name)).collect());
+    if looks_like_levels(&chunks) {
+        let text = format!(
+            "the folder `{}` holds chunks named as levels of a streamed SOG, without its `{}`: all of them are \
+             joined; name one of them if they are levels of the same scene",
+            file.0,
+            streamed::NAME
+        );
+        all.notes.push(("levels-joined", text, true));
+    }
+    Ok(all)
+}
+
+/// True if all chunks are named as splat-transform names those of a streamed scene, level and number, with more than
+/// one level.
+fn looks_like_levels(chunks: &[String]) -> bool {
+    let level = |chunk: &String| -> Option<u32> {
+        let name = chunk.split(['/', '.']).next()?;
+        let (level, number) = name.split_once('_')?;
+        number.parse::<u32>().ok()?;
+        level.parse().ok()
+    };
+    let levels: Option<std::collections::BTreeSet<u32>> = chunks.iter().map(level).collect();
+    levels.is_some_and(|levels| levels.len() > 1)
+}
+
+/// The files of one level of a streamed scene.
+fn streamed_level(listing: &InputFile, bytes: &[u8], level: u32) -> Result<Expanded, NodeError> {
+    let found = streamed::level(&listing.0, bytes, level)?;
+    let folder = listing.0.rsplit_once('/').map_or(String::new(), |(folder, _)| format!("{folder}/"));
+    let text = format!("`{}` has {} levels; level {level} is read", listing.0, found.levels);
+    let pieces = found
+        .files
+        .into_iter()
+        .map(|(name, ranges)| Piece { file: InputFile(format!("{folder}{name}")), ranges })
+        .collect();
+    Ok(Expanded { pieces, listing: Some(listing.clone()), notes: vec![("streamed-level", text, false)] })
 }
 
 /// A file and the files that it refers to, found by reading JSON only.
@@ -148,7 +242,7 @@ pub fn with_companions(file: &InputFile, root: &SourceRoot) -> Result<Vec<Source
         let bytes = std::fs::read(&source.path).map_err(failed)?;
         let names: Vec<String> = match Format::of(&file.0, &bytes)? {
             Format::SogMeta => Meta::read(&file.0, &bytes)?.files().map(str::to_owned).collect(),
-            Format::Gltf => Document::read(&file.0, &bytes)?.files().map(str::to_owned).collect(),
+            Format::Gltf => Document::read(&file.0, &bytes)?.files(&file.0)?,
             _ => Vec::new(),
         };
         sources.extend(names.iter().map(|name| root.beside(&source, name)));

@@ -16,6 +16,7 @@ use super::rows::{Row, largest_left_out, sh_rest};
 use super::{Loaded, Reading};
 use crate::error::Error;
 use crate::math::num;
+use crate::types::frame::Similarity;
 
 /// `NGSP`, the first bytes of every version after decompression.
 pub(super) const MAGIC: &[u8; 4] = b"NGSP";
@@ -234,9 +235,9 @@ pub(super) fn load(
             let axes = named_axes(file, header.flags, &extensions)?;
             let axes = axes.filter(|_| reading.placing.frame == Frame::ByFormat).unwrap_or(DMat3::IDENTITY);
             let world = reading.world(file, Some(Up::PlusY), false, notes);
-            let (matrix, scale) = world.unwrap_or((DMat3::IDENTITY, 1.0));
-            let matrix = matrix * axes;
-            own = (matrix != DMat3::IDENTITY || scale != 1.0).then(|| Turn::new(matrix, scale, DVec3::ZERO));
+            let world = world.unwrap_or(Similarity::IDENTITY);
+            let all = Similarity { rotation: world.rotation * axes, ..world };
+            own = (all != Similarity::IDENTITY).then(|| Turn::new(all.rotation, all.scale, all.offset));
             own.as_ref()
         }
     };

@@ -3,6 +3,7 @@
 mod build;
 mod hostile;
 mod inria;
+mod other_tools;
 mod placed;
 
 use engine::{InputFile, Kind, Note, SourceRoot};
@@ -68,8 +69,11 @@ fn what_is_not_finite_is_dropped_or_named() {
             let at = bytes.len() - 2 * fields + field * 4;
             bytes[at..at + 4].copy_from_slice(&bad.to_le_bytes());
             let (splats, notes) = read(&bytes).unwrap();
-            // Normals are not used. An opacity or a scale of -inf would be 0, but indicates damage.
-            let kept = if (3..6).contains(&field) { 3 } else { 2 };
+            // Normals are not used. The rest has 45 fields; then an infinite opacity is 1 or 0, and a scale of -inf
+            // is a thickness of 0.
+            let opacity = field == 9 + 45 && bad.is_infinite();
+            let thin = (55..58).contains(&field) && bad == f32::NEG_INFINITY;
+            let kept = if (3..6).contains(&field) || opacity || thin { 3 } else { 2 };
             assert_eq!(splats.len(), kept, "field {field} {bad}");
             assert_eq!(counts(&notes).len(), 3 - kept);
         }
@@ -87,7 +91,9 @@ fn what_is_not_finite_is_dropped_or_named() {
         more: Vec::new(),
         strict: true,
         max_extent: 1e6,
+        level: 0,
         frame: Frame::ByFormat,
+        matrix: None,
     };
     let error = LoadSplats::run(&params, In {}, &cx).err().unwrap();
     assert!(error.message().contains("splat 33333 "), "{error}");
@@ -323,7 +329,9 @@ fn sog_versions_and_wrappings_agree() {
             more: Vec::new(),
             strict: true,
             max_extent: 1e6,
+            level: 0,
             frame: Frame::ByFormat,
+            matrix: None,
         };
         let sources = LoadSplats::sources(&params, &root).unwrap();
         (LoadSplats::run(&params, In {}, &cx).unwrap().0.splats, sources)
@@ -394,7 +402,7 @@ fn unknown_content_is_refused_in_words() {
         (&b""[..], "empty"),
         (b"\x89PNG\r\n\x1a\n rest of a picture, not a scene", "not a known format"),
         (b"{\"frames\": []}", "neither glTF nor"),
-        (b"ply\nformat ascii 1.0\nend_header\n", "binary_little_endian"),
+        (b"ply\nformat ascii 1.0\nend_header\n", "no element `vertex`"),
         (b"ply\nformat binary_little_endian 1.0\nelement face 0\nend_header\n", "no element `vertex`"),
         (
             b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty float x\nend_header\n",
@@ -440,7 +448,9 @@ fn chunks_that_come_and_go_while_it_runs_ask_for_another_run() {
         more: Vec::new(),
         strict: true,
         max_extent: 1e6,
+        level: 0,
         frame: Frame::ByFormat,
+        matrix: None,
     };
     let sources = LoadSplats::sources(&params, &SourceRoot::new(folder.path())).unwrap();
     let scene = engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };

@@ -1,8 +1,9 @@
 use super::*;
 use crate::math::color::srgb_from_linear;
+use crate::testing::context as cx;
 use crate::testing::row;
 use crate::types::{Cell, Data, Srgb};
-use engine::{Kind, Scene, Up};
+use engine::{Kind, Up};
 use glam::DVec3;
 
 mod energy;
@@ -10,10 +11,6 @@ mod sky;
 
 const W: usize = 64;
 const H: usize = 32;
-
-fn cx() -> Context {
-    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".")
-}
 
 fn params() -> FuseHdr {
     FuseHdr {

@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use super::distortion::{Bend, Coefficients};
 use super::{Raw, from_colmap};
 use crate::error::Error;
+use crate::io::foreign::{BYTE_ORDER_MARK, refuse_foreign};
 
 /// Name and number of parameters of each camera model, by its number in binary files; see COLMAP's
 /// documentation of cameras.txt.
@@ -25,7 +27,28 @@ struct Lens {
     width: u64,
     height: u64,
     lens: [f64; 4],
-    distortion: Option<String>,
+    distortion: Option<Bend>,
+}
+
+/// The coefficients of a model other than a fisheye, from the parameters after the principal point.
+fn coefficients(model: &str, rest: &[f64]) -> Coefficients {
+    let mut found = Coefficients::default();
+    match (model, rest) {
+        ("SIMPLE_RADIAL", [k1]) => found.k[0] = *k1,
+        ("RADIAL", [k1, k2]) => found.k[..2].copy_from_slice(&[*k1, *k2]),
+        ("OPENCV", [k1, k2, p1, p2]) => {
+            found.k[..2].copy_from_slice(&[*k1, *k2]);
+            found.p = [*p1, *p2];
+        }
+        ("FULL_OPENCV", [k1, k2, p1, p2, others @ ..]) => {
+            found.k[..2].copy_from_slice(&[*k1, *k2]);
+            found.p = [*p1, *p2];
+            found.k[2..].iter_mut().zip(others).for_each(|(to, from)| *to = *from);
+        }
+        ("FOV", [omega]) => found.omega = *omega,
+        _ => {}
+    }
+    found
 }
 
 fn lens(model: &str, width: u64, height: u64, params: &[f64]) -> Option<Lens> {
@@ -43,8 +66,14 @@ fn lens(model: &str, width: u64, height: u64, params: &[f64]) -> Option<Lens> {
         _ => return None,
     };
     // Fisheye models distort even when all their coefficients are 0.
-    let bends = model.contains("FISHEYE") || model == "FOV" || rest.iter().any(|k| *k != 0.0);
-    Some(Lens { width, height, lens, distortion: bends.then(|| format!("{model} {rest:?}")) })
+    let pixels = if model.contains("FISHEYE") {
+        f64::INFINITY
+    } else {
+        coefficients(model, rest).pixels([width, height], lens)
+    };
+    let bends = pixels.partial_cmp(&0.0) != Some(std::cmp::Ordering::Equal);
+    let distortion = bends.then(|| Bend { text: format!("{model} {rest:?}"), pixels });
+    Some(Lens { width, height, lens, distortion })
 }
 
 fn camera(
@@ -79,10 +108,14 @@ fn sorted(mut cameras: Vec<Raw>) -> Vec<Raw> {
 
 /// `cameras.txt` and `images.txt`.
 pub fn text(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error> {
-    let as_text = |bytes| std::str::from_utf8(bytes).map_err(|_| Error::format(file, "is not text"));
+    fn as_text<'a>(file: &str, bytes: &'a [u8]) -> Result<&'a str, Error> {
+        refuse_foreign(file, bytes)?;
+        let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
+        std::str::from_utf8(bytes).map_err(|_| Error::format(file, "is not text"))
+    }
     let mut lenses = BTreeMap::new();
-    for (number, line) in as_text(cameras)?.lines().enumerate() {
-        if line.trim().is_empty() || line.starts_with('#') {
+    for (number, line) in as_text(file, cameras)?.lines().enumerate() {
+        if line.trim().is_empty() || line.trim_start().starts_with('#') {
             continue;
         }
         let odd = || Error::format(file, format!("line {} of cameras.txt is not understood", number + 1));
@@ -93,10 +126,10 @@ pub fn text(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error
         lenses.insert(whole(id)?, lens(model, whole(width)?, whole(height)?, &params).ok_or_else(odd)?);
     }
     let mut found = Vec::new();
-    for (number, line) in as_text(images)?.lines().enumerate() {
+    for (number, line) in as_text(file, images)?.lines().enumerate() {
         // Lines between the cameras list the points that they see, unless the writer left them out: triples of
         // numbers, or empty.
-        if line.trim().is_empty() || line.starts_with('#') || is_points(line) {
+        if line.trim().is_empty() || line.trim_start().starts_with('#') || is_points(line) {
             continue;
         }
         let odd = || Error::format(file, format!("line {} of images.txt is not understood", number + 1));

@@ -1,16 +1,43 @@
-//! Cameras in JSON: our own lists, nerfstudio's `transforms.json`, INRIA's `cameras.json`.
+//! Cameras in JSON: our own lists, nerfstudio's `transforms.json` and `camera_path.json`, INRIA's `cameras.json`.
 
 use engine::Notes;
 use glam::{DMat4, DVec4};
 use serde_json::Value;
 
 use super::Raw;
+use super::distortion::{Bend, Coefficients};
 use crate::error::Error;
+use crate::io::foreign::{json_text, refuse_foreign};
 use crate::math::num;
 
-/// Reads any of the three formats, detected by content.
-pub fn read(file: &str, bytes: &[u8], list: &str, notes: &mut Notes) -> Result<Vec<Raw>, Error> {
-    let json: Value = serde_json::from_slice(bytes)
+/// Width and height of the picture of a frame, by its path in the file.
+pub type Sizes<'a> = &'a dyn Fn(&str) -> Option<[u64; 2]>;
+
+/// The path of a picture as this system writes it: exporters of Windows separate folders by back slashes.
+pub fn picture_path(path: &str) -> String {
+    let path = path.replace('\\', "/");
+    path.strip_prefix("./").map(str::to_owned).unwrap_or(path)
+}
+
+/// Paths of pictures of frames that have no size, in a `transforms.json`; empty for any other file.
+pub fn pictures_without_size(bytes: &[u8]) -> Vec<String> {
+    let Ok(json) = serde_json::from_slice::<Value>(json_text(bytes)) else { return Vec::new() };
+    let sized =
+        |frame: &Value| ["w", "h"].iter().all(|key| level(&json, frame, &[*key])[*key].as_f64().is_some());
+    let frames = json["frames"].as_array().into_iter().flatten();
+    frames.filter(|f| !sized(f)).filter_map(|f| f["file_path"].as_str()).map(picture_path).collect()
+}
+
+/// Reads any of the formats, detected by content.
+pub fn read(
+    file: &str,
+    bytes: &[u8],
+    list: &str,
+    sizes: Sizes<'_>,
+    notes: &mut Notes,
+) -> Result<Vec<Raw>, Error> {
+    refuse_foreign(file, bytes)?;
+    let json: Value = serde_json::from_slice(json_text(bytes))
         .map_err(|e| Error::format(file, format!("its JSON does not parse: {e}")))?;
     let all = |list: &[Value], read: &dyn Fn(&Value) -> Result<Raw, String>| {
         let each = list.iter().enumerate();
@@ -27,7 +54,15 @@ pub fn read(file: &str, bytes: &[u8], list: &str, notes: &mut Notes) -> Result<V
                 "poses are used as stored, including nerfstudio's applied_transform",
             );
         }
-        return all(frames, &|frame| nerfstudio(&json, frame));
+        return all(frames, &|frame| nerfstudio(&json, frame, sizes));
+    }
+    if let Some(path) = json["camera_path"].as_array() {
+        let each = path.iter().enumerate();
+        return each
+            .map(|(i, v)| {
+                path_camera(&json, v, i).map_err(|what| Error::format(file, format!("camera {i} {what}")))
+            })
+            .collect();
     }
     match json[list].as_array() {
         Some(views) => all(views, &own),
@@ -97,47 +132,116 @@ fn own(v: &Value) -> Result<Raw, String> {
     })
 }
 
-/// A camera of nerfstudio: as its data format defines, values missing in a frame are taken from the top level of
-/// the file.
-fn nerfstudio(top: &Value, frame: &Value) -> Result<Raw, String> {
-    let holder = |key: &str| if frame.get(key).is_some() { frame } else { top };
-    let (width, height) = (pixels(holder("w"), "w")?, pixels(holder("h"), "h")?);
-    let focal = |key: &str, angle: &str, size: u64| -> Option<f64> {
-        let holder = holder(key);
-        holder[key].as_f64().or_else(|| {
-            let angle = number(top, angle).ok()?;
-            Some(size as f64 / 2.0 / num::f64::tan(angle / 2.0))
-        })
-    };
-    let fx = focal("fl_x", "camera_angle_x", width).ok_or("has neither `fl_x` nor `camera_angle_x`")?;
-    let fy = focal("fl_y", "camera_angle_y", height).unwrap_or(fx);
-    let middle = |key: &str, size: u64| holder(key)[key].as_f64().unwrap_or(size as f64 / 2.0);
-    let model = holder("camera_model")["camera_model"].as_str().unwrap_or("OPENCV");
-    let bends: Vec<String> = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"]
-        .into_iter()
-        .filter_map(|key| holder(key)[key].as_f64().filter(|k| *k != 0.0).map(|k| format!("{key} {k}")))
-        .collect();
-    // Fisheye models distort even when all their coefficients are 0.
-    let bent = match model {
-        "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "perspective" => !bends.is_empty(),
-        "SIMPLE_RADIAL" | "RADIAL" | "FULL_OPENCV" => true,
-        model if model.contains("FISHEYE") => true,
-        other => {
-            return Err(format!("has the camera model `{other}`, which is not a pinhole camera"));
+/// The frame if it has one of these values, otherwise the top level of the file.
+fn level<'a>(top: &'a Value, frame: &'a Value, keys: &[&str]) -> &'a Value {
+    if keys.iter().any(|key| !frame[*key].is_null()) { frame } else { top }
+}
+
+/// Flags of lenses that are not pinhole cameras: instant-ngp's `transforms.json`.
+const OTHER_LENSES: [&str; 5] =
+    ["latlong", "equirectangular", "orthographic", "ftheta_p0", "is_equirectangular"];
+
+/// The focal length along an axis, in pixels: a number, or by an angle in radians, or by one in degrees.
+fn focal(holder: &Value, [length, radians, degrees]: [&str; 3], size: u64) -> Option<f64> {
+    let by_angle = |angle: f64| size as f64 / 2.0 / num::f64::tan(angle / 2.0);
+    let angle = || holder[radians].as_f64().or_else(|| Some(holder[degrees].as_f64()?.to_radians()));
+    holder[length].as_f64().or_else(|| angle().map(by_angle))
+}
+
+/// See nerfstudio's page on its data format: values missing in a frame are taken from the top level of the file. A
+/// frame that has a lens of its own, in whatever form, takes none of that of the top level.
+fn nerfstudio(top: &Value, frame: &Value, sizes: Sizes<'_>) -> Result<Raw, String> {
+    let holder = |key: &str| level(top, frame, &[key]);
+    let picture = picture_path(frame["file_path"].as_str().ok_or("has no `file_path`")?);
+    let (width, height) = match (pixels(holder("w"), "w"), pixels(holder("h"), "h")) {
+        (Ok(width), Ok(height)) => (width, height),
+        (width, height) => {
+            let [w, h] = sizes(&picture)
+                .ok_or_else(|| format!("has no size `w`, `h`, and its picture `{picture}` cannot be read"))?;
+            (width.unwrap_or(w), height.unwrap_or(h))
         }
     };
-    let picture = frame["file_path"].as_str().ok_or("has no `file_path`")?.to_owned();
+    const X: [&str; 3] = ["fl_x", "camera_angle_x", "x_fov"];
+    const Y: [&str; 3] = ["fl_y", "camera_angle_y", "y_fov"];
+    let lens = level(top, frame, &[X, Y].concat());
+    let (fx, fy) = match (focal(lens, X, width), focal(lens, Y, height)) {
+        (Some(fx), Some(fy)) => (fx, fy),
+        (Some(one), None) | (None, Some(one)) => (one, one),
+        (None, None) => return Err("has neither `fl_x` nor `camera_angle_x`".to_owned()),
+    };
+    let middle = |key: &str, size: u64| holder(key)[key].as_f64().unwrap_or(size as f64 / 2.0);
+    let model = holder("camera_model")["camera_model"].as_str().unwrap_or("OPENCV");
+    let mut found = Coefficients::default();
+    let mut bends = Vec::new();
+    let names = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
+    for (name, to) in names.into_iter().zip(found.k.iter_mut().chain(&mut found.p)) {
+        *to = holder(name)[name].as_f64().unwrap_or(0.0);
+        if *to != 0.0 {
+            bends.push(format!("{name} {to}"));
+        }
+    }
+    if let Some(flag) = OTHER_LENSES.into_iter().find(|flag| is_set(&holder(flag)[*flag])) {
+        return Err(format!("has `{flag}`, which is not a pinhole camera"));
+    }
+    let fisheye = is_set(&holder("is_fisheye")["is_fisheye"]);
+    let upper = model.to_ascii_uppercase();
+    // Fisheye models distort even when all their coefficients are 0.
+    let bent = match upper.as_str() {
+        _ if fisheye || upper.contains("FISHEYE") => true,
+        "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "PERSPECTIVE" | "SIMPLE_RADIAL" | "RADIAL"
+        | "FULL_OPENCV" => !found.is_zero(),
+        _ => return Err(format!("has the camera model `{model}`, which is not a pinhole camera")),
+    };
+    let lens = [fx, fy, middle("cx", width), middle("cy", height)];
+    let fish = fisheye || upper.contains("FISHEYE");
+    let pixels = if fish { f64::INFINITY } else { found.pixels([width, height], lens) };
+    let name = if fisheye { format!("{model}, `is_fisheye`") } else { model.to_owned() };
     Ok(Raw {
         picture,
         width,
         height,
-        lens: [fx, fy, middle("cx", width), middle("cy", height)],
-        distortion: bent.then(|| [vec![model.to_owned()], bends].concat().join(" ")),
+        lens,
+        distortion: bent.then(|| Bend { text: [vec![name], bends].concat().join(" "), pixels }),
         world_from_camera: pose(matrix(frame, "transform_matrix", 4)?, true),
     })
 }
 
-/// A camera as `camera_to_JSON` of the INRIA code writes it: position, and rotation from camera to world.
+/// True for a flag that is set: writers use `true`, numbers and text.
+fn is_set(value: &Value) -> bool {
+    match value {
+        Value::Bool(set) => *set,
+        Value::Number(number) => number.as_f64() != Some(0.0),
+        Value::String(text) => matches!(text.to_ascii_lowercase().as_str(), "true" | "1" | "yes"),
+        _ => false,
+    }
+}
+
+/// A camera of `camera_path.json` of nerfstudio's viewer: 16 numbers in rows, y up and z backward, and the vertical
+/// angle in degrees (nerfstudio, `get_path_from_json`).
+fn path_camera(top: &Value, camera: &Value, index: usize) -> Result<Raw, String> {
+    let model = level(top, camera, &["camera_type"])["camera_type"].as_str().unwrap_or("perspective");
+    if !model.eq_ignore_ascii_case("perspective") {
+        return Err(format!("has the camera type `{model}`, which is not a pinhole camera"));
+    }
+    let (width, height) = (pixels(top, "render_width")?, pixels(top, "render_height")?);
+    let mut rows = [[0.0; 4]; 3];
+    for (at, slot) in rows.as_flattened_mut().iter_mut().enumerate() {
+        let number = camera["camera_to_world"][at].as_f64();
+        *slot = number.ok_or("has no `camera_to_world` of 16 numbers")?;
+    }
+    let angle = number(camera, "fov")?.to_radians();
+    let focal = height as f64 / 2.0 / num::f64::tan(angle / 2.0);
+    Ok(Raw {
+        picture: format!("{index:05}"),
+        width,
+        height,
+        lens: [focal, focal, width as f64 / 2.0, height as f64 / 2.0],
+        distortion: None,
+        world_from_camera: pose(rows, true),
+    })
+}
+
+/// As written by `camera_to_JSON` of the INRIA code: position and rotation of world from camera.
 fn inria(v: &Value) -> Result<Raw, String> {
     let mut rows = matrix(v, "rotation", 3)?;
     for (axis, row) in rows.iter_mut().enumerate() {

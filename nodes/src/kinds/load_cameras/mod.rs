@@ -1,7 +1,11 @@
 //! `load-cameras`: the cameras of a capture or of another program.
 
 mod colmap;
+mod dataparser;
+mod distortion;
+mod gltf;
 mod json;
+mod pick;
 #[cfg(test)]
 mod tests;
 
@@ -9,12 +13,19 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use engine::{
-    Context, InputFile, Keep, Kind, NodeError, Notes, Scene, SourceFile, SourceRoot, Up, ViewCount,
+    Context, ContextField, InputFile, Keep, Kind, NodeError, Notes, Scene, SourceFile, SourceRoot, Up,
+    ViewCount,
 };
 use glam::{DMat3, DMat4, DVec3};
 
 use crate::error::Error;
+use crate::io::picture;
+use crate::types::frame::Similarity;
 use crate::types::{Camera, Rig};
+use dataparser::Dataparser;
+use distortion::{Bend, INVISIBLE_PX};
+
+pub use pick::Pick;
 
 engine::choices! {
     /// Treatment of lens distortion, which a pinhole camera cannot represent.
@@ -26,27 +37,38 @@ engine::choices! {
     }
 }
 engine::params! {
-    /// Loads cameras: our own JSON, COLMAP, nerfstudio or INRIA files.
+    /// Loads cameras: our own JSON, COLMAP, nerfstudio or INRIA files, or those of a glTF scene.
     ///
     /// The format is detected by content: (1) our own JSON, `{"views": [{"name": "view_0", "w": 512, "h": 384,
     /// "fx": 491.8, "fy": 491.8, "cx": 256.0, "cy": 192.0, "c2w_opencv": [[..4], [..4], [..4], [..4]]}]}` with the
     /// rows of the matrix from camera to world, camera x right, y down, z forward; or `c2w_opengl`, y up and z
     /// backward. (2) A COLMAP model, text or binary: its folder, or a folder that holds `sparse/0`. (3)
-    /// nerfstudio's `transforms.json`. (4) INRIA's `cameras.json`. Pixel centres lie at +0.5 in all of them. A view
-    /// is named after its picture, without folder and extension, but with as many folders as needed to distinguish
-    /// pictures of the same name: `day1_IMG_0001`.
+    /// nerfstudio's `transforms.json`, or `camera_path.json` of its viewer. (4) INRIA's `cameras.json`. (5) The
+    /// perspective cameras of a glTF or GLB scene, converted from y up and metres to the world as objects are; their
+    /// pictures have 1080 rows times `resolution`. Frames of (3) without a size have that of their pictures. Distortion
+    /// that moves no point of the picture by more than a twentieth of a pixel is left out. Pixel centres lie at +0.5 in
+    /// all of them. A view is named after its picture, without folder and extension, but with as many folders as needed
+    /// to distinguish pictures of the same name: `day1_IMG_0001`.
     pub struct LoadCameras {
         /// The file, or the folder of a COLMAP model.
         path: InputFile, other("\"b.json\"");
         /// Cameras to load, in this order: names or paths of pictures, with wildcards `*` and `?`, or ranges of
-        /// indices from 0 such as `2..5`, or `0..400..8` for every eighth. The default is all cameras.
-        pick: Vec<String> = Vec::new(), other("[\"0..1\"]");
+        /// indices from 0 such as `2..5`, or `0..400..8` for every eighth, or an index: `pick: [Axis("v")]` with
+        /// `axes: (v: Range(0, 300))` renders one camera after the other, in the memory of one. The default is all
+        /// cameras.
+        pick: Vec<Pick> = Vec::new(), other("[\"0..1\"]");
         /// Name of the list in our own JSON format.
         list: String = "views".to_owned(), other("\"cube_faces\""), inert("only our own JSON has lists");
         /// Factor applied to width and height of the pictures.
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
         /// Treatment of lens distortion.
         distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have none");
+        /// `dataparser_transforms.json` of nerfstudio's training run, for splats that it exported: the cameras are
+        /// moved from the coordinates of the capture to those of the splats. COLMAP models and `transforms.json` need
+        /// it, `camera_path.json` has the coordinates of the splats already.
+        dataparser: Option<InputFile> = None, other("Some(\"dataparser_transforms.json\")");
+        /// A rotation, an even scale and a shift of the cameras: 16 numbers, row after row, as `load-splats` has them.
+        matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }
 engine::inputs! {
@@ -70,8 +92,8 @@ struct Raw {
     height: u64,
     /// fx, fy, cx, cy in pixels.
     lens: [f64; 4],
-    /// The distortion model and its nonzero parameters.
-    distortion: Option<String>,
+    /// Lens distortion, if the camera has any.
+    distortion: Option<Bend>,
     /// Camera x right, y down, z forward.
     world_from_camera: DMat4,
 }
@@ -81,18 +103,29 @@ const CAMERA_LIMIT: usize = 1_000_000;
 
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
+    const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
     type Params = Self;
     type In = In;
     type Out = Out;
 
+    fn check(p: &Self) -> Result<(), NodeError> {
+        Similarity::of_parameter(p.matrix.as_ref()).map(|_| ())
+    }
+
     fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
-        if is_json(&p.path) {
-            return Ok(vec![root.file(&p.path)]);
-        }
-        Ok(files(&p.path, root)?.iter().map(|file| root.file(file)).collect())
+        let mut sources = if is_json(&p.path) {
+            with_pictures(root.file(&p.path), root)
+        } else if is_gltf(&p.path) {
+            vec![root.file(&p.path)]
+        } else {
+            files(&p.path, root)?.iter().map(|file| root.file(file)).collect()
+        };
+        sources.extend(p.dataparser.iter().map(|file| root.file(file)));
+        sources.extend(unused_dataparser(p, root));
+        Ok(sources)
     }
 
     fn views(p: &Self, root: &SourceRoot) -> ViewCount {
@@ -112,6 +145,14 @@ impl Kind for LoadCameras {
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
         let raw = read(p, cx, &mut notes).map_err(|e| e.at("path"))?;
+        if unused_dataparser(p, cx.root()).is_some() {
+            let text = format!(
+                "`{}` lies beside the cameras: splats that nerfstudio exported are in the coordinates that it gives; \
+                 for them, set `dataparser` to it",
+                dataparser::NAME
+            );
+            notes.warning("dataparser-unused", text);
+        }
         if raw.is_empty() {
             return Err(NodeError::from(Error::format(&p.path.0, "holds no camera")).at("path"));
         }
@@ -123,11 +164,25 @@ impl Kind for LoadCameras {
         }
         let pictures: Vec<&str> = raw.iter().map(|camera| camera.picture.as_str()).collect();
         let names = view_names(&pictures);
-        let chosen = pick(&p.pick, &names, &pictures).map_err(|e| e.at("pick"))?;
+        let chosen = chosen(&p.pick, &names, &pictures).map_err(|e| e.at("pick"))?;
         let cameras = chosen
-            .into_iter()
-            .map(|index| finish(p, &raw[index], names[index].clone(), &mut notes))
+            .iter()
+            .map(|&index| finish(p, &raw[index], names[index].clone(), &mut notes))
             .collect::<Result<Vec<_>, _>>()?;
+        let tiny: Vec<f64> = chosen
+            .iter()
+            .filter_map(|index| raw[*index].distortion.as_ref())
+            .map(|bend| bend.pixels)
+            .filter(|pixels| *pixels <= INVISIBLE_PX)
+            .collect();
+        if !tiny.is_empty() {
+            let text = format!(
+                "lens distortion of {} cameras moves no point by more than {:.1e} px and is left out",
+                tiny.len(),
+                tiny.iter().copied().fold(0.0, f64::max)
+            );
+            notes.decision("distortion-invisible", text);
+        }
         let mut seen = BTreeSet::new();
         if let Some(twice) = cameras.iter().find(|camera| !seen.insert(&camera.name)) {
             let what = format!("two cameras are named `{}`", twice.name);
@@ -138,8 +193,32 @@ impl Kind for LoadCameras {
     }
 }
 
+/// A JSON file of cameras, and the pictures whose sizes it lacks.
+fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
+    let read = || if file.path.is_file() { std::fs::read(&file.path).ok() } else { None };
+    let names: BTreeSet<String> =
+        read().iter().flat_map(|bytes| json::pictures_without_size(bytes)).collect();
+    let mut files: Vec<SourceFile> = names.iter().filter_map(|name| existing(&file, name, root)).collect();
+    files.insert(0, file);
+    files
+}
+
+/// The picture of a frame, which lies beside the file of cameras; its ending may be left out, as in the synthetic
+/// scenes of NeRF.
+fn existing(file: &SourceFile, picture: &str, root: &SourceRoot) -> Option<SourceFile> {
+    ["", ".png", ".jpg", ".jpeg", ".JPG", ".PNG"]
+        .iter()
+        .map(|ending| root.beside(file, &format!("{picture}{ending}")))
+        .find(|source| source.path.is_file())
+}
+
 fn is_json(path: &InputFile) -> bool {
     path.0.to_lowercase().ends_with(".json")
+}
+
+fn is_gltf(path: &InputFile) -> bool {
+    let lower = path.0.to_lowercase();
+    lower.ends_with(".glb") || lower.ends_with(".gltf")
 }
 
 /// The files that a path other than `.json` may refer to, in order of preference.
@@ -174,26 +253,63 @@ fn is_part(file: &str) -> bool {
 }
 
 fn unknown(path: &InputFile) -> NodeError {
-    NodeError::new(format!("`{}` is neither a JSON file nor the folder of a COLMAP model", path.0))
+    NodeError::new(format!("`{}` is neither JSON nor glTF nor the folder of a COLMAP model", path.0))
         .at("path")
         .hint("a COLMAP model has `cameras.bin` and `images.bin`, or both as `.txt`")
 }
 
+/// `dataparser_transforms.json` in the folder of the file of cameras, where `dataparser` does not name one. The path of
+/// a viewer is in the coordinates of the splats.
+fn unused_dataparser(p: &LoadCameras, root: &SourceRoot) -> Option<SourceFile> {
+    let needs =
+        p.dataparser.is_none() && is_json(&p.path) && p.path.0.to_lowercase().ends_with("transforms.json");
+    let beside = needs.then(|| root.beside(&root.file(&p.path), dataparser::NAME))?;
+    (beside.path.is_file() && !p.path.0.ends_with(dataparser::NAME)).then_some(beside)
+}
+
 fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, NodeError> {
+    cx.check_listed(&LoadCameras::sources(p, cx.root())?)?;
+    let (mut cameras, json) = read_file(p, cx, notes)?;
+    let Some(file) = &p.dataparser else { return Ok(cameras) };
+    let mut dataparser =
+        Dataparser::read(&file.0, &cx.read(file)?).map_err(|e| NodeError::from(e).at("dataparser"))?;
+    if let Some(json) = json {
+        dataparser = dataparser.after_applied(&p.path.0, &json)?;
+    }
+    cameras.iter_mut().for_each(|camera| dataparser.apply(camera));
+    notes.decision("dataparser", format!("the cameras are moved by `{}`", file.0));
+    Ok(cameras)
+}
+
+/// The cameras of the file, and its bytes if it is JSON.
+fn read_file(
+    p: &LoadCameras,
+    cx: &Context,
+    notes: &mut Notes,
+) -> Result<(Vec<Raw>, Option<Vec<u8>>), NodeError> {
     let name = &p.path.0;
+    if is_gltf(&p.path) {
+        return Ok((gltf::read(name, &cx.read(&p.path)?, cx, notes)?, None));
+    }
     if is_json(&p.path) {
-        return Ok(json::read(name, &cx.read(&p.path)?, &p.list, notes)?);
+        let source = cx.source(&p.path);
+        let sizes = |picture: &str| picture::size(&existing(&source, picture, cx.root())?.path);
+        let bytes = cx.read(&p.path)?;
+        let cameras = json::read(name, &bytes, &p.list, &sizes, notes)?;
+        return Ok((cameras, Some(bytes)));
     }
     let files = files(&p.path, cx.root())?;
-    cx.check_listed(&files.iter().map(|file| cx.source(file)).collect::<Vec<_>>())?;
     let first = cx.read(&files[0])?;
     let Some(second) = files.get(1) else {
-        return Ok(json::read(&files[0].0, &first, &p.list, notes)?);
+        let cameras = json::read(&files[0].0, &first, &p.list, &|_| None, notes)?;
+        return Ok((cameras, Some(first)));
     };
     let second = cx.read(second)?;
     cx.check()?;
     let binary = files[0].0.ends_with(".bin");
-    Ok(if binary { colmap::binary(name, &first, &second)? } else { colmap::text(name, &first, &second)? })
+    let cameras =
+        if binary { colmap::binary(name, &first, &second)? } else { colmap::text(name, &first, &second)? };
+    Ok((cameras, None))
 }
 
 /// Names of pictures without folder and ending; equal names keep as many of their folders as needed to distinguish
@@ -240,12 +356,12 @@ fn view_name(picture: &str, folders: usize) -> String {
 }
 
 /// Indices of the chosen cameras, each once, in the order of the patterns.
-fn pick(wishes: &[String], names: &[String], pictures: &[&str]) -> Result<Vec<usize>, NodeError> {
+fn chosen(wishes: &[Pick], names: &[String], pictures: &[&str]) -> Result<Vec<usize>, NodeError> {
     if wishes.is_empty() {
         return Ok((0..names.len()).collect());
     }
     let (mut chosen, mut taken) = (Vec::new(), vec![false; names.len()]);
-    for wish in wishes {
+    for Pick(wish) in wishes {
         let found: Vec<usize> = match range(wish) {
             Some((start, end, step)) => (start..end.min(names.len())).step_by(step).collect(),
             None => {
@@ -301,7 +417,8 @@ fn matches(pattern: &str, name: &str) -> bool {
 /// Checks a camera, and scales it to the requested resolution.
 fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result<Camera, NodeError> {
     let bad = |what: String| NodeError::from(Error::format(&p.path.0, format!("camera `{name}`: {what}")));
-    if let Some(distortion) = &raw.distortion {
+    let seen = raw.distortion.as_ref().filter(|bend| bend.pixels.is_nan() || bend.pixels > INVISIBLE_PX);
+    if let Some(Bend { text: distortion, .. }) = seen {
         match p.distortion {
             Distortion::Refuse => {
                 return Err(bad(format!("has lens distortion ({distortion})")).at("path").hint(
@@ -337,6 +454,8 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     let turn = orthonormal(DMat3::from_mat4(raw.world_from_camera)).ok_or_else(|| {
         bad("its matrix is not a rotation".to_owned()).hint("a scaled or mirrored pose cannot be used")
     })?;
+    let matrix = Similarity::of_parameter(p.matrix.as_ref())?;
+    let (eye, turn) = (matrix.point(eye), matrix.rotation * turn);
     if !eye.is_finite() {
         return Err(bad("its position is not finite".to_owned()));
     }

@@ -8,6 +8,8 @@ fn node(path: &str) -> LoadCameras {
         list: "views".into(),
         resolution: 1.0,
         distortion: Distortion::Refuse,
+        dataparser: None,
+        matrix: None,
     }
 }
 
@@ -149,7 +151,7 @@ fn picks_names_globs_and_ranges() {
     let pictures = ["view_0", "view_1", "day/left.png", "view_10"];
     let names = view_names(&pictures);
     let pick = |wishes: &[&str]| {
-        pick(&wishes.iter().map(|w| (*w).to_owned()).collect::<Vec<_>>(), &names, &pictures).ok()
+        chosen(&wishes.iter().map(|w| Pick::from(*w)).collect::<Vec<_>>(), &names, &pictures).ok()
     };
     assert_eq!(pick(&[]), Some(vec![0, 1, 2, 3]));
     assert_eq!(pick(&["left", "view_?"]), Some(vec![2, 0, 1]));
@@ -197,7 +199,7 @@ fn pictures_of_one_name_keep_their_folders() {
         format!(r#"{{"w": 40, "h": 30, "fl_x": 50, "fl_y": 51, "frames": [{}]}}"#, frames.join(","))
     };
     let of = |paths, picked: &[&str]| {
-        let pick = picked.iter().map(|wish| (*wish).to_owned()).collect();
+        let pick = picked.iter().map(|wish| Pick::from(*wish)).collect();
         let loaded = load(&[("t.json", set(paths).as_bytes())], &LoadCameras { pick, ..node("t.json") });
         loaded.map(|(cameras, _)| cameras.into_iter().map(|camera| camera.name).collect::<Vec<_>>())
     };
@@ -223,7 +225,9 @@ fn hostile_files_are_errors() {
     assert!(colmap::binary("m", &cameras, &many).is_err());
     for text in [OWN, OPENGL, STUDIO, INRIA] {
         for end in 0..text.len() - 1 {
-            assert!(json::read("a", &text.as_bytes()[..end], "views", &mut Notes::none()).is_err());
+            assert!(
+                json::read("a", &text.as_bytes()[..end], "views", &|_| None, &mut Notes::none()).is_err()
+            );
         }
     }
     for (from, to) in [
@@ -239,6 +243,37 @@ fn hostile_files_are_errors() {
     }
     assert!(load(&[("c.json", b"{\"other\": 3}")], &node("c.json")).is_err());
     assert!(load(&[], &node("nowhere")).is_err());
+}
+
+/// A camera of Blender looks along -z with y up; its node is turned, scaled and a child of another.
+#[test]
+fn cameras_of_gltf_come_into_the_world_as_objects_do() {
+    let json = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+        "nodes": [{"translation": [1, 2, 3], "children": [1, 2]},
+                  {"name": "shot", "camera": 0, "scale": [2, 2, 2], "rotation": [0, 0.7071067811865476, 0, 0.7071067811865476]},
+                  {"camera": 1}],
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 1.5707963267948966, "aspectRatio": 2.0, "znear": 0.1}},
+                    {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "znear": 0.1, "zfar": 9}}]}"#;
+    let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+    std::fs::write(folder.path().join("a.gltf"), json).unwrap_or_else(|e| panic!("{e}"));
+    let scene = Scene { up: Up::PlusZ, metres_per_unit: 0.5, seed: 0, exhaustive: false };
+    let cx = Context::detached(scene, folder.path().display().to_string());
+    let p = LoadCameras { resolution: 0.5, ..node("a.gltf") };
+    let (out, notes) = LoadCameras::run(&p, In {}, &cx).unwrap_or_else(|e| panic!("{e}"));
+    let [camera] = &out.rig.cameras[..] else { panic!("{:?}", out.rig) };
+    assert_eq!((camera.name.as_str(), camera.width_px, camera.height_px), ("shot", 1080, 540));
+    // glTF angles are single precision: half an ulp of 1.57 is 6e-8, times 270 pixels.
+    assert!((camera.fy - 270.0).abs() < 2e-5);
+    // (1, 2, 3) of y up is (1, -3, 2) of z up, in units of half a metre.
+    assert!((camera.eye() - DVec3::new(2.0, -6.0, 4.0)).length() < 1e-9);
+    // -z turned by a quarter about y is -x.
+    assert!((camera.direction(camera.cx, camera.cy) - DVec3::NEG_X).length() < 1e-9);
+    assert!(notes.iter().any(|note| note.id == "parallel-cameras"));
+    let turned = [0.0, -1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+    let p = LoadCameras { matrix: Some(turned), ..p };
+    let camera = LoadCameras::run(&p, In {}, &cx).unwrap_or_else(|e| panic!("{e}")).0.rig.cameras[0].clone();
+    assert!((camera.eye() - DVec3::new(7.0, 2.0, 4.0)).length() < 1e-9);
+    assert!((camera.direction(camera.cx, camera.cy) - DVec3::NEG_Y).length() < 1e-9);
 }
 
 // Some exporters write tabs or two spaces between words. Once refused as "not understood".
@@ -262,8 +297,8 @@ fn picking_many_cameras_takes_no_longer_than_reading_them() {
     let names: Vec<String> = (0..200_000).map(|i| format!("c{i}")).collect();
     let pictures: Vec<&str> = names.iter().map(String::as_str).collect();
     let start = std::time::Instant::now();
-    let wishes = ["5..6", "*", "c*"].map(str::to_owned);
-    let chosen = pick(&wishes, &names, &pictures).unwrap_or_else(|e| panic!("{e}"));
+    let wishes = ["5..6", "*", "c*"].map(Pick::from);
+    let chosen = chosen(&wishes, &names, &pictures).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!((chosen.len(), chosen[0], chosen[1], chosen[6]), (200_000, 5, 0, 6));
     assert!(start.elapsed().as_secs() < 10, "{:?}", start.elapsed());
 }
@@ -290,4 +325,259 @@ fn files_that_appear_while_it_runs_ask_for_another_run() {
     write("images.bin", &images);
     let error = LoadCameras::run(&node("."), In {}, &cx).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(error.contains("changed while the graph was running"), "{error}");
+}
+
+/// Frames of nerfstudio and instant-ngp, each with a lens given in another way.
+fn frames(top: &str, frame: &str) -> String {
+    format!(
+        r#"{{{top}"frames": [{{"file_path": "images/a.png", {frame}
+        "transform_matrix": [[0, 1, 0, 1], [1, 0, 0, 2], [0, 0, -1, 3], [0, 0, 0, 1]]}}]}}"#
+    )
+}
+
+fn of_json(text: &str) -> Result<(Vec<Camera>, Notes), NodeError> {
+    load(&[("t.json", text.as_bytes())], &node("t.json"))
+}
+
+// A frame's own lens counts, whatever the top of the file says; once the angle of the top was taken.
+#[test]
+fn the_lens_of_a_frame_counts_before_that_of_the_file() {
+    let angle = 2.0 * crate::math::num::atan2(20.0, 50.0);
+    let degrees = angle.to_degrees();
+    let size = r#""w": 40, "h": 30, "#;
+    for (top, frame) in [
+        (r#""camera_angle_x": 1.5, "#.to_owned(), format!(r#""camera_angle_x": {angle}, {size}"#)),
+        (format!(r#""camera_angle_x": {angle}, {size}"#), String::new()),
+        (format!(r#""fl_x": 77, "fl_y": 99, {size}"#), format!(r#""camera_angle_x": {angle}, "#)),
+        (format!(r#""camera_angle_x": 0.3, "camera_angle_y": 0.2, {size}"#), r#""fl_x": 50, "#.to_owned()),
+        (format!(r#""fl_x": 50, "camera_angle_x": 0.3, {size}"#), String::new()),
+        (size.to_owned(), format!(r#""x_fov": {degrees}, "#)),
+        (r#""w": 80, "h": 60, "fl_x": 3, "#.to_owned(), r#""w": 40.0, "h": 30.0, "fl_y": 50, "#.to_owned()),
+    ] {
+        let text = frames(&top, &frame);
+        let camera = of_json(&text).unwrap_or_else(|e| panic!("{text}: {e}")).0.remove(0);
+        assert!((camera.fx - 50.0).abs() < 1e-9 && (camera.fy - 50.0).abs() < 1e-9, "{text}: {camera:?}");
+        assert_eq!((camera.width_px, camera.height_px, camera.cx, camera.cy), (40, 30, 20.0, 15.0));
+    }
+}
+
+// instant-ngp says the lens by flags, at the top or in a frame.
+#[test]
+fn flags_of_lenses_are_heard() {
+    let lens = r#""w": 40, "h": 30, "fl_x": 50, "#;
+    for flag in [r#""is_fisheye": true, "#, r#""is_fisheye": 1, "#, r#""is_fisheye": "True", "#] {
+        for text in [frames(&format!("{flag}{lens}"), ""), frames(lens, flag)] {
+            let error = of_json(&text).err().map(|e| e.to_string()).unwrap_or_default();
+            assert!(error.contains("distortion") && error.contains("is_fisheye"), "{text}: {error}");
+        }
+    }
+    for flag in ["latlong", "equirectangular", "orthographic"] {
+        let error = of_json(&frames(&format!(r#""{flag}": true, {lens}"#), "")).err().map(|e| e.to_string());
+        assert!(error.is_some_and(|e| e.contains(flag)));
+    }
+    // A frame may say that it is no fisheye.
+    for text in [
+        frames(&format!(r#""is_fisheye": false, {lens}"#), ""),
+        frames(&format!(r#""is_fisheye": true, {lens}"#), r#""is_fisheye": false, "#),
+        frames(&format!(r#""camera_model": "pinhole", {lens}"#), ""),
+        frames(&format!(r#""camera_model": "SIMPLE_RADIAL", "k1": 0.0, {lens}"#), ""),
+    ] {
+        assert!(of_json(&text).is_ok(), "{text}");
+    }
+    let error = of_json(&frames(&format!(r#""camera_model": "omnidirectional", {lens}"#), ""));
+    assert!(error.err().is_some_and(|e| e.to_string().contains("`omnidirectional`")));
+}
+
+// Undistorters leave coefficients that move nothing; they were refused.
+#[test]
+fn distortion_far_below_a_pixel_is_left_out() {
+    let lens = r#""w": 4000, "h": 3000, "fl_x": 3000, "#;
+    let json = |k1: f64, p2: f64| of_json(&frames(&format!(r#""k1": {k1:e}, "p2": {p2:e}, {lens}"#), ""));
+    for (k1, p2) in [(1e-6, 0.0), (-1e-6, 1e-7), (0.0, 1e-6)] {
+        let (_, notes) = json(k1, p2).unwrap_or_else(|e| panic!("{e}"));
+        assert!(notes.iter().any(|note| note.id == "distortion-invisible") && !notes.is_degraded());
+    }
+    assert!(json(1e-3, 0.0).is_err() && json(0.0, 1e-4).is_err() && json(f64::NAN, 0.0).is_err());
+    let text = images();
+    let colmap = |model: &str| {
+        let cameras = format!("7 {model}\n");
+        load(&[("m/cameras.txt", cameras.as_bytes()), ("m/images.txt", text.as_bytes())], &node("m"))
+    };
+    for tiny in [
+        "SIMPLE_RADIAL 40 30 50 20 15 1e-6",
+        "RADIAL 40 30 50 20 15 0 -1e-6",
+        "OPENCV 40 30 50 50 20 15 0 0 1e-6 0",
+        "FULL_OPENCV 40 30 50 50 20 15 0 0 0 0 1e-6 0 0 1e-7",
+        "FOV 40 30 50 50 20 15 1e-4",
+    ] {
+        assert!(colmap(tiny).is_ok_and(|(_, notes)| !notes.is_degraded()), "{tiny}");
+    }
+    for seen in [
+        "RADIAL 40 30 50 20 15 0 -0.3",
+        "FULL_OPENCV 40 30 50 50 20 15 0 0 0 0 0.4 0 0 0",
+        "FOV 40 30 50 50 20 15 0.7",
+        "SIMPLE_RADIAL_FISHEYE 40 30 50 20 15 1e-9",
+        "OPENCV 40 30 50 50 20 15 nan 0 0 0",
+    ] {
+        assert!(colmap(seen).is_err(), "{seen}");
+    }
+}
+
+#[test]
+fn marks_fill_and_back_slashes_are_read() {
+    let (wanted, _) = of_json(STUDIO).unwrap_or_else(|e| panic!("{e}"));
+    let marked = format!("\u{feff}{STUDIO}");
+    for text in [marked, format!("{STUDIO}\0\0\0"), STUDIO.replace("images/", ".\\\\images\\\\")] {
+        let (cameras, _) = of_json(&text).unwrap_or_else(|e| panic!("{text}: {e}"));
+        assert!(near(&cameras[0], &wanted[0]), "{text}");
+    }
+    for text in [OWN, INRIA] {
+        assert!(of_json(&format!("\u{feff}{text}")).is_ok());
+    }
+    let (text, cameras) = (format!("\u{feff}{}", images()), format!("\u{feff}{CAMERAS}"));
+    let files = [("m/cameras.txt", cameras.as_bytes()), ("m/images.txt", text.as_bytes())];
+    assert_eq!(load(&files, &node("m")).unwrap_or_else(|e| panic!("{e}")).0.len(), 2);
+}
+
+// The viewer of nerfstudio writes a path of cameras: rows of 16 numbers and the vertical angle in degrees.
+#[test]
+fn the_path_of_a_viewer_is_read() {
+    let text = |more: &str, kind: &str| {
+        format!(
+            r#"{{"camera_type": "{kind}", "render_height": 30, "render_width": 40, "fps": 24, "camera_path": [
+            {{"camera_to_world": [0,1,0,1, 1,0,0,2, 0,0,-1,3, 0,0,0,1], "fov": 90, "aspect": 1{more}}},
+            {{"camera_to_world": [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1], "fov": 53.13010235415598}}]}}"#
+        )
+    };
+    let (cameras, _) = of_json(&text("", "perspective")).unwrap_or_else(|e| panic!("{e}"));
+    let [first, second] = cameras.as_slice() else { panic!("two cameras") };
+    assert_eq!((first.name.as_str(), second.name.as_str()), ("00000", "00001"));
+    assert_eq!((first.width_px, first.height_px, first.cx, first.cy), (40, 30, 20.0, 15.0));
+    assert!((first.fx - 15.0).abs() < 1e-9 && (second.fy - 30.0).abs() < 1e-9);
+    assert_eq!(first.eye(), DVec3::new(1.0, 2.0, 3.0));
+    assert_eq!(first.world_from_camera().transform_vector3(DVec3::Z), DVec3::new(0.0, 0.0, 1.0));
+    for wrong in [text("", "equirectangular"), text(r#", "camera_type": "fisheye""#, "perspective")] {
+        let error = of_json(&wrong).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(error.contains("camera type"), "{error}");
+    }
+}
+
+// The synthetic scenes of NeRF have no sizes, and paths without an ending.
+#[test]
+fn sizes_come_from_the_pictures() {
+    let raster = |width: usize, height: usize| crate::io::png::Raster {
+        width,
+        height,
+        channels: 1,
+        largest: 255,
+        codes: vec![7; width * height],
+        ignored: Vec::new(),
+        linear: false,
+    };
+    let png = |w, h| crate::io::png::write(&raster(w, h), false, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let (wide, small) = (png(40, 30), png(20, 10));
+    let pose = r#""transform_matrix": [[0, 1, 0, 1], [1, 0, 0, 2], [0, 0, -1, 3], [0, 0, 0, 1]]"#;
+    let angle = 2.0 * crate::math::num::atan2(20.0, 50.0);
+    let text = format!(
+        r#"{{"camera_angle_x": {angle}, "frames": [{{"file_path": "./train/r_0", {pose}}},
+        {{"file_path": "train\\r_1.png", {pose}}}]}}"#
+    );
+    let files = [("t.json", text.as_bytes()), ("train/r_0.png", &wide[..]), ("train/r_1.png", &small[..])];
+    let (cameras, _) = load(&files, &node("t.json")).unwrap_or_else(|e| panic!("{e}"));
+    let sizes: Vec<_> = cameras.iter().map(|c| (c.width_px, c.height_px)).collect();
+    assert_eq!(sizes, [(40, 30), (20, 10)]);
+    assert!((cameras[0].fx - 50.0).abs() < 1e-9 && (cameras[1].fx - 25.0).abs() < 1e-9);
+    let error = load(&files[..2], &node("t.json")).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(error.contains("its picture `train/r_1.png` cannot be read"), "{error}");
+}
+
+// nerfstudio exports splats in the coordinates of its data parser, while the cameras stay in those of the capture.
+#[test]
+fn cameras_follow_the_data_parser() {
+    let parser = r#"{"transform": [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3]], "scale": 0.5}"#;
+    let with = |cameras: &str, parser: &str| {
+        let p = LoadCameras { dataparser: Some(InputFile("dp.json".into())), ..node("transforms.json") };
+        load(&[("transforms.json", cameras.as_bytes()), ("dp.json", parser.as_bytes())], &p)
+    };
+    let (cameras, _) = with(STUDIO, parser).unwrap_or_else(|e| panic!("{e}"));
+    // The eye (1, 2, 3): (-2 + 1, 1 + 2, 3 + 3) / 2; its x, which is +y, becomes -x.
+    assert_eq!(cameras[0].eye(), DVec3::new(-0.5, 1.5, 3.0));
+    assert_eq!(cameras[0].world_from_camera().transform_vector3(DVec3::X), -DVec3::X);
+    // Poses that have the applied transform already: the parser maps from before it. Its inverse is taken first.
+    let applied =
+        r#""applied_transform": [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]], "applied_scale": 2.0,"#;
+    let text = STUDIO.replacen('{', &format!("{{{applied}"), 1);
+    let (cameras, _) = with(&text, parser).unwrap_or_else(|e| panic!("{e}"));
+    // Before it, the eye is at (1, -3, 2); then (3 + 1, 1 + 2, 2 + 3) / 4.
+    assert_eq!(cameras[0].eye(), DVec3::new(1.0, 0.75, 1.25));
+    for wrong in [
+        "{}",
+        r#"{"transform": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "scale": 1}"#,
+        r#"{"transform": [[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "scale": 1}"#,
+        r#"{"transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "scale": 0}"#,
+        r#"{"transform": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "scale": 1}"#,
+    ] {
+        assert!(with(STUDIO, wrong).is_err(), "{wrong}");
+    }
+    // Left beside the cameras and not used: a warning.
+    let files = [("transforms.json", STUDIO.as_bytes()), ("dataparser_transforms.json", parser.as_bytes())];
+    let (_, notes) = load(&files, &node("transforms.json")).unwrap_or_else(|e| panic!("{e}"));
+    assert!(notes.iter().any(|note| note.id == "dataparser-unused"));
+    let (_, notes) = load(&files[..1], &node("transforms.json")).unwrap_or_else(|e| panic!("{e}"));
+    assert!(notes.iter().all(|note| note.id != "dataparser-unused"));
+}
+
+/// Texts with one to four changes: an error or cameras, never a panic.
+#[test]
+fn damaged_files_of_cameras_are_survived() {
+    let path = r#"{"camera_type": "perspective", "render_height": 30, "render_width": 40, "camera_path": [
+        {"camera_to_world": [0,1,0,1, 1,0,0,2, 0,0,-1,3, 0,0,0,1], "fov": 90}]}"#;
+    let flags = STUDIO.replace("\"k1\": 0.0", "\"k1\": 1e-9, \"is_fisheye\": false, \"camera_angle_x\": 0.7");
+    let parser = r#"{"transform": [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3]], "scale": 0.5}"#;
+    let text = images();
+    let mut seed = 1_u64;
+    let mut next = |below: usize| {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 33) as usize % below.max(1)
+    };
+    let words: [&[u8]; 7] =
+        [b"null", b"-1", b"1e999", b"[]", b"18446744073709551616", b"nan", b"\xef\xbb\xbf"];
+    let mut hurt = |bytes: &[u8]| {
+        let mut bytes = bytes.to_vec();
+        for _ in 0..=next(4) {
+            let at = next(bytes.len());
+            match next(4) {
+                0 if !bytes.is_empty() => bytes[at] ^= 1 << next(8),
+                1 => drop(bytes.splice(at..at, words[next(7)].iter().copied())),
+                2 => drop(bytes.drain(at..(at + next(9)).min(bytes.len()))),
+                _ => bytes.truncate(bytes.len() - next(9).min(bytes.len())),
+            }
+        }
+        bytes
+    };
+    for _ in 0..4000 {
+        for whole in [OWN, OPENGL, INRIA, path, &flags] {
+            let bytes = hurt(whole.as_bytes());
+            json::pictures_without_size(&bytes);
+            if let Ok(cameras) = json::read("a", &bytes, "views", &|_| Some([40, 30]), &mut Notes::none()) {
+                let p = node("a.json");
+                for camera in &cameras {
+                    drop(finish(&p, camera, "a".to_owned(), &mut Notes::none()));
+                }
+            }
+        }
+        drop(colmap::text("m", &hurt(CAMERAS.as_bytes()), &hurt(text.as_bytes())));
+        if let Ok(parser) = Dataparser::read("d", &hurt(parser.as_bytes())) {
+            drop(parser.after_applied("a", &hurt(STUDIO.as_bytes())));
+        }
+    }
+}
+
+// An axis of numbers takes the cameras of a file one after the other; it was refused as not text.
+#[test]
+fn indices_pick_cameras() {
+    let of = |text: &str| serde_json::from_str::<Vec<Pick>>(text).map_err(|e| e.to_string());
+    assert_eq!(of("[0, \"a\", 12]"), Ok(vec!["0..1".into(), "a".into(), "12..13".into()]));
+    assert!(of("[-1]").is_err() && of("[1.5]").is_err() && of("[true]").is_err());
+    assert!(of("[18446744073709551615]").is_err());
 }

@@ -11,10 +11,12 @@ use engine::{
 use glam::DVec3;
 
 use crate::error::Error;
+use crate::io::colour_range::Range;
 use crate::io::gltf::{self, object};
 use crate::io::head;
+use crate::io::import::Foreign;
 use crate::math::color::linear_from_srgb;
-use crate::types::frame::world_from_gltf;
+use crate::types::frame::{Similarity, world_from_gltf};
 use crate::types::{Mesh, Primitive};
 use of_ply::from_ply;
 
@@ -39,19 +41,22 @@ engine::choices! {
     }
 }
 engine::params! {
-    /// Loads a triangle mesh: PLY (ASCII or binary), glTF or GLB.
+    /// Loads a triangle mesh: PLY (ASCII or binary), glTF or GLB, Wavefront OBJ, or STL.
     ///
     /// The mesh represents the captured scene: it receives shadows and reflects light. Faces of more than three
     /// corners are split into fans, vertex colours (of glTF, by `baseColorFactor`; of a PLY file without them,
     /// those of its faces) become linear albedo, and unusable parts (vertices that are not finite, faces without
     /// area) are dropped and counted.
     pub struct LoadMesh {
-        /// The file: `.ply`, `.glb` or `.gltf`.
+        /// The file: `.ply`, `.glb`, `.gltf`, `.obj` or `.stl`.
         path: InputFile, other("\"b.ply\"");
         /// Encoding of vertex colours.
         colours: ColourEncoding = ColourEncoding::Auto, other("Linear");
         /// Frame of reference of the coordinates.
         frame: MeshFrame = MeshFrame::World, other("Gltf");
+        /// A rotation, an even scale and a shift of the mesh after `frame`: 16 numbers, row after row, as `load-splats`
+        /// has them.
+        matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }
 engine::inputs! {
@@ -83,12 +88,16 @@ struct RawMesh {
 
 impl Kind for LoadMesh {
     const NAME: &'static str = "load-mesh";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;
     type Out = Out;
+
+    fn check(p: &Self) -> Result<(), NodeError> {
+        Similarity::of_parameter(p.matrix.as_ref()).map(|_| ())
+    }
 
     fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         if is_gltf(&p.path) { object::sources(&p.path, root) } else { Ok(vec![root.file(&p.path)]) }
@@ -109,7 +118,10 @@ impl Kind for LoadMesh {
         let face = if fields == 3 && face_fields > 3 { 2 * 12 + 3 * (24 + 24 + 2 * 12 + 4) } else { 2 * 12 };
         let bytes = vertices.saturating_mul(vertex).saturating_add(faces.saturating_mul(face));
         // glTF stores floats and indices directly; it is first read to an object.
-        let bytes = if vertices == 0 { all.saturating_mul(5) } else { bytes };
+        // The text of an OBJ file is read to lists and a table of corners first.
+        let foreign = files.first().is_some_and(|file| Foreign::of(file.name).is_some());
+        let times = if foreign { 16 } else { 5 };
+        let bytes = if vertices == 0 { all.saturating_mul(times) } else { bytes };
         Cost { bytes: all.saturating_add(bytes) }
     }
 
@@ -136,6 +148,12 @@ impl Kind for LoadMesh {
                 *position = m.transform_point3(DVec3::from_array(*position)).to_array();
             }
         }
+        if p.matrix.is_some() {
+            let matrix = Similarity::of_parameter(p.matrix.as_ref())?;
+            for position in &mut raw.positions {
+                *position = matrix.point(DVec3::from_array(*position)).to_array();
+            }
+        }
         let srgb = match p.colours {
             ColourEncoding::Auto if !raw.colours.is_empty() => {
                 let srgb = !of_gltf || raw.by_trimesh;
@@ -153,13 +171,15 @@ impl Kind for LoadMesh {
 
 fn is_gltf(path: &InputFile) -> bool {
     let lower = path.0.to_lowercase();
-    lower.ends_with(".glb") || lower.ends_with(".gltf")
+    lower.ends_with(".glb") || lower.ends_with(".gltf") || Foreign::of(&path.0).is_some()
 }
 
 fn from_gltf(p: &LoadMesh, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result<RawMesh, NodeError> {
     let object = object::object(&p.path, bytes, gltf::Want::Geometry, None, cx, notes)?;
-    let generator = gltf::parse(&p.path.0, bytes)?.json["asset"]["generator"].to_string();
-    let mut raw = RawMesh { by_trimesh: generator.contains("trimesh"), ..RawMesh::default() };
+    // Vertex colours of OBJ are display colours, as those of PLY.
+    let by_trimesh = Foreign::of(&p.path.0).is_some()
+        || gltf::parse(&p.path.0, bytes)?.json["asset"]["generator"].to_string().contains("trimesh");
+    let mut raw = RawMesh { by_trimesh, ..RawMesh::default() };
     let coloured = object.primitives.iter().any(|part| !part.colours.is_empty());
     let tint = |part: &Primitive| {
         let factor = object.materials.get(part.material as usize).map_or([1.0; 4], |m| m.base_colour);
@@ -200,6 +220,10 @@ const WHITE: [f64; 3] = [1.0; 3];
 /// Drops parts that cannot be traced, and makes colours linear.
 fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) -> Result<Mesh, NodeError> {
     let n = raw.positions.len();
+    let range = Range::of_floats(raw.colours.as_flattened().iter().copied());
+    if range.guessed {
+        notes.decision("colour-range", format!("vertex colours are taken to be {}", range.words()));
+    }
     if let Some(bad) = raw.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
         let what = format!("triangle {bad} refers to a vertex beyond the {n} vertices");
         return Err(Error::format(name, what).into());
@@ -223,7 +247,8 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
         }
         let (colour, tint) = (raw.colours.get(index), raw.tints.get(index));
         if colour.is_some() || tint.is_some() {
-            let (colour, tint) = (colour.unwrap_or(&WHITE), tint.unwrap_or(&WHITE));
+            let colour = colour.map_or(WHITE, |colour| colour.map(|c| c / range.white));
+            let (colour, tint) = (&colour, tint.unwrap_or(&WHITE));
             let legal = colour.iter().chain(tint).all(|c| (0.0..=1.0).contains(c));
             clamped += u64::from(!legal);
             // The comparison maps NaN to 0.

@@ -6,6 +6,7 @@ use engine::{Context, NodeError, Notes};
 
 use super::{RawMesh, WHITE};
 use crate::error::Error;
+use crate::io::colour_range::Range;
 use crate::io::ply;
 
 /// Reads the mesh of a PLY file.
@@ -75,12 +76,9 @@ fn colours(element: &ply::Element) -> Option<([usize; 3], f64)> {
         let found: Vec<usize> = names.iter().filter_map(|n| element.find(n)).collect();
         <[usize; 3]>::try_from(found).ok()
     })?;
-    let largest = match element.properties[found[0]].scalar {
-        // Programs that write all integers with one type use the same codes as with 8 bits.
-        ply::Scalar::I32 | ply::Scalar::U32 => 255.0,
-        scalar => scalar.whole_range().map_or(1.0, |(_, high)| high),
-    };
-    Some((found, 1.0 / largest))
+    // Floats are scaled later, by their range.
+    let range = Range::of(element.properties[found[0]].scalar, std::iter::empty);
+    Some((found, 1.0 / range.white))
 }
 
 fn vertices(

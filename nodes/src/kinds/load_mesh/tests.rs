@@ -13,7 +13,12 @@ fn load(bytes: &[u8], p: &LoadMesh) -> Result<(Arc<Mesh>, Notes), NodeError> {
     LoadMesh::run(p, In {}, &cx).map(|(out, notes)| (out.mesh, notes))
 }
 fn plain() -> LoadMesh {
-    LoadMesh { path: InputFile("a.ply".into()), colours: ColourEncoding::Auto, frame: MeshFrame::World }
+    LoadMesh {
+        path: InputFile("a.ply".into()),
+        colours: ColourEncoding::Auto,
+        frame: MeshFrame::World,
+        matrix: None,
+    }
 }
 fn good(bytes: &[u8]) -> (Arc<Mesh>, Notes) {
     load(bytes, &plain()).unwrap_or_else(|e| panic!("{e}"))
@@ -93,7 +98,7 @@ fn colours_of_wide_numbers_are_codes() {
 fn the_factor_of_a_gltf_material_colours_its_vertices() {
     let factor = r#"{"pbrMetallicRoughness":{"baseColorFactor":[0.5,0.25,1.0,1.0]}}"#;
     let colours = |material: &str, vertex: Option<[f32; 3]>, colours: ColourEncoding| {
-        let p = LoadMesh { path: InputFile("a.glb".into()), colours, frame: MeshFrame::World };
+        let p = LoadMesh { path: InputFile("a.glb".into()), colours, frame: MeshFrame::World, matrix: None };
         load(&triangle(material, vertex), &p).unwrap_or_else(|e| panic!("{e}")).0.colours.clone()
     };
     let auto = ColourEncoding::Auto;
@@ -138,7 +143,8 @@ fn colours_of_faces_are_those_of_their_corners() {
 #[test]
 fn axes_of_gltf_are_reported() {
     for (frame, reported) in [(MeshFrame::World, true), (MeshFrame::Gltf, false)] {
-        let p = LoadMesh { path: InputFile("a.glb".into()), colours: ColourEncoding::Auto, frame };
+        let p =
+            LoadMesh { path: InputFile("a.glb".into()), colours: ColourEncoding::Auto, frame, matrix: None };
         let notes = load(&triangle("{}", None), &p).unwrap_or_else(|e| panic!("{e}")).1;
         assert_eq!(notes.iter().any(|note| note.id == "mesh-frame"), reported);
     }
@@ -233,4 +239,28 @@ fn no_cut_or_flip_panics_and_every_cut_is_an_error() {
     assert!(load(points.as_bytes(), &plain()).is_err());
     let far = String::from_utf8(ascii()).unwrap_or_default().replace("4 0 1 2 3", "4 0 1 2 4");
     assert!(load(far.as_bytes(), &plain()).is_err());
+}
+
+// Photogrammetry programs write floats up to 255, which became white.
+#[test]
+fn colours_as_floats_to_255_are_display_colours() {
+    let of = |rows: [&str; 3]| {
+        let text = format!(
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+             property float red\nproperty float green\nproperty float blue\nelement face 1\n\
+             property list uchar int vertex_indices\nend_header\n0 0 0 {}\n1 0 0 {}\n0 1 0 {}\n3 0 1 2\n",
+            rows[0], rows[1], rows[2]
+        );
+        good(text.as_bytes())
+    };
+    let (wanted, _) = of(["0.8 0.2 0", "1 0.4 0.2", "0.6 0 0"]);
+    let (mesh, notes) = of(["204 51 0", "255 102 51", "153 0 0"]);
+    for (a, b) in mesh.colours.as_flattened().iter().zip(wanted.colours.as_flattened()) {
+        assert!((a - b).abs() < 1e-6, "{mesh:?}");
+    }
+    assert!(notes.iter().any(|note| note.id == "colour-range"));
+    assert!(notes.iter().all(|note| note.id != "colours-clamped"));
+    // Beyond any range of bytes: clamped, as before.
+    let (_, notes) = of(["1000 0 0", "0.5 0.5 0.5", "0 0 0"]);
+    assert!(notes.iter().any(|note| note.id == "colours-clamped"));
 }

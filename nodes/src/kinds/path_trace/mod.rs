@@ -240,15 +240,18 @@ impl Kind for PathTrace {
     type Out = Out;
 
     fn estimate(_params: &Self, inputs: &In) -> Cost {
-        let pixels: u64 =
-            inputs.rig.cameras.iter().map(|c| u64::from(c.width_px) * u64::from(c.height_px)).sum();
+        let pixels = inputs.rig.cameras.iter().map(|c| u64::from(c.width_px) * u64::from(c.height_px));
         let triangles: usize =
             inputs.objects.iter().flat_map(|o| &o.object.primitives).map(|p| p.triangles.len()).sum();
         // Running sums in f64, one chunk and its tiles in f32, and the finished images.
         let pixel_bytes = ((R0 + PAIR + CROSS) * 8 + (R0 + PAIR + FIRST_HIT) * 4 * 2 + 20 * 4) as u64;
-        let scene = (inputs.receiver.triangles.len() * 300 + triangles * 300) as u64;
-        let sky = inputs.env.image.samples.len() as u64 * 12;
-        Cost { bytes: pixels * pixel_bytes + scene + sky }
+        let pixels = pixels.fold(0, u64::saturating_add);
+        let sky = inputs.env.image.samples.len() as u64;
+        Cost::of([
+            (pixels, pixel_bytes),
+            ((inputs.receiver.triangles.len() + triangles) as u64, 300),
+            (sky, 12),
+        ])
     }
 
     fn work(params: &Self, sizes: &Sizes) -> f64 {

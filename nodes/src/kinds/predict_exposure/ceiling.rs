@@ -31,7 +31,7 @@ mod tests {
     use super::super::{In, Method, PredictExposure};
     use super::*;
     use crate::types::{Image, Linear, Panorama};
-    use engine::{Context, Kind, Scene, Up};
+    use engine::{Kind, Up};
     use std::sync::Arc;
 
     const WIDTH: usize = 256;
@@ -55,8 +55,7 @@ mod tests {
     }
 
     fn gains(pano: Arc<Panorama>, method: &Method, white: f32) -> Vec<f32> {
-        let cx =
-            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".");
+        let cx = crate::testing::context();
         let params = PredictExposure { evs: vec![-3.0], method: method.clone(), white, weights: None };
         let (out, _) = PredictExposure::run(&params, In { pano }, &cx).expect("runs");
         out.brackets.log2_gain.samples.clone()

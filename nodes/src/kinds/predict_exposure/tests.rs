@@ -7,13 +7,10 @@ mod suns;
 
 use super::*;
 use crate::math::equirect::pixel_solid_angle;
+use crate::testing::context as cx;
 use crate::testing::row;
 use crate::types::Srgb;
 use engine::{Kind, Scene, Up};
-
-fn cx() -> Context {
-    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".")
-}
 
 fn pano(width: usize, colour: impl Fn(usize, usize) -> [f32; 3]) -> Arc<Panorama> {
     let height = width / 2;

@@ -7,66 +7,10 @@ use engine::{Context, NodeError};
 
 use super::camera_model;
 use super::camera_model::TileRange;
+use super::listed::{Listed, clip};
 use super::project::{Entry, Footprint, Projected};
-use super::settings::LIST_BYTES;
+use super::settings::{LIST_BYTES, TILE};
 use super::{Bounds, Settings};
-
-/// Side of a tile in pixels; that of the INRIA rasterizer, whose bounds depend on it.
-pub const TILE: usize = 16;
-
-/// Values listed by slot, such as rows or columns of tiles: those of slot `i` are at `starts[i]..starts[i + 1]`.
-pub(super) struct Listed<T> {
-    starts: Vec<u32>,
-    values: Vec<T>,
-}
-
-impl<T: Copy + Default> Listed<T> {
-    /// Lists the value of `of` for each entry and its index, in each slot of two ranges, in the order of the
-    /// entries.
-    #[inline(always)]
-    pub(super) fn by<E>(slots: usize, entries: &[E], of: impl Fn(usize, &E) -> (T, [Range<u16>; 2])) -> Self {
-        let within =
-            |range: Range<u16>, off: usize| usize::from(range.start) + off..usize::from(range.end) + off;
-        // Counted two further on, so that the next element holds the position of a slot's next value, and finally
-        // its end.
-        let mut starts = vec![0_u32; slots + 2];
-        for (number, entry) in entries.iter().enumerate() {
-            for range in of(number, entry).1 {
-                for count in &mut starts[within(range, 2)] {
-                    *count += 1;
-                }
-            }
-        }
-        for slot in 2..starts.len() {
-            starts[slot] += starts[slot - 1];
-        }
-        let mut values = vec![T::default(); starts.last().map_or(0, |n| *n as usize)];
-        for (number, entry) in entries.iter().enumerate() {
-            let (value, ranges) = of(number, entry);
-            for range in ranges {
-                for start in &mut starts[within(range, 1)] {
-                    values[*start as usize] = value;
-                    *start += 1;
-                }
-            }
-        }
-        starts.pop();
-        Self { starts, values }
-    }
-
-    /// The values of a slot.
-    pub(super) fn of(&self, slot: usize) -> &[T] {
-        &self.values[self.starts[slot] as usize..self.starts[slot + 1] as usize]
-    }
-}
-
-/// The part of a range within another one, relative to its start.
-#[inline(always)]
-pub(super) fn clip(range: Range<u16>, within: &Range<usize>) -> Range<u16> {
-    let (first, end) = (within.start as u16, within.end as u16);
-    let start = range.start.clamp(first, end);
-    start - first..range.end.clamp(start, end) - first
-}
 
 /// Tiles whose lists are in memory together: a rectangle of rows and columns of tiles.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -211,7 +155,7 @@ impl Lists<'_> {
     pub(super) fn pairs(&self) -> u64 {
         match &self.of {
             ListsOf::All(list) => (list.len() * self.tiles()) as u64,
-            ListsOf::Rows(rows) => rows.iter().map(|row| row.values.len() as u64).sum(),
+            ListsOf::Rows(rows) => rows.iter().map(|row| row.len() as u64).sum(),
         }
     }
 }
@@ -274,14 +218,5 @@ mod tests {
             }
         }
         assert!(sorted(Vec::new(), &context()).is_empty());
-    }
-
-    /// Ranges that are empty, that touch the last slot, and two of one entry.
-    #[test]
-    fn every_slot_lists_its_entries_in_order() {
-        let entries = [(0..3, 0..0), (2..2, 0..0), (4..5, 0..2), (1..2, 0..0)];
-        let listed = Listed::by(5, &entries, |number, (a, b)| (number as u32 + 1, [a.clone(), b.clone()]));
-        let expected: [&[u32]; 5] = [&[1, 3], &[1, 3, 4], &[1], &[], &[3]];
-        assert!((0..5).all(|slot| listed.of(slot) == expected[slot]));
     }
 }

@@ -4,9 +4,9 @@
 
 use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*, u32x8};
 
-use super::bin::TILE;
 use super::peak::Peak;
 use super::project::Footprint;
+use super::settings::TILE;
 use super::tile::{Blended, Pixel, Task};
 use super::{DepthMode, Sort};
 use crate::math::num;

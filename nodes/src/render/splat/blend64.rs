@@ -1,7 +1,7 @@
 //! The blend in f64, one pixel after another: the reference for the fast one.
 
 use super::DepthMode;
-use super::bin::TILE;
+use super::settings::TILE;
 use super::tile::{Blended, Pixel, Task};
 use crate::math::num;
 

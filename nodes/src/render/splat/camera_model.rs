@@ -6,8 +6,8 @@ use std::ops::Range;
 use engine::Up;
 use glam::DVec3;
 
-use super::bin::TILE;
 use super::block::Block;
+use super::settings::TILE;
 use crate::math::{equirect, num};
 use crate::types::Camera;
 

@@ -11,6 +11,8 @@ mod blend32;
 mod blend64;
 mod block;
 mod camera_model;
+mod listed;
+pub(crate) mod near;
 mod panorama;
 mod peak;
 mod project;
@@ -27,14 +29,13 @@ use std::ops::AddAssign;
 use engine::{Context, NodeError, Notes};
 use fearless_simd::Level;
 
-pub use bin::TILE;
 pub(crate) use bin::most_bytes;
 pub use block::Blocks;
 use camera_model::{CameraModel, Pinhole};
 pub use panorama::{PanoramaCamera, panorama, panorama_at};
 use project::{Footprint, Projected};
 pub(crate) use settings::former;
-pub use settings::{Bounds, Compensation, DepthMode, Drawing, Precision, Settings, Sort};
+pub use settings::{Bounds, Compensation, DepthMode, Drawing, Precision, Settings, Sort, TILE};
 pub use surface::Surface;
 use tile::{Strip, Task};
 

@@ -7,10 +7,11 @@ use engine::{Context, NodeError};
 use fearless_simd::{Level, Simd, dispatch};
 use glam::DVec3;
 
-use super::bin::{Listed, TILE, clip};
 use super::block::{BLOCK, Blocks};
 use super::camera_model::{CameraModel, SLACK_PX, TileRange};
+use super::listed::{Listed, clip};
 use super::peak::Peak;
+use super::settings::TILE;
 use super::shape::{BATCH, Batch, Shape};
 use super::{Bounds, DepthMode, Precision, Settings, Sort, Work, sh};
 use crate::math::num;

@@ -1,6 +1,6 @@
 //! Settings of splat rendering, common to all kinds that draw splats.
 
-use engine::{Former, NodeError, Notes};
+use engine::{Context, Former, NodeError, Notes};
 
 use crate::types::Splats;
 
@@ -70,10 +70,10 @@ engine::params! {
         precision: Precision = Precision::F32, other("F64"), knob(Precision, "F32", "F32", "F32", "F64");
         /// Highest degree of spherical harmonics that is used.
         sh_degree: u32 = 4, range(0, 4), other("0"), knob(Depth, "", "", "", "4");
-        /// Near plane: splats at or below this planar depth (in a panorama, this distance) are left out. It is in
-        /// world units and does not scale with the scene: if the world is made a thousand times larger, this must
-        /// be as well, or splats that were too near to be drawn, such as haze around the eye, appear.
-        near: f64 = 0.2, range(1e-12, 1e12), unit("world units"), other("1.5");
+        /// Near plane: splats at or below this planar depth (in a panorama, this distance) are left out. Trainers
+        /// use 0.2 or less, within which a capture has haze around the eye. It is in metres, by `metres_per_unit`
+        /// of the scene; a warning reports a share of the scene that it cuts away.
+        near: f64 = 0.2, range(1e-12, 1e12), unit("m"), other("1.5");
         /// Variance of the low-pass filter added to every footprint, in square pixels (in a panorama, square samples).
         low_pass_px2: f64 = 0.3, range(0.0, 100.0), unit("px^2"), other("1.0");
         /// True to reduce opacity for the area that the low-pass filter adds to a splat (as in Mip-Splatting).
@@ -101,13 +101,8 @@ pub(crate) fn former(name: &str, last: u32) -> Option<Former> {
 impl Drawing {
     /// The settings for a scene, without checks that skip work if `exhaustive`; warns if its file says that it was trained
     /// differently.
-    pub(crate) fn settings(
-        &self,
-        sort: Sort,
-        splats: &Splats,
-        exhaustive: bool,
-        notes: &mut Notes,
-    ) -> Settings {
+    pub(crate) fn settings(&self, sort: Sort, splats: &Splats, cx: &Context, notes: &mut Notes) -> Settings {
+        let exhaustive = cx.exhaustive();
         let compensate = match self.compensation {
             Compensation::File => splats.antialiased,
             Compensation::On => true,
@@ -126,7 +121,7 @@ impl Drawing {
             precision: self.precision,
             sort,
             sh_degree: self.sh_degree,
-            near: self.near,
+            near: self.near / cx.metres_per_unit(),
             low_pass_px2: self.low_pass_px2,
             compensate,
             alpha_cut: self.alpha_cut,
@@ -189,6 +184,9 @@ pub struct Settings {
     pub list_bytes: u64,
 }
 
+/// Side of a tile in pixels; that of the INRIA rasterizer, whose bounds depend on it.
+pub const TILE: usize = 16;
+
 /// Memory of the lists of tiles in bytes: enough for an ordinary view, and far less than all lists of a view whose
 /// splats cover it many times.
 pub(crate) const LIST_BYTES: u64 = 1 << 26;
@@ -238,7 +236,7 @@ mod tests {
             ] {
                 let mut notes = Notes::none();
                 let drawing = Drawing { compensation, ..Drawing::default() };
-                let settings = drawing.settings(Sort::Depth, &splats, false, &mut notes);
+                let settings = drawing.settings(Sort::Depth, &splats, &crate::testing::context(), &mut notes);
                 assert_eq!(settings, Settings { compensate: on, ..Settings::default() });
                 assert_eq!(notes.iter().any(|note| note.id == "compensation-mismatch"), reported);
             }

@@ -4,8 +4,8 @@ use std::sync::{Mutex, PoisonError};
 
 use engine::Context;
 
-use super::bin::TILE;
 use super::project::Projected;
+use super::settings::TILE;
 use super::{DepthMode, Settings};
 use crate::types::{Data, Image};
 

@@ -6,7 +6,7 @@ use engine::Notes;
 use serde_json::Value;
 
 use crate::error::Error;
-use crate::io::gltf::SUPPORTED;
+use crate::io::gltf::{SPECULAR_GLOSSINESS, SUPPORTED};
 use crate::types::{
     AlphaMode, Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Map, Material, NormalMap,
     Sampler, Sheen, Specular, TextureRef, TextureTransform, Wrap,
@@ -21,14 +21,14 @@ pub struct Materials<'a> {
     clamped: u64,
     ignored: BTreeSet<String>,
     occluded: bool,
+    glossy: u64,
 }
 
 /// Extensions that are not rendered, and what is visible instead.
-const NOT_DRAWN: [(&str, &str); 6] = [
+const NOT_DRAWN: [(&str, &str); 5] = [
     ("KHR_lights_punctual", "its lights are not used; emissive surfaces are"),
     ("KHR_materials_dispersion", "all colours are refracted equally"),
     ("KHR_materials_volume_scatter", "there is no scattering inside"),
-    ("KHR_materials_pbrSpecularGlossiness", "its metallic-roughness values, if any, are used"),
     ("KHR_materials_variants", "the materials without variants are used"),
     ("KHR_texture_basisu", "textures use the PNG or JPEG fallback"),
 ];
@@ -42,7 +42,15 @@ fn effect(extension: &str) -> &'static str {
 impl<'a> Materials<'a> {
     /// A reader of the materials in `json`.
     pub fn new(name: &'a str, json: &'a Value) -> Self {
-        Self { name, json, images: Vec::new(), clamped: 0, ignored: BTreeSet::new(), occluded: false }
+        Self {
+            name,
+            json,
+            images: Vec::new(),
+            clamped: 0,
+            ignored: BTreeSet::new(),
+            occluded: false,
+            glossy: 0,
+        }
     }
 
     /// Every material of the file, in order.
@@ -53,6 +61,11 @@ impl<'a> Materials<'a> {
         for what in &self.ignored {
             notes.degraded("material-ignored", what.clone());
         }
+        notes.count(
+            "specular-glossiness",
+            self.glossy,
+            "materials of specular-glossiness are read as their diffuse colour and glossiness",
+        );
         self.report_others(notes);
         if self.occluded {
             let text = "occlusion maps are ignored, since path tracing computes occlusion from the shape";
@@ -108,6 +121,7 @@ impl<'a> Materials<'a> {
                 self.ignored.insert(format!("{name} is left out: {}", effect(name)));
             }
         }
+        self.glossy += u64::from(m["extensions"].get(SPECULAR_GLOSSINESS).is_some());
         self.occluded |= m["occlusionTexture"].get("index").is_some();
         let ior = self.factor(&extension("KHR_materials_ior")["ior"], 1.5, 0.0, 1e3);
         let specular = extension("KHR_materials_specular");

@@ -1,16 +1,22 @@
 //! Objects of glTF files: shapes, materials and textures.
 
 mod geometry;
+mod inward;
 mod material;
 pub(crate) mod tangents;
 #[cfg(test)]
 mod tests;
+
+pub(crate) use geometry::local;
+
+use std::path::Path;
 
 use engine::{Context, InputFile, NodeError, Notes, SourceFile, SourceRoot};
 
 use self::geometry::Geometry;
 use self::material::Materials;
 use super::{Want, json_of, parse};
+use crate::io::import::{self, Foreign};
 use crate::io::png::Raster;
 use crate::types::{Object, Texture};
 
@@ -20,6 +26,13 @@ pub(crate) fn sources(path: &InputFile, root: &SourceRoot) -> Result<Vec<SourceF
     let file = root.file(path);
     let mut sources = vec![file.clone()];
     let failed = |e| NodeError::new(format!("cannot read `{}`: {e}", path.0)).at("path");
+    if Foreign::of(&path.0).is_some() {
+        let read = |path: &Path| if path.is_file() { std::fs::read(path).ok() } else { None };
+        let bytes = std::fs::read(&file.path).map_err(failed)?;
+        let names = import::beside(&path.0, &bytes, |name| read(&root.beside(&file, name).path));
+        sources.extend(names.iter().map(|name| root.beside(&file, name)));
+        return Ok(sources);
+    }
     let Some((json, binary)) = json_of(&file.path).map_err(failed)? else { return Ok(sources) };
     let names = parse(&path.0, &json).and_then(|parsed| parsed.beside(Want::Everything));
     match names {
@@ -40,6 +53,7 @@ pub(crate) fn object(
     notes: &mut Notes,
 ) -> Result<Object, NodeError> {
     let name = &path.0;
+    let bytes = &*import::as_gltf(path, bytes, cx, notes)?;
     let file = parse(name, bytes)?;
     let buffers = file.buffers(|beside| cx.read_beside(path, beside))?;
     let mut reader = Materials::new(name, &file.json);
@@ -58,7 +72,10 @@ pub(crate) fn object(
     let narrowed = textures.iter().filter(|(_, narrowed)| *narrowed).count() as u64;
     notes.count("textures-narrowed", narrowed, "textures of 16 bits were rounded to 8");
     cx.progress(0.5);
-    let primitives = Geometry::new(name, &file, &buffers).scene(scene, &mut materials, cx, notes)?;
+    let mut primitives = Geometry::new(name, &file, &buffers).scene(scene, &mut materials, cx, notes)?;
+    if want == Want::Everything {
+        inward::turn(&mut primitives, &materials, cx, notes)?;
+    }
     Ok(Object { primitives, materials, textures: textures.into_iter().map(|(texture, _)| texture).collect() })
 }
 

@@ -52,13 +52,7 @@ pub fn encode(
         notes.warning("encoding-not-stored", "the colours are linear, which the file cannot store");
     }
     let bytes = match format {
-        SaveFormat::Ply => {
-            if splats.antialiased {
-                let text = "the splats were trained with antialiasing, which PLY cannot store";
-                notes.warning("antialiasing-not-stored", text);
-            }
-            ply::encode(splats, cx, &mut notes)?
-        }
+        SaveFormat::Ply => ply::encode(splats, cx, &mut notes)?,
         SaveFormat::Spz | SaveFormat::Spz4 => {
             let version = if format == SaveFormat::Spz4 || splats.sh_degree == 4 { 4 } else { 3 };
             if version == 4 && format == SaveFormat::Spz {

@@ -17,7 +17,10 @@ const HIGHEST: f64 = 30.0;
 /// The bytes of a file.
 pub(super) fn encode(splats: &Splats, cx: &Context, notes: &mut Notes) -> Result<Vec<u8>, NodeError> {
     let rest = sh_rest(splats.sh_degree);
-    let mut header = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", splats.len());
+    // The comment of Brush and splat-transform; without it, the splats count as trained without antialiasing.
+    let comment = if splats.antialiased { "comment SplatRenderMode: mip\n" } else { "" };
+    let mut header =
+        format!("ply\nformat binary_little_endian 1.0\n{comment}element vertex {}\n", splats.len());
     let fields = ["x", "y", "z", "nx", "ny", "nz"]
         .into_iter()
         .map(str::to_owned)

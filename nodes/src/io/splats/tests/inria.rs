@@ -45,7 +45,9 @@ fn read(bytes: &[u8], strict: bool) -> Result<(Arc<Splats>, Notes), NodeError> {
         more: Vec::new(),
         strict,
         max_extent: 1e6,
+        level: 0,
         frame: Frame::ByFormat,
+        matrix: None,
     };
     LoadSplats::run(&params, In {}, &Context::detached(scene, folder.path()))
         .map(|(out, notes)| (out.splats, notes))
@@ -79,7 +81,7 @@ fn broken_rows_are_dropped_and_counted_by_reason() {
         with(good(9.0), "y", f32::INFINITY),
         with(good(9.0), "scale_1", 88.0),
         with(good(9.0), "scale_1", 200.0),
-        with(good(9.0), "scale_2", f32::NEG_INFINITY),
+        with(good(9.0), "scale_2", f32::NAN),
         good(2.0),
     ];
     let bytes = ply(&PLAIN, &rows, 8);
@@ -127,7 +129,9 @@ fn files_of_a_scene_are_appended_at_the_higher_degree() {
         more: vec![file("b.ply")],
         strict: true,
         max_extent: 1e6,
+        level: 0,
         frame: Frame::ByFormat,
+        matrix: None,
     };
     let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false };
     let cx = Context::detached(scene, folder.path());

@@ -17,8 +17,7 @@ use crate::math::num;
 pub(super) use self::net::Network;
 #[cfg(feature = "learned")]
 pub(super) use self::net::{AMOUNT, LIMITS};
-pub(super) use self::overview::OVERVIEW;
-pub(super) use self::scene::{CELL, Scene};
+pub(super) use self::scene::{CELL, OVERVIEW, Scene};
 
 /// The built-in weights: safetensors in f16, made by `train-exposure` as described in docs/light.md.
 pub(super) const WEIGHTS: &[u8] = include_bytes!("../../../../weights/exposure.safetensors");

@@ -5,13 +5,10 @@
 
 use glam::DVec3;
 
-use super::scene::{View, log2};
+use super::scene::{OVERVIEW, View, log2};
 use crate::light::regions;
 use crate::math::equirect::axes;
 use crate::math::num;
-
-/// Number of features of the whole panorama.
-pub(in super::super) const OVERVIEW: usize = 22;
 
 /// Smallest share, brightness and solid angle (sr) that is distinguished from less.
 const LEAST: f64 = 1e-4;

@@ -6,12 +6,13 @@ use glam::DVec3;
 use super::super::grid::Grid;
 use super::super::sun;
 use super::blur::Fields;
-use super::overview::OVERVIEW;
 use crate::light::measure::luminance;
 use crate::light::regions::{self, Regions};
 use crate::math::equirect::axes;
 use crate::math::num;
 
+/// Number of features of the whole panorama.
+pub(in super::super) const OVERVIEW: usize = 22;
 /// Number of features of each clipped cell.
 pub(in super::super) const CELL: usize = 37;
 /// Radii of the neighbourhoods, in columns of a grid of 256: 2.8, 8.4, 22.5 and 63 degrees.

@@ -12,7 +12,7 @@ use std::sync::{LazyLock, OnceLock};
 use glam::Vec3;
 
 use super::ggx::{Ggx, schlick};
-use super::{glass, sheen};
+use super::{dielectric, sheen};
 
 /// Values on a grid over the unit cube, interpolated linearly.
 struct Table<const D: usize, const N: usize> {
@@ -177,7 +177,7 @@ struct Slice {
 
 impl Slice {
     fn new(eta: f32) -> Self {
-        let [rise] = over_cosines(|c| [glass::rise(c, eta)]);
+        let [rise] = over_cosines(|c| [dielectric::rise(c, eta)]);
         let (round, means) = ([const { OnceLock::new() }; SIDE], [const { OnceLock::new() }; SIDE]);
         Self { eta, round, brushed: OnceLock::new(), means, rise }
     }
@@ -267,9 +267,10 @@ fn facets(ggx: &Ggx, out: Vec3, eta: f32, [step, n]: [u32; 2]) -> [f32; 4] {
         let cosine = out.dot(half);
         let mirrored = half * (2.0 * cosine) - out;
         let above = if mirrored.z > 0.0 { ggx.g2_over_g1(out, mirrored) } else { 0.0 };
-        let below = glass::refract(out, half, eta).filter(|bent| bent.z < 0.0);
-        let below = below.map_or(0.0, |bent| (1.0 - glass::fresnel(cosine, eta)) * ggx.g2_over_g1(out, bent));
-        let value = [above, above * schlick(cosine), above * glass::rise(cosine, eta), below];
+        let below = dielectric::refract(out, half, eta).filter(|bent| bent.z < 0.0);
+        let below =
+            below.map_or(0.0, |bent| (1.0 - dielectric::fresnel(cosine, eta)) * ggx.g2_over_g1(out, bent));
+        let value = [above, above * schlick(cosine), above * dielectric::rise(cosine, eta), below];
         sum.iter_mut().zip(value).for_each(|(sum, v)| *sum += f64::from(v));
     }
     sum.map(|sum| (sum / f64::from(n)) as f32)

@@ -3,8 +3,8 @@
 use glam::Vec3;
 
 use super::albedo::{self, Facets};
+use super::dielectric;
 use super::ggx::{Ggx, schlick};
-use super::glass;
 use super::thin_film;
 use super::{BsdfParams, Scatter};
 
@@ -23,7 +23,7 @@ impl Interface {
     pub fn new(params: &BsdfParams, out: Vec3) -> Self {
         let roughness = Ggx::anisotropic(params.roughness, params.anisotropy).roughness(out);
         let strength = if params.ior > 1.0 { params.specular.0 } else { 0.0 };
-        let f0 = (glass::f0_of_ior(params.ior) * params.specular.1.max_element()).min(1.0);
+        let f0 = (dielectric::f0_of_ior(params.ior) * params.specular.1.max_element()).min(1.0);
         Self { index: params.ior, f0, strength, roughness }
     }
 
@@ -71,7 +71,7 @@ impl Gloss {
     /// The gloss of a surface, seen from a direction of its frame.
     pub fn new(params: &BsdfParams, interface: &Interface, out: Vec3) -> Self {
         let ggx = Ggx::anisotropic(params.roughness, params.anisotropy);
-        let (m, cosine, eta) = (params.metallic, out.z, glass::relative(params));
+        let (m, cosine, eta) = (params.metallic, out.z, dielectric::relative(params));
         // Without interface, metal and transmission the facets have no effect, and no table is made.
         if interface.strength == 0.0
             && m == 0.0
@@ -95,7 +95,7 @@ impl Gloss {
         let facets = Facets::new(&ggx, out, eta);
         if params.inside {
             // The whole interface: otherwise nothing would be reflected beyond the critical angle.
-            let f0 = glass::f0_of_ior(params.ior);
+            let f0 = dielectric::f0_of_ior(params.ior);
             let [reflected, _] = facets.dielectric(f0);
             let gain = 1.0 / (reflected + facets.passed).max(1e-3);
             return Self {
@@ -109,14 +109,14 @@ impl Gloss {
                 left: Vec3::splat(facets.passed * gain),
             };
         }
-        let tinted = (params.specular.1 * glass::f0_of_ior(params.ior)).min(Vec3::ONE);
+        let tinted = (params.specular.1 * dielectric::f0_of_ior(params.ior)).min(Vec3::ONE);
         let strength = interface.strength;
         let (share, index, thickness) = params.film;
         let film = |f0: Vec3, rise: f32| match share > 0.0 || params.every_lobe {
             true => f0.lerp(thin_film::f0(index, thickness, f0, cosine, rise), share),
             false => f0,
         };
-        let over_dielectric = |f0: Vec3| film(f0, glass::rise(cosine, params.ior));
+        let over_dielectric = |f0: Vec3| film(f0, dielectric::rise(cosine, params.ior));
         let (dielectric, metal) = (over_dielectric(tinted), film(params.base, schlick(cosine)));
         let [covered_once, covered] = each(dielectric, |f0| facets.dielectric(f0)).map(|v| v * strength);
         let [shiny_once, shiny] = each(metal, |f0| facets.metal(f0));
@@ -136,7 +136,7 @@ impl Gloss {
     pub fn eval(&self, out: Vec3, incident: Vec3) -> (Scatter, f32) {
         let mirror = self.ggx.mirror(out, incident);
         let risen = |[f0, f90]: [Vec3; 2], rise: f32| f0 * (1.0 - rise) + f90 * rise;
-        let fresnel = risen(self.dielectric, glass::rise(mirror.cosine, self.eta))
+        let fresnel = risen(self.dielectric, dielectric::rise(mirror.cosine, self.eta))
             + risen(self.metal, schlick(mirror.cosine));
         (Scatter { value: fresnel * self.gain * mirror.value, pdf: mirror.pdf }, mirror.cosine)
     }

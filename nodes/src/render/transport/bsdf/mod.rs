@@ -8,6 +8,7 @@
 //! visible to one class and transparent to the other.
 
 mod albedo;
+mod dielectric;
 mod ggx;
 mod glass;
 mod gloss;

@@ -5,8 +5,8 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
+use super::dielectric::{cos_refracted, f0_of_ior as from_index};
 use super::ggx::schlick;
-use super::glass::{cos_refracted, f0_of_ior as from_index};
 use crate::math::num::f32::{cos, exp};
 
 /// Fourier transforms of the CIE sensitivities, each a Gaussian times a wave, in SI units: height, position and

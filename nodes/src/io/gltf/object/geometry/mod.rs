@@ -14,7 +14,8 @@ use crate::error::Error;
 use crate::io::gltf::{File, Numbers};
 use crate::types::{Material, Primitive};
 use tally::Tally;
-use transform::{inverse_transpose, local, turned};
+pub(crate) use transform::local;
+use transform::{inverse_transpose, turned};
 
 /// Largest number of vertices of an object: a small file that repeats a mesh could fill any memory.
 const VERTEX_LIMIT: usize = 1 << 26;

@@ -44,8 +44,8 @@ impl Geometry<'_> {
     }
 }
 
-/// The transform from the frame of a node to that of its parent.
-pub(super) fn local(transform: &Transform) -> DMat4 {
+/// From the frame of a node to that of its parent.
+pub(crate) fn local(transform: &Transform) -> DMat4 {
     match transform {
         Transform::Matrix { matrix } => {
             DMat4::from_cols_array(&std::array::from_fn(|i| f64::from(matrix[i / 4][i % 4])))

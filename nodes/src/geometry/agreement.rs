@@ -1,0 +1,172 @@
+//! Agreement of splats and mesh of one place, by their depths in a view that is wanted.
+
+/// The depths of one view, pixel by pixel.
+#[derive(Debug, Clone, Copy)]
+pub struct Depths<'a> {
+    /// Planar depth of the splats in world units, +inf where there are none.
+    pub splats: &'a [f32],
+    /// Coverage of the splats, 0 to 1.
+    pub coverage: &'a [f32],
+    /// Planar depth of the front surface, object or mesh; +inf where there is none.
+    pub surface: &'a [f32],
+    /// Coverage of the inserted objects, 0 to 1.
+    pub objects: &'a [f32],
+}
+
+/// Counts of pixels of a view.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Agreement {
+    /// Pixels that objects cover, and those of them where solid splats stand before the object.
+    pub objects: u64,
+    /// See [`Self::objects`].
+    pub before_objects: u64,
+    /// Pixels of solid splats without an object.
+    pub solid: u64,
+    /// Those of them that show the mesh too.
+    pub both: u64,
+    /// Those of both where the depths agree.
+    pub agree: u64,
+    /// Median of the depth of the mesh over that of the splats, where both are; 1 without any.
+    pub ratio: f64,
+}
+
+/// Coverage from which on splats are solid, and objects are drawn.
+const SOLID: f32 = 0.9;
+const DRAWN: f32 = 0.5;
+/// Splats stand before an object where they are nearer by this factor: an object touches the ground that it stands on.
+const BEFORE: f32 = 0.85;
+/// Logarithm of the ratio of depths up to which they agree: a proxy mesh lies a tenth off.
+const AGREE: f64 = 0.2;
+/// Share of the pixels of an object from which on splats before it are reported. Splats are wider than the mesh that
+/// they agree with: along the edge of a post before an object they covered 11 % of it.
+const SHARE_BEFORE: f64 = 0.2;
+/// Share of agreeing pixels below which splats and mesh are of different frames.
+const SHARE_AGREE: f64 = 0.1;
+/// Share of the pixels of solid splats below which the mesh is not in the view at all.
+const SHARE_BOTH: f64 = 0.01;
+/// Smallest number of pixels for a statement.
+const PIXELS: u64 = 40;
+
+impl Agreement {
+    /// Compares the depths; the lists have one number per pixel.
+    pub fn of(depths: &Depths<'_>) -> Self {
+        let mut found = Self { ratio: 1.0, ..Self::default() };
+        let mut logs = Vec::new();
+        let mesh = depths.surface.iter().zip(depths.objects);
+        let splats = depths.splats.iter().zip(depths.coverage);
+        for ((&splat, &coverage), (&surface, &object)) in splats.zip(mesh) {
+            let solid = coverage >= SOLID && splat.is_finite() && splat > 0.0;
+            if object >= DRAWN && surface.is_finite() {
+                found.objects += 1;
+                found.before_objects += u64::from(solid && splat < BEFORE * surface);
+            } else if object <= 0.0 && solid {
+                found.solid += 1;
+                if surface.is_finite() && surface > 0.0 {
+                    found.both += 1;
+                    let log = crate::math::num::f64::ln(f64::from(surface) / f64::from(splat));
+                    found.agree += u64::from(log.abs() <= AGREE);
+                    logs.push(log);
+                }
+            }
+        }
+        if !logs.is_empty() {
+            let middle = logs.len() / 2;
+            found.ratio = crate::math::num::f64::exp(*logs.select_nth_unstable_by(middle, f64::total_cmp).1);
+        }
+        found
+    }
+
+    /// What is wrong by these counts: id and text, after "in the view".
+    pub fn findings(&self) -> Vec<(&'static str, String)> {
+        let share = |part: u64, whole: u64| part as f64 / whole.max(1) as f64;
+        let mut list = Vec::new();
+        let (known, seen) = (share(self.both, self.solid), share(self.agree, self.both));
+        if self.solid >= PIXELS && known < SHARE_BOTH {
+            let text = "the mesh of the place is nowhere to be seen where the splats are: are both in one frame, with \
+                        one unit and one axis up? `matrix` of `LoadMesh` and `LoadSplats` moves one to the other";
+            list.push(("mesh-elsewhere", text.to_owned()));
+        } else if self.both >= PIXELS && seen < SHARE_AGREE {
+            let text = format!(
+                "the mesh of the place lies elsewhere than the splats at {:.0} % of the pixels that show both, {:.3} times \
+                 as far in the median: they differ in unit, axis or origin; `matrix` of `LoadMesh` and `LoadSplats` \
+                 moves one to the other",
+                100.0 * (1.0 - seen),
+                self.ratio
+            );
+            list.push(("mesh-elsewhere", text));
+        }
+        let before = share(self.before_objects, self.objects);
+        if list.is_empty() && self.objects >= PIXELS && before >= SHARE_BEFORE {
+            let text = format!(
+                "splats stand before the object at {:.0} % of its pixels, where the mesh of the place has nothing: the \
+                 object is drawn over them. A second `SplatRender` with `limit` of `path-trace.nearest` gives them, for \
+                 `front` of `Composite`",
+                100.0 * before
+            );
+            list.push(("splats-before-object", text));
+        }
+        list
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const N: usize = 100;
+
+    fn ids(change: impl Fn(usize) -> [f32; 4]) -> Vec<&'static str> {
+        let rows: Vec<[f32; 4]> = (0..N * N).map(change).collect();
+        let column = |at: usize| rows.iter().map(|row| row[at]).collect::<Vec<f32>>();
+        let [splats, coverage, surface, objects] = [0, 1, 2, 3].map(column);
+        let depths = Depths { splats: &splats, coverage: &coverage, surface: &surface, objects: &objects };
+        Agreement::of(&depths).findings().into_iter().map(|(id, _)| id).collect()
+    }
+
+    /// Depth of a floor and a wall at a pixel.
+    fn place(i: usize) -> f32 {
+        2.0 + (i % N) as f32 * 0.03 + (i / N) as f32 * 0.05
+    }
+
+    fn is_object(i: usize) -> bool {
+        (40..60).contains(&(i % N)) && (40..60).contains(&(i / N))
+    }
+
+    /// A pixel without anything wrong: splats, coverage, surface, object.
+    fn right(i: usize) -> [f32; 4] {
+        if is_object(i) {
+            [place(i), 1.0, place(i) * 0.9, 1.0]
+        } else {
+            [place(i), 1.0, place(i) * 1.03, 0.0]
+        }
+    }
+
+    /// Mutation: `splat < BEFORE * surface` to `splat > BEFORE * surface`, seen red.
+    #[test]
+    fn a_place_that_agrees_raises_no_alarm() {
+        assert_eq!(ids(right), [""; 0]);
+        // A plane as receiver: furniture stands before it, and much has no mesh behind.
+        assert_eq!(ids(|i| if i % 3 == 0 { right(i) } else { [1.0, 1.0, f32::INFINITY, 0.0] }), [""; 0]);
+        assert_eq!(
+            ids(|i| if i % 4 == 0 { right(i) } else { [0.7 * place(i), 1.0, place(i), 0.0] }),
+            [""; 0]
+        );
+        // Haze before the object.
+        assert_eq!(ids(|i| if is_object(i) { [0.5, 0.4, place(i), 1.0] } else { right(i) }), [""; 0]);
+        // No splats, no mesh.
+        assert_eq!(ids(|i| [f32::INFINITY, 0.0, place(i), 0.0]), [""; 0]);
+    }
+
+    #[test]
+    fn other_frames_and_missing_posts_are_found() {
+        for scale in [0.01, 0.1, 0.5, 2.0, 100.0] {
+            assert_eq!(ids(|i| [place(i), 1.0, place(i) * scale, 0.0]), ["mesh-elsewhere"], "{scale}");
+        }
+        assert_eq!(ids(|i| [place(i), 1.0, f32::INFINITY, 0.0]), ["mesh-elsewhere"]);
+        let post = |i: usize| is_object(i) && i % N < 46;
+        assert_eq!(
+            ids(|i| if post(i) { [1.0, 1.0, place(i), 1.0] } else { right(i) }),
+            ["splats-before-object"]
+        );
+    }
+}

@@ -1,0 +1,192 @@
+//! Which way is up, where the floor lies, and how long a unit is: estimated from what a capture shows.
+
+mod axes;
+mod patch;
+mod profile;
+mod refine;
+mod rig;
+mod scale;
+#[cfg(test)]
+mod tests;
+
+use glam::{DMat3, DVec3};
+use serde::Serialize;
+
+use crate::math::num;
+use crate::types::{Mesh, Rig, Splats};
+use patch::Patches;
+use profile::{Profile, profile};
+
+pub use patch::rotation;
+pub use profile::Evidence;
+pub use scale::Scale;
+
+/// Axes that are looked at.
+const AXES: usize = 6;
+/// How much the layers across an axis count for it being the vertical.
+const LAYERED: f64 = 6.0;
+/// Layers of less than this are noise: evenly spread splats that point anywhere reach 0.01.
+const LEAST_LAYERING: f64 = 0.045;
+/// Ground of fewer patches is too little to be sure.
+const LEAST_OBSERVATIONS: f64 = 150.0;
+/// From this confidence on a direction counts as sure.
+pub const SURE: f64 = 0.95;
+/// Largest confidence of what rests on splats alone.
+const MOST: f64 = 0.99;
+
+/// An estimate of how a scene stands.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LevelEstimate {
+    /// Unit vector that points up, in the frame of the scene.
+    pub up: [f64; 3],
+    /// Chance that `up` is right within 5 degrees, 0 to 1, as the evidence has it.
+    pub confidence: f64,
+    /// Height of the floor along `up`, in world units.
+    pub floor: f64,
+    /// Chance that this is the floor, 0 to 1.
+    pub floor_confidence: f64,
+    /// Height of the ceiling along `up`, where there is one.
+    pub ceiling: Option<f64>,
+    /// Middle of the scene, in world units.
+    pub centre: [f64; 3],
+    /// Radius of the scene around it without background, in world units.
+    pub radius: f64,
+    /// What speaks for `up` and against the opposite direction.
+    pub evidence: Evidence,
+    /// True where cameras took part.
+    pub by_cameras: bool,
+    /// How long a unit is.
+    pub scale: Scale,
+}
+
+impl LevelEstimate {
+    /// The axis that `up` is within 2.5 degrees of: `+z`.
+    pub fn axis(&self) -> Option<&'static str> {
+        const NAMES: [[&str; 2]; 3] = [["-x", "+x"], ["-y", "+y"], ["-z", "+z"]];
+        (0..3).find(|&k| self.up[k].abs() > 0.999).map(|k| NAMES[k][usize::from(self.up[k] > 0.0)])
+    }
+
+    /// True where up can be relied on.
+    pub fn is_sure(&self) -> bool {
+        self.confidence >= SURE
+    }
+
+    /// True where the height of the floor can be relied on.
+    pub fn is_floor_sure(&self) -> bool {
+        self.is_sure() && self.floor_confidence >= SURE
+    }
+
+    /// The rotation of least angle that brings `up` to a wanted direction.
+    pub fn turn_to(&self, wanted: DVec3) -> DMat3 {
+        turn(DVec3::from_array(self.up), wanted)
+    }
+}
+
+/// The rotation of least angle from one unit vector to another.
+fn turn(from: DVec3, to: DVec3) -> DMat3 {
+    let cosine = from.dot(to);
+    if cosine < -1.0 + 1e-12 {
+        let [axis, _] = axes::across(from);
+        // Half a turn.
+        return DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z) * 2.0 - DMat3::IDENTITY;
+    }
+    let v = from.cross(to);
+    let cross =
+        DMat3::from_cols(DVec3::new(0.0, v.z, -v.y), DVec3::new(-v.z, 0.0, v.x), DVec3::new(v.y, -v.x, 0.0));
+    DMat3::IDENTITY + cross + cross * cross * (1.0 / (1.0 + cosine))
+}
+
+/// Estimates how a scene of splats stands; with the cameras of its capture, where they are known in the same frame.
+/// `None` of a scene without splats that can be seen. The same bytes give the same estimate on every machine.
+pub fn of_splats(splats: &Splats, cameras: Option<&Rig>) -> Option<LevelEstimate> {
+    estimate(&Patches::of_splats(splats), cameras)
+}
+
+/// The same of a mesh of a place.
+pub fn of_mesh(mesh: &Mesh, cameras: Option<&Rig>) -> Option<LevelEstimate> {
+    estimate(&Patches::of_mesh(mesh), cameras)
+}
+
+/// How a scene of splats stands where up is given, as by the format of its file: its floor, ceiling and scale. The confidence is
+/// that of the measurement where it agrees within 5 degrees, and 0 where it does not.
+pub fn upright(splats: &Splats, up: DVec3, cameras: Option<&Rig>) -> Option<LevelEstimate> {
+    let patches = Patches::of_splats(splats);
+    let measured = estimate(&patches, cameras)?;
+    let profile = profile(&patches, up);
+    let mut found = refine::refine(&patches, &profile);
+    // The plane of the floor under the middle of the scene, along the given direction.
+    let centre = patches.centre;
+    found.floor += centre.dot(up) - centre.dot(found.up);
+    found.up = up;
+    let agrees = DVec3::from_array(measured.up).dot(up) > 0.9962;
+    let confidence = if agrees { measured.confidence } else { 0.0 };
+    Some(LevelEstimate {
+        up: up.to_array(),
+        confidence,
+        floor: found.floor,
+        floor_confidence: found.floor_confidence.min(if agrees { 1.0 } else { 0.5 }),
+        ceiling: found.ceiling,
+        evidence: profile.evidence(),
+        scale: scale::scale(&found, &patches, cameras),
+        ..measured
+    })
+}
+
+/// A direction with the logarithm of its odds.
+struct Candidate {
+    odds: f64,
+    layering: f64,
+    profile: Profile,
+}
+
+fn estimate(patches: &Patches, cameras: Option<&Rig>) -> Option<LevelEstimate> {
+    if patches.core.len() < 3 || patches.radius <= 0.0 {
+        return None;
+    }
+    let axes = axes::candidates(&patches.core, patches.centre, patches.radius, AXES);
+    let strongest = axes.first()?.layering;
+    let mut candidates: Vec<Candidate> = Vec::new();
+    for one in &axes {
+        // The layers are coarse; the plane of the largest one is not.
+        let [a, b] = [one.axis, -one.axis].map(|up| profile(patches, up));
+        let first = if a.ground >= b.ground { a } else { b };
+        let axis = refine::refine(patches, &first).up;
+        for up in [axis, -axis] {
+            let profile = profile(patches, up);
+            let layered = LAYERED * num::f64::ln((one.layering / strongest).max(1e-9));
+            candidates.push(Candidate {
+                odds: layered + profile.evidence().sum(),
+                layering: one.layering,
+                profile,
+            });
+        }
+    }
+    let held = cameras.and_then(rig::held);
+    if let Some(held) = &held {
+        rig::weigh(held, patches, &mut candidates);
+    }
+    candidates.sort_by(|a, b| b.odds.total_cmp(&a.odds));
+    let best = &candidates[0];
+    let sum: f64 = candidates.iter().map(|c| num::f64::exp((c.odds - best.odds).max(-700.0))).sum();
+    let mut confidence = (1.0 / sum).min(MOST);
+    let seen = held.as_ref().is_some_and(|held| held.agrees(best.profile.up));
+    // The balance of odds says nothing where there is nothing to weigh.
+    if !seen {
+        confidence *= (best.layering / LEAST_LAYERING).min(1.0);
+        confidence *= (best.profile.observations / LEAST_OBSERVATIONS).min(1.0);
+    }
+    let found = refine::refine(patches, &best.profile);
+    let ceiling = found.ceiling;
+    Some(LevelEstimate {
+        up: found.up.to_array(),
+        confidence,
+        floor: found.floor,
+        floor_confidence: confidence.min(found.floor_confidence),
+        ceiling,
+        centre: patches.centre.to_array(),
+        radius: patches.radius,
+        evidence: best.profile.evidence(),
+        by_cameras: seen,
+        scale: scale::scale(&found, patches, cameras),
+    })
+}

@@ -1,0 +1,254 @@
+//! A scene along an axis: what each of the two directions has for being up.
+
+use glam::DVec3;
+use serde::Serialize;
+
+use super::axes::across;
+use super::patch::{Patch, Patches};
+
+/// Layers of the scene.
+const LAYERS: usize = 96;
+/// Cells along each side of the plan.
+const CELLS: usize = 40;
+/// Layers of the plan's columns.
+const STOREYS: usize = 24;
+
+/// What speaks for a direction being up. Balances compare it with the opposite direction: from -1 (that one) to 1 (this).
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Profile {
+    /// The direction.
+    pub up: DVec3,
+    /// Height of the lowest large layer along `up`, in world units.
+    pub floor: f64,
+    /// Height of the highest large layer, or of the highest surface.
+    pub top: f64,
+    /// Share of all surface that lies flat in the lowest layer beyond chance, less what lies below it.
+    pub ground: f64,
+    /// The same of the highest layer.
+    pub lid: f64,
+    /// Number of equal patches that would say as much about the ground.
+    pub observations: f64,
+    /// Share of the plan that the floor covers, 0 to 1.
+    pub cover: f64,
+    /// Share of the plan that the lid covers, 0 to 1.
+    pub lid_cover: f64,
+    /// Balance of what lies over and under the floor, background included.
+    pub side: f64,
+    /// Balance of things that are not walls: those in the lower half between both layers against the upper.
+    pub things: f64,
+    /// Share of all surface that these things are.
+    pub things_share: f64,
+    /// Balance of level surfaces between both layers.
+    pub levels: f64,
+    /// Their share of all surface.
+    pub levels_share: f64,
+    /// Luma of the upper fifth less that of the floor.
+    pub light: f64,
+    /// Balance of the background: above against below.
+    pub sky: f64,
+    /// Its weight over that of the core.
+    pub sky_share: f64,
+}
+
+impl Profile {
+    /// Height between floor and top, in world units.
+    pub fn height(&self) -> f64 {
+        self.top - self.floor
+    }
+
+    /// What speaks for this direction and against the opposite one, as a logarithm of odds.
+    pub fn evidence(&self) -> Evidence {
+        Evidence {
+            ground: 3.0 * (self.ground - self.lid) / (self.ground + self.lid + 0.01) + 1.5 * self.side,
+            things: 1.5 * self.things * (self.things_share / 0.05).min(1.0)
+                + self.levels * (self.levels_share / 0.02).min(1.0),
+            light: 0.7 * (self.light / 0.1).clamp(-1.0, 1.0)
+                + 1.5 * self.sky * (self.sky_share / 0.02).min(1.0),
+        }
+    }
+}
+
+/// Logarithms of odds, by what they rest on.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Evidence {
+    /// One large level surface with everything over it.
+    pub ground: f64,
+    /// Furniture and other things stand low; table tops and seats face up.
+    pub things: f64,
+    /// Ceilings and sky are brighter than floors, and the background is above.
+    pub light: f64,
+}
+
+impl Evidence {
+    /// All of it.
+    pub fn sum(&self) -> f64 {
+        self.ground + self.things + self.light
+    }
+}
+
+fn flat(patch: &Patch, up: DVec3) -> bool {
+    patch.normal.is_some_and(|n| n.dot(up).abs() > 0.94)
+}
+
+/// What lies along a direction.
+pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
+    let core = &patches.core;
+    let total: f64 = core.iter().map(|p| p.weight).sum();
+    let mut heights: Vec<(f64, f64)> = core.iter().map(|p| (p.middle.dot(up), p.weight)).collect();
+    heights.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let at = |share: f64| {
+        let mut sum = 0.0;
+        for (h, w) in &heights {
+            sum += w;
+            if sum >= share * total {
+                return *h;
+            }
+        }
+        heights.last().map_or(0.0, |h| h.0)
+    };
+    // A thing on a bare floor is little of the surface, and dust far below is few splats.
+    let ends = [heights.len() / 200, heights.len() - 1 - heights.len() / 200];
+    let [first, last] = ends.map(|i| heights[i].0);
+    let (low, high) = (at(0.004).min(first), at(0.996).max(last));
+    // Thinner layers than the noise of a floor would cut it in two.
+    let width = ((high - low) / LAYERS as f64).max(0.002 * patches.radius);
+    let layer = |p: &Patch| {
+        let at = (p.middle.dot(up) - low) / width;
+        if at < 0.0 { 0 } else { (at as usize).min(LAYERS - 1) }
+    };
+    let (mut all, mut lying) = ([0.0; LAYERS], [0.0; LAYERS]);
+    for p in core {
+        all[layer(p)] += p.weight;
+        if flat(p, up) {
+            lying[layer(p)] += p.weight;
+        }
+    }
+    let lying_total: f64 = lying.iter().sum();
+    let window =
+        |of: &[f64; LAYERS], k: usize| of[k.saturating_sub(1)..(k + 2).min(LAYERS)].iter().sum::<f64>();
+    // From below, or from above.
+    let search = |from_below: bool| {
+        let mut best = (0.0, if from_below { 0 } else { LAYERS - 1 });
+        for k in 0..LAYERS {
+            let outer: f64 = if from_below {
+                all[..k.saturating_sub(1)].iter().sum()
+            } else {
+                all[(k + 2).min(LAYERS)..].iter().sum()
+            };
+            let chance = lying_total / total * window(&all, k);
+            let score = (window(&lying, k) - 0.7 * chance) / total * (1.0 - 4.0 * outer / total).max(0.0);
+            if score > best.0 {
+                best = (score, k);
+            }
+        }
+        best
+    };
+    let (ground, floor_layer) = search(true);
+    let (lid, lid_layer) = search(false);
+    let mut found = Profile { up, ground, lid, ..Profile::default() };
+    // Where most of what lies in a layer lies.
+    let middle_of = |k: usize| {
+        let height = |p: &Patch| p.middle.dot(up);
+        let inside = |p: &&Patch| flat(p, up) && layer(p).abs_diff(k) <= 1;
+        let mut lying: Vec<(f64, f64)> = core.iter().filter(inside).map(|p| (height(p), p.weight)).collect();
+        lying.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let half = 0.5 * lying.iter().map(|p| p.1).sum::<f64>();
+        let mut sum = 0.0;
+        let middle = lying.iter().find(|p| {
+            sum += p.1;
+            sum >= half
+        });
+        middle.map_or(low + (k as f64 + 0.5) * width, |p| p.0)
+    };
+    found.floor = if ground > 0.0 { middle_of(floor_layer) } else { low };
+    found.top = if lid > 0.0 && lid_layer > floor_layer { middle_of(lid_layer) } else { high };
+    let within = |h: f64| (h - found.floor).abs() < 2.0 * width;
+    let (sum, squares) = core
+        .iter()
+        .filter(|p| flat(p, up) && within(p.middle.dot(up)))
+        .fold((0.0, 0.0), |(sum, squares), p| (sum + p.weight, squares + p.weight * p.weight));
+    found.observations = if squares > 0.0 { sum * sum / squares } else { 0.0 };
+    let around = patches.core.iter().chain(&patches.far).fold([0.0; 2], |mut sum, p| {
+        let over = p.middle.dot(up) - found.floor;
+        if over.abs() > (3.0 * width).max(0.01 * patches.radius) {
+            sum[usize::from(over < 0.0)] += p.weight;
+        }
+        sum
+    });
+    // The plan.
+    let [x, y] = across(up);
+    let cell = |p: &Patch| {
+        let v = p.middle - patches.centre;
+        let at = |axis: DVec3| {
+            ((v.dot(axis) / patches.radius * 0.5 + 0.5) * CELLS as f64).clamp(0.0, CELLS as f64 - 1.0)
+                as usize
+        };
+        at(y) * CELLS + at(x)
+    };
+    let near = 2.0 * width;
+    let mut columns = vec![[0.0; STOREYS]; CELLS * CELLS];
+    let mut floors = vec![[0.0; 2]; CELLS * CELLS];
+    let storey = |h: f64| ((h - found.floor) / found.height().max(1e-12) * STOREYS as f64) as usize;
+    for p in core {
+        let h = p.middle.dot(up);
+        let c = cell(p);
+        if flat(p, up) && (h - found.floor).abs() < near {
+            floors[c][0] += p.weight;
+        } else if flat(p, up) && (h - found.top).abs() < near {
+            floors[c][1] += p.weight;
+        }
+        if h > found.floor + near && h < found.top - near {
+            columns[c][storey(h).min(STOREYS - 1)] += p.weight;
+        }
+    }
+    let mean = total / (CELLS * CELLS) as f64 * 0.02;
+    let used = |c: usize| floors[c][0] + floors[c][1] + columns[c].iter().sum::<f64>() > mean;
+    let plan = (0..CELLS * CELLS).filter(|&c| used(c)).count().max(1) as f64;
+    found.cover = floors.iter().filter(|f| f[0] > mean).count() as f64 / plan;
+    found.lid_cover = floors.iter().filter(|f| f[1] > mean).count() as f64 / plan;
+    // Columns that are full are walls.
+    let is_wall: Vec<bool> =
+        columns.iter().map(|c| c.iter().filter(|v| **v > 0.0).count() >= STOREYS * 6 / 10).collect();
+    let (mut things, mut levels) = ([0.0; 2], [0.0; 2]);
+    let (mut lid_light, mut floor_light) = ([0.0; 2], [0.0; 2]);
+    for p in core {
+        let h = p.middle.dot(up);
+        let share = (h - found.floor) / found.height().max(1e-12);
+        if (h - found.floor).abs() < near && flat(p, up) {
+            floor_light[0] += p.weight * p.luma();
+            floor_light[1] += p.weight;
+        }
+        if share > 0.8 {
+            lid_light[0] += p.weight * p.luma();
+            lid_light[1] += p.weight;
+        }
+        if h > found.floor + near && h < found.top - near && !is_wall[cell(p)] {
+            let upper = usize::from(share > 0.5);
+            things[upper] += p.weight;
+            if flat(p, up) {
+                levels[upper] += p.weight;
+            }
+        }
+    }
+    let sky: [f64; 2] = patches.far.iter().fold([0.0; 2], |mut sum, p| {
+        let v = (p.middle - patches.centre).normalize().dot(up);
+        if v > 0.25 {
+            sum[1] += p.weight;
+        } else if v < -0.25 {
+            sum[0] += p.weight;
+        }
+        sum
+    });
+    let balance = |[a, b]: [f64; 2]| if a + b > 0.0 { (a - b) / (a + b) } else { 0.0 };
+    found.things = balance(things);
+    found.things_share = (things[0] + things[1]) / total;
+    found.levels = balance(levels);
+    found.levels_share = (levels[0] + levels[1]) / total;
+    found.sky = balance([sky[1], sky[0]]);
+    found.sky_share = (sky[0] + sky[1]) / total;
+    // Little that lies on one side of the floor says little.
+    found.side = balance(around) * ((around[0] + around[1]) / total / 0.02).min(1.0);
+    let mean = |[sum, weight]: [f64; 2]| if weight > 0.0 { sum / weight } else { 0.5 };
+    found.light = mean(lid_light) - mean(floor_light);
+    found
+}

@@ -1,0 +1,61 @@
+//! The floor as a plane, and up as its normal.
+
+use glam::DVec3;
+
+use super::axes::across;
+use super::patch::{Patch, Patches};
+use super::profile::Profile;
+use crate::geometry::support::Level;
+
+/// Rounds of the fit; each looks at half the height around the plane.
+const ROUNDS: usize = 4;
+/// A floor that slopes by more (8 degrees) is not what up is measured by.
+const STEEP: f64 = 0.14;
+/// A ceiling covers at least this share of the plan.
+const CEILING_COVER: f64 = 0.3;
+
+/// How a scene stands, to within the noise of its floor.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Stand {
+    pub up: DVec3,
+    pub floor: f64,
+    pub floor_confidence: f64,
+    pub ceiling: Option<f64>,
+}
+
+/// Fits the floor that a profile found.
+pub(super) fn refine(patches: &Patches, profile: &Profile) -> Stand {
+    let [x, y] = across(profile.up);
+    let mut band = (0.03 * profile.height().max(0.2 * patches.radius)).min(0.05 * patches.radius);
+    let mut plane =
+        Level { height: profile.floor - patches.centre.dot(profile.up), slope: [0.0; 2], roughness: 0.0 };
+    let local = |p: &Patch| {
+        let v = p.middle - patches.centre;
+        [v.dot(x), v.dot(y), v.dot(profile.up)]
+    };
+    let mut count = 0;
+    for _ in 0..ROUNDS {
+        let near: Vec<[f64; 3]> = patches
+            .core
+            .iter()
+            .filter(|p| p.normal.is_some_and(|n| n.dot(profile.up).abs() > 0.9))
+            .map(local)
+            .filter(|&[px, py, h]| (h - plane.at(px, py)).abs() < band)
+            .collect();
+        let Some(next) = Level::of(&near) else { break };
+        if next.slope.iter().any(|s| s.abs() > STEEP) {
+            break;
+        }
+        (plane, count) = (next, near.len());
+        band *= 0.6;
+    }
+    let up = (profile.up - x * plane.slope[0] - y * plane.slope[1]).normalize();
+    let floor = patches.centre.dot(up) + plane.height * profile.up.dot(up);
+    // A floor is wide, or all that there is.
+    let wide = (profile.cover / 0.25).min(1.0);
+    let thick = (profile.ground / 0.02).min(1.0);
+    let floor_confidence = if count == 0 { 0.0 } else { 0.99 * wide * thick };
+    let covered = profile.lid_cover > CEILING_COVER && profile.lid > 0.3 * profile.ground;
+    let ceiling = (covered && profile.height() > 0.1 * patches.radius).then_some(profile.top);
+    Stand { up, floor, floor_confidence, ceiling }
+}

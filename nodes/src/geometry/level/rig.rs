@@ -1,0 +1,114 @@
+//! What the cameras of a capture say about up: people hold them level.
+
+use glam::{DMat3, DVec3};
+
+use super::Candidate;
+use super::patch::Patches;
+use super::profile::profile;
+use crate::math::num;
+use crate::types::Rig;
+
+/// Cameras that are needed.
+const FEWEST: usize = 3;
+/// Cosine of the angle within which cameras and surfaces agree: 20 degrees.
+const AGREE: f64 = 0.94;
+/// How much level cameras count, as a logarithm of odds.
+const COUNT: f64 = 5.0;
+
+/// The vertical by the cameras.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Held {
+    /// Up, or down where `signed` is false.
+    pub up: DVec3,
+    /// False where all cameras were held on their side, which may be either one.
+    pub signed: bool,
+    /// How level they were held, 0 to 1.
+    pub level: f64,
+}
+
+impl Held {
+    pub fn agrees(&self, up: DVec3) -> bool {
+        let cosine = self.up.dot(up);
+        (if self.signed { cosine } else { cosine.abs() }) > AGREE && self.level > 0.5
+    }
+}
+
+/// The direction to which the axes are nearest to perpendicular, and the root mean square of their cosines to it and to the second such direction.
+fn least(axes: &[DVec3]) -> (DVec3, f64, f64) {
+    let mut m = DMat3::ZERO;
+    for &a in axes {
+        m += DMat3::from_cols(a * a.x, a * a.y, a * a.z);
+    }
+    let m = m * (1.0 / axes.len() as f64);
+    // The least axis is the greatest one of what is left of the identity; the next one by deflation.
+    let power = |m: DMat3| {
+        let mut v = DVec3::new(0.577, 0.578, 0.576).normalize();
+        for _ in 0..200 {
+            let next = m * v;
+            if next.length() < 1e-12 {
+                break;
+            }
+            v = next.normalize();
+        }
+        v
+    };
+    let rest = DMat3::IDENTITY - m;
+    let first = power(rest);
+    let value = first.dot(m * first);
+    let without = rest - DMat3::from_cols(first * first.x, first * first.y, first * first.z) * (1.0 - value);
+    let second = power(without);
+    (first, value.max(0.0).sqrt(), second.dot(m * second).max(0.0).sqrt())
+}
+
+/// The vertical by the cameras of a rig; `None` of too few, or of ones held anyhow.
+pub(super) fn held(rig: &Rig) -> Option<Held> {
+    if rig.cameras.len() < FEWEST {
+        return None;
+    }
+    let axis = |k: usize| -> Vec<DVec3> {
+        rig.cameras.iter().map(|c| DMat3::from_mat4(c.world_from_camera()).col(k).normalize()).collect()
+    };
+    let (rights, downs) = (axis(0), axis(1));
+    let mean = |of: &[DVec3]| of.iter().fold(DVec3::ZERO, |sum, v| sum + *v) / of.len() as f64;
+    // Held upright, right axes are level; held on the side, down axes are.
+    let (upright, sideways) = (least(&rights), least(&downs));
+    let up = -mean(&downs);
+    let side = mean(&rights);
+    // The level axes leave one direction open; where they all point the same way it is only found by the mean.
+    let found = |(axis, least, next): (DVec3, f64, f64), towards: DVec3| {
+        let axis = if next > 3.0 * least && next > 0.2 { axis } else { towards.normalize() };
+        let axis = if axis.dot(towards) < 0.0 { -axis } else { axis };
+        (axis, (1.0 - 4.0 * least).max(0.0) * towards.length().min(1.0))
+    };
+    let (a, level_a) = found(upright, up);
+    let (b, level_b) = found(sideways, side);
+    if upright.2 <= 0.2 && sideways.2 <= 0.2 {
+        // All look the same way: only how they were held is known.
+        return Some(Held { up: up.normalize(), signed: true, level: 0.5 * level_a.max(0.0) });
+    }
+    let held = if level_a >= level_b {
+        Held { up: a, signed: true, level: level_a }
+    } else {
+        Held { up: b, signed: false, level: level_b }
+    };
+    (held.level > 0.1 && held.up.is_finite()).then_some(held)
+}
+
+/// Adds the vertical of the cameras to the candidates, and what they say to each.
+pub(super) fn weigh(held: &Held, patches: &Patches, candidates: &mut Vec<Candidate>) {
+    if candidates.iter().all(|c| c.profile.up.dot(held.up) < AGREE) {
+        let least = candidates.iter().map(|c| c.layering).fold(f64::INFINITY, f64::min);
+        let most = candidates.iter().map(|c| c.layering).fold(1e-12, f64::max);
+        for up in [held.up, -held.up] {
+            let profile = profile(patches, up);
+            let odds =
+                super::LAYERED * num::f64::ln((least / most).max(1e-9)) * 0.5 + profile.evidence().sum();
+            candidates.push(Candidate { odds, layering: least, profile });
+        }
+    }
+    for c in candidates {
+        let cosine = held.up.dot(c.profile.up);
+        let cosine = if held.signed { cosine } else { cosine.abs() };
+        c.odds += COUNT * held.level * ((cosine - 0.5) * 2.0).clamp(-1.0, 1.0);
+    }
+}

@@ -1,0 +1,53 @@
+//! How long a unit is, as far as a scene says so.
+
+use serde::Serialize;
+
+use super::patch::Patches;
+use super::refine::Stand;
+use crate::geometry::support::median;
+use crate::types::Rig;
+
+/// Height at which people hold a camera, in metres: the middle of 1.1 to 1.9.
+const HELD: [f64; 2] = [1.1, 1.9];
+/// Height of rooms, in metres.
+const ROOM: [f64; 2] = [2.2, 3.4];
+
+/// How long a unit is.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Scale {
+    /// Metres in a world unit; `None` where nothing says.
+    pub metres_per_unit: Option<f64>,
+    /// Chance that it is right within a fifth, 0 to 1.
+    pub confidence: f64,
+    /// What it rests on, for a person: "the ceiling is 2.69 units over the floor".
+    pub reason: String,
+}
+
+impl Scale {
+    fn unknown(reason: &str) -> Self {
+        Self { metres_per_unit: None, confidence: 0.0, reason: reason.to_owned() }
+    }
+}
+
+/// The scale by what is of a known size. A height that fits metres as it is counts as metres.
+pub(super) fn scale(stand: &Stand, patches: &Patches, cameras: Option<&Rig>) -> Scale {
+    let of = |length: f64, [least, most]: [f64; 2], what: &str, chances: [f64; 2]| {
+        let fits = (least..=most).contains(&length);
+        let metres = if fits { 1.0 } else { (least + most) * 0.5 / length };
+        let confidence = chances[usize::from(fits)];
+        Scale {
+            metres_per_unit: Some(metres),
+            confidence,
+            reason: format!("{what} {length:.3} units over the floor"),
+        }
+    };
+    let heights =
+        cameras.map(|rig| rig.cameras.iter().map(|c| c.eye().dot(stand.up) - stand.floor).collect());
+    let held = heights.and_then(median).filter(|h| *h > 1e-3 * patches.radius);
+    let room = stand.ceiling.map(|ceiling| ceiling - stand.floor);
+    match (room, held) {
+        (Some(room), _) => of(room, ROOM, "the ceiling lies", [0.5, 0.8]),
+        (None, Some(held)) => of(held, HELD, "the cameras were held", [0.3, 0.6]),
+        (None, None) => Scale::unknown("no ceiling and no cameras to measure by"),
+    }
+}

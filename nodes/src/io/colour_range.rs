@@ -1,0 +1,77 @@
+//! Range of colours of points: what number is white, which files do not say.
+
+use super::ply::Scalar;
+
+/// White of a file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Range {
+    /// The number that is white.
+    pub white: f64,
+    /// True if it was concluded from the numbers and not from their type.
+    pub guessed: bool,
+}
+
+/// Share of the numbers that must lie above 1 for floats to be taken as numbers up to 255: a stray number is no reason.
+const SHARE: f64 = 0.01;
+/// Numbers up to here count as white with rounding.
+const SLACK: f64 = 1.5;
+/// Largest number of a range up to 255, with rounding.
+const BYTE: f64 = 255.5;
+
+impl Range {
+    /// The range of a type. For integers the largest number is white; those of 32 bits use the codes of 8 bits, as
+    /// programs that write all integers with one type do. Floats end at 1, unless a hundredth of them or more lies
+    /// beyond 1.5 and none beyond 255.5.
+    pub fn of<I: Iterator<Item = f64>>(scalar: Scalar, numbers: impl FnOnce() -> I) -> Self {
+        match scalar {
+            Scalar::I32 | Scalar::U32 => Self { white: 255.0, guessed: false },
+            Scalar::F32 | Scalar::F64 => Self::of_floats(numbers()),
+            other => Self { white: other.whole_range().map_or(1.0, |(_, high)| high), guessed: false },
+        }
+    }
+
+    /// The range of floats by their values.
+    pub fn of_floats(numbers: impl Iterator<Item = f64>) -> Self {
+        let (mut count, mut above, mut most) = (0_u64, 0_u64, 0.0_f64);
+        for number in numbers.filter(|number| number.is_finite()) {
+            count += 1;
+            above += u64::from(number > SLACK);
+            most = most.max(number);
+        }
+        let bytes = above > 0 && above as f64 >= SHARE * count as f64 && most <= BYTE;
+        Self { white: if bytes { 255.0 } else { 1.0 }, guessed: bytes }
+    }
+
+    /// The range in words, after "colours".
+    pub fn words(self) -> String {
+        if self.guessed {
+            format!("of 0 to {} by their numbers", self.white)
+        } else {
+            format!("of 0 to {}", self.white)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn floats_up_to_255_are_known_by_their_numbers() {
+        let of = |numbers: &[f64]| Range::of_floats(numbers.iter().copied()).white;
+        assert_eq!(of(&[0.0, 204.0, 255.0]), 255.0);
+        assert_eq!(of(&[3.0, 2.0, 1.0, 0.5]), 255.0);
+        assert_eq!(of(&[0.0, 0.5, 1.0]), 1.0);
+        assert_eq!(of(&[0.2, 1.01, 1.3]), 1.0, "rounding");
+        assert_eq!(of(&[0.2, 1000.0]), 1.0, "another range");
+        assert_eq!(of(&[0.2, f64::NAN, f64::INFINITY]), 1.0);
+        assert_eq!(of(&[]), 1.0);
+        let mut one = vec![0.5; 1000];
+        one[3] = 200.0;
+        assert_eq!(of(&one), 1.0, "a stray number");
+        let none = || std::iter::empty();
+        assert_eq!(Range::of(Scalar::U8, none).white, 255.0);
+        assert_eq!(Range::of(Scalar::U16, none).white, 65_535.0);
+        assert_eq!(Range::of(Scalar::I32, none).white, 255.0);
+    }
+}

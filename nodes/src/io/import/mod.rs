@@ -1,0 +1,64 @@
+//! Meshes of other formats, read by libraries and handed on as glTF in memory, so that shapes, materials and textures
+//! take one way: Wavefront OBJ with its materials, and STL.
+
+mod glb;
+mod obj;
+mod stl;
+#[cfg(test)]
+mod tests;
+
+use std::borrow::Cow;
+
+use engine::{Context, InputFile, NodeError, Notes};
+
+use glb::Builder;
+
+/// A format that is read through glTF.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Foreign {
+    /// Wavefront OBJ.
+    Obj,
+    /// STL, binary or text.
+    Stl,
+}
+
+impl Foreign {
+    /// The format by the ending of the name; neither has a mark at its start that others lack.
+    pub fn of(name: &str) -> Option<Self> {
+        let lower = name.to_ascii_lowercase();
+        match lower.rsplit_once('.')?.1 {
+            "obj" => Some(Self::Obj),
+            "stl" => Some(Self::Stl),
+            _ => None,
+        }
+    }
+}
+
+/// The other files that a file refers to: materials and their pictures, by relative path.
+pub fn beside(path: &str, bytes: &[u8], mut read: impl FnMut(&str) -> Option<Vec<u8>>) -> Vec<String> {
+    match Foreign::of(path) {
+        Some(Foreign::Obj) => obj::beside(bytes, &mut read),
+        _ => Vec::new(),
+    }
+}
+
+/// The bytes of a file as GLB, if it is OBJ or STL; other files are returned unchanged.
+pub fn as_gltf<'a>(
+    path: &InputFile,
+    bytes: &'a [u8],
+    cx: &Context,
+    notes: &mut Notes,
+) -> Result<Cow<'a, [u8]>, NodeError> {
+    let name = &path.0;
+    let mut builder = Builder::default();
+    match Foreign::of(name) {
+        None => return Ok(Cow::Borrowed(bytes)),
+        Some(Foreign::Obj) => {
+            let read = |beside: &str| cx.read_beside(path, beside);
+            obj::read(name, bytes, &read, &mut builder, notes)?;
+        }
+        Some(Foreign::Stl) => stl::read(name, bytes, &mut builder, cx)?,
+    }
+    cx.check()?;
+    Ok(Cow::Owned(builder.finish()))
+}

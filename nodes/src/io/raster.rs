@@ -1,0 +1,57 @@
+//! Decoded pictures with integer codes.
+
+use super::progress::Progress;
+use crate::error::Error;
+
+/// A decoded picture: samples as stored, divided by the largest code, not linearised, alpha straight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Raster {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha.
+    pub channels: usize,
+    /// Largest code in the file: 255 or 65535.
+    pub largest: u16,
+    /// Codes, row by row.
+    pub codes: Vec<u16>,
+    /// True if the colour profile says that codes are linear light.
+    pub linear: bool,
+    /// Metadata of the file that is not used, such as a gamma other than that of sRGB.
+    pub ignored: Vec<String>,
+}
+
+impl Raster {
+    /// The samples from 0 to 1.
+    pub fn samples(&self) -> Vec<f32> {
+        let largest = f32::from(self.largest);
+        self.codes.iter().map(|&code| f32::from(code) / largest).collect()
+    }
+
+    /// The samples from 0 to 1 as colours, RGB or RGBA premultiplied by alpha, with the number of channels.
+    ///
+    /// # Errors
+    /// [`Error::Stopped`].
+    pub fn colours(&self, progress: Progress<'_>) -> Result<(usize, Vec<f32>), Error> {
+        let alpha = self.channels.is_multiple_of(2);
+        let channels = if alpha { 4 } else { 3 };
+        let mut out = Vec::with_capacity(self.width * self.height * channels);
+        let sample = |code: u16| f32::from(code) / f32::from(self.largest);
+        progress.over(&self.codes, |codes| {
+            for pixel in codes.chunks_exact(self.channels) {
+                let rgb = match *pixel {
+                    [y] | [y, _] => [y; 3],
+                    [r, g, b, ..] => [r, g, b],
+                    [] => [0; 3],
+                };
+                let a = if alpha { sample(pixel[self.channels - 1]) } else { 1.0 };
+                out.extend(rgb.map(|code| sample(code) * a));
+                if alpha {
+                    out.push(a);
+                }
+            }
+        })?;
+        Ok((channels, out))
+    }
+}

@@ -1,0 +1,78 @@
+//! Lens distortion of camera models: how far it moves a point of the picture.
+
+/// Coefficients of the models of OpenCV and COLMAP without fisheye. The polynomial of nerfstudio, whose `k4` belongs to
+/// the eighth power, is covered too: [`Coefficients::pixels`] takes the larger effect.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Coefficients {
+    /// Radial: k1 to k6.
+    pub k: [f64; 6],
+    /// Tangential: p1, p2.
+    pub p: [f64; 2],
+    /// `omega` of COLMAP's FOV model.
+    pub omega: f64,
+}
+
+/// Lens distortion of a camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bend {
+    /// The model and its coefficients, for messages.
+    pub text: String,
+    /// Bound on the distance in pixels by which it moves a point of the picture; infinite for fisheye lenses.
+    pub pixels: f64,
+}
+
+/// Distance in pixels below which distortion counts as none: no picture shows it.
+pub const INVISIBLE_PX: f64 = 0.05;
+
+impl Coefficients {
+    /// Bound on the displacement in pixels for a picture of this size and lens (fx, fy, cx, cy): the sum of the absolute
+    /// terms at the corner that is farthest from the principal point.
+    pub fn pixels(&self, [width, height]: [u64; 2], [fx, fy, cx, cy]: [f64; 4]) -> f64 {
+        let far = |size: u64, middle: f64, focal: f64| middle.abs().max((size as f64 - middle).abs()) / focal;
+        let (x, y) = (far(width, cx, fx), far(height, cy, fy));
+        let r2 = x * x + y * y;
+        let r = r2.sqrt();
+        let (r4, r6) = (r2 * r2, r2 * r2 * r2);
+        let powers = [r2, r4, r6, r2.max(r4 * r4), r4.max(r4 * r6), r6.max(r6 * r6)];
+        let radial: f64 = self.k.iter().zip(powers).map(|(k, power)| k.abs() * power).sum();
+        let tangential = 4.0 * r * (self.p[0].abs() + self.p[1].abs());
+        let fov = self.omega * self.omega * (r2 / 3.0 + 1.0 / 12.0);
+        fx.max(fy) * r * (radial + tangential + fov)
+    }
+
+    /// True without any effect.
+    pub fn is_zero(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The bound is never below the true displacement of OpenCV's model, nor far above it.
+    #[test]
+    fn displacement_is_bounded() {
+        let (size, lens) = ([640, 480], [500.0, 510.0, 320.0, 250.0]);
+        for c in [
+            Coefficients { k: [1e-3, 0.0, 0.0, 0.0, 0.0, 0.0], ..Coefficients::default() },
+            Coefficients { k: [-1e-3, 2e-3, 1e-3, 0.0, 0.0, 0.0], p: [1e-4, -2e-4], omega: 0.0 },
+            Coefficients { p: [1e-3, 1e-3], ..Coefficients::default() },
+        ] {
+            let mut most = 0.0_f64;
+            for (u, v) in
+                (0..=20).flat_map(|i| (0..=20).map(move |j| (f64::from(i) / 20.0, f64::from(j) / 20.0)))
+            {
+                let (x, y) = ((u * 640.0 - lens[2]) / lens[0], (v * 480.0 - lens[3]) / lens[1]);
+                let r2 = x * x + y * y;
+                let radial = c.k[0] * r2 + c.k[1] * r2 * r2 + c.k[2] * r2 * r2 * r2;
+                let dx = x * radial + 2.0 * c.p[0] * x * y + c.p[1] * (r2 + 2.0 * x * x);
+                let dy = y * radial + c.p[0] * (r2 + 2.0 * y * y) + 2.0 * c.p[1] * x * y;
+                most = most.max(glam::DVec2::new(dx * lens[0], dy * lens[1]).length());
+            }
+            let bound = c.pixels(size, lens);
+            assert!((most..6.0 * most).contains(&bound), "{most} {bound}");
+        }
+        assert!(Coefficients::default().is_zero());
+    }
+}

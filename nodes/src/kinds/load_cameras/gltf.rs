@@ -1,0 +1,72 @@
+//! The cameras of a glTF file, as Blender writes them beside objects.
+
+use engine::{Context, Notes};
+use glam::{DMat3, DMat4, DVec3};
+
+use super::Raw;
+use crate::error::Error;
+use crate::io::gltf::{self, object::local};
+use crate::math::num;
+use crate::types::frame::world_from_gltf;
+
+/// Rows of a picture, which glTF does not know: `resolution` multiplies them.
+const HEIGHT_PX: u64 = 1080;
+/// Width over height where a camera does not say: that of Blender's pictures.
+const ASPECT: f64 = 16.0 / 9.0;
+
+/// Reads the perspective cameras of the scene, in the order of its nodes, from y up and metres into the world of the graph.
+pub fn read(file: &str, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, Error> {
+    let parsed = gltf::parse(file, bytes)?;
+    let document = &parsed.document;
+    let scene = document.default_scene().or_else(|| document.scenes().next());
+    let world = world_from_gltf(cx.up(), cx.metres_per_unit());
+    let mut open: Vec<_> = scene.iter().flat_map(|scene| scene.nodes()).map(|node| (node, world)).collect();
+    open.reverse();
+    let (mut cameras, mut parallel, mut visits) = (Vec::new(), 0, 0);
+    while let Some((node, above)) = open.pop() {
+        visits += 1;
+        if visits > document.nodes().len() {
+            return Err(Error::format(file, "a node is reached twice; the nodes of glTF are trees"));
+        }
+        let matrix = above * local(&node.transform());
+        let children: Vec<_> = node.children().map(|child| (child, matrix)).collect();
+        open.extend(children.into_iter().rev());
+        let Some(camera) = node.camera() else { continue };
+        let ::gltf::camera::Projection::Perspective(lens) = camera.projection() else {
+            parallel += 1;
+            continue;
+        };
+        let name = node
+            .name()
+            .or_else(|| camera.name())
+            .map_or_else(|| format!("camera{}", cameras.len()), str::to_owned);
+        let aspect = lens.aspect_ratio().map_or(ASPECT, f64::from);
+        let half = num::f64::tan(0.5 * f64::from(lens.yfov()));
+        let width = (HEIGHT_PX as f64 * aspect).round();
+        if !(half > 0.0 && half.is_finite() && (1.0..=65_536.0).contains(&width)) {
+            return Err(Error::format(
+                file,
+                format!("camera `{name}` has no usable `yfov` or `aspectRatio`"),
+            ));
+        }
+        // Nodes may be scaled, and the world is by its units; a camera is not.
+        let linear = DMat3::from_mat4(matrix);
+        let axes = [linear.x_axis, -linear.y_axis, -linear.z_axis].map(DVec3::normalize_or_zero);
+        let [x, y, z] = axes;
+        let world_from_camera = DMat4::from_cols(x.extend(0.0), y.extend(0.0), z.extend(0.0), matrix.w_axis);
+        let focal = 0.5 * HEIGHT_PX as f64 / half;
+        cameras.push(Raw {
+            picture: name,
+            width: width as u64,
+            height: HEIGHT_PX,
+            lens: [focal, focal, 0.5 * width, 0.5 * HEIGHT_PX as f64],
+            distortion: None,
+            world_from_camera,
+        });
+    }
+    if parallel > 0 {
+        notes
+            .warning("parallel-cameras", format!("{parallel} orthographic cameras of `{file}` are left out"));
+    }
+    Ok(cameras)
+}

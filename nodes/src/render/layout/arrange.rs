@@ -1,0 +1,206 @@
+//! A first arrangement: where an object stands in a scene, how large it is, and the camera that sees it.
+
+use engine::{Context, NodeError};
+use glam::DVec3;
+
+use super::camera::{Subject, View, best_view};
+use super::grid::Grid;
+use super::surface::{Surface, Wish, surfaces};
+use crate::geometry::level::LevelEstimate;
+use crate::geometry::support::median;
+use crate::types::{Object, Rig, Splats};
+
+/// From this confidence on a scale is used for the size of the object.
+const KNOWN: f64 = 0.5;
+/// Heights over the floor at which things are put, in metres, where the scale is known.
+const HEIGHTS: [f64; 2] = [-0.1, 1.15];
+/// Radius of a level surface that counts without a floor, in radii of the scene.
+const SMALL: f64 = 0.1;
+/// Distance from the middle of a thing without a ground to what is put beside it, in radii of the scene.
+const ASIDE: f64 = 0.35;
+/// An object may reach so far from the middle of its place to the rim.
+const ROOM: f64 = 0.7;
+
+/// The box of an object as its file has it: y up, in metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Extents {
+    /// Least coordinates.
+    pub low: DVec3,
+    /// Greatest coordinates.
+    pub high: DVec3,
+}
+
+impl Extents {
+    /// Of all corners of its triangles; `None` of an object without any.
+    pub fn of(object: &Object) -> Option<Self> {
+        let points = object
+            .primitives
+            .iter()
+            .flat_map(|part| part.triangles.iter().flatten().map(|&v| part.positions[v as usize]));
+        let mut all = points.map(|p| DVec3::from(p.map(f64::from))).filter(|p| p.is_finite()).map(|p| (p, p));
+        let first = all.next()?;
+        let (low, high) = all.fold(first, |(low, high), (p, _)| (low.min(p), high.max(p)));
+        Some(Self { low, high })
+    }
+
+    /// Width, height and depth, in metres.
+    pub fn size(&self) -> DVec3 {
+        self.high - self.low
+    }
+
+    /// Largest distance from the vertical through its middle, in metres.
+    pub fn reach(&self) -> f64 {
+        0.5 * self.size().with_y(0.0).length()
+    }
+}
+
+/// Where things are in a scene that stands upright.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Arrangement {
+    /// What the object stands on; `None` where no level surface was found, and the object stands at the lowest point of the
+    /// scene.
+    pub surface: Option<Surface>,
+    /// The point that it stands on, in world units.
+    pub place: DVec3,
+    /// What the object is scaled by over its true size.
+    pub scale: f64,
+    /// True where `scale` follows from the space there is, and not from the object's own size.
+    pub fitted: bool,
+    /// The camera; `None` where none stands free and sees the place.
+    pub view: Option<View>,
+}
+
+/// Finds a place and a camera. `metres_per_unit` is the scale to use for the object.
+pub fn arrange(
+    splats: &Splats,
+    stand: &LevelEstimate,
+    object: &Extents,
+    metres_per_unit: f64,
+    cameras: Option<&Rig>,
+    cx: &Context,
+) -> Result<Arrangement, NodeError> {
+    let grid = Grid::new(splats, stand);
+    cx.check()?;
+    let up = DVec3::from_array(stand.up);
+    let known = stand.scale.metres_per_unit.is_some() && stand.scale.confidence >= KNOWN;
+    let tall = stand.ceiling.map_or(0.6 * stand.radius, |ceiling| ceiling - stand.floor);
+    let reach = (object.reach() / metres_per_unit).max(1e-9);
+    // Where the scale is not known, the object's own size counts within what looks right in the scene.
+    let enough =
+        if known { reach / ROOM } else { (reach / ROOM).clamp(0.008 * stand.radius, 0.08 * stand.radius) };
+    let heights =
+        if known { HEIGHTS.map(|h| h / metres_per_unit) } else { [-0.05 * stand.radius, 0.45 * tall] };
+    let centre = DVec3::from_array(stand.centre);
+    let near = match cameras {
+        // In front of the cameras, where the capture is good.
+        Some(rig) if !rig.cameras.is_empty() => {
+            let n = rig.cameras.len() as f64;
+            let eyes = rig.cameras.iter().fold(DVec3::ZERO, |sum, camera| sum + camera.eye()) / n;
+            (eyes + (centre - eyes) * 0.5, 0.35 * stand.radius)
+        }
+        _ => (centre, 0.35 * stand.radius),
+    };
+    let wish = Wish { heights, enough: enough.max(2.0 * grid.cell), near };
+    let found = surfaces(&grid, stand.floor, &wish);
+    cx.check()?;
+    let size = object.size();
+    // Without a floor, what is level on a thing is as good as its size.
+    let worth = |surface: &&Surface| stand.floor_confidence >= 0.3 || surface.radius > SMALL * stand.radius;
+    let surface = found.first().filter(worth).map(|surface| settled(splats, &grid, surface, stand.floor));
+    // Beside a thing that stands alone, level with its lowest point.
+    let alone = || {
+        let lowest = lowest(splats, stand, up);
+        centre + grid.axes.x_axis * (ASIDE * stand.radius) + up * (lowest - centre.dot(up))
+    };
+    let place = surface.map_or_else(alone, |surface| surface.place);
+    let (room, clearance) =
+        surface.map_or((0.2 * stand.radius, f64::INFINITY), |s| (ROOM * s.radius, 0.9 * s.clearance));
+    let largest = (room / reach).min(clearance / (size.y / metres_per_unit)).max(1e-9);
+    // Its own size where that fits; else as large as looks right there.
+    let wanted = ROOM * wish.enough / reach;
+    let fits = largest >= 1.0 && (known || (0.99..1.01).contains(&wanted));
+    let scale = if fits { 1.0 } else { rounded(largest.min(wanted)) };
+    let height = size.y / metres_per_unit * scale;
+    let extent = (1.1 * size.max_element() / metres_per_unit * scale).max(2.0 * grid.cell);
+    let hint: Vec<DVec3> =
+        cameras.map(|rig| rig.cameras.iter().map(|c| c.eye()).collect()).unwrap_or_default();
+    let subject = Subject { place, height, extent };
+    let view = best_view(splats, &grid, &subject, &hint, cx)?;
+    Ok(Arrangement { surface, place, scale, fitted: !fits, view })
+}
+
+/// The height along up that all but a thousandth of the splats of a scene lie over.
+fn lowest(splats: &Splats, stand: &LevelEstimate, up: DVec3) -> f64 {
+    let centre = DVec3::from_array(stand.centre);
+    let inside = |i: &usize| splats.opacities[*i] > 0.3 && (splats.mean(*i) - centre).length() < stand.radius;
+    let mut heights: Vec<f64> = (0..splats.len()).filter(inside).map(|i| splats.mean(i).dot(up)).collect();
+    heights.sort_by(f64::total_cmp);
+    heights.get(heights.len() / 1000).copied().unwrap_or(stand.floor)
+}
+
+/// A surface at the height of the splats around its place, which its cells are coarser than.
+fn settled(splats: &Splats, grid: &Grid, surface: &Surface, floor: f64) -> Surface {
+    let up = grid.axes.z_axis;
+    let reach = (0.5 * surface.radius).max(1.5 * grid.cell);
+    let near = |i: &usize| {
+        let v = splats.mean(*i) - surface.place;
+        let rise = v.dot(up);
+        splats.opacities[*i] > 0.3 && rise.abs() < 1.5 * grid.cell && (v - up * rise).length() < reach
+    };
+    let heights: Vec<f64> = (0..splats.len()).filter(near).map(|i| splats.mean(i).dot(up)).collect();
+    let Some(height) = median(heights) else { return *surface };
+    let place = surface.place + up * (height - surface.place.dot(up));
+    Surface { place, height: height - floor, ..*surface }
+}
+
+/// To two digits, downwards.
+fn rounded(value: f64) -> f64 {
+    let mut unit = 1e-9;
+    while unit * 100.0 <= value {
+        unit *= 10.0;
+    }
+    (value / unit).floor() * unit
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::level;
+    use crate::render::look::of_mesh;
+    use crate::types::Mesh;
+
+    /// A level square of a mesh, around the vertical at a place.
+    fn square(mesh: &mut Mesh, [x, y, z]: [f32; 3], half: f32) {
+        let first = mesh.positions.len() as u32;
+        mesh.positions.extend(
+            [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0_f32]]
+                .map(|[u, v]| [x + u * half, y + v * half, z]),
+        );
+        mesh.triangles.extend([[0, 1, 2], [0, 2, 3]].map(|t: [u32; 3]| t.map(|v| v + first)));
+    }
+
+    /// An object is put on the ground and not under a roof, even if that stands in the middle of the scene.
+    #[test]
+    fn an_object_stands_under_the_open_sky() {
+        let mut mesh = Mesh::default();
+        square(&mut mesh, [0.0; 3], 3.0);
+        square(&mut mesh, [0.1, -0.1, 1.5], 0.8);
+        let splats = of_mesh(&mesh);
+        let stand = level::upright(&splats, DVec3::Z, None).expect("a scene");
+        let object = Extents { low: DVec3::new(-0.1, 0.0, -0.1), high: DVec3::new(0.1, 0.2, 0.1) };
+        let cx = Context::detached(
+            engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 1, exhaustive: false },
+            "",
+        );
+        let found = arrange(&splats, &stand, &object, 1.0, None, &cx).unwrap_or_else(|e| panic!("{e}"));
+        let aside = (found.place.x - 0.1).abs().max((found.place.y + 0.1).abs());
+        assert!(found.place.z.abs() < 0.05 && aside > 0.8 && aside < 2.5, "{found:?}");
+    }
+
+    #[test]
+    fn numbers_are_rounded_to_two_digits() {
+        for (value, expected) in [(0.123, 0.12), (1.0, 1.0), (99.9, 99.0), (1234.0, 1200.0)] {
+            assert!((rounded(value) / expected - 1.0).abs() < 1e-9, "{value}");
+        }
+    }
+}

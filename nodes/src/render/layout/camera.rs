@@ -1,0 +1,168 @@
+//! A camera that sees a place well.
+
+use engine::{Context, NodeError};
+use glam::DVec3;
+
+use super::grid::Grid;
+use crate::math::num;
+use crate::render::splat::{Settings, render};
+use crate::types::{Camera, Splats};
+
+/// Directions around the place.
+const AROUND: usize = 24;
+/// Heights of the camera over the place's horizon, in degrees.
+const RISES: [f64; 4] = [9.0, 15.0, 23.0, 35.0];
+/// Distances, in the sizes of the object.
+const AWAY: [f64; 3] = [2.5, 3.3, 4.6];
+/// Cameras that are tried by a small picture.
+const TRIED: usize = 28;
+/// Size of these pictures, in pixels.
+const SMALL: [u32; 2] = [96, 72];
+
+/// Where the camera stands and what it looks at, in world units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// Where it stands.
+    pub eye: DVec3,
+    /// The middle of the picture.
+    pub target: DVec3,
+    /// Angle between the upper and the lower edge, in degrees.
+    pub fov_y_deg: f64,
+    /// How well the place is seen, 0 to 1.
+    pub score: f64,
+}
+
+impl View {
+    /// The camera, upright with respect to `up`.
+    pub fn camera(&self, name: &str, size: [u32; 2], up: DVec3) -> Camera {
+        let forward = (self.target - self.eye).normalize();
+        let right = forward.cross(up).normalize();
+        let focal = 0.5 * f64::from(size[1]) / num::f64::tan((0.5 * self.fov_y_deg).to_radians());
+        Camera::centred(name, size, focal, [right, forward.cross(right), forward], self.eye)
+    }
+}
+
+/// What is to be seen.
+#[derive(Debug, Clone, Copy)]
+pub struct Subject {
+    /// What the object stands on, in world units.
+    pub place: DVec3,
+    /// Its height, in world units.
+    pub height: f64,
+    /// Its largest extent, in world units.
+    pub extent: f64,
+}
+
+/// How well a small picture shows the subject, 0 to 1.
+fn judge(
+    splats: &Splats,
+    view: &View,
+    subject: &Subject,
+    up: DVec3,
+    near: f64,
+    cx: &Context,
+) -> Result<f64, NodeError> {
+    let camera = view.camera("try", SMALL, up);
+    let settings = Settings { near, ..Settings::default() };
+    let seen = render(splats, &camera, None, &settings, cx)?;
+    let [w, h] = SMALL.map(|v| v as usize);
+    let m = camera.camera_from_world();
+    let foot = m.transform_point3(subject.place);
+    let at = |p: DVec3| [p.x / p.z * camera.fx + camera.cx, p.y / p.z * camera.fy + camera.cy];
+    let [fx, fy] = at(foot);
+    // The ground around the foot is where it should be.
+    let (mut right, mut asked) = (0.0, 0.0);
+    for dy in -2..=2_i32 {
+        for dx in -3..=3_i32 {
+            let (x, y) = (fx + f64::from(dx * 2), fy + f64::from(dy));
+            if x >= 0.0 && y >= 0.0 && (x as usize) < w && (y as usize) < h {
+                let depth = f64::from(seen.depth[y as usize * w + x as usize]);
+                asked += 1.0;
+                right += f64::from(u8::from((depth - foot.z).abs() < 0.15 * foot.z));
+            }
+        }
+    }
+    let ground = if asked > 0.0 { right / asked } else { 0.0 };
+    let pixels = (w * h) as f64;
+    let alpha = seen.rgba.chunks_exact(4).map(|p| f64::from(p[3].min(1.0))).sum::<f64>() / pixels;
+    // Things right before the lens, and a picture that is dark, white or without detail.
+    let close = seen.depth.iter().filter(|d| f64::from(**d) < 0.3 * foot.z).count() as f64 / pixels;
+    let luma = |p: &[f32]| 0.2126 * f64::from(p[0]) + 0.7152 * f64::from(p[1]) + 0.0722 * f64::from(p[2]);
+    let lumas: Vec<f64> = seen.rgba.chunks_exact(4).map(|p| luma(p).clamp(0.0, 1.0)).collect();
+    let mean = lumas.iter().sum::<f64>() / pixels;
+    let steps: f64 = lumas.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f64>() / pixels;
+    let exposed = (mean / 0.25).min(1.0) * ((1.0 - mean) / 0.15).min(1.0);
+    let detail = (steps / 0.03).min(1.0);
+    Ok(ground * alpha * alpha * (1.0 - close) * (1.0 - close) * (0.4 + 0.3 * exposed + 0.3 * detail))
+}
+
+/// The camera that sees a subject best, among those that stand in free space: by small pictures. `hint`: cameras of the
+/// capture, in world units, near which the scene is known to look right.
+pub fn best_view(
+    splats: &Splats,
+    grid: &Grid,
+    subject: &Subject,
+    hint: &[DVec3],
+    cx: &Context,
+) -> Result<Option<View>, NodeError> {
+    let up = grid.axes.z_axis;
+    let target = subject.place + up * (0.45 * subject.height);
+    let local = |p: DVec3| grid.axes.transpose() * p;
+    let mut list: Vec<(f64, View)> = Vec::new();
+    let mut add = |eye: DVec3, bonus: f64| {
+        let way = target - eye;
+        let distance = way.length();
+        let free = grid.free(local(eye), local(way / distance), distance);
+        // What is free behind the subject is seen, too: a picture of a wall at arm's length shows little.
+        let behind = grid.free(local(target), local(way / distance), 3.0 * distance) / distance;
+        let clear = grid.is_clear(local(eye), (0.12 * distance).max(2.0 * grid.cell).min(0.5 * distance));
+        if free + 2.0 * subject.extent.max(grid.cell) < distance || !clear {
+            return;
+        }
+        let score = bonus + 0.2 * behind.min(2.0);
+        list.push((score, View { eye, target, fov_y_deg: 45.0, score: 0.0 }));
+    };
+    for (a, away) in AWAY.into_iter().enumerate() {
+        for (r, rise) in RISES.into_iter().enumerate() {
+            for k in 0..AROUND {
+                let (s, c) = num::sin_cos(std::f64::consts::TAU * k as f64 / AROUND as f64);
+                let (rs, rc) = num::sin_cos(rise.to_radians());
+                let way = grid.axes * DVec3::new(c * rc, s * rc, rs);
+                let bonus = [0.0, 0.25, 0.1][a] + [0.0, 0.25, 0.2, 0.0][r];
+                add(target + way * (away * subject.extent), bonus);
+            }
+        }
+    }
+    for eye in hint {
+        let way = *eye - target;
+        let distance = way.length();
+        let slant = way.dot(up) / distance;
+        if distance > 1.5 * subject.extent && distance < 12.0 * subject.extent && (0.02..0.9).contains(&slant)
+        {
+            add(*eye, 1.0);
+        }
+    }
+    // Not all from one side: the best of each eighth first.
+    list.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let sector = |view: &View| {
+        let way = local(view.eye - target);
+        ((num::atan2(way.y, way.x) + std::f64::consts::PI) / std::f64::consts::TAU * 8.0) as usize % 8
+    };
+    let mut counts = [0_usize; 8];
+    let mut ranked: Vec<(usize, View)> = Vec::new();
+    for (_, view) in &list {
+        let own = &mut counts[sector(view)];
+        ranked.push((*own, *view));
+        *own += 1;
+    }
+    ranked.sort_by_key(|(rank, _)| *rank);
+    let near = 0.02 * subject.extent;
+    let mut best: Option<View> = None;
+    for (_, view) in ranked.into_iter().take(TRIED) {
+        let score = judge(splats, &view, subject, up, near, cx)?;
+        if best.is_none_or(|best| score > best.score) {
+            best = Some(View { score, ..view });
+        }
+    }
+    Ok(best)
+}

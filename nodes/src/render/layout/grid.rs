@@ -1,0 +1,164 @@
+//! Where a scene is solid and where it is free, in cells that stand upright.
+
+use glam::{DMat3, DVec3};
+
+use crate::geometry::level::{LevelEstimate, rotation};
+use crate::types::Splats;
+
+/// Most cells along a horizontal side.
+const SIDE: usize = 320;
+/// Most cells along the vertical.
+const STOREYS: usize = 160;
+/// Cells of a scene's radius, where its splats are fine enough.
+const FINE: f64 = 160.0;
+/// Opacity in a cell, over the area of one side, from which on it is solid.
+const SOLID: f32 = 0.25;
+/// Splats more transparent than this are fog.
+const FAINT: f32 = 0.15;
+/// Samples along each axis of a large splat.
+const SAMPLES: i32 = 8;
+
+/// Cells that stand upright around the middle of a scene.
+#[derive(Debug)]
+pub struct Grid {
+    /// Columns: across, along and up, unit vectors of the world.
+    pub axes: DMat3,
+    /// Least corner, in the frame of `axes`, in world units.
+    pub low: DVec3,
+    /// Side of a cell, in world units.
+    pub cell: f64,
+    /// Cells across, along and up.
+    pub size: [usize; 3],
+    solid: Vec<bool>,
+    /// Sum and number of splat sizes per column.
+    detail: Vec<[f32; 2]>,
+}
+
+impl Grid {
+    /// The cells of a scene of which is known how it stands.
+    pub fn new(splats: &Splats, stand: &LevelEstimate) -> Self {
+        let up = DVec3::from_array(stand.up);
+        let across = if up.x.abs() < 0.9 { DVec3::X } else { DVec3::Y };
+        let along = up.cross(across).normalize();
+        let axes = DMat3::from_cols(along.cross(up), along, up);
+        let centre = axes.transpose() * DVec3::from_array(stand.centre);
+        let inside = |i: usize| {
+            splats.opacities[i] >= FAINT
+                && (splats.mean(i) - DVec3::from_array(stand.centre)).length() < stand.radius
+        };
+        let mut sizes: Vec<f32> = (0..splats.len())
+            .step_by((splats.len() / 50_000).max(1))
+            .filter(|&i| inside(i))
+            .map(|i| sorted(splats.scales[i])[1])
+            .collect();
+        sizes.sort_by(f32::total_cmp);
+        let median = f64::from(sizes.get(sizes.len() / 2).copied().unwrap_or_default());
+        let cell = (2.0 * median).max(stand.radius / FINE).max(1e-9);
+        let side = ((2.0 * stand.radius / cell).ceil() as usize).clamp(8, SIDE);
+        // From a little under the floor up.
+        let storeys = ((1.2 * stand.radius / cell).ceil() as usize).clamp(8, STOREYS);
+        let half = 0.5 * side as f64 * cell;
+        let low = DVec3::new(centre.x - half, centre.y - half, stand.floor - 8.0 * cell);
+        let size = [side, side, storeys];
+        let mut grid = Self { axes, low, cell, size, solid: Vec::new(), detail: vec![[0.0; 2]; side * side] };
+        let mut filled = vec![0.0_f32; side * side * storeys];
+        for i in 0..splats.len() {
+            if splats.opacities[i] >= FAINT {
+                grid.fill(splats, i, &mut filled);
+            }
+        }
+        grid.solid = filled.into_iter().map(|v| v >= SOLID).collect();
+        grid
+    }
+
+    fn fill(&mut self, splats: &Splats, i: usize, filled: &mut [f32]) {
+        let middle = self.axes.transpose() * splats.mean(i);
+        let turn = self.axes.transpose() * rotation(splats.quats[i]);
+        let scale = splats.scales[i].map(f64::from);
+        let [_, middling, _] = sorted(splats.scales[i]);
+        let thin = (1..3).fold(0, |best, k| if scale[k] < scale[best] { k } else { best });
+        let [a, b] = [(thin + 1) % 3, (thin + 2) % 3];
+        let (u, v) = (turn.col(a) * scale[a], turn.col(b) * scale[b]);
+        if let Some([x, y, _]) = self.at(middle) {
+            let detail = &mut self.detail[y * self.size[0] + x];
+            detail[0] += middling;
+            detail[1] += 1.0;
+        }
+        // As far as 1.5 standard deviations, in steps of at most a cell.
+        let steps = |s: f64| (((3.0 * s / self.cell).ceil() as i32).clamp(1, 2 * SAMPLES), s);
+        let ((nu, _), (nv, _)) = (steps(scale[a]), steps(scale[b]));
+        let area = 9.0 * scale[a] * scale[b] / (self.cell * self.cell) / f64::from(nu * nv);
+        let weight = splats.opacities[i] * (area.min(1.0) as f32);
+        for j in 0..nu {
+            for k in 0..nv {
+                let place = |n: i32, of: i32| 1.5 * (f64::from(2 * n + 1) / f64::from(of) - 1.0);
+                let at = self.at(middle + u * place(j, nu) + v * place(k, nv));
+                if let Some([x, y, z]) = at {
+                    filled[(z * self.size[1] + y) * self.size[0] + x] += weight;
+                }
+            }
+        }
+    }
+
+    /// The cell of a point in the frame of `axes`.
+    pub fn at(&self, p: DVec3) -> Option<[usize; 3]> {
+        let v = (p - self.low) / self.cell;
+        let inside = |v: f64, n: usize| v >= 0.0 && v < n as f64;
+        let whole = inside(v.x, self.size[0]) && inside(v.y, self.size[1]) && inside(v.z, self.size[2]);
+        if whole { Some([v.x as usize, v.y as usize, v.z as usize]) } else { None }
+    }
+
+    /// Whether a cell is solid.
+    pub fn is_solid(&self, [x, y, z]: [usize; 3]) -> bool {
+        self.solid[(z * self.size[1] + y) * self.size[0] + x]
+    }
+
+    /// Middle of the top of a cell, in the frame of `axes`.
+    pub fn top(&self, [x, y, z]: [usize; 3]) -> DVec3 {
+        self.low + DVec3::new(x as f64 + 0.5, y as f64 + 0.5, z as f64 + 1.0) * self.cell
+    }
+
+    /// Mean size of the splats around a column, in world units; `None` where there are none.
+    pub fn detail(&self, x: usize, y: usize) -> Option<f64> {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for v in y.saturating_sub(2)..(y + 3).min(self.size[1]) {
+            for u in x.saturating_sub(2)..(x + 3).min(self.size[0]) {
+                let [s, n] = self.detail[v * self.size[0] + u];
+                (sum, count) = (sum + f64::from(s), count + f64::from(n));
+            }
+        }
+        (count > 0.0).then(|| sum / count)
+    }
+
+    /// How far a ray gets before a solid cell, at most `most`, in world units; `from` in the frame of `axes`.
+    pub fn free(&self, from: DVec3, direction: DVec3, most: f64) -> f64 {
+        let step = 0.5 * self.cell;
+        let count = (most / step).floor() as usize;
+        for i in 0..count {
+            let at = from + direction * (i as f64 * step);
+            if self.at(at).is_some_and(|cell| self.is_solid(cell)) {
+                return i as f64 * step;
+            }
+        }
+        most
+    }
+
+    /// Whether all cells within a distance of a point are free; what lies outside of the grid is.
+    pub fn is_clear(&self, at: DVec3, radius: f64) -> bool {
+        let n = (radius / self.cell).ceil() as i32;
+        let around = |k: i32| f64::from(k) * self.cell;
+        (-n..=n).all(|z| {
+            (-n..=n).all(|y| {
+                (-n..=n).all(|x| {
+                    let by = DVec3::new(around(x), around(y), around(z));
+                    by.length() > radius || !self.at(at + by).is_some_and(|cell| self.is_solid(cell))
+                })
+            })
+        })
+    }
+}
+
+fn sorted(mut scale: [f32; 3]) -> [f32; 3] {
+    scale.sort_by(f32::total_cmp);
+    scale
+}

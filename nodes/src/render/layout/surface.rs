@@ -1,0 +1,157 @@
+//! Level surfaces with free space over them.
+
+use glam::DVec3;
+
+use super::grid::Grid;
+
+/// Cells that must be free over a surface.
+const CLEAR: usize = 5;
+/// Surfaces of a column that are looked at.
+const STACKED: usize = 4;
+/// A place with this many times `Wish::enough` of free space over it is worth half of one under the open sky: what stands
+/// under something is dark and badly seen.
+const COVERED: f64 = 10.0;
+/// Surfaces of fewer cells are not looked at.
+const FEWEST: usize = 30;
+
+/// A level surface and the place on it that is farthest from its rim.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Surface {
+    /// The place, in world units.
+    pub place: DVec3,
+    /// Distance from it to the rim or to what stands on the surface, in world units.
+    pub radius: f64,
+    /// Height over the floor, in world units.
+    pub height: f64,
+    /// Free space over the place, in world units.
+    pub clearance: f64,
+    /// Area of the surface, in square world units.
+    pub area: f64,
+    /// How good the place is for an object: the larger, the better.
+    pub score: f64,
+}
+
+/// What a place is sought for.
+#[derive(Debug, Clone, Copy)]
+pub struct Wish {
+    /// Heights over the floor that are looked at, in world units.
+    pub heights: [f64; 2],
+    /// A place with this distance from the rim is as good as one with more, in world units.
+    pub enough: f64,
+    /// The point that it should be near to, in world units, and how near.
+    pub near: (DVec3, f64),
+}
+
+/// The level surfaces of a grid, each with its best place, the best first. Equal ones by their order in the grid.
+pub fn surfaces(grid: &Grid, floor: f64, wish: &Wish) -> Vec<Surface> {
+    let [nx, ny, nz] = grid.size;
+    // Tops of each column, from below.
+    let mut tops: Vec<Vec<(u16, u16)>> = vec![Vec::new(); nx * ny];
+    let allowed = |z: usize| {
+        let height = grid.low.z + (z as f64 + 1.0) * grid.cell - floor;
+        (wish.heights[0]..=wish.heights[1]).contains(&height)
+    };
+    for (c, list) in tops.iter_mut().enumerate() {
+        let (x, y) = (c % nx, c / nx);
+        let mut z = 0;
+        while z < nz && list.len() < STACKED {
+            if grid.is_solid([x, y, z]) && allowed(z) {
+                let free = (z + 1..nz).take_while(|&above| !grid.is_solid([x, y, above])).count();
+                if free >= CLEAR.min(nz - z - 1) && free > 0 {
+                    // Nothing over it up to the end of the grid is open sky.
+                    let open = z + 1 + free == nz;
+                    list.push((z as u16, if open { u16::MAX } else { free as u16 }));
+                }
+            }
+            z += 1;
+        }
+    }
+    // Neighbours at nearly the same height are one surface.
+    let mut taken: Vec<Vec<bool>> = tops.iter().map(|list| vec![false; list.len()]).collect();
+    let mut found = Vec::new();
+    for c in 0..nx * ny {
+        for k in 0..tops[c].len() {
+            if taken[c][k] {
+                continue;
+            }
+            taken[c][k] = true;
+            let mut cells = vec![(c, k)];
+            let mut next = 0;
+            while next < cells.len() {
+                let (at, own) = cells[next];
+                next += 1;
+                let z = tops[at][own].0;
+                let (x, y) = (at % nx, at / nx);
+                let sides = [
+                    (x > 0).then(|| at - 1),
+                    (x + 1 < nx).then_some(at + 1),
+                    (y > 0).then(|| at.wrapping_sub(nx)),
+                    (y + 1 < ny).then_some(at + nx),
+                ];
+                for side in sides.into_iter().flatten() {
+                    if let Some(other) =
+                        (0..tops[side].len()).find(|&o| tops[side][o].0.abs_diff(z) <= 1 && !taken[side][o])
+                    {
+                        taken[side][other] = true;
+                        cells.push((side, other));
+                    }
+                }
+            }
+            if cells.len() >= FEWEST {
+                found.extend(best(grid, floor, wish, &tops, &cells));
+            }
+        }
+    }
+    found.sort_by(|a: &Surface, b| b.score.total_cmp(&a.score));
+    found
+}
+
+/// The best place of a surface.
+fn best(
+    grid: &Grid,
+    floor: f64,
+    wish: &Wish,
+    tops: &[Vec<(u16, u16)>],
+    cells: &[(usize, usize)],
+) -> Option<Surface> {
+    let [nx, ny, _] = grid.size;
+    // Distance to the nearest cell that is not of it, by two sweeps (chamfer 3-4).
+    let mut far = vec![0_u32; nx * ny];
+    cells.iter().for_each(|&(c, _)| far[c] = u32::MAX / 2);
+    let get = |far: &[u32], x: isize, y: isize| {
+        let inside = x >= 0 && y >= 0 && (x as usize) < nx && (y as usize) < ny;
+        if inside { far[y as usize * nx + x as usize] } else { 0 }
+    };
+    for pass in 0..2 {
+        for n in 0..nx * ny {
+            let c = if pass == 0 { n } else { nx * ny - 1 - n };
+            if far[c] == 0 {
+                continue;
+            }
+            let (x, y) = ((c % nx) as isize, (c / nx) as isize);
+            let s = if pass == 0 { -1 } else { 1 };
+            let near = [(x + s, y, 3), (x - 1, y + s, 4), (x, y + s, 3), (x + 1, y + s, 4)];
+            far[c] = near.into_iter().fold(far[c], |least, (x, y, by)| least.min(get(&far, x, y) + by));
+        }
+    }
+    // Detail of the middle of all surfaces is the measure of what is seen well.
+    let mut best: Option<Surface> = None;
+    for &(c, k) in cells {
+        let (x, y) = (c % nx, c / nx);
+        let (z, free) = tops[c][k];
+        let radius = f64::from(far[c]) / 3.0 * grid.cell;
+        let top = grid.top([x, y, z as usize]);
+        let place = grid.axes * top;
+        let away = (place - wish.near.0).length() / wish.near.1;
+        let detail = grid.detail(x, y).map_or(0.0, |size| 1.0 / (1.0 + size / grid.cell));
+        let clearance = if free == u16::MAX { f64::INFINITY } else { f64::from(free) * grid.cell };
+        let open = 1.0 / (1.0 + COVERED * wish.enough / clearance);
+        let score = (radius / wish.enough).min(1.0) * detail * open / (1.0 + away * away);
+        if best.is_none_or(|best| score > best.score) {
+            let height = top.z - floor;
+            let area = cells.len() as f64 * grid.cell * grid.cell;
+            best = Some(Surface { place, radius, height, clearance, area, score });
+        }
+    }
+    best
+}

@@ -1,0 +1,159 @@
+//! A scene from above, with a grid in metres or units.
+
+use engine::{Context, NodeError};
+use glam::{DVec2, DVec3};
+
+use super::canvas::Canvas;
+use crate::geometry::level::LevelEstimate;
+use crate::render::splat::{Settings, render};
+use crate::types::{Camera, Splats};
+
+/// How far above the camera of the plan is, in half sides of it: nearly parallel.
+const HIGH: f64 = 40.0;
+/// Lines of the grid, about.
+const LINES: f64 = 12.0;
+
+/// A plan: the picture, and how to draw on it.
+#[derive(Debug)]
+pub struct Plan {
+    /// The picture; up in it is `forward`.
+    pub canvas: Canvas,
+    /// Distance between two lines of the grid, in world units.
+    pub step: f64,
+    right: DVec3,
+    forward: DVec3,
+    centre: DVec3,
+    half: f64,
+}
+
+/// The splats below a height along up; all where it is not finite.
+pub fn below(splats: &Splats, up: DVec3, height: f64) -> Splats {
+    let mut kept = Splats {
+        means: Vec::new(),
+        means_low: Vec::new(),
+        quats: Vec::new(),
+        scales: Vec::new(),
+        opacities: Vec::new(),
+        sh: Vec::new(),
+        ..*splats
+    };
+    let n = splats.sh_len();
+    for i in 0..splats.len() {
+        if splats.mean(i).dot(up) < height {
+            kept.means.push(splats.means[i]);
+            kept.quats.push(splats.quats[i]);
+            kept.scales.push(splats.scales[i]);
+            kept.opacities.push(splats.opacities[i]);
+            kept.sh.extend_from_slice(&splats.sh[i * n..(i + 1) * n]);
+        }
+    }
+    kept
+}
+
+/// A round step of 1, 2 or 5 times a power of ten.
+fn round_step(span: f64) -> f64 {
+    let mut unit = 1e-9;
+    while unit * 10.0 <= span / LINES {
+        unit *= 10.0;
+    }
+    [1.0, 2.0, 5.0, 10.0].map(|k| k * unit).into_iter().find(|s| *s >= span / LINES).unwrap_or(unit)
+}
+
+impl Plan {
+    /// The scene up to `cut` over the floor, from above. `axes`: right, forward and up of the world.
+    pub fn new(
+        splats: &Splats,
+        stand: &LevelEstimate,
+        axes: [DVec3; 3],
+        cut: f64,
+        side_px: usize,
+        cx: &Context,
+    ) -> Result<Self, NodeError> {
+        let [right, forward, up] = axes;
+        let half = 1.02 * stand.radius;
+        let centre = DVec3::from_array(stand.centre);
+        let shown = below(splats, up, stand.floor + cut);
+        let floor = centre + up * (stand.floor - centre.dot(up));
+        let eye = floor + up * (HIGH * half);
+        let focal = 0.5 * side_px as f64 * HIGH;
+        let camera = Camera::centred("plan", [side_px as u32; 2], focal, [right, -forward, -up], eye);
+        let seen = render(&shown, &camera, None, &Settings { near: 0.5 * half, ..Settings::default() }, cx)?;
+        let canvas = Canvas::of(&seen, side_px, side_px);
+        let mut plan = Self { canvas, step: round_step(2.0 * half), right, forward, centre, half };
+        plan.grid();
+        Ok(plan)
+    }
+
+    /// The pixel of a point.
+    pub fn at(&self, p: DVec3) -> [f64; 2] {
+        let v = p - self.centre;
+        let side = self.canvas.width as f64;
+        [
+            (v.dot(self.right) / self.half * 0.5 + 0.5) * side,
+            (0.5 - v.dot(self.forward) / self.half * 0.5) * side,
+        ]
+    }
+
+    fn grid(&mut self) {
+        let side = self.canvas.width as f64;
+        let middle = DVec2::new(self.centre.dot(self.right), self.centre.dot(self.forward));
+        let (first, last) =
+            (-(self.half / self.step).ceil() as i64 - 1, (self.half / self.step).ceil() as i64 + 1);
+        for (axis, origin) in [(0, middle.x), (1, middle.y)] {
+            let base = (origin / self.step).round() as i64;
+            for k in first + base..=last + base {
+                let offset = (k as f64 * self.step - origin) / self.half * 0.5;
+                if offset.abs() > 0.5 {
+                    continue;
+                }
+                let place = if axis == 0 { (0.5 + offset) * side } else { (0.5 - offset) * side };
+                let (from, to) = if axis == 0 {
+                    ([place, 0.0], [place, side - 1.0])
+                } else {
+                    ([0.0, place], [side - 1.0, place])
+                };
+                let share = if k == 0 { 0.6 } else { 0.28 };
+                self.canvas.line(from, to, [1.0, 1.0, 1.0], share);
+                let value = k as f64 * self.step;
+                // What a label says is the coordinate, also where the axis points the other way.
+                let sign = if axis == 0 { self.right } else { self.forward };
+                let value = value * (sign.x + sign.y + sign.z).signum() + 0.0;
+                let (mut digits, mut step) = (0, self.step);
+                while step < 0.999 && digits < 9 {
+                    (digits, step) = (digits + 1, step * 10.0);
+                }
+                let text = format!("{value:.digits$}");
+                let at = if axis == 0 { [place as i64 + 3, side as i64 - 14] } else { [3, place as i64 + 3] };
+                self.canvas.text(at, &text, 2, [1.0, 0.9, 0.5]);
+            }
+        }
+        let name = |v: DVec3| {
+            if v.x != 0.0 {
+                "x"
+            } else if v.y != 0.0 {
+                "y"
+            } else {
+                "z"
+            }
+        };
+        self.canvas.text([side as i64 - 14, side as i64 - 30], name(self.right), 3, [1.0, 0.5, 0.4]);
+        self.canvas.text([18, 6], name(self.forward), 3, [0.5, 1.0, 0.5]);
+    }
+
+    /// An arrow from a place towards another, with a number.
+    pub fn mark(&mut self, from: DVec3, to: DVec3, number: usize) {
+        let (a, b) = (self.at(from), self.at(to));
+        let way = DVec2::new(b[0] - a[0], b[1] - a[1]).normalize_or_zero() * 34.0;
+        let colour = [1.0, 0.2, 0.2];
+        for width in -1..=1 {
+            let shift = f64::from(width);
+            let tip = [a[0] + way.x + shift, a[1] + way.y];
+            self.canvas.line([a[0] + shift, a[1]], tip, colour, 1.0);
+            for side in [-1.0, 1.0] {
+                let back = way * -0.3 + way.perp() * (0.2 * side);
+                self.canvas.line(tip, [tip[0] + back.x, tip[1] + back.y], colour, 1.0);
+            }
+        }
+        self.canvas.text([a[0] as i64 - 6, a[1] as i64 - 6], &number.to_string(), 3, [1.0; 3]);
+    }
+}

@@ -1,0 +1,267 @@
+//! How often the true value lies within the reported standard errors, over twenty seeds: of the ratio `with /
+//! without` by `path-trace`, and of the finished picture by `composite`. The tables of `docs/evidence/trade.md`.
+//! `cargo bench -p lightharmony-testkit --bench coverage`, in a checkout next to `shared`; `-- small` only tries it.
+#![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
+
+use std::path::Path;
+use std::sync::Arc;
+
+use engine::{
+    Artifact, Context, Engine, Graph, Kind, RunOptions, Scene, Source, SourceRoot, Store, Up, Wire,
+};
+use nodes::kinds::composite::{self, Composite};
+use nodes::kinds::path_trace::surroundings::Surroundings;
+use nodes::kinds::path_trace::{self, PathTrace};
+use nodes::kinds::shadow_ratio::{self, ShadowRatio};
+use nodes::math::color::luminance;
+use nodes::types::{Environment, Images, Mesh, Placed, Rig};
+
+/// The amount of tracing.
+struct Effort {
+    seeds: u64,
+    /// Seeds and samples of the truth, different from those above.
+    truth: (u64, u32),
+    /// Maximum number of samples if an error bound is set.
+    most: u32,
+}
+
+const WHOLE: Effort = Effort { seeds: 20, truth: (8, 256), most: 256 };
+/// A small amount, to check that the benchmark runs.
+const SMALL: Effort = Effort { seeds: 2, truth: (2, 8), most: 8 };
+/// An error bound, and the side of the tiles that it applies to.
+const ASKED: f64 = 0.03;
+const TILE: usize = 8;
+
+/// The inputs of `trace` in a graph of `tests/tables`, and the background of its picture.
+struct Place {
+    receiver: Arc<Mesh>,
+    objects: Vec<Arc<Placed>>,
+    rig: Arc<Rig>,
+    env: Arc<Environment>,
+    background: Arc<Images>,
+}
+
+/// Values of pixels with their reported standard errors; 0 where there is no noise.
+type Told = Vec<[f64; 2]>;
+
+impl Place {
+    /// Loads a graph after replacing one piece of its text, which sets the size of its pictures.
+    fn load(name: &str, (before, after): (&str, &str)) -> Self {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/tables");
+        let text = std::fs::read_to_string(folder.join(name)).unwrap();
+        assert_eq!(text.matches(before).count(), 1, "{name} has no `{before}`");
+        let source = Source::new(name, text.replace(before, after));
+        let graph = Graph::parse(source, &nodes::registry(), SourceRoot::new(folder)).unwrap();
+        let engine = Engine::new(Store::in_memory(), 2, 1 << 32);
+        let wires = |node: &str, port: &str| {
+            let node = &graph.nodes[graph.find(node).unwrap()];
+            let at = node.kind.inputs.iter().position(|spec| spec.name == port).unwrap();
+            node.inputs[at].clone()
+        };
+        let ports = ["receiver", "objects", "rig", "env"].map(|port| wires("trace", port));
+        let background = wires("final", "background");
+        let only = ports.iter().chain([&background]).flatten().map(|wire| wire.node).collect();
+        let outcome = engine.run(&graph, &RunOptions { only, ..RunOptions::default() }, |_| ());
+        assert!(outcome.failures.is_none());
+        fn value<A: Artifact>(engine: &Engine, graph: &Graph, wire: Wire) -> Arc<A> {
+            Arc::new(engine.value(graph, wire).unwrap())
+        }
+        let [receiver, objects, rig, env] = &ports;
+        Self {
+            receiver: value(&engine, &graph, receiver[0]),
+            objects: objects.iter().map(|wire| value(&engine, &graph, *wire)).collect(),
+            rig: value(&engine, &graph, rig[0]),
+            env: value(&engine, &graph, env[0]),
+            background: value(&engine, &graph, background[0]),
+        }
+    }
+
+    /// Ratio and picture of all views, for a seed.
+    fn traced(&self, params: &PathTrace, seed: u64) -> [Told; 2] {
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed, exhaustive: false }, ".");
+        let inputs = path_trace::In {
+            receiver: self.receiver.clone(),
+            objects: self.objects.clone(),
+            rig: self.rig.clone(),
+            env: self.env.clone(),
+        };
+        let (traced, _) = PathTrace::run(params, inputs, &cx).unwrap();
+        let pair = shadow_ratio::In { without: traced.without.clone(), with: traced.with.clone() };
+        let (ratio, _) = ShadowRatio::run(&ShadowRatio::default(), pair, &cx).unwrap();
+        let layers = composite::In {
+            background: self.background.clone(),
+            object: traced.object,
+            shadow: Some(ratio.shadow),
+            added: None,
+            front: None,
+            variance: Some(traced.variance.clone()),
+        };
+        let (made, _) = Composite::run(&Composite::default(), layers, &cx).unwrap();
+
+        let pairs = light(&traced.without).into_iter().zip(light(&traced.with));
+        let told = plane(&traced.variance, 3).into_iter();
+        let ratio =
+            pairs.zip(told).map(
+                |((without, with), variance)| {
+                    if without > 0.0 { [with / without, variance.sqrt()] } else { [1.0, 0.0] }
+                },
+            );
+        let picture = light(&made.image).into_iter().zip(plane(&made.error, 0));
+        [ratio.collect(), picture.map(|(value, error)| [value, error]).collect()]
+    }
+}
+
+impl Place {
+    /// Ratios and pictures for several seeds, in order, on two threads.
+    fn all_traced(&self, params: &PathTrace, seeds: std::ops::Range<u64>) -> Vec<[Told; 2]> {
+        let half = |first| move |seed: &u64| seed % 2 == first;
+        let traced = |first: u64| -> Vec<[Told; 2]> {
+            seeds.clone().filter(half(first)).map(|seed| self.traced(params, seed)).collect()
+        };
+        let (even, odd) = std::thread::scope(|scope| {
+            let odd = scope.spawn(|| traced(1));
+            (traced(0), odd.join().unwrap())
+        });
+        let (mut even, mut odd) = (even.into_iter(), odd.into_iter());
+        seeds.filter_map(|seed| if seed % 2 == 0 { even.next() } else { odd.next() }).collect()
+    }
+
+    /// The true error of the ratio in each tile with noise, as `max_error` defines it: the root mean square over
+    /// the noisy pixels, relative to the ratio where that is above 1.
+    fn tiles(&self, told: &Told, truth: &[f64]) -> Vec<f64> {
+        let (mut errors, mut first) = (Vec::new(), 0);
+        for camera in &self.rig.cameras {
+            let (width, height) = (camera.width_px as usize, camera.height_px as usize);
+            for tile in 0..width.div_ceil(TILE) * height.div_ceil(TILE) {
+                let (x, y) = (tile % width.div_ceil(TILE) * TILE, tile / width.div_ceil(TILE) * TILE);
+                let rows = (y..(y + TILE).min(height)).map(|y| first + y * width);
+                let pixels = rows.flat_map(|row| (x..(x + TILE).min(width)).map(move |x| row + x));
+                let squares: Vec<f64> = pixels
+                    .filter(|&i| told[i][1] > 0.0)
+                    .map(|i| (told[i][0] - truth[i]) / truth[i].max(1.0))
+                    .map(|off| off * off)
+                    .collect();
+                if !squares.is_empty() {
+                    errors.push((squares.iter().sum::<f64>() / squares.len() as f64).sqrt());
+                }
+            }
+            first += width * height;
+        }
+        errors
+    }
+}
+
+/// Luminance of each pixel of all views.
+fn light(images: &Images) -> Vec<f64> {
+    let pixels = images.0.iter().flat_map(|view| view.picture.samples().chunks_exact(view.picture.size().2));
+    pixels.map(|p| f64::from(luminance([p[0], p[1], p[2]]))).collect()
+}
+
+/// A channel of each pixel of all views.
+fn plane(images: &Images, channel: usize) -> Vec<f64> {
+    let pixels = images.0.iter().flat_map(|view| view.picture.samples().chunks_exact(view.picture.size().2));
+    pixels.map(|p| f64::from(p[channel])).collect()
+}
+
+/// Counts of true values within 1, 2 and 3 standard errors, and the mean deviation.
+#[derive(Default)]
+struct Tally {
+    within: [u64; 3],
+    pixels: u64,
+    off: f64,
+    square: f64,
+    told: f64,
+}
+
+impl Tally {
+    fn add(&mut self, told: &Told, truth: &[f64]) {
+        for ([value, error], truth) in told.iter().zip(truth).filter(|([_, error], _)| *error > 0.0) {
+            let apart = value - truth;
+            for (within, times) in self.within.iter_mut().zip([1.0, 2.0, 3.0]) {
+                *within += u64::from(apart.abs() <= times * error);
+            }
+            (self.off, self.square, self.told) =
+                (self.off + apart, self.square + apart * apart, self.told + error * error);
+            self.pixels += 1;
+        }
+    }
+
+    fn cells(&self, seeds: u64) -> String {
+        let n = self.pixels as f64;
+        let shares = self.within.map(|within| format!("{:.1} %", 100.0 * within as f64 / n));
+        let ratio = (self.told / self.square).sqrt();
+        format!("{} | {} | {ratio:.2} | {:+.4}", self.pixels / seeds, shares.join(" | "), self.off / n)
+    }
+}
+
+fn main() {
+    let small = std::env::args().any(|word| word == "small");
+    let Effort { seeds, truth: (truth_seeds, truth_samples), most } = if small { SMALL } else { WHOLE };
+    println!(
+        "| of | scene | samples | pixels with noise | within 1 | within 2 | within 3 | reported over true error | mean off by |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
+    let demo = ("width_px: 160, height_px: 120", "width_px: 64, height_px: 48");
+    let beyond = Surroundings::Within { metres: 1.1, bounces: false };
+    let scenes = [
+        ("demo", Place::load("demo.ron", demo), beyond, Some(0.02)),
+        (
+            "bench case",
+            Place::load("plaza.ron", ("resolution: 0.25", "resolution: 0.1")),
+            Surroundings::Auto,
+            None,
+        ),
+    ];
+    let (mut rows, mut held): ([Vec<String>; 2], Vec<String>) = Default::default();
+    for (name, place, surroundings, contact_metres) in scenes {
+        let params = |samples, max_error| PathTrace {
+            samples,
+            max_error,
+            surroundings,
+            contact_metres,
+            ..PathTrace::default()
+        };
+        let mut truth: [Vec<f64>; 2] = Default::default();
+        for told in place.all_traced(&params(truth_samples, None), 1000..1000 + truth_seeds) {
+            for (truth, told) in truth.iter_mut().zip(told) {
+                truth.resize(told.len(), 0.0);
+                truth.iter_mut().zip(told).for_each(|(sum, [value, _])| *sum += value / truth_seeds as f64);
+            }
+        }
+        for (said, params) in [
+            ("4", params(4, None)),
+            ("16", params(16, None)),
+            ("up to 256, `max_error: 0.03`", params(most, Some(ASKED))),
+        ] {
+            let mut tallies: [Tally; 2] = Default::default();
+            let mut tiles = Vec::new();
+            for told in place.all_traced(&params, 0..seeds) {
+                tiles.extend(place.tiles(&told[0], &truth[0]));
+                for ((tally, told), truth) in tallies.iter_mut().zip(&told).zip(&truth) {
+                    tally.add(told, truth);
+                }
+            }
+            for (rows, tally) in rows.iter_mut().zip(&tallies) {
+                rows.push(format!("{name} | {said} | {} |", tally.cells(seeds)));
+            }
+            if params.max_error.is_some() {
+                let share = |times: f64| {
+                    let within = tiles.iter().filter(|error| **error <= times * ASKED).count();
+                    format!("{:.1} %", 100.0 * within as f64 / tiles.len() as f64)
+                };
+                let worst = tiles.iter().copied().fold(0.0, f64::max);
+                let shares = [share(1.0), share(1.5), share(2.0)].join(" | ");
+                held.push(format!("{name} | {} | {shares} | {worst:.3} |", tiles.len() as u64 / seeds));
+            }
+        }
+    }
+    for (of, rows) in ["ratio", "picture"].iter().zip(&rows) {
+        rows.iter().for_each(|row| println!("| {of} | {row}"));
+    }
+    println!(
+        "\n| scene | tiles with noise | true error of the ratio within 0.03 | within 0.045 | within 0.06 | worst of all |"
+    );
+    println!("|---|---|---|---|---|---|");
+    held.iter().for_each(|row| println!("| {row}"));
+}

@@ -1,0 +1,192 @@
+//! Every table of `docs/evidence/splats.md`: how fast splats are loaded and drawn, how exact, what each knob costs and each
+//! skip saves, how time and memory grow, and both ways to a panorama.
+//! `cargo bench -p lightharmony-testkit --bench splat -- DATA [section ..]`, where DATA holds `splats/garden_sog`,
+//! `splats/playbot_sog` and `splat-refs`. Without DATA, speed alone, on a cloud made from a seed.
+#![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
+
+mod exact;
+mod growth;
+mod knobs;
+mod load;
+mod memory;
+mod panorama;
+mod skips;
+mod speed;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::{Arc, OnceLock};
+
+use engine::{Context, Up};
+use glam::DVec3;
+use nodes::types::{Camera, SplatEncoding, Splats};
+use testkit::{Data, Reference, process_seconds};
+
+/// The data if there is any, a context to work in, and one thread.
+struct Bench {
+    /// The folder of the data.
+    folder: Option<PathBuf>,
+    data: Option<Data>,
+    cx: Context,
+    one: rayon::ThreadPool,
+    garden: OnceLock<Arc<Splats>>,
+}
+
+impl Bench {
+    /// The garden, or the cloud.
+    fn garden(&self) -> Arc<Splats> {
+        let load = || match &self.data {
+            Some(data) => data.splats("splats/garden_sog", &[], false),
+            None => Arc::new(cloud()),
+        };
+        self.garden.get_or_init(load).clone()
+    }
+
+    fn playbot(&self) -> Arc<Splats> {
+        self.data.as_ref().unwrap().splats("splats/playbot_sog", &[], false)
+    }
+
+    /// The camera of a view of `splat-refs`.
+    fn camera(&self, name: &str) -> Camera {
+        match &self.data {
+            Some(data) => Camera { name: name.to_owned(), ..Reference::named(data, name).camera },
+            None => before_the_cloud(name),
+        }
+    }
+
+    /// Colours of a view of `splat-refs`.
+    fn reference(&self, name: &str) -> Vec<f32> {
+        let data = self.data.as_ref().unwrap();
+        Reference::named(data, name).layer(data, "rgb")
+    }
+}
+
+/// A point of the garden around which panoramas are made.
+const EYE: DVec3 = DVec3::new(4.02, -31.3, 0.2);
+
+/// 800 thousand splats, uniform in a slab before the camera.
+fn cloud() -> Splats {
+    let mut state = 1_u64;
+    let mut next = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / (1 << 24) as f32
+    };
+    let n = 800_000;
+    let mut mean = || [next() * 40.0 - 20.0, next() * 60.0 - 60.0, next() * 8.0 - 2.0];
+    Splats {
+        means: (0..n).map(|_| mean()).collect(),
+        means_low: Vec::new(),
+        quats: vec![[0.5, 0.5, -0.5, 0.5]; n],
+        scales: (0..n).map(|_| [0.05 * next(), 0.03 * next(), 0.05 * next()]).collect(),
+        opacities: (0..n).map(|_| next()).collect(),
+        sh_degree: 0,
+        sh: (0..n).map(|_| [next(), next(), next()]).collect(),
+        encoding: SplatEncoding::Srgb,
+        antialiased: false,
+    }
+}
+
+/// A 640x480 view along -y, rotated off the axes if its name says so.
+fn before_the_cloud(name: &str) -> Camera {
+    let tilted = DVec3::new(-0.121_572, -0.990_128, -0.069_756);
+    let forward = if name.contains("tilted") { tilted.normalize() } else { DVec3::NEG_Y };
+    let right = forward.cross(DVec3::Z).normalize();
+    let focal = 457.0;
+    let world_from_camera = look(right, forward.cross(right), forward, EYE);
+    let name = name.to_owned();
+    Camera {
+        name,
+        width_px: 640,
+        height_px: 480,
+        fx: focal,
+        fy: focal,
+        cx: 320.0,
+        cy: 240.0,
+        world_from_camera,
+    }
+}
+
+/// The transform of a camera from its axes and position.
+fn look(right: DVec3, down: DVec3, forward: DVec3, eye: DVec3) -> [f64; 16] {
+    let columns = [right.extend(0.0), down.extend(0.0), forward.extend(0.0), eye.extend(1.0)];
+    glam::DMat4::from_cols(columns[0], columns[1], columns[2], columns[3]).to_cols_array()
+}
+
+/// A result, and the least CPU seconds of several runs of it.
+fn timed<T>(runs: usize, mut work: impl FnMut() -> T) -> (T, f64) {
+    let mut best: Option<(T, f64)> = None;
+    for _ in 0..runs {
+        let start = process_seconds();
+        let result = work();
+        let seconds = process_seconds() - start;
+        if best.as_ref().is_none_or(|(_, least)| seconds < *least) {
+            best = Some((result, seconds));
+        }
+    }
+    best.unwrap()
+}
+
+fn millions(n: u64) -> f64 {
+    n as f64 / 1e6
+}
+
+/// The first line of what a command prints.
+fn told(command: &mut Command) -> Option<String> {
+    let output = command.output().ok().filter(|output| output.status.success())?;
+    Some(String::from_utf8_lossy(&output.stdout).lines().next().unwrap_or_default().to_owned())
+}
+
+/// Commit and scenes of the tables.
+fn origin() -> String {
+    let commit = told(Command::new("git").args(["rev-parse", "--short", "HEAD"]));
+    let changed = told(Command::new("git").args(["status", "--porcelain", "--untracked-files=no"]));
+    let changed = if changed.is_some_and(|line| !line.is_empty()) { " with changes" } else { "" };
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    format!(
+        "commit {}{changed}, {}",
+        commit.unwrap_or_else(|| "unknown".to_owned()),
+        model.map_or("unknown processor", |(_, name)| name.trim())
+    )
+}
+
+/// The name of a section, and the function that prints it.
+type Section = (&'static str, fn(&Bench));
+
+fn main() {
+    let mut args = std::env::args().skip(1).filter(|arg| !arg.starts_with("--"));
+    // Cargo runs a bench in the folder of its package.
+    let folder = args.next().map(|data| Path::new(&data).canonicalize().unwrap());
+    let wanted: Vec<String> = args.collect();
+    let data = |folder: &Path| Data::of(folder, Up::PlusZ, 1);
+    let bench = Bench {
+        cx: data(folder.as_deref().unwrap_or(Path::new(""))).context(),
+        data: folder.as_deref().map(data),
+        folder,
+        one: rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap(),
+        garden: OnceLock::new(),
+    };
+    if memory::measures() {
+        return memory::table(&bench);
+    }
+    println!("{}", origin());
+    let sections: [Section; 8] = [
+        ("speed", speed::table),
+        ("load", load::table),
+        ("exact", exact::table),
+        ("knobs", knobs::table),
+        ("skips", skips::table),
+        ("growth", growth::table),
+        ("memory", memory::table),
+        ("panorama", panorama::table),
+    ];
+    // What needs no data.
+    let free = 2;
+    let most = if bench.data.is_some() { sections.len() } else { free };
+    for (name, table) in &sections[..most] {
+        if wanted.is_empty() || wanted.iter().any(|w| w == name) {
+            println!("\n## {name}");
+            table(&bench);
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! A folder of files for tests and benches, and the loading of them.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use engine::{Context, InputFile, Kind, Notes, Scene, Up};
+use nodes::kinds::load_cameras::{self, Distortion, LoadCameras};
+use nodes::kinds::load_environment::{self, LoadEnvironment};
+use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
+use nodes::kinds::load_object::{self, LoadObject};
+use nodes::kinds::load_splats::{self, Frame, LoadSplats};
+use nodes::types::{Environment, Mesh, Object, Rig, Splats};
+
+/// A folder of files, and the scene in which kinds run on them.
+#[derive(Clone)]
+pub struct Data {
+    folder: PathBuf,
+    up: Up,
+    seed: u64,
+}
+
+impl Data {
+    /// The files of a folder, with metres as units.
+    pub fn of(folder: &Path, up: Up, seed: u64) -> Self {
+        Self { folder: folder.to_owned(), up, seed }
+    }
+
+    /// The shared data next to the checkout.
+    pub fn shared(up: Up, seed: u64) -> Self {
+        Self::of(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), up, seed)
+    }
+
+    /// The same files with another seed.
+    pub fn with_seed(&self, seed: u64) -> Self {
+        Self { seed, ..self.clone() }
+    }
+
+    /// The path of a file or folder.
+    ///
+    /// # Panics
+    /// If it is missing, so that no test is skipped.
+    pub fn path(&self, path: &str) -> PathBuf {
+        let path = self.folder.join(path);
+        assert!(path.exists(), "{} is missing", path.display());
+        path
+    }
+
+    /// The bytes of a file.
+    pub fn bytes(&self, path: &str) -> Vec<u8> {
+        std::fs::read(self.path(path)).unwrap()
+    }
+
+    /// A file of JSON.
+    pub fn json(&self, path: &str) -> serde_json::Value {
+        serde_json::from_slice(&self.bytes(path)).unwrap()
+    }
+
+    /// A context outside of any run, in which paths are relative to the folder.
+    pub fn context(&self) -> Context {
+        let scene = Scene { up: self.up, metres_per_unit: 1.0, seed: self.seed, exhaustive: false };
+        Context::detached(scene, &self.folder)
+    }
+
+    /// Splats of the files `path` and `more`, in the frame that their format says.
+    pub fn splats(&self, path: &str, more: &[&str], strict: bool) -> Arc<Splats> {
+        let file = |path: &str| InputFile(path.to_owned());
+        let params = LoadSplats {
+            path: file(path),
+            more: more.iter().map(|path| file(path)).collect(),
+            strict,
+            max_extent: 1e6,
+            level: 0,
+            frame: Frame::ByFormat,
+            matrix: None,
+        };
+        LoadSplats::run(&params, load_splats::In {}, &self.context()).unwrap().0.splats
+    }
+
+    /// A mesh in the frame of the world.
+    pub fn mesh(&self, path: &str, colours: ColourEncoding) -> (Arc<Mesh>, Notes) {
+        let params =
+            LoadMesh { path: InputFile(path.to_owned()), frame: MeshFrame::World, colours, matrix: None };
+        let (out, notes) = LoadMesh::run(&params, load_mesh::In {}, &self.context()).unwrap();
+        (out.mesh, notes)
+    }
+
+    /// The default scene of a glTF file.
+    pub fn object(&self, path: &str) -> (Arc<Object>, Notes) {
+        let params = LoadObject { path: InputFile(path.to_owned()), scene: None };
+        let (out, notes) = LoadObject::run(&params, load_object::In {}, &self.context()).unwrap();
+        (out.object, notes)
+    }
+
+    /// An environment as its file has it.
+    pub fn environment(&self, path: &str) -> (Arc<Environment>, Notes) {
+        let params = LoadEnvironment {
+            path: InputFile(path.to_owned()),
+            layer: String::new(),
+            rotation_deg: 0.0,
+            scale: 1.0,
+            origin: None,
+        };
+        let (out, notes) = LoadEnvironment::run(&params, load_environment::In {}, &self.context()).unwrap();
+        (out.env, notes)
+    }
+
+    /// The cameras of a list of a file: all, or those with names that match `pick`.
+    pub fn cameras(&self, path: &str, list: &str, pick: &[&str]) -> Arc<Rig> {
+        let params = LoadCameras {
+            path: InputFile(path.to_owned()),
+            pick: pick.iter().map(|name| load_cameras::Pick::from(*name)).collect(),
+            list: list.to_owned(),
+            resolution: 1.0,
+            distortion: Distortion::Refuse,
+            dataparser: None,
+            matrix: None,
+        };
+        LoadCameras::run(&params, load_cameras::In {}, &self.context()).unwrap().0.rig
+    }
+}

@@ -1,0 +1,30 @@
+//! What the benches of the kinds and their tests on real data share: the data, its reference renders, scores of
+//! pictures, and the clock. A crate of its own, so that no program and no unit test is built with it.
+#![allow(clippy::unwrap_used, reason = "tests and benches may stop at the first surprise")]
+
+mod data;
+mod render_refs;
+mod score;
+mod splat_refs;
+
+use rustix::time::{ClockId, clock_gettime};
+
+pub use data::Data;
+pub use render_refs::{Case, Traced, denoised};
+pub use score::{block_scores, mean, psnr, relative_mse, rgb};
+pub use splat_refs::Reference;
+
+fn clock(id: ClockId) -> f64 {
+    let time = clock_gettime(id);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
+/// CPU seconds of all threads of this process by the kernel's clock: other processes are not counted.
+pub fn process_seconds() -> f64 {
+    clock(ClockId::ProcessCPUTime)
+}
+
+/// CPU seconds of this thread.
+pub fn thread_seconds() -> f64 {
+    clock(ClockId::ThreadCPUTime)
+}

@@ -1,0 +1,21 @@
+//! Tests on real captures, objects and reference renders, which are in `../shared/data` next to the checkout. A
+//! missing file is a failure here, never a skip; `cargo test` without the feature `real-data` leaves the whole set
+//! out, and `.ci/run` reports it.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#![allow(clippy::print_stdout, reason = "figures are for those who run with --nocapture")]
+
+mod files;
+mod formats;
+mod level;
+mod light;
+mod looks;
+mod mesh;
+mod metrics;
+mod splat;
+mod trace;
+mod trials;
+
+/// The shared data, with z up and seed 7.
+fn data() -> testkit::Data {
+    testkit::Data::shared(engine::Up::PlusZ, 7)
+}

@@ -1,0 +1,106 @@
+//! `init`: a folder with a first graph, of a synthetic scene or of files of the user.
+
+mod graph;
+mod survey;
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::session::Error;
+use crate::terminal;
+use survey::Survey;
+
+/// Creates a folder with a commented graph that runs as it is.
+///
+/// Without files the scene is synthetic. With `--splats` and `--object` it measures which way is up, where the floor lies
+/// and how long a unit is, and chooses a place for the object and a camera. It prints what it assumed, how sure it is, and
+/// the line to edit.
+#[derive(Debug, Args)]
+pub struct Init {
+    /// The folder; created if it does not exist
+    #[arg(default_value = ".")]
+    folder: PathBuf,
+    /// The captured place: a file or folder of splats (PLY, SPZ, SOG, .splat, .ksplat, glTF)
+    #[arg(long, requires = "object")]
+    splats: Option<PathBuf>,
+    /// What to insert: glTF or GLB
+    #[arg(long, requires = "splats")]
+    object: Option<PathBuf>,
+    /// A mesh of the place, in the frame of the splats; without it one is made from the splats
+    #[arg(long, requires = "splats")]
+    mesh: Option<PathBuf>,
+    /// The cameras of the capture (COLMAP, nerfstudio, INRIA, our JSON), in the frame of the splats
+    #[arg(long, requires = "splats")]
+    cameras: Option<PathBuf>,
+    /// A photograph of the place as the background; one of `--cameras` has its name
+    #[arg(long, requires = "cameras")]
+    photo: Option<PathBuf>,
+}
+
+const GRAPH: &str = "graph.ron";
+
+const README: &str = "\
+# An object in a place
+
+    lightharmony run graph.ron          # writes out/picture.png
+    lightharmony plan graph.ron         # what a run would compute, why, about how long
+    lightharmony explain graph.ron save # why a node runs
+
+Edit `graph.ron` and run it again: only what the edit reaches is computed. `lightharmony nodes` lists what a graph can
+be made of, and `lightharmony nodes path-trace` describes one kind.
+";
+
+const MADE_UP: &str = "
+The scene in it is synthetic. For your own scene:
+
+    lightharmony init FOLDER --splats capture.ply --object chair.glb
+";
+
+const HAND_ON: &str = "
+To share it: `lightharmony pack graph.ron picture.lhb`; the receiver runs `lightharmony verify picture.lhb`.
+";
+
+impl Init {
+    /// Writes the files; refuses where the graph exists already. The other files are kept where they exist, since
+    /// most folders of a repository have them. Exit code 0, or 1 where a file cannot be used.
+    pub fn run(self) -> Result<u8, Error> {
+        let path = |name: &str| self.folder.join(name);
+        let is_there = |name: &str| std::fs::symlink_metadata(path(name)).is_ok();
+        if is_there(GRAPH) {
+            return Err(Error::usage(format!("`{}` exists already", path(GRAPH).display())));
+        }
+        let (text, assumed) = match (&self.splats, &self.object) {
+            (Some(splats), Some(object)) => {
+                let files = survey::Files {
+                    folder: &self.folder,
+                    splats,
+                    object,
+                    mesh: self.mesh.as_deref(),
+                    cameras: self.cameras.as_deref(),
+                    photo: self.photo.as_deref(),
+                };
+                let survey = match Survey::of(&files) {
+                    Ok(survey) => survey,
+                    Err(error) => return Ok(crate::session::splats::failed(&error)),
+                };
+                let graph = graph::text(&survey);
+                let shown = graph::assumptions(&survey, &graph, &path(GRAPH));
+                (graph, shown)
+            }
+            _ => (include_str!("../../../graphs/starter.ron").to_owned(), String::new()),
+        };
+        let made_up = if assumed.is_empty() { MADE_UP } else { "" };
+        let readme = format!("{README}{made_up}{HAND_ON}");
+        let ignored = "# What runs write.\n/out/\n";
+        for (name, text) in [(GRAPH, text.as_str()), (".gitignore", ignored), ("README.md", &readme)] {
+            if is_there(name) {
+                terminal::remark(&format!("{} exists already and is kept", path(name).display()));
+            } else {
+                cache::publish_file(&path(name), text.as_bytes())?;
+            }
+        }
+        terminal::print(&format!("{}\n{assumed}", path(GRAPH).display()))?;
+        Ok(0)
+    }
+}

@@ -1,0 +1,262 @@
+//! What `init` finds out about files: how the place stands, and where the object may.
+
+use std::path::{Path, PathBuf};
+
+use engine::{InputFile, Kind, NodeError, Up};
+use glam::DVec3;
+use nodes::geometry::level::{LevelEstimate, Scale};
+use nodes::kinds::load_object::{self, LoadObject};
+use nodes::math::equirect::axes;
+use nodes::render::layout::{Arrangement, Extents, arrange};
+use nodes::types::Rig;
+
+use crate::session::splats;
+use crate::session::standing::Standing;
+
+/// Scenes with a radius in between are taken to be in metres where nothing says otherwise.
+const METRIC: [f64; 2] = [1.0, 100.0];
+/// Width and height of the first picture.
+pub const SIZE: [u32; 2] = [960, 540];
+
+/// The files of the user.
+#[derive(Debug, Clone, Copy)]
+pub struct Files<'a> {
+    /// Where the graph will lie.
+    pub folder: &'a Path,
+    /// The place.
+    pub splats: &'a Path,
+    /// What to insert.
+    pub object: &'a Path,
+    /// A mesh of the place.
+    pub mesh: Option<&'a Path>,
+    /// The cameras of the capture.
+    pub cameras: Option<&'a Path>,
+    /// A photograph of the place.
+    pub photo: Option<&'a Path>,
+}
+
+/// A photograph and the camera of its name.
+#[derive(Debug, Clone)]
+pub struct Photo {
+    /// Path for the graph.
+    pub path: String,
+    /// Name of the camera.
+    pub camera: String,
+}
+
+/// All that the graph is made of.
+#[derive(Debug)]
+pub struct Survey {
+    /// Paths as the graph has them.
+    pub splats: String,
+    /// As above.
+    pub object: String,
+    /// As above.
+    pub mesh: Option<String>,
+    /// As above.
+    pub cameras: Option<String>,
+    /// The photograph.
+    pub photo: Option<Photo>,
+    /// The place as it stands in the world of the graph.
+    pub standing: Standing,
+    /// Metres in a unit, as the graph has it.
+    pub metres_per_unit: f64,
+    /// Box of the object.
+    pub extents: Extents,
+    /// Place, size and camera.
+    pub arranged: Arrangement,
+    /// Translation of the pose: where the origin of the object's file lies.
+    pub translation: DVec3,
+    /// Turn of the object, in degrees.
+    pub yaw_deg: f64,
+}
+
+/// A path as a graph in `folder` names the file: relative where both lie below a folder other than the root.
+pub fn relative(folder: &Path, file: &Path) -> Result<String, NodeError> {
+    let absolute = |path: &Path| -> Result<PathBuf, NodeError> {
+        // The folder may not be there yet.
+        let mut there =
+            std::path::absolute(path).map_err(|e| NodeError::new(format!("`{}`: {e}", path.display())))?;
+        let mut rest = Vec::new();
+        loop {
+            if let Ok(found) = there.canonicalize() {
+                return Ok(rest.iter().rev().fold(found, |path, part| path.join(part)));
+            }
+            let Some(name) = there.file_name().map(ToOwned::to_owned) else { return Ok(there) };
+            rest.push(name);
+            there.pop();
+        }
+    };
+    let (folder, file) = (absolute(folder)?, absolute(file)?);
+    let common = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
+    let path = if common > 1 {
+        let ups = folder.components().count() - common;
+        let below: PathBuf = file.components().skip(common).collect();
+        (0..ups).fold(PathBuf::new(), |path, _| path.join("..")).join(below)
+    } else {
+        file
+    };
+    let unreadable = || NodeError::new(format!("`{}` is not UTF-8, which graphs are", path.display()));
+    Ok(path.to_str().ok_or_else(unreadable)?.to_owned())
+}
+
+impl Survey {
+    /// Looks at the files.
+    pub fn of(files: &Files<'_>) -> Result<Self, NodeError> {
+        for file in [Some(files.splats), Some(files.object), files.mesh, files.cameras, files.photo]
+            .into_iter()
+            .flatten()
+        {
+            splats::check(file)?;
+        }
+        let standing = Standing::of(files.splats, files.cameras)?;
+        let (up, stand, cameras) = (standing.up, &standing.stand, standing.cameras.as_deref());
+        let cx = splats::context(up);
+        let params = LoadObject { path: InputFile(files.object.display().to_string()), scene: None };
+        let object = LoadObject::run(&params, load_object::In {}, &cx)?.0.object;
+        let extents = Extents::of(&object)
+            .ok_or_else(|| NodeError::new(format!("`{}` has no triangles", files.object.display())))?;
+        let mut metres_per_unit = metres(stand);
+        let mut arranged = arrange(&standing.splats, stand, &extents, metres_per_unit, cameras, &cx)?;
+        if arranged.fitted && !is_known(stand) {
+            // Lengths of the graph are in metres: the object keeps its own, and the place is measured by it.
+            let exact = metres_per_unit / arranged.scale;
+            metres_per_unit = three_digits(exact);
+            arranged.scale = 1.0;
+        }
+        let photo = files.photo.map(|path| photo(path, files, cameras)).transpose()?;
+        let decimals = decimals(stand);
+        let round = |v: DVec3| DVec3::from_array(v.to_array().map(|c| rounded(c, decimals)));
+        if let Some(view) = &mut arranged.view {
+            (view.eye, view.target) = (round(view.eye), round(view.target));
+        }
+        let yaw_deg = arranged.view.map_or(0.0, |view| facing(view.eye - arranged.place, up));
+        let centre = 0.5 * (extents.low + extents.high);
+        let to_world = nodes::types::frame::world_from_gltf(up, metres_per_unit);
+        let offset =
+            yaw(up, yaw_deg, to_world.transform_vector3(DVec3::new(centre.x, extents.low.y, centre.z)));
+        let translation = round(arranged.place - offset * arranged.scale);
+        let path = |file: &Path| relative(files.folder, file);
+        Ok(Self {
+            splats: path(files.splats)?,
+            object: path(files.object)?,
+            mesh: files.mesh.map(path).transpose()?,
+            cameras: files.cameras.map(path).transpose()?,
+            photo,
+            standing,
+            metres_per_unit,
+            extents,
+            arranged,
+            translation,
+            yaw_deg,
+        })
+    }
+
+    /// Digits behind the point that lengths in this scene need.
+    pub fn decimals(&self) -> usize {
+        decimals(&self.standing.stand)
+    }
+}
+
+/// Whether the scale of a scene was measured well enough to be written.
+pub fn is_known(stand: &LevelEstimate) -> bool {
+    stand.scale.metres_per_unit.is_some() && stand.scale.confidence >= 0.5
+}
+
+fn three_digits(value: f64) -> f64 {
+    let mut unit = 1e-9;
+    while unit * 1000.0 <= value {
+        unit *= 10.0;
+    }
+    (value / unit).round() * unit
+}
+
+/// The scale that is written: what was measured, or metres, or what makes the scene ten metres wide.
+fn metres(stand: &LevelEstimate) -> f64 {
+    match &stand.scale {
+        Scale { metres_per_unit: Some(metres), confidence, .. } if *confidence >= 0.5 => rounded(*metres, 4),
+        _ if (METRIC[0]..METRIC[1]).contains(&stand.radius) => 1.0,
+        _ => {
+            let mut unit = 1.0;
+            while unit * stand.radius < METRIC[0] {
+                unit *= 10.0;
+            }
+            while unit * stand.radius > METRIC[1] {
+                unit *= 0.1;
+            }
+            unit
+        }
+    }
+}
+
+fn photo(path: &Path, files: &Files<'_>, cameras: Option<&Rig>) -> Result<Photo, NodeError> {
+    let name = path.file_stem().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let camera = cameras.into_iter().flat_map(|rig| &rig.cameras).find(|camera| camera.name == name);
+    let camera = camera.ok_or_else(|| {
+        NodeError::new(format!("no camera of `--cameras` is named `{name}` as the photograph is"))
+            .hint("`--photo` takes a picture of the capture, undistorted, whose camera is in the file")
+    })?;
+    Ok(Photo { path: relative(files.folder, path)?, camera: camera.name.clone() })
+}
+
+/// Digits behind the point: a hundredth of what is seen in the scene, at least millimetres of metres.
+fn decimals(stand: &LevelEstimate) -> usize {
+    let (mut digits, mut size) = (0, stand.radius);
+    while size < 2000.0 && digits < 9 {
+        (digits, size) = (digits + 1, size * 10.0);
+    }
+    digits.max(2)
+}
+
+fn rounded(value: f64, decimals: usize) -> f64 {
+    let unit = (0..decimals).fold(1.0, |unit, _| unit * 10.0);
+    let whole = (value * unit).round() / unit;
+    // Not -0.
+    if whole == 0.0 { 0.0 } else { whole }
+}
+
+/// The yaw with which the front of an object (+z of glTF) looks towards a direction, and a little past it.
+fn facing(towards: DVec3, up: Up) -> f64 {
+    let [right, forward, _] = axes(up);
+    // Front of glTF in the world is the opposite of forward.
+    let (x, y) = (towards.dot(right), -towards.dot(forward));
+    let angle = nodes::math::num::atan2(x, y).to_degrees() + 20.0;
+    (angle / 5.0).round() * 5.0
+}
+
+/// A vector turned about up, counter-clockwise seen from above.
+fn yaw(up: Up, degrees: f64, v: DVec3) -> DVec3 {
+    let [right, forward, above] = axes(up);
+    let (s, c) = nodes::math::num::sin_cos(degrees.to_radians());
+    let (x, y) = (v.dot(right), v.dot(forward));
+    right * (x * c - y * s) + forward * (x * s + y * c) + above * v.dot(above)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_are_relative_to_the_folder_of_the_graph() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("my captures")).expect("made");
+        std::fs::write(at("my captures/a \"b\".ply"), "").expect("written");
+        let path = relative(&at("new/deep"), &at("my captures/a \"b\".ply")).expect("a path");
+        assert_eq!(path, "../../my captures/a \"b\".ply");
+        assert_eq!(relative(&at(""), &at("my captures")).expect("a path"), "my captures");
+    }
+
+    #[test]
+    fn the_front_of_an_object_faces_the_camera() {
+        for up in [Up::PlusZ, Up::PlusY, Up::MinusY] {
+            let [right, forward, _] = axes(up);
+            let towards = right * 0.6 - forward * 0.8;
+            let front = nodes::types::frame::world_from_gltf(up, 1.0).transform_vector3(DVec3::Z);
+            let turned = yaw(up, facing(towards, up), front);
+            let angle =
+                nodes::math::num::atan2(turned.cross(towards).length(), turned.dot(towards)).to_degrees();
+            assert!((15.0..25.0).contains(&angle), "{angle}");
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! After a run: do the splats and the mesh of a place agree in the views that were wanted?
+
+use engine::{Engine, Graph, Wire};
+use nodes::geometry::agreement::{Agreement, Depths};
+use nodes::types::{Images, Picture};
+
+/// Number of pairs of a picture of splats and a trace that are compared; more would only repeat what they say.
+const MOST_PAIRS: usize = 4;
+
+/// What a pair of nodes shows: the id of the finding, and its text with the names of the nodes.
+pub type Finding = (&'static str, String);
+
+/// Compares each picture of splats with each trace of the same cameras that have a mesh of the place. Values that are not
+/// in the cache are left out: the run that computed them has said what they show.
+pub fn findings(engine: &Engine, graph: &Graph) -> Vec<Finding> {
+    let mut found = Vec::new();
+    for (splats, trace) in pairs(graph).into_iter().take(MOST_PAIRS) {
+        for (id, text) in of_pair(engine, graph, splats, trace).unwrap_or_default() {
+            let [a, b] = [splats, trace].map(|node| &graph.nodes[node].id);
+            found.push((id, format!("`{a}` and `{b}`: {text}")));
+        }
+    }
+    found
+}
+
+/// The wires of an input by its name.
+fn wires<'a>(graph: &'a Graph, node: usize, input: &str) -> &'a [Wire] {
+    let node = &graph.nodes[node];
+    let at = node.kind.inputs.iter().position(|port| port.name == input);
+    at.and_then(|at| node.inputs.get(at)).map_or(&[], Vec::as_slice)
+}
+
+/// Pairs of `splat-render` without a limit and `path-trace` with a receiver, by the same cameras. Where splats before the
+/// objects are drawn too, nothing before them is missed.
+fn pairs(graph: &Graph) -> Vec<(usize, usize)> {
+    let of = |kind: &str| -> Vec<usize> {
+        (0..graph.nodes.len()).filter(|&node| graph.nodes[node].kind.name == kind).collect()
+    };
+    let (renders, mut pairs) = (of("splat-render"), Vec::new());
+    let traces = of("path-trace").into_iter().filter(|&node| !wires(graph, node, "receiver").is_empty());
+    for trace in traces.take(MOST_PAIRS) {
+        let limits = |node: usize| wires(graph, node, "limit").iter().any(|wire| wire.node == trace);
+        if renders.iter().any(|&node| limits(node)) {
+            continue;
+        }
+        let rig = wires(graph, trace, "rig");
+        let same = |node: usize| wires(graph, node, "limit").is_empty() && wires(graph, node, "rig") == rig;
+        pairs.extend(renders.iter().filter(|&&node| same(node)).map(|&node| (node, trace)));
+    }
+    pairs
+}
+
+/// The first view of a pair.
+fn of_pair(engine: &Engine, graph: &Graph, splats: usize, trace: usize) -> Option<Vec<Finding>> {
+    let picture = |node: usize, output: &str| -> Option<Picture> {
+        let port = graph.nodes[node].kind.outputs.iter().position(|port| port.name == output)?;
+        let images = engine.value::<Images>(graph, Wire { node, port })?;
+        images.0.into_iter().next().map(|view| view.picture)
+    };
+    let (depth, alpha) = (picture(splats, "depth")?, picture(splats, "alpha")?);
+    let (surface, object) = (picture(trace, "depth")?, picture(trace, "object")?);
+    let channels = object.size().2;
+    let objects: Vec<f32> = match channels {
+        4 => object.samples().iter().skip(3).step_by(4).copied().collect(),
+        _ => return None,
+    };
+    let pixels = objects.len();
+    let same = [&depth, &alpha, &surface].iter().all(|picture| picture.samples().len() == pixels);
+    same.then(|| {
+        let depths = Depths {
+            splats: depth.samples(),
+            coverage: alpha.samples(),
+            surface: surface.samples(),
+            objects: &objects,
+        };
+        Agreement::of(&depths).findings()
+    })
+}

@@ -1,0 +1,135 @@
+//! How a capture stands: its splats and cameras, brought into a world whose up holds.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use engine::{Context, InputFile, Kind, NodeError, Scene, Up};
+use glam::DVec3;
+use nodes::geometry::level::{self, LevelEstimate};
+use nodes::io::splats::{Format, from_y_up};
+use nodes::kinds::load_cameras::{self, Distortion, LoadCameras};
+use nodes::kinds::load_splats::{self, Frame, LoadSplats};
+use nodes::math::equirect::axes;
+use nodes::math::num;
+use nodes::types::frame::Similarity;
+use nodes::types::{Rig, Splats};
+
+/// An axis within this many degrees of the measured up is taken for it.
+const STRAIGHT_DEG: f64 = 2.5;
+/// A guess from this confidence on is better than the habit of trainers.
+const LEANING: f64 = 0.5;
+
+/// What up rests on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum UpBy {
+    /// The floor, or the cameras.
+    Measured,
+    /// The format of the file.
+    Format,
+    /// A guess.
+    Guessed,
+}
+
+/// A capture that stands upright.
+#[derive(Debug)]
+pub struct Standing {
+    /// The splats in the world.
+    pub splats: Arc<Splats>,
+    /// The cameras in the world.
+    pub cameras: Option<Arc<Rig>>,
+    /// Up of the world.
+    pub up: Up,
+    /// What it rests on.
+    pub by: UpBy,
+    /// Chance that it is right, 0 to 1.
+    pub confidence: f64,
+    /// What turns the splats so that `up` holds, after what their format says.
+    pub matrix: Option<[f64; 16]>,
+    /// What turns the cameras, which no format turns.
+    pub camera_matrix: Option<[f64; 16]>,
+    /// Floor, ceiling and scale in the world.
+    pub stand: LevelEstimate,
+}
+
+fn context(up: Up) -> Context {
+    Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, "")
+}
+
+fn load(path: &Path, matrix: Option<[f64; 16]>, cx: &Context) -> Result<Arc<Splats>, NodeError> {
+    let path = InputFile(path.display().to_string());
+    let frame = Frame::ByFormat;
+    let params =
+        LoadSplats { path, more: Vec::new(), strict: false, max_extent: 1e6, level: 0, frame, matrix };
+    Ok(LoadSplats::run(&params, load_splats::In {}, cx)?.0.splats)
+}
+
+fn rig(path: &Path, matrix: Option<[f64; 16]>, cx: &Context) -> Result<Arc<Rig>, NodeError> {
+    let params = LoadCameras {
+        path: InputFile(path.display().to_string()),
+        pick: Vec::new(),
+        list: "views".to_owned(),
+        resolution: 1.0,
+        distortion: Distortion::Ignore,
+        dataparser: None,
+        matrix,
+    };
+    Ok(LoadCameras::run(&params, load_cameras::In {}, cx)?.0.rig)
+}
+
+fn degrees(a: DVec3, b: DVec3) -> f64 {
+    num::atan2(a.cross(b).length(), a.dot(b)).to_degrees()
+}
+
+/// Up of the world, what turns the capture to it, what it rests on and how sure that is. A declared frame was turned to
+/// +z by its loader.
+fn upright(measured: Option<&LevelEstimate>, declared: Option<Up>) -> (Up, Option<[f64; 16]>, UpBy, f64) {
+    let sure = measured.filter(|found| found.is_sure());
+    let leaning = measured.filter(|found| declared.is_none() && found.confidence >= LEANING);
+    if let Some(found) = sure.or(leaning) {
+        let by = if found.is_sure() { UpBy::Measured } else { UpBy::Guessed };
+        let up = DVec3::from_array(found.up);
+        let near = |axis: &Up| degrees(up, axes(*axis)[2]) <= STRAIGHT_DEG;
+        let axis = [Up::PlusZ, Up::PlusY, Up::MinusY].into_iter().find(near);
+        if let Some(axis) = axis.filter(|axis| declared.is_none() || *axis == Up::PlusZ) {
+            return (axis, None, by, found.confidence);
+        }
+        let turn = Similarity { rotation: found.turn_to(DVec3::Z), ..Similarity::IDENTITY };
+        return (Up::PlusZ, Some(turn.rows()), by, found.confidence);
+    }
+    match declared {
+        Some(_) => (Up::PlusZ, None, UpBy::Format, 0.8),
+        // As most captures of trainers lie.
+        None => (Up::MinusY, None, UpBy::Guessed, 0.3),
+    }
+}
+
+impl Standing {
+    /// Reads a capture and finds out how it stands.
+    pub fn of(splats: &Path, cameras: Option<&Path>) -> Result<Self, NodeError> {
+        // A folder is a SOG scene, which says nothing about axes.
+        let bytes = std::fs::read(splats).unwrap_or_default();
+        let declared = Format::of("", &bytes).ok().and_then(Format::declared_up);
+        drop(bytes);
+        let cx = context(Up::PlusZ);
+        let first = load(splats, None, &cx)?;
+        // The cameras are in the frame of the file, which a declared format is turned from.
+        let by_format = declared.map(|up| {
+            let rotation = from_y_up(Up::PlusZ) * from_y_up(up).transpose();
+            Similarity { rotation, ..Similarity::IDENTITY }
+        });
+        let seen = cameras.map(|path| rig(path, by_format.map(|m| m.rows()), &cx)).transpose()?;
+        let measured = level::of_splats(&first, seen.as_deref());
+        let (up, matrix, by, confidence) = upright(measured.as_ref(), declared);
+        let cx = context(up);
+        let place = if matrix.is_some() { load(splats, matrix, &cx)? } else { first };
+        let turned = matrix.as_ref().map(Similarity::of_rows).transpose()?;
+        let camera_matrix = match (by_format, turned) {
+            (Some(first), Some(then)) => Some(then.after(&first).rows()),
+            (one, other) => one.or(other).map(|m| m.rows()),
+        };
+        let cameras = cameras.map(|path| rig(path, camera_matrix, &cx)).transpose()?;
+        let stand = level::upright(&place, axes(up)[2], cameras.as_deref())
+            .ok_or_else(|| NodeError::new(format!("`{}` has no splats that are seen", splats.display())))?;
+        Ok(Self { splats: place, cameras, up, by, confidence, matrix, camera_matrix, stand })
+    }
+}
