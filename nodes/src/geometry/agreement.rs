@@ -1,4 +1,4 @@
-//! Agreement of splats and mesh of one place, by their depths in a view that is wanted.
+//! Checks whether the splats and the mesh of a place agree, by their depths in a rendered view.
 
 /// The depths of one view, pixel by pixel.
 #[derive(Debug, Clone, Copy)]
@@ -16,35 +16,37 @@ pub struct Depths<'a> {
 /// Counts of pixels of a view.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Agreement {
-    /// Pixels that objects cover, and those of them where solid splats stand before the object.
+    /// Number of pixels that objects cover, and of those where solid splats are in front of the object.
     pub objects: u64,
     /// See [`Self::objects`].
     pub before_objects: u64,
-    /// Pixels of solid splats without an object.
+    /// Number of pixels with solid splats and without an object.
     pub solid: u64,
-    /// Those of them that show the mesh too.
+    /// Number of these pixels that also show the mesh.
     pub both: u64,
-    /// Those of both where the depths agree.
+    /// Number of these pixels at which the depths agree.
     pub agree: u64,
-    /// Median of the depth of the mesh over that of the splats, where both are; 1 without any.
+    /// Median ratio of the depth of the mesh to that of the splats, over pixels that show both; 1 without such
+    /// pixels.
     pub ratio: f64,
 }
 
-/// Coverage from which on splats are solid, and objects are drawn.
+/// Minimum coverage at which splats count as solid, and objects as visible.
 const SOLID: f32 = 0.9;
 const DRAWN: f32 = 0.5;
-/// Splats stand before an object where they are nearer by this factor: an object touches the ground that it stands on.
+/// Factor by which splats must be nearer to count as in front of an object, since an object touches the ground that
+/// it stands on.
 const BEFORE: f32 = 0.85;
-/// Logarithm of the ratio of depths up to which they agree: a proxy mesh lies a tenth off.
+/// Largest logarithm of the ratio of depths that agree: a proxy mesh may be off by a tenth.
 const AGREE: f64 = 0.2;
-/// Share of the pixels of an object from which on splats before it are reported. Splats are wider than the mesh that
-/// they agree with: along the edge of a post before an object they covered 11 % of it.
+/// Minimum share of the pixels of an object at which splats in front of it are reported. Splats are wider than the
+/// mesh that they agree with: along the edge of a post before an object they covered 11 % of it.
 const SHARE_BEFORE: f64 = 0.2;
-/// Share of agreeing pixels below which splats and mesh are of different frames.
+/// Share of agreeing pixels below which splats and mesh are in different frames.
 const SHARE_AGREE: f64 = 0.1;
-/// Share of the pixels of solid splats below which the mesh is not in the view at all.
+/// Share of the pixels with solid splats below which the mesh counts as not visible at all.
 const SHARE_BOTH: f64 = 0.01;
-/// Smallest number of pixels for a statement.
+/// Smallest number of pixels for a finding.
 const PIXELS: u64 = 40;
 
 impl Agreement {
@@ -132,7 +134,7 @@ mod tests {
         (40..60).contains(&(i % N)) && (40..60).contains(&(i / N))
     }
 
-    /// A pixel without anything wrong: splats, coverage, surface, object.
+    /// A pixel without a problem: splats, coverage, surface, object.
     fn right(i: usize) -> [f32; 4] {
         if is_object(i) {
             [place(i), 1.0, place(i) * 0.9, 1.0]

@@ -1,4 +1,4 @@
-//! Range of colours of points: what number is white, which files do not say.
+//! Range of the colours of points: the number that is white, which files do not state.
 
 use super::ply::Scalar;
 
@@ -7,13 +7,14 @@ use super::ply::Scalar;
 pub struct Range {
     /// The number that is white.
     pub white: f64,
-    /// True if it was concluded from the numbers and not from their type.
+    /// True if it was inferred from the numbers and not from their type.
     pub guessed: bool,
 }
 
-/// Share of the numbers that must lie above 1 for floats to be taken as numbers up to 255: one stray number does not count.
+/// Share of the numbers that must lie above 1 for floats to be taken as numbers up to 255, so that a stray number
+/// has no effect.
 const SHARE: f64 = 0.01;
-/// Numbers up to here count as white with rounding.
+/// Largest number that counts as white with rounding.
 const SLACK: f64 = 1.5;
 /// Largest number of a range up to 255, with rounding.
 const BYTE: f64 = 255.5;

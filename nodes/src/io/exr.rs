@@ -279,7 +279,7 @@ pub fn write(
     write_for(width, height, channels, encoding, recipe, Progress::UNTRACKED)
 }
 
-/// Like [`write`], with progress and cancellation. Blocks of rows are compressed on all threads and written in
+/// Like [`write()`], with progress and cancellation. Blocks of rows are compressed on all threads and written in
 /// order.
 pub fn write_for(
     width: usize,

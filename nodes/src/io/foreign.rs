@@ -1,4 +1,4 @@
-//! Files that are not what their name says, and marks that other programs put around text.
+//! Files of another format than their name suggests, and bytes that other programs add around text.
 
 use crate::error::Error;
 
@@ -18,7 +18,7 @@ pub fn json_text(bytes: &[u8]) -> &[u8] {
 /// with what to do. The readers call it before they look for a format of their own.
 ///
 /// # Errors
-/// [`Error::Unsupported`] that names what the file is.
+/// [`Error::Unsupported`] that names the format of the file.
 pub fn refuse_foreign(file: &str, bytes: &[u8]) -> Result<(), Error> {
     let starts = |magic: &[u8]| bytes.starts_with(magic);
     let what = if starts(b"version https://git-lfs.github.com/spec/")

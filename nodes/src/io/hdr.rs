@@ -15,23 +15,23 @@ pub struct Radiance {
     pub rgb: Vec<f32>,
     /// x and y of red, green, blue and white, if the file has them.
     pub primaries: Option<[[f32; 2]; 4]>,
-    /// Lines of the header that mean nothing and are left out.
+    /// Lines of the header that have no meaning and are left out.
     pub ignored: Vec<String>,
 }
 
-/// One side of the line that gives size and orientation.
+/// One axis of the line that gives size and orientation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Side {
     /// True for x, false for y.
     pub across: bool,
-    /// True if it runs right or up, as the numbers of the axes grow.
+    /// True if the coordinate grows to the right or upwards.
     pub forward: bool,
     /// Number of pixels.
     pub count: u32,
 }
 
-/// The sides of a line such as `-Y 512 +X 1024`: that of the scanlines, then that within them. `None` unless one is x
-/// and the other is y.
+/// The axes of a line such as `-Y 512 +X 1024`: first that of the scanlines, then that within them. `None` unless
+/// one is x and the other is y.
 pub fn sides(line: &str) -> Option<[Side; 2]> {
     let words: Vec<&str> = line.split_ascii_whitespace().collect();
     let [first, rows, second, columns] = words[..] else { return None };
@@ -319,7 +319,7 @@ mod tests {
         }
     }
 
-    /// An exposure of 0 counts as 1; other primaries come with the picture.
+    /// An exposure of 0 is ignored; other primaries are returned with the picture.
     #[test]
     fn exposures_of_0_count_as_none_and_primaries_are_read() {
         let of = |head: &str| read("a.hdr", &file(&format!("{head}\n-Y 1 +X 1\n"), &[10, 20, 30, 136]));

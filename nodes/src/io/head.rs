@@ -177,7 +177,7 @@ pub fn elements_of(header: &ply::Header) -> Vec<(String, u64, u64)> {
     header.elements.iter().map(|e| (e.name.clone(), e.rows, e.properties.len() as u64)).collect()
 }
 
-/// The same from the start of a file; empty if the header is longer than 64 KiB or invalid.
+/// Elements of a PLY file by name, read from its start; empty if the header is longer than 64 KiB or invalid.
 pub fn ply_elements(reader: &mut impl BufRead) -> Vec<(String, u64, u64)> {
     ply_header(reader).as_ref().map_or_else(Vec::new, elements_of)
 }

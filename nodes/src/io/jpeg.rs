@@ -60,7 +60,7 @@ pub fn write(raster: &Raster, quality: u8, comment: Option<&str>) -> Result<Vec<
     write_for(raster, quality, comment, Progress::UNTRACKED)
 }
 
-/// Like [`write`], with progress and cancellation.
+/// Like [`write()`], with progress and cancellation.
 pub fn write_for(
     raster: &Raster,
     quality: u8,

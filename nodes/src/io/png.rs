@@ -131,7 +131,7 @@ pub fn write(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<
     write_for(raster, Packing::Small, srgb, texts, Progress::UNTRACKED)
 }
 
-/// Like [`write`], with progress, cancellation and a given compression effort.
+/// Like [`write()`], with progress, cancellation and a given compression effort.
 pub fn write_for(
     raster: &Raster,
     packing: Packing,

@@ -11,8 +11,9 @@ use crate::render::splat::{Settings, render};
 use crate::types::{Camera, Mesh, Pose, SplatEncoding, Splats};
 
 engine::params! {
-    /// Makes a rectangle at a pose: a quick replacement for the mesh of a place, for objects on level ground. It
-    /// lies in the ground plane of the pose and rotates with it. With `splats`, its vertices have the colours of
+    /// Makes a rectangle at a pose: a quick replacement for the mesh of a place, for objects on level ground.
+    ///
+    /// It lies in the ground plane of the pose and rotates with it. With `splats`, its vertices have the colours of
     /// the splats within `thickness_metres` of it, seen from straight above; where there are none, the median of
     /// these colours. The rest of the scene receives no shadows, hides no objects and reflects no light: use
     /// `extract-mesh` for a mesh of all of it.

@@ -61,7 +61,7 @@ pub struct Inspection {
     pub core: Option<Extent>,
     /// Median of the centres.
     pub centre: Option<[f64; 3]>,
-    /// Which way is up, the floor, and how long a unit is.
+    /// The up direction, the floor and the scale.
     pub level: Option<LevelEstimate>,
     /// Sizes of splats.
     pub sizes: Option<Sizes>,

@@ -5,13 +5,13 @@ use glam::DVec3;
 use super::patch::Patch;
 use crate::math::num;
 
-/// Directions of half a sphere that are tried, about 2.5 degrees apart.
+/// Number of directions over half a sphere that are tried, about 2.5 degrees apart.
 const DIRECTIONS: usize = 3000;
-/// Patches that a direction is tried on.
+/// Number of patches that a direction is tried on.
 const SAMPLED: usize = 20_000;
-/// Layers that the scene is cut into.
+/// Number of layers that the scene is divided into.
 const LAYERS: usize = 64;
-/// Axes nearer to each other than this cosine (15 degrees) are one.
+/// Cosine (of 15 degrees) above which two axes count as one.
 const APART: f64 = 0.966;
 
 /// Unit vectors spread evenly over half a sphere (a Fibonacci lattice).
@@ -25,12 +25,12 @@ pub(super) fn half_sphere(count: usize) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// A set of patches for quick sums: every so manyth.
+/// A regular subset of the patches, for fast sums.
 fn sample(patches: &[Patch], most: usize) -> Vec<Patch> {
     patches.iter().step_by(patches.len().div_ceil(most).max(1)).copied().collect()
 }
 
-/// How much more surface lies in a few layers across an axis than evenly spread: the weight of the patches that
+/// Concentration of surface in few layers perpendicular to an axis: the weight of the patches that
 /// lie flat in a layer, with the square of their share.
 fn layering(patches: &[Patch], axis: DVec3, centre: DVec3, radius: f64) -> f64 {
     let mut layers = [0.0; LAYERS + 2];
@@ -57,14 +57,14 @@ fn layering(patches: &[Patch], axis: DVec3, centre: DVec3, radius: f64) -> f64 {
     if total > 0.0 { layers.iter().map(|v| v * v).sum::<f64>().sqrt() / total } else { 0.0 }
 }
 
-/// An axis, of either sign, and how much surface lies in layers across it.
+/// An axis, of either sign, and the amount of surface in layers perpendicular to it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Axis {
     pub axis: DVec3,
     pub layering: f64,
 }
 
-/// The axes across which most surface lies in layers, the strongest first.
+/// The axes with most surface in layers perpendicular to them, the strongest first.
 pub(super) fn candidates(patches: &[Patch], centre: DVec3, radius: f64, most: usize) -> Vec<Axis> {
     let few = sample(patches, SAMPLED);
     let score = |axis: DVec3| layering(&few, axis, centre, radius);
@@ -108,7 +108,7 @@ pub(super) fn candidates(patches: &[Patch], centre: DVec3, radius: f64, most: us
     apart
 }
 
-/// Two unit vectors across an axis.
+/// Two unit vectors perpendicular to an axis.
 pub(super) fn across(axis: DVec3) -> [DVec3; 2] {
     let least = if axis.x.abs() <= axis.y.abs() && axis.x.abs() <= axis.z.abs() {
         DVec3::X

@@ -1,4 +1,4 @@
-//! Which way is up, where the floor lies, and how long a unit is: estimated from what a capture shows.
+//! Estimates of the up direction, the floor and the scale of a capture.
 
 mod axes;
 mod patch;
@@ -21,29 +21,29 @@ pub use patch::rotation;
 pub use profile::Evidence;
 pub use scale::Scale;
 
-/// Axes that are looked at.
+/// Number of axes that are examined.
 const AXES: usize = 6;
-/// How much the layers across an axis count for it being the vertical.
+/// Weight of the layers perpendicular to an axis as evidence that it is the vertical.
 const LAYERED: f64 = 6.0;
-/// Layers of less than this are noise: evenly spread splats that point anywhere reach 0.01.
+/// Concentration below which layers are noise: evenly spread splats of random orientation reach 0.01.
 const LEAST_LAYERING: f64 = 0.045;
-/// Ground of fewer patches is too little to be sure.
+/// Minimum number of patches of ground for a reliable estimate.
 const LEAST_OBSERVATIONS: f64 = 150.0;
-/// From this confidence on a direction counts as sure.
+/// Minimum confidence of a direction that counts as reliable.
 pub const SURE: f64 = 0.95;
-/// Largest confidence of what rests on splats alone.
+/// Largest confidence of an estimate from splats alone.
 const MOST: f64 = 0.99;
 
-/// An estimate of how a scene stands.
+/// An estimate of the orientation, floor and scale of a scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LevelEstimate {
     /// Unit vector that points up, in the frame of the scene.
     pub up: [f64; 3],
-    /// Chance that `up` is right within 5 degrees, 0 to 1, as the evidence has it.
+    /// Probability that `up` is correct within 5 degrees, 0 to 1, by the evidence.
     pub confidence: f64,
     /// Height of the floor along `up`, in world units.
     pub floor: f64,
-    /// Chance that this is the floor, 0 to 1.
+    /// Probability that this is the floor, 0 to 1.
     pub floor_confidence: f64,
     /// Height of the ceiling along `up`, where there is one.
     pub ceiling: Option<f64>,
@@ -51,38 +51,38 @@ pub struct LevelEstimate {
     pub centre: [f64; 3],
     /// Radius of the scene around it without background, in world units.
     pub radius: f64,
-    /// What speaks for `up` and against the opposite direction.
+    /// The evidence for `up` and against the opposite direction.
     pub evidence: Evidence,
-    /// True where cameras took part.
+    /// True if cameras contributed to the estimate.
     pub by_cameras: bool,
-    /// How long a unit is.
+    /// The scale of the scene.
     pub scale: Scale,
 }
 
 impl LevelEstimate {
-    /// The axis that `up` is within 2.5 degrees of: `+z`.
+    /// The axis that `up` is within 2.5 degrees of, such as `+z`.
     pub fn axis(&self) -> Option<&'static str> {
         const NAMES: [[&str; 2]; 3] = [["-x", "+x"], ["-y", "+y"], ["-z", "+z"]];
         (0..3).find(|&k| self.up[k].abs() > 0.999).map(|k| NAMES[k][usize::from(self.up[k] > 0.0)])
     }
 
-    /// True where up can be relied on.
+    /// True if `up` is reliable.
     pub fn is_sure(&self) -> bool {
         self.confidence >= SURE
     }
 
-    /// True where the height of the floor can be relied on.
+    /// True if the height of the floor is reliable.
     pub fn is_floor_sure(&self) -> bool {
         self.is_sure() && self.floor_confidence >= SURE
     }
 
-    /// The rotation of least angle that brings `up` to a wanted direction.
+    /// The smallest rotation that maps `up` to a wanted direction.
     pub fn turn_to(&self, wanted: DVec3) -> DMat3 {
         turn(DVec3::from_array(self.up), wanted)
     }
 }
 
-/// The rotation of least angle from one unit vector to another.
+/// The smallest rotation that maps one unit vector to another.
 fn turn(from: DVec3, to: DVec3) -> DMat3 {
     let cosine = from.dot(to);
     if cosine < -1.0 + 1e-12 {
@@ -96,19 +96,20 @@ fn turn(from: DVec3, to: DVec3) -> DMat3 {
     DMat3::IDENTITY + cross + cross * cross * (1.0 / (1.0 + cosine))
 }
 
-/// Estimates how a scene of splats stands; with the cameras of its capture, where they are known in the same frame.
-/// `None` of a scene without splats that can be seen. The same bytes give the same estimate on every machine.
+/// Estimates the orientation, floor and scale of a scene of splats, using the cameras of its capture if they are
+/// known in the same frame. `None` for a scene without visible splats. The same bytes give the same
+/// estimate on every machine.
 pub fn of_splats(splats: &Splats, cameras: Option<&Rig>) -> Option<LevelEstimate> {
     estimate(&Patches::of_splats(splats), cameras)
 }
 
-/// The same of a mesh of a place.
+/// Estimates the orientation, floor and scale of the mesh of a place.
 pub fn of_mesh(mesh: &Mesh, cameras: Option<&Rig>) -> Option<LevelEstimate> {
     estimate(&Patches::of_mesh(mesh), cameras)
 }
 
-/// How a scene of splats stands where up is given, as by the format of its file: its floor, ceiling and scale. The confidence is
-/// that of the measurement where it agrees within 5 degrees, and 0 where it does not.
+/// Estimates floor, ceiling and scale of a scene of splats whose up direction is given, for example by the format
+/// of its file. The confidence is that of the measurement if it agrees within 5 degrees, and 0 otherwise.
 pub fn upright(splats: &Splats, up: DVec3, cameras: Option<&Rig>) -> Option<LevelEstimate> {
     let patches = Patches::of_splats(splats);
     let measured = estimate(&patches, cameras)?;

@@ -1,25 +1,25 @@
-//! Pieces of surface: what the search for up and for level surfaces looks at.
+//! Pieces of surface, from which up and level surfaces are estimated.
 
 use glam::{DMat3, DVec3};
 
 use crate::math::num;
 use crate::types::{Mesh, SplatEncoding, Splats};
 
-/// Splats more transparent than this are fog.
+/// Opacity below which splats count as fog.
 const FAINT: f32 = 0.1;
-/// Most patches that are looked at; of more, every second, third, .. is.
+/// Maximum number of patches that are examined; of more, every second, third, .. is used.
 const MOST: usize = 300_000;
 /// Radius of the scene, in median distances of the centres from their median.
 const CORE: f64 = 2.2;
-/// Standard deviation beyond which a splat counts no more, in radii of the core.
+/// Largest standard deviation of a splat that counts, in radii of the core.
 const WIDEST: f64 = 0.02;
 
 /// A piece of surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Patch {
-    /// Its middle, in world units.
+    /// Position of its middle, in world units.
     pub middle: DVec3,
-    /// Unit normal of either sign, where it is flat.
+    /// Unit normal of either sign, if it is flat.
     pub normal: Option<DVec3>,
     /// Area times opacity, in square units.
     pub weight: f64,
@@ -36,12 +36,12 @@ impl Patch {
     }
 }
 
-/// The pieces of a scene within its core, and what lies outside of it.
+/// The pieces of a scene within its core, and those outside of it.
 #[derive(Debug)]
 pub(super) struct Patches {
-    /// Within the core.
+    /// Pieces within the core.
     pub core: Vec<Patch>,
-    /// Outside: sky and background.
+    /// Pieces outside of the core: sky and background.
     pub far: Vec<Patch>,
     /// Median of all middles (the point of least mean distance).
     pub centre: DVec3,
@@ -102,7 +102,8 @@ impl Patches {
     }
 }
 
-/// The point of least mean distance from the middles, by Weiszfeld's iteration: the same wherever the axes point.
+/// The point of least mean distance from the middles, by Weiszfeld's iteration; independent of the orientation of
+/// the axes.
 fn middle(all: &[Patch]) -> DVec3 {
     let mean = |weight: &dyn Fn(DVec3) -> f64| {
         let (mut sum, mut total) = (DVec3::ZERO, 0.0);
@@ -127,7 +128,7 @@ fn area(scale: [f32; 3]) -> f64 {
     scale[1] * scale[2]
 }
 
-/// The direction of the shortest axis, where it is much shorter than the others.
+/// The direction of the shortest axis, if it is much shorter than the others.
 fn normal(scale: [f32; 3], quat: [f32; 4]) -> Option<DVec3> {
     let axis = (1..3).fold(0, |best, i| if scale[i] < scale[best] { i } else { best });
     let middle = scale[(axis + 1) % 3].min(scale[(axis + 2) % 3]);
@@ -144,7 +145,7 @@ pub fn rotation(quat: [f32; 4]) -> DMat3 {
     )
 }
 
-/// The colour of a splat over all directions, as displayed.
+/// The displayed colour of a splat, averaged over all directions.
 fn displayed(splats: &Splats, i: usize) -> [f64; 3] {
     let rgb = splats.sh[i * splats.sh_len()]
         .map(|v| (f64::from(v) * 0.282_094_791_773_878_14 + 0.5).clamp(0.0, 1.0));

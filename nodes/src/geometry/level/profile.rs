@@ -1,4 +1,4 @@
-//! A scene along an axis: what each of the two directions has for being up.
+//! A scene along an axis: the evidence for each of its two directions being up.
 
 use glam::DVec3;
 use serde::Serialize;
@@ -6,14 +6,15 @@ use serde::Serialize;
 use super::axes::across;
 use super::patch::{Patch, Patches};
 
-/// Layers of the scene.
+/// Number of layers of the scene.
 const LAYERS: usize = 96;
-/// Cells along each side of the plan.
+/// Number of cells along each side of the plan.
 const CELLS: usize = 40;
-/// Layers of the plan's columns.
+/// Number of layers of the plan's columns.
 const STOREYS: usize = 24;
 
-/// What speaks for a direction being up. Balances compare it with the opposite direction: from -1 (that one) to 1 (this).
+/// Evidence for a direction being up. A balance compares it with the opposite direction, from -1 (the opposite) to
+/// 1 (this one).
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Profile {
     /// The direction.
@@ -22,21 +23,21 @@ pub(super) struct Profile {
     pub floor: f64,
     /// Height of the highest large layer, or of the highest surface.
     pub top: f64,
-    /// Share of all surface that lies flat in the lowest layer beyond chance, less what lies below it.
+    /// Share of all surface that lies flat in the lowest layer beyond chance, minus the share below it.
     pub ground: f64,
-    /// The same of the highest layer.
+    /// The same share for the highest layer.
     pub lid: f64,
-    /// Number of equal patches that would say as much about the ground.
+    /// Effective number of patches of the ground.
     pub observations: f64,
     /// Share of the plan that the floor covers, 0 to 1.
     pub cover: f64,
     /// Share of the plan that the lid covers, 0 to 1.
     pub lid_cover: f64,
-    /// Balance of what lies over and under the floor, background included.
+    /// Balance of the surface above and below the floor, including the background.
     pub side: f64,
-    /// Balance of things that are not walls: those in the lower half between both layers against the upper.
+    /// Balance of surfaces other than walls between both layers: the lower half against the upper half.
     pub things: f64,
-    /// Share of all surface that these things are.
+    /// Share of these surfaces in all surface.
     pub things_share: f64,
     /// Balance of level surfaces between both layers.
     pub levels: f64,
@@ -46,7 +47,7 @@ pub(super) struct Profile {
     pub light: f64,
     /// Balance of the background: above against below.
     pub sky: f64,
-    /// Its weight over that of the core.
+    /// Weight of the background relative to that of the core.
     pub sky_share: f64,
 }
 
@@ -56,7 +57,7 @@ impl Profile {
         self.top - self.floor
     }
 
-    /// What speaks for this direction and against the opposite one, as a logarithm of odds.
+    /// Evidence for this direction and against the opposite one, as a logarithm of odds.
     pub fn evidence(&self) -> Evidence {
         Evidence {
             ground: 3.0 * (self.ground - self.lid) / (self.ground + self.lid + 0.01) + 1.5 * self.side,
@@ -68,19 +69,19 @@ impl Profile {
     }
 }
 
-/// Logarithms of odds, by what they rest on.
+/// Logarithms of odds, by their source.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Evidence {
-    /// One large level surface with everything over it.
+    /// One large level surface with everything above it.
     pub ground: f64,
-    /// Furniture and other things stand low; table tops and seats face up.
+    /// Furniture is low, and table tops and seats face up.
     pub things: f64,
-    /// Ceilings and sky are brighter than floors, and the background is above.
+    /// Ceilings and sky are brighter than floors, and the background is above the floor.
     pub light: f64,
 }
 
 impl Evidence {
-    /// All of it.
+    /// The sum of all evidence.
     pub fn sum(&self) -> f64 {
         self.ground + self.things + self.light
     }
@@ -90,7 +91,7 @@ fn flat(patch: &Patch, up: DVec3) -> bool {
     patch.normal.is_some_and(|n| n.dot(up).abs() > 0.94)
 }
 
-/// What lies along a direction.
+/// The profile of a scene along a direction.
 pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
     let core = &patches.core;
     let total: f64 = core.iter().map(|p| p.weight).sum();

@@ -7,14 +7,14 @@ use super::patch::{Patch, Patches};
 use super::profile::Profile;
 use crate::geometry::support::Level;
 
-/// Rounds of the fit; each looks at half the height around the plane.
+/// Number of rounds of the fit; each uses half the height around the plane of the one before.
 const ROUNDS: usize = 4;
-/// A floor that slopes by more (8 degrees) is not what up is measured by.
+/// Largest slope of a floor that `up` is measured by (8 degrees).
 const STEEP: f64 = 0.14;
-/// A ceiling covers at least this share of the plan.
+/// Minimum share of the plan that a ceiling covers.
 const CEILING_COVER: f64 = 0.3;
 
-/// How a scene stands, to within the noise of its floor.
+/// The orientation of a scene, to within the noise of its floor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stand {
     pub up: DVec3,

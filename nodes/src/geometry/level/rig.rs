@@ -1,4 +1,4 @@
-//! What the cameras of a capture say about up: people hold them level.
+//! Estimates the up direction from the cameras of a capture, which people hold level.
 
 use glam::{DMat3, DVec3};
 
@@ -8,21 +8,21 @@ use super::profile::profile;
 use crate::math::num;
 use crate::types::Rig;
 
-/// Cameras that are needed.
+/// Minimum number of cameras.
 const FEWEST: usize = 3;
 /// Cosine of the angle within which cameras and surfaces agree: 20 degrees.
 const AGREE: f64 = 0.94;
-/// How much level cameras count, as a logarithm of odds.
+/// Weight of level cameras, as a logarithm of odds.
 const COUNT: f64 = 5.0;
 
-/// The vertical by the cameras.
+/// The vertical as estimated from the cameras.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Held {
-    /// Up, or down where `signed` is false.
+    /// The up direction; it may point down if `signed` is false.
     pub up: DVec3,
-    /// False where all cameras were held on their side, which may be either one.
+    /// False if all cameras were held on their side, since it may be either side.
     pub signed: bool,
-    /// How level they were held, 0 to 1.
+    /// Degree to which they were held level, 0 to 1.
     pub level: f64,
 }
 
@@ -60,7 +60,7 @@ fn least(axes: &[DVec3]) -> (DVec3, f64, f64) {
     (first, value.max(0.0).sqrt(), second.dot(m * second).max(0.0).sqrt())
 }
 
-/// The vertical by the cameras of a rig; `None` of too few, or of ones held anyhow.
+/// The vertical by the cameras of a rig; `None` if there are too few, or if they were not held level.
 pub(super) fn held(rig: &Rig) -> Option<Held> {
     if rig.cameras.len() < FEWEST {
         return None;
@@ -94,7 +94,7 @@ pub(super) fn held(rig: &Rig) -> Option<Held> {
     (held.level > 0.1 && held.up.is_finite()).then_some(held)
 }
 
-/// Adds the vertical of the cameras to the candidates, and what they say to each.
+/// Adds the vertical of the cameras to the candidates, and their evidence to each candidate.
 pub(super) fn weigh(held: &Held, patches: &Patches, candidates: &mut Vec<Candidate>) {
     if candidates.iter().all(|c| c.profile.up.dot(held.up) < AGREE) {
         let least = candidates.iter().map(|c| c.layering).fold(f64::INFINITY, f64::min);

@@ -1,4 +1,4 @@
-//! How long a unit is, as far as a scene says so.
+//! Estimates the length of a unit from the scene.
 
 use serde::Serialize;
 
@@ -12,14 +12,14 @@ const HELD: [f64; 2] = [1.1, 1.9];
 /// Height of rooms, in metres.
 const ROOM: [f64; 2] = [2.2, 3.4];
 
-/// How long a unit is.
+/// The length of a unit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Scale {
-    /// Metres in a world unit; `None` where nothing says.
+    /// Metres per world unit; `None` if unknown.
     pub metres_per_unit: Option<f64>,
-    /// Chance that it is right within a fifth, 0 to 1.
+    /// Probability that it is correct within a fifth, 0 to 1.
     pub confidence: f64,
-    /// What it rests on, for a person: "the ceiling is 2.69 units over the floor".
+    /// The evidence, for a person: "the ceiling is 2.69 units over the floor".
     pub reason: String,
 }
 
@@ -29,7 +29,7 @@ impl Scale {
     }
 }
 
-/// The scale by what is of a known size. A height that fits metres as it is counts as metres.
+/// The scale by features of known size. A height that is plausible in metres counts as metres.
 pub(super) fn scale(stand: &Stand, patches: &Patches, cameras: Option<&Rig>) -> Scale {
     let of = |length: f64, [least, most]: [f64; 2], what: &str, chances: [f64; 2]| {
         let fits = (least..=most).contains(&length);

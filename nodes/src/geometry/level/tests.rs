@@ -1,4 +1,4 @@
-//! Made scenes: rooms with and without a ceiling, a yard, noise.
+//! Tests on synthetic scenes: rooms with and without a ceiling, a yard, noise.
 
 use glam::{DMat3, DVec3};
 
@@ -41,7 +41,7 @@ impl Made {
         Self(crate::testing::no_splats())
     }
 
-    /// A rectangle of flat splats, `u` and `v` its half sides.
+    /// A rectangle of flat splats with half sides `u` and `v`.
     fn sheet(&mut self, count: usize, middle: [f64; 3], [u, v]: [DVec3; 2], luma: f32) {
         let normal = u.cross(v).normalize();
         let turn = turn(DVec3::Z, normal);
@@ -171,7 +171,7 @@ fn cameras(turn: DMat3, roll: f64, count: usize) -> Rig {
     Rig { cameras: (0..count).map(camera).collect() }
 }
 
-/// Of noise nothing is known; level cameras say what is up, and ones held on their side leave two answers.
+/// Noise gives no estimate; level cameras determine up, and cameras held on their side leave two answers.
 #[test]
 fn cameras_say_what_surfaces_do_not() {
     let mut noise = Made::new();

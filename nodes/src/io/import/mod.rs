@@ -1,5 +1,5 @@
-//! Meshes of other formats, read by libraries and handed on as glTF in memory, so that shapes, materials and textures
-//! take one way: Wavefront OBJ with its materials, and STL.
+//! Meshes of other formats, read by libraries and converted to glTF in memory, so that shapes, materials and
+//! textures have a single loader: Wavefront OBJ with its materials, and STL.
 
 mod glb;
 mod obj;
@@ -23,7 +23,7 @@ pub enum Foreign {
 }
 
 impl Foreign {
-    /// The format by the ending of the name; neither has a mark at its start that others lack.
+    /// The format by the extension of the name, since neither format has a distinctive start.
     pub fn of(name: &str) -> Option<Self> {
         let lower = name.to_ascii_lowercase();
         match lower.rsplit_once('.')?.1 {

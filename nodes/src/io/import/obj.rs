@@ -12,7 +12,7 @@ use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, refuse_foreign};
 use crate::math::num;
 
-/// A relative path of this system: exporters of Windows separate folders by back slashes.
+/// Converts to a relative path of this system: exporters on Windows separate folders by backslashes.
 fn relative(path: &str) -> Option<String> {
     let path = path.trim().trim_matches('"').replace('\\', "/");
     let drive = path.as_bytes().get(1) == Some(&b':');

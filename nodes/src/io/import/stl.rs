@@ -9,11 +9,11 @@ use super::glb::{Builder, Part};
 use crate::error::Error;
 use crate::io::foreign::refuse_foreign;
 
-/// Bytes before the triangles of a binary file, and of each of them.
+/// Number of bytes before the triangles of a binary file, and of each triangle.
 const HEADER: usize = 84;
 const TRIANGLE: usize = 50;
 
-/// Reads the triangles; vertices at one place become one.
+/// Reads the triangles; vertices at the same position are merged.
 pub(super) fn read(name: &str, bytes: &[u8], builder: &mut Builder, cx: &Context) -> Result<(), NodeError> {
     refuse_foreign(name, bytes)?;
     let wrong = |what: String| Error::format(name, format!("not an STL file: {what}"));

@@ -43,7 +43,7 @@ struct Layout {
     /// Start of these fields, if they are consecutive floats.
     rest_run: Option<usize>,
     opacity: Field,
-    /// Two in files of 2DGS, whose splats have no thickness.
+    /// Scales; only two in files of 2DGS, whose splats have no thickness.
     scale: [Option<Field>; 3],
     rotation: [Field; 4],
     filter: Option<Field>,

@@ -1,4 +1,4 @@
-//! Lens distortion of camera models: how far it moves a point of the picture.
+//! Lens distortion of camera models: bounds of the displacement of a point of the picture.
 
 /// Coefficients of the models of OpenCV and COLMAP without fisheye. The polynomial of nerfstudio, whose `k4` belongs to
 /// the eighth power, is covered too: [`Coefficients::pixels`] takes the larger effect.
@@ -17,11 +17,11 @@ pub struct Coefficients {
 pub struct Bend {
     /// The model and its coefficients, for messages.
     pub text: String,
-    /// Bound on the distance in pixels by which it moves a point of the picture; infinite for fisheye lenses.
+    /// Upper bound of the displacement of a point of the picture, in pixels; infinite for fisheye lenses.
     pub pixels: f64,
 }
 
-/// Distance in pixels below which distortion counts as none: no picture shows it.
+/// Displacement in pixels below which distortion is ignored, since it is not visible.
 pub const INVISIBLE_PX: f64 = 0.05;
 
 impl Coefficients {
@@ -40,7 +40,7 @@ impl Coefficients {
         fx.max(fy) * r * (radial + tangential + fov)
     }
 
-    /// True without any effect.
+    /// True if the lens has no distortion.
     pub fn is_zero(&self) -> bool {
         *self == Self::default()
     }

@@ -1,4 +1,4 @@
-//! The cameras of a glTF file, as Blender writes them beside objects.
+//! The cameras of a glTF file, as Blender writes them next to objects.
 
 use engine::{Context, Notes};
 use glam::{DMat3, DMat4, DVec3};
@@ -9,9 +9,9 @@ use crate::io::gltf::{self, object::local};
 use crate::math::num;
 use crate::types::frame::world_from_gltf;
 
-/// Rows of a picture, which glTF does not know: `resolution` multiplies them.
+/// Number of rows of a picture, which glTF does not define; multiplied by `resolution`.
 const HEIGHT_PX: u64 = 1080;
-/// Width over height where a camera does not say: that of Blender's pictures.
+/// Aspect ratio if a camera does not define it: that of Blender's pictures.
 const ASPECT: f64 = 16.0 / 9.0;
 
 /// Reads the perspective cameras of the scene, in the order of its nodes, from y up and metres into the world of the graph.

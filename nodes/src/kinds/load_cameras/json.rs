@@ -13,7 +13,7 @@ use crate::math::num;
 /// Width and height of the picture of a frame, by its path in the file.
 pub type Sizes<'a> = &'a dyn Fn(&str) -> Option<[u64; 2]>;
 
-/// The path of a picture as this system writes it: exporters of Windows separate folders by back slashes.
+/// The path of a picture as this system writes it: exporters on Windows separate folders by backslashes.
 pub fn picture_path(path: &str) -> String {
     let path = path.replace('\\', "/");
     path.strip_prefix("./").map(str::to_owned).unwrap_or(path)
@@ -132,7 +132,7 @@ fn own(v: &Value) -> Result<Raw, String> {
     })
 }
 
-/// The frame if it has one of these values, otherwise the top level of the file.
+/// The frame if it has one of these keys, otherwise the top level of the file.
 fn level<'a>(top: &'a Value, frame: &'a Value, keys: &[&str]) -> &'a Value {
     if keys.iter().any(|key| !frame[*key].is_null()) { frame } else { top }
 }

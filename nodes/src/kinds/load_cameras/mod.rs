@@ -203,7 +203,7 @@ fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
     files
 }
 
-/// The picture of a frame, in the folder of the file of cameras; its ending may be left out, as in the synthetic
+/// The picture of a frame, relative to the file of cameras; its extension may be left out, as in the synthetic
 /// scenes of NeRF.
 fn existing(file: &SourceFile, picture: &str, root: &SourceRoot) -> Option<SourceFile> {
     ["", ".png", ".jpg", ".jpeg", ".JPG", ".PNG"]

@@ -37,7 +37,7 @@ pub(super) struct Clipping<'a> {
     ceiling: f64,
     /// The networks, for `Learned`.
     network: Option<network::Network>,
-    /// The photographs, for The gain measured by `Photographs`.
+    /// The photographs, for `Photographs`.
     pub photographs: Option<Photographs>,
 }
 
@@ -132,7 +132,7 @@ impl<'a> Clipping<'a> {
         Ok(Prediction { log2_gain: large.gathered(&log2_gain), regions })
     }
 
-    /// `Photographs`.
+    /// The gain measured by `Photographs`.
     fn by_photographs(&self, notes: &mut Notes, cx: &Context) -> Result<Vec<f32>, NodeError> {
         let taken = self.photographs.as_ref();
         let gain = taken.map(|taken| taken.gains((&self.pixels, &self.mask), notes, cx)).transpose()?;

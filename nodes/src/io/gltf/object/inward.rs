@@ -8,7 +8,7 @@ use crate::types::{Material, Primitive};
 
 /// Sum of the area vectors relative to the area below which a shape counts as closed.
 const CLOSED: f64 = 1e-3;
-/// The same below which an open shape is reported.
+/// Sum of the area vectors relative to the area below which an open shape is reported.
 const OPEN: f64 = 0.5;
 /// Mean cosine between the faces and the directions from the middle, weighted by area and distance, below which faces
 /// look inwards. Those of a sphere are -1, of a cube -0.8, of a long box -0.5.
@@ -208,7 +208,8 @@ mod tests {
     use super::*;
     use crate::testing::context;
 
-    /// A box with vertices of their own for each face, as exporters write it; `faces` of the six, wound inwards or not.
+    /// A box with separate vertices for each face, as exporters write it; with `faces` of the six faces, wound
+    /// inwards or not.
     fn cube(half: f32, at: [f32; 3], inwards: bool, normals: f32, faces: usize) -> Primitive {
         let mut p = Primitive::default();
         for face in 0..faces {
