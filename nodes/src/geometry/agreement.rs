@@ -84,14 +84,14 @@ impl Agreement {
         let mut list = Vec::new();
         let (known, seen) = (share(self.both, self.solid), share(self.agree, self.both));
         if self.solid >= PIXELS && known < SHARE_BOTH {
-            let text = "the mesh of the place is nowhere to be seen where the splats are: are both in one frame, with \
-                        one unit and one axis up? `matrix` of `LoadMesh` and `LoadSplats` moves one to the other";
+            let text = "the mesh of the place is not visible where the splats are: check that both have the same origin, \
+                        unit and up axis; `matrix` of `LoadMesh` or `LoadSplats` transforms one of them";
             list.push(("mesh-elsewhere", text.to_owned()));
         } else if self.both >= PIXELS && seen < SHARE_AGREE {
             let text = format!(
-                "the mesh of the place lies elsewhere than the splats at {:.0} % of the pixels that show both, {:.3} times \
-                 as far in the median: they differ in unit, axis or origin; `matrix` of `LoadMesh` and `LoadSplats` \
-                 moves one to the other",
+                "the depths of the mesh of the place and of the splats differ at {:.0} % of the pixels that show both \
+                 (median ratio {:.3}): they differ in unit, up axis or origin; `matrix` of `LoadMesh` or `LoadSplats` \
+                 transforms one of them",
                 100.0 * (1.0 - seen),
                 self.ratio
             );

@@ -129,7 +129,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
     for row in 0..rows {
         progress.report(row as f32 / rows as f32)?;
         scanline(&mut rest, &mut scan)
-            .ok_or_else(|| Error::format(file, format!("row {row} of {rows} is cut off or broken")))?;
+            .ok_or_else(|| Error::format(file, format!("row {row} of {rows} is truncated or corrupt")))?;
         if usual {
             rgb.extend(scan.iter().flat_map(|texel| decode(*texel, scale)));
             continue;

@@ -69,7 +69,7 @@ pub(crate) fn decode(
             for line in &picture.ignored {
                 notes.decision(
                     "header-ignored",
-                    format!("the line `{line}` of the file means nothing and is ignored"),
+                    format!("the line `{line}` of the header is not understood and is ignored"),
                 );
             }
             if exr::differ_from_srgb(picture.primaries.as_ref()) {

@@ -15,7 +15,7 @@ use crate::types::Object;
 engine::params! {
     /// Loads an object to insert: glTF or GLB, Wavefront OBJ with its materials, or STL.
     ///
-    /// Specular-glossiness is read as its diffuse colour. A closed shape whose faces look inwards is turned.
+    /// Specular-glossiness is read as its diffuse colour. The faces of a closed shape that is inside out are reversed.
     ///
     /// Node transforms, instances, morph weights and skins are applied as the file has them. Materials are
     /// metallic-roughness with all their textures and the KHR extensions: transmission, volume, ior, clearcoat,

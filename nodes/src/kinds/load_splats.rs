@@ -45,9 +45,9 @@ engine::params! {
         level: u32 = 0, range(0, 64), other("1"), inert("only streamed scenes have levels");
         /// Up axis of the file: by its format, or given here.
         frame: Frame = Frame::ByFormat, other("YUp");
-        /// A rotation, an even scale and a shift of the scene after `frame`: 16 numbers, row after row. Harmonics are
-        /// turned with it. For captures that lie aslant, as COLMAP leaves them; the same numbers go to `load-cameras`
-        /// and `load-mesh`. `lightharmony init` writes them.
+        /// Rotation, uniform scale and translation applied after `frame`: a 4x4 matrix in row-major order. Spherical
+        /// harmonics are rotated too. Makes a tilted capture upright, such as one of COLMAP; give `load-cameras` and
+        /// `load-mesh` the same numbers. `lightharmony init` writes them.
         matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }

@@ -3,7 +3,7 @@
 use engine::{NodeError, Up};
 use glam::{DMat3, DMat4, DVec3, DVec4};
 
-/// A rotation, an even scale and a shift: what may be done to a capture without bending it.
+/// A rotation, a uniform scale and a translation: the transforms that keep the shape of a capture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Similarity {
     /// Orthogonal, without a mirror.

@@ -69,7 +69,7 @@ pub fn text(survey: &Survey) -> String {
     let size = s.extents.size();
     let height = size.y / s.metres_per_unit * arranged.scale;
     let extent = size.length() / s.metres_per_unit * arranged.scale;
-    // Nearer than that nothing is drawn; the default is made for scenes in metres.
+    // Objects smaller than 2 m need a nearer near plane than the default, in metres.
     let digits = |v: f64| {
         let mut unit = 1e-9;
         while unit * 10.0 <= v {
@@ -77,7 +77,7 @@ pub fn text(survey: &Survey) -> String {
         }
         (v / unit).floor() * unit
     };
-    let near = digits((0.1 * extent).min(0.2));
+    let near = digits((0.1 * size.length() * arranged.scale).min(0.2));
     let near = if near < 0.2 { format!(", near: {}", number(near)) } else { String::new() };
     let mut o = String::new();
     let mut line = |text: &str| {
@@ -85,9 +85,9 @@ pub fn text(survey: &Survey) -> String {
         o.push('\n');
     };
     line(
-        "// An object in a captured place, written by `lightharmony init`. Run it as it is, then change lines and run it again:",
+        "// An object in a captured place, written by `lightharmony init`. It runs as it is; after an edit, run it again:",
     );
-    line("// only what a change reaches is computed.");
+    line("// only what the edit affects is computed.");
     line("//");
     line("//   lightharmony run graph.ron            # writes out/picture.png");
     line("//   lightharmony nodes path-trace         # every parameter of a kind");
@@ -96,21 +96,21 @@ pub fn text(survey: &Survey) -> String {
     line("");
     let by = match s.standing.by {
         UpBy::Measured if s.standing.matrix.is_some() => {
-            "Up was measured; `matrix` below turns the capture, which lies aslant, so that it holds."
+            "The capture is tilted: `matrix` below rotates it so that this axis points up."
         }
-        UpBy::Measured => "Up was measured.",
-        UpBy::Format => "Up is what the format of the splats says.",
+        UpBy::Measured => "The up axis was measured.",
+        UpBy::Format => "The up axis is that of the file format.",
         UpBy::Guessed => {
-            "Up is a GUESS: if the picture is tilted or upside down, write \"+z\", \"+y\" or \"-y\" here."
+            "The up axis is a GUESS: if the picture is tilted or upside down, write \"+z\", \"+y\" or \"-y\" here."
         }
     };
     line(&format!("    // {by}"));
     let scale = if is_known(&s.standing.stand) {
         format!("`metres_per_unit` was measured: {}.", s.standing.stand.scale.reason)
     } else {
-        let fitted = if arranged.fitted { " With this one the object fits." } else { "" };
+        let fitted = if arranged.fitted { " With this value the object fits." } else { "" };
         format!(
-            "`metres_per_unit` is NOT KNOWN: write metres divided by units of something measured.{fitted}"
+            "`metres_per_unit` is NOT KNOWN: measure something of known length and write its metres divided by its units.{fitted}"
         )
     };
     line(&format!("    // {scale}"));
@@ -121,7 +121,7 @@ pub fn text(survey: &Survey) -> String {
     ));
     line("");
     line("    nodes: (");
-    line("        // What you brought; paths are relative to this file.");
+    line("        // Your files; paths are relative to this file.");
     line(&format!("        scene:  LoadSplats(path: {}{turned}),", quoted(&s.splats)));
     line(&format!("        object: LoadObject(path: {}),", quoted(&s.object)));
     line("");
@@ -152,11 +152,11 @@ pub fn text(survey: &Survey) -> String {
     line("");
     match &s.mesh {
         Some(mesh) => {
-            line("        // The mesh of the place takes shadows and gives light back.");
+            line("        // The mesh of the place receives shadows and reflects light.");
             line(&format!("        proxy:  LoadMesh(path: {}{turned}),", quoted(mesh)));
         }
         None if arranged.surface.is_none() => {
-            line("        // No level surface was found, so a plane takes the shadows.");
+            line("        // No level surface was found, so a plane receives the shadows.");
             line("        proxy:  Plane(at: \"pose\", splats: \"scene\"),");
         }
         None => {
@@ -167,7 +167,7 @@ pub fn text(survey: &Survey) -> String {
         }
     }
     line(
-        "        // The object's foot is put on the mesh under it; to hang it, wire `pose` in `placed` instead.",
+        "        // Moves the object down or up onto the mesh; for an object that hangs, wire `pose` to `placed` instead.",
     );
     let reach = digits((0.6 * height * s.metres_per_unit).max(0.02));
     line(&format!(
@@ -195,7 +195,7 @@ pub fn text(survey: &Survey) -> String {
                 },
                 |view| (view.eye, view.target, view.fov_y_deg),
             );
-            line("        // Where you look from: a place in free space that sees the object well.");
+            line("        // The camera, in free space with a clear view of the object.");
             line(&format!(
                 "        camera: Camera(eye: {}, target: {}, width_px: {}, height_px: {}, fov_y_deg: {}),",
                 vector(eye),
@@ -207,7 +207,9 @@ pub fn text(survey: &Survey) -> String {
         }
     }
     line("");
-    line("        // The light there: six views become a panorama; what clipping hid in it is predicted.");
+    line(
+        "        // The light at the object: six views become a panorama, and the light that clipping hid is predicted.",
+    );
     line(&format!(
         "        probe:  CubeRig(at: \"stands\", height_metres: {}, size_px: 256),",
         number(digits((0.6 * height * s.metres_per_unit).max(1e-3)))
@@ -221,7 +223,7 @@ pub fn text(survey: &Survey) -> String {
         Some(photo) => line(&format!("        view:   LoadImage(path: {}),", quoted(&photo.path))),
         None => line(&format!("        view:   SplatRender(splats: \"scene\", rig: \"camera\"{near}),")),
     }
-    line("        // More `samples` are less noise; what is traced is kept.");
+    line("        // More `samples` give less noise; samples already traced are reused.");
     line("        trace:  PathTrace(");
     line(
         "            receiver: \"proxy\", objects: [\"placed\"], rig: \"camera\", env: \"env\", samples: 8, clamp_indirect: 4.0,",
@@ -268,12 +270,12 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
         let _ = writeln!(out, "{what:>9}  {value}{confidence}   [{}]", at(begin));
     };
     let by = match s.standing.by {
-        UpBy::Measured if s.standing.stand.by_cameras => "by the cameras",
-        UpBy::Measured => "by the ground and what stands on it",
-        UpBy::Format => "by the format of the splats; the splats do not confirm it",
+        UpBy::Measured if s.standing.stand.by_cameras => "measured from the cameras",
+        UpBy::Measured => "measured from the ground and the things on it",
+        UpBy::Format => "by the file format; the splats do not confirm it",
         UpBy::Guessed => "guessed",
     };
-    let turned = if s.standing.matrix.is_some() { " after a turn by `matrix`" } else { "" };
+    let turned = if s.standing.matrix.is_some() { " after the rotation by `matrix`" } else { "" };
     line("up", format!("{}{turned}, {by}", s.standing.up.name()), Some(s.standing.confidence), "scene: (");
     let axis = match s.standing.up {
         Up::PlusZ => ("z", 1.0),
@@ -296,13 +298,13 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
     match s.standing.stand.scale.metres_per_unit {
         Some(_) if is_known(&s.standing.stand) => line(
             "scale",
-            format!("{} m a unit: {}", number(s.metres_per_unit), s.standing.stand.scale.reason),
+            format!("{} m per unit: {}", number(s.metres_per_unit), s.standing.stand.scale.reason),
             Some(s.standing.stand.scale.confidence),
             "scene: (",
         ),
         _ => line(
             "scale",
-            format!("NOT KNOWN; {} m a unit is written", number(s.metres_per_unit)),
+            format!("NOT KNOWN; the graph says {} m per unit", number(s.metres_per_unit)),
             None,
             "scene: (",
         ),

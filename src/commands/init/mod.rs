@@ -47,8 +47,8 @@ const README: &str = "\
     lightharmony plan graph.ron         # what a run would compute, why, about how long
     lightharmony explain graph.ron save # why a node runs
 
-Edit `graph.ron` and run it again: only what the edit reaches is computed. `lightharmony nodes` lists what a graph can
-be made of, and `lightharmony nodes path-trace` describes one kind.
+Edit `graph.ron` and run it again: only what the edit affects is computed. `lightharmony nodes` lists the kinds of nodes,
+and `lightharmony nodes path-trace` describes one kind.
 ";
 
 const MADE_UP: &str = "

@@ -102,7 +102,7 @@ pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, No
     let standing = Standing::of(file, cameras)?;
     let mut lines = String::new();
     if standing.by != UpBy::Measured {
-        let word = if standing.by == UpBy::Format { "what the format says" } else { "a GUESS" };
+        let word = if standing.by == UpBy::Format { "defined by the file format" } else { "a GUESS" };
         let _ = writeln!(
             lines,
             "{:>14}  up is {word}; the views below hold for `scene: (up: \"{}\")`",
@@ -111,7 +111,7 @@ pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, No
         );
     }
     if let Some(matrix) = &standing.matrix {
-        let text = "the capture lies aslant; the plan and the views below hold with this in its loaders:";
+        let text = "the capture is tilted; with this in its loaders, the plan and the views below apply:";
         let _ = writeln!(lines, "{:>14}  {text}\n{:>14}  matrix: {}", "note", "", row_major(matrix));
     }
     let shown = Shown {

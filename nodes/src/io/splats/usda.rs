@@ -172,7 +172,7 @@ fn fields(scan: &mut Scan<'_>) -> Result<Vec<Field>, Error> {
             return if open.is_empty() { Ok(found) } else { Err(scan.bad("a prim without an end")) };
         }
         if scan.take("}") {
-            let prim = open.pop().ok_or_else(|| scan.bad("a bracket without a begin"))?;
+            let prim = open.pop().ok_or_else(|| scan.bad("a closing bracket without an opening one"))?;
             if prim.kind == PRIM && !prim.abstract_class && !open.iter().any(|p| p.abstract_class) {
                 let mut matrix = DMat4::IDENTITY;
                 for one in open.iter().chain([&prim]) {

@@ -67,7 +67,7 @@ engine::params! {
         /// moved from the coordinates of the capture to those of the splats. COLMAP models and `transforms.json` need
         /// it, `camera_path.json` has the coordinates of the splats already.
         dataparser: Option<InputFile> = None, other("Some(\"dataparser_transforms.json\")");
-        /// A rotation, an even scale and a shift of the cameras: 16 numbers, row after row, as `load-splats` has them.
+        /// Rotation, uniform scale and translation of the cameras: a 4x4 matrix in row-major order, as in `load-splats`.
         matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }

@@ -54,8 +54,8 @@ engine::params! {
         colours: ColourEncoding = ColourEncoding::Auto, other("Linear");
         /// Frame of reference of the coordinates.
         frame: MeshFrame = MeshFrame::World, other("Gltf");
-        /// A rotation, an even scale and a shift of the mesh after `frame`: 16 numbers, row after row, as `load-splats`
-        /// has them.
+        /// Rotation, uniform scale and translation of the mesh, applied after `frame`: a 4x4 matrix in row-major order,
+        /// as in `load-splats`.
         matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }
