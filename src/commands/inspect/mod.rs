@@ -73,7 +73,7 @@ impl Inspect {
             Err(failed) => failed,
         };
         // PLY, glTF and GLB hold splats or a mesh; what is neither is told as what it is nearer to.
-        let is_mesh = other::is_mesh(&bytes);
+        let is_mesh = is_mesh(&bytes);
         match load_mesh(&self.file, &cx) {
             Ok((found, notes)) if !found.triangles.is_empty() => {
                 let found = mesh::inspect(&found);
@@ -103,6 +103,8 @@ impl Inspect {
         Ok(0)
     }
 }
+
+pub(super) use other::is_mesh;
 
 /// A mesh of any format, as stored.
 fn load_mesh(path: &Path, cx: &Context) -> Result<(nodes::types::Mesh, Notes), NodeError> {

@@ -2,6 +2,7 @@
 //! made by one thread from the views in their order, so the field has the same bits for any number of threads.
 
 use engine::{Context, NodeError};
+use fearless_simd::{Level, Simd, dispatch};
 use glam::Vec3;
 
 use super::depth_view::DepthView;
@@ -81,7 +82,38 @@ pub struct Field<'a> {
     pub blocks: Vec<Block>,
 }
 
+/// A row of corners on the picture of a view.
+#[derive(Default)]
+struct Row {
+    /// Whether each lies between the centres of four pixels.
+    inside: [bool; CORNERS],
+    x: [f32; CORNERS],
+    y: [f32; CORNERS],
+    depth: [f32; CORNERS],
+    /// Distance over depth.
+    stretch: [f32; CORNERS],
+}
+
+impl Row {
+    /// Projects a row, without branches, so that the compiler makes vector code of it.
+    #[inline(always)]
+    fn project(&mut self, view: &DepthView, places: &[Vec3; CORNERS]) {
+        let [right, bottom] = [view.width, view.height].map(|side| (side - 1) as f32);
+        for i in 0..CORNERS {
+            let offset = places[i] - view.eye;
+            let depth = offset.dot(view.forward);
+            let inverse = 1.0 / depth;
+            let x = view.focal[0] * (offset.dot(view.right) * inverse) + view.middle[0] - 0.5;
+            let y = view.focal[1] * (offset.dot(view.down) * inverse) + view.middle[1] - 0.5;
+            (self.x[i], self.y[i], self.depth[i]) = (x, y, depth);
+            self.stretch[i] = offset.length() * inverse;
+            self.inside[i] = (depth > 1e-6) & (x >= 0.0) & (y >= 0.0) & (x < right) & (y < bottom);
+        }
+    }
+}
+
 /// One block.
+#[inline(always)]
 fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
     let cell = levels.cell_of(cube.level);
     let first = cube.corner();
@@ -93,19 +125,21 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
     let half = 0.5 * SIDE as f32 * cell;
     let (middle, radius) = (place(0, 0, 0) + Vec3::splat(half), half * 1.7321);
     let (mut sums, mut weights, mut counts) = ([0.0_f32; ALL], [0.0_f32; ALL], [0_u8; ALL]);
-    for view in views.iter().filter(|view| view.may_see(middle, radius)) {
+    let mut row = Row::default();
+    for view in views.iter().filter(|view| view.may_see(middle, radius, BEHIND * band)) {
         for z in 0..CORNERS {
             for y in 0..CORNERS {
-                for x in 0..CORNERS {
-                    let Some(on) = view.project(place(x, y, z)) else { continue };
-                    let (inverse, one_surface, nearest) = view.surface(on.at);
+                let places: [Vec3; CORNERS] = std::array::from_fn(|x| place(x, y, z));
+                row.project(view, &places);
+                for x in (0..CORNERS).filter(|x| row.inside[*x]) {
+                    let (inverse, one_surface, nearest) = view.surface([row.x[x], row.y[x]]);
                     let [trust, cosine] = view.marks[nearest].map(|mark| f32::from(mark) * (1.0 / 255.0));
                     let at = corner(x, y, z);
-                    let near = 1.0 / (1.0 + on.depth * on.depth * far);
+                    let near = 1.0 / (1.0 + row.depth[x] * row.depth[x] * far);
                     let mut weight = trust * near * if one_surface { 1.0 } else { AT_EDGE };
                     // How far it lies before the surface, along the ray and at a right angle to the surface.
                     let before =
-                        if inverse > 0.0 { (1.0 / inverse - on.depth) * on.stretch } else { f32::INFINITY };
+                        if inverse > 0.0 { (1.0 / inverse - row.depth[x]) * row.stretch[x] } else { f32::INFINITY };
                     let mut distance = before * cosine;
                     if distance >= band || cosine < FLATTEST && before > BEHIND * band {
                         weight *= THROUGH;
@@ -139,8 +173,8 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
 }
 
 impl DepthView {
-    /// Whether a ball may be on the picture.
-    fn may_see(&self, middle: Vec3, radius: f32) -> bool {
+    /// Whether a ball may be on the picture, and not all of it farther than so much behind what is seen there.
+    fn may_see(&self, middle: Vec3, radius: f32, behind: f32) -> bool {
         let offset = middle - self.eye;
         let depth = offset.dot(self.forward);
         if depth < -radius {
@@ -156,7 +190,14 @@ impl DepthView {
             && edge(-self.right, self.focal[0], self.middle[0])
             && edge(self.down, self.focal[1], height - self.middle[1])
             && edge(-self.down, self.focal[1], self.middle[1])
+            && !self.hides(offset, radius, behind)
     }
+}
+
+/// [`fused`], compiled for each set of instructions.
+#[inline(always)]
+fn fused_at<S: Simd>(_simd: S, cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
+    fused(cube, views, levels, far)
 }
 
 impl<'a> Field<'a> {
@@ -173,7 +214,9 @@ impl<'a> Field<'a> {
         let far = 1.0 / (half_at * half_at);
         let groups = cx.for_each_tile(cubes.len().div_ceil(GROUP), |group| {
             let cubes = &cubes[group * GROUP..((group + 1) * GROUP).min(cubes.len())];
-            let kept = cubes.iter().map(|cube| fused(*cube, views, levels, far)).filter(|block| block.is_of_use());
+            let level = Level::new();
+            let one = |cube: &Cube| dispatch!(level, simd => fused_at(simd, *cube, views, levels, far));
+            let kept = cubes.iter().map(one).filter(Block::is_of_use);
             kept.collect::<Vec<_>>()
         })?;
         let mut field = Self { levels, blocks: groups.into_iter().flatten().collect() };
