@@ -1,4 +1,4 @@
-//! [`Blobs`]: content by its digest. Small ones share a log, larger ones are a file each.
+//! [`Blobs`]: content by its digest. Small blobs share a log, each larger one is a file.
 
 use std::collections::{BTreeSet, HashMap};
 use std::fs::{self, File, Metadata, OpenOptions};
@@ -11,11 +11,13 @@ use crate::digest::Digest;
 use crate::error::{At, Error, Result};
 use crate::failpoint::{self, BLOB, reach};
 use crate::log::{Log, Settings};
+use crate::obstacle::{Expected, clear, clear_folder};
+use crate::regular;
+use crate::settings::{Fsync, Incident, lock};
 use crate::stamp::same_file;
-use crate::store::{Fsync, Incident, lock};
 use crate::temp::{TempFile, sync_folder};
 
-/// Shorter blobs live in the log: below this, a file costs more time and space than its content.
+/// Blobs shorter than this, in bytes, are stored in the log: a file would cost more time and space than its content.
 pub(crate) const SMALL: usize = 4096;
 
 const DAY: Duration = Duration::from_secs(24 * 60 * 60);
@@ -23,37 +25,47 @@ const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 /// The kind of a blob's entry in the log.
 const KIND: u8 = 2;
 
+/// All blobs of a store.
 #[derive(Debug)]
 pub(crate) enum Blobs {
+    /// Without a folder.
     Memory(Mutex<HashMap<Digest, Vec<u8>>>),
+    /// In a cache folder.
     Disk(Box<Disk>),
+    /// Stores nothing.
+    Nowhere,
 }
 
+/// The blobs in a cache folder.
 #[derive(Debug)]
 pub(crate) struct Disk {
-    folder: PathBuf,
+    root: PathBuf,
     settings: Settings,
     fsync: Fsync,
-    /// Opened when first needed: a run that finds nothing to do reads no blob.
+    /// The log of small blobs, opened on first use: a run with nothing to do reads no blob.
     small: Mutex<Option<Log>>,
-    /// Bad blobs that could be neither moved nor removed.
+    /// Damaged blobs that could be neither moved nor removed.
     bad: Mutex<BTreeSet<Digest>>,
+    /// Files written since the last sync.
     unsynced: Mutex<Vec<PathBuf>>,
 }
 
 impl Blobs {
+    /// Blobs in memory only.
     pub fn in_memory() -> Blobs {
         Blobs::Memory(Mutex::default())
     }
 
-    /// Blobs in files below `folder`, small ones in the log of `settings`.
-    pub fn on_disk(folder: PathBuf, settings: Settings, fsync: Fsync) -> Blobs {
+    /// Blobs in files below `root`, small ones in the log of `settings`.
+    pub fn on_disk(root: PathBuf, settings: Settings, fsync: Fsync) -> Blobs {
         let (small, bad, unsynced) = (Mutex::default(), Mutex::default(), Mutex::default());
-        Blobs::Disk(Box::new(Disk { folder, settings, fsync, small, bad, unsynced }))
+        Blobs::Disk(Box::new(Disk { root, settings, fsync, small, bad, unsynced }))
     }
 
+    /// Stores `bytes` under `digest`.
     pub fn put(&self, digest: &Digest, bytes: &[u8]) -> Result<()> {
         match self {
+            Blobs::Nowhere => Ok(()),
             Blobs::Memory(blobs) => {
                 lock(blobs).entry(*digest).or_insert_with(|| bytes.to_vec());
                 Ok(())
@@ -62,23 +74,25 @@ impl Blobs {
         }
     }
 
-    /// The bytes, which have this digest. A bad blob is put aside and `report`ed.
+    /// The bytes with this digest, verified. A damaged blob is quarantined and reported.
     pub fn get(&self, digest: &Digest, report: impl Fn(Incident)) -> Result<Option<Vec<u8>>> {
         match self {
+            Blobs::Nowhere => Ok(None),
             Blobs::Memory(blobs) => Ok(lock(blobs).get(digest).cloned()),
             Blobs::Disk(disk) => disk.get(digest, report),
         }
     }
 
-    /// Whether a blob is there; whether it is good shows when it is read.
+    /// True if a blob exists; it is verified only when it is read.
     pub fn has(&self, digest: &Digest) -> bool {
         match self {
+            Blobs::Nowhere => false,
             Blobs::Memory(blobs) => lock(blobs).contains_key(digest),
             Blobs::Disk(disk) => disk.has(digest),
         }
     }
 
-    /// Rewrites the log of small blobs if much of it is dead or damaged, and its index if it lacks much.
+    /// Rewrites the log of small blobs if much of it is dead or damaged, and its index if it lacks many entries.
     pub fn tidy(&self) -> Result<()> {
         let Blobs::Disk(disk) = self else { return Ok(()) };
         let mut small = lock(&disk.small);
@@ -89,35 +103,35 @@ impl Blobs {
         log.save_index()
     }
 
-    /// Notices what other processes did to the log of small blobs, if it was opened.
+    /// Reads what other processes appended to the log of small blobs, if it was opened.
     pub fn refresh(&self) {
         if let Blobs::Disk(disk) = self
             && let Some(log) = lock(&disk.small).as_mut()
         {
-            // What cannot be read now is found out by whoever reads it.
+            // An error recurs, and is reported, when a blob is read.
             let _ = log.refresh();
         }
     }
 
-    /// Digest and size of every blob in the log of small ones.
+    /// The digest and length in bytes of every small blob.
     pub fn small_sizes(&self) -> Result<Vec<(Digest, u64)>> {
         let Blobs::Disk(disk) = self else { return Ok(Vec::new()) };
         disk.with_small(|log| log.refresh().and_then(|_| log.lengths(KIND)))
     }
 
-    /// Bytes of the log of small blobs that are dead.
+    /// The dead bytes in the log of small blobs.
     pub fn small_dead(&self) -> u64 {
         let Blobs::Disk(disk) = self else { return 0 };
         disk.with_small(|log| Ok(log.dead())).unwrap_or(0)
     }
 
-    /// Reads the whole log of small blobs and gives its damaged bytes.
+    /// Reads the whole log of small blobs and returns the number of its damaged bytes.
     pub fn reread_small(&self) -> Result<u64> {
         let Blobs::Disk(disk) = self else { return Ok(0) };
         disk.with_small(Log::reread)
     }
 
-    /// Reads a blob and says whether it is good; leaves it where it is.
+    /// Reads a blob and returns whether it is undamaged. Changes nothing.
     pub fn is_good(&self, digest: &Digest) -> Result<bool> {
         let Blobs::Disk(disk) = self else { return Ok(true) };
         match disk.with_small(|log| log.get(KIND, digest))? {
@@ -136,7 +150,7 @@ impl Blobs {
         })
     }
 
-    /// Removes those that are files of their own, which takes no room.
+    /// Removes those of the blobs that are files, which needs no free space.
     pub fn remove_files(&self, dead: &BTreeSet<Digest>) -> Result<()> {
         let Blobs::Disk(disk) = self else { return Ok(()) };
         for digest in dead {
@@ -151,10 +165,10 @@ impl Blobs {
         Ok(())
     }
 
-    /// Syncs what was put since the last time.
+    /// Forces everything stored since the last call onto the disk.
     pub fn sync(&self) -> Result<()> {
         match self {
-            Blobs::Memory(_) => Ok(()),
+            Blobs::Memory(_) | Blobs::Nowhere => Ok(()),
             Blobs::Disk(disk) => disk.sync(),
         }
     }
@@ -176,6 +190,9 @@ impl Disk {
         if there && !lock(&self.bad).contains(digest) {
             return Ok(());
         }
+        // Obstacles that were not reported by reading are of no interest to anybody.
+        path.parent().into_iter().for_each(|parent| drop(clear(&self.root, parent, Expected::Folder)));
+        clear_folder(&self.root, &path);
         let mut temp = TempFile::create(&self.settings.temp, &BLOB)?;
         temp.write(bytes)?;
         if self.fsync == Fsync::Always {
@@ -204,28 +221,28 @@ impl Disk {
                 self.mark_used(&path, &read);
                 return Ok(Some(bytes));
             }
-            Ok((bytes, read)) => (Some(read), format!("{} bytes that are not its content", bytes.len())),
+            Ok((bytes, read)) => (Some(read), format!("{} bytes with another digest", bytes.len())),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 self.with_small(Log::refresh)?;
                 return self.get_small(digest, &report);
             }
-            Err(error) if is_our_trouble(&error) => return Err(Error::io("read", &path, error)),
+            Err(error) if is_own_failure(&error) => return Err(Error::io("read", &path, error)),
             Err(error) => (None, error.to_string()),
         };
-        // Another process may have put a good one in its place by now; that one stays.
+        // Another process may have replaced it by a good one in the meantime.
         let there = fs::metadata(&path);
         if there.is_ok_and(|there| read.is_none_or(|read| same_file(&read, &there))) {
-            report(self.put_aside(digest, &path, &what)?);
+            report(self.quarantine(digest, &path, &what)?);
         }
         Ok(None)
     }
 
-    /// Notes, once a day, that a blob was read: the time of its file is that of its last use.
+    /// Sets the time of a blob's file, once a day, to the time of its last use.
     fn mark_used(&self, path: &Path, read: &Metadata) {
         let now = SystemTime::now();
         let fresh = read.modified().is_ok_and(|time| now.duration_since(time).is_ok_and(|past| past < DAY));
         if self.settings.writable && !fresh {
-            // A collection may take it earlier than it should, which costs time only.
+            // If this fails, a collection may remove it too early, which costs only time.
             let _ = File::options().write(true).open(path).and_then(|file| file.set_modified(now));
         }
     }
@@ -237,7 +254,7 @@ impl Disk {
                 log.drop_entry(KIND, digest);
                 report(Incident {
                     digest: Some(*digest),
-                    what: "a small blob was damaged; removed".to_owned(),
+                    what: "it was in the log of small blobs; removed".to_owned(),
                 });
                 Ok(None)
             }
@@ -261,10 +278,10 @@ impl Disk {
         let paths = std::mem::take(&mut *lock(&self.unsynced));
         for path in &paths {
             match OpenOptions::new().write(true).open(path).and_then(|file| file.sync_data()) {
-                // Collected or put aside since.
+                // Collected or quarantined in the meantime.
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                 Err(error) => {
-                    // After a failed sync nobody knows what is on the disk.
+                    // After a failed sync the content on the disk is unknown.
                     let _ = fs::remove_file(path);
                     return Err(Error::io("sync", path, error));
                 }
@@ -276,9 +293,9 @@ impl Disk {
         lock(&self.small).as_mut().map_or(Ok(()), Log::sync)
     }
 
-    /// Moves a bad blob out of the way, or removes it, or at least remembers it.
-    fn put_aside(&self, digest: &Digest, path: &Path, what: &str) -> Result<Incident> {
-        reach(failpoint::QUARANTINE_BEFORE).at("put aside", path)?;
+    /// Moves a damaged blob to the quarantine, or removes it, or at least remembers it. Returns what was done.
+    fn quarantine(&self, digest: &Digest, path: &Path, what: &str) -> Result<Incident> {
+        reach(failpoint::QUARANTINE_BEFORE).at("quarantine", path)?;
         let aside = self.settings.quarantine.join(digest.to_string());
         let moved = self.settings.writable
             && fs::create_dir_all(&self.settings.quarantine).and_then(|()| fs::rename(path, &aside)).is_ok();
@@ -292,10 +309,14 @@ impl Disk {
             lock(&self.bad).insert(*digest);
             "ignored".to_owned()
         };
-        reach(failpoint::QUARANTINE_AFTER).at("put aside", path)?;
-        Ok(Incident { digest: Some(*digest), what: format!("{} held {what}; {outcome}", path.display()) })
+        reach(failpoint::QUARANTINE_AFTER).at("quarantine", path)?;
+        Ok(Incident {
+            digest: Some(*digest),
+            what: format!("{} contained {what}; {outcome}", path.display()),
+        })
     }
 
+    /// Calls `act` with the log of small blobs, which is opened if necessary.
     fn with_small<T>(&self, act: impl FnOnce(&mut Log) -> Result<T>) -> Result<T> {
         let mut small = lock(&self.small);
         let log = match small.take() {
@@ -305,16 +326,16 @@ impl Disk {
         act(small.insert(log))
     }
 
-    /// Two digits name a folder, so that none grows too long.
+    /// The file of a blob. The first two digits name a folder, so that no folder has too many entries.
     fn path(&self, digest: &Digest) -> PathBuf {
         let name = digest.to_string();
-        self.folder.join(&name[..2]).join(name)
+        self.root.join("blobs").join(&name[..2]).join(name)
     }
 }
 
-/// The whole file, and which file that was.
+/// The content of a file, and its metadata as of opening it.
 fn read_file(path: &Path) -> io::Result<(Vec<u8>, Metadata)> {
-    let mut file = File::open(path)?;
+    let mut file = regular::open(path, OpenOptions::new().read(true))?;
     let metadata = file.metadata()?;
     let mut bytes = Vec::new();
     bytes.try_reserve_exact(usize::try_from(metadata.len()).unwrap_or(usize::MAX))?;
@@ -322,10 +343,10 @@ fn read_file(path: &Path) -> io::Result<(Vec<u8>, Metadata)> {
     Ok((bytes, metadata))
 }
 
-/// Whether reading failed for want of something in this process or of permission, and not for what is on
+/// True if reading failed because this process lacks memory, file handles or permission, and not because of what is on
 /// the disk.
-fn is_our_trouble(error: &io::Error) -> bool {
-    // EMFILE and ENFILE, which have no stable kind.
-    let files = cfg!(unix) && matches!(error.raw_os_error(), Some(23 | 24));
-    files || matches!(error.kind(), io::ErrorKind::OutOfMemory | io::ErrorKind::PermissionDenied)
+fn is_own_failure(error: &io::Error) -> bool {
+    // EMFILE and ENFILE, which have no stable `ErrorKind`.
+    let no_handles = cfg!(unix) && matches!(error.raw_os_error(), Some(23 | 24));
+    no_handles || matches!(error.kind(), io::ErrorKind::OutOfMemory | io::ErrorKind::PermissionDenied)
 }

@@ -1,4 +1,4 @@
-//! [`Digest`]: the name of a piece of content.
+//! [`Digest`]: the BLAKE3 hash that identifies a content.
 
 use std::fmt;
 use std::hash::{Hash, Hasher};
@@ -14,12 +14,12 @@ impl Digest {
         Digest(*blake3::hash(bytes).as_bytes())
     }
 
-    /// A digest that was stored as its 32 bytes.
+    /// The digest with these 32 bytes.
     pub const fn from_bytes(bytes: [u8; 32]) -> Digest {
         Digest(bytes)
     }
 
-    /// Reads 64 hexadecimal digits; `None` for anything else.
+    /// Parses 64 hexadecimal digits; `None` for anything else.
     pub fn from_hex(hex: &str) -> Option<Digest> {
         blake3::Hash::from_hex(hex).ok().map(|hash| Digest(*hash.as_bytes()))
     }
@@ -29,19 +29,19 @@ impl Digest {
         &self.0
     }
 
-    /// The first 12 hexadecimal digits, for lines that people read.
+    /// The first 12 hexadecimal digits, for messages.
     pub fn short(&self) -> String {
         let mut hex = self.to_string();
         hex.truncate(12);
         hex
     }
 
-    /// The first 8 bytes as a number, in the order of digests.
+    /// The first 8 bytes as a number that sorts as digests do.
     pub(crate) fn rank(&self) -> u64 {
         self.prefix().swap_bytes()
     }
 
-    /// The first 8 bytes as a number: digests are uniform, so this alone is a good hash.
+    /// The first 8 bytes as a number. Digests are uniform, so this is a good hash.
     fn prefix(&self) -> u64 {
         let [a, b, c, d, e, f, g, h, ..] = self.0;
         u64::from_le_bytes([a, b, c, d, e, f, g, h])
@@ -67,7 +67,7 @@ impl fmt::Debug for Digest {
     }
 }
 
-/// Hashes whatever is written to it, so that an encoder can be hashed without keeping its output.
+/// Hashes everything written to it, so that the output of an encoder can be hashed without keeping it.
 #[derive(Clone, Debug, Default)]
 pub struct DigestWriter {
     hasher: blake3::Hasher,
@@ -80,7 +80,7 @@ impl DigestWriter {
         DigestWriter::default()
     }
 
-    /// How many bytes were written so far.
+    /// The number of bytes written so far.
     pub fn length(&self) -> u64 {
         self.length
     }

@@ -1,12 +1,12 @@
-//! One entry of a log as bytes: encode, decode, and find in a damaged file. The crate's
-//! documentation has the layout.
+//! [`Entry`]: one entry of a log as bytes: encoding, decoding, and finding entries in a damaged file. The layout is in
+//! the documentation of the crate.
 
 use crate::digest::Digest;
 
-/// Bytes before the payload.
+/// The length of the fields before the payload, in bytes.
 pub(crate) const HEAD: usize = 64;
 
-/// The longest payload in bytes. A length beyond it is damage, so that a flipped bit cannot claim gigabytes.
+/// The maximum length of a payload in bytes. A greater length is damage, so that a flipped bit cannot claim gigabytes.
 pub(crate) const MAX_PAYLOAD: usize = 16 << 20;
 
 const MAGIC: &[u8; 4] = b"LHe1";
@@ -20,12 +20,12 @@ pub(crate) struct Entry<'a> {
 }
 
 impl Entry<'_> {
-    /// The bytes that an entry with this payload takes.
+    /// The length in bytes of an entry with a payload of `payload` bytes.
     pub fn length(payload: usize) -> usize {
         HEAD + payload
     }
 
-    /// Appends the entry to `out`, checksummed under `salt`.
+    /// Appends the entry to `out`, with checksums that start from `salt`.
     pub fn encode(&self, salt: u32, out: &mut Vec<u8>) {
         let mut rest = [0; HEAD - 12];
         rest[..4].copy_from_slice(&(self.payload.len() as u32).to_le_bytes());
@@ -42,46 +42,80 @@ impl Entry<'_> {
 /// The entry that starts at the first byte, if a whole and undamaged one does.
 pub(crate) fn decode(salt: u32, bytes: &[u8]) -> Option<Entry<'_>> {
     let head = bytes.first_chunk::<HEAD>()?;
-    let number = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
-    if !head.starts_with(MAGIC) || number(4) != checksum(salt, &[&head[8..]]) {
-        return None;
-    }
-    let payload = bytes.get(HEAD..Entry::length(number(12) as usize))?;
-    let whole = payload.len() <= MAX_PAYLOAD && number(8) == checksum(!salt, &[payload]);
+    let payload = bytes.get(HEAD..length_in(salt, head)?)?;
+    let whole = payload.len() <= MAX_PAYLOAD && number(head, 8) == checksum(!salt, &[payload]);
     let key = Digest::from_bytes(*head.last_chunk()?);
     whole.then_some(Entry { kind: head[16], key, payload })
 }
 
-/// What [`scan`] made of some bytes.
+/// The length in bytes of the entry with this head, if the head is undamaged.
+fn length_in(salt: u32, head: &[u8; HEAD]) -> Option<usize> {
+    let good = head.starts_with(MAGIC) && number(head, 4) == checksum(salt, &[&head[8..]]);
+    good.then(|| Entry::length(number(head, 12) as usize))
+}
+
+fn number(head: &[u8; HEAD], at: usize) -> u32 {
+    u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]])
+}
+
+/// The result of [`scan`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Scanned {
-    /// How far the bytes are understood. What follows may be an entry that is still being written.
+    /// The end of the last whole entry. What follows may be one that is still being written.
     pub end: usize,
-    /// How many bytes before `end` belong to no entry.
+    /// Bytes before `end` that belong to entries cut short, by killed writers and full disks.
+    pub torn: usize,
+    /// Bytes before `end` that belong to no entry.
     pub damaged: usize,
 }
 
-/// Reports every whole entry in `bytes` with where it starts. Damage costs only the entries it lies in.
+/// Calls `found` for every whole entry in `bytes`, with its offset. Damage costs only the entries that contain it.
 pub(crate) fn scan<'a>(salt: u32, bytes: &'a [u8], mut found: impl FnMut(usize, Entry<'a>)) -> Scanned {
-    let (mut at, mut end, mut damaged) = (0, 0, 0);
+    let (mut at, mut end, mut torn, mut damaged) = (0, 0, 0, 0);
     while at < bytes.len() {
         if let Some(entry) = decode(salt, &bytes[at..]) {
             found(at, entry);
-            damaged += at - end;
+            let cut = torn_bytes(salt, &bytes[end..at]);
+            torn += cut;
+            damaged += at - end - cut;
             at += Entry::length(entry.payload.len());
             end = at;
         } else {
-            let next = bytes[at + 1..].windows(MAGIC.len()).position(|window| window == MAGIC);
-            at = next.map_or(bytes.len(), |skip| at + 1 + skip);
+            at = next_magic(bytes, at + 1);
         }
     }
-    // No entry being written can be longer than the longest, so what lies further back is damage.
-    let hopeless = bytes.len().saturating_sub(Entry::length(MAX_PAYLOAD));
-    if hopeless > end {
-        damaged += hopeless - end;
-        end = hopeless;
+    // An entry that is being written has at most the maximum length, so what is further from the end is damage.
+    let unfinished = bytes.len().saturating_sub(Entry::length(MAX_PAYLOAD));
+    if unfinished > end {
+        damaged += unfinished - end;
+        end = unfinished;
     }
-    Scanned { end, damaged }
+    Scanned { end, torn, damaged }
+}
+
+/// How many bytes between two whole entries are entries cut short: those with a good head whose payload would extend
+/// beyond the gap, and the beginnings of heads at its end.
+fn torn_bytes(salt: u32, gap: &[u8]) -> usize {
+    let (mut at, mut torn) = (0, 0);
+    while at < gap.len() {
+        let rest = &gap[at..];
+        let cut = match rest.first_chunk::<HEAD>() {
+            Some(head) => length_in(salt, head).is_some_and(|length| length > rest.len()),
+            None => MAGIC.iter().zip(rest).all(|(a, b)| a == b),
+        };
+        let next = next_magic(gap, at + 1);
+        if cut {
+            torn += next - at;
+        }
+        at = next;
+    }
+    torn
+}
+
+/// The next place at or after `from` where an entry may start, or the end.
+fn next_magic(bytes: &[u8], from: usize) -> usize {
+    let next = bytes[from..].windows(MAGIC.len()).position(|window| window == MAGIC);
+    next.map_or(bytes.len(), |skip| from + skip)
 }
 
 /// CRC-32 of `parts` one after another.
@@ -117,7 +151,7 @@ mod tests {
     #[test]
     fn damage_costs_only_its_own_entry() {
         let (bytes, starts) = log(6);
-        assert_eq!(found(&bytes), (starts.clone(), Scanned { end: bytes.len(), damaged: 0 }));
+        assert_eq!(found(&bytes), (starts.clone(), Scanned { end: bytes.len(), torn: 0, damaged: 0 }));
         for at in 0..bytes.len() {
             for flip in [1, 0x80, 0xff] {
                 let mut bad = bytes.clone();
@@ -135,8 +169,34 @@ mod tests {
         let (bytes, starts) = log(6);
         for end in 0..bytes.len() {
             let whole = starts.partition_point(|start| *start <= end) - 1;
-            let scanned = Scanned { end: starts[whole], damaged: 0 };
+            let scanned = Scanned { end: starts[whole], torn: 0, damaged: 0 };
             assert_eq!(found(&bytes[..end]), (starts[..whole].to_vec(), scanned), "cut at {end}");
+        }
+    }
+
+    #[test]
+    fn what_follows_an_entry_cut_short_is_found_and_the_cut_one_is_no_damage() {
+        let (bytes, starts) = log(6);
+        let last = &bytes[starts[5]..];
+        for cut in starts[4]..starts[5] {
+            let torn = cut - starts[4];
+            let joined = [&bytes[..cut], last].concat();
+            let expected = Scanned { end: joined.len(), torn, damaged: 0 };
+            assert_eq!(found(&joined), ([&starts[..4], &[cut]].concat(), expected), "cut at {cut}");
+            // Twice in a row, if as much as the magic is left of each.
+            if torn < MAGIC.len() {
+                continue;
+            }
+            let twice = [&bytes[..cut], &bytes[starts[4]..cut], last].concat();
+            let scanned = found(&twice).1;
+            assert_eq!((scanned.torn, scanned.damaged), (2 * torn, 0), "cut at {cut}");
+        }
+        // A flipped bit is damage, whatever follows.
+        for at in starts[4]..starts[5] {
+            let mut bad = bytes.clone();
+            bad[at] ^= 0x10;
+            let scanned = found(&bad).1;
+            assert_eq!((scanned.torn, scanned.damaged), (0, starts[5] - starts[4]), "byte {at}");
         }
     }
 

@@ -1,4 +1,4 @@
-//! [`Error`]: what can go wrong with a cache folder, always with the operation and the path.
+//! [`Error`]: why an operation on a cache folder failed, always with the operation and the path.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -6,42 +6,43 @@ use std::path::{Path, PathBuf};
 /// Why the cache could not do something. What was stored before stays valid after any of these.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The file system is full, or the user's share of it.
-    #[error("disk full: cannot {operation} {}", path.display())]
+    /// No room is left: the file system is full, the user's quota is used up, or the file would be larger than a
+    /// process may write (`ulimit -f`).
+    #[error("{}: cannot {operation} {}", no_room(source), path.display())]
     Full {
-        /// What was tried, as a verb: "write", "append to".
+        /// The operation that failed, as a verb: "write", "append to".
         operation: &'static str,
-        /// The file or folder it was tried on.
+        /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
-    /// The system refused.
+    /// The system reported an error.
     #[error("cannot {operation} {}", path.display())]
     Io {
-        /// What was tried, as a verb: "write", "append to".
+        /// The operation that failed, as a verb: "write", "append to".
         operation: &'static str,
-        /// The file or folder it was tried on.
+        /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
-    /// A record is larger than the log takes.
+    /// A record is longer than an entry of the log may be.
     #[error("a record of {length} bytes is larger than the limit of {limit} bytes")]
     RecordTooLarge {
         /// Its length in bytes.
         length: usize,
-        /// The most that is taken, in bytes.
+        /// The maximum length in bytes.
         limit: usize,
     },
-    /// Runs were at work for as long as a collection waited.
-    #[error("the cache is in use: a run is at work, and {} s were not enough to wait for it", waited.as_secs())]
+    /// Runs were active for as long as a collection waited.
+    #[error("the cache is in use: a run is active, and did not end within {} s", waited.as_secs())]
     InUse {
-        /// How long it waited.
+        /// How long the collection waited.
         waited: std::time::Duration,
     },
     /// A file was to be published over something that is not a file, such as a folder or a device.
-    #[error("{} is not a regular file, and is left alone", path.display())]
+    #[error("{} is not a regular file and was not replaced", path.display())]
     NotAFile {
         /// The path that was to be written.
         path: PathBuf,
@@ -52,25 +53,33 @@ pub enum Error {
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 impl Error {
-    /// Wraps what the system said; full disks and quotas get their own variant.
+    /// Wraps an error of the system; want of room gets its own variant.
     pub(crate) fn io(operation: &'static str, path: &Path, source: io::Error) -> Error {
         let path = path.to_path_buf();
         match source.kind() {
-            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::FileTooLarge => {
                 Error::Full { operation, path, source }
             }
             _ => Error::Io { operation, path, source },
         }
     }
 
-    /// Whether the system says that this place cannot be written at all.
+    /// True if the system reports that this place cannot be written at all.
     pub(crate) fn is_read_only(&self) -> bool {
         let Error::Io { source, .. } = self else { return false };
         matches!(source.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem)
     }
 }
 
-/// Adds the operation and the path to a system error.
+fn no_room(source: &io::Error) -> &'static str {
+    match source.kind() {
+        io::ErrorKind::QuotaExceeded => "quota exceeded",
+        io::ErrorKind::FileTooLarge => "file size limit reached (`ulimit -f`)",
+        _ => "disk full",
+    }
+}
+
+/// Adds the operation and the path to an error of the system.
 pub(crate) trait At<T> {
     /// `operation` is a verb that fits before a path.
     fn at(self, operation: &'static str, path: &Path) -> Result<T>;

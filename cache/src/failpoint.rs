@@ -1,12 +1,11 @@
-//! Named places where a test can stop the process or make the disk fail.
+//! Named places where a test can stop the process or simulate an error of the disk.
 //!
-//! Compiled in only with the feature `failpoints`; without it every place is an empty inlined function.
-//! The environment variable `LIGHTHARMONY_FAILPOINT=name:count` aborts the process (as `kill -9` would, with
-//! no destructor run) when the place `name` is reached for the `count`-th time, counted from 1 over all
-//! threads. `name:count:error` makes that place return an I/O error instead, and `name:count:full` the error
-//! of a full disk.
+//! Active only with the feature `failpoints`; without it every place is an empty inlined function. The environment
+//! variable `LIGHTHARMONY_FAILPOINT=name:count` aborts the process (like `kill -9`, without destructors) when the place
+//! `name` is reached for the `count`-th time, counted from 1 over all threads. With `name:count:error` the place returns
+//! an I/O error instead, and with `name:count:full` the error of a full disk.
 
-/// Every place, in the order of a write's life.
+/// Every place, in the order in which a write reaches them.
 pub const NAMES: &[&str] = &[
     BLOB.before_create,
     BLOB.after_create,
@@ -35,6 +34,7 @@ pub const NAMES: &[&str] = &[
     PUBLISH.after_sync,
     PUBLISH.before_rename,
     PUBLISH.after_rename,
+    PUBLISH_SYNCED,
     APPEND_BEFORE,
     APPEND_MIDDLE,
     APPEND_AFTER,
@@ -48,7 +48,7 @@ pub const NAMES: &[&str] = &[
     GC_BLOB_GONE,
 ];
 
-/// The places in the life of one file that is written beside its final name and renamed.
+/// The places in the writing of a file that gets its final name by a rename.
 #[derive(Debug)]
 pub(crate) struct FilePoints {
     pub before_create: &'static str,
@@ -74,7 +74,7 @@ macro_rules! file_points {
     };
 }
 
-/// A blob of its own file.
+/// A blob in a file of its own.
 pub(crate) const BLOB: FilePoints = file_points!("blob");
 /// A new or compacted log.
 pub(crate) const LOG: FilePoints = file_points!("log");
@@ -82,6 +82,9 @@ pub(crate) const LOG: FilePoints = file_points!("log");
 pub(crate) const INDEX: FilePoints = file_points!("index");
 /// A file for the user.
 pub(crate) const PUBLISH: FilePoints = file_points!("publish");
+
+/// The folder of a published file was synced.
+pub(crate) const PUBLISH_SYNCED: &str = "publish.folder-synced";
 
 pub(crate) const APPEND_BEFORE: &str = "append.before";
 /// Half of the entry is in the file.
@@ -93,9 +96,9 @@ pub(crate) const QUARANTINE_BEFORE: &str = "quarantine.before";
 pub(crate) const QUARANTINE_AFTER: &str = "quarantine.after";
 pub(crate) const LEASE_ACQUIRED: &str = "lease.acquired";
 pub(crate) const LEASE_UNLINKED: &str = "lease.unlinked";
-/// A collection removed records, and no blob yet.
+/// A collection has removed records, and no blob yet.
 pub(crate) const GC_RECORDS_GONE: &str = "gc.records-gone";
-/// A collection removed a blob, and others not yet.
+/// A collection has removed a blob, and not yet others.
 pub(crate) const GC_BLOB_GONE: &str = "gc.blob-gone";
 
 /// Reaches the place `name`.

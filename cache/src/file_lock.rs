@@ -1,41 +1,41 @@
 //! [`FileLock`]: a lock between processes, on a file that is never replaced or removed.
 
-use std::fs::{self, File, OpenOptions, TryLockError};
+use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::error::{At, Result};
+use crate::regular;
 
-/// A lock that is held by nobody or somebody, in this process or another.
+/// A file that any thread of any process can lock.
 #[derive(Debug)]
 pub(crate) struct FileLock(Arc<File>);
 
-/// A held lock. Its owner must not take it again: the second guard would give up the first's.
+/// A held lock. Its owner must not lock the same [`FileLock`] again: dropping the second guard would unlock the first.
 pub(crate) struct FileGuard(Arc<File>);
 
 impl FileLock {
     /// Opens or creates the file to lock, and its folder.
     pub fn open(path: &Path) -> Result<FileLock> {
-        let open = || OpenOptions::new().write(true).create(true).truncate(false).open(path);
-        let file = match (open(), path.parent()) {
+        let file = match (regular::open_or_create(path), path.parent()) {
             (Err(error), Some(folder)) if error.kind() == io::ErrorKind::NotFound => {
                 fs::create_dir_all(folder).at("create", folder)?;
-                open()
+                regular::open_or_create(path)
             }
             (result, _) => result,
         };
         Ok(FileLock(Arc::new(file.at("open", path)?)))
     }
 
-    /// Tries for as long as `patience` to be alone. `None` where that is in vain, or locks do not work.
-    pub fn exclusive(&self, patience: Duration) -> Option<FileGuard> {
+    /// Locks exclusively, waiting for at most `timeout`. `None` after that, and where locks do not work.
+    pub fn exclusive(&self, timeout: Duration) -> Option<FileGuard> {
         let start = Instant::now();
         loop {
             match self.0.try_lock() {
                 Ok(()) => return Some(FileGuard(Arc::clone(&self.0))),
-                Err(TryLockError::WouldBlock) if start.elapsed() < patience => {
+                Err(TryLockError::WouldBlock) if start.elapsed() < timeout => {
                     std::thread::sleep(Duration::from_micros(200));
                 }
                 Err(_) => return None,
@@ -43,7 +43,8 @@ impl FileLock {
         }
     }
 
-    /// Waits until writers are out, or until `cancelled`. `None` then, and where locks do not work.
+    /// Locks together with other readers, waiting for writers until `cancelled`. `None` after that, and where locks do
+    /// not work.
     pub fn shared_when_free(&self, cancelled: &dyn Fn() -> bool) -> Option<FileGuard> {
         loop {
             match self.0.try_lock_shared() {
@@ -54,7 +55,7 @@ impl FileLock {
         }
     }
 
-    /// Tries once to keep writers out.
+    /// Tries once to lock together with other readers.
     pub fn shared(&self) -> Option<FileGuard> {
         self.0.try_lock_shared().ok().map(|()| FileGuard(Arc::clone(&self.0)))
     }

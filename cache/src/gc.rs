@@ -1,108 +1,115 @@
-//! Garbage collection: what was used longest ago goes first, until the cache is small enough.
+//! Garbage collection: the least recently used results are removed first, until the cache is small enough.
 //!
-//! A record stays or goes together with the blobs that it names; a blob goes with the last of its records. A
-//! record was used when a graph that has it in its book last ran, or when a blob of its own was last read; one
-//! that shares all its blobs, when one of them was.
+//! A record and the blobs that it names are kept or removed together; a blob is removed with the last of its records.
+//! The last use of a record is the last run of a graph whose table of history contains it, or the last time that one of
+//! its own blobs was read. For a record that shares all its blobs, any of them counts.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime};
 
 use crate::digest::Digest;
 use crate::entry::Entry;
 use crate::error::{At, Error, Result};
 use crate::failpoint::{self, reach};
-use crate::history::Book;
+use crate::history::{Table, USED, seconds};
 use crate::index;
 use crate::log::Log;
-use crate::store::{Store, kind, lock};
+use crate::obstacle::QUARANTINE;
+use crate::settings::{kind, lock};
+use crate::store::Store;
 
-/// The book that says when each other one was last used: under its key, seconds since 1970, 8 bytes.
-pub(crate) const USED: &str = "used";
-
-/// A collection stops this far below the limit, so that the next run does not need another one.
+/// The share of the maximum size down to which a collection removes, so that the next run does not need another one.
 const LOW_WATER: f64 = 0.9;
 
-/// What a collection may remove.
+/// Limits of a collection.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Limits {
-    /// The size in bytes that the cache shall not exceed.
+    /// The maximum size of the cache in bytes.
     pub max_size: Option<u64>,
-    /// How long a result is kept without being used.
+    /// The maximum time since the last use of a result.
     pub max_age: Option<Duration>,
-    /// Only tell what would be removed.
+    /// Only report what would be removed.
     pub dry_run: bool,
 }
 
-/// What a collection removed, or would remove.
+/// The result of a collection, or of a dry run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Collected {
-    /// Records that went.
+    /// The number of records removed.
     pub records: usize,
-    /// Blobs that went.
+    /// The number of blobs removed.
     pub blobs: usize,
-    /// Bytes in the cache folder before.
+    /// The size of the cache folder before, in bytes.
     pub before: u64,
-    /// Bytes in it afterwards; as far as can be told, where nothing was removed.
+    /// The size of the cache folder afterwards, in bytes; an estimate in a dry run.
     pub after: u64,
-    /// Records that had to go but are pinned.
+    /// The number of records that are kept only because they are pinned.
     pub pinned: usize,
 }
 
-/// Reads which blobs the payload of a record names.
+/// Returns the digests of the blobs that the payload of a record names.
 pub type Names<'a> = &'a dyn Fn(&[u8]) -> Vec<Digest>;
 
-struct Unit {
+/// A record that may be removed.
+struct Candidate {
     key: Digest,
+    /// Stored size of the record.
     bytes: u64,
     blobs: Vec<Digest>,
+    /// Last use, in seconds since 1970.
     used: u64,
 }
 
-struct Found {
+/// A stored blob.
+struct BlobUse {
+    /// Stored size.
     bytes: u64,
+    /// Last use, in seconds since 1970.
     used: u64,
-    /// How many records name it, and how many of those stay.
+    /// The number of records that name it.
     named: usize,
+    /// The number of those records that are not removed.
     readers: usize,
 }
 
 impl Store {
-    /// Removes what was used longest ago, and what nothing names. `names` tells which blobs a record names.
+    /// Removes the least recently used results beyond the limits, and blobs that no record names. `names` returns the
+    /// blobs that a record names.
     ///
-    /// While it works no run does, and while one works it waits for `patience` at most; so it never takes what
-    /// a run needs. Pinned records stay whatever the limits say. A killed collection leaves nothing wrong.
+    /// Runs and collections exclude each other, so nothing is removed that an active run needs; active runs are waited
+    /// for until `timeout`. Pinned records are kept whatever the limits are. A killed collection leaves nothing wrong.
     ///
     /// # Errors
-    /// [`Error::InUse`] when a run went on for longer than `patience`, and what the system says.
-    pub fn collect(&self, limits: &Limits, names: Names<'_>, patience: Duration) -> Result<Collected> {
+    /// [`Error::InUse`] if a run is active for longer than `timeout`, and errors of the system.
+    pub fn collect(&self, limits: &Limits, names: Names<'_>, timeout: Duration) -> Result<Collected> {
         let Some(root) = self.folder().filter(|_| limits.dry_run || !self.is_read_only()) else {
             return Ok(Collected::default());
         };
-        let _alone = if limits.dry_run { None } else { Some(self.alone(patience)?) };
+        let _alone = if limits.dry_run { None } else { Some(self.exclusive(timeout)?) };
         let pinned = self.pinned();
         let now = seconds(SystemTime::now());
         let mut blobs = self.found_blobs(root)?;
-        let (mut units, notes) = self.units(names)?;
-        for digest in units.iter().flat_map(|unit| &unit.blobs) {
+        let (mut candidates, notes) = self.candidates(names)?;
+        for digest in candidates.iter().flat_map(|candidate| &candidate.blobs) {
             if let Some(found) = blobs.get_mut(digest) {
                 found.named += 1;
                 found.readers += 1;
             }
         }
-        for unit in &mut units {
-            let named = || unit.blobs.iter().filter_map(|digest| blobs.get(digest));
+        for candidate in &mut candidates {
+            let named = || candidate.blobs.iter().filter_map(|digest| blobs.get(digest));
             let own = named().filter(|found| found.readers == 1).map(|found| found.used).max();
             let read = own.or_else(|| named().map(|found| found.used).max());
-            unit.used = unit.used.max(read.unwrap_or(0));
+            candidate.used = candidate.used.max(read.unwrap_or(0));
         }
-        units.sort_by_key(|unit| (unit.used, unit.key));
+        candidates.sort_by_key(|candidate| (candidate.used, candidate.key));
         let mut collected = Collected { before: size_of(root), ..Collected::default() };
-        // What nothing names is of no use to anybody, and no run is at work that may be about to name it.
+        // Blobs that no record names are useless: no run is active that may be about to name them.
         let mut dead: BTreeSet<Digest> =
             blobs.iter().filter(|(_, found)| found.readers == 0).map(|(digest, _)| *digest).collect();
-        let mut size = notes + units.iter().map(|unit| unit.bytes).sum::<u64>();
+        let mut size = notes + candidates.iter().map(|candidate| candidate.bytes).sum::<u64>();
         size += blobs.values().filter(|found| found.readers > 0).map(|found| found.bytes).sum::<u64>();
         let goal = match limits.max_size {
             Some(most) if size > most => (most as f64 * LOW_WATER) as u64,
@@ -110,17 +117,17 @@ impl Store {
         };
         let oldest = limits.max_age.map_or(0, |age| now.saturating_sub(age.as_secs()));
         let mut gone = BTreeSet::new();
-        for unit in &units {
-            if size <= goal && unit.used >= oldest {
+        for candidate in &candidates {
+            if size <= goal && candidate.used >= oldest {
                 break;
             }
-            if pinned.contains(&unit.key) {
+            if pinned.contains(&candidate.key) {
                 collected.pinned += 1;
                 continue;
             }
-            gone.insert(unit.key);
-            size -= unit.bytes;
-            for digest in &unit.blobs {
+            gone.insert(candidate.key);
+            size -= candidate.bytes;
+            for digest in &candidate.blobs {
                 let Some(found) = blobs.get_mut(digest) else { continue };
                 found.readers -= 1;
                 if found.readers == 0 {
@@ -129,7 +136,7 @@ impl Store {
                 }
             }
         }
-        // Memos and books go only where nothing else is left to go.
+        // Memos and history are removed only if that is not enough.
         let most = limits.max_size.unwrap_or(u64::MAX);
         let notes_too = size > most;
         if notes_too {
@@ -141,23 +148,23 @@ impl Store {
             return Ok(collected);
         }
         self.forget_last_runs();
-        // On a full disk the log that is left needs room, so what no record names goes before it is written.
+        // On a full disk the new log needs space, so blobs that no record names are removed before it is written.
         let unnamed = blobs.iter().filter(|(_, found)| found.named == 0).map(|(digest, _)| *digest);
         self.blobs().remove_files(&unnamed.collect())?;
         self.sweep();
-        let _ = fs::remove_dir_all(root.join("quarantine"));
-        // Records first: a killed collection leaves blobs that nothing names, and never the reverse.
+        let _ = fs::remove_dir_all(root.join(QUARANTINE));
+        // Records first: a killed collection leaves blobs that no record names, and never the reverse.
         let kept = |found: u8, key: &Digest| match found {
             kind::RECORD => !gone.contains(key),
             _ => !notes_too,
         };
-        // Somebody may append without being at work, such as a memo.
+        // A process without a run may append, a memo for example.
         let compact = || -> Result<bool> {
             let done = lock(self.records()).compact(kept)?;
             if done { Ok(true) } else { lock(self.records()).compact(kept) }
         };
         let compacted = match compact() {
-            // Then the other way round: killed in between, records name blobs that are gone, which is a miss.
+            // Blobs first, then: after a kill in between, records name missing blobs, which are computed again.
             Err(Error::Full { .. }) => {
                 self.blobs().remove_files(&dead)?;
                 compact()
@@ -165,7 +172,7 @@ impl Store {
             result => result,
         };
         if !compacted? {
-            return Err(Error::InUse { waited: patience });
+            return Err(Error::InUse { waited: timeout });
         }
         reach(failpoint::GC_RECORDS_GONE).at("collect", root)?;
         self.blobs().remove(&dead)?;
@@ -174,28 +181,28 @@ impl Store {
         Ok(collected)
     }
 
-    /// Every record with what it names and when books say it was used, and the bytes of all else in the log.
-    fn units(&self, names: Names<'_>) -> Result<(Vec<Unit>, u64)> {
+    /// Every record, and the size of all memos and history.
+    fn candidates(&self, names: Names<'_>) -> Result<(Vec<Candidate>, u64)> {
         let mut records = lock(self.records());
         records.refresh()?;
         let used = last_used(&mut records)?;
-        let mut units = Vec::new();
+        let mut candidates = Vec::new();
         for key in records.keys(kind::RECORD)? {
             let Some(payload) = records.get(kind::RECORD, &key)? else { continue };
             let mut named = names(&payload);
             named.sort_unstable();
             named.dedup();
             let used = used.get(&key).copied().unwrap_or(0);
-            units.push(Unit { key, bytes: stored_size(payload.len() as u64), blobs: named, used });
+            candidates.push(Candidate { key, bytes: stored_size(payload.len() as u64), blobs: named, used });
         }
         let mut notes = 0;
         for kind in [kind::MEMO, kind::HISTORY] {
             notes += records.lengths(kind)?.into_iter().map(|(_, length)| stored_size(length)).sum::<u64>();
         }
-        Ok((units, notes))
+        Ok((candidates, notes))
     }
 
-    fn found_blobs(&self, root: &Path) -> Result<BTreeMap<Digest, Found>> {
+    fn found_blobs(&self, root: &Path) -> Result<BTreeMap<Digest, BlobUse>> {
         let small = self.blobs().small_sizes()?.into_iter();
         let small = small.map(|(digest, bytes)| (digest, stored_size(bytes), 0));
         let large = blob_files(root)
@@ -203,25 +210,25 @@ impl Store {
             .map(|(digest, meta)| (digest, meta.len(), meta.modified().map_or(0, seconds)));
         Ok(small
             .chain(large)
-            .map(|(digest, bytes, used)| (digest, Found { bytes, used, named: 0, readers: 0 }))
+            .map(|(digest, bytes, used)| (digest, BlobUse { bytes, used, named: 0, readers: 0 }))
             .collect())
     }
 }
 
-/// What an entry takes in a log and its index.
+/// The size of an entry in a log and its index, in bytes.
 fn stored_size(payload: u64) -> u64 {
     Entry::length(0) as u64 + payload + index::ENTRY as u64
 }
 
-/// When each key in a book was used last.
+/// The last use of each key in a table of history, in seconds since 1970.
 fn last_used(records: &mut Log) -> Result<BTreeMap<Digest, u64>> {
     let mut used = BTreeMap::new();
-    let times = Book::open(records.get(kind::HISTORY, &Book::key(USED))?.unwrap_or_default());
+    let times = Table::open(records.get(kind::HISTORY, &Table::key(USED))?.unwrap_or_default());
     for key in records.keys(kind::HISTORY)? {
         let Some(bytes) = records.get(kind::HISTORY, &key)? else { continue };
         let time = times.get(&key.to_string()).and_then(|time| time.first_chunk());
         let time = time.map_or(0, |time| u64::from_le_bytes(*time));
-        for (_, value) in Book::open(bytes).notes() {
+        for (_, value) in Table::open(bytes).rows() {
             for key in value.as_chunks::<32>().0 {
                 let known = used.entry(Digest::from_bytes(*key)).or_insert(0);
                 *known = time.max(*known);
@@ -231,7 +238,7 @@ fn last_used(records: &mut Log) -> Result<BTreeMap<Digest, u64>> {
     Ok(used)
 }
 
-/// Every blob that is a file of its own.
+/// Every blob that is a file.
 pub(crate) fn blob_files(root: &Path) -> Vec<(Digest, fs::Metadata)> {
     let folders = fs::read_dir(root.join("blobs")).into_iter().flatten().flatten();
     let files = folders.flat_map(|folder| fs::read_dir(folder.path()).into_iter().flatten().flatten());
@@ -244,7 +251,7 @@ pub(crate) fn blob_files(root: &Path) -> Vec<(Digest, fs::Metadata)> {
     found
 }
 
-/// The bytes of every file below a folder.
+/// The total size of the files below a folder, in bytes.
 pub(crate) fn size_of(folder: &Path) -> u64 {
     let mut folders = vec![folder.to_path_buf()];
     let mut size = 0;
@@ -260,16 +267,10 @@ pub(crate) fn size_of(folder: &Path) -> u64 {
     size
 }
 
-/// Since 1970; 0 before. A time to come is no reason to keep something longer than what is used now.
-pub(crate) fn seconds(time: SystemTime) -> u64 {
-    let now = SystemTime::now();
-    time.min(now).duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
-}
-
 impl Store {
-    /// Waits until no run is at work, and keeps others from beginning one.
-    fn alone(&self, patience: Duration) -> Result<crate::file_lock::FileGuard> {
-        let alone = self.runs()?.and_then(|runs| runs.exclusive(patience));
-        alone.ok_or(Error::InUse { waited: patience })
+    /// Waits until no run is active, and prevents new ones.
+    fn exclusive(&self, timeout: Duration) -> Result<crate::file_lock::FileGuard> {
+        let alone = self.runs()?.and_then(|runs| runs.exclusive(timeout));
+        alone.ok_or(Error::InUse { waited: timeout })
     }
 }

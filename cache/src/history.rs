@@ -1,89 +1,123 @@
-//! [`Book`]: many small notes in one entry of the log, such as one about each node of a graph.
+//! [`Table`]: many small values in one entry of the log, such as one about each node of a graph.
 
 use std::collections::{BTreeMap, HashMap};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use crate::digest::Digest;
+use crate::digest_hasher::DigestHasher;
 use crate::entry::MAX_PAYLOAD;
-use crate::fold::Fold;
 
-/// The notes of one book: name and value of each, with their lengths before them.
+/// The table of when each other table was last used: under its key, seconds since 1970, 8 bytes.
+pub(crate) const USED: &str = "used";
+
+/// Names and values. Stored with the lengths of both before each.
 #[derive(Debug, Default)]
-pub(crate) struct Book {
+pub(crate) struct Table {
     stored: Vec<u8>,
-    /// Where a note starts, by a hash of its name.
-    places: HashMap<u64, usize, std::hash::BuildHasherDefault<Fold>>,
-    /// What is not in `stored` yet.
+    /// Where a row starts in `stored`, by a hash of its name.
+    offsets: HashMap<u64, usize, std::hash::BuildHasherDefault<DigestHasher>>,
+    /// Rows that are not in `stored` yet.
     written: BTreeMap<String, Vec<u8>>,
+    /// True if rows were removed from `stored`.
+    trimmed: bool,
 }
 
-impl Book {
-    /// What a book is stored under.
+impl Table {
+    /// The key under which the table of this name is stored.
     pub fn key(name: &str) -> Digest {
         Digest::of(name.as_bytes())
     }
 
-    /// Reads the payload of an entry, as far as it makes sense.
-    pub fn open(stored: Vec<u8>) -> Book {
-        let mut book = Book { stored, ..Book::default() };
-        // A note about a node takes at least this much.
-        book.places.reserve(book.stored.len() / 64);
+    /// Reads the payload of an entry, up to the first row that makes no sense.
+    pub fn open(stored: Vec<u8>) -> Table {
+        let mut table = Table { stored, ..Table::default() };
+        // A row about a node has at least this many bytes.
+        table.offsets.reserve(table.stored.len() / 64);
         let mut at = 0;
-        while let Some((name, value)) = note(&book.stored, at) {
-            let next = at + 8 + name.len() + value.len();
+        while let Some((name, value)) = row(&table.stored, at) {
+            let next = at + row_length(name, value);
             let hash = hash(name);
-            book.places.insert(hash, at);
+            table.offsets.insert(hash, at);
             at = next;
         }
-        book.stored.truncate(at);
-        book
+        table.stored.truncate(at);
+        table
     }
 
-    /// What is stored, note by note.
-    pub fn notes(&self) -> impl Iterator<Item = (&[u8], &[u8])> {
+    /// The stored rows, the one written longest ago first.
+    pub fn rows(&self) -> impl Iterator<Item = (&[u8], &[u8])> {
         let mut at = 0;
         std::iter::from_fn(move || {
-            let (name, value) = note(&self.stored, at)?;
-            at += 8 + name.len() + value.len();
+            let (name, value) = row(&self.stored, at)?;
+            at += row_length(name, value);
             Some((name, value))
         })
     }
 
-    /// The note of this name.
+    /// The value of this name.
     pub fn get(&self, name: &str) -> Option<&[u8]> {
         if let Some(value) = self.written.get(name) {
             return Some(value);
         }
-        let (found, value) = note(&self.stored, *self.places.get(&hash(name.as_bytes()))?)?;
+        let (found, value) = row(&self.stored, *self.offsets.get(&hash(name.as_bytes()))?)?;
         (found == name.as_bytes()).then_some(value)
     }
 
-    /// Writes a note, replacing what was there.
+    /// Sets a value, replacing the one before.
     pub fn put(&mut self, name: &str, value: &[u8]) {
         self.written.insert(name.to_owned(), value.to_vec());
     }
 
-    /// Whether something has to be stored.
-    pub fn is_changed(&self) -> bool {
-        !self.written.is_empty()
+    /// Removes the rows that `keep` refuses, if there are more than `limit` rows in all.
+    pub fn trim(&mut self, limit: usize, keep: impl Fn(&str) -> bool) {
+        let new = self.written.keys().filter(|name| self.get_stored(name).is_none()).count();
+        if self.offsets.len() + new <= limit {
+            return;
+        }
+        let mut bytes = Vec::new();
+        for (name, value) in self.rows().filter(|(name, _)| str::from_utf8(name).is_ok_and(&keep)) {
+            write(&mut bytes, name, value);
+        }
+        let mut written = std::mem::take(&mut self.written);
+        written.retain(|name, _| keep(name));
+        *self = Table { written, trimmed: true, ..Table::open(bytes) };
     }
 
-    /// The payload to store: `latest`, which may be another process's, with what was written here. Where that
-    /// is too long only the latter, and where that is, too, nothing: notes may be lost.
+    fn get_stored(&self, name: &str) -> Option<usize> {
+        self.offsets.get(&hash(name.as_bytes())).copied()
+    }
+
+    /// True if there is anything to store.
+    pub fn is_changed(&self) -> bool {
+        self.trimmed || !self.written.is_empty()
+    }
+
+    /// The payload to store: the rows of `latest`, which another process may have written, replaced and extended by
+    /// those written here. Of a table that was trimmed, only its own rows. Where that is too long, the rows written
+    /// longest ago are left out.
     pub fn encode(&self, latest: Vec<u8>) -> Vec<u8> {
-        let latest = Book::open(latest);
-        let mut bytes = Vec::with_capacity(latest.stored.len());
-        for (name, value) in latest.notes() {
-            if !str::from_utf8(name).is_ok_and(|name| self.written.contains_key(name)) {
+        let latest = Table::open(if self.trimmed { self.stored.clone() } else { latest });
+        let kept = |(name, _): &(&[u8], &[u8])| {
+            !str::from_utf8(name).is_ok_and(|name| self.written.contains_key(name))
+        };
+        let old = latest.rows().filter(kept);
+        let new = self.written.iter().map(|(name, value)| (name.as_bytes(), value.as_slice()));
+        let rows: Vec<_> = old.chain(new).collect();
+        let mut excess = rows.iter().map(|(name, value)| row_length(name, value)).sum::<usize>();
+        let mut bytes = Vec::with_capacity(excess.min(MAX_PAYLOAD));
+        for (name, value) in rows {
+            if excess > MAX_PAYLOAD {
+                excess -= row_length(name, value);
+            } else {
                 write(&mut bytes, name, value);
             }
         }
-        let old = bytes.len();
-        self.written.iter().for_each(|(name, value)| write(&mut bytes, name.as_bytes(), value));
-        if bytes.len() > MAX_PAYLOAD {
-            bytes.drain(..old);
-        }
-        if bytes.len() <= MAX_PAYLOAD { bytes } else { Vec::new() }
+        bytes
     }
+}
+
+fn row_length(name: &[u8], value: &[u8]) -> usize {
+    8 + name.len() + value.len()
 }
 
 fn write(bytes: &mut Vec<u8>, name: &[u8], value: &[u8]) {
@@ -93,7 +127,7 @@ fn write(bytes: &mut Vec<u8>, name: &[u8], value: &[u8]) {
     bytes.extend_from_slice(value);
 }
 
-fn note(bytes: &[u8], at: usize) -> Option<(&[u8], &[u8])> {
+fn row(bytes: &[u8], at: usize) -> Option<(&[u8], &[u8])> {
     let (lengths, rest) = bytes.get(at..)?.split_first_chunk::<8>()?;
     let [a, b, c, d, e, f, g, h] = *lengths;
     let (name, value) = (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]));
@@ -101,10 +135,16 @@ fn note(bytes: &[u8], at: usize) -> Option<(&[u8], &[u8])> {
     Some((name, rest.get(..value as usize)?))
 }
 
-/// FNV-1a: names are short. Two of one hash only hide one of them.
+/// FNV-1a, since names are short. If two names have equal hashes, only the later one is found.
 fn hash(name: &[u8]) -> u64 {
     name.iter()
         .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3))
+}
+
+/// Seconds since 1970, 0 before. A time in the future counts as now, so that it keeps nothing longer.
+pub(crate) fn seconds(time: SystemTime) -> u64 {
+    let now = SystemTime::now();
+    time.min(now).duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
 }
 
 #[cfg(test)]
@@ -112,40 +152,70 @@ mod tests {
     use super::*;
 
     #[test]
-    fn notes_are_replaced_merged_and_read_back() {
-        let mut book = Book::default();
-        assert_eq!((book.get("a"), book.is_changed()), (None, false));
-        book.put("a", b"1");
-        book.put("b", b"");
-        book.put("a", b"22");
+    fn values_are_replaced_merged_and_read_back() {
+        let mut table = Table::default();
+        assert_eq!((table.get("a"), table.is_changed()), (None, false));
+        table.put("a", b"1");
+        table.put("b", b"");
+        table.put("a", b"22");
         assert_eq!(
-            (book.get("a"), book.get("b"), book.is_changed()),
+            (table.get("a"), table.get("b"), table.is_changed()),
             (Some(&b"22"[..]), Some(&b""[..]), true)
         );
-        let stored = book.encode(Vec::new());
-        let mut other = Book::open(stored.clone());
+        let stored = table.encode(Vec::new());
+        let mut other = Table::open(stored.clone());
         assert_eq!((other.get("a"), other.get("b"), other.get("")), (Some(&b"22"[..]), Some(&b""[..]), None));
         other.put("b", b"new");
         other.put("c", b"more");
-        let merged = Book::open(other.encode(stored));
+        let merged = Table::open(other.encode(stored));
         let found = ["a", "b", "c"].map(|name| merged.get(name).unwrap());
         assert_eq!(found, [&b"22"[..], b"new", b"more"]);
     }
 
     #[test]
-    fn nonsense_ends_a_book_and_too_much_is_given_up() {
-        let mut book = Book::default();
-        book.put("a", b"1");
-        let mut stored = book.encode(Vec::new());
+    fn nonsense_ends_a_table() {
+        let mut table = Table::default();
+        table.put("a", b"1");
+        let mut stored = table.encode(Vec::new());
         for cut in 0..stored.len() {
-            assert_eq!(Book::open(stored[..cut].to_vec()).get("a"), None);
+            assert_eq!(Table::open(stored[..cut].to_vec()).get("a"), None);
         }
         stored.extend_from_slice(&[0xff; 20]);
-        assert_eq!(Book::open(stored.clone()).get("a"), Some(&b"1"[..]));
-        let mut large = Book::default();
-        large.put("b", &vec![0; MAX_PAYLOAD - 100]);
-        assert!(Book::open(large.encode(stored.clone())).get("a").is_some());
-        large.put("c", &[0; 100]);
-        assert_eq!(large.encode(stored), []);
+        assert_eq!(Table::open(stored).get("a"), Some(&b"1"[..]));
+    }
+
+    #[test]
+    fn too_long_a_table_loses_the_rows_written_longest_ago_and_no_more() {
+        let mut stored = Vec::new();
+        for name in ["a", "b", "c"] {
+            let mut table = Table::open(stored.clone());
+            table.put(name, &vec![0; MAX_PAYLOAD / 4]);
+            stored = table.encode(stored);
+        }
+        let mut table = Table::open(stored.clone());
+        table.put("d", &vec![1; MAX_PAYLOAD / 4]);
+        let stored = table.encode(stored);
+        assert!(stored.len() <= MAX_PAYLOAD);
+        let found = Table::open(stored);
+        assert_eq!(["a", "b", "c", "d"].map(|name| found.get(name).is_some()), [false, true, true, true]);
+        let mut large = Table::default();
+        large.put("e", &vec![0; MAX_PAYLOAD]);
+        assert_eq!(large.encode(Vec::new()), []);
+    }
+
+    #[test]
+    fn a_table_that_is_trimmed_holds_what_is_kept() {
+        let mut table = Table::default();
+        ["a", "b", "c"].iter().for_each(|name| table.put(name, b"old"));
+        let mut table = Table::open(table.encode(Vec::new()));
+        table.put("c", b"new");
+        table.put("d", b"new");
+        table.trim(4, |_| false);
+        assert_eq!(table.get("a"), Some(&b"old"[..]), "not beyond the limit");
+        table.trim(3, |name| matches!(name, "b" | "c"));
+        assert_eq!(["a", "d"].map(|name| table.get(name)), [None; 2]);
+        let stored = table.encode(Table::default().encode(Vec::new()));
+        let found: Vec<_> = Table::open(stored).rows().map(|(name, value)| [name, value].concat()).collect();
+        assert_eq!(found, [b"bold".to_vec(), b"cnew".to_vec()]);
     }
 }

@@ -1,9 +1,9 @@
-//! [`Index`]: where the entries of a log lie, sorted by key, so that opening a long log reads almost nothing.
+//! [`Index`]: the locations of the entries of a log, sorted by key, so that opening a long log reads almost nothing.
 //!
-//! The file is a head, a directory of the first key of each page, and pages of entries, which are read when
-//! asked for. Each page carries its own checksum. The crate's documentation has the layout.
+//! The file is a head, a directory of the first key of each page, and pages of entries, which are read on demand. Each
+//! page ends with its own checksum. The layout is in the documentation of the crate.
 
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
 
@@ -11,7 +11,8 @@ use crate::digest::Digest;
 use crate::entry::checksum;
 use crate::error::Result;
 use crate::failpoint::INDEX;
-use crate::slot::{Health, Place, Slot};
+use crate::location::{EntryId, Location, LogSizes};
+use crate::regular;
 use crate::temp::TempFile;
 
 const MAGIC: &[u8; 8] = b"LHindex1";
@@ -21,21 +22,22 @@ pub(crate) const ENTRY: usize = 48;
 const PER_PAGE: usize = (PAGE - 4) / ENTRY;
 const RANKS_PER_PAGE: usize = (PAGE - 4) / 8;
 
-/// The index of the first so many bytes of a log.
+/// The index of the first `covered` bytes of a log.
 #[derive(Debug)]
 pub(crate) struct Index {
     file: File,
     salt: u32,
     count: u64,
-    /// How many bytes of the log it tells of, and what they consist of.
+    /// The number of bytes of the log that are indexed.
     pub covered: u64,
-    pub health: Health,
-    /// Of the first key of each page, its first 8 bytes.
+    /// Sizes of the entries in these bytes.
+    pub sizes: LogSizes,
+    /// The first 8 bytes of the first key of each page, as numbers.
     directory: Vec<u64>,
     pages: Vec<Option<Box<[u8; PAGE]>>>,
 }
 
-/// A page that cannot be read or is not what was written.
+/// A page that cannot be read or whose checksum is wrong.
 pub(crate) struct Damaged;
 
 impl From<io::Error> for Damaged {
@@ -45,9 +47,9 @@ impl From<io::Error> for Damaged {
 }
 
 impl Index {
-    /// Opens the index of the log with this salt and length; `None` where there is none that fits.
+    /// Opens the index of the log with this salt and length in bytes; `None` if there is none that fits.
     pub fn open(path: &Path, salt: u32, length: u64) -> Option<Index> {
-        let mut file = File::open(path).ok()?;
+        let mut file = regular::open(path, OpenOptions::new().read(true)).ok()?;
         let size = file.metadata().ok()?.len();
         let mut head = [0; PAGE];
         file.read_exact(&mut head).ok()?;
@@ -56,10 +58,10 @@ impl Index {
         }
         let number = |at: usize| u64_at(&head, at);
         let (covered, count) = (number(8), number(16));
-        let health = Health { live: number(24), dead: number(32), damaged: number(40) };
+        let sizes = LogSizes { live: number(24), dead: number(32), damaged: number(40) };
         let pages = count.div_ceil(PER_PAGE as u64);
         let directories = pages.div_ceil(RANKS_PER_PAGE as u64);
-        // The file itself says how many pages there can be.
+        // The size of the file bounds the number of pages.
         if covered > length || size != (1 + directories + pages).checked_mul(PAGE as u64)? {
             return None;
         }
@@ -74,7 +76,16 @@ impl Index {
         }
         directory.truncate(pages as usize);
         let pages = (0..pages).map(|_| None).collect();
-        Some(Index { file, salt, count, covered, health, directory, pages })
+        Some(Index { file, salt, count, covered, sizes, directory, pages })
+    }
+
+    /// True if the index at `path` belongs to the log with this salt, but covers more than `length` bytes: the log was
+    /// cut. Once the log has grown again, such an index would hide entries.
+    pub fn is_beyond(path: &Path, salt: u32, length: u64) -> bool {
+        let mut head = [0; PAGE];
+        let read = regular::open(path, OpenOptions::new().read(true))
+            .and_then(|mut file| file.read_exact(&mut head));
+        read.is_ok() && is_whole(&head, salt, 0) && head.starts_with(MAGIC) && u64_at(&head, 8) > length
     }
 
     /// Writes the index of the first `covered` bytes of a log. `entries` are sorted by key, then kind.
@@ -83,26 +94,26 @@ impl Index {
         temp: &Path,
         salt: u32,
         covered: u64,
-        health: Health,
-        entries: &[(Place, Slot)],
+        sizes: LogSizes,
+        entries: &[(EntryId, Location)],
     ) -> Result<()> {
         let mut bytes = Vec::with_capacity((entries.len() / PER_PAGE + 2) * PAGE);
         bytes.extend_from_slice(MAGIC);
-        for number in [covered, entries.len() as u64, health.live, health.dead, health.damaged] {
+        for number in [covered, entries.len() as u64, sizes.live, sizes.dead, sizes.damaged] {
             bytes.extend_from_slice(&number.to_le_bytes());
         }
         seal(&mut bytes, salt);
-        let first = |page: &[(Place, Slot)]| page.first().map_or(0, |((_, key), _)| key.rank());
+        let first = |page: &[(EntryId, Location)]| page.first().map_or(0, |((_, key), _)| key.rank());
         let directory: Vec<u64> = entries.chunks(PER_PAGE).map(first).collect();
         for page in directory.chunks(RANKS_PER_PAGE) {
             page.iter().for_each(|rank| bytes.extend_from_slice(&rank.to_le_bytes()));
             seal(&mut bytes, salt);
         }
         for page in entries.chunks(PER_PAGE) {
-            for ((kind, key), slot) in page {
+            for ((kind, key), location) in page {
                 bytes.extend_from_slice(key.as_bytes());
-                bytes.extend_from_slice(&slot.offset.to_le_bytes());
-                bytes.extend_from_slice(&slot.length.to_le_bytes());
+                bytes.extend_from_slice(&location.offset.to_le_bytes());
+                bytes.extend_from_slice(&location.length.to_le_bytes());
                 bytes.extend_from_slice(&[*kind, 0, 0, 0]);
             }
             seal(&mut bytes, salt);
@@ -112,11 +123,11 @@ impl Index {
         file.persist(path)
     }
 
-    /// Where an entry lies, if the index has it.
-    pub fn find(&mut self, place: &Place) -> Result<Option<Slot>, Damaged> {
-        let (kind, key) = place;
+    /// The location of an entry, if it is indexed.
+    pub fn find(&mut self, id: &EntryId) -> Result<Option<Location>, Damaged> {
+        let (kind, key) = id;
         let rank = key.rank();
-        // Entries of one rank, such as the kinds of one key, may begin on the page before.
+        // Entries of equal rank, such as those of one key, may begin on the page before.
         let first = self.directory.partition_point(|start| *start < rank).saturating_sub(1);
         let after = self.directory.partition_point(|start| *start <= rank);
         for page in first..after {
@@ -125,26 +136,26 @@ impl Index {
             let near = entries[start..].iter().take_while(|entry| rank_of(entry) == rank);
             let mut same = near.filter(|entry| entry.starts_with(key.as_bytes()) && entry[44] == *kind);
             if let Some(entry) = same.next() {
-                return Ok(Some(slot(entry)));
+                return Ok(Some(location_in(entry)));
             }
         }
         Ok(None)
     }
 
-    /// Every entry, by key and then kind.
-    pub fn all(&mut self) -> Result<Vec<(Place, Slot)>, Damaged> {
+    /// Every entry, sorted by key and then kind.
+    pub fn all(&mut self) -> Result<Vec<(EntryId, Location)>, Damaged> {
         let mut all = Vec::new();
         for page in 0..self.pages.len() {
-            let place = |entry: &[u8; ENTRY]| {
+            let id = |entry: &[u8; ENTRY]| {
                 (entry[44], Digest::from_bytes(*entry.first_chunk().unwrap_or(&[0; 32])))
             };
-            all.extend(self.entries(page)?.iter().map(|entry| (place(entry), slot(entry))));
+            all.extend(self.entries(page)?.iter().map(|entry| (id(entry), location_in(entry))));
             self.pages[page] = None;
         }
         Ok(all)
     }
 
-    /// The entries of a page, which is read if need be.
+    /// The entries of a page, which is read if necessary.
     fn entries(&mut self, page: usize) -> Result<&[[u8; ENTRY]], Damaged> {
         let left = self.count as usize - page * PER_PAGE;
         if self.pages[page].is_none() {
@@ -162,7 +173,7 @@ impl Index {
     }
 }
 
-/// Fills the last page up and ends it with its checksum, which knows the page's place and the log.
+/// Pads the last page and ends it with its checksum, which starts from the log's salt and the number of the page.
 fn seal(bytes: &mut Vec<u8>, salt: u32) {
     let start = bytes.len().saturating_sub(1) / PAGE * PAGE;
     bytes.resize(start + PAGE - 4, 0);
@@ -179,9 +190,9 @@ fn rank_of(entry: &[u8; ENTRY]) -> u64 {
     u64_at(entry, 0).swap_bytes()
 }
 
-fn slot(entry: &[u8; ENTRY]) -> Slot {
+fn location_in(entry: &[u8; ENTRY]) -> Location {
     let length = u32::from_le_bytes([entry[40], entry[41], entry[42], entry[43]]);
-    Slot { offset: u64_at(entry, 32), length }
+    Location { offset: u64_at(entry, 32), length }
 }
 
 fn u64_at(bytes: &[u8], at: usize) -> u64 {
@@ -192,19 +203,19 @@ fn u64_at(bytes: &[u8], at: usize) -> u64 {
 mod tests {
     use super::*;
 
-    fn entries(count: u32) -> Vec<(Place, Slot)> {
+    fn entries(count: u32) -> Vec<(EntryId, Location)> {
         let entry = |n: u32| {
-            let slot = Slot { offset: u64::from(n) * 1000, length: n };
-            ((1 + (n % 2) as u8, Digest::of(&(n / 2).to_le_bytes())), slot)
+            let location = Location { offset: u64::from(n) * 1000, length: n };
+            ((1 + (n % 2) as u8, Digest::of(&(n / 2).to_le_bytes())), location)
         };
         let mut all: Vec<_> = (0..count).map(entry).collect();
         all.sort_unstable_by_key(|((kind, key), _)| (*key, *kind));
         all
     }
 
-    fn written(folder: &Path, entries: &[(Place, Slot)]) -> std::path::PathBuf {
+    fn written(folder: &Path, entries: &[(EntryId, Location)]) -> std::path::PathBuf {
         let path = folder.join("index");
-        Index::write(&path, folder, 7, 5000, Health::default(), entries).unwrap();
+        Index::write(&path, folder, 7, 5000, LogSizes::default(), entries).unwrap();
         path
     }
 
@@ -214,16 +225,16 @@ mod tests {
         for count in [0, 1, 84, 85, 86, 170, 171, 3000, 50_000] {
             let all = entries(count);
             let mut index = Index::open(&written(folder.path(), &all), 7, 5000).unwrap();
-            for (place, slot) in &all {
-                let found = index.find(place).ok().unwrap().unwrap();
-                assert_eq!((found.offset, found.length), (slot.offset, slot.length));
+            for (id, location) in &all {
+                let found = index.find(id).ok().unwrap().unwrap();
+                assert_eq!((found.offset, found.length), (location.offset, location.length));
             }
             for n in 0..2000_u32 {
-                let stranger = (1, Digest::of(format!("stranger {n}").as_bytes()));
-                assert!(index.find(&stranger).ok().unwrap().is_none());
+                let unknown = (1, Digest::of(format!("unknown {n}").as_bytes()));
+                assert!(index.find(&unknown).ok().unwrap().is_none());
             }
-            let places: Vec<Place> = index.all().ok().unwrap().into_iter().map(|(place, _)| place).collect();
-            assert_eq!(places, all.into_iter().map(|(place, _)| place).collect::<Vec<_>>());
+            let places: Vec<EntryId> = index.all().ok().unwrap().into_iter().map(|(id, _)| id).collect();
+            assert_eq!(places, all.into_iter().map(|(id, _)| id).collect::<Vec<_>>());
         }
     }
 
@@ -247,6 +258,6 @@ mod tests {
         let page = |n: usize| &good[n * PAGE..(n + 1) * PAGE];
         let swapped = [page(0), page(1), page(3), page(2), &good[4 * PAGE..]].concat();
         std::fs::write(&path, swapped).unwrap();
-        assert!(Index::open(&path, 7, 5000).unwrap().all().is_err(), "pages in each other's place");
+        assert!(Index::open(&path, 7, 5000).unwrap().all().is_err(), "pages in each other's id");
     }
 }

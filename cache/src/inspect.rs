@@ -1,4 +1,4 @@
-//! What is in a cache, whether it is whole, and another cache with the same.
+//! Statistics of a cache, verification and repair, and copying to another cache.
 
 use std::fs;
 use std::path::Path;
@@ -6,60 +6,62 @@ use std::path::Path;
 use crate::digest::Digest;
 use crate::error::{Error, Result};
 use crate::gc::{Names, blob_files, size_of};
-use crate::store::{Store, kind, lock};
+use crate::obstacle::QUARANTINE;
+use crate::settings::{kind, lock};
+use crate::store::Store;
 
-/// What is in a cache folder.
+/// The contents of a cache folder; sizes are in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stat {
-    /// Bytes of everything.
+    /// The size of all files.
     pub bytes: u64,
-    /// Records of results.
+    /// The number of records.
     pub records: usize,
-    /// Digests of files that are remembered.
+    /// The number of memos.
     pub memos: usize,
-    /// Blobs in the log of small ones.
+    /// The number of blobs in the log of small blobs.
     pub small_blobs: usize,
-    /// Blobs that are a file each, and their bytes.
+    /// The number of blobs that are files.
     pub large_blobs: usize,
-    /// Bytes of those.
+    /// The size of those.
     pub large_bytes: u64,
-    /// Bytes of both logs, and of them those of entries that were replaced.
+    /// The size of both logs.
     pub log_bytes: u64,
-    /// Bytes of entries in the logs that were replaced or removed; compaction frees them.
+    /// The size of the entries in the logs that were replaced or removed; compaction frees it.
     pub dead_bytes: u64,
-    /// Bytes of bad blobs that were put aside.
+    /// The size of the quarantine.
     pub quarantine_bytes: u64,
 }
 
-/// What a check of everything found.
+/// The result of verifying a whole cache.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Checked {
-    /// Blobs that were read, and their bytes.
+    /// The number of blobs that were read.
     pub blobs: usize,
-    /// Bytes of those.
+    /// The size of those in bytes.
     pub bytes: u64,
-    /// Records that were read.
+    /// The number of records that were read.
     pub records: usize,
-    /// Bytes in the logs that belong to no entry.
+    /// The number of bytes in the logs that belong to no entry.
     pub damaged_bytes: u64,
-    /// Blobs whose bytes are not their content.
+    /// The digests of damaged blobs.
     pub bad: Vec<Digest>,
-    /// Records that name a blob which is not there, or is bad.
+    /// The keys of records that name a missing or damaged blob.
     pub incomplete: Vec<Digest>,
 }
 
 impl Checked {
-    /// Whether nothing was wrong.
+    /// True if no damage was found.
     pub fn is_whole(&self) -> bool {
         self.damaged_bytes == 0 && self.bad.is_empty() && self.incomplete.is_empty()
     }
 }
 
 impl Store {
-    /// Counts what is there; reads the log of records and no blob.
+    /// Counts the contents. Reads the logs and no blob files.
     ///
     /// # Errors
-    /// What the system says about what cannot be read.
+    /// If something cannot be read.
     pub fn stat(&self) -> Result<Stat> {
         let Some(root) = self.folder() else { return Ok(Stat::default()) };
         let large = blob_files(root);
@@ -76,16 +78,16 @@ impl Store {
             large_bytes: large.iter().map(|(_, meta)| meta.len()).sum(),
             log_bytes: length("records.log") + length("blobs.log"),
             dead_bytes: records.dead() + self.blobs().small_dead(),
-            quarantine_bytes: size_of(&root.join("quarantine")),
+            quarantine_bytes: size_of(&root.join(QUARANTINE)),
         })
     }
 
-    /// Reads everything and says what is wrong; `repair` also puts bad blobs aside, forgets records that
-    /// cannot be served, and rewrites damaged logs. Nothing needs that: reading does it, too, bit by bit.
-    /// `progress` is told the share that is done and says whether to go on.
+    /// Reads and verifies everything. With `repair`, damaged blobs are quarantined, records that name missing blobs are
+    /// removed, and damaged logs are rewritten. No run requires that: reading repairs, too, whatever it reads.
+    /// `progress` gets the fraction that is done, in 0..1, and returns whether to continue.
     ///
     /// # Errors
-    /// What the system says about what cannot be read or written.
+    /// If something cannot be read or written.
     pub fn check(
         &self,
         repair: bool,
@@ -134,11 +136,11 @@ impl Store {
         Ok(checked)
     }
 
-    /// Copies records with the blobs they name to another cache: those of `keys`, or all. Gives how many; a
-    /// record whose blobs are not all good is left out, and damage is told as ever.
+    /// Copies records with the blobs they name to another cache: those of `keys`, or all. Returns the number of records
+    /// copied. Records with missing or damaged blobs are not copied; damage is reported as by every read.
     ///
     /// # Errors
-    /// When reading or writing fails.
+    /// If reading or writing fails.
     pub fn copy_to(
         &self,
         other: &Store,

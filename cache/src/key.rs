@@ -1,8 +1,7 @@
-//! [`KeyWriter`]: the one walk over what a result depends on.
+//! [`KeyWriter`]: encodes everything that a result depends on.
 //!
-//! The walk writes an unambiguous encoding. Its BLAKE3 hash is the key, and the encoding itself is the
-//! manifest: both come from the same bytes, so they cannot disagree, and a manifest costs nothing until
-//! somebody reads it.
+//! The encoding is unambiguous. Its BLAKE3 hash is the key, and the encoding itself is the manifest: both are made of the
+//! same bytes, so they cannot disagree, and a manifest costs nothing until it is read.
 
 use crate::digest::Digest;
 use crate::manifest::{FORMAT, Manifest, tag, write_length};
@@ -10,16 +9,16 @@ use crate::manifest::{FORMAT, Manifest, tag, write_length};
 /// A finished key.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Key {
-    /// What the result is stored under.
+    /// The key under which the result is stored.
     pub digest: Digest,
-    /// The same walk for people, see [`Manifest`].
+    /// The fields of the key in readable form.
     pub manifest: Manifest,
 }
 
-/// Why a walk gives no key.
+/// The reason that a key cannot be made.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum KeyError {
-    /// A number was NaN, which equals nothing and so can name nothing.
+    /// A number was NaN, which does not equal itself and so cannot identify anything.
     #[error("`{path}` is not a number (NaN)")]
     NotANumber {
         /// The dotted path of the first such number.
@@ -29,9 +28,9 @@ pub enum KeyError {
 
 /// Collects the fields that a result depends on, in the order written.
 ///
-/// Two walks that differ in any name, type, value, order or nesting have different digests: every field is
-/// a type tag, a length-prefixed name and a fixed-size or length-prefixed value, and groups and lists are
-/// closed by a mark. Negative zero is written as zero; NaN makes [`finish`](Self::finish) fail.
+/// Two sequences of fields that differ in any name, type, value, order or nesting have different digests: every field is
+/// a type tag, a length-prefixed name and a fixed-size or length-prefixed value, and groups and lists end with a mark.
+/// Negative zero is written as zero; NaN makes [`finish`](Self::finish) fail.
 ///
 /// ```
 /// let mut walk = cache::KeyWriter::new("blur");
@@ -48,12 +47,12 @@ pub struct KeyWriter {
 }
 
 impl KeyWriter {
-    /// Starts a walk. `tag` says what kind of key this is; keys of different tags never meet.
+    /// Starts a key. `tag` is the type of the key; keys with different tags are never equal.
     pub fn new(tag: &str) -> KeyWriter {
         KeyWriter::in_memory_of(Vec::with_capacity(512), tag)
     }
 
-    /// The same in memory that another walk had, which is [`Manifest::into_bytes`].
+    /// The same as [`new`](Self::new), reusing memory from [`Manifest::into_bytes`].
     pub fn in_memory_of(mut encoding: Vec<u8>, tag: &str) -> KeyWriter {
         encoding.clear();
         let mut writer = KeyWriter { encoding, refused: false };
@@ -62,14 +61,14 @@ impl KeyWriter {
         writer
     }
 
-    /// What `write` writes, for walks that [`append`](Self::append) it.
+    /// The encoding of the fields that `write` writes, for [`append`](Self::append).
     pub fn fields(write: impl FnOnce(&mut KeyWriter)) -> Vec<u8> {
         let mut writer = KeyWriter { encoding: Vec::new(), refused: false };
         write(&mut writer);
         writer.encoding
     }
 
-    /// Fields written before, by [`fields`](Self::fields). Numbers in them were checked then, or never.
+    /// Appends fields encoded by [`fields`](Self::fields). NaN in them is not detected.
     pub fn append(&mut self, fields: &[u8]) {
         self.encoding.extend_from_slice(fields);
     }
@@ -92,7 +91,7 @@ impl KeyWriter {
         self.encoding.extend_from_slice(&value.to_le_bytes());
     }
 
-    /// A double: by its bits, except that -0 is 0. NaN is refused by `finish`.
+    /// A 64-bit float: by its bits, except that -0 is 0. NaN is refused by `finish`.
     pub fn f64(&mut self, name: &str, value: f64) {
         self.field(tag::F64, name);
         self.refused |= value.is_nan();
@@ -100,20 +99,20 @@ impl KeyWriter {
         self.encoding.extend_from_slice(&(value + 0.0).to_bits().to_le_bytes());
     }
 
-    /// A single: by its bits, except that -0 is 0. NaN is refused by `finish`.
+    /// A 32-bit float: by its bits, except that -0 is 0. NaN is refused by `finish`.
     pub fn f32(&mut self, name: &str, value: f32) {
         self.field(tag::F32, name);
         self.refused |= value.is_nan();
         self.encoding.extend_from_slice(&(value + 0.0).to_bits().to_le_bytes());
     }
 
-    /// A truth value.
+    /// A boolean.
     pub fn bool(&mut self, name: &str, value: bool) {
         self.field(tag::BOOL, name);
         self.encoding.push(u8::from(value));
     }
 
-    /// Short opaque bytes. Long content belongs in by its digest: the manifest holds every byte given here.
+    /// Short opaque bytes. For long content write its digest: the manifest contains every byte given here.
     pub fn bytes(&mut self, name: &str, value: &[u8]) {
         self.field(tag::BYTES, name);
         write_length(&mut self.encoding, value.len());
@@ -126,28 +125,28 @@ impl KeyWriter {
         self.encoding.extend_from_slice(value.as_bytes());
     }
 
-    /// Fields under a common name: what `inside` writes has paths `name.field`.
+    /// Fields under a common name: the paths of the fields that `inside` writes are `name.field`.
     pub fn group(&mut self, name: &str, inside: impl FnOnce(&mut KeyWriter)) {
         self.field(tag::GROUP, name);
         inside(self);
         self.encoding.push(tag::END);
     }
 
-    /// Items in order: what `items` writes has paths `name[0]`, `name[1]` and so on. Items
-    /// usually have empty names.
+    /// Items in order: the paths of those that `items` writes are `name[0]`, `name[1]` and so on. Items usually have
+    /// empty names.
     pub fn list(&mut self, name: &str, items: impl FnOnce(&mut KeyWriter)) {
         self.field(tag::LIST, name);
         items(self);
         self.encoding.push(tag::END);
     }
 
-    /// The key of everything written.
+    /// The key of all fields written.
     ///
     /// # Errors
-    /// [`KeyError::NotANumber`] when a float was NaN, naming the first.
+    /// [`KeyError::NotANumber`] with the path of the first float that was NaN.
     pub fn finish(self) -> Result<Key, KeyError> {
         let digest = Digest::of(&self.encoding);
-        let manifest = Manifest::from_walk(self.encoding);
+        let manifest = Manifest::from_encoding(self.encoding);
         if self.refused {
             return Err(KeyError::NotANumber { path: manifest.first_nan().unwrap_or_default() });
         }

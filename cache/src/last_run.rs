@@ -1,28 +1,32 @@
-//! What the last run of a graph looked up, in one file: the next one reads it at once, where records would cost a
-//! search each.
+//! The results of the lookups of a graph's last run, in one file: the next run reads them at once, where records would
+//! cost a search each.
 //!
-//! It only saves time. A file that is missing, damaged, or of another run is as good as none, and every collection
-//! and repair removes them all, so that nothing is found in one that is gone from the records.
+//! It only saves time. A file that is missing, damaged, or of another run is ignored, and every collection and repair
+//! removes all of them, so that they never name a record that was removed.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::digest::Digest;
 use crate::failpoint::INDEX;
-use crate::history::Book;
-use crate::store::{FORMAT, Store};
+use crate::history::Table;
+use crate::obstacle::clear_folder;
+use crate::regular;
+use crate::settings::FORMAT;
+use crate::store::Store;
 use crate::temp::TempFile;
 
-/// The folder of these files.
+/// The folder of these files, below that of the format.
 pub(crate) const FOLDER: &str = "last";
 
 impl Store {
-    /// Keeps what the last run of a graph looked up, in place of what was kept before. Losing it is allowed.
-    pub fn last_run_put(&self, book: &str, bytes: &[u8]) {
-        let Some((folder, path)) = self.folder().zip(self.last_run_path(book)) else { return };
+    /// Stores the lookups of the last run of the graph named `graph`, replacing those before. Errors are ignored.
+    pub fn last_run_put(&self, graph: &str, bytes: &[u8]) {
+        let Some((folder, path)) = self.folder().zip(self.last_run_path(graph)) else { return };
         if self.is_read_only() {
             return;
         }
+        clear_folder(folder, &path);
         let _ = TempFile::create(&folder.join("temp"), &INDEX).and_then(|mut file| {
             file.write(bytes)?;
             file.write(Digest::of(bytes).as_bytes())?;
@@ -30,34 +34,34 @@ impl Store {
         });
     }
 
-    /// What was last kept by [`last_run_put`](Self::last_run_put), whole and verified.
-    pub fn last_run_get(&self, book: &str) -> Option<Vec<u8>> {
-        read(&self.last_run_path(book)?)
+    /// The bytes that [`last_run_put`](Self::last_run_put) stored last, verified by their digest.
+    pub fn last_run_get(&self, graph: &str) -> Option<Vec<u8>> {
+        read(&self.last_run_path(graph)?)
     }
 
-    /// Forgets all of them.
+    /// Removes all of them.
     pub(crate) fn forget_last_runs(&self) {
         if let Some(folder) = self.folder().filter(|_| !self.is_read_only()) {
             let _ = fs::remove_dir_all(folder.join(FOLDER));
         }
     }
 
-    fn last_run_path(&self, book: &str) -> Option<PathBuf> {
-        Some(path(self.folder()?, book))
+    fn last_run_path(&self, graph: &str) -> Option<PathBuf> {
+        Some(path(self.folder()?, graph))
     }
 }
 
-/// [`Store::last_run_get`] of the cache in `folder`, which is not opened for that.
-pub fn last_run(folder: &Path, book: &str) -> Option<Vec<u8>> {
-    read(&path(&folder.join(FORMAT), book))
+/// The same as [`Store::last_run_get`] for the cache in `folder`, without opening it.
+pub fn last_run(folder: &Path, graph: &str) -> Option<Vec<u8>> {
+    read(&path(&folder.join(FORMAT), graph))
 }
 
-fn path(root: &Path, book: &str) -> PathBuf {
-    root.join(FOLDER).join(Book::key(book).to_string())
+fn path(root: &Path, graph: &str) -> PathBuf {
+    root.join(FOLDER).join(Table::key(graph).to_string())
 }
 
 fn read(path: &Path) -> Option<Vec<u8>> {
-    let mut bytes = fs::read(path).ok()?;
+    let mut bytes = regular::read(path).ok()?;
     let digest = *bytes.last_chunk::<32>()?;
     bytes.truncate(bytes.len() - digest.len());
     (Digest::of(&bytes).as_bytes() == &digest).then_some(bytes)
@@ -66,10 +70,10 @@ fn read(path: &Path) -> Option<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::Options;
+    use crate::settings::Options;
 
     #[test]
-    fn the_last_one_counts_and_a_damaged_one_is_none() {
+    fn the_last_one_is_returned_and_a_damaged_one_ignored() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path(), Options::default()).unwrap();
         assert_eq!(store.last_run_get("graph"), None);

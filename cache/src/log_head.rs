@@ -1,10 +1,10 @@
-//! The head of a log file, which holds its salt. The crate's documentation has the layout.
+//! The head of a log file, which holds its salt. The layout is in the documentation of the crate.
 
 use std::hash::{BuildHasher, RandomState};
 
 use crate::entry::checksum;
 
-/// The length of the head in bytes: twice the same 32, so that one flipped byte cannot take the salt.
+/// The length of the head in bytes: two equal copies of 32, so that one flipped byte cannot destroy the salt.
 pub(crate) const LENGTH: u64 = 64;
 
 const MAGIC: &[u8; 8] = b"LHlog\0\0\x01";
@@ -18,7 +18,7 @@ pub(crate) fn with(salt: u32) -> Vec<u8> {
     [copy.as_slice(), &copy].concat()
 }
 
-/// The salt in the head of a file, from whichever copy is whole.
+/// The salt in the head of a file, from the first copy that is undamaged.
 pub(crate) fn salt(head: &[u8]) -> Option<u32> {
     let read = |copy: &[u8]| -> Option<u32> {
         let (body, sum) = copy.get(..16)?.split_at(12);
@@ -28,7 +28,7 @@ pub(crate) fn salt(head: &[u8]) -> Option<u32> {
     if head.len() as u64 == LENGTH { read(head).or_else(|| read(&head[32..])) } else { None }
 }
 
-/// A number that no other log has, so that entries which happen to lie inside payloads are not believed.
+/// A random number, so that entries of another log inside a payload are not taken for entries of this one.
 pub(crate) fn fresh_salt() -> u32 {
     RandomState::new().hash_one(std::process::id()) as u32
 }

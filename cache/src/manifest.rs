@@ -1,11 +1,11 @@
-//! [`Manifest`]: what a key was made of, readable.
+//! [`Manifest`]: the fields of a key in readable form.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
 use crate::digest::Digest;
 
-/// Names the meaning of the encoding. A change of the encoding changes every key.
+/// The version of the encoding. A change changes every key.
 pub(crate) const FORMAT: &str = "lightharmony-key-1";
 
 /// The type tags of the encoding that [`KeyWriter`](crate::KeyWriter) writes.
@@ -23,7 +23,7 @@ pub(crate) mod tag {
     pub const END: u8 = b')';
 }
 
-/// Appends a length in LEB128: seven bits a byte, low first.
+/// Appends a length in LEB128: seven bits per byte, lowest first.
 pub(crate) fn write_length(out: &mut Vec<u8>, length: usize) {
     let mut rest = length as u64;
     while rest >= 0x80 {
@@ -33,8 +33,8 @@ pub(crate) fn write_length(out: &mut Vec<u8>, length: usize) {
     out.push(rest as u8);
 }
 
-/// The fields of a key in the order of the walk, kept in the walk's own compact encoding and decoded when
-/// read. [`Display`](fmt::Display) gives one `path = value` line a field.
+/// The fields of a key in the order written, stored in the encoding of [`KeyWriter`](crate::KeyWriter) and decoded on
+/// demand. [`Display`](fmt::Display) prints one line `path = value` per field.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Manifest {
     encoding: Vec<u8>,
@@ -43,13 +43,13 @@ pub struct Manifest {
 /// One field of a [`Manifest`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// Where: names joined by dots, items of lists as `[0]`.
+    /// The path: names joined by dots, items of lists as `[0]`.
     pub path: String,
-    /// What.
+    /// The value.
     pub value: Value,
 }
 
-/// The value of a field, as it was written. Shown as in a graph file; digests by their first 12 digits.
+/// The value of a field. Printed as in a graph file; digests by their first 12 digits.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(missing_docs, reason = "the names are those of the types")]
 pub enum Value {
@@ -63,10 +63,10 @@ pub enum Value {
     Digest(Digest),
 }
 
-/// One difference between two manifests: a value that changed, appeared (`old` is `None`) or went.
+/// One difference between two manifests: a value that changed, was added (`old` is `None`) or removed (`new` is `None`).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Change {
-    /// Where, as in [`Line::path`].
+    /// The path, as in [`Line::path`].
     pub path: String,
     /// The value before.
     pub old: Option<String>,
@@ -75,35 +75,35 @@ pub struct Change {
 }
 
 impl Manifest {
-    /// A manifest straight from a [`KeyWriter`](crate::KeyWriter).
-    pub(crate) fn from_walk(encoding: Vec<u8>) -> Manifest {
+    /// The manifest with this encoding.
+    pub(crate) fn from_encoding(encoding: Vec<u8>) -> Manifest {
         Manifest { encoding }
     }
 
-    /// A manifest that was stored as [`as_bytes`](Self::as_bytes); `None` if these bytes are not one.
+    /// Reads a manifest stored as [`as_bytes`](Self::as_bytes); `None` if these bytes are not a manifest.
     pub fn from_bytes(bytes: &[u8]) -> Option<Manifest> {
         let manifest = Manifest { encoding: bytes.to_vec() };
         manifest.decode(|_, _| true)?;
         Some(manifest)
     }
 
-    /// The form to store. Its digest is the digest of the key.
+    /// The encoding. Its digest is that of the key.
     pub fn as_bytes(&self) -> &[u8] {
         &self.encoding
     }
 
-    /// The same, for [`KeyWriter::in_memory_of`](crate::KeyWriter::in_memory_of).
+    /// The encoding, whose memory [`KeyWriter::in_memory_of`](crate::KeyWriter::in_memory_of) can reuse.
     pub fn into_bytes(self) -> Vec<u8> {
         self.encoding
     }
 
-    /// What [`KeyWriter::new`](crate::KeyWriter::new) was told.
+    /// The type of the key, as given to [`KeyWriter::new`](crate::KeyWriter::new).
     pub fn tag(&self) -> String {
         let mut reader = Reader { rest: &self.encoding };
         reader.text().and_then(|_| reader.text()).unwrap_or_default().to_owned()
     }
 
-    /// Every field in the order of the walk.
+    /// Every field, in the order written.
     pub fn lines(&self) -> Vec<Line> {
         let mut lines = Vec::new();
         self.decode(|path, value| {
@@ -113,7 +113,7 @@ impl Manifest {
         lines
     }
 
-    /// What differs between two manifests, in the order of `new`, then what only `old` has.
+    /// The differences between two manifests, in the order of `new`, followed by the fields that only `old` has.
     pub fn difference(old: &Manifest, new: &Manifest) -> Vec<Change> {
         let mut changes = Vec::new();
         if old.tag() != new.tag() {
@@ -150,7 +150,7 @@ impl Manifest {
         found
     }
 
-    /// Calls `each` with every field until it says false. `None` if the encoding is damaged.
+    /// Calls `each` with every field until it returns false. `None` if the encoding is damaged.
     fn decode(&self, mut each: impl FnMut(&str, Value) -> bool) -> Option<()> {
         let mut reader = Reader { rest: &self.encoding };
         if reader.text()? != FORMAT {
@@ -220,7 +220,7 @@ impl fmt::Display for Value {
     }
 }
 
-/// A name as it is, or quoted where it would read like a path.
+/// Appends a name, quoted if it contains characters that paths use.
 fn push_name(path: &mut String, name: &str) {
     if !path.is_empty() {
         path.push('.');

@@ -1,23 +1,24 @@
 //! Memos: the digest of a file as of a [`FileStamp`], so that an unchanged file is not read again.
 
-use std::fs::File;
+use std::fs::OpenOptions;
 use std::io::{self, Read};
 use std::path::Path;
 
 use crate::digest::{Digest, DigestWriter};
+use crate::regular;
 use crate::stamp::FileStamp;
 
-/// What a memo is stored under: the absolute path, links not followed.
+/// The key of a memo: the digest of the absolute path, links not followed.
 pub(crate) fn key(path: &Path) -> io::Result<Digest> {
     Ok(Digest::of(std::path::absolute(path)?.as_os_str().as_encoded_bytes()))
 }
 
-/// Stamp and digest as the payload of an entry.
+/// Encodes a stamp and a digest as the payload of an entry.
 pub(crate) fn encode(stamp: &FileStamp, digest: &Digest) -> Vec<u8> {
     [&stamp.to_bytes()[..], &stamp.taken_ns.to_le_bytes(), digest.as_bytes()].concat()
 }
 
-/// The digest in `payload`, if it was taken of a settled file that still has the stamp `now`.
+/// The digest in `payload`, if the file was settled when it was read and still has the stamp `now`.
 pub(crate) fn recall(payload: &[u8], now: &FileStamp) -> Option<Digest> {
     let (stamp, rest) = payload.split_first_chunk::<40>()?;
     let (taken, digest) = rest.split_first_chunk::<8>()?;
@@ -25,12 +26,12 @@ pub(crate) fn recall(payload: &[u8], now: &FileStamp) -> Option<Digest> {
     (*stamp == now.to_bytes() && then.is_settled()).then_some(Digest::from_bytes(digest.try_into().ok()?))
 }
 
-/// Reads the whole file: its digest and its length in bytes. A pipe or a device, which may have no end, is refused.
+/// Reads the whole file and returns its digest and its length in bytes.
+///
+/// # Errors
+/// Those of [`regular::open`], and those of reading.
 pub(crate) fn read_digest(path: &Path) -> io::Result<(Digest, u64)> {
-    if !std::fs::metadata(path)?.is_file() {
-        return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file"));
-    }
-    let mut file = File::open(path)?;
+    let mut file = regular::open(path, OpenOptions::new().read(true))?;
     let mut writer = DigestWriter::new();
     let mut buffer = vec![0; 256 << 10];
     loop {

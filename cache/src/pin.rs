@@ -6,33 +6,36 @@ use std::path::PathBuf;
 
 use crate::digest::Digest;
 use crate::error::{At, Result};
+use crate::obstacle::clear_folder;
 use crate::publish::publish_file;
+use crate::regular;
 use crate::store::Store;
 
 impl Store {
-    /// Keeps the records of these keys, and the blobs they name, until the pin of this name is removed. A pin
-    /// of the same name is replaced. A line of text each: the name, then the keys.
+    /// Keeps the records of these keys, and the blobs they name, until the pin of this name is removed. A pin of the
+    /// same name is replaced. Stored as text: the name, then the keys, one per line.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// If the pin cannot be written.
     pub fn pin(&self, name: &str, keys: &[Digest]) -> Result<()> {
         let Some(path) = self.pin_path(name).filter(|_| !self.is_read_only()) else { return Ok(()) };
         let mut text = format!("{}\n", name.replace('\n', " "));
         keys.iter().for_each(|key| text.push_str(&format!("{key}\n")));
+        self.folder().into_iter().for_each(|root| clear_folder(root, &path));
         publish_file(&path, text.as_bytes())
     }
 
-    /// Removes a pin; says whether there was one.
+    /// Removes a pin. Returns whether it existed.
     ///
     /// # Errors
-    /// When it cannot be removed.
+    /// If the pin cannot be removed.
     pub fn unpin(&self, name: &str) -> Result<bool> {
         let Some(path) = self.pin_path(name).filter(|path| path.exists()) else { return Ok(false) };
         fs::remove_file(&path).at("remove", &path)?;
         Ok(true)
     }
 
-    /// The pins: name, and how many records each keeps, in order of name.
+    /// The name of each pin and the number of records it keeps, sorted by name.
     pub fn pins(&self) -> Vec<(String, usize)> {
         let mut pins: Vec<_> = self
             .pin_texts()
@@ -54,7 +57,7 @@ impl Store {
     fn pin_texts(&self) -> Vec<String> {
         let Some(folder) = self.folder() else { return Vec::new() };
         let files = fs::read_dir(folder.join("pins")).into_iter().flatten().flatten();
-        files.filter_map(|file| fs::read_to_string(file.path()).ok()).collect()
+        files.filter_map(|file| String::from_utf8(regular::read(&file.path()).ok()?).ok()).collect()
     }
 
     fn pin_path(&self, name: &str) -> Option<PathBuf> {

@@ -1,25 +1,26 @@
-//! [`publish_file`]: a finished file for the user, or none.
+//! [`publish_file`]: writing a user's file completely or not at all.
 
 use std::fs;
 use std::io::Write;
 use std::path::Path;
 
 use crate::error::{At, Error, Result};
-use crate::failpoint::PUBLISH;
-use crate::temp::{TempFile, sweep_temp};
+use crate::failpoint::{PUBLISH, PUBLISH_SYNCED, reach};
+use crate::temp::{TempFile, remove_stale_files, sync_folder};
 
-/// Writes `bytes` to `path` through a passing file in the same folder, which is created if need be: at any
-/// moment the path has its old content or all of the new. A symbolic link is replaced, not followed.
+/// Writes `bytes` to `path` through a temporary file in the same folder, which is created if necessary: at any moment
+/// the path has its old content or all of the new one. Once this returns, a loss of power does not undo it. A symbolic
+/// link is replaced, not followed.
 ///
 /// # Errors
-/// [`Error::NotAFile`] where the path is a folder, a device or a pipe; [`Error::Full`] and [`Error::Io`]
-/// otherwise. Nothing is left behind then.
+/// [`Error::NotAFile`] if the path is a folder, a device or a pipe; [`Error::Full`] and [`Error::Io`] otherwise. No
+/// temporary file is left then.
 pub fn publish_file(path: &Path, bytes: &[u8]) -> Result<()> {
     publish_through(path, |to| to.write_all(bytes).at("write", path))
 }
 
-/// The same for content that does not come at once: `write` gets where it goes. Where it fails, the path keeps
-/// what it had.
+/// The same for content that is produced piece by piece: `write` gets the writer to use. If it fails, the path keeps its
+/// old content.
 ///
 /// # Errors
 /// Those of `write`, and of [`publish_file`].
@@ -33,10 +34,13 @@ pub fn publish_through<E: From<Error>>(
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut temp = TempFile::create(folder, &PUBLISH)?;
     write(&mut temp)?;
-    // Without this a loss of power after the rename may leave an empty picture under a good name.
+    // Without this a loss of power after the rename may leave an empty file.
     temp.sync()?;
     temp.persist(path)?;
-    sweep_temp(folder);
+    // And without this, the old file or none.
+    sync_folder(folder);
+    reach(PUBLISH_SYNCED).at("sync", path)?;
+    remove_stale_files(folder);
     Ok(())
 }
 
@@ -61,7 +65,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn gives_the_usual_permissions() {
+    fn a_published_file_has_the_usual_permissions() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
         let (ours, usual) = (folder.path().join("ours"), folder.path().join("usual"));

@@ -1,21 +1,21 @@
-//! [`FileStamp`]: what the file system says about a file, without reading it.
+//! [`FileStamp`]: the metadata of a file that change with its content.
 
 use std::fs::{self, Metadata};
 use std::io;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Names a state of a file by what one `stat` gives. Two equal stamps *probably* mean equal content; see
-/// [`is_settled`](Self::is_settled) for when that may be relied on.
+/// Identifies a state of a file by the result of one `stat`. Two equal stamps *probably* mean equal content;
+/// [`is_settled`](Self::is_settled) says when they certainly do.
 #[derive(Clone, Copy, Debug)]
 pub struct FileStamp {
     /// Length in bytes.
     pub size: u64,
     /// Time of the last change of content, in nanoseconds since 1970; negative before.
     pub mtime_ns: i64,
-    /// Number of the file in its file system; 0 where there is none.
+    /// Number of the file in its file system; 0 on systems without such numbers.
     pub inode: u64,
-    /// Number of the file system; 0 where there is none.
+    /// Number of the file system; 0 on systems without such numbers.
     pub dev: u64,
     /// Time of the last change of content or attributes, in nanoseconds since 1970.
     pub ctime_ns: i64,
@@ -23,8 +23,8 @@ pub struct FileStamp {
     pub taken_ns: i64,
 }
 
-/// A file changed less than this before its stamp was taken may change again without a new time: FAT
-/// counts in steps of two seconds, and nothing in use is coarser.
+/// A file changed less than this before its stamp was taken may change again without a new time: FAT counts in steps
+/// of two seconds, and no file system in use is coarser.
 const GRANULARITY_NS: i64 = 2_000_000_000;
 
 impl PartialEq for FileStamp {
@@ -40,7 +40,7 @@ impl FileStamp {
     /// The stamp of the file at `path`, following links.
     ///
     /// # Errors
-    /// What the system says about a missing or unreachable file.
+    /// If the file is missing or cannot be reached.
     pub fn of(path: &Path) -> io::Result<FileStamp> {
         let taken_ns = now_ns();
         Ok(FileStamp::new(&fs::metadata(path)?, taken_ns))
@@ -69,7 +69,7 @@ impl FileStamp {
         FileStamp { size: metadata.len(), mtime_ns, inode: 0, dev: 0, ctime_ns, taken_ns }
     }
 
-    /// What makes two stamps equal, as bytes to keep.
+    /// The fields that are compared, as bytes to store.
     pub fn to_bytes(&self) -> [u8; 40] {
         let numbers = [self.size, self.mtime_ns as u64, self.inode, self.dev, self.ctime_ns as u64];
         let mut bytes = [0; 40];
@@ -77,21 +77,21 @@ impl FileStamp {
         bytes
     }
 
-    /// Whether the file had been left alone for long enough when the stamp was taken that any later change
-    /// must show in a new stamp (git's rule for "racily clean" files). Never true for a file from the future.
+    /// True if the last change was long enough before the stamp was taken that any later change must give a different
+    /// stamp (git's rule for "racily clean" files). Never true for a file whose time is in the future.
     pub fn is_settled(&self) -> bool {
         self.mtime_ns.max(self.ctime_ns).saturating_add(GRANULARITY_NS) < self.taken_ns
     }
 }
 
-/// Whether two results of `stat` speak of one file, not merely of one path.
+/// True if two results of `stat` are of one file, not only of one path.
 #[cfg(unix)]
 pub(crate) fn same_file(a: &Metadata, b: &Metadata) -> bool {
     use std::os::unix::fs::MetadataExt;
     (a.dev(), a.ino()) == (b.dev(), b.ino())
 }
 
-/// Whether two results of `stat` speak of one file, as far as the time of creation tells.
+/// True if two results of `stat` are of one file, judged by its time of creation.
 #[cfg(not(unix))]
 pub(crate) fn same_file(a: &Metadata, b: &Metadata) -> bool {
     a.created().ok() == b.created().ok()

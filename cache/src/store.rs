@@ -1,11 +1,10 @@
-//! [`Store`]: one cache folder, or none.
+//! [`Store`]: one cache folder, or a replacement for one.
 
 use std::collections::BTreeMap;
-use std::fmt;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 use std::time::{Duration, Instant, SystemTime};
 
 use crate::blobs::Blobs;
@@ -13,108 +12,60 @@ use crate::digest::Digest;
 use crate::error::{At, Error, Result};
 use crate::failpoint::{self, reach};
 use crate::file_lock::{FileGuard, FileLock};
-use crate::gc;
-use crate::history::Book;
-use crate::lease::{Lease, LeaseState, try_lease};
+use crate::history::{Table, USED, seconds};
+use crate::lease::{Lease, LeaseState, Leases, try_lease};
 use crate::log::{Log, Settings};
 use crate::memo;
+use crate::obstacle::{self, QUARANTINE};
+use crate::settings::{FORMAT, Fsync, Incident, Options, kind, lock};
 use crate::stamp::FileStamp;
-use crate::temp::{TempFile, sweep_temp};
-
-/// The kinds of entries in the log of records. Numbers not listed are kept as they are by compaction.
-pub(crate) mod kind {
-    pub const RECORD: u8 = 1;
-    pub const MEMO: u8 = 3;
-    pub const HISTORY: u8 = 4;
-}
-
-/// The version of everything below it; a new format gets a new folder and never meets an old one.
-pub(crate) const FORMAT: &str = "v1";
+use crate::temp::{TempFile, remove_stale_files};
 
 const DAY_SECONDS: u64 = 24 * 60 * 60;
 
-/// Memos wait for company up to this many.
-const MANY: usize = 4096;
+/// The maximum number of memos in memory before they are written to the log.
+const MAX_PENDING_MEMOS: usize = 4096;
 
-/// The longest value of history, in bytes.
-const LONGEST_NOTE: usize = 64 << 10;
+/// The maximum length of a value of history, in bytes.
+const MAX_VALUE: usize = 64 << 10;
 
-/// When written data is forced onto the disk. It never matters to a killed process, only to a loss of power;
-/// and what is lost then is noticed by the verified reads and computed again.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Fsync {
-    /// Once, by [`Store::flush`].
-    #[default]
-    Batch,
-    /// After every blob and record.
-    Always,
-    /// Never.
-    Off,
-}
-
-/// How to open a [`Store`].
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Options {
-    /// When to sync.
-    pub fsync: Fsync,
-    /// Write nothing, even if that were possible. A folder that cannot be written is found out without this.
-    pub read_only: bool,
-}
-
-/// A run is at work; see [`Store::begin_run`].
+/// Marks a run as active until it is dropped; see [`Store::begin_run`].
 #[must_use = "the run is over when this is dropped"]
 pub struct Running(#[allow(dead_code, reason = "held until dropped")] Option<FileGuard>);
 
-/// Damage that was found and dealt with; worth one line of warning.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Incident {
-    /// The blob that was damaged; `None` if it was a log.
-    pub digest: Option<Digest>,
-    /// What was found and what became of it.
-    pub what: String,
-}
-
-impl fmt::Display for Incident {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.digest {
-            Some(digest) => write!(f, "damaged blob {}: {}", digest.short(), self.what),
-            None => f.write_str(&self.what),
-        }
-    }
-}
-
 /// Blobs, records, memos, history and leases in one folder, shared by any number of threads and processes.
 ///
-/// Of a read-only store, everything that would write does nothing and succeeds.
+/// In a read-only store, every operation that would write does nothing and succeeds.
 #[derive(Debug)]
 pub struct Store {
     folder: Option<PathBuf>,
-    /// Why nothing is written, where that is so.
+    /// Why nothing is written, if that is so.
     read_only: Option<String>,
     fsync: Fsync,
     records: Mutex<Log>,
     blobs: Blobs,
-    /// Memos not yet in the log.
-    waiting: Mutex<BTreeMap<Digest, Vec<u8>>>,
-    /// The books of history that were opened, by name.
-    books: Mutex<BTreeMap<String, Book>>,
+    /// Memos that are not yet in the log.
+    pending_memos: Mutex<BTreeMap<Digest, Vec<u8>>>,
+    /// The tables of history that were opened, by name.
+    tables: Mutex<BTreeMap<String, Table>>,
+    leases: Leases,
     incidents: Mutex<Vec<Incident>>,
 }
 
 impl Store {
-    /// Opens the cache in `folder`, creating it if need be. If it cannot be written, it is opened read-only,
-    /// empty if it does not exist, and so it is if the disk is full to the last byte; see
-    /// [`why_read_only`](Self::why_read_only).
+    /// Opens the cache in `folder`, creating it if necessary. If it cannot be written, or the disk is full, it is opened
+    /// read-only (and is empty if it does not exist); see [`why_read_only`](Self::why_read_only). Whatever is found where
+    /// a file or folder of the cache belongs, and is not one, is moved to the quarantine and reported as an [`Incident`].
     ///
     /// # Errors
-    /// When the folder is not one or cannot be read.
+    /// If `folder` is not a folder or cannot be read; see [`unavailable`](Self::unavailable).
     pub fn open(folder: &Path, options: Options) -> Result<Store> {
         let reading = |why: String| Store::open_as(folder, options.fsync, Some(why));
         if options.read_only {
             return reading("it was opened for reading".to_owned());
         }
         match Store::open_as(folder, options.fsync, None) {
-            // What is there can still be used.
+            // What is stored can still be read.
             Err(error) if error.is_read_only() || matches!(error, Error::Full { .. }) => {
                 let cause = std::error::Error::source(&error).map(|source| format!(": {source}"));
                 reading(format!("{error}{}", cause.unwrap_or_default()))
@@ -123,31 +74,40 @@ impl Store {
         }
     }
 
-    /// A store without a folder, for tests and for runs that leave no trace.
+    /// A store without a folder, which keeps everything in memory.
     pub fn in_memory() -> Store {
         Store::new(None, None, Fsync::Off, Log::in_memory(), Blobs::in_memory())
+    }
+
+    /// A read-only store without content, in place of a cache that could not be opened because of `why`. A run with it
+    /// computes everything and keeps nothing.
+    pub fn unavailable(why: String) -> Store {
+        Store::new(None, Some(why), Fsync::Off, Log::in_memory(), Blobs::Nowhere)
     }
 
     fn open_as(folder: &Path, fsync: Fsync, read_only: Option<String>) -> Result<Store> {
         let writable = read_only.is_none();
         let root = folder.join(FORMAT);
+        let mut obstacles = Vec::new();
         if writable {
             create_folder(folder, &root)?;
-            // Only trying tells whether files can be made: existing logs may be writable where their folder
-            // is not.
+            obstacles = obstacle::clear_all(&root);
+            // Only creating a file shows whether that is allowed: existing logs may be writable in a folder that is
+            // not.
             TempFile::create(&root.join("temp"), &failpoint::LOG)?;
         }
         let settings = |name: &str| Settings {
             path: root.join(name).with_extension("log"),
             lock: root.join(name).with_extension("lock"),
             temp: root.join("temp"),
-            quarantine: root.join("quarantine"),
+            quarantine: root.join(QUARANTINE),
             writable,
             sync: fsync == Fsync::Always,
         };
         let records = Log::open(settings("records"))?;
-        let blobs = Blobs::on_disk(root.join("blobs"), settings("blobs"), fsync);
+        let blobs = Blobs::on_disk(root.clone(), settings("blobs"), fsync);
         let store = Store::new(Some(root), read_only, fsync, records, blobs);
+        obstacles.into_iter().for_each(|obstacle| store.report(obstacle));
         store.report_damage(&mut lock(&store.records));
         Ok(store)
     }
@@ -159,21 +119,30 @@ impl Store {
         records: Log,
         blobs: Blobs,
     ) -> Store {
-        let (waiting, books, incidents) = (Mutex::default(), Mutex::default(), Mutex::default());
-        Store { folder, read_only, fsync, records: Mutex::new(records), blobs, waiting, books, incidents }
+        Store {
+            folder,
+            read_only,
+            fsync,
+            records: Mutex::new(records),
+            blobs,
+            pending_memos: Mutex::default(),
+            tables: Mutex::default(),
+            leases: Leases::default(),
+            incidents: Mutex::default(),
+        }
     }
 
-    /// Whether writes are left out.
+    /// True if nothing is written.
     pub fn is_read_only(&self) -> bool {
         self.read_only.is_some()
     }
 
-    /// Why writes are left out, where they are.
+    /// Why nothing is written; `None` if the store is writable.
     pub fn why_read_only(&self) -> Option<&str> {
         self.read_only.as_deref()
     }
 
-    /// Takes the damage found since the last call.
+    /// The damage found since the last call.
     pub fn take_incidents(&self) -> Vec<Incident> {
         std::mem::take(&mut lock(&self.incidents))
     }
@@ -190,7 +159,7 @@ impl Store {
         &self.blobs
     }
 
-    /// The lock that runs share and a collection has alone; `None` where nothing can be written.
+    /// The lock that runs share and a collection holds exclusively; `None` if nothing can be written.
     pub(crate) fn runs(&self) -> Result<Option<FileLock>> {
         match &self.folder {
             Some(folder) if !self.is_read_only() => FileLock::open(&folder.join("runs.lock")).map(Some),
@@ -198,19 +167,19 @@ impl Store {
         }
     }
 
-    /// Says that a run is at work, until the guard is dropped: no collection removes anything meanwhile. Waits
-    /// for one that is at work, for as long as `cancelled` allows. Notes when `book` was used.
-    pub fn begin_run(&self, book: &str, cancelled: &dyn Fn() -> bool) -> Running {
+    /// Marks a run of `graph` as active until the guard is dropped: no collection removes anything meanwhile. Waits for an
+    /// active collection until `cancelled`. Records that the table of history named `graph` was used today.
+    pub fn begin_run(&self, graph: &str, cancelled: &dyn Fn() -> bool) -> Running {
         let today = today();
-        // In a book of its own, since that of a large graph takes long to read.
-        let name = Book::key(book).to_string();
-        if self.history_get(gc::USED, &name).as_deref() != Some(&today.to_le_bytes()) {
-            self.history_put(gc::USED, &name, &today.to_le_bytes());
+        // In a table of its own, since that of a large graph takes long to read.
+        let name = Table::key(graph).to_string();
+        if self.history_get(USED, &name).as_deref() != Some(&today.to_le_bytes()) {
+            self.history_put(USED, &name, &today.to_le_bytes());
         }
         // Where locks do not work there is no collection either.
         let guard = self.runs().ok().flatten().and_then(|runs| runs.shared_when_free(cancelled));
-        // What a collection took since the folder was opened must not be found any more. What cannot be read
-        // now is found out by whoever reads it.
+        // What a collection removed since the folder was opened must no longer be found. An error recurs, and is
+        // reported, when an entry is read.
         let _ = lock(&self.records).refresh();
         self.blobs.refresh();
         Running(guard)
@@ -236,51 +205,56 @@ impl Store {
     /// Stores `bytes` and returns their digest.
     ///
     /// # Errors
-    /// When it cannot be written: see [`Error`].
+    /// If it cannot be written: see [`Error`].
     pub fn put_blob(&self, bytes: &[u8]) -> Result<Digest> {
         let digest = Digest::of(bytes);
         self.put_blob_as(&digest, bytes)?;
         Ok(digest)
     }
 
-    /// Stores `bytes`, of which the digest is known. A wrong digest harms nobody: it shows when read.
+    /// Stores `bytes`, whose digest is known. A wrong digest does no harm: it is detected by reading.
     ///
     /// # Errors
-    /// When it cannot be written: see [`Error`].
+    /// If it cannot be written: see [`Error`].
     pub fn put_blob_as(&self, digest: &Digest, bytes: &[u8]) -> Result<()> {
         self.blobs.put(digest, bytes)
     }
 
-    /// The bytes that have this digest: verified. A damaged blob is put aside, reported as an
-    /// [`Incident`], and is as good as none.
+    /// The bytes with this digest, verified; `None` if they are not stored. A damaged blob is quarantined, reported as
+    /// an [`Incident`], and counts as not stored.
     ///
     /// # Errors
-    /// When reading fails for want of permission, memory or file handles.
+    /// If reading fails because of missing permission, memory or file handles.
     pub fn get_blob(&self, digest: &Digest) -> Result<Option<Vec<u8>>> {
         self.blobs.get(digest, |incident| self.report(incident))
     }
 
-    /// Whether there is a blob of this digest, unread and so unverified.
+    /// True if a blob with this digest exists. It is not read, and so not verified.
     pub fn has_blob(&self, digest: &Digest) -> bool {
         self.blobs.has(digest)
     }
 
     // --- records ---
 
-    /// Stores `payload` under `key`, replacing what was there. When this returns, a killed process cannot
-    /// undo it.
+    /// Stores `payload` under `key`, replacing what was stored. Once this returns, no killed or stopped process undoes
+    /// it, with one exception: the record is lost if it was written without the lock, because another process was stopped
+    /// while it held that, and then this other process is killed after it replaced the log by a compacted one and before
+    /// it copied the record. The cost is that the result is computed again.
     ///
     /// # Errors
-    /// When it cannot be written, or is longer than 16 MiB: see [`Error`].
+    /// If it cannot be written, or is longer than 16 MiB: see [`Error`].
     pub fn put_record(&self, key: &Digest, payload: &[u8]) -> Result<()> {
+        if self.is_read_only() {
+            return Ok(());
+        }
         lock(&self.records).append(&[(kind::RECORD, *key, payload)])
     }
 
-    /// What was last stored under `key` by any process.
+    /// The payload last stored under `key` by any process.
     pub fn get_record(&self, key: &Digest) -> Option<Vec<u8>> {
         let mut records = lock(&self.records);
         let found = match records.get(kind::RECORD, key) {
-            // Another process may have made it.
+            // Another process may have stored it.
             Ok(None) => match records.refresh() {
                 Ok(true) => records.get(kind::RECORD, key),
                 Ok(false) => Ok(None),
@@ -295,59 +269,62 @@ impl Store {
         })
     }
 
-    /// Forgets what is stored under `key`.
+    /// Removes what is stored under `key`.
     ///
     /// # Errors
-    /// When that cannot be written: see [`Error`].
+    /// If the removal cannot be written: see [`Error`].
     pub fn remove_record(&self, key: &Digest) -> Result<()> {
+        if self.is_read_only() {
+            return Ok(());
+        }
         lock(&self.records).remove(kind::RECORD, key)
     }
 
-    /// The keys of all records, in order, as far as this process has read.
+    /// The keys of all records, sorted, as far as this process has read.
     ///
     /// # Errors
-    /// When the log cannot be read.
+    /// If the log cannot be read.
     pub fn record_keys(&self) -> Result<Vec<Digest>> {
         lock(&self.records).keys(kind::RECORD)
     }
 
     // --- memos and history ---
 
-    /// The digest that the file at `path` had under an equal stamp, if that can be trusted: see
+    /// The digest that the file at `path` had with an equal stamp, if the stamp can be trusted: see
     /// [`FileStamp::is_settled`].
     pub fn memo_get(&self, path: &Path, stamp: &FileStamp) -> Option<Digest> {
         let key = memo::key(path).ok()?;
-        if let Some(memo) = lock(&self.waiting).get(&key) {
+        if let Some(memo) = lock(&self.pending_memos).get(&key) {
             return memo::recall(memo, stamp);
         }
         memo::recall(&lock(&self.records).get(kind::MEMO, &key).ok()??, stamp)
     }
 
-    /// Remembers that the file at `path` had this digest. The stamp must have been taken before the file
-    /// was read. Written by the next [`flush`](Self::flush).
+    /// Remembers that the file at `path` had this digest. The stamp must have been taken before the file was read.
+    /// Written by the next [`flush`](Self::flush).
     pub fn memo_put(&self, path: &Path, stamp: &FileStamp, digest: &Digest) {
         let Ok(key) = memo::key(path) else { return };
         let full = {
-            let mut waiting = lock(&self.waiting);
-            waiting.insert(key, memo::encode(stamp, digest));
-            waiting.len() >= MANY
+            let mut pending = lock(&self.pending_memos);
+            pending.insert(key, memo::encode(stamp, digest));
+            pending.len() >= MAX_PENDING_MEMOS
         };
         if full {
-            // A memo that cannot be written is a memo lost.
-            let _ = self.write_notes();
+            // If they cannot be written, the files are read again.
+            let _ = self.write_pending();
         }
     }
 
-    /// The digest and length in bytes of the file at `path`, if they are known without reading it.
+    /// The digest and length in bytes of the file at `path`, if a memo has them.
     pub fn known_digest(&self, path: &Path) -> Option<(Digest, u64)> {
         let stamp = FileStamp::of(path).ok()?;
         Some((self.memo_get(path, &stamp)?, stamp.size))
     }
 
-    /// The digest and length in bytes of the file at `path`, read only if no memo serves.
+    /// The digest and length in bytes of the file at `path`, which is read only if no memo has them.
     ///
     /// # Errors
-    /// What the system says about a file that cannot be read.
+    /// If the file cannot be read, or is not a regular file.
     pub fn digest_file(&self, path: &Path) -> io::Result<(Digest, u64)> {
         let before = FileStamp::of(path)?;
         if let Some(digest) = self.memo_get(path, &before) {
@@ -360,62 +337,77 @@ impl Store {
         Ok((digest, length))
     }
 
-    /// Remembers `value` under `name` in a book; the last one wins, and losing one is allowed. Notes that are
-    /// read together belong in one book, which is read and written whole. A value over 64 KiB is no small
-    /// note, and is not kept. Written by the next [`flush`](Self::flush).
-    pub fn history_put(&self, book: &str, name: &str, value: &[u8]) {
-        if value.len() <= LONGEST_NOTE {
-            self.with_book(book, |book| book.put(name, value));
+    /// Stores `value` under `name` in a table of history. The last value wins, and losing one is allowed. A table is read
+    /// and written whole. Values over 64 KiB are not stored. Written by the next [`flush`](Self::flush).
+    pub fn history_put(&self, table: &str, name: &str, value: &[u8]) {
+        if value.len() <= MAX_VALUE {
+            self.with_table(table, |table| table.put(name, value));
         }
     }
 
-    /// What was last remembered under `name` in a book.
-    pub fn history_get(&self, book: &str, name: &str) -> Option<Vec<u8>> {
-        self.with_book(book, |book| book.get(name).map(<[u8]>::to_vec))
+    /// The value last stored under `name` in a table of history.
+    pub fn history_get(&self, table: &str, name: &str) -> Option<Vec<u8>> {
+        self.with_table(table, |table| table.get(name).map(<[u8]>::to_vec))
     }
 
-    fn with_book<T>(&self, name: &str, act: impl FnOnce(&mut Book) -> T) -> T {
-        let mut books = lock(&self.books);
-        if let Some(book) = books.get_mut(name) {
-            return act(book);
+    /// Removes the values whose names `keep` refuses from a table of history, if it has more than `limit` values.
+    pub fn history_trim(&self, table: &str, limit: usize, keep: impl Fn(&str) -> bool) {
+        self.with_table(table, |table| table.trim(limit, keep));
+    }
+
+    fn with_table<T>(&self, name: &str, act: impl FnOnce(&mut Table) -> T) -> T {
+        let mut tables = lock(&self.tables);
+        if let Some(table) = tables.get_mut(name) {
+            return act(table);
         }
-        let stored = lock(&self.records).get(kind::HISTORY, &Book::key(name));
-        act(books
-            .entry(name.to_owned())
-            .insert_entry(Book::open(stored.ok().flatten().unwrap_or_default()))
-            .into_mut())
+        let stored = lock(&self.records).get(kind::HISTORY, &Table::key(name));
+        let table = Table::open(stored.ok().flatten().unwrap_or_default());
+        act(tables.entry(name.to_owned()).insert_entry(table).into_mut())
     }
 
-    fn write_notes(&self) -> Result<()> {
-        let memos = std::mem::take(&mut *lock(&self.waiting));
+    /// Writes pending memos and changed tables of history to the log.
+    fn write_pending(&self) -> Result<()> {
+        let memos = std::mem::take(&mut *lock(&self.pending_memos));
+        if self.is_read_only() {
+            return Ok(());
+        }
         let items: Vec<_> = memos.iter().map(|(key, memo)| (kind::MEMO, *key, memo.as_slice())).collect();
-        let mut books = lock(&self.books);
+        let mut tables = lock(&self.tables);
         let mut records = lock(&self.records);
         if !items.is_empty() {
             records.append(&items)?;
         }
-        for (name, book) in books.iter_mut().filter(|(_, book)| book.is_changed()) {
-            let key = Book::key(name);
+        for (name, table) in tables.iter_mut().filter(|(_, table)| table.is_changed()) {
+            let key = Table::key(name);
             records.refresh()?;
-            let bytes = book.encode(records.get(kind::HISTORY, &key)?.unwrap_or_default());
+            let bytes = table.encode(records.get(kind::HISTORY, &key)?.unwrap_or_default());
             records.append(&[(kind::HISTORY, key, &bytes)])?;
-            *book = Book::open(bytes);
+            *table = Table::open(bytes);
         }
         Ok(())
     }
 
     // --- leases ---
 
-    /// Asks for the right to compute `key`. Whoever gets it looks for the record once more: the holder
-    /// before may have written it.
+    /// Requests the right to compute `key`. Whoever gets it must look for the record again: the previous holder may have
+    /// stored it.
     pub fn lease(&self, key: &Digest) -> LeaseState {
         match &self.folder {
-            Some(folder) if !self.is_read_only() => try_lease(&folder.join("leases").join(key.to_string())),
+            Some(folder) if !self.is_read_only() => {
+                self.leases.request(key, &folder.join("leases").join(key.to_string()))
+            }
             _ => LeaseState::Acquired(Lease::unlocked()),
         }
     }
 
-    /// Asks again and again until the lease is ours; `Busy` when `timeout` is over or `cancelled` says so.
+    /// Shows other processes that the holder of this store's leases is at work. To be called every second while leases
+    /// are held, by a thread that a stopped process would not run; see [`LeaseState::Stalled`].
+    pub fn renew_leases(&self) {
+        self.leases.renew();
+    }
+
+    /// Requests the lease repeatedly until it is not busy. Returns `Busy` after `timeout`, and when `cancelled` returns
+    /// true.
     pub fn wait_for_lease(
         &self,
         key: &Digest,
@@ -437,15 +429,14 @@ impl Store {
 
     // --- care ---
 
-    /// Ends a run: writes memos and history, syncs unless [`Fsync::Off`], and rewrites a log of which
-    /// most is dead.
+    /// Ends a run: writes memos and history, syncs unless [`Fsync::Off`], and compacts a log that is mostly dead.
     ///
     /// # Errors
-    /// When writing or syncing fails: see [`Error`]. A blob that could not be synced is removed.
+    /// If writing or syncing fails: see [`Error`]. A blob that could not be synced is removed.
     pub fn flush(&self) -> Result<()> {
         let Some(folder) = self.folder.as_deref().filter(|_| !self.is_read_only()) else { return Ok(()) };
         reach(failpoint::FLUSH_BEFORE).at("flush", folder)?;
-        self.write_notes()?;
+        self.write_pending()?;
         if self.fsync != Fsync::Off {
             self.blobs.sync()?;
             lock(&self.records).sync()?;
@@ -460,29 +451,29 @@ impl Store {
         reach(failpoint::FLUSH_AFTER).at("flush", folder)
     }
 
-    /// Removes what killed processes left in the cache folder: leases, and half-written files older than a
-    /// day. Returns how many of the latter.
+    /// Removes what killed processes left in the cache folder: leases and temporary files. Returns the number of the
+    /// latter.
     pub fn sweep(&self) -> usize {
         let Some(folder) = self.folder.as_deref().filter(|_| !self.is_read_only()) else { return 0 };
         let leases = fs::read_dir(folder.join("leases")).into_iter().flatten().flatten();
-        // Getting a lease and giving it back removes its file.
+        // Acquiring and dropping a lease removes its file.
         leases.for_each(|lease| drop(try_lease(&lease.path())));
-        sweep_temp(&folder.join("temp"))
+        remove_stale_files(&folder.join("temp"))
     }
 }
 
 impl Drop for Store {
     fn drop(&mut self) {
         if !self.is_read_only() {
-            // Notes may be lost.
-            let _ = self.write_notes();
+            // If this fails, they are lost, which is allowed.
+            let _ = self.write_pending();
         }
     }
 }
 
-/// The day, as the seconds since 1970 at which it began: the step in which uses of results are noted.
+/// The start of the current day in seconds since 1970: uses of results are recorded by day.
 pub fn today() -> u64 {
-    gc::seconds(SystemTime::now()) / DAY_SECONDS * DAY_SECONDS
+    seconds(SystemTime::now()) / DAY_SECONDS * DAY_SECONDS
 }
 
 /// Creates the cache folder, marked so that backup programs leave it out.
@@ -492,12 +483,7 @@ fn create_folder(folder: &Path, root: &Path) -> Result<()> {
     }
     fs::create_dir_all(root).at("create", root)?;
     let tag = "Signature: 8a477f597d28d172789f06886806bc55\n# This folder is a cache of lightharmony.\n";
-    // Only a courtesy.
+    // Optional: if it cannot be written, backups contain the cache.
     let _ = fs::write(folder.join("CACHEDIR.TAG"), tag);
     Ok(())
-}
-
-/// Locks a mutex. A thread that panicked in here left nothing half done that a later read would believe.
-pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,4 +1,4 @@
-//! Files that are written under a passing name and then renamed, so that no reader sees half of one.
+//! [`TempFile`]: a file that is written under a temporary name and then renamed, so that no reader sees a part of it.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
@@ -9,17 +9,17 @@ use std::time::{Duration, SystemTime};
 use crate::error::{At, Result};
 use crate::failpoint::{FilePoints, reach};
 
-/// How every passing name ends.
+/// The suffix of every temporary name.
 const SUFFIX: &str = ".lightharmony-temp";
 
-/// What nobody holds and was not written to for so long was left by a process that was killed: a live one locks what it
-/// makes at once.
+/// The age from which an unlocked temporary file counts as left by a killed process: a live one locks its files as soon
+/// as it has created them.
 const STALE: Duration = Duration::from_secs(10);
 
-/// A file under a passing name. Dropped before [`persist`](Self::persist), it is removed.
+/// A file under a temporary name. It is removed when dropped without [`persist`](Self::persist).
 ///
-/// The file is locked while it is open, so that a sweep never takes it from a live writer, whatever the
-/// clocks say.
+/// The file is locked while it is open, so that [`remove_stale_files`] never removes it from a live writer, whatever
+/// the clocks say.
 pub(crate) struct TempFile {
     path: PathBuf,
     file: File,
@@ -28,7 +28,7 @@ pub(crate) struct TempFile {
 }
 
 impl TempFile {
-    /// Creates a file in `folder`, and the folder if need be.
+    /// Creates a file in `folder`, and the folder if necessary.
     pub fn create(folder: &Path, points: &'static FilePoints) -> Result<TempFile> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         reach(points.before_create).at("create a file in", folder)?;
@@ -37,19 +37,19 @@ impl TempFile {
             let path = folder.join(format!(".{}-{count}{SUFFIX}", std::process::id()));
             let options = || OpenOptions::new().write(true).create_new(true).open(&path);
             let file = match options() {
-                // The folder is named where it cannot be made, and not the passing file.
+                // If the folder cannot be created, the error names it and not the temporary file.
                 Err(error)
                     if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) =>
                 {
                     fs::create_dir_all(folder).at("create", folder)?;
                     options()
                 }
-                // Left by a killed process of the same number, or in use by one on another machine.
+                // Left by a killed process with the same id, or in use by a process on another machine.
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
                 result => result,
             };
             let file = file.at("create", &path)?;
-            // Where locks do not work, nobody sweeps either.
+            // Where locks do not work, no process removes stale files either.
             let _ = file.try_lock();
             let temp = TempFile { path, file, points, persisted: false };
             reach(points.after_create).at("create", &temp.path)?;
@@ -62,12 +62,12 @@ impl TempFile {
         self.write_all(bytes).at("write", &self.path)
     }
 
-    /// Makes what was written survive a loss of power.
+    /// Forces what was written onto the disk.
     pub fn sync(&self) -> Result<()> {
         self.file.sync_data().and_then(|()| reach(self.points.after_sync)).at("sync", &self.path)
     }
 
-    /// Gives the file its final name, replacing what is there.
+    /// Renames the file to its final name, replacing an existing file.
     pub fn persist(mut self, target: &Path) -> Result<()> {
         reach(self.points.before_rename).at("rename to", target)?;
         let rename = || fs::rename(&self.path, target);
@@ -106,30 +106,29 @@ impl Write for TempFile {
 impl Drop for TempFile {
     fn drop(&mut self) {
         if !self.persisted {
-            // Best effort: what stays is swept later.
+            // If this fails, the file is removed later as a stale one.
             let _ = fs::remove_file(&self.path);
         }
     }
 }
 
-/// Makes the names in a folder survive a loss of power. Not every system can, and then nothing is lost that
-/// a verified read would not notice.
+/// Forces the names in a folder onto the disk. Not every system can do that; a verified read detects what is lost then.
 pub(crate) fn sync_folder(folder: &Path) {
     let _ = File::open(folder).and_then(|folder| folder.sync_all());
 }
 
-/// Removes passing files in `folder` (not below it) that killed writers left, and returns how many went. A file that a
-/// live process holds is never touched.
-pub fn sweep_temp(folder: &Path) -> usize {
-    let nobodys =
+/// Removes the temporary files in `folder` (not below it) that killed writers left, and returns their number. Files of
+/// live processes are never removed.
+pub(crate) fn remove_stale_files(folder: &Path) -> usize {
+    let unlocked =
         |path: &Path| OpenOptions::new().write(true).open(path).is_ok_and(|file| file.try_lock().is_ok());
     remove_stale(folder, SUFFIX, |path, found| {
-        found.is_file() && nobodys(path) && fs::remove_file(path).is_ok()
+        found.is_file() && unlocked(path) && fs::remove_file(path).is_ok()
     })
 }
 
-/// Calls `remove` for what has a passing name that ends so, and is older than a live one that is not locked yet; returns
-/// how many it removed.
+/// Calls `remove` for everything in `folder` whose name ends with `suffix` and that is old enough to be stale. Returns
+/// how often `remove` returned true.
 pub(crate) fn remove_stale(
     folder: &Path,
     suffix: &str,
@@ -145,7 +144,7 @@ pub(crate) fn remove_stale(
     found.filter(|(path, found)| old(found) && remove(path, found)).count()
 }
 
-/// Makes everything in a folder a minute old.
+/// Sets the times of everything in a folder to a minute ago.
 #[cfg(test)]
 pub(crate) fn age_all(folder: &Path) {
     for entry in fs::read_dir(folder).unwrap().flatten() {
@@ -160,22 +159,22 @@ mod tests {
     use crate::failpoint::BLOB;
 
     #[test]
-    fn sweeps_the_dead_and_not_the_living() {
+    fn stale_files_are_removed_and_live_ones_are_not() {
         let folder = tempfile::tempdir().unwrap();
-        let living = TempFile::create(folder.path(), &BLOB).unwrap();
-        let dead = folder.path().join(format!(".1-1{SUFFIX}"));
-        fs::write(&dead, b"half").unwrap();
+        let live = TempFile::create(folder.path(), &BLOB).unwrap();
+        let stale = folder.path().join(format!(".1-1{SUFFIX}"));
+        fs::write(&stale, b"half").unwrap();
         fs::write(folder.path().join("picture.png"), b"kept").unwrap();
-        assert_eq!(sweep_temp(folder.path()), 0, "too young to be sure");
+        assert_eq!(remove_stale_files(folder.path()), 0, "too young to be stale");
         age_all(folder.path());
-        assert_eq!(sweep_temp(folder.path()), 1);
-        assert!(!dead.exists() && living.path.exists());
-        living.persist(&folder.path().join("done")).unwrap();
+        assert_eq!(remove_stale_files(folder.path()), 1);
+        assert!(!stale.exists() && live.path.exists());
+        live.persist(&folder.path().join("done")).unwrap();
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
     }
 
     #[test]
-    fn dropped_unfinished_leaves_nothing() {
+    fn a_file_dropped_unfinished_is_removed() {
         let folder = tempfile::tempdir().unwrap();
         let mut temp = TempFile::create(&folder.path().join("deep/er"), &BLOB).unwrap();
         temp.write(b"half").unwrap();

@@ -1,4 +1,4 @@
-//! [`TempFolder`]: a folder under a passing name, which goes when its owner does.
+//! [`TempFolder`]: a folder under a temporary name, removed when it is dropped.
 
 use std::fs::{self, DirBuilder, File};
 use std::io;
@@ -8,33 +8,33 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use crate::error::{At, Result};
 use crate::temp::remove_stale;
 
-/// How every passing folder ends.
+/// The suffix of the name of every temporary folder.
 const SUFFIX: &str = ".lightharmony-folder";
 
-/// A folder that is removed in the end, with all that is in it.
+/// A folder that is removed with everything in it when this is dropped.
 ///
-/// It is locked as long as it is used, so that the next one made beside it knows and removes those that killed
-/// processes left.
+/// It is locked while it is in use, so that the creation of another one next to it can recognise and remove folders
+/// that killed processes left.
 pub struct TempFolder {
     path: PathBuf,
-    /// The folder itself; `None` where the system opens none.
+    /// The open folder; `None` where the system cannot open folders.
     _held: Option<File>,
 }
 
 impl TempFolder {
-    /// A folder in `parent`, which may be renamed to what it is for.
+    /// Creates a folder in `parent`. The caller may rename it, and it is kept then.
     ///
     /// # Errors
-    /// What the system says.
+    /// If the folder cannot be created.
     pub fn create_in(parent: &Path) -> Result<Self> {
         Self::create(parent, &DirBuilder::new())
     }
 
-    /// A folder among those of the system that are for passing files, into which others on the machine cannot look,
-    /// where that is possible.
+    /// Creates a folder in the temporary folder of the system, readable only for its owner where the system supports
+    /// that.
     ///
     /// # Errors
-    /// What the system says.
+    /// If the folder cannot be created.
     pub fn private() -> Result<Self> {
         let mut builder = DirBuilder::new();
         #[cfg(unix)]
@@ -42,14 +42,14 @@ impl TempFolder {
         Self::create(&std::env::temp_dir(), &builder)
     }
 
-    /// Where it is.
+    /// The path of the folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
     fn create(parent: &Path, builder: &DirBuilder) -> Result<Self> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
-        sweep(parent);
+        remove_stale_folders(parent);
         loop {
             let count = COUNT.fetch_add(1, Ordering::Relaxed);
             let path = parent.join(format!(".{}-{count}{SUFFIX}", std::process::id()));
@@ -57,7 +57,7 @@ impl TempFolder {
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 result => {
                     result.at("create", &path)?;
-                    // Where there are no locks on folders nobody sweeps either.
+                    // Where folders cannot be locked, no process removes stale ones either.
                     let held = File::open(&path).ok().filter(|folder| folder.try_lock().is_ok());
                     return Ok(Self { path, _held: held });
                 }
@@ -68,16 +68,16 @@ impl TempFolder {
 
 impl Drop for TempFolder {
     fn drop(&mut self) {
-        // Renamed, it is no longer there.
+        // If it was renamed, there is nothing to remove.
         let _ = fs::remove_dir_all(&self.path);
     }
 }
 
-/// Removes what killed processes left in a folder.
-fn sweep(parent: &Path) {
-    let nobodys = |path: &Path| File::open(path).is_ok_and(|folder| folder.try_lock().is_ok());
+/// Removes the temporary folders that killed processes left in a folder.
+fn remove_stale_folders(parent: &Path) {
+    let unlocked = |path: &Path| File::open(path).is_ok_and(|folder| folder.try_lock().is_ok());
     remove_stale(parent, SUFFIX, |path, found| {
-        found.is_dir() && nobodys(path) && fs::remove_dir_all(path).is_ok()
+        found.is_dir() && unlocked(path) && fs::remove_dir_all(path).is_ok()
     });
 }
 
@@ -87,20 +87,20 @@ mod tests {
     use crate::temp::age_all;
 
     #[test]
-    fn the_next_one_removes_what_the_dead_left() {
+    fn the_next_one_removes_stale_folders() {
         let parent = tempfile::tempdir().unwrap();
-        let living = TempFolder::create_in(parent.path()).unwrap();
-        let dead = parent.path().join(format!(".1-1{SUFFIX}"));
-        fs::create_dir_all(dead.join("deep")).unwrap();
-        fs::write(dead.join("deep/half"), b"half").unwrap();
+        let live = TempFolder::create_in(parent.path()).unwrap();
+        let stale = parent.path().join(format!(".1-1{SUFFIX}"));
+        fs::create_dir_all(stale.join("deep")).unwrap();
+        fs::write(stale.join("deep/half"), b"half").unwrap();
         drop(TempFolder::create_in(parent.path()).unwrap());
-        assert!(dead.exists(), "too young to be sure");
+        assert!(stale.exists(), "too young to be stale");
         age_all(parent.path());
         drop(TempFolder::create_in(parent.path()).unwrap());
-        assert!(!dead.exists() && living.path().exists());
+        assert!(!stale.exists() && live.path().exists());
         let target = parent.path().join("target");
-        fs::rename(living.path(), &target).unwrap();
-        drop(living);
+        fs::rename(live.path(), &target).unwrap();
+        drop(live);
         assert!(target.exists(), "renamed, it stays");
         assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 1);
     }

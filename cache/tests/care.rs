@@ -1,4 +1,4 @@
-//! Maintenance of a cache: values that a collection removes, that a check finds, that a copy holds.
+//! Collections, verification and copies of a cache.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs::{self, File};
@@ -22,12 +22,12 @@ fn key(n: u8) -> Digest {
     Digest::of(&[n])
 }
 
-/// A distinct value of `length` bytes.
+/// A value of `length` bytes that differs for every `n`.
 fn value(n: u8, length: usize) -> Vec<u8> {
     (0..length).map(|at| n ^ (at % 251) as u8).collect()
 }
 
-/// Records 0 to 9: each with a large blob, a small one, and one that all share. Higher ones were used later.
+/// Records 0 to 9, each with a large blob, a small one, and one that all share. Higher numbers were used later.
 fn filled() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
@@ -46,7 +46,7 @@ fn blob_path(folder: &Path, digest: &Digest) -> PathBuf {
     folder.join("v1/blobs").join(&name[..2]).join(name)
 }
 
-/// Sets the last use of the large blob of a record to this many days ago.
+/// Sets the last use of the large blob of a record to `days` days ago.
 fn set_used(folder: &Path, n: u8, days: u64) {
     let path = blob_path(folder, &Digest::of(&value(n, 100_000)));
     let file = File::options().write(true).open(path).unwrap();
@@ -69,7 +69,7 @@ fn size(folder: &Path) -> u64 {
     size
 }
 
-/// The records that exist, each with all its blobs; panics if one lacks any.
+/// The records that are stored; panics if one lacks a blob.
 fn whole(folder: &Path) -> Vec<u8> {
     let store = open(folder);
     let found = |n: &u8| {
@@ -91,7 +91,7 @@ fn the_longest_unused_goes_first_and_the_limit_holds() {
     let store = open(folder.path());
     let plan = collect(&store, Limits { dry_run: true, ..limits });
     assert_eq!(whole(folder.path()).len(), 10, "only reported");
-    // Reading is using: that made everything new.
+    // Reading counts as use.
     (0..10).for_each(|n| set_used(folder.path(), n, 20 - u64::from(n)));
     let done = collect(&store, limits);
     assert_eq!((done.records, done.blobs), (plan.records, plan.blobs));
@@ -107,16 +107,16 @@ fn the_longest_unused_goes_first_and_the_limit_holds() {
 }
 
 #[test]
-fn age_books_and_pins_decide() {
+fn age_history_and_pins_decide() {
     let folder = filled();
     let store = open(folder.path());
     store.pin("kept", &[key(0), key(1)]).unwrap();
     assert_eq!(store.pins(), [("kept".to_owned(), 2)]);
-    // A graph whose history names a record was run today.
+    // A graph with a record in its history was run today.
     drop(store.begin_run("graph", &|| false));
     store.history_put("graph", "node", key(2).as_bytes());
     store.flush().unwrap();
-    // Half a day off the ages, so that no second decides.
+    // Half a day from every age, so that the time of day does not matter.
     let old = Limits { max_age: Some(DAY * 29 / 2), ..Limits::default() };
     let done = collect(&store, old);
     assert_eq!((done.records, done.pinned), (3, 2), "3, 4 and 5 were used 17 to 15 days ago");
@@ -162,7 +162,7 @@ fn a_check_finds_exactly_what_is_damaged() {
     let check = |repair| open(folder.path()).check(repair, &names, &mut |_| true).unwrap();
     let good = check(false);
     assert!(good.is_whole() && (good.records, good.blobs) == (10, 21), "{good:?}");
-    // One bad blob, one lost one, one damaged record.
+    // One damaged blob, one missing blob, one damaged record.
     let bad = Digest::of(&value(3, 100_000));
     let mut bytes = fs::read(blob_path(folder.path(), &bad)).unwrap();
     bytes[777] ^= 1;
@@ -185,7 +185,7 @@ fn a_check_finds_exactly_what_is_damaged() {
     let healed = check(false);
     assert!(healed.is_whole() && healed.records == 7, "{healed:?}");
     assert_eq!(whole(folder.path()), [0, 1, 2, 4, 6, 7, 8]);
-    // Values moved aside are removed by the next collection, and the size that it reports is right.
+    // The next collection empties the quarantine and reports the size that is left.
     for _ in 0..2 {
         let done = collect(&open(folder.path()), Limits::default());
         assert_eq!(

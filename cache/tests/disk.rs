@@ -1,6 +1,6 @@
-//! Full disks, and folders that cannot be written. The first is a small tmpfs in a namespace of the child's own;
-//! where the system does not let us mount one, the test reports it and passes, since `kill.rs` injects the same
-//! error everywhere.
+//! Full disks and folders that cannot be written. The disk is a small tmpfs in a namespace of the child process;
+//! where the system does not permit mounting one, the test says so and passes: `kill.rs` injects the same error
+//! everywhere.
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic and speak")]
 
@@ -55,8 +55,8 @@ fn child_on_a_small_disk() {
             }
             let _ = store.take_incidents();
         }
-        // A collection makes room where values are files; where they are in the log, which has to be rewritten, it
-        // may not, and does no harm.
+        // A collection frees space if values are files. If they are in the log, which must be rewritten, it may
+        // not, and does no harm.
         let names = |bytes: &[u8]| -> Vec<Digest> {
             let n = u32::from_be_bytes(*bytes.first_chunk().unwrap());
             vec![Digest::of(&content(n, length))]
@@ -71,12 +71,12 @@ fn child_on_a_small_disk() {
         }
         drop(store);
         let _ = fs::remove_file(folder.join("rest"));
-        // Not even room for an empty log.
+        // No space even for an empty log.
         let _ = fs::write(folder.join("rest"), vec![0; 1 << 20]);
         let none = Store::open(&folder.join("more"), Options::default());
         assert!(matches!(&none, Ok(store) if store.is_read_only()), "{none:?}");
         let _ = fs::remove_file(folder.join("rest"));
-        // With space freed, it continues.
+        // With free space, the cache works again.
         let _ = (fs::remove_dir_all(cache.join("v1/blobs")), fs::remove_file(cache.join("v1/blobs.log")));
         let store = open();
         let digest = store.put_blob(&content(1, length)).unwrap();
@@ -138,14 +138,14 @@ fn a_folder_without_rights_is_read_only() {
     drop(store);
     let mode = |path: &Path, mode| fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
     let program = folder.path().join("program");
-    // By a process of its own: a handle of ours, open for writing, might be inherited by another test's child,
-    // and then the program cannot be started.
+    // Copied by another process: a file handle of this one, open for writing, might be inherited by the child of
+    // another test, and then the program could not be started.
     assert!(
         Command::new("cp").arg(std::env::current_exe().unwrap()).arg(&program).status().unwrap().success()
     );
     mode(folder.path(), 0o755);
     mode(&program, 0o755);
-    // Once with files that could be written in folders that cannot, once with neither.
+    // Once with writable files in read-only folders, once with read-only files.
     for files in [0o666, 0o444] {
         for name in ["records.log", "records.lock", "blobs.log", "blobs.lock"] {
             mode(&cache.join("v1").join(name), files);
@@ -155,7 +155,7 @@ fn a_folder_without_rights_is_read_only() {
         }
         let mut command = Command::new(&program);
         command.args(["--exact", "child_without_rights", "--ignored"]).env("CACHE_TEST_FOLDER", &cache);
-        // Root may write anywhere, so the child becomes `nobody` if permitted.
+        // Root can write anywhere, so run as nobody if that is permitted.
         let output = command.uid(65534).output().or_else(|_| {
             let mut command = Command::new(&program);
             command.args(["--exact", "child_without_rights", "--ignored"]);

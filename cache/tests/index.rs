@@ -1,4 +1,4 @@
-//! The index of a log only saves time: whatever happens to it or to the log, reads return what was put.
+//! The index of a log only saves time: whatever happens to it or to the log, reading returns what was stored.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs;
@@ -63,7 +63,7 @@ fn what_follows_the_index_counts_more() {
         assert_eq!(keys.len() as u32, COUNT);
         assert!(keys.is_sorted() && !keys.contains(&key(8)));
     }
-    // A second index covers all of it.
+    // A second index contains all of it.
     let store = open(folder.path());
     (COUNT..2 * COUNT).for_each(|n| store.put_record(&key(n), &payload(n)).unwrap());
     store.flush().unwrap();
@@ -127,6 +127,12 @@ fn damage_behind_the_index_costs_what_it_lies_in_and_is_reported() {
             Some(&b"after"[..]),
             "cut at {cut}"
         );
+        // An index that covers more than is left must not hide what the log grows by, however long it gets.
+        for n in 1..40 {
+            store.put_record(&key(COUNT + n), &vec![n as u8; 1000]).unwrap();
+            let value = open(folder.path()).get_record(&key(COUNT + n));
+            assert_eq!(value, Some(vec![n as u8; 1000]), "cut at {cut}");
+        }
     }
 }
 
@@ -146,7 +152,7 @@ fn two_processes_with_one_index_see_each_other() {
     let (a, b) = (open(folder.path()), open(folder.path()));
     a.put_record(&key(COUNT), b"a").unwrap();
     assert_eq!(b.get_record(&key(COUNT)).as_deref(), Some(&b"a"[..]));
-    // Compaction by one: the other notices.
+    // Compaction by one process is detected by the other.
     for round in 0..40_u8 {
         a.put_record(&key(COUNT + 1), &vec![round; 100_000]).unwrap();
     }
@@ -170,7 +176,7 @@ fn half_an_entry_that_was_read_does_not_hide_what_replaces_it() {
     let store = open(folder.path());
     assert_eq!(found(&store), COUNT - 1);
     store.put_record(&key(COUNT), b"in its place").unwrap();
-    // Compaction must not lose it either.
+    // Compaction must keep it, too.
     (0..30).for_each(|_| store.put_record(&key(COUNT + 1), &[0; 100_000]).unwrap());
     store.flush().unwrap();
     assert_eq!(store.get_record(&key(COUNT)).as_deref(), Some(&b"in its place"[..]));

@@ -1,4 +1,4 @@
-//! Keys: different walks have different digests, and the manifest says how they differ.
+//! Keys: different sequences of fields have different digests, and the manifest says how they differ.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use cache::{Change, Digest, Key, KeyError, KeyWriter, Manifest};
@@ -50,7 +50,7 @@ fn key(fields: &[(String, Field)]) -> Key {
     walk.finish().unwrap()
 }
 
-/// The content of a walk, spelled out so that only equal walks are equal.
+/// A sequence of fields as text that is equal only for equal sequences.
 fn meaning(fields: &[(String, Field)]) -> String {
     let one = |field: &Field| match field {
         Field::F64(bits) => format!("F64({:016x})", (number(*bits) + 0.0).to_bits()),
@@ -65,7 +65,7 @@ fn meaning(fields: &[(String, Field)]) -> String {
     fields.iter().map(|(name, field)| format!("{name:?}: {}, ", one(field))).collect()
 }
 
-/// Few and similar values, so that walks nearly collide.
+/// Few and similar values, so that sequences are nearly equal.
 fn fields() -> impl Strategy<Value = Vec<(String, Field)>> {
     let name = prop::sample::select(vec!["", "a", "b", "ab", "(", ")", "a)"]).prop_map(str::to_owned);
     let leaf = prop_oneof![

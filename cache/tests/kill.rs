@@ -1,5 +1,5 @@
-//! Stops a process, or fails its disk, at every named place, and checks the rest. Needs the feature `failpoints`.
-//! The children are this test program again, running `child`.
+//! Kills a process, or simulates an error of its disk, at every named place, and checks the cache.
+//! Needs the feature `failpoints`. The children are this test program again, running `child`.
 #![cfg(feature = "failpoints")]
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -24,7 +24,7 @@ fn key(n: u8) -> Digest {
 
 const ROUNDS: u8 = 6;
 
-/// Does everything at least once, and writes down what was acknowledged.
+/// Does everything at least once, and logs what was acknowledged.
 fn work(folder: &Path) -> Result<()> {
     let mut acknowledged = OpenOptions::new().create(true).append(true).open(folder.join("log")).unwrap();
     // One write per line, so that a kill leaves no half line.
@@ -50,13 +50,13 @@ fn work(folder: &Path) -> Result<()> {
         publish_file(&folder.join("out/picture.png"), &vec![n; 3000])?;
         note(format!("file {n}"));
     }
-    // One bad blob that nobody was promised.
+    // One damaged blob that was not acknowledged.
     let bad = store.put_blob(&[77; 9000])?;
     let name = bad.to_string();
     fs::write(folder.join("cache/v1/blobs").join(&name[..2]).join(&name), b"bad").unwrap();
     assert_eq!(store.get_blob(&bad)?, None);
     store.flush()?;
-    // A collection removes values that no record names, and nothing else.
+    // A collection removes blobs that no record names, and nothing else.
     let orphan = store.put_blob(&[78; 9000])?;
     let names = |payload: &[u8]| vec![Digest::of(payload)];
     store.collect(&Limits::default(), &names, std::time::Duration::from_secs(60))?;
@@ -81,7 +81,7 @@ fn child() {
     }
 }
 
-/// Runs a child that stops at a place; whether it did stop.
+/// Runs a child that stops at a place. Returns whether it stopped.
 fn run(folder: &Path, failpoint: Option<&str>) -> bool {
     let mut command = Command::new(std::env::current_exe().unwrap());
     command.args(["--exact", "child", "--ignored", "--nocapture"]).env("CACHE_TEST_FOLDER", folder);
@@ -96,7 +96,7 @@ fn run(folder: &Path, failpoint: Option<&str>) -> bool {
     !output.status.success()
 }
 
-/// All that was acknowledged is there, and nothing is wrong.
+/// Checks that everything acknowledged is stored, and nothing is wrong.
 fn check(folder: &Path, what: &str) {
     let log = fs::read_to_string(folder.join("log")).unwrap_or_default();
     let store = open(&folder.join("cache")).unwrap();
@@ -130,7 +130,7 @@ fn check(folder: &Path, what: &str) {
     }
 }
 
-/// Number of children stopped at each place: the whole work passes none of them more often.
+/// The counts at which children are stopped at each place; `work` reaches no place more often.
 const COUNTS: [u64; 5] = [1, 2, 3, 7, 12];
 
 #[test]
@@ -145,7 +145,7 @@ fn killed_at_every_place_nothing_acknowledged_is_lost() {
                 break;
             }
             check(folder.path(), &place);
-            // Killed again while it recovers, then left to finish.
+            // Killed again while it recovers, then allowed to finish.
             run(folder.path(), Some(&place));
             check(folder.path(), &place);
             assert!(!run(folder.path(), None), "{place}: the work cannot be finished");

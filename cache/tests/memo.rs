@@ -1,4 +1,4 @@
-//! Memos: an unchanged file is not read, a changed one always is.
+//! Memos: an unchanged file is not read, a changed one always is read.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs::{self, File};
@@ -55,7 +55,7 @@ fn a_settled_memo_serves_and_a_fresh_one_does_not() {
     // The same file, rewritten in place, with its time restored: only ctime differs.
     let known = settled(FileStamp::of(&path).unwrap());
     store.memo_put(&path, &known, &Digest::of(b"two"));
-    // However coarse the clock of the file system, it advances.
+    // The clock of the file system may be coarse, but it advances.
     while FileStamp::of(&path).unwrap().ctime_ns == known.ctime_ns {
         std::thread::sleep(Duration::from_millis(5));
         fs::write(&path, b"six").unwrap();
@@ -96,7 +96,7 @@ fn a_clock_that_jumps_costs_reading_and_gives_no_wrong_digest() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(&folder.path().join("cache"));
     let path = folder.path().join("source");
-    // When the memo is taken, the clock is a year behind, and files seem to be from the future; or it is a year
+    // When the memo is taken, the clock is a year behind, so that files seem to be from the future, or a year
     // ahead.
     for (jump, trusted) in [(-YEAR, false), (YEAR, true)] {
         fs::write(&path, b"one").unwrap();
@@ -105,7 +105,7 @@ fn a_clock_that_jumps_costs_reading_and_gives_no_wrong_digest() {
         store.memo_put(&path, &stamp, &Digest::of(b"one"));
         assert_eq!(store.memo_get(&path, &stamp).is_some(), trusted, "{jump}");
         assert_eq!(store.digest_file(&path).unwrap().0, Digest::of(b"one"));
-        // Whatever the clock said then, and whenever the edit claims to be made.
+        // Whatever the clock was then, and whatever the time of the edit.
         for (content, year) in [("three", 0), ("seventh", 1), ("eleventh!", -1)] {
             fs::write(&path, content).unwrap();
             let time = SystemTime::UNIX_EPOCH + Duration::from_nanos((stamp.mtime_ns + year * YEAR) as u64);

@@ -50,7 +50,7 @@ fn child() {
             std::thread::sleep(Duration::from_secs(60));
         }
         "count" => {
-            // Every read and write of the number is under the lease, or increments get lost.
+            // Every read and write of the number is under the lease; otherwise increments would be lost.
             for _ in 0..50 {
                 let LeaseState::Acquired(_lease) =
                     store.wait_for_lease(&key, Duration::from_secs(60), &|| false)
@@ -182,7 +182,7 @@ fn a_stopped_process_stops_nobody_for_long() {
         let (key, payload) = record("here", n);
         store.put_record(&key, &payload).unwrap();
     }
-    // Two seconds once, where twenty times would be forty.
+    // One wait of two seconds; twenty waits would be forty seconds.
     assert!(start.elapsed() < Duration::from_secs(30), "waits once, not every time");
     let other = open(folder.path());
     drop(stopped);

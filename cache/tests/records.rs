@@ -1,4 +1,4 @@
-//! Records: what was put comes back, whatever happens to the file.
+//! Records: whatever happens to the file, reading returns what was stored, or nothing.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::collections::BTreeMap;
@@ -40,7 +40,7 @@ fn filled() -> (tempfile::TempDir, Vec<u8>, Vec<usize>) {
     (folder, bytes, ends)
 }
 
-/// Which records a new process finds; panics on a wrong value.
+/// The records that a new process finds; panics on a wrong value.
 fn found(store: &Store) -> Vec<u32> {
     let there = |n: &u32| {
         let value = store.get_record(&key(*n));
@@ -50,7 +50,7 @@ fn found(store: &Store) -> Vec<u32> {
     (0..COUNT).filter(there).collect()
 }
 
-/// After any damage the store takes new records and a new process sees them.
+/// Checks that after any damage the store accepts new records and a new process finds them.
 fn still_works(folder: &Path, expected: &[u32], what: &str) {
     let store = open(folder);
     assert_eq!(found(&store), expected, "{what}");
@@ -70,7 +70,7 @@ fn truncated_at_every_byte() {
     let (folder, bytes, ends) = filled();
     for cut in 0..=bytes.len() {
         fs::write(log(folder.path()), &bytes[..cut]).unwrap();
-        // Half of the head of the file still has the salt, but then no entry either.
+        // Half of the head still contains the salt, but no entry follows.
         let whole = ends.iter().skip(1).filter(|end| **end <= cut).count() as u32;
         still_works(folder.path(), &(0..whole).collect::<Vec<_>>(), &format!("cut at {cut}"));
     }
@@ -84,7 +84,7 @@ fn every_byte_flipped() {
         bad[at] ^= 1 << (at % 8);
         fs::write(log(folder.path()), &bad).unwrap();
         let hit = ends.iter().position(|end| at < *end).unwrap() as u32;
-        // A flip in the head of the file hits nobody.
+        // A flip in the head of the file affects no record.
         let kept: Vec<u32> = (0..COUNT).filter(|n| n + 1 != hit).collect();
         still_works(folder.path(), &kept, &format!("byte {at} flipped"));
     }
@@ -194,13 +194,23 @@ fn other_handles_see_appends_and_compaction() {
 fn a_reader_with_a_torn_tail_sees_what_replaces_it() {
     let (folder, bytes, ends) = filled();
     let cut = ends[COUNT as usize - 1];
-    // The last entry torn by one byte, then replaced by one of exactly the torn length.
-    fs::write(log(folder.path()), &bytes[..bytes.len() - 1]).unwrap();
+    // The last entry torn by one byte, then followed by another one: bytes in a log are never changed.
+    let torn = &bytes[..bytes.len() - 1];
+    fs::write(log(folder.path()), torn).unwrap();
     let reader = open(folder.path());
     assert_eq!(found(&reader).len(), COUNT as usize - 1);
-    let size = bytes.len() - 1 - cut - 64;
+    open(folder.path()).put_record(&key(8), b"eight").unwrap();
+    assert!(fs::read(log(folder.path())).unwrap().starts_with(torn));
+    assert_eq!(reader.get_record(&key(8)).as_deref(), Some(&b"eight"[..]));
+    assert_eq!(reader.take_incidents(), [], "a truncated entry does not count as damage");
+    // Versions before this one cut it off: then it is replaced by one of exactly the torn length.
+    fs::write(log(folder.path()), torn).unwrap();
+    let reader = open(folder.path());
+    assert_eq!(found(&reader).len(), COUNT as usize - 1);
+    fs::write(log(folder.path()), &bytes[..cut]).unwrap();
+    let size = torn.len() - cut - 64;
     open(folder.path()).put_record(&key(9), &vec![1; size]).unwrap();
-    assert_eq!(fs::metadata(log(folder.path())).unwrap().len() as usize, bytes.len() - 1);
+    assert_eq!(fs::metadata(log(folder.path())).unwrap().len() as usize, torn.len());
     assert_eq!(reader.get_record(&key(9)), Some(vec![1; size]));
 }
 

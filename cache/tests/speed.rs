@@ -79,7 +79,7 @@ fn speed() {
     });
 
     for (name, fsync) in [("off", Fsync::Off), ("batch", Fsync::Batch), ("always", Fsync::Always)] {
-        // Like a run: a large value and its record, two hundred times, and the end of the run.
+        // The work of a run: a large value and its record, two hundred times, and the end of the run.
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path(), Options { fsync, read_only: false }).unwrap();
         let start = Instant::now();

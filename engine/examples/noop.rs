@@ -15,7 +15,7 @@ use std::time::Instant;
 
 use engine::{Engine, Graph, RunOptions, Source, SourceRoot};
 
-/// A graph file of about so many nodes.
+/// A graph file of about `count` nodes.
 fn graph(shape: &str, count: usize) -> String {
     let mut text = String::from("Graph(version: 1, scene: (up: \"+z\", seed: 7), nodes: (\n");
     let mut node = |id: usize, what: String| {
@@ -65,8 +65,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let engine = Engine::new(store, 2, 1 << 30);
     stage("open");
     let root = SourceRoot::new(&folder);
-    let graph = Graph::parse_cached(source, &arithmetic::registry(), root, engine.store())
-        .map_err(|mistakes| mistakes.render(false))?;
+    let graph =
+        Graph::parse(source, &arithmetic::registry(), root).map_err(|mistakes| mistakes.render(false))?;
     stage("parse and check");
     let outcome = engine.run(&graph, &RunOptions::default(), |_| {});
     stage("run");

@@ -1,15 +1,14 @@
 //! Declarative dataflow: graph files, typed ports, content keys, a caching scheduler.
 //!
-//! The engine knows graphs, ports, keys and schedules and never an image. A crate of kinds implements
-//! [`Kind`] for each of its nodes and hands a [`Registry`] over.
+//! The engine knows graphs, ports, keys and schedules, but no images. A crate of kinds implements [`Kind`] for each of its
+//! kinds of node and provides a [`Registry`].
 //!
-//! - A graph file is RON text. [`Graph::parse`] reads and checks it against the registry, and tells all its
-//!   mistakes at once as [`Diagnostics`], each with its place and what to do. [`apply`] edits such a text by
-//!   place (`--set node.field=value`).
-//! - [`Engine::run`] brings about what a graph wants: each node has a [key](crate#keys), what the store knows
-//!   is not computed again, the rest runs on shared threads within a memory budget. What happens is told as
-//!   one stream of [`Event`]s. [`Engine::plan`] tells what a run would do, and why.
-//! - What travels along wires is an [`Artifact`]; its encoded bytes are what is stored, compared and keyed.
+//! - A graph file is RON text. [`Graph::parse`] parses and checks it against the registry and reports all mistakes
+//!   together as [`Diagnostics`], with places and advice. [`apply`] adds settings (`--set node.field=value`).
+//! - [`Engine::run`] computes the targets of a graph. Each node has a [key](crate#keys). Results whose key is in the store
+//!   are not computed again; the rest runs on several threads within a memory budget. Progress is reported as
+//!   [`Event`]s. [`Engine::plan`] shows what a run would do, and why.
+//! - Values are [`Artifact`]s. Their encoded bytes are stored, compared and digested.
 //!
 //! ```
 //! use std::sync::Arc;
@@ -37,7 +36,7 @@
 //!         bias: f64 = 0.0, range(-1e6, 1e6), other("1.0");
 //!     }
 //! }
-//! engine::inputs! { pub struct In { /** What is added. */ terms: Vec<Arc<Num>>, } }
+//! engine::inputs! { pub struct In { /** The terms. */ terms: Vec<Arc<Num>>, } }
 //! engine::outputs! { pub struct Out { /** The sum. */ sum: Arc<Num>, } }
 //! impl Kind for Add {
 //!     const NAME: &'static str = "add";
@@ -69,17 +68,20 @@
 //! ```
 //!
 //! # Keys
-//! The key of a node is a digest over its kind and version, every parameter with defaults filled in, the
-//! content of its inputs, the content of the files it reads, its numeric profile, and of the context what the
-//! kind declares to read. Nothing else is in it: no name, no layout, no folder, no time, no thread. Since
-//! inputs enter by content, a node that gives equal bytes stops the rerun there. A key is written in one walk
-//! together with its [`Manifest`], the readable form that explanations compare.
+//! The key of a node is a digest of its kind and version, all parameters including defaults, the content of its inputs
+//! and of the files it reads, its numeric profile, and the context fields that the kind declares. Names, layout, folders,
+//! times and threads are not part of it. Since inputs enter by content, a node with an unchanged result ends the rerun of
+//! the nodes below. A key is written together with its [`Manifest`], the readable form that explanations compare.
 //!
-//! # What holds
-//! - Results do not depend on the number of threads, the order in which nodes run, or what was cached.
-//! - A node that fails stops what depends on it and nothing else. A panic is the failure of its node.
-//! - Damage to the cache costs time and one warning. A run that is stopped or killed keeps what finished.
+//! # Guarantees
+//! - Results do not depend on the number of threads, the order in which nodes run, or the content of the cache.
+//! - A node that fails affects only the nodes that depend on it. A panic in its code is a failure of the node.
+//! - Damage to the cache costs time and one warning. A run that is cancelled or killed keeps what is finished.
 //! - Nothing recurses over the graph: a chain may be as long as memory allows.
+//!
+//! # Modules
+//! The folders of `src` are layers: `value`, `text`, `kind`, `graph`, `record`, `run`, `plan`, `watch`, `share`. A module
+//! uses only its own layer and those before it.
 
 #![allow(clippy::module_inception, reason = "the main noun of a room is in the file of that name")]
 
@@ -100,14 +102,16 @@ pub use graph::graph::Graph;
 pub use graph::knobs::GraphKnob;
 pub use graph::node::{Node, Wire};
 pub use graph::reads::ReadFiles;
-pub use kind::context::{Context, ContextField, Part, Point, Scene, Up};
-pub use kind::contract::{Cost, Keep, Kind, Sizes, ViewCount};
+pub use kind::context::{Context, ContextField};
+pub use kind::contract::{Cost, Former, Keep, Kind, Preview, Sizes, ViewCount};
 pub use kind::fields::Fields;
 pub use kind::knob::{Knob, KnobKind};
 pub use kind::param_type::{NotCanonical, OutputFile, ParamType, ParamValue, Role, canonical};
 pub use kind::params::{ParamSpec, Params};
+pub use kind::part::Part;
 pub use kind::port::{Arity, InPort, Inputs, Outputs, PortSpec, Wired};
 pub use kind::registry::{KindEntry, Registry};
+pub use kind::scene::{Point, Scene, Up};
 pub use plan::diff::{
     NodeDifference, ResultDifference, ResultDifferences, graph_differences, result_differences,
 };
@@ -117,7 +121,8 @@ pub use record::record::{Spent, blobs_of};
 pub use run::engine::Engine;
 pub use run::event::{Event, Forecast, State, Totals};
 pub use run::options::{Outcome, RunOptions};
-pub use run::remembered::unchanged::run_unchanged;
+pub use run::unchanged::run_unchanged;
+pub use run::value_cache::default_memory;
 pub use serde;
 pub use share::bundle::container::{Bundle, BundleError};
 pub use share::bundle::pack::{Packed, Results};
@@ -136,6 +141,10 @@ pub use value::error::NodeError;
 pub use value::files::{FileBytes, Files};
 pub use value::note::{Level, Note, Notes};
 pub use value::root::{FileHead, InputFile, SourceFile, SourceRoot, bundle_around};
+pub use value::text_file::{MAX_GRAPH_BYTES, read_text};
 pub use value::units::{bytes_text, parse_bytes};
 pub use watch::handle::Handle;
-pub use watch::watch::{Load, Refusal, Watch, WatchOptions};
+pub use watch::options::Load;
+pub use watch::options::Refusal;
+pub use watch::options::WatchOptions;
+pub use watch::watch::Watch;

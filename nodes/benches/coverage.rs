@@ -1,6 +1,6 @@
-//! How often the true value lies within the standard errors that a run tells, over twenty seeds: of the ratio
-//! `with / without` by `path-trace`, and of the finished picture by `composite`. The tables of `docs/evidence/trade.md`.
-//! `cargo bench -p lightharmony-nodes --bench coverage`, of a checkout that has `shared` beside it; `-- small` only tries it.
+//! How often the true value lies within the reported standard errors, over twenty seeds: of the ratio `with /
+//! without` by `path-trace`, and of the finished picture by `composite`. The tables of `docs/evidence/trade.md`.
+//! `cargo bench -p lightharmony-nodes --bench coverage`, in a checkout next to `shared`; `-- small` only tries it.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
 use std::path::Path;
@@ -10,7 +10,7 @@ use engine::{
     Artifact, Context, Engine, Graph, Kind, RunOptions, Scene, Source, SourceRoot, Store, Up, Wire,
 };
 use nodes::kinds::composite::{self, Composite};
-use nodes::kinds::path_trace::visibility::EnvBlock;
+use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::kinds::shadow_ratio::{self, ShadowRatio};
 use nodes::math::color::luminance;
@@ -19,7 +19,7 @@ use nodes::types::{Environment, Images, Mesh, Placed, Rig};
 /// How much is traced.
 struct Effort {
     seeds: u64,
-    /// Seeds and samples of what is taken for the truth. They are none of those above.
+    /// Seeds and samples of the truth, different from those above.
     truth: (u64, u32),
     /// The most samples where an error is asked for.
     most: u32,
@@ -32,7 +32,7 @@ const SMALL: Effort = Effort { seeds: 2, truth: (2, 8), most: 8 };
 const ASKED: f64 = 0.03;
 const TILE: usize = 8;
 
-/// What `trace` reads in a graph of `tests/tables`, and the background of its picture.
+/// The inputs of `trace` in a graph of `tests/tables`, and the background of its picture.
 struct Place {
     receiver: Arc<Mesh>,
     objects: Vec<Arc<Placed>>,
@@ -41,7 +41,7 @@ struct Place {
     background: Arc<Images>,
 }
 
-/// Values of pixels with what is told of their standard errors; 0 where there is no noise.
+/// Values of pixels with their reported standard errors; 0 where there is no noise.
 type Told = Vec<[f64; 2]>;
 
 impl Place {
@@ -78,7 +78,8 @@ impl Place {
 
     /// Ratio and picture of all views, for a seed.
     fn traced(&self, params: &PathTrace, seed: u64) -> [Told; 2] {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed, exhaustive: false }, ".");
         let inputs = path_trace::In {
             receiver: self.receiver.clone(),
             objects: self.objects.clone(),
@@ -202,22 +203,22 @@ fn main() {
     );
     println!("|---|---|---|---|---|---|---|---|---|");
     let demo = ("width_px: 160, height_px: 120", "width_px: 64, height_px: 48");
-    let beyond = EnvBlock::PassBeyond { metres: 1.1 };
+    let beyond = Surroundings::Within { metres: 1.1, bounces: false };
     let scenes = [
         ("demo", Place::load("demo.ron", demo), beyond, Some(0.02)),
         (
             "bench case",
             Place::load("plaza.ron", ("resolution: 0.25", "resolution: 0.1")),
-            EnvBlock::Auto,
+            Surroundings::Auto,
             None,
         ),
     ];
     let (mut rows, mut held): ([Vec<String>; 2], Vec<String>) = Default::default();
-    for (name, place, env_block, contact_metres) in scenes {
+    for (name, place, surroundings, contact_metres) in scenes {
         let params = |samples, max_error| PathTrace {
             samples,
             max_error,
-            env_block,
+            surroundings,
             contact_metres,
             ..PathTrace::default()
         };

@@ -1,4 +1,4 @@
-//! What every target does: reads, and holds the result against what a reader promises.
+//! The body of every target: reads, and checks the guarantees of a reader.
 
 use engine::{Context, Scene, Up};
 use nodes::io::splats::{Frame, from_bytes};
@@ -6,7 +6,7 @@ use nodes::io::splats::{Frame, from_bytes};
 /// Reads `head` and `data` as one file: an error, or a scene of finite numbers that the bytes can hold.
 pub fn read(head: &[u8], data: &[u8]) {
     let bytes = [head, data].concat();
-    let cx = Context::detached(Scene { up: Up::MinusY, metres_per_unit: 1.0, seed: 0 }, ".");
+    let cx = Context::detached(Scene { up: Up::MinusY, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
     if let Ok((splats, _)) = from_bytes("fuzz", &bytes, Frame::ByFormat, &cx) {
         let numbers = [splats.means.as_flattened(), splats.scales.as_flattened(), splats.quats.as_flattened()];
         let others = [splats.sh.as_flattened(), splats.opacities.as_slice()];

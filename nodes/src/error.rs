@@ -1,18 +1,18 @@
-//! What can go wrong with the data of a scene.
+//! Errors of kinds and file formats.
 
 /// An error of a kind or of a file format. It says what is wrong with which file and what to do; the
 /// engine adds the node and the place in the graph file.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A file that is not what it claims to be, or holds what cannot be used.
+    /// An invalid file, or one with unusable content.
     #[error("`{file}`: {what}")]
     Format {
         /// The file as the graph names it.
         file: String,
-        /// What is wrong, with the place in the file where it has one.
+        /// The error, with its position in the file if known.
         what: String,
     },
-    /// A file that uses a feature we do not support; names the feature.
+    /// A file that uses a feature that is not supported; names the feature.
     #[error("`{file}`: not supported: {feature}")]
     Unsupported {
         /// The file as the graph names it.
@@ -20,10 +20,10 @@ pub enum Error {
         /// The feature, and what to do instead.
         feature: String,
     },
-    /// The run was asked to stop, which the engine takes for the node's end whatever the node says of it.
+    /// The run was cancelled.
     #[error("stopped")]
     Stopped,
-    /// Inputs that do not belong together.
+    /// Inputs that are inconsistent with each other.
     #[error("{0}")]
     Mismatch(String),
 }

@@ -1,10 +1,11 @@
 //! The kinds of lightharmony.
 //!
-//! One kind is one file (a folder when large) with its doc, parameters, ports, code and unit tests, and
-//! one line in [`registry`]. `types` holds what travels along wires, `io` the file formats; `num`,
-//! `color`, `equirect`, `sampling` and `bvh` are what several kinds share.
+//! One kind is one file in [`kinds`] (a folder when large) with its documentation, parameters, ports, code and unit tests,
+//! and one line in [`registry`]. The other rooms hold what kinds share; a file imports only its own room and those below it
+//! in this order: `kinds`, [`render`], [`geometry`], [`light`], [`io`], [`types`], [`math`], [`error`].
 
 use engine::{KindEntry, Registry};
+use kinds::*;
 
 pub mod error;
 pub mod geometry;
@@ -17,17 +18,6 @@ pub mod types;
 
 #[cfg(test)]
 mod testing;
-
-// The names of before the rooms, until all users name the rooms.
-#[doc(hidden)]
-pub use {
-    geometry::{bvh, inspect, resting, sampling, support},
-    io::splats::save as save_splats,
-    kinds::*,
-    math::{color, equirect, metrics, nn, num},
-    render::splat,
-    types::layers,
-};
 
 pub use error::Error;
 
@@ -44,6 +34,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<demo_scene::DemoScene>(),
         KindEntry::of::<denoise::Denoise>(),
         KindEntry::of::<extract_mesh::ExtractMesh>(),
+        KindEntry::of::<fit_lights::FitLights>(),
         KindEntry::of::<fit_probe::FitProbe>(),
         KindEntry::of::<fuse_hdr::FuseHdr>(),
         KindEntry::of::<join_reports::JoinReports>(),

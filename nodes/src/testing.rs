@@ -1,4 +1,4 @@
-//! What unit tests share.
+//! Shared by unit tests.
 
 use engine::{Context, Scene, Up};
 use fearless_simd::Level;
@@ -14,7 +14,7 @@ pub use row::row;
 
 /// A context outside of any run: z up, metres, seed 7.
 pub fn context() -> Context {
-    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, ".")
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".")
 }
 
 /// A scene of degree 0 without splats.
@@ -54,8 +54,8 @@ pub fn direction([u, v]: [f32; 2]) -> Vec3 {
     Vec3::new(r * cos, r * sin, z)
 }
 
-/// Pearson's chi-square of counts against what is expected of them, in deviations of a normal distribution (Wilson and
-/// Hilferty 1931): of right samplers one in 30,000 has more than 4. Bins that expect less than 5 count as one.
+/// Pearson's chi-square of counts and expected counts, in standard deviations of a normal distribution (Wilson and
+/// Hilferty 1931): one in 30,000 correct samplers exceeds 4. Bins with an expected count below 5 are joined.
 pub fn chi_square(counts: &[f64], expected: &[f64]) -> f64 {
     assert_eq!(counts.len(), expected.len());
     let (mut rare, mut sum, mut bins) = ([0.0; 2], 0.0, 0.0);
@@ -70,7 +70,7 @@ pub fn chi_square(counts: &[f64], expected: &[f64]) -> f64 {
             rare = [rare[0] + count, rare[1] + expected];
         }
     }
-    // What is never expected may not come.
+    // Outcomes with an expected count of 0 must not occur.
     if rare[0] > 0.0 || rare[1] >= 5.0 {
         add(rare[0], rare[1].max(1e-9));
     }

@@ -10,7 +10,7 @@ use cap::Cap;
 use engine::{Engine, Event, Graph, RunOptions, Source, SourceRoot, Store};
 use nodes::io::exr::{Channel, Depth};
 use nodes::io::png::{Packing, Raster};
-use nodes::io::stretch::Stretch;
+use nodes::io::progress::Progress;
 use nodes::io::{exr, jpeg, png};
 
 #[global_allocator]
@@ -34,8 +34,8 @@ fn files(folder: &Path) {
     ] {
         let code = |i: usize| if noisy { noise(i) & largest } else { 7 };
         let codes = (0..width * height * channels).map(code).collect();
-        let raster = Raster { width, height, channels, largest, codes, ignored: Vec::new() };
-        put(name, png::write_for(&raster, Packing::Fast, true, &[], Stretch::ALONE).expect("packs"));
+        let raster = Raster { width, height, channels, largest, codes, ignored: Vec::new(), linear: false };
+        put(name, png::write_for(&raster, Packing::Fast, true, &[], Progress::UNTRACKED).expect("packs"));
         if name == "noise.png" {
             put("noise.jpg", jpeg::write(&raster, 90, None).expect("packs"));
         }

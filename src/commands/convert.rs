@@ -13,7 +13,7 @@ use nodes::types::Splats;
 
 use crate::commands::inspect;
 use crate::session::Error;
-use crate::session::splats::{self, UpArg};
+use crate::session::splats::{self, MemoryArgs, UpArg};
 use crate::terminal;
 
 /// Writes a scene of splats, or a mesh, in another format.
@@ -23,16 +23,19 @@ pub struct Convert {
     input: PathBuf,
     /// The file to write; its ending names the format: .ply (INRIA) or .spz of splats, .ply, .glb or .obj of a mesh
     output: PathBuf,
-    /// Up in files that do not say, such as PLY: SPZ and glTF have +y up and are turned between it and this axis
-    /// [default: -y, as INRIA's files mostly have]
+    /// The up axis of formats that do not define one, such as PLY: SPZ and glTF have +y up and are turned between
+    /// it and this axis [default: -y, as INRIA's files mostly have]
     #[arg(long, value_enum, allow_hyphen_values = true)]
     up: Option<UpArg>,
-    /// Turn nothing, whatever the formats say
+    /// Keep the coordinates as stored, whatever the formats define
     #[arg(long, conflicts_with = "up")]
     as_stored: bool,
-    /// SPZ of version 4; otherwise it is 3, which every reader knows, unless harmonics of degree 4 ask for 4
+    /// Write SPZ version 4; the default is version 3, which every reader knows, unless harmonics of degree 4 need
+    /// version 4
     #[arg(long)]
     spz4: bool,
+    #[command(flatten)]
+    memory: MemoryArgs,
 }
 
 impl Convert {
@@ -56,20 +59,22 @@ impl Convert {
         let up = self.up.unwrap_or(UpArg::MinusY).into();
         let cx = splats::context(up);
         let frame = if self.as_stored { Frame::AsStored } else { Frame::ByFormat };
+        let memory = self.memory.bytes()?;
         let convert = || {
             splats::check(&self.input)?;
+            splats::check_memory(&self.input, memory)?;
             if ReadFiles::new([self.input.clone()]).has(&self.output) {
-                return Err(NodeError::new(format!("`{}` is the file to read", self.output.display()))
-                    .hint("name another one to write"));
+                return Err(NodeError::new(format!("`{}` is the input file", self.output.display()))
+                    .hint("name another output file"));
             }
             check_folder(&self.output)?;
             let (scene, notes) = splats::load(&self.input, frame, &cx)?;
             if scene.is_empty() {
-                let what = format!("`{}` holds no splat that can be drawn", self.input.display());
+                let what = format!("`{}` has no splat that can be drawn", self.input.display());
                 return Err(NodeError::new(format!("{what}\n{}", splats::lines(&notes).trim_end())));
             }
             let (bytes, mut lost) = encode(&scene, format, (!self.as_stored).then_some(up), &cx)?;
-            // Which way is up was our word alone, and it mattered.
+            // The up axis was our default, and it changed the output.
             let ours = self.up.is_none() && !notes.iter().any(|note| note.id == "frame");
             if ours && lost.iter().any(|note| note.id == "frame") {
                 warn_of_floor(&scene, up, &mut lost, &cx)?;
@@ -116,7 +121,10 @@ impl Convert {
         let is_mesh = head(&self.input).is_ok_and(|bytes| inspect::is_mesh(&bytes));
         let Some(format) = MeshFormat::of_path(&self.output.to_string_lossy()).filter(|_| is_mesh) else {
             if is_mesh {
-                terminal::error(&format!("`{}`: the ending must be .ply, .glb or .obj", self.output.display()));
+                terminal::error(&format!(
+                    "`{}`: the ending must be .ply, .glb or .obj",
+                    self.output.display()
+                ));
             }
             return Ok(is_mesh.then_some(2));
         };
@@ -156,20 +164,20 @@ impl Convert {
     }
 }
 
-/// An error where the folder of a file to write is missing, as of `cp`: a typing mistake should not make one.
+/// Refuses an output whose folder does not exist, as `cp` does: a typing mistake should not create one.
 fn check_folder(output: &Path) -> Result<(), NodeError> {
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
     let Some(folder) = folder.filter(|folder| !folder.is_dir()) else { return Ok(()) };
     let what = format!("cannot write `{}`: there is no folder `{}`", output.display(), folder.display());
-    Err(NodeError::new(what).hint("make it first"))
+    Err(NodeError::new(what).hint("create it first"))
 }
 
-/// Warns where the floor of a scene says that another axis points up than the one that was taken for it.
+/// Warns where the floor of a scene indicates another up axis than the one that was assumed.
 fn warn_of_floor(scene: &Splats, up: Up, notes: &mut Notes, cx: &Context) -> Result<(), NodeError> {
     let floor = nodes::geometry::inspect::splats::inspect(scene, cx)?.floor;
     if let Some(floor) = floor.filter(|floor| floor.is_clear() && floor.up != up.name()) {
         let text = format!(
-            "{} was taken to be up, but the floor of the scene says {}; name the axis with `--up`",
+            "{} was assumed to be up, but the floor of the scene indicates {}; set the axis with `--up`",
             up.name(),
             floor.up
         );

@@ -18,22 +18,21 @@ use crate::session::origin::{OriginArgs, is_picture};
 use crate::session::{EngineArgs, Error, GraphArgs, Loaded};
 use crate::terminal;
 
-/// Tells how two graphs differ, in what they say and in what came of them.
+/// Shows how two graphs differ, in their text and in their results.
 ///
-/// Each side is a graph file, a bundle or a picture that carries its recipe. What came of a graph is looked up
-/// in the cache, what came of a bundle in the bundle. Two pictures are compared by what they carry and show; what
-/// came in between only with `--inputs`. Two runs of one graph are told apart by `--set-b` or by
-/// `--cache-b`.
+/// Each side is a graph file, a bundle or a picture that carries its recipe. The results of a graph are looked up
+/// in the cache, those of a bundle in the bundle. Two pictures are compared by their recipes and their pixels;
+/// intermediate results only with `--inputs`. `--set-b` or `--cache-b` compare two runs of one graph.
 #[derive(Debug, Args)]
 pub struct Diff {
-    /// The first
+    /// The first graph, bundle or picture
     a: PathBuf,
-    /// The second
+    /// The second graph, bundle or picture
     b: PathBuf,
-    /// Sets one field of the second: node.field=value
+    /// Set one field of the second graph: node.field=value
     #[arg(long, value_name = "NODE.FIELD=VALUE")]
     set_b: Vec<String>,
-    /// The cache of the second, if it ran elsewhere
+    /// The cache of the second graph, if it ran with another one
     #[arg(long, value_name = "DIR")]
     cache_b: Option<PathBuf>,
     #[command(flatten)]
@@ -42,12 +41,12 @@ pub struct Diff {
     engine: EngineArgs,
 }
 
-/// What a picture shows: of an OpenEXR file without a picture of its own its channels. Or why it cannot be read as a
-/// picture.
+/// The pixels of a picture, or the channels of an OpenEXR file without a picture of its own; else why it cannot be
+/// read.
 fn pixels(path: &Path) -> Result<Arc<Images>, String> {
     let whole = path.canonicalize().map_err(|error| error.to_string())?;
-    let file = InputFile(whole.to_str().ok_or("its path is no UTF-8")?.to_owned());
-    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 };
+    let file = InputFile(whole.to_str().ok_or("its path is not UTF-8")?.to_owned());
+    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
     let encoding = FileEncoding::Auto;
     let (more, layer, names) = (Vec::new(), String::new(), vec!["picture".to_owned()]);
     let load = LoadImage { path: file, more, encoding, layer, names };
@@ -60,7 +59,7 @@ fn pixels(path: &Path) -> Result<Arc<Images>, String> {
     }
 }
 
-/// The channels of an OpenEXR file that has no picture of its own but layers, each by its name, as numbers.
+/// The channels of an OpenEXR file that has only layers, by name, as data.
 fn layers(name: &str, bytes: &[u8]) -> Option<Images> {
     let Planes { width, height, channels, .. } = exr::read(name, bytes).ok()?;
     let view = |Channel { name, samples }| {
@@ -70,7 +69,7 @@ fn layers(name: &str, bytes: &[u8]) -> Option<Images> {
     Some(Images(channels.into_iter().map(view).collect()))
 }
 
-/// How the files of two sinks differ: pictures by what they show, and whether only their recipes do.
+/// The difference of the files of two sinks: pictures by their pixels, and whether only their recipes differ.
 fn files_difference(a: &Files, b: &Files) -> Difference {
     let views = |files: &Files| files.0.iter().map(|file| file.view.clone()).collect::<Vec<_>>();
     if views(a) != views(b) {
@@ -94,12 +93,10 @@ fn files_difference(a: &Files, b: &Files) -> Difference {
     }
     match only_recipes {
         0 => Difference::none(),
-        1 => Difference::of(
-            "the picture is the same to the bit; what is written beside it, the recipe, is not",
-        ),
-        n => Difference::of(format!(
-            "{n} pictures are the same to the bit; what is written beside them is not"
-        )),
+        1 => Difference::of("the pixels are equal; the recipe in the file is not"),
+        n => {
+            Difference::of(format!("the pixels of {n} pictures are equal; the recipes in the files are not"))
+        }
     }
 }
 
@@ -114,11 +111,11 @@ fn recipe(path: &Path) -> Result<Option<Recipe>, Error> {
     text.map(|text| Recipe::parse(&text)).transpose().map_err(named)
 }
 
-/// Lines about nodes; of many instances of one node a few.
+/// Lines about nodes, a few for many instances of one node.
 #[derive(Default)]
 struct Lines {
     text: String,
-    /// The node that the last lines are about, and how many there are.
+    /// The node of the last lines, and the number of these lines.
     node: String,
     count: usize,
 }
@@ -141,7 +138,7 @@ impl Lines {
 
     fn end(&mut self) {
         if let Some(more @ 1..) = self.count.checked_sub(Self::MOST) {
-            self.text.push_str(&format!("      .. and {more} more lines alike of `{}`\n", self.node));
+            self.text.push_str(&format!("      .. and {more} more lines of `{}`\n", self.node));
         }
     }
 
@@ -151,7 +148,7 @@ impl Lines {
     }
 }
 
-/// A value or a list of names, short enough for a line.
+/// Shortens a value or a list of names to fit a line.
 fn cut(text: &str) -> String {
     const LONGEST: usize = 160;
     match text.char_indices().nth(LONGEST) {
@@ -163,7 +160,7 @@ fn cut(text: &str) -> String {
 struct Side {
     loaded: Loaded,
     engine: Engine,
-    /// Where what a bundle tells is kept meanwhile.
+    /// The folder of a temporary store for the results of a bundle.
     _place: Option<TempFolder>,
 }
 
@@ -178,7 +175,7 @@ impl Diff {
             .map(|(path, _)| path.as_path())
             .collect();
         let recipes = a.zip(b);
-        // What two pictures say and show is in them. Their files are needed only for what came in between.
+        // Recipes and pixels are in the pictures; the input files are needed only for intermediate results.
         let sides = if pictures && (self.origin.inputs.is_empty() || !bare.is_empty()) {
             None
         } else {
@@ -187,7 +184,7 @@ impl Diff {
         };
         let said = match (&recipes, &sides) {
             (Some((a, b)), _) => {
-                // What reads itself is not at fault.
+                // A recipe that can be compared with itself is sound.
                 let at_fault = || if a.differences(a).is_err() { &self.a } else { &self.b };
                 a.differences(b).map_err(|error| Error::of_file(at_fault(), &error))?
             }
@@ -215,7 +212,7 @@ impl Diff {
             text.push_str(&format!("{} carries no recipe\n", path.display()));
         }
         if said.is_empty() && bare.is_empty() {
-            text.push_str("the graphs say the same\n");
+            text.push_str("the graphs are equal\n");
         }
         let mut equal = said.is_empty();
         match (pixels(&self.a), pixels(&self.b)) {
@@ -241,14 +238,14 @@ impl Diff {
                 files_difference,
             );
             equal &= came.unequal.is_empty();
-            text.push_str(&self.told(&came));
+            text.push_str(&self.differences(&came));
         }
         terminal::print(&text)?;
         Ok(u8::from(!equal))
     }
 
-    /// Which results differ, and of what nothing is known.
-    fn told(&self, came: &ResultDifferences) -> String {
+    /// The results that differ, and the nodes without a known result.
+    fn differences(&self, came: &ResultDifferences) -> String {
         let mut lines = Lines::default();
         for node in &came.unequal {
             let word = if node.first { "first" } else { "then" };
@@ -267,7 +264,7 @@ impl Diff {
         for (unknown, side) in came.unknown.iter().zip(["first", "second"]) {
             if !unknown.is_empty() && came.compared > 0 {
                 let names = cut(&unknown.join(", "));
-                text.push_str(&format!("no result of the {side} is known of {names}; run it first\n"));
+                text.push_str(&format!("the {side} has no known result of {names}; run it first\n"));
             }
         }
         text
@@ -277,9 +274,11 @@ impl Diff {
         let graph = GraphArgs {
             graph: path.to_owned(),
             set: set.to_vec(),
+            exhaustive: false,
             preset: Vec::new(),
             overlay: Vec::new(),
             only: Vec::new(),
+            frames: None,
             inputs: self.origin.inputs.clone(),
             other_versions: self.origin.other_versions,
         };
@@ -290,7 +289,7 @@ impl Diff {
             let engine = EngineArgs { cache, ..self.engine.clone() }.open()?;
             return Ok(Side { loaded, engine, _place: None });
         };
-        // What a stranger's bundle claims stays out of the cache.
+        // Results of an untrusted bundle stay out of the cache.
         let place = TempFolder::private()?;
         let store = Store::open(place.path(), cache::Options::default())?;
         bundle.fill(&store).map_err(|error| Error::of_file(path, &error))?;

@@ -1,4 +1,4 @@
-//! `explain`: what a node's result is made of, and why it would run again.
+//! `explain`: why a node would run again, and what its key consists of.
 
 use clap::Args;
 use engine::{Graph, bytes_text};
@@ -8,14 +8,14 @@ use crate::terminal::causes::trail;
 use crate::terminal::planned::{changes_json, planned_json};
 use crate::terminal::{self, counts_text, seconds_text};
 
-/// Tells why a node would run again, or did when it last ran, back to where it begins.
+/// Shows why a node would run again, or why it last ran, back to the first cause.
 #[derive(Debug, Args)]
 pub struct Explain {
     #[command(flatten)]
     graph: GraphArgs,
     /// Name of the node
     node: String,
-    /// Also tell everything that its key is made of
+    /// Also print everything that its key consists of
     #[arg(long)]
     key: bool,
     /// One JSON object on standard output
@@ -26,7 +26,7 @@ pub struct Explain {
 }
 
 impl Explain {
-    /// Prints the causes, the way to them, and what the node took.
+    /// Prints the causes, the nodes on the way to them, and what the node took.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;
@@ -37,15 +37,15 @@ impl Explain {
         let node = &plan[index];
         let past = engine.past(graph, index, node);
         if self.json {
-            let mut told = planned_json(&engine, graph, index, node);
-            told["event"] = "explained".into();
-            told["because"] = trail.roots.into();
-            told["trail"] = trail.lines.into();
-            told["before"] = changes_json(&past.changes).into();
+            let mut object = planned_json(&engine, graph, index, node);
+            object["event"] = "explained".into();
+            object["because"] = trail.roots.into();
+            object["trail"] = trail.lines.into();
+            object["before"] = changes_json(&past.changes).into();
             if let Some(manifest) = node.manifest.as_ref().filter(|_| self.key) {
-                told["key"] = manifest.to_string().lines().map(str::to_owned).collect::<Vec<_>>().into();
+                object["key"] = manifest.to_string().lines().map(str::to_owned).collect::<Vec<_>>().into();
             }
-            terminal::json_line(&told);
+            terminal::json_line(&object);
             return Ok(0);
         }
         let mut text = String::new();
@@ -64,14 +64,14 @@ impl Explain {
             let memory = bytes_text(last.memory);
             let counts = counts_text(&last.counts);
             text.push_str(&format!(
-                "\nits code took {seconds} ({cpu} of CPU) the last time, admitted with about {memory} of memory{counts}\n"
+                "\nits code took {seconds} ({cpu} of CPU time) in the last run, with an estimate of {memory} of memory{counts}\n"
             ));
         }
         if let Some(seconds) = node.forecast {
             text.push_str(&format!("this time it would take about {}\n", seconds_text(seconds)));
         }
         if let Some(manifest) = node.manifest.as_ref().filter(|_| self.key) {
-            text.push_str("\nits key is made of\n");
+            text.push_str("\nits key consists of\n");
             for line in manifest.to_string().lines() {
                 text.push_str(&format!("    {}\n", by_wire(graph, index, line)));
             }
@@ -81,7 +81,7 @@ impl Explain {
     }
 }
 
-/// A line of a key with wires counted: of each there are three fields, type, format and content.
+/// A line of a key with the index of the wire: each wire has three fields, type, format and content.
 fn by_wire(graph: &Graph, index: usize, line: &str) -> String {
     let numbered = || {
         let (name, rest) = line.split_once('[')?;

@@ -1,4 +1,4 @@
-//! `init`: a folder to begin in.
+//! `init`: a folder with a first graph.
 
 use std::path::PathBuf;
 
@@ -7,10 +7,10 @@ use clap::Args;
 use crate::session::Error;
 use crate::terminal;
 
-/// Makes a folder with a graph that runs as it is, and is made to be edited.
+/// Creates a folder with a commented graph that runs as it is.
 #[derive(Debug, Args)]
 pub struct Init {
-    /// The folder; made if it is not there
+    /// The folder; created if it does not exist
     #[arg(default_value = ".")]
     folder: PathBuf,
 }
@@ -33,14 +33,14 @@ const README: &str = "\
 Edit `graph.ron` and run it again: only what the edit reaches is computed. `lightharmony nodes` lists what a graph can
 be made of, and `lightharmony nodes path-trace` describes one kind.
 
-The scene in it is made up. For your own, read the end of `graph.ron`.
+The scene in it is synthetic. For your own scene, read the end of `graph.ron`.
 
-To hand it on: `lightharmony pack graph.ron picture.lhb`; whoever gets it runs `lightharmony verify picture.lhb`.
+To share it: `lightharmony pack graph.ron picture.lhb`; the receiver runs `lightharmony verify picture.lhb`.
 ";
 
 impl Init {
-    /// Writes the files; refuses where the graph is there already. Of the others, one that is there stays as it is: most
-    /// folders of a repository have them.
+    /// Writes the files; refuses where the graph exists already. The other files are kept where they exist, since
+    /// most folders of a repository have them.
     pub fn run(self) -> Result<u8, Error> {
         let path = |name: &str| self.folder.join(name);
         let is_there = |name: &str| std::fs::symlink_metadata(path(name)).is_ok();
@@ -49,7 +49,7 @@ impl Init {
         }
         for (name, text) in FILES {
             if is_there(name) {
-                terminal::remark(&format!("{} is there already and stays as it is", path(name).display()));
+                terminal::remark(&format!("{} exists already and is kept", path(name).display()));
             } else {
                 cache::publish_file(&path(name), text.as_bytes())?;
             }

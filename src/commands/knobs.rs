@@ -1,4 +1,4 @@
-//! `knobs`: what trades work for accuracy in a graph.
+//! `knobs`: the parameters that trade work for accuracy in a graph.
 
 use clap::Args;
 use engine::{GraphKnob, PRESETS};
@@ -8,11 +8,11 @@ use trade::knobs::{KnobRow, knob_rows};
 use crate::session::{Error, GraphArgs};
 use crate::terminal;
 
-/// Lists what trades work for accuracy in a graph, and which outputs it reaches.
+/// Lists the knobs of a graph, the parameters that trade work for accuracy, and the outputs that each changes.
 ///
-/// A knob has a value in each preset, from the least work to the least error: draft, preview, final, reference. One that
-/// varies along an axis, of which the list shows the first value, is no preset's and no search's to set.
-/// `run --preset draft` sets all of them; `tune` looks for better settings by measuring.
+/// A knob has a value in each preset, from the least work to the least error: draft, preview, final, reference.
+/// Presets and searches leave a knob that varies along an axis as it is; the list shows its first value. `run
+/// --preset draft` sets all knobs; `tune` measures to find better settings.
 #[derive(Debug, Args)]
 pub struct Knobs {
     #[command(flatten)]
@@ -23,20 +23,20 @@ pub struct Knobs {
 }
 
 impl Knobs {
-    /// Prints one line a knob.
+    /// Prints one line per knob.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load_to_turn()?;
         let knobs = knob_rows(&loaded.graph, &loaded.only, &nodes::registry())?;
         if self.json {
-            let told = |KnobRow { knob, levels, range }: &KnobRow| {
-                let mut told = json!(knob);
-                (told["presets"], told["range"]) = (json!(levels), json!(range));
+            let object = |KnobRow { knob, levels, range }: &KnobRow| {
+                let mut row = json!(knob);
+                (row["presets"], row["range"]) = (json!(levels), json!(range));
                 // From the least work to the least error.
-                told["values"] = json!(knob.knob.values());
-                told
+                row["values"] = json!(knob.knob.values());
+                row
             };
-            let told: Vec<_> = knobs.iter().map(told).collect();
-            terminal::print(&format!("{}\n", json!({"presets": PRESETS, "knobs": told})))?;
+            let objects: Vec<_> = knobs.iter().map(object).collect();
+            terminal::print(&format!("{}\n", json!({"presets": PRESETS, "knobs": objects})))?;
             return Ok(0);
         }
         if knobs.is_empty() {
@@ -50,7 +50,7 @@ impl Knobs {
         for KnobRow { knob, levels, range } in &knobs {
             let now = if knob.varies { format!("{}, ..", knob.value) } else { knob.value.clone() };
             let mut row = vec![name(knob), knob.knob.kind.name().to_owned(), now];
-            // A dot: the preset leaves what the graph says.
+            // A dot: the preset keeps the value of the graph.
             let left = knob.knob.ladder.map(str::is_empty);
             let level = |(value, left): (&Option<String>, bool)| {
                 let shown = value.as_ref().filter(|value| !(left && **value == knob.value));

@@ -1,4 +1,4 @@
-//! `lock`: writes down what a graph is made of, by digest.
+//! `lock`: records the inputs, kinds and results of a graph by digest.
 
 use std::path::PathBuf;
 
@@ -6,20 +6,20 @@ use crate::session::{EngineArgs, Error, GraphArgs, locked};
 use crate::terminal;
 use clap::Args;
 
-/// Writes down the digests of what a graph reads, the versions of its kinds, and what is known of its results.
+/// Writes a lock file: the digests of the inputs of a graph, the versions of its kinds and its known results.
 #[derive(Debug, Args)]
 pub struct MakeLock {
     #[command(flatten)]
     graph: GraphArgs,
     #[command(flatten)]
     engine: EngineArgs,
-    /// The file to write; default: the graph file with the ending `.lock`
+    /// The file to write; default: the graph file with the extension `.lock`
     #[arg(long, value_name = "FILE")]
     to: Option<PathBuf>,
 }
 
 impl MakeLock {
-    /// Writes the lock and says what is in it.
+    /// Writes the lock and prints a summary of it.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let path = self.to.map_or_else(|| locked::path(&loaded), Ok)?;

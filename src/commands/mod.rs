@@ -1,4 +1,4 @@
-//! One file a verb.
+//! The verbs, one file or folder each.
 
 mod cache;
 mod check;
@@ -16,6 +16,7 @@ mod pack;
 mod plan;
 mod report;
 mod run;
+mod show;
 #[cfg(feature = "learned")]
 mod train_exposure;
 #[cfg(not(feature = "learned"))]
@@ -26,13 +27,35 @@ mod unpack;
 mod verify;
 mod watch;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::session::Error;
 
-/// What the verbs end with, for scripts.
-const EXIT_STATUS: &str = "Exit status: 0 done; 1 a node failed, or what was asked is not so (check, diff, verify, tune); 2 a \
-mistake in the graph or the command line; 3 done, but with less than was asked for (a note says `degraded`); 130 stopped.";
+/// Exit codes, for scripts.
+const EXIT_STATUS: &str = "Exit status: 0 done; 1 a node failed, or a difference or damage was found, or a goal was not reached; 2 a \
+mistake in the graph or the command line; 3 done, but degraded (a note explains why); 130 interrupted.";
+
+/// The verbs by what they are for.
+const GROUPS: [(&str, &[&str]); 5] = [
+    ("Begin", &["init", "nodes", "inspect", "convert"]),
+    ("Run a graph", &["run", "watch", "check", "plan", "explain", "show", "graph"]),
+    ("Trade work for accuracy", &["knobs", "tune", "report"]),
+    ("Share and reproduce", &["pack", "unpack", "verify", "lock", "diff"]),
+    ("Maintain", &["cache", "completions", "manual", "train-exposure"]),
+];
+
+/// A first session, for `--help`.
+const EXAMPLE: &str = "Example:
+  lightharmony init chair && cd chair
+  lightharmony run graph.ron                         # writes out/picture.png
+  lightharmony run graph.ron --set pose.yaw_deg=60   # computes only what that changes";
+
+const TEMPLATE: &str = "{about-with-newline}
+{usage-heading} {usage}
+
+{before-help}
+Options:
+{options}{after-help}";
 
 /// Inserts 3D objects into captured Gaussian splat scenes with light and shadow that match.
 #[derive(Debug, Parser)]
@@ -44,54 +67,56 @@ pub struct Command {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
-    /// Runs a graph: computes what is not known and writes the files of its sinks
+    /// Run a graph: compute what is not cached and write its files
     #[command(after_help = EXIT_STATUS)]
     Run(run::Run),
-    /// Runs a graph again whenever it or a file it reads changes
+    /// Run a graph again whenever it or a file it reads changes
     Watch(watch::Watch),
-    /// Reads a graph and reports every mistake in it
+    /// Report every mistake in a graph without running it
     Check(check::Check),
-    /// Tells what a run would compute, why, and about how long it takes
+    /// Show what a run would compute, why, and about how long it takes
     Plan(plan::Plan),
-    /// Lists what trades work for accuracy in a graph, and which outputs it reaches
+    /// List the parameters that trade work for accuracy, and the outputs that each changes
     Knobs(knobs::Knobs),
-    /// Looks for settings of the knobs that reach an error with little work, by measuring
+    /// Measure settings of the knobs to find one that reaches an error with the least work
     Tune(tune::Tune),
-    /// Writes one page on what a graph costs, how far its pictures are off, and which node is to blame
+    /// Write a page on what a graph costs, how large its error is, and which node causes it
     Report(report::MakeReport),
-    /// Tells what a node's result is made of and why it would run again
+    /// Show why a node would run again, and what its key consists of
     Explain(explain::Explain),
-    /// Tells how two graphs, bundles or pictures differ, and where their results begin to
+    /// Show how two graphs, bundles or pictures differ
     Diff(diff::Diff),
-    /// Lists the kinds of nodes, or describes one
+    /// List the kinds of nodes, describe one, or search them
     Nodes(nodes::Nodes),
-    /// Draws a graph with the state of its results
+    /// Write the picture of any node, without editing the graph
+    Show(show::Show),
+    /// Draw a graph with the state of its results
     Graph(graph::Draw),
-    /// Looks after the cache: what is in it, whether it is whole, what may go
+    /// Maintain the cache: contents, damage, size
     Cache(cache::Cache),
-    /// Makes a folder to begin in
+    /// Create a folder with a first graph
     Init(init::Init),
-    /// Writes down what a graph is made of, by digest
+    /// Write a lock file: inputs, kinds and results of a graph by digest
     Lock(lock::MakeLock),
-    /// Packs a graph with all it needs into one file
+    /// Pack a graph, its inputs and results into one file, a bundle
     Pack(pack::Pack),
-    /// Unpacks such a file
+    /// Unpack a bundle
     Unpack(unpack::Unpack),
-    /// Computes some of such a file anew and compares
+    /// Recompute nodes of a bundle and compare
     Verify(verify::Verify),
-    /// Writes a scene of splats in another format
+    /// Write a scene of splats in another format
     Convert(convert::Convert),
-    /// Tells what a scene of splats is like: size, floor, up, what looks wrong
+    /// Print the properties of splats or a mesh: size, up axis, floor, what looks wrong
     Inspect(inspect::Inspect),
-    /// Trains the learned exposure prediction on HDR panoramas (in builds with the feature `learned`)
+    /// Train the learned exposure prediction on HDR panoramas (in builds with the feature `learned`)
     TrainExposure(train_exposure::TrainExposure),
-    /// Prints completions for a shell
+    /// Print completions for a shell
     Completions(completions::Completions),
-    /// Prints the manual page, or writes one for each verb
+    /// Print the manual page, or write one per verb
     Manual(completions::Manual),
 }
 
-/// `run` alone.
+/// The command line with `run` as its only verb.
 #[derive(Debug, Parser)]
 #[command(version, about, max_term_width = 100, after_help = EXIT_STATUS)]
 struct RunCommand {
@@ -107,18 +132,34 @@ enum RunVerb {
 }
 
 impl Command {
-    /// What the command line says; ends the process where that is a mistake or a question.
+    /// Parses the command line; ends the process for mistakes and `--help`.
     pub fn read() -> Self {
-        // A run that finds nothing to do is over before the table of all verbs is made.
+        // A run with nothing to do ends before clap's table of all verbs is built.
         if std::env::args_os().nth(1).is_some_and(|verb| verb == "run") {
             let RunVerb::Run(run) = RunCommand::parse().verb;
             return Self { verb: Verb::Run(run) };
         }
-        Self::parse()
+        let matches = Self::grouped().get_matches();
+        Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
     }
 
-    /// True where standard output belongs to a program, which is told mistakes there, too.
-    pub fn tells_json(&self) -> bool {
+    /// The command line whose help lists the verbs in groups.
+    fn grouped() -> clap::Command {
+        let command = Self::command();
+        let about = |verb: &&str| {
+            let about = command.find_subcommand(verb).and_then(clap::Command::get_about);
+            format!("  {verb:<15} {}\n", about.map(ToString::to_string).unwrap_or_default())
+        };
+        let mut text = String::new();
+        for (title, verbs) in GROUPS {
+            text.push_str(&format!("{title}:\n{}\n", verbs.iter().map(about).collect::<String>()));
+        }
+        text.push_str(EXAMPLE);
+        command.before_help(text).help_template(TEMPLATE)
+    }
+
+    /// Returns true if standard output is JSON, so that errors are printed there as well.
+    pub fn prints_json(&self) -> bool {
         match &self.verb {
             Verb::Run(verb) => verb.json,
             Verb::Check(verb) => verb.json,
@@ -133,7 +174,7 @@ impl Command {
         }
     }
 
-    /// Runs the verb; gives the exit code.
+    /// Runs the verb; returns the exit code.
     pub fn run(self) -> Result<u8, Error> {
         match self.verb {
             Verb::Run(verb) => verb.run(),
@@ -145,6 +186,7 @@ impl Command {
             Verb::Report(verb) => verb.run(),
             Verb::Explain(verb) => verb.run(),
             Verb::Nodes(verb) => verb.run(),
+            Verb::Show(verb) => verb.run(),
             Verb::Graph(verb) => verb.run(),
             Verb::Cache(verb) => verb.run(),
             Verb::Convert(verb) => verb.run(),
@@ -159,5 +201,23 @@ impl Command {
             Verb::Completions(verb) => verb.run(Self::command()),
             Verb::Manual(verb) => verb.run(Self::command()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_verb_is_in_one_group_of_the_help() {
+        let command = Command::command();
+        let verbs = command.get_subcommands().map(clap::Command::get_name).filter(|name| *name != "help");
+        for verb in verbs {
+            let groups = GROUPS.iter().filter(|(_, verbs)| verbs.contains(&verb)).count();
+            assert_eq!(groups, 1, "{verb}");
+        }
+        assert!(
+            GROUPS.iter().flat_map(|(_, verbs)| *verbs).all(|verb| command.find_subcommand(verb).is_some())
+        );
     }
 }

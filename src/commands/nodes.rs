@@ -1,62 +1,151 @@
 //! `nodes`: the kinds, from the same table that checks graphs.
 
-use std::fmt::Write as _;
-
 use clap::Args;
-use engine::{Arity, KindEntry, PortSpec, Role};
+use engine::{Arity, KindEntry, PRESETS, PortSpec, Registry, Role};
 
 use crate::session::Error;
-use crate::terminal;
+use crate::terminal::{self, paragraphs, wrapped};
 
-/// Lists the kinds of nodes, or describes one.
+/// Lists the kinds of nodes, describes one, or searches them.
+///
+/// Without a word it lists all kinds in the order of a pipeline. With the name of a kind it describes that kind: inputs,
+/// parameters with defaults and ranges, outputs. With any other word it lists the kinds that mention it.
 #[derive(Debug, Args)]
 pub struct Nodes {
-    /// A kind, as `splat-render` or `SplatRender`
+    /// A kind, as `splat-render` or `SplatRender`, or a word to search for
     kind: Option<String>,
     /// The whole reference as Markdown
     #[arg(long)]
     markdown: bool,
 }
 
+/// The stages of a pipeline, in order, with the kinds of each. Kinds whose name begins with `load-` or `write-` belong to the first
+/// and the last one.
+const STAGES: [(&str, &[&str]); 7] = [
+    ("load", &["demo-scene"]),
+    (
+        "prepare",
+        &[
+            "crop-mesh",
+            "extract-mesh",
+            "override-material",
+            "plane",
+            "run-colmap",
+            "run-program",
+            "train-splats",
+        ],
+    ),
+    ("place", &["camera", "cube-rig", "fit-probe", "place", "pose", "snap"]),
+    ("light", &["fit-lights", "fuse-hdr", "predict-exposure", "score-env", "splat-panorama", "stitch"]),
+    (
+        "render",
+        &[
+            "alpha-shadow",
+            "composite",
+            "denoise",
+            "path-trace",
+            "region-masks",
+            "shadow-ratio",
+            "splat-render",
+        ],
+    ),
+    ("compare", &["compare", "contact-sheet", "join-reports"]),
+    ("write", &[]),
+];
+
 impl Nodes {
-    /// Prints the list or the description.
+    /// Prints the list, the description or what was found.
     pub fn run(self) -> Result<u8, Error> {
         let registry = nodes::registry();
+        let width = terminal::width();
         let text = match &self.kind {
             Some(name) => match registry.get(name) {
-                Some(kind) => describe(kind),
-                None => {
-                    let hint = engine::nearest(name, registry.iter().map(|kind| kind.name));
-                    let hint = hint.map(|near| format!(", did you mean `{near}`?")).unwrap_or_default();
-                    return Err(Error::usage(format!("no kind is named `{name}`{hint}")));
-                }
+                Some(kind) => describe(kind, width),
+                None => found(&registry, name, width)?,
             },
             None if self.markdown => {
                 let mut text = "# Kinds of nodes\n\nMade by `lightharmony nodes --markdown`.\n".to_owned();
                 registry.iter().for_each(|kind| text.push_str(&markdown(kind)));
                 text
             }
-            None => registry
-                .iter()
-                .map(|kind| {
-                    let summary = first_sentence(kind.doc);
-                    format!("{:<20} {summary}\n", kind.name)
-                })
-                .collect(),
+            None => list(&registry, width),
         };
         terminal::print(&text)?;
         Ok(0)
     }
 }
 
-fn lines(doc: &str) -> impl Iterator<Item = &str> {
-    doc.trim().lines().map(str::trim)
+/// The stage of a kind; kinds that no stage names belong to `other`.
+fn stage(name: &str) -> &'static str {
+    let named = STAGES.iter().find(|(_, kinds)| kinds.contains(&name)).map(|(stage, _)| *stage);
+    named.unwrap_or(match name {
+        _ if name.starts_with("load-") => "load",
+        _ if name.starts_with("write-") => "write",
+        _ => "other",
+    })
 }
 
-fn describe(kind: &KindEntry) -> String {
+fn list(registry: &Registry, width: usize) -> String {
+    let mut text = String::new();
+    for stage_name in STAGES.iter().map(|(stage, _)| *stage).chain(["other"]) {
+        let kinds: Vec<&KindEntry> =
+            registry.iter().map(|kind| &**kind).filter(|kind| stage(kind.name) == stage_name).collect();
+        if kinds.is_empty() {
+            continue;
+        }
+        text.push_str(&format!("{stage_name}\n"));
+        kinds.iter().for_each(|kind| text.push_str(&in_list(kind, width)));
+        text.push('\n');
+    }
+    text.push_str("`lightharmony nodes KIND` describes a kind; `lightharmony nodes WORD` lists the kinds that mention a word.\n");
+    text
+}
+
+fn in_list(kind: &KindEntry, width: usize) -> String {
+    wrapped(&first_sentence(kind.doc), &format!("  {}", kind.name), 22, width)
+}
+
+/// The kinds that mention a word: in their names, else in their docs, their ports or parameters.
+fn found(registry: &Registry, word: &str, width: usize) -> Result<String, Error> {
+    let lower = word.to_lowercase();
+    let has = |text: &str| text.to_lowercase().contains(&lower);
+    let rank = |kind: &KindEntry| {
+        let ports =
+            kind.inputs.iter().chain(&kind.outputs).any(|port| has(port.name) || has(port.artifact.name));
+        let params = kind.params.iter().any(|param| has(param.name));
+        match () {
+            () if has(kind.name) => Some(0),
+            () if has(&first_sentence(kind.doc)) => Some(1),
+            () if ports || params => Some(2),
+            () => None,
+        }
+    };
+    let mut kinds: Vec<(usize, &KindEntry)> =
+        registry.iter().filter_map(|kind| Some((rank(kind)?, &**kind))).collect();
+    kinds.sort_by_key(|(rank, _)| *rank);
+    if kinds.is_empty() {
+        let near = engine::nearest(word, registry.iter().map(|kind| kind.name));
+        let hint = near.map(|near| format!(", did you mean `{near}`?")).unwrap_or_default();
+        return Err(Error::usage(format!("no kind is named `{word}` or mentions it{hint}")));
+    }
+    let mut text = String::new();
+    for (title, ranks) in [("kinds", 0..2), ("kinds with a port or a parameter of that name", 2..3)] {
+        let kinds: Vec<_> = kinds.iter().filter(|(rank, _)| ranks.contains(rank)).collect();
+        if !kinds.is_empty() {
+            text.push_str(&format!("{title}\n"));
+            kinds.iter().for_each(|(_, kind)| text.push_str(&in_list(kind, width)));
+        }
+    }
+    Ok(text)
+}
+
+/// Column at which text next to names begins.
+const COLUMN: usize = 23;
+
+fn describe(kind: &KindEntry, width: usize) -> String {
     let mut text = format!("{} (in graphs: {}), version {}\n\n", kind.name, kind.camel_name(), kind.version);
-    lines(kind.doc).for_each(|line| text.push_str(&format!("  {line}\n")));
-    ports(&mut text, "inputs", &kind.inputs);
+    doc(&mut text, kind.doc, 2, width);
+    ports(&mut text, "inputs", &kind.inputs, width);
     if !kind.params.is_empty() {
         text.push_str("\nparameters\n");
     }
@@ -72,22 +161,42 @@ fn describe(kind: &KindEntry) -> String {
         if !param.unit.is_empty() {
             facts.push(param.unit.to_owned());
         }
-        if let Some(knob) = &param.knob {
-            // Where a preset leaves it as it is, a dot, as in `knobs`.
-            let values = knob.ladder.map(|value| if value.is_empty() { "." } else { value });
-            facts.push(format!("knob ({}) {}", knob.kind.name(), values.join(" ")));
+        text.push_str(&wrapped(&facts.join(", "), &format!("  {:<20} ", param.name), COLUMN, width));
+        doc(&mut text, param.doc, COLUMN + 2, width);
+        for (word, meaning) in (param.choices)() {
+            let meaning = paragraphs(meaning).join(" ");
+            let head = format!("{}{word}: ", " ".repeat(COLUMN + 2));
+            text.push_str(&wrapped(&meaning, &head, COLUMN + 4, width));
         }
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "  {:<20} {}", param.name, facts.join(", "));
-        lines(param.doc).for_each(|line| text.push_str(&format!("  {:<20}   {line}\n", "")));
+        if let Some(knob) = &param.knob {
+            let set = PRESETS.iter().zip(knob.ladder).filter(|(_, value)| !value.is_empty());
+            let set: Vec<String> = set.map(|(preset, value)| format!("{preset} {value}")).collect();
+            let line = format!("presets: {}", set.join(", "));
+            text.push_str(&wrapped(&line, "", COLUMN + 2, width));
+        }
     }
     if kind.sink_param().is_none() {
-        ports(&mut text, "outputs (the first is the default)", &kind.outputs);
+        ports(&mut text, "outputs (the first is the default)", &kind.outputs, width);
     }
     text
 }
 
-fn ports(text: &mut String, title: &str, ports: &[PortSpec]) {
+/// The paragraphs of a doc, with an empty line between two; items of lists follow each other.
+fn doc(text: &mut String, doc: &str, indent: usize, width: usize) {
+    for (at, paragraph) in paragraphs(doc).iter().enumerate() {
+        match paragraph.strip_prefix("- ").or_else(|| paragraph.strip_prefix("* ")) {
+            Some(item) => {
+                text.push_str(&wrapped(item, &format!("{}- ", " ".repeat(indent)), indent + 2, width));
+            }
+            None => {
+                text.push_str(if at > 0 { "\n" } else { "" });
+                text.push_str(&wrapped(paragraph, "", indent, width));
+            }
+        }
+    }
+}
+
+fn ports(text: &mut String, title: &str, ports: &[PortSpec], width: usize) {
     if ports.is_empty() {
         return;
     }
@@ -98,14 +207,14 @@ fn ports(text: &mut String, title: &str, ports: &[PortSpec]) {
             Arity::Optional => ", optional",
             Arity::Many => ", one or a list",
         };
-        let doc = lines(port.doc).collect::<Vec<_>>().join(" ");
-        text.push_str(&format!("  {:<20} {}{many}: {doc}\n", port.name, port.artifact.name));
+        let line = format!("{}{many}: {}", port.artifact.name, paragraphs(port.doc).join(" "));
+        text.push_str(&wrapped(&line, &format!("  {:<20} ", port.name), COLUMN, width));
     }
 }
 
 fn markdown(kind: &KindEntry) -> String {
     let mut text = format!("\n## `{}`\n\n", kind.name);
-    lines(kind.doc).for_each(|line| text.push_str(&format!("{line}\n")));
+    kind.doc.trim().lines().for_each(|line| text.push_str(&format!("{}\n", line.trim())));
     let cell = |text: &str| text.replace('|', "\\|").replace('\n', " ");
     if !kind.params.is_empty() {
         text.push_str("\n| parameter | value | default | range | meaning |\n|---|---|---|---|---|\n");
@@ -118,7 +227,10 @@ fn markdown(kind: &KindEntry) -> String {
             (None, Role::Value) => "required".to_owned(),
             (None, _) => "required path".to_owned(),
         };
-        let doc = lines(param.doc).collect::<Vec<_>>().join(" ");
+        let mut doc = paragraphs(param.doc).join(" ");
+        for (word, meaning) in (param.choices)() {
+            doc.push_str(&format!(" `{word}`: {}", paragraphs(meaning).join(" ")));
+        }
         text.push_str(&format!(
             "| `{}` | {} | {default} | {range}{unit} | {} |\n",
             param.name,
@@ -136,7 +248,7 @@ fn markdown(kind: &KindEntry) -> String {
             Arity::Optional => " (optional)",
             Arity::Many => " (one or a list)",
         };
-        let doc = lines(port.doc).collect::<Vec<_>>().join(" ");
+        let doc = paragraphs(port.doc).join(" ");
         text.push_str(&format!(
             "| {way} `{}` | {}{many} | {} |\n",
             port.name,
@@ -149,9 +261,48 @@ fn markdown(kind: &KindEntry) -> String {
 
 /// The first sentence of a doc, on one line.
 fn first_sentence(doc: &str) -> String {
-    let lines: Vec<&str> = doc.trim().lines().map(str::trim).take_while(|line| !line.is_empty()).collect();
-    let text = lines.join(" ");
+    let text = paragraphs(doc).into_iter().next().unwrap_or_default();
     // A sentence ends before a capital.
     let end = text.match_indices(". ").find(|(at, _)| text[at + 2..].starts_with(char::is_uppercase));
     end.map_or(text.clone(), |(at, _)| text[..=at].to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_kind_has_a_stage() {
+        let registry = nodes::registry();
+        let other: Vec<&str> =
+            registry.iter().map(|kind| kind.name).filter(|name| stage(name) == "other").collect();
+        assert_eq!(other, [""; 0], "add them to `STAGES`");
+        let listed = list(&registry, 100);
+        assert!(
+            registry.iter().all(|kind| listed.matches(&format!("\n  {} ", kind.name)).count() == 1),
+            "{listed}"
+        );
+    }
+
+    // Mutation: `width` ignored in `wrapped`.
+    #[test]
+    fn descriptions_fit_the_terminal() {
+        for kind in nodes::registry().iter() {
+            for width in [60, 100] {
+                let text = describe(kind, width);
+                // A value may be one long word.
+                let words = |line: &str| line.split_whitespace().count();
+                let long = text.lines().skip(1).find(|line| line.chars().count() > width && words(line) > 2);
+                assert_eq!(long, None, "{}", kind.name);
+            }
+        }
+    }
+
+    #[test]
+    fn words_are_searched_in_names_summaries_and_ports() {
+        let registry = nodes::registry();
+        let of = |word: &str| found(&registry, word, 100).unwrap_or_else(|error| error.to_string());
+        assert!(of("shadow").contains("shadow-ratio") && of("shadow").contains("composite"));
+        assert!(of("stich").contains("did you mean `stitch`?"), "{}", of("stich"));
+    }
 }

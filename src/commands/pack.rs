@@ -1,4 +1,4 @@
-//! `pack`: a graph, what it reads and what came of it as one file.
+//! `pack`: a graph, its inputs and its results as one file.
 
 use std::path::PathBuf;
 
@@ -8,14 +8,14 @@ use engine::{Results, bytes_text};
 use crate::session::{EngineArgs, Error, GraphArgs};
 use crate::terminal::{self, remark};
 
-/// Packs a graph, the files it reads, its lock and chosen results into one file, to hand on.
+/// Packs a graph, its input files, its lock and chosen results into one file.
 #[derive(Debug, Args)]
 pub struct Pack {
     #[command(flatten)]
     graph: GraphArgs,
     /// The bundle to write
     bundle: PathBuf,
-    /// Whose values go in; what every known node gave is told by digest in any case
+    /// The nodes whose values are packed; digests of all known results are always included
     #[arg(long, value_enum, default_value_t = Which::Sinks)]
     results: Which,
     #[command(flatten)]
@@ -24,16 +24,16 @@ pub struct Pack {
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Which {
-    /// No values: digests only
+    /// Digests only
     None,
-    /// Those of the sinks, or of the nodes of `--only`
+    /// The sinks, or the nodes of `--only`
     Sinks,
-    /// Those of every node: verifying a few nodes then need not compute what stands above them
+    /// Every node, so that verifying a few nodes does not compute their inputs
     All,
 }
 
 impl Pack {
-    /// Writes the bundle and says what is in it.
+    /// Writes the bundle and prints a summary of it.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         loaded.check_output(&self.bundle)?;
@@ -61,7 +61,7 @@ impl Pack {
         ))?;
         if !packed.unknown.is_empty() {
             let nodes = packed.unknown.join(", ");
-            remark(&format!("warning: no result is known of {nodes}; run the graph first"));
+            remark(&format!("warning: {nodes} have no known result; run the graph first"));
         }
         if !packed.gone.is_empty() {
             let nodes = packed.gone.join(", ");

@@ -1,4 +1,4 @@
-//! `plan`: what a run would do and why.
+//! `plan`: what a run would compute and why.
 
 use clap::Args;
 use engine::{Engine, Event, Fate, Forecast, Graph, Planned, bytes_text};
@@ -8,15 +8,15 @@ use crate::terminal::causes::reason;
 use crate::terminal::planned::planned_json;
 use crate::terminal::{self, counts_text, forecast_text, seconds_text};
 
-/// Tells what a run would compute, why, and about how long it takes.
+/// Shows what a run would compute, why, and about how long it takes.
 #[derive(Debug, Args)]
 pub struct Plan {
     #[command(flatten)]
     graph: GraphArgs,
-    /// Tell every node, and what each took the last time
+    /// Also print nodes with a known result, and what each node took in its last run
     #[arg(long, short)]
     verbose: bool,
-    /// One JSON object a line on standard output: each node that is wanted, then the sum
+    /// One JSON object per line on standard output: each wanted node, then the sum
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]
@@ -24,21 +24,25 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Prints one line a node that may run, and the sum.
+    /// Prints one line per node that may run, and the sum.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let (graph, only) = (&loaded.graph, &loaded.only);
         let engine = self.engine.open()?;
         let plan = engine.plan(graph, only);
         if self.json {
-            return Ok(tell_json(&engine, graph, &plan));
+            return Ok(print_json(&engine, graph, &plan));
         }
         let mut text = String::new();
         for (index, node) in plan.iter().enumerate().filter(|(_, node)| node.fate != Fate::Unwanted) {
             if node.fate == Fate::Known && !self.verbose {
                 continue;
             }
-            let about = node.forecast.map(|s| format!("about {}", seconds_text(s))).unwrap_or_default();
+            let about = match (node.forecast, &node.fate) {
+                (Some(seconds), _) => format!("about {}", seconds_text(seconds)),
+                (None, Fate::Known | Fate::Fails(_)) => String::new(),
+                (None, _) => "unknown".to_owned(),
+            };
             let why = reason(graph, index, &node.fate);
             text.push_str(&format!("{:<12} {:<16} {about:<14} {why}\n", node.id, node.kind));
             let past = self.verbose.then(|| engine.past(graph, index, node));
@@ -46,7 +50,7 @@ impl Plan {
                 let [seconds, cpu] = [last.seconds, last.cpu_seconds].map(seconds_text);
                 let (memory, counts) = (bytes_text(last.memory), counts_text(&last.counts));
                 text.push_str(&format!(
-                    "{:<29} last time {seconds} ({cpu} of CPU), admitted with {memory}{counts}\n",
+                    "{:<29} last run {seconds} ({cpu} of CPU time), estimated memory {memory}{counts}\n",
                     ""
                 ));
             }
@@ -58,12 +62,12 @@ impl Plan {
     }
 }
 
-/// 1 where a node would fail.
+/// Exit code 1 where a node would fail.
 fn exit_code(plan: &[Planned]) -> u8 {
     u8::from(plan.iter().any(|node| matches!(node.fate, Fate::Fails(_))))
 }
 
-fn tell_json(engine: &Engine, graph: &Graph, plan: &[Planned]) -> u8 {
+fn print_json(engine: &Engine, graph: &Graph, plan: &[Planned]) -> u8 {
     for (index, node) in plan.iter().enumerate().filter(|(_, node)| node.fate != Fate::Unwanted) {
         terminal::json_line(&planned_json(engine, graph, index, node));
     }

@@ -1,38 +1,44 @@
-//! `report`: one page on what a graph costs, how far it is off, and which node is to blame.
+//! `report`: one page on what a graph costs, how large its error is, and which node causes it.
 
 use std::path::PathBuf;
+use std::time::Instant;
 
 use clap::Args;
 use trade::Metric;
 use trade::bench::{Bench, Miss};
 use trade::plot::tick_text;
-use trade::report::{Measured, Stop, measure_all, page, told};
+use trade::report::{Stop, as_json, measure_all, page, settings};
 
-use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
+use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt, time};
 use crate::terminal;
+use crate::terminal::measuring::{Measuring, outlook_text};
 
-/// Writes one page on what a graph costs, how far its pictures are off, and which node is to blame.
+/// Writes one page on what a graph costs, how large its error is, and which node causes it.
 ///
-/// Runs the graph at its presets and as it is, then with each node that has knobs set to the reference alone, and
-/// the reverse. Everything is compared with the preset `reference`, so give the graph one of its own where that
-/// of the program takes too long.
+/// Measures the graph at its presets and as it is, then with one node at a time at the reference, and with all
+/// nodes but one at the reference. Prints beforehand how long that takes. Everything is compared with the preset
+/// `reference`, so give the graph one of its own where the program's takes too long, or bound the time with
+/// `--time`. Results are kept in the cache, so a second report measures only what changed.
 #[derive(Debug, Args)]
 pub struct MakeReport {
     #[command(flatten)]
     graph: GraphArgs,
     #[command(flatten)]
     engine: EngineArgs,
-    /// The page to write, with everything in it
+    /// The page to write; it needs no other file
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
     out: PathBuf,
-    /// What errors are told in: flip, flip95, rmse, psnr, ciede2000, mae, relmse; `touched.` in front counts only
-    /// what the object changes, `object.` of that what it covers, `shadow.` the rest
+    /// The measure of error: flip, flip95, rmse, psnr, ciede2000, mae or relmse; `touched.` in front counts only the pixels
+    /// that the object changes, `object.` those that it covers, `shadow.` the rest of these
     #[arg(long, value_name = "METRIC", default_value = "flip")]
     metric: String,
-    /// Leave out the runs in which all but one node are at the reference, which cost most
+    /// Leave out the settings in which all nodes but one are at the reference, which cost most
     #[arg(long)]
     no_reverse: bool,
-    /// Also tell all numbers as one JSON object on standard output
+    /// Measure as much as there is time for, such as 10m; the reference and the graph as it is are needed
+    #[arg(long, value_name = "TIME")]
+    time: Option<String>,
+    /// Also print all numbers as one JSON object on standard output
     #[arg(long)]
     pub json: bool,
 }
@@ -40,35 +46,62 @@ pub struct MakeReport {
 impl MakeReport {
     /// Writes the page.
     pub fn run(self) -> Result<u8, Error> {
+        let begin = Instant::now();
         let metric = Metric::named(&self.metric)?;
+        let limit = self.time.as_deref().map(time).transpose()?;
         let loaded = self.graph.load_to_turn()?;
         loaded.check_output(&self.out)?;
         let engine = self.engine.open()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, on_interrupt()?)?;
-        if !self.json {
-            bench.observe(terminal::measuring::forecast_of_the_first());
+        if let Some(limit) = limit {
+            bench.end_at(begin + limit);
         }
         bench.judge_by(&metric);
+        let all = settings(&bench, !self.no_reverse);
+        let shown = Measuring::new(Some(all.len()));
+        let outlook = bench.outlook(&all);
+        shown.expect(outlook);
+        if !self.json {
+            let how = if limit.is_none() { "; `--time` bounds it" } else { "" };
+            shown.line(&format!("{}{how}", outlook_text(&outlook)));
+            bench.observe(shown.observer());
+        }
         bench.leave_out_resized()?;
+        // Leaving out pictures may leave out knobs.
+        let all = settings(&bench, !self.no_reverse);
         let measured = measure_all(&mut bench, &metric, !self.no_reverse, |bench, at| {
-            bench.new_remarks().iter().for_each(|remark| terminal::remark(remark));
+            bench.new_remarks().iter().for_each(|remark| shown.line(remark));
             let point = &bench.points[at];
-            let (name, error) = (bench.name(&point.assignment), metric.told(metric.error(&point.off)));
-            terminal::remark(&format!("measured {name}: work {}, error {error}", tick_text(point.work)));
+            let (name, error) = (bench.name(&point.assignment), metric.shown(metric.error(&point.off)));
+            shown.line(&format!("measured {name}: work {}, error {error}", tick_text(point.work)));
+            shown.expect(bench.outlook(&all));
         });
-        let Measured { presets, now, attributions } = match measured {
+        shown.end();
+        let measured = match measured {
             Ok(measured) => measured,
             Err(Stop::Asked) => return Ok(130),
+            Err(Stop::Late) => {
+                terminal::error(
+                    "the time was over before the preset `reference` and the graph as it is were measured; allow more \
+                     with --time, or give the graph a `reference` preset of its own with fewer samples",
+                );
+                return Ok(1);
+            }
             Err(Stop::Wrong(error)) => return Err(error.into()),
         };
+        if measured.late {
+            let (done, all) = (bench.points.len(), all.len());
+            terminal::remark(&format!("the time is over: {done} of {all} settings were measured"));
+        }
         let name = loaded.graph.source.name.clone();
-        let page = page(&bench, &metric, &presets, now, &attributions).map_err(|miss| match miss {
-            Miss::Stopped => Error::Output(std::io::ErrorKind::Interrupted.into()),
+        let page = page(&bench, &metric, &measured).map_err(|miss| match miss {
+            Miss::Stopped | Miss::Late => Error::Output(std::io::ErrorKind::Interrupted.into()),
             Miss::Failed(why) => trade::Error::Setting { setting: "as it is".to_owned(), why }.into(),
         })?;
         cache::publish_file(&self.out, page.finish(&format!("Work and error of {name}")).as_bytes())?;
         if self.json {
-            terminal::print(&format!("{}\n", told(&bench, &metric, now, &attributions)))?;
+            let numbers = as_json(&bench, &metric, measured.now, &measured.attributions);
+            terminal::print(&format!("{numbers}\n"))?;
         } else {
             terminal::print(&format!("{}\n", self.out.display()))?;
         }

@@ -2,8 +2,10 @@
 
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
+use std::time::Instant;
 
 use clap::Args;
+use engine::PRESETS;
 use serde_json::json;
 use trade::Metric;
 use trade::bench::Bench;
@@ -11,37 +13,41 @@ use trade::plot::tick_text;
 use trade::search::Goal;
 use trade::tune::{Unit, Wanted, tune};
 
-use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
+use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt, time};
 use crate::terminal;
+use crate::terminal::measuring::{Measuring, outlook_text};
 
-/// Looks for settings of the knobs that reach an error with little work, by measuring.
+/// Measures settings of the knobs to find one that reaches an error with the least work.
 ///
-/// Runs the graph at the preset `reference`, which the pictures are compared with, at the other presets, and then at
-/// settings next to the best of them, one knob at a time. What was computed is kept in the cache, so a setting
-/// costs what it does not share with others. Writes the best as an overlay.
+/// Runs the graph at the preset `reference`, which all pictures are compared with, at the other presets, and then
+/// at settings near the best of them. Results are kept in the cache, so that a setting costs only what it does not
+/// share with others. Writes the best setting as an overlay.
 #[derive(Debug, Args)]
 pub struct Tune {
     #[command(flatten)]
     graph: GraphArgs,
     #[command(flatten)]
     engine: EngineArgs,
-    /// The least work with at most this error, such as flip=0.02, psnr=40 or touched.rmse=0.01; `touched.` counts
-    /// only what the object changes, `object.` of that what it covers, `shadow.` the rest
+    /// Find the least work with at most this error, such as flip=0.02, psnr=40 or touched.rmse=0.01; `touched.`
+    /// counts only the pixels that the object changes, `object.` those that it covers, `shadow.` the rest of these
     #[arg(long, value_name = "METRIC=VALUE", conflicts_with_all = ["max_seconds", "max_work"])]
     max_error: Option<String>,
-    /// The least error with at most so many CPU seconds of node code, as measured when it ran
+    /// Find the least error with at most this many CPU seconds of node code, as measured when it ran
     #[arg(long, value_name = "SECONDS", conflicts_with = "max_work", allow_negative_numbers = true)]
     max_seconds: Option<f64>,
-    /// The least error with at most so much work, in rays (other counts are weighed as rays)
+    /// Find the least error with at most this much work, in rays (other counts are weighted as rays)
     #[arg(long, value_name = "RAYS", allow_negative_numbers = true)]
     max_work: Option<f64>,
-    /// What is least where a cost is bounded: flip (default), flip95, rmse, psnr, ciede2000, mae, relmse, with
-    /// `touched.`, `object.` or `shadow.` in front
+    /// The measure of error to minimise where a cost is bounded: flip (default), flip95, rmse, psnr, ciede2000,
+    /// mae, relmse, with `touched.`, `object.` or `shadow.` in front
     #[arg(long, value_name = "METRIC", conflicts_with = "max_error")]
     metric: Option<String>,
-    /// Most settings to measure
+    /// Maximum number of settings to measure
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = at_least_one)]
     budget: usize,
+    /// Measure only until this time is over, such as 10m; the best setting so far is written
+    #[arg(long, value_name = "TIME")]
+    time: Option<String>,
     /// The overlay to write
     #[arg(long, short, value_name = "FILE", default_value = "tuned.ron")]
     out: PathBuf,
@@ -51,31 +57,40 @@ pub struct Tune {
 }
 
 impl Tune {
-    /// Exit code 0 where the goal was reached, 1 where it was not, 130 where it was stopped.
+    /// Exit code 0 where the goal was reached, 1 where it was not, 130 where it was interrupted.
     pub fn run(self) -> Result<u8, Error> {
+        let begin = Instant::now();
         let wanted = self.wanted()?;
+        let limit = self.time.as_deref().map(time).transpose()?;
         let loaded = self.graph.load_to_turn()?;
         loaded.check_output(&self.out)?;
         let engine = self.engine.open()?;
         let cancel = on_interrupt()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, cancel.clone())?;
-        if !self.json {
-            bench.observe(terminal::measuring::forecast_of_the_first());
+        if let Some(limit) = limit {
+            bench.end_at(begin + limit);
         }
         bench.judge_by(&wanted.metric);
+        let shown = Measuring::new(None);
+        if !self.json {
+            let first = bench.outlook(&[bench.preset(PRESETS.len() - 1)]);
+            let how = if limit.is_none() { "; `--time` and `--budget` bound the search" } else { "" };
+            let (most, first) = (self.budget, outlook_text(&first));
+            shown.line(&format!("up to {most} settings, the preset `reference` first: {first}{how}"));
+            bench.observe(shown.observer());
+        }
         bench.leave_out_resized()?;
         let mut tuned = tune(&mut bench, &wanted, |bench, at| {
-            bench.new_remarks().iter().for_each(|remark| terminal::remark(remark));
+            bench.new_remarks().iter().for_each(|remark| shown.line(remark));
             if !self.json {
                 let point = &bench.points[at];
                 let (work, seconds) = (tick_text(point.work), tick_text(point.cpu_seconds));
-                let error = wanted.metric.told(wanted.metric.error(&point.off));
+                let error = wanted.metric.shown(wanted.metric.error(&point.off));
                 let name = bench.name(&point.assignment);
-                terminal::remark(&format!(
-                    "measured work {work:>8}, {seconds:>7} CPU-s, error {error:>8}  {name}"
-                ));
+                shown.line(&format!("measured work {work:>8}, {seconds:>7} CPU-s, error {error:>8}  {name}"));
             }
         });
+        shown.end();
         if tuned.best.is_none()
             && let Some(wrong) = tuned.wrong.take()
         {
@@ -90,9 +105,9 @@ impl Tune {
         let text = format!("// {summary}\n{}", bench.overlay(&tuned.tried[best].assignment));
         cache::publish_file(&self.out, text.as_bytes())?;
         if self.json {
-            let mut told = tuned.json(&bench, &wanted.metric, stopped);
-            told["overlay"] = json!(self.out);
-            terminal::print(&format!("{told}\n"))?;
+            let mut object = tuned.json(&bench, &wanted.metric, stopped);
+            object["overlay"] = json!(self.out);
+            terminal::print(&format!("{object}\n"))?;
         } else {
             terminal::print(&terminal::columns(&tuned.rows(&bench, &wanted.metric)))?;
             terminal::print(&format!("{summary}\n{}\n", self.out.display()))?;
@@ -115,7 +130,7 @@ impl Tune {
         let work = self.max_work.map(|value| ("--max-work", value));
         let (option, value) = seconds.or(work).ok_or_else(no_goal)?;
         if !(value > 0.0 && value.is_finite()) {
-            return Err(Error::usage(format!("{option} must be above 0, and is {value}")));
+            return Err(Error::usage(format!("{option} must be a number above 0, and is {value}")));
         }
         let unit = if self.max_seconds.is_some() { Unit::CpuSeconds } else { Unit::Rays };
         Ok(Wanted { metric, goal: Goal::Cost(value), unit, budget })
@@ -127,5 +142,5 @@ fn no_goal() -> Error {
 }
 
 fn at_least_one(text: &str) -> Result<usize, String> {
-    text.parse().ok().filter(|n| *n > 0).ok_or_else(|| "a whole number of 1 or more is wanted".to_owned())
+    text.parse().ok().filter(|n| *n > 0).ok_or_else(|| "expected a whole number of 1 or more".to_owned())
 }

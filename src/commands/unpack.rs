@@ -1,4 +1,4 @@
-//! `unpack`: the folder that was packed.
+//! `unpack`: a bundle as a folder.
 
 use std::fs::File;
 use std::path::PathBuf;
@@ -9,17 +9,17 @@ use engine::{Bundle, bytes_text};
 use crate::session::{EngineArgs, Error};
 use crate::terminal;
 
-/// Unpacks a bundle into a new folder: all of it, or nothing where anything is wrong.
+/// Unpacks a bundle into a new folder, or nothing where any part of it is damaged.
 #[derive(Debug, Args)]
 pub struct Unpack {
     /// The bundle
     bundle: PathBuf,
-    /// The folder to make; default: the name of the bundle without its ending
+    /// The folder to create; default: the name of the bundle without its extension
     folder: Option<PathBuf>,
-    /// Only tell what is in it
+    /// Only list its contents
     #[arg(long)]
     list: bool,
-    /// Also take its results into the cache, unverified: for bundles of somebody you trust
+    /// Also copy its results into the cache without verifying them, for bundles from someone you trust
     #[arg(long)]
     trust_results: bool,
     #[command(flatten)]
@@ -27,7 +27,7 @@ pub struct Unpack {
 }
 
 impl Unpack {
-    /// Makes the folder, or lists what would be in it.
+    /// Creates the folder, or lists its contents.
     pub fn run(self) -> Result<u8, Error> {
         let named = |error: engine::BundleError| Error::of_file(&self.bundle, &error);
         let file = File::open(&self.bundle);
@@ -44,7 +44,7 @@ impl Unpack {
             return Ok(0);
         }
         let folder = self.folder.clone().unwrap_or_else(|| self.bundle.with_extension(""));
-        // Everything is read once before anything is made, so that a damaged value is noticed, too.
+        // Everything is read once before anything is written, so that damaged values are noticed.
         bundle.check().map_err(named)?;
         bundle.unpack(&folder).map_err(named)?;
         if self.trust_results {

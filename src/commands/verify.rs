@@ -1,4 +1,4 @@
-//! `verify`: computes some of a bundle anew and compares.
+//! `verify`: recomputes nodes of a bundle and compares.
 
 use std::fs::File;
 use std::num::NonZero;
@@ -12,21 +12,21 @@ use engine::{Bundle, Verdict, VerifyOptions, verify};
 use crate::session::{EngineArgs, Error, on_interrupt};
 use crate::terminal::{self, Report};
 
-/// Computes some nodes of a bundle anew, from what it holds, and says whether every bit is as it tells.
+/// Recomputes some nodes of a bundle from its inputs and reports whether the results are equal to the bit.
 #[derive(Debug, Args)]
 pub struct Verify {
     /// The bundle
     bundle: PathBuf,
-    /// How many nodes, chosen by the seed
+    /// Number of nodes, chosen by the seed
     #[arg(long, value_name = "K", default_value = "3")]
     sample: NonZero<usize>,
-    /// Every node
+    /// Verify every node
     #[arg(long, conflicts_with = "sample")]
     all: bool,
-    /// Chooses other nodes
+    /// Seed that chooses the nodes
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Also tell what runs
+    /// Also print the nodes that run
     #[arg(long, short)]
     verbose: bool,
     #[command(flatten)]
@@ -34,7 +34,7 @@ pub struct Verify {
 }
 
 impl Verify {
-    /// Prints a line a node; exit code 1 where one is not as the bundle tells.
+    /// Prints one line per node; exit code 1 where a result differs from the bundle.
     pub fn run(self) -> Result<u8, Error> {
         let named = |error: engine::BundleError| Error::of_file(&self.bundle, &error);
         let file = File::open(&self.bundle);
@@ -51,13 +51,13 @@ impl Verify {
         };
         let mut report = Report::lines(false);
         let verbose = self.verbose;
-        let tell = |event: engine::Event| {
+        let show = |event: engine::Event| {
             if verbose || matches!(event, engine::Event::Warning { .. }) {
-                report.tell(&event);
+                report.show(&event);
             }
         };
-        let verified = verify(&mut bundle, &nodes::registry(), &options, tell).map_err(named)?;
-        // What was stopped did not fail.
+        let verified = verify(&mut bundle, &nodes::registry(), &options, show).map_err(named)?;
+        // An interrupted run is not a failure.
         let stopped = options.cancel.load(Ordering::Relaxed);
         if let Some(failures) = verified.failures.as_ref().filter(|_| !stopped) {
             terminal::error(&failures.render(terminal::colours()));
@@ -73,7 +73,7 @@ impl Verify {
                     let how = difference.as_ref().map_or("its value is not in the bundle", |d| &d.summary);
                     format!("differs   {id}.{output}: {how}\n")
                 }
-                Verdict::OtherInputs => format!("unlike    {id}: what it is made from came out otherwise\n"),
+                Verdict::OtherInputs => format!("unlike    {id}: its inputs came out different\n"),
                 Verdict::Failed if stopped => continue,
                 Verdict::Failed => format!("failed    {id}\n"),
             };
@@ -81,9 +81,9 @@ impl Verify {
         }
         let equal = verified.nodes.iter().filter(|(_, verdict)| *verdict == Verdict::Equal).count();
         let (tried, known) = (verified.nodes.len(), verified.known);
-        let word = if stopped { "stopped: " } else { "" };
+        let word = if stopped { "interrupted: " } else { "" };
         text.push_str(&format!(
-            "{word}{equal} of {tried} computed anew are equal to the bit; it tells of {known} nodes\n"
+            "{word}{equal} of {tried} recomputed nodes are equal to the bit; the bundle has results of {known} nodes\n"
         ));
         terminal::print(&text)?;
         Ok(if stopped { 130 } else { u8::from(!verified.is_good()) })

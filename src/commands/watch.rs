@@ -13,36 +13,35 @@ use crate::terminal::{self, Report};
 
 /// Runs a graph again whenever it or a file it reads changes. Ctrl-C ends it.
 ///
-/// What takes long is shown roughly first and better by and by. A graph that is wrong for now leaves the
-/// last picture as it is.
+/// Slow pictures are shown roughly first and then refined. While the graph has mistakes the last picture stays.
 #[derive(Debug, Args)]
 #[command(mut_arg("graph", |graph| graph.help("The graph file (RON)")))]
-#[command(mut_arg("inputs", |inputs| inputs.help("For the graph of an unpacked bundle: a folder whose files it may read, as often as needed")))]
+#[command(mut_arg("inputs", |inputs| inputs.help("For the graph of an unpacked bundle: a folder whose files it may read; may be repeated")))]
 #[command(mut_arg("other_versions", |other| other.hide(true)))]
 pub struct Watch {
     #[command(flatten)]
     graph: GraphArgs,
     #[command(flatten)]
     engine: EngineArgs,
-    /// Folder that sinks write to
+    /// Output folder of the sinks
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
-    /// One JSON object a line on standard output
+    /// One JSON object per line on standard output
     #[arg(long)]
     pub json: bool,
-    /// Also tell nodes whose result was known
+    /// Also print cached nodes, counts, and all notes of nodes
     #[arg(long, short)]
     verbose: bool,
-    /// Only the whole picture, no rough ones before it
+    /// Skip the rough previews
     #[arg(long)]
     no_preview: bool,
-    /// Looks at the files every half second in place of listening to their folders
+    /// Check the files every half second instead of listening to their folders
     #[arg(long)]
     poll: bool,
 }
 
 /// Why a bundle or a picture is not watched.
-const STRANGE: &str = "a bundle or a picture is written once and does not change; to edit and watch what is in a bundle, \
+const WRITTEN_ONCE: &str = "a bundle or a picture does not change; to edit and watch a bundle, \
     `lightharmony unpack` it and watch the `graph.ron` in the folder";
 
 impl Watch {
@@ -50,11 +49,11 @@ impl Watch {
     pub fn run(self) -> Result<u8, Error> {
         if self.graph.graph == Path::new("-") {
             return Err(Error::usage(
-                "only a file can be watched: `-` stands for standard input, which is read once",
+                "only a file can be watched: `-` is standard input, which is read once",
             ));
         }
         if is_written_once(&self.graph.graph) {
-            return Err(Error::usage(STRANGE));
+            return Err(Error::usage(WRITTEN_ONCE));
         }
         let engine = self.engine.open()?.keeping();
         let out = self.out.clone();
@@ -65,7 +64,7 @@ impl Watch {
         let watch = engine::Watch::new(options);
         let (handle, asked) = (watch.handle(), AtomicBool::new(false));
         ctrlc::set_handler(move || {
-            // The first one asks; the second one is meant.
+            // The first Ctrl-C stops gracefully, the second at once.
             if asked.swap(true, Ordering::Relaxed) {
                 std::process::exit(130);
             }
@@ -81,7 +80,7 @@ impl Watch {
             last = loaded.as_ref().ok().map(|loaded| (loaded.graph.clone(), loaded.only.clone()));
             let loaded = loaded.and_then(|loaded| match loaded.unpacked {
                 None => loaded.check_outputs(&out).map(|()| (loaded.graph, loaded.only)),
-                Some(_) => Err(Error::usage(STRANGE)),
+                Some(_) => Err(Error::usage(WRITTEN_ONCE)),
             });
             let refusal = |error| match error {
                 Error::Graph(mistakes) => Refusal::mistakes(&mistakes, colour),
@@ -89,10 +88,10 @@ impl Watch {
             };
             Load { graph: loaded.map_err(refusal), texts }
         };
-        let wrong = watch.run(&engine, load, |event| report.tell(&event));
+        let wrong = watch.run(&engine, load, |event| report.show(&event));
         if !self.json {
             for path in wrong {
-                terminal::remark(&format!("{} does not show what the graph says now", path.display()));
+                terminal::remark(&format!("{} does not show the present graph", path.display()));
             }
         }
         Ok(130)

@@ -1,5 +1,5 @@
-//! An error or a time for a whole run, as values laid over its graph: so the plan of samples is fixed before the
-//! run, stands in the recipes of its pictures, and can be run again.
+//! A bound on error or time for a whole run, as values laid over its graph. The number of samples is so fixed
+//! before the run, is written into the recipes of its pictures, and can be run again.
 
 use std::sync::Arc;
 
@@ -8,18 +8,18 @@ use engine::{Engine, Fate, Forecast, Graph, GraphKnob, overlay_text};
 use super::error::Error;
 use super::graph::Loaded;
 
-/// The parameter of kinds that take samples until an error is reached.
+/// Name of the parameter of kinds that take samples until an error is reached.
 const ERROR: &str = "max_error";
-/// A picture of fewer samples than these tells nothing.
+/// Minimum number of samples.
 const FEWEST: u64 = 4;
 
-/// Values in place of those of the graph: (node, parameter, value).
+/// Values that replace those of the graph: (node, parameter, value).
 type Fields = Vec<(String, &'static str, String)>;
 
-/// What was laid over a graph, `trace.samples=16`.
+/// Settings that were laid over a graph, such as `trace.samples=16`.
 pub type Chosen = Vec<String>;
 
-/// Nothing to bound.
+/// The error for a graph without samples to bound.
 fn no_samples() -> Error {
     Error::usage(
         "no node of this graph takes samples that an error or a time could bound; `path-trace` does, where its \
@@ -27,8 +27,9 @@ fn no_samples() -> Error {
     )
 }
 
-/// Lays an error over every node that takes samples until one is reached. At most as many are taken as the graph
-/// says; a preset that says fewer says so of runs that are given no error, and what it would bound is told.
+/// Sets an error bound for every node that takes samples until one is reached. The maximum is the number of samples
+/// of the graph: a preset with fewer is meant for runs without an error bound, and the settings that undo it are
+/// returned.
 pub fn to_error(loaded: Loaded, error: f64) -> Result<(Loaded, Chosen), Error> {
     let takes = |knob: &GraphKnob| knob.parameter == ERROR;
     let knobs = loaded.graph.knobs(&loaded.only).into_iter().filter(takes);
@@ -43,14 +44,14 @@ pub fn to_error(loaded: Loaded, error: f64) -> Result<(Loaded, Chosen), Error> {
     Ok((Loaded { graph, ..loaded }, chosen))
 }
 
-/// The samples that a graph says, where a preset says fewer.
+/// The numbers of samples of the graph, where a preset sets fewer.
 fn raised(loaded: &Loaded) -> Fields {
     let graph = &loaded.graph;
     let bare = graph.source.without_presets();
     if bare == graph.source {
         return Vec::new();
     }
-    // A graph that is none without its preset says nothing.
+    // A graph that is wrong without its preset has no numbers of its own.
     let Ok(bare) = Graph::parse(bare, &nodes::registry(), graph.root.clone()) else { return Vec::new() };
     let own = samples(&bare, &[]);
     let now = samples(graph, &loaded.only).into_iter();
@@ -62,8 +63,8 @@ fn raised(loaded: &Loaded) -> Fields {
     more.collect()
 }
 
-/// Lays the fewest samples over a graph in which a node takes samples whose time no forecast knows; `None` where every
-/// one has a forecast. A run of it up to its files gives them all, and what it traces is kept.
+/// Returns the graph with the minimum number of samples where a node that takes samples has no forecast; `None`
+/// where all have one. A run of it gives all forecasts, and its samples are kept.
 pub fn pilot(loaded: &Loaded, engine: &Engine) -> Result<Option<(Arc<Graph>, Chosen)>, Error> {
     let own = samples(&loaded.graph, &loaded.only);
     if own.is_empty() {
@@ -73,13 +74,13 @@ pub fn pilot(loaded: &Loaded, engine: &Engine) -> Result<Option<(Arc<Graph>, Cho
     let plan = engine.plan(&graph, &loaded.only);
     let untimed = plan.iter().zip(&graph.nodes).any(|(planned, node)| {
         let open = matches!(planned.fate, Fate::Runs(_) | Fate::Follows(_) | Fate::Lost);
-        open && planned.forecast.is_none() && node.kind.refines.is_some()
+        open && planned.forecast.is_none() && node.kind.preview.refines.is_some()
     });
     Ok(untimed.then(|| (graph, settings(&fields(&own, FEWEST)))))
 }
 
-/// Lays as many samples over a graph, at most its own, as its forecast says there is time for. Gives what was
-/// chosen, and the forecast.
+/// Sets the largest number of samples, at most that of the graph, whose forecast fits the time. Returns the
+/// settings and the forecast.
 pub fn to_time(loaded: Loaded, engine: &Engine, seconds: f64) -> Result<(Loaded, Chosen, Forecast), Error> {
     let own = samples(&loaded.graph, &loaded.only);
     let mut most = own.iter().map(|(_, n)| *n).max().ok_or_else(no_samples)?;
@@ -89,15 +90,16 @@ pub fn to_time(loaded: Loaded, engine: &Engine, seconds: f64) -> Result<(Loaded,
         if forecast.seconds <= seconds || most <= FEWEST {
             return Ok((Loaded { graph, ..loaded }, settings(&fields(&own, most)), forecast));
         }
-        // The next power of two below, down to the fewest.
+        // The next lower power of two, down to the minimum.
         most = (most.next_power_of_two() / 2).max(FEWEST);
     }
 }
 
-/// The knobs of a graph that say how many samples a node takes, and how many.
+/// The knobs that set numbers of samples, and their values.
 fn samples(graph: &Graph, only: &[usize]) -> Vec<(GraphKnob, u64)> {
     let counts = |knob: &GraphKnob| {
-        !knob.varies && graph.nodes[graph.find_all(&knob.node)[0]].kind.refines == Some(knob.parameter)
+        !knob.varies
+            && graph.nodes[graph.find_all(&knob.node)[0]].kind.preview.refines == Some(knob.parameter)
     };
     let knobs = graph.knobs(only).into_iter().filter(counts);
     knobs.filter_map(|knob| knob.value.parse().ok().map(|n| (knob, n))).collect()
@@ -111,7 +113,7 @@ fn settings(fields: &Fields) -> Chosen {
     fields.iter().map(|(node, parameter, value)| format!("{node}.{parameter}={value}")).collect()
 }
 
-/// A graph with at most so many samples.
+/// The graph with at most `most` samples.
 fn capped(graph: &Graph, own: &[(GraphKnob, u64)], most: u64) -> Result<Arc<Graph>, Error> {
     laid(graph, "--time", &fields(own, most))
 }

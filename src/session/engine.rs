@@ -11,25 +11,25 @@ use engine::Engine;
 
 use super::error::{Error, causes};
 
-/// Where results are kept and what may be used.
+/// The cache, and limits of threads and memory.
 #[derive(Debug, Clone, Args)]
 pub struct EngineArgs {
     /// Folder of the cache [env: LIGHTHARMONY_CACHE; default: the user's cache folder]
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
-    /// Threads; default, and 0: one for each core
+    /// Number of threads; 0, the default, is one per core
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(..=1024))]
     pub jobs: Option<u16>,
-    /// Memory for values and running nodes, such as 4G; default, and 0: three quarters of what is free. Nodes wait
-    /// for their share, and one that would need more than all of it fails before it starts
+    /// Memory for values and running nodes, such as 4G; 0, the default, is three quarters of the free memory. Nodes
+    /// wait until their share is free, and a node that needs more than all of it fails before it starts
     #[arg(long, value_name = "SIZE")]
     pub memory: Option<String>,
-    /// When results are forced onto the disk; it matters to a loss of power only
+    /// When results are synced to disk; this matters only if the power fails
     #[arg(long, value_name = "WHEN", default_value = "batch")]
     pub fsync: When,
 }
 
-/// When results are forced onto the disk.
+/// When results are synced to disk.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 pub enum When {
     /// Once, at the end of a run
@@ -41,7 +41,7 @@ pub enum When {
 }
 
 impl EngineArgs {
-    /// Bytes of memory for values; 0 for what the engine takes by itself.
+    /// Bytes of memory for values; 0 for the default of the engine.
     pub fn memory(&self) -> Result<u64, Error> {
         self.memory.as_deref().map_or(Ok(0), size)
     }
@@ -56,23 +56,24 @@ impl EngineArgs {
         };
         let options = cache::Options { fsync, ..cache::Options::default() };
         let folder = cache_folder(self.cache.as_deref())?;
-        let store = Store::open(&folder, options).map_err(|error| {
-            Error::Cache(format!(
-                "cannot open the cache `{}`: {}; name another folder with `--cache` or LIGHTHARMONY_CACHE",
+        // Without a cache a run takes longer and is as right, so it goes on, and says so.
+        let store = Store::open(&folder, options).unwrap_or_else(|error| {
+            Store::unavailable(format!(
+                "cannot open `{}`: {}; name another folder with `--cache` or LIGHTHARMONY_CACHE",
                 folder.display(),
                 causes(error)
             ))
-        })?;
+        });
         Ok(Engine::new(store, self.jobs(), memory))
     }
 
-    /// How many threads; 0 for what the engine takes by itself.
+    /// Number of threads; 0 for the default of the engine.
     pub fn jobs(&self) -> usize {
         self.jobs.map_or(0, usize::from)
     }
 }
 
-/// A flag that Ctrl-C sets: the first one asks, the second one is meant.
+/// A flag that the first Ctrl-C sets; the second one ends the process.
 pub fn on_interrupt() -> Result<Arc<AtomicBool>, Error> {
     let cancel = Arc::new(AtomicBool::new(false));
     let again = cancel.clone();
@@ -84,7 +85,7 @@ pub fn on_interrupt() -> Result<Arc<AtomicBool>, Error> {
     Ok(cancel)
 }
 
-/// The folder of the cache: the one that was named, else that of the environment, else the user's.
+/// The folder of the cache: the named one, else that of the environment variable, else the user's cache folder.
 pub fn cache_folder(named: Option<&Path>) -> Result<PathBuf, Error> {
     match (named, std::env::var_os("LIGHTHARMONY_CACHE")) {
         (Some(folder), _) => Ok(folder.to_owned()),
@@ -99,14 +100,14 @@ pub fn cache_folder(named: Option<&Path>) -> Result<PathBuf, Error> {
     }
 }
 
-/// Bytes, from a number with or without K, M, G or T.
+/// Parses a number of bytes, with or without K, M, G or T.
 pub fn size(text: &str) -> Result<u64, Error> {
     engine::parse_bytes(text).ok_or_else(|| {
         Error::usage(format!("`{text}` is not a size; write a number with K, M or G, such as 4G"))
     })
 }
 
-/// A time with its unit.
+/// Parses a time with its unit, such as `1.5h`.
 pub fn time(text: &str) -> Result<Duration, Error> {
     let wrong = || {
         let how = "write a number with ms, s, m, h or d, such as 10s, 1.5h or 30d";

@@ -47,7 +47,13 @@ impl From<engine::NodeError> for Error {
 
 impl From<ctrlc::Error> for Error {
     fn from(error: ctrlc::Error) -> Self {
-        Self::Usage(format!("cannot listen for Ctrl-C: {error}"))
+        Self::Usage(match error {
+            ctrlc::Error::System(cause) => format!(
+                "cannot start the thread that listens for Ctrl-C: {cause}; the number of processes may be limited \
+                 (`ulimit -u`)"
+            ),
+            other => format!("cannot listen for Ctrl-C: {other}"),
+        })
     }
 }
 

@@ -9,55 +9,64 @@ use engine::{EditError, Engine, Graph, ReadFiles, Registry, Setting, Source, Sou
 
 use super::engine::EngineArgs;
 use super::error::Error;
+use super::names::wanted;
 use super::origin::{Origin, OriginArgs, is_picture};
-use crate::terminal::{self, names};
+use crate::terminal;
 
-/// Which graph, with which values in place of those written in it.
+/// The graph, and the values laid over it.
 #[derive(Debug, Args)]
 pub struct GraphArgs {
     /// The graph file (RON), a bundle, or a picture that carries its recipe; `-` reads standard input
     pub graph: PathBuf,
-    /// Sets one field for this run: node.field=value, as often as needed
+    /// Set one field for this run: node.field=value; may be repeated
     #[arg(long = "set", value_name = "NODE.FIELD=VALUE")]
     pub set: Vec<String>,
-    /// Lays a preset over the graph, as often as needed: one of its own, or draft, preview, final, reference, which
-    /// set its knobs; `--overlay` and `--set` go over presets
+    /// Do all work, also where a check shows that it changes no byte, to measure what the checks save
+    #[arg(long)]
+    pub exhaustive: bool,
+    /// Lay a preset over the graph: one of its own, or draft, preview, final, reference, which set its knobs; may
+    /// be repeated. `--overlay` and `--set` override presets
     #[arg(long, value_name = "NAME")]
     pub preset: Vec<String>,
-    /// Lays the values of a file over the graph, as often as needed: Overlay(nodes: (trace: (samples: 4)))
+    /// Lay the values of a file over the graph, such as Overlay(nodes: (trace: (samples: 4))); may be repeated
     #[arg(long, value_name = "FILE")]
     pub overlay: Vec<PathBuf>,
-    /// Only these nodes and what they need, separated by commas; default: every sink
+    /// Compute only these nodes and their inputs, separated by commas; default: every sink. `each/frame=5..7` names
+    /// a range of an axis
     #[arg(long, value_name = "NODES", value_delimiter = ',')]
     pub only: Vec<String>,
-    // Not flattened from `OriginArgs`: an optional `GraphArgs` is there only if clap sees an argument of its own.
-    /// For a bundle or a picture: a folder whose files the graph may read, as often as needed
+    /// Compute only these values of the axis `frame`, such as 1001-1050 or 7, of the nodes of `--only` or of the
+    /// sinks that write a file per frame
+    #[arg(long, value_name = "FIRST-LAST")]
+    pub frames: Option<String>,
+    // Not flattened from `OriginArgs`: clap makes an optional `GraphArgs` only if it has an argument of its own.
+    /// For a bundle or a picture: a folder whose files the graph may read; may be repeated
     #[arg(long, value_name = "DIR")]
     pub inputs: Vec<PathBuf>,
-    /// For a picture: run it although its kinds have other versions here, which may give another picture
+    /// For a picture: run its recipe although kinds have other versions here, which may give another picture
     #[arg(long)]
     pub other_versions: bool,
 }
 
-/// A checked graph and the nodes that are wanted of it.
+/// A checked graph and the wanted nodes.
 pub struct Loaded {
     pub graph: Arc<Graph>,
     pub only: Vec<usize>,
     /// The files that it was read from.
     pub texts: Vec<PathBuf>,
-    /// Where its lock lies, or would.
+    /// Path of its lock, whether or not it exists.
     pub lock: Option<PathBuf>,
-    /// Where a bundle lies unpacked as long as this lives.
+    /// Temporary folder of an unpacked bundle.
     pub unpacked: Option<TempFolder>,
 }
 
 impl Loaded {
-    /// Refuses sinks that would write over the graph or a file it reads.
+    /// Refuses sinks that would overwrite the graph or a file it reads.
     pub fn check_outputs(&self, out: &Path) -> Result<(), Error> {
         self.graph.check_outputs(&self.only, out, &self.texts).map_err(Error::Graph)
     }
 
-    /// Refuses to write anything else there.
+    /// Refuses an output path that is the graph or a file it reads.
     pub fn check_output(&self, path: &Path) -> Result<(), Error> {
         let read = ReadFiles::new(self.texts.iter().cloned().chain(self.graph.files()));
         if read.has(path) {
@@ -78,20 +87,21 @@ impl GraphArgs {
         })
     }
 
-    /// The same for work on knobs, where it matters that the recipe of a picture knows less than its graph did.
+    /// The same for work on knobs; prints a remark for a picture, whose recipe lacks presets and names of its
+    /// graph.
     pub fn load_to_turn(&self) -> Result<Loaded, Error> {
         if is_picture(&self.graph) {
             terminal::remark(
-                "the recipe of a picture has no presets of its graph and other names of nodes, so settings of these knobs fit \
+                "the recipe of a picture lacks the presets of its graph and has other node names, so these settings fit \
                  the picture and not the graph",
             );
         }
         self.load()
     }
 
-    /// The same for a watch. `known` is the graph as it was, where no file that its nodes read has changed since: what
-    /// the text says as it did is not read again. The files that the graph itself consists of go to `texts`, found
-    /// or not.
+    /// The same for `watch`. `known` is the previous graph, where no file that its nodes read has changed:
+    /// unchanged text is not parsed again. The files of the graph itself are added to `texts`, whether or not they
+    /// exist.
     pub fn load_again(
         &self,
         known: Option<&(Arc<Graph>, Vec<usize>)>,
@@ -116,44 +126,38 @@ impl GraphArgs {
         })
     }
 
-    /// The graph as its file has it now, where that is one and the same file and little in it changed.
+    /// The graph of the present text, where it is the same file with a small edit.
     fn edited(&self, known: &Arc<Graph>) -> Option<Arc<Graph>> {
         let path = self.graph.canonicalize().ok()?;
-        let text = std::fs::read_to_string(&path).ok()?;
+        let text = engine::read_text(&path, engine::MAX_GRAPH_BYTES).ok()?;
         if path.parent() != Some(known.root.folder()) {
             return None;
         }
         known.reparse(text, nodes::registry)
     }
 
-    /// Checks a graph that was read, and opens an engine. A large graph comes by way of its compiled form; a wrong
-    /// one that is small leaves no cache behind.
+    /// Checks a graph that was read, and opens an engine. A wrong graph leaves no cache behind.
     pub fn check_with(
         &self,
         origin: Origin,
         texts: &[PathBuf],
         engine: &EngineArgs,
     ) -> Result<(Loaded, Engine), Error> {
-        let mut opened = None;
         let loaded = self.check(origin, texts, |source, registry, root| {
-            if source.text.len() < Graph::WORTH_COMPILING {
-                return Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph);
-            }
-            let engine = opened.insert(engine.open()?);
-            Graph::parse_cached(source, registry, root, engine.store()).map(Arc::new).map_err(Error::Graph)
+            Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph)
         })?;
-        let engine = opened.map_or_else(|| engine.open(), Ok)?;
-        Ok((loaded, engine))
+        Ok((loaded, engine.open()?))
     }
 
-    /// Reads the graph, what is laid over it and what it includes. The files of that go to `texts`, found or not.
+    /// Reads the graph with its includes, presets, overlays and settings. Their files are added to `texts`, whether
+    /// or not they exist.
     pub fn read(&self, texts: &mut Vec<PathBuf>) -> Result<Origin, Error> {
         texts.push(self.graph.clone());
         texts.extend(self.overlay.iter().cloned());
         let origin = OriginArgs { inputs: self.inputs.clone(), other_versions: self.other_versions };
         let Origin { mut source, root, lock, recipe, unpacked } = Origin::open(&self.graph, &origin)?;
         if !self.preset.is_empty() {
-            // Presets speak of the nodes of included files, too.
+            // Presets may set nodes of included files.
             let (joined, included) = source.including(&root);
             texts.extend(included);
             source = joined;
@@ -164,12 +168,12 @@ impl GraphArgs {
         for path in &self.overlay {
             if root.is_strange(path) {
                 return Err(Error::usage(format!(
-                    "`{}` came out of a bundle and could make this graph read any file; remove \
+                    "`{}` belongs to an unpacked bundle and could make this graph read any file; remove \
                      `.lightharmony-bundle` from its folder if you trust it",
                     path.display()
                 )));
             }
-            let text = std::fs::read_to_string(path);
+            let text = engine::read_text(path, engine::MAX_GRAPH_BYTES);
             let text = text.map_err(|error| Error::unreadable("overlay", path, &error))?;
             source = source.overlaid(&path.display().to_string(), &text);
         }
@@ -178,17 +182,42 @@ impl GraphArgs {
             match text.parse() {
                 Ok(setting) => settings.push(setting),
                 Err(EditError::Form(_)) => {
-                    wrong.push(format!("`--set {text}` is no setting; write --set node.field=value"));
+                    wrong.push(format!("`--set {text}` is not a setting; write --set node.field=value"));
                 }
             }
         }
         if !wrong.is_empty() {
             return Err(Error::usage(wrong.join("\n")));
         }
-        // Last, since what is laid over may name other files.
+        if self.exhaustive {
+            settings.extend("scene.exhaustive=true".parse::<Setting>());
+        }
+        // Last, since settings may name other files.
         let (source, included) = engine::apply(&source, &settings).including(&root);
         texts.extend(included);
         Ok(Origin { source, root, lock, recipe, unpacked })
+    }
+
+    /// Adds a hint to mistakes of `--set`: how to write a list of numbers in a shell.
+    fn with_shell_forms(&self, error: Error) -> Error {
+        let Error::Graph(mut mistakes) = error else { return error };
+        for setting in &self.set {
+            let Some((place, value)) = setting.split_once('=') else { continue };
+            let field = place.rsplit('.').next().unwrap_or_default().trim();
+            let numbers: Vec<&str> = value.split(',').map(str::trim).collect();
+            if numbers.len() < 2 || numbers.iter().any(|number| number.parse::<f64>().is_err()) {
+                continue;
+            }
+            for mistake in &mut mistakes.list {
+                if mistake.message.starts_with(&format!("`{field}` takes")) {
+                    let (open, close) =
+                        if mistake.message.contains("in ( )") { ('(', ')') } else { ('[', ']') };
+                    let value = numbers.join(", ");
+                    mistake.hints.push(format!("in a shell: --set '{}={open}{value}{close}'", place.trim()));
+                }
+            }
+        }
+        Error::Graph(mistakes)
     }
 
     fn check(
@@ -198,8 +227,9 @@ impl GraphArgs {
         parse: impl FnOnce(Source, &Registry, SourceRoot) -> Result<Arc<Graph>, Error>,
     ) -> Result<Loaded, Error> {
         let Origin { source, root, lock, recipe, unpacked } = origin;
-        let graph = parse(source, &nodes::registry(), root)?;
-        let as_it_was = self.set.is_empty() && self.preset.is_empty() && self.overlay.is_empty();
+        let graph = parse(source, &nodes::registry(), root).map_err(|error| self.with_shell_forms(error))?;
+        let as_it_was =
+            self.set.is_empty() && !self.exhaustive && self.preset.is_empty() && self.overlay.is_empty();
         if let Some(recipe) = recipe.filter(|_| as_it_was) {
             let other = recipe.other_sources(&graph, &Store::in_memory())?;
             if !other.is_empty() {
@@ -207,41 +237,7 @@ impl GraphArgs {
                 return Err(Error::usage(format!("`{path}` was made from other files:\n{other}")));
             }
         }
-        if self.only.iter().any(|name| name.trim().is_empty()) {
-            return Err(Error::usage("`--only` takes names of nodes separated by single commas"));
-        }
-        let only =
-            self.only.iter().map(|name| find_all(&graph, name.trim())).collect::<Result<Vec<_>, _>>()?;
-        Ok(Loaded { graph, only: only.concat(), texts: texts.to_vec(), lock, unpacked })
-    }
-}
-
-/// The one node of a name, or an error that lists those there are.
-pub fn find(graph: &Graph, name: &str) -> Result<usize, Error> {
-    match find_all(graph, name)?.as_slice() {
-        [node] => Ok(*node),
-        nodes => Err(Error::usage(format!(
-            "`{name}` is several nodes; name one of {}",
-            names(graph, nodes.iter().copied())
-        ))),
-    }
-}
-
-/// Every node of a name; axes make several of one.
-fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
-    let found = graph.find_all(name);
-    match found.as_slice() {
-        [] => {
-            if let Some(of) = graph.source.gathered(name) {
-                return Err(Error::usage(format!(
-                    "`{name}` is a Gather, not a node; use `{of}`, or a node that reads `{name}`"
-                )));
-            }
-            let near = engine::nearest(name, graph.nodes.iter().map(|node| node.id.as_str()));
-            let hint = near.map(|near| format!(" (did you mean `{near}`?)")).unwrap_or_default();
-            let known = names(graph, 0..graph.nodes.len());
-            Err(Error::usage(format!("the graph has no node `{name}`{hint}; its nodes are {known}")))
-        }
-        _ => Ok(found),
+        let only = wanted(&graph, &self.only, self.frames.as_deref())?;
+        Ok(Loaded { graph, only, texts: texts.to_vec(), lock, unpacked })
     }
 }

@@ -18,7 +18,8 @@ pub fn path(loaded: &Loaded) -> Result<PathBuf, Error> {
 /// Reads the lock that belongs to a graph.
 pub fn read(loaded: &Loaded) -> Result<Lock, Error> {
     let path = path(loaded)?;
-    let text = std::fs::read_to_string(&path).map_err(|error| unreadable(&path, &error))?;
+    let text =
+        engine::read_text(&path, engine::MAX_GRAPH_BYTES).map_err(|error| unreadable(&path, &error))?;
     let lock = Lock::parse(&Source::new(path.display().to_string(), text));
     lock.map_err(|error| Error::usage(error.to_string()))
 }

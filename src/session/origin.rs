@@ -1,4 +1,4 @@
-//! Where a graph comes from: a file of one's own, a bundle, a picture that carries its recipe.
+//! The sources of a graph: a graph file, a bundle, a picture that carries its recipe.
 
 use std::fs::File;
 use std::io::Read;
@@ -9,24 +9,24 @@ use engine::{Bundle, Recipe, Source, SourceRoot, bundle_around};
 
 use super::error::Error;
 
-/// The text of a graph and where its files are.
+/// The text of a graph and the folder of its files.
 pub struct Origin {
     pub source: Source,
     pub root: SourceRoot,
-    /// Where its lock lies, if there is one.
+    /// Path of its lock, for a graph file or bundle.
     pub lock: Option<PathBuf>,
-    /// The recipe, for a graph out of a picture.
+    /// The recipe, for a graph from a picture.
     pub recipe: Option<Recipe>,
-    /// Where a bundle lies unpacked as long as this lives.
+    /// Temporary folder of an unpacked bundle.
     pub unpacked: Option<TempFolder>,
 }
 
-/// Whether a file is a bundle or a picture, which is written once and then as it is.
+/// Returns true if a file is a bundle or a picture, which do not change once written.
 pub fn is_written_once(path: &Path) -> bool {
     head(path) == BUNDLE || is_picture(path)
 }
 
-/// Whether a file is a picture of a format that can carry a recipe.
+/// Returns true if a file is a picture of a format that can carry a recipe.
 pub fn is_picture(path: &Path) -> bool {
     nodes::io::recipe::is_picture(&head(path))
 }
@@ -38,27 +38,27 @@ fn head(path: &Path) -> Vec<u8> {
     head
 }
 
-/// What may be read beside a stranger's graph, and how strictly its recipe is taken.
+/// Folders that an untrusted graph may read, and how strictly versions of a recipe are checked.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct OriginArgs {
-    /// For a bundle or a picture: a folder whose files the graph may read, as often as needed
+    /// For a bundle or a picture: a folder whose files the graph may read; may be repeated
     #[arg(long, value_name = "DIR")]
     pub inputs: Vec<PathBuf>,
-    /// For a picture: run it although its kinds have other versions here, which may give another picture
+    /// For a picture: run its recipe although kinds have other versions here, which may give another picture
     #[arg(long)]
     pub other_versions: bool,
 }
 
-/// What a bundle begins with.
+/// First bytes of a bundle.
 const BUNDLE: &[u8] = b"LHbundle";
 
-/// Most bytes of a picture, and of a graph, as in a bundle; a bundle is streamed.
+/// Maximum bytes of a picture and of a graph; bundles are streamed.
 const LARGEST_PICTURE: u64 = 4 << 30;
-const LARGEST_GRAPH: u64 = 64 << 20;
+const LARGEST_GRAPH: u64 = engine::MAX_GRAPH_BYTES;
 const MOST_AT_ONCE: u64 = 16 << 20;
 
 impl Origin {
-    /// Finds out what `path` is and opens it.
+    /// Detects the sort of a file and opens it.
     pub fn open(path: &Path, args: &OriginArgs) -> Result<Self, Error> {
         let failed = |error| Error::unreadable("graph", path, &error);
         if path == Path::new("-") {
@@ -72,17 +72,17 @@ impl Origin {
         if head == BUNDLE {
             return Self::bundle(path, file, args);
         }
-        // At once where the file says how long it is, and believed as far as graphs are long.
-        let told = file.metadata().map_err(failed)?;
-        let mut bytes = Vec::with_capacity(told.len().min(MOST_AT_ONCE) as usize + 1);
+        // Allocates the length of the file at once, up to a bound.
+        let metadata = file.metadata().map_err(failed)?;
+        let mut bytes = Vec::with_capacity(metadata.len().min(MOST_AT_ONCE) as usize + 1);
         bytes.extend(head);
         if nodes::io::recipe::is_picture(&bytes) {
             file.take(LARGEST_PICTURE).read_to_end(&mut bytes).map_err(failed)?;
             return Self::picture(path, &bytes, args);
         }
         let text = graph_text(bytes, file).map_err(failed)?;
-        if !told.is_file() {
-            // A pipe lies in no folder.
+        if !metadata.is_file() {
+            // A pipe has no folder.
             let folder = std::env::current_dir().map_err(failed)?;
             return Self::own(Source::new(path.display().to_string(), text), folder, None, args);
         }
@@ -96,9 +96,15 @@ impl Origin {
         )
     }
 
-    /// A graph file. One that came out of a bundle, wherever in it, is a stranger's as long as the mark is there.
-    fn own(source: Source, folder: PathBuf, lock: Option<PathBuf>, args: &OriginArgs) -> Result<Self, Error> {
+    /// A graph file. One in the folder of an unpacked bundle is untrusted as long as the marker file exists.
+    fn own(
+        mut source: Source,
+        folder: PathBuf,
+        lock: Option<PathBuf>,
+        args: &OriginArgs,
+    ) -> Result<Self, Error> {
         let root = if let Some(bundle) = bundle_around(&folder) {
+            source = Source::packed(source.name, source.text);
             confined(&bundle, &args.inputs)?.at(folder)
         } else if args.inputs.is_empty() {
             SourceRoot::new(folder)
@@ -116,7 +122,7 @@ impl Origin {
         let place = TempFolder::private()?;
         let folder = place.path().join("bundle");
         bundle.unpack(&folder).map_err(named)?;
-        let source = Source::new(path.display().to_string(), bundle.graph_text().map_err(named)?);
+        let source = Source::packed(path.display().to_string(), bundle.graph_text().map_err(named)?);
         let root = confined(&folder, &args.inputs)?;
         let lock = Some(folder.join("graph.lock"));
         Ok(Self { source, root, lock, recipe: None, unpacked: Some(place) })
@@ -130,7 +136,7 @@ impl Origin {
         let other = recipe.other_kinds(&registry);
         if !other.is_empty() && !args.other_versions {
             return Err(Error::usage(format!(
-                "`{}` cannot be made again here:\n{}\nwith --other-versions it runs all the same, and the picture \
+                "`{}` cannot be made again here:\n{}\n--other-versions runs it in spite of that; the picture \
                  may differ",
                 path.display(),
                 other.join("\n")
@@ -138,7 +144,7 @@ impl Origin {
         }
         let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let shown = format!("recipe of {}", path.display());
-        // Digests of one run are remembered by the store of the engine, which is not open yet.
+        // The store of the engine, which remembers digests, is not open yet.
         let store = Store::in_memory();
         let source = recipe.settle(&shown, &file, &registry, &args.inputs, &store).map_err(named)?;
         let place = TempFolder::private()?;
@@ -147,12 +153,12 @@ impl Origin {
     }
 }
 
-/// The text of a graph that begins with some bytes; no more of it is read than a graph has.
+/// Reads the text of a graph whose first bytes were read, up to the maximum length.
 fn graph_text(mut bytes: Vec<u8>, from: impl Read) -> std::io::Result<String> {
     let wrong = |what: &str| std::io::Error::new(std::io::ErrorKind::InvalidData, what);
     from.take(LARGEST_GRAPH + 1 - bytes.len() as u64).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > LARGEST_GRAPH {
-        return Err(wrong("it is longer than 64 MiB, and no graph"));
+        return Err(wrong("it is longer than the maximum of 64 MiB"));
     }
     String::from_utf8(bytes).map_err(|_| wrong("it is not text"))
 }

@@ -1,22 +1,70 @@
-//! What `convert` and `inspect` share: a scene of splats from a file, outside of any graph.
+//! Reads a scene of splats from a file, outside a graph, for `convert` and `inspect`.
 
 use std::path::Path;
 use std::sync::Arc;
 
-use clap::ValueEnum;
-use engine::{Context, InputFile, Kind, Level, NodeError, Notes, Scene, Up};
+use clap::{Args, ValueEnum};
+use engine::{Context, Cost, FileHead, InputFile, Kind, Level, NodeError, Notes, Scene, SourceRoot, Up};
 use nodes::kinds::load_splats::{self, Frame, LoadSplats};
 use nodes::types::Splats;
 
+use super::error::Error;
 use crate::terminal;
 
-/// Which axis of the world points up.
+/// How much memory may be used.
+#[derive(Debug, Clone, Args)]
+pub struct MemoryArgs {
+    /// Memory for the scene, such as 4G; default, and 0: three quarters of what is free. A file that needs more, by its
+    /// header, is not read
+    #[arg(long, value_name = "SIZE")]
+    memory: Option<String>,
+}
+
+impl MemoryArgs {
+    /// The limit in bytes.
+    pub fn bytes(&self) -> Result<u64, Error> {
+        let bytes = self.memory.as_deref().map_or(Ok(0), super::size)?;
+        Ok(if bytes > 0 { bytes } else { engine::default_memory() })
+    }
+}
+
+/// An error for a file or folder that needs more than `memory` bytes to be read, by its header: a file of a few
+/// megabytes may claim any number of splats.
+pub fn check_memory(path: &Path, memory: u64) -> Result<(), NodeError> {
+    let file = InputFile(path.display().to_string());
+    let root = SourceRoot::new("");
+    let splats = params(file.clone(), Frame::AsStored);
+    let (sources, is_splats) = match LoadSplats::sources(&splats, &root) {
+        Ok(sources) => (sources, true),
+        // Not splats; what is wrong with the file is found by reading it.
+        Err(_) => (vec![root.file(&file)], false),
+    };
+    let length = |path: &Path| std::fs::metadata(path).map_or(0, |found| found.len());
+    let heads: Vec<_> = sources.iter().map(|source| FileHead::new(source, length(&source.path))).collect();
+    let Cost { bytes } = if is_splats {
+        LoadSplats::estimate_files(&splats, &heads)
+    } else {
+        Cost { bytes: heads.iter().fold(0, |sum: u64, head| sum.saturating_add(head.bytes)) }
+    };
+    if bytes <= memory {
+        return Ok(());
+    }
+    let (needs, budget) = (engine::bytes_text(bytes), engine::bytes_text(memory));
+    let what = format!("`{}` needs about {needs} of memory, the budget is {budget}", path.display());
+    Err(NodeError::new(what).hint("raise `--memory`"))
+}
+
+fn params(path: InputFile, frame: Frame) -> LoadSplats {
+    LoadSplats { path, more: Vec::new(), strict: false, max_extent: 1e6, frame }
+}
+
+/// The axis of the world that points up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum UpArg {
     /// +y
     #[value(name = "+y")]
     PlusY,
-    /// -y, as INRIA PLY mostly has
+    /// -y, as in most INRIA PLY files
     #[value(name = "-y")]
     MinusY,
     /// +z
@@ -34,12 +82,12 @@ impl From<UpArg> for Up {
     }
 }
 
-/// A context for work outside of a graph.
+/// A context for work outside a graph.
 pub fn context(up: Up) -> Context {
-    Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, "")
+    Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, "")
 }
 
-/// An error for what is neither a file nor a folder: a device or a pipe may never end.
+/// Refuses a path that is neither a file nor a folder: a device or a pipe may never end.
 pub fn check(path: &Path) -> Result<(), NodeError> {
     let name = path.display();
     let found = std::fs::metadata(path).map_err(|e| NodeError::new(format!("cannot read `{name}`: {e}")))?;
@@ -51,20 +99,19 @@ pub fn check(path: &Path) -> Result<(), NodeError> {
 
 /// Reads a scene of any format.
 pub fn load(path: &Path, frame: Frame, cx: &Context) -> Result<(Arc<Splats>, Notes), NodeError> {
-    let path = InputFile(path.display().to_string());
-    let params = LoadSplats { path, more: Vec::new(), strict: false, max_extent: 1e6, frame };
+    let params = params(InputFile(path.display().to_string()), frame);
     let (out, notes) = LoadSplats::run(&params, load_splats::In {}, cx)?;
     Ok((out.splats, notes))
 }
 
-/// Tells why a file cannot be used; the exit code.
+/// Prints why a file cannot be used; returns the exit code.
 pub fn failed(error: &NodeError) -> u8 {
     let hint = error.advice().map(|hint| format!("\n  hint: {hint}")).unwrap_or_default();
     terminal::error(&format!("{error}{hint}"));
     1
 }
 
-/// Notes as lines for a person.
+/// Notes as lines of text.
 pub fn lines(notes: &Notes) -> String {
     let word = |level: Level| match level {
         Level::Count | Level::Decision => "note",

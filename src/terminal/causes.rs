@@ -1,4 +1,4 @@
-//! Why nodes run, in words, back to where it begins.
+//! Why nodes run, in words, back to the first cause.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use engine::{Change, Engine, Fate, Graph, Planned, Role, Why};
 pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
     match fate {
         Fate::Unwanted => "not wanted".to_owned(),
-        Fate::Known => "its result is known".to_owned(),
+        Fate::Known => "known".to_owned(),
         Fate::Lost => "known, but gone from the cache: runs again if its values are needed".to_owned(),
         Fate::Runs(Why::New) => "runs: no earlier run of it is known".to_owned(),
         Fate::Runs(Why::Changed(changes)) => match causes(graph, index, changes).as_slice() {
@@ -27,15 +27,15 @@ pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
 pub struct Cause {
     /// `` `pose.yaw_deg` 30.0 -> 35.0 ``.
     pub text: String,
-    /// The node above that gives something else, where that is what it is.
+    /// The input node whose result differs, where that is the cause.
     pub above: Option<usize>,
 }
 
-/// What the changes of a node's key mean. A wire is several fields of a key, and is told once.
+/// The causes that the changes of a node's key stand for. A wire is several fields of a key and gives one cause.
 pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
     let node = &graph.nodes[index];
     let mut causes = Vec::new();
-    // By port: the wires that it has more, and how many it has less.
+    // Added wires and the number of removed wires, by port.
     let mut counts: BTreeMap<usize, (Vec<usize>, usize)> = BTreeMap::new();
     let (read, dropped) = (files(changes, |change| &change.old), files(changes, |change| &change.new));
     causes.extend(
@@ -52,7 +52,7 @@ pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
             causes.push(Cause { text: plain_cause(graph, index, change), above: None });
             continue;
         };
-        // Three fields: type, format, content.
+        // A wire has three fields: type, format, content.
         let (wire, first) = (field / 3, field % 3 == 0);
         match (&change.old, &change.new) {
             (None, _) if first => counts.entry(port).or_default().0.push(wire),
@@ -60,10 +60,10 @@ pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
             (Some(old), Some(new)) => {
                 let what = ["type", "format", "content"][field % 3];
                 let (from, above) = end(graph, index, port, wire);
-                let text = format!("`{name}`, now from `{from}`, has other {what}: {old} -> {new}");
+                let text = format!("`{name}`, now from `{from}`, has different {what}: {old} -> {new}");
                 causes.push(Cause { text, above });
             }
-            // Told with its first field.
+            // Reported with its first field.
             _ => {}
         }
     }
@@ -87,18 +87,18 @@ pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
     causes
 }
 
-/// The file that a change is about, where it is about one.
+/// The file of a change of `sources`.
 fn source(change: &Change) -> Option<&str> {
     let (name, rest) = change.path.split_once(['[', '.'])?;
     (name == "sources").then(|| rest.split_once("].").map_or(rest, |(_, file)| file).trim_matches('"'))
 }
 
-/// The files of which one side of a change is missing.
+/// The files that are missing on one side of a change.
 fn files(changes: &[Change], side: impl Fn(&Change) -> &Option<String>) -> Vec<&str> {
     changes.iter().filter(|change| side(change).is_none()).filter_map(source).collect()
 }
 
-/// Files that a node reads and did not, and those that it does not read any more.
+/// Causes for files that a node reads newly or no longer.
 fn other_files(graph: &Graph, index: usize, read: &[&str], dropped: &[&str]) -> Vec<String> {
     let node = &graph.nodes[index];
     let mut inputs = node.kind.params.iter().filter(|param| param.role == Role::Input);
@@ -116,7 +116,7 @@ fn other_files(graph: &Graph, index: usize, read: &[&str], dropped: &[&str]) -> 
     }
 }
 
-/// Where a wire comes from, in words and by node.
+/// The origin of a wire, as text and as a node.
 fn end(graph: &Graph, index: usize, port: usize, wire: usize) -> (String, Option<usize>) {
     let Some(wire) = graph.nodes[index].inputs[port].get(wire) else { return ("nothing".to_owned(), None) };
     let above = &graph.nodes[wire.node];
@@ -124,17 +124,17 @@ fn end(graph: &Graph, index: usize, port: usize, wire: usize) -> (String, Option
     (format!("{}.{output}", above.id), Some(wire.node))
 }
 
-/// What a change means that is no wire.
+/// The cause of a change that is not a wire.
 fn plain_cause(graph: &Graph, index: usize, change: &Change) -> String {
     let node = &graph.nodes[index];
     let value = |value: &Option<String>| value.clone().unwrap_or_else(|| "nothing".to_owned());
     let (old, new) = (value(&change.old), value(&change.new));
     let (name, rest) = change.path.split_once(['[', '.']).unwrap_or((&change.path, ""));
     match name {
-        "kind" | "version" | "profile" => format!("`{}` is another {name}: {old} -> {new}", node.kind.name),
+        "kind" | "version" | "profile" => format!("`{}` has another {name}: {old} -> {new}", node.kind.name),
         "sources" => {
             let file = source(change).unwrap_or(rest);
-            format!("`{file}`, which `{}` reads, has other content: {old} -> {new}", node.id)
+            format!("`{file}`, which `{}` reads, has different content: {old} -> {new}", node.id)
         }
         "recipe" => "the recipe that is written into the file is another".to_owned(),
         "scene" => format!("`{}` {old} -> {new}", change.path),
@@ -142,15 +142,15 @@ fn plain_cause(graph: &Graph, index: usize, change: &Change) -> String {
     }
 }
 
-/// Where the way from a node back to the causes begins and leads through.
+/// The path from a node back to the causes.
 pub struct Trail {
-    /// One line a node on the way, indented, each with what changed there.
+    /// Indented lines for each node on the path, with its changes.
     pub lines: Vec<String>,
-    /// What it all comes from.
+    /// The first causes.
     pub roots: Vec<String>,
 }
 
-/// Walks from a node up to what made it run, or made it run when it last did.
+/// Walks from a node up to the causes of its next or last run.
 pub fn trail(engine: &Engine, graph: &Graph, plan: &[Planned], node: usize) -> Trail {
     let mut trail = Trail { lines: Vec::new(), roots: Vec::new() };
     let mut seen = vec![false; plan.len()];
@@ -164,16 +164,16 @@ pub fn trail(engine: &Engine, graph: &Graph, plan: &[Planned], node: usize) -> T
         let past = engine.past(graph, index, planned).changes;
         let head = format!("{indent}{} ({})", planned.id, planned.kind);
         let mut above: Vec<usize> = Vec::new();
-        let mut tell = |changes: &[Change], lines: &mut Vec<String>| {
-            // The recipe differs whenever anything above does, which is told anyway.
-            let told: Vec<Change> =
+        let mut report = |changes: &[Change], lines: &mut Vec<String>| {
+            // The recipe differs whenever an input does, which is reported anyway.
+            let direct: Vec<Change> =
                 changes.iter().filter(|change| change.path != "recipe").cloned().collect();
-            let recipe = told.len() < changes.len();
-            for cause in causes(graph, index, if told.is_empty() { changes } else { &told }) {
+            let recipe = direct.len() < changes.len();
+            for cause in causes(graph, index, if direct.is_empty() { changes } else { &direct }) {
                 lines.push(format!("{indent}    {}", cause.text));
                 match cause.above {
                     Some(node) => above.push(node),
-                    None if !told.is_empty() => trail.roots.push(cause.text),
+                    None if !direct.is_empty() => trail.roots.push(cause.text),
                     None => {}
                 }
             }
@@ -184,12 +184,12 @@ pub fn trail(engine: &Engine, graph: &Graph, plan: &[Planned], node: usize) -> T
         match &planned.fate {
             Fate::Runs(Why::Changed(changes)) if !changes.is_empty() => {
                 trail.lines.push(format!("{head} runs:"));
-                tell(changes, &mut trail.lines);
+                report(changes, &mut trail.lines);
             }
             Fate::Known if !past.is_empty() => {
                 let word = if depth == 0 { " is known; last changed:" } else { " is known; before:" };
                 trail.lines.push(format!("{head}{word}"));
-                tell(&past, &mut trail.lines);
+                report(&past, &mut trail.lines);
             }
             Fate::Follows(_) => {
                 trail.lines.push(format!("{head} may run, after"));

@@ -1,17 +1,17 @@
-//! What is written to standard output and standard error.
+//! Writes to standard output and standard error.
 
 use std::io::{IsTerminal, Write};
 
 use engine::{Diagnostics, Event, Graph};
 use serde::Serialize;
 
-/// Says what stopped a verb, once, on standard error.
+/// Prints the error that ended a verb on standard error.
 pub fn error(message: &str) {
     let styled = message.starts_with("error") || message.starts_with('\u{1b}');
     let _ = writeln!(std::io::stderr(), "{}{message}", if styled { "" } else { "error: " });
 }
 
-/// Tells mistakes with their places: as a line of JSON on standard output, or underlined on standard error.
+/// Prints mistakes with their places: as a line of JSON on standard output, or underlined on standard error.
 pub fn mistakes(found: &Diagnostics, json: bool) {
     if json {
         return json_line(&Event::Mistakes { list: found.mistakes(), text: String::new() });
@@ -19,20 +19,20 @@ pub fn mistakes(found: &Diagnostics, json: bool) {
     error(&found.render(colours()));
 }
 
-/// What to say of a graph of which no file would come, though no node was asked for by name.
+/// The warning for a graph without sinks, where no node was asked for by name.
 pub fn no_file(graph: &Graph, only: &[usize]) -> Option<String> {
     if !only.is_empty() || graph.nodes.iter().any(|node| node.sink_path.is_some()) {
         return None;
     }
     Some(format!(
-        "no node writes a file: what nothing reads is computed for the cache only ({}); \
+        "no node writes a file, so results go to the cache only ({}); \
          add `save: WriteImage(image: \"..\", path: \"final.png\")`",
         names(graph, graph.targets().into_iter())
     ))
 }
 
-/// The first names of some nodes.
-pub fn names(graph: &Graph, nodes: impl Iterator<Item = usize>) -> String {
+/// The names of some nodes, cut after the first 40.
+fn names(graph: &Graph, nodes: impl Iterator<Item = usize>) -> String {
     const MOST: usize = 40;
     let mut names: Vec<&str> = nodes.take(MOST + 1).map(|node| graph.nodes[node].id.as_str()).collect();
     if names.len() > MOST {
@@ -41,24 +41,24 @@ pub fn names(graph: &Graph, nodes: impl Iterator<Item = usize>) -> String {
     names.join(", ")
 }
 
-/// One line of JSON on standard output. A reader that went away is no reason to stop.
+/// Prints one line of JSON on standard output. A closed pipe does not stop the program.
 pub fn json_line(value: &impl Serialize) {
     if let Ok(line) = serde_json::to_string(value) {
         let _ = writeln!(std::io::stdout().lock(), "{line}");
     }
 }
 
-/// Says something that stops nothing, on standard error.
+/// Prints a remark on standard error.
 pub fn remark(message: &str) {
     let _ = writeln!(std::io::stderr(), "{message}");
 }
 
-/// True when colours belong on standard error.
+/// Returns true if standard error shows colours.
 pub fn colours() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
 }
 
-/// Prints to standard output; a reader that went away is no error.
+/// Prints to standard output; a closed pipe is not an error.
 pub fn print(text: &str) -> std::io::Result<()> {
     use std::io::ErrorKind;
     match std::io::stdout().lock().write_all(text.as_bytes()) {

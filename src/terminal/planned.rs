@@ -1,11 +1,11 @@
-//! What a plan says of a node, as JSON.
+//! The plan of a node as JSON.
 
 use engine::{Change, Engine, Fate, Graph, Planned, Why};
 use serde_json::{Value, json};
 
 use super::causes::reason;
 
-/// What would become of a node, and what it took when it last ran.
+/// The plan of a node, and what it took when it last ran.
 pub fn planned_json(engine: &Engine, graph: &Graph, index: usize, node: &Planned) -> Value {
     let (fate, changes, after) = match &node.fate {
         Fate::Unwanted => ("unwanted", &[][..], None),
@@ -27,7 +27,7 @@ pub fn planned_json(engine: &Engine, graph: &Graph, index: usize, node: &Planned
     })
 }
 
-/// What differs between two keys of a node.
+/// The differences between two keys of a node.
 pub fn changes_json(changes: &[Change]) -> Vec<Value> {
     let change = |change: &Change| json!({"path": change.path, "old": change.old, "new": change.new});
     changes.iter().map(change).collect()

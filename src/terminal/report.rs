@@ -1,30 +1,38 @@
-//! Turns events into bars and lines on a terminal, plain lines elsewhere, or JSON lines.
+//! Turns events into a bar and lines on a terminal, plain lines elsewhere, or JSON lines.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::io::{IsTerminal, Write};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use engine::{Event, Level, State};
-use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use engine::{Event, Level, Note, Planned, State};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::output::{colours, error, json_line};
+use super::progress::Progress;
 use super::words::{counts_text, forecast_text, seconds_text, totals_text};
 
-/// How a run is told.
+/// Prints the events of a run.
 pub enum Report {
     /// One JSON object a line on standard output.
     Json,
-    /// Lines on standard error, paths of written files on standard output; bars where it is a terminal.
+    /// Lines on standard error, paths of written files on standard output; a bar where it is a terminal.
     Lines(Box<Lines>),
 }
 
+/// Lines of text.
 pub struct Lines {
-    bars: MultiProgress,
-    running: BTreeMap<String, ProgressBar>,
-    every: bool,
+    bar: ProgressBar,
+    progress: Progress,
+    begin: Instant,
+    /// Also print cached nodes, counts and all notes.
+    verbose: bool,
     colour: bool,
-    /// What was remarked on already; a graph that runs again and again says the same each time.
-    remarks: BTreeSet<(String, String)>,
+    /// Notes that were printed: `watch` prints each of them once.
+    printed: BTreeSet<(String, String)>,
+    /// Number of notes that were not printed in this run.
+    unprinted: usize,
+    /// Sinks whose files were printed in this run.
+    written: BTreeSet<String>,
 }
 
 impl Report {
@@ -33,105 +41,103 @@ impl Report {
         Report::Json
     }
 
-    /// Lines for a person; `every` also tells nodes whose result was known.
-    pub fn lines(every: bool) -> Self {
+    /// Lines of text; `verbose` also prints cached nodes, counts and all notes.
+    pub fn lines(verbose: bool) -> Self {
         let target = if std::io::stderr().is_terminal() {
             ProgressDrawTarget::stderr_with_hz(12)
         } else {
             ProgressDrawTarget::hidden()
         };
-        let bars = MultiProgress::with_draw_target(target);
         Report::Lines(Box::new(Lines {
-            bars,
-            running: BTreeMap::new(),
-            every,
+            bar: ProgressBar::with_draw_target(None, target),
+            progress: Progress::default(),
+            begin: Instant::now(),
+            verbose,
             colour: colours(),
-            remarks: BTreeSet::new(),
+            printed: BTreeSet::new(),
+            unprinted: 0,
+            written: BTreeSet::new(),
         }))
     }
 
-    /// Tells one event. A closed standard output is no reason to stop a run.
-    pub fn tell(&mut self, event: &Event) {
+    /// Returns true if a bar with a forecast is shown, which needs a plan.
+    pub fn shows_forecast(&self) -> bool {
+        matches!(self, Report::Lines(lines) if !lines.bar.is_hidden())
+    }
+
+    /// Sets the plan of the run that follows, for the forecast.
+    pub fn expect(&mut self, plan: &[Planned]) {
+        if let Report::Lines(lines) = self {
+            lines.progress = Progress::planned(plan, lines.now());
+        }
+    }
+
+    /// Prints one event. A closed standard output does not stop a run.
+    pub fn show(&mut self, event: &Event) {
         match self {
-            // Threads are for traces.
+            // Spans are for traces.
             Report::Json if matches!(event, Event::Span { .. }) => {}
             Report::Json => json_line(event),
-            Report::Lines(lines) => lines.tell(event),
+            Report::Lines(lines) => lines.show(event),
         }
     }
 }
 
 impl Lines {
-    fn tell(&mut self, event: &Event) {
+    fn now(&self) -> f64 {
+        self.begin.elapsed().as_secs_f64()
+    }
+
+    fn show(&mut self, event: &Event) {
         match event {
-            Event::Start { id, kind, forecast } => self.start(id, kind, *forecast),
+            Event::Start { id, forecast, .. } => {
+                self.progress.start(id, *forecast, self.now());
+                self.draw();
+            }
             Event::Progress { id, fraction } => {
-                if let Some(bar) = self.running.get(id) {
-                    bar.set_position((fraction * 1000.0) as u64);
-                }
+                self.progress.advance(id, *fraction);
+                self.draw();
             }
             Event::Part { .. } | Event::Span { .. } => {}
-            Event::Remake { id, reason } => {
-                self.line("again", "33", &format!("{id}: {reason}"));
+            Event::Remake { id, reason } => self.line("again", "33", &format!("{id}: {reason}")),
+            Event::Node { id, .. } => {
+                self.progress.end(id);
+                self.draw();
+                self.node(event);
             }
-            Event::Node { id, kind, state, seconds, counts, notes, degraded, .. } => {
-                if let Some(bar) = self.running.remove(id) {
-                    bar.finish_and_clear();
-                }
-                match state {
-                    State::Ran => {
-                        // Every node has bytes; that many numbers are for those who ask.
-                        let shown = |name: &String| self.every || !name.starts_with("bytes_");
-                        let counts = counts.iter().filter(|(name, _)| shown(name));
-                        let counts = counts.map(|(name, n)| (name.clone(), *n)).collect();
-                        let text = format!(
-                            "{id:<12} {kind:<16} {:>8}{}",
-                            seconds_text(*seconds),
-                            counts_text(&counts)
-                        );
-                        self.line("ran", "32", &text);
-                    }
-                    State::Cached if self.every => self.line("cached", "2", &format!("{id:<12} {kind}")),
-                    State::Cached => {}
-                    State::Failed => self.line("failed", "31;1", &format!("{id:<12} {kind}")),
-                    State::Skipped => self.line("skipped", "33", &format!("{id:<12} {kind}")),
-                }
-                for note in notes {
-                    if !self.remarks.insert((id.clone(), note.text.clone())) && !self.every {
-                        continue;
-                    }
-                    let (word, colour) = match note.level {
-                        Level::Count | Level::Decision => ("note", "36"),
-                        Level::Warning => ("warning", "33;1"),
-                        Level::Degraded => ("degraded", "31;1"),
-                    };
-                    self.line(word, colour, &format!("{id}: {} [{}]", note.text, note.id));
-                }
-                if *degraded && !notes.iter().any(|note| note.level == Level::Degraded) && self.every {
-                    self.line("degraded", "31;1", &format!("{id}: made from a degraded result"));
-                }
-            }
-            Event::File { path, written, preview, .. } => {
-                // A person sees one line; a program that reads standard output gets the bare path.
+            Event::File { id, path, written, preview } => {
+                self.written.insert(id.clone());
                 let shown = path.display();
-                if !std::io::stdout().is_terminal() {
+                // A program that reads standard output gets the bare path; on a terminal each path is printed once.
+                let [out, err] = [std::io::stdout().is_terminal(), std::io::stderr().is_terminal()];
+                if !out {
                     let _ = writeln!(std::io::stdout().lock(), "{shown}");
                 }
-                if *preview {
-                    self.line("preview", "36;1", &shown.to_string());
-                } else if *written {
-                    self.line("wrote", "32;1", &shown.to_string());
-                } else if self.every {
-                    self.line("kept", "2", &shown.to_string());
+                match (*preview, *written) {
+                    _ if !out && !err => {}
+                    (true, _) => self.line("preview", "36;1", &shown.to_string()),
+                    (false, true) => self.line("wrote", "32;1", &shown.to_string()),
+                    (false, false) if self.verbose => self.line("kept", "2", &shown.to_string()),
+                    (false, false) => {}
                 }
             }
             Event::Warning { id, text } => self.line("warning", "33;1", &format!("{text} [{id}]")),
             Event::Done(totals) => {
-                self.bars.clear().unwrap_or_default();
-                self.line("done", "1", &totals_text(totals));
+                self.bar.finish_and_clear();
+                let mut text = totals_text(totals);
+                match std::mem::take(&mut self.unprinted) {
+                    0 => {}
+                    1 => text.push_str("; 1 note, which --verbose prints"),
+                    n => text.push_str(&format!("; {n} notes, which --verbose prints")),
+                }
+                self.written.clear();
+                self.line("done", "1", &text);
             }
-            Event::Plan(forecast) => self.line("plan", "1", &forecast_text(forecast)),
-            Event::Same => self.line("same", "36", "the graph says the same as before"),
+            Event::Plan(forecast) => {
+                self.progress = Progress::forecast(forecast, self.now());
+                self.line("plan", "1", &forecast_text(forecast));
+            }
+            Event::Same => self.line("same", "36", "the graph is unchanged in meaning"),
             Event::Pass { parameter, level, of, coarse } => {
                 let blocks = match coarse {
                     1 => String::new(),
@@ -139,9 +145,9 @@ impl Lines {
                 };
                 self.line("preview", "36", &format!("{parameter} {level} of {of}{blocks}"));
             }
-            Event::Mistakes { text, .. } => self.bars.suspend(|| error(text)),
+            Event::Mistakes { text, .. } => self.bar.suspend(|| error(text)),
             Event::Stale { path } => {
-                let text = format!("{} shows the graph as it was before", path.display());
+                let text = format!("{} shows an earlier state of the graph", path.display());
                 self.line("stale", "33;1", &text);
             }
             Event::Idle { files } => {
@@ -151,21 +157,65 @@ impl Lines {
         }
     }
 
-    fn start(&mut self, id: &str, kind: &str, forecast: Option<f64>) {
-        let about = forecast.map(|s| format!("about {}", seconds_text(s))).unwrap_or_default();
-        let style = ProgressStyle::with_template("{prefix:>9} {msg} [{bar:24}] {elapsed}")
-            .unwrap_or_else(|_| ProgressStyle::default_bar())
-            .progress_chars("=> ");
-        let bar = self.bars.add(ProgressBar::new(1000).with_style(style));
-        bar.set_prefix("runs");
-        bar.set_message(format!("{id:<12} {kind:<16} {about:<12}"));
-        bar.enable_steady_tick(Duration::from_millis(250));
-        self.running.insert(id.to_owned(), bar);
+    /// Prints one line for a node that is done, and its notes.
+    fn node(&mut self, event: &Event) {
+        let Event::Node { id, kind, state, seconds, counts, notes, degraded, .. } = event else { return };
+        match state {
+            // The line of its file is enough.
+            State::Ran if self.written.contains(id) && !self.verbose => {}
+            State::Ran => {
+                let counts = if self.verbose { counts_text(counts) } else { String::new() };
+                let text = format!("{id:<12} {kind:<16} {:>8}{counts}", seconds_text(*seconds));
+                self.line("ran", "32", text.trim_end());
+            }
+            State::Cached if self.verbose => self.line("cached", "2", &format!("{id:<12} {kind}")),
+            State::Cached => {}
+            State::Failed => self.line("failed", "31;1", &format!("{id:<12} {kind}")),
+            State::Skipped => self.line("skipped", "33", &format!("{id:<12} {kind}")),
+        }
+        notes.iter().for_each(|note| self.note(id, note));
+        if *degraded && !notes.iter().any(|note| note.level == Level::Degraded) && self.verbose {
+            self.line("degraded", "31;1", &format!("{id}: made from a degraded result"));
+        }
+    }
+
+    /// Prints a note: warnings always, once per process; other notes are counted, and printed with `verbose`.
+    fn note(&mut self, id: &str, note: &Note) {
+        let (word, colour, asks_for_action) = match note.level {
+            Level::Count | Level::Decision => ("note", "36", false),
+            Level::Warning => ("warning", "33;1", true),
+            Level::Degraded => ("degraded", "31;1", true),
+        };
+        let new = self.printed.insert((id.to_owned(), note.text.clone()));
+        if self.verbose || (asks_for_action && new) {
+            self.line(word, colour, &format!("{id}: {} [{}]", note.text, note.id));
+        } else if !asks_for_action {
+            self.unprinted += 1;
+        }
+    }
+
+    /// Updates the bar while a node runs.
+    fn draw(&self) {
+        if self.bar.is_hidden() || !self.progress.is_running() {
+            return;
+        }
+        if self.bar.length().is_none() || self.bar.is_finished() {
+            let style = ProgressStyle::with_template("{prefix:>9} [{bar:24}] {elapsed:>4}  {wide_msg}");
+            let style = style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> ");
+            self.bar.reset();
+            self.bar.set_style(style);
+            self.bar.set_length(1000);
+            self.bar.set_prefix("running");
+            self.bar.enable_steady_tick(Duration::from_millis(250));
+        }
+        let now = self.now();
+        self.bar.set_position((1000.0 * self.progress.fraction(now)) as u64);
+        self.bar.set_message(self.progress.text(now));
     }
 
     fn line(&self, word: &str, colour: &str, text: &str) {
-        self.bars.suspend(|| {
-            // In one piece: nothing else that writes there comes between.
+        self.bar.suspend(|| {
+            // One write, so that other output does not come between.
             let line = if self.colour {
                 format!("\u{1b}[{colour}m{word:>9}\u{1b}[0m {text}\n")
             } else {

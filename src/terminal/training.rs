@@ -1,4 +1,4 @@
-//! What trainings have in common: how far they are, and being stopped.
+//! Progress and interruption of trainings.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::output::remark;
 
-/// Follows a training: a bar on a terminal, elsewhere a line on stderr for each tenth of a stage.
+/// Shows the progress of a training: a bar on a terminal, elsewhere a line on stderr per tenth of a stage.
 pub struct Follow {
     bar: ProgressBar,
     tenth: Option<u64>,
@@ -15,12 +15,12 @@ pub struct Follow {
 }
 
 impl Follow {
-    /// From now on Ctrl-C asks the training to stop.
+    /// A display; from now on Ctrl-C stops the training.
     pub fn new() -> Self {
         let stopped = Arc::new(AtomicBool::new(false));
-        let heard = stopped.clone();
-        // A second handler in one program is our bug; without any, the program just ends.
-        drop(ctrlc::set_handler(move || heard.store(true, Ordering::Relaxed)));
+        let flag = stopped.clone();
+        // Fails only if a handler is set already; without one, Ctrl-C ends the program.
+        drop(ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)));
         let bar = ProgressBar::new(0);
         if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len}") {
             bar.set_style(style);
@@ -28,13 +28,13 @@ impl Follow {
         Self { bar, tenth: None, stopped }
     }
 
-    /// Whether it was asked to stop.
+    /// The flag that Ctrl-C sets.
     pub fn stopped(&self) -> Arc<AtomicBool> {
         self.stopped.clone()
     }
 
-    /// `at` of `of` parts of a stage are done.
-    pub fn tell(&mut self, text: String, at: u64, of: u64) {
+    /// Shows that `at` of `of` parts of a stage are done.
+    pub fn show(&mut self, text: String, at: u64, of: u64) {
         if self.bar.is_hidden() {
             if let Some(line) = line(&mut self.tenth, &text, at, of) {
                 remark(&line);
@@ -46,13 +46,13 @@ impl Follow {
         self.bar.set_message(text);
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub fn end(&self) {
         self.bar.finish_and_clear();
     }
 }
 
-/// What is written where there is no terminal, if a tenth more is done.
+/// The line to print without a terminal, where a further tenth is done.
 fn line(tenth: &mut Option<u64>, text: &str, at: u64, of: u64) -> Option<String> {
     let now = at.saturating_mul(10) / of.max(1);
     (tenth.replace(now) != Some(now)).then(|| format!("{text}: {at}/{of}"))

@@ -2,20 +2,24 @@
 
 use engine::{Counts, Forecast, Totals};
 
-/// `5 of 14 nodes may run, about 8.0 s, 1 never timed`.
+/// `5 of 14 nodes may run, about 8.0 s`. The time of a node whose kind never ran is unknown, not 0.
 pub fn forecast_text(forecast: &Forecast) -> String {
     let Forecast { open, wanted, seconds, untimed } = forecast;
     let mut text = format!("{open} of {wanted} nodes may run");
-    if *seconds >= 0.05 {
-        text.push_str(&format!(", about {}", seconds_text(*seconds)));
-    }
-    if *untimed > 0 {
-        text.push_str(&format!(", {untimed} never timed"));
+    let known = (*seconds >= 0.05).then(|| format!("about {}", seconds_text(*seconds)));
+    match (*untimed, known) {
+        (0, None) => {}
+        (0, Some(known)) => text.push_str(&format!(", {known}")),
+        (n, _) if n == *open => text.push_str(", time unknown: they never ran"),
+        (n, None) => text.push_str(&format!(", time unknown: {n} of them never ran")),
+        (n, Some(known)) => {
+            text.push_str(&format!(", time unknown: {n} of them never ran, the others take {known}"));
+        }
     }
     text
 }
 
-/// Seconds as a person reads them.
+/// Formats seconds with a unit.
 pub fn seconds_text(seconds: f64) -> String {
     match seconds {
         s if s < 0.0995 => format!("{:.1} ms", s * 1000.0),
@@ -43,7 +47,7 @@ fn number_text(n: u64) -> String {
 pub fn totals_text(totals: &Totals) -> String {
     let mut parts = vec![format!("{} ran", totals.ran), format!("{} cached", totals.cached)];
     for (n, word) in [
-        (totals.remade, "of them made again"),
+        (totals.remade, "of these recomputed"),
         (totals.failed, "failed"),
         (totals.skipped, "skipped"),
         (totals.degraded, "degraded"),
@@ -53,12 +57,12 @@ pub fn totals_text(totals: &Totals) -> String {
         }
     }
     if totals.stopped {
-        parts.push("stopped; what was finished is kept".to_owned());
+        parts.push("interrupted; finished results are kept".to_owned());
     }
     format!("{} in {}", parts.join(", "), seconds_text(totals.seconds))
 }
 
-/// Rows of equally many cells as lines, each column as wide as its widest cell.
+/// Lays out rows of cells as lines, each column as wide as its widest cell.
 pub fn columns(rows: &[Vec<String>]) -> String {
     let count = rows.iter().map(Vec::len).max().unwrap_or(0);
     let cell = |row: &Vec<String>, at: usize| row.get(at).map_or(0, |text| text.chars().count());
@@ -69,4 +73,22 @@ pub fn columns(rows: &[Vec<String>]) -> String {
         format!("{}\n", cells.collect::<Vec<_>>().join("  ").trim_end())
     };
     rows.iter().map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_never_ran_has_no_forecast() {
+        let text = |open, seconds, untimed| forecast_text(&Forecast { open, wanted: 9, seconds, untimed });
+        assert_eq!(text(0, 0.0, 0), "0 of 9 nodes may run");
+        assert_eq!(text(5, 8.0, 0), "5 of 9 nodes may run, about 8.00 s");
+        assert_eq!(text(5, 0.0, 5), "5 of 9 nodes may run, time unknown: they never ran");
+        let some = text(5, 0.43, 2);
+        assert_eq!(
+            some,
+            "5 of 9 nodes may run, time unknown: 2 of them never ran, the others take about 0.43 s"
+        );
+    }
 }

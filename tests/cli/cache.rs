@@ -50,7 +50,7 @@ fn damage_is_named_put_aside_and_made_again() {
         assert!(text.contains(blobs[0].file_name().unwrap().to_str().unwrap()), "{text}");
     }
     let (code, text) = printed(&place, &["repair"]);
-    assert!(code == 0 && text.contains("put aside"), "{text}");
+    assert!(code == 0 && text.contains("moved aside"), "{text}");
     assert_eq!(printed(&place, &["verify"]).0, 0);
     std::fs::remove_dir_all(place.path("out")).unwrap();
     assert_eq!(place.run(&[]).good().nodes("ran"), ["save"]);
@@ -94,4 +94,50 @@ fn wrong_arguments_say_what_to_write() {
     for fsync in ["always", "off", "batch"] {
         place.run(&["--fsync", fsync]).good();
     }
+}
+
+#[test]
+fn a_collection_where_no_cache_is_yet_succeeds() {
+    let place = place();
+    let (code, text) = printed(&place, &["gc", "--max-size", "1G", "--cache", "nowhere"]);
+    assert!(code == 0 && text.contains("no cache in `nowhere` yet"), "{code}: {text}");
+    assert!(!place.path("nowhere").exists());
+}
+
+#[test]
+fn a_run_without_a_usable_cache_says_so_and_completes() {
+    let place = place();
+    let bytes = place.outputs();
+    std::fs::remove_dir_all(place.path("out")).unwrap();
+    // A file where the cache should be, and one where its folder of this format should be.
+    std::fs::write(place.path("file"), b"a file").unwrap();
+    std::fs::create_dir(place.path("odd")).unwrap();
+    std::fs::write(place.path("odd/v1"), b"a file").unwrap();
+    for cache in ["file", "odd"] {
+        let reported = place.run(&["--cache", cache]).good();
+        let warned: Vec<_> = reported.events.iter().filter(|event| event["event"] == "warning").collect();
+        assert_eq!(warned.len(), 1, "{warned:?}");
+        let text = warned[0]["text"].as_str().unwrap();
+        assert!(text.contains(cache) && text.contains("LIGHTHARMONY_CACHE"), "{text}");
+        assert!(place.outputs() == bytes);
+        std::fs::remove_dir_all(place.path("out")).unwrap();
+        // Nor does any other verb end for that.
+        assert_eq!(place.call(&["plan", "graph.ron", "--cache", cache]).status.code(), Some(0));
+    }
+    assert_eq!(std::fs::read(place.path("file")).unwrap(), b"a file");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_file_size_limit_is_an_error_with_a_message() {
+    let place = place();
+    std::fs::remove_dir_all(place.path("out")).unwrap();
+    let script = "ulimit -f 4; exec \"$0\" run graph.ron --cache small";
+    let mut command = std::process::Command::new("sh");
+    command.args(["-c", script]).arg(env!("CARGO_BIN_EXE_lightharmony")).current_dir(place.folder.path());
+    let output = command.output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("file size limit reached (`ulimit -f`)") && text.contains("out.exr"), "{text}");
+    place.run(&["--cache", "small"]).good();
 }

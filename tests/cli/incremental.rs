@@ -120,6 +120,22 @@ fn what_another_metre_changes_is_traced_again() {
     assert_ne!(kept.outputs(), before, "the step is within 4 cm, not within 2");
 }
 
+/// `--exhaustive` is in the keys of the kinds with checks that skip work: these run again, and since their outputs are equal
+/// byte for byte, the nodes after them do not.
+#[test]
+fn exhaustive_runs_do_all_work_and_change_nothing() {
+    let place = Place::new(INSERT);
+    place.run(&[]).good();
+    let again = place.run(&["--exhaustive"]).good();
+    for node in ["view", "dark", "trace"] {
+        assert!(again.nodes("ran").contains(&node), "{node}: {:?}", again.nodes("ran"));
+    }
+    for node in ["placed", "pano", "env", "shadow"] {
+        assert!(again.nodes("cached").contains(&node), "{node}: {:?}", again.nodes("cached"));
+    }
+    assert_eq!(place.run(&["--exhaustive"]).good().nodes("ran"), [""; 0]);
+}
+
 #[test]
 fn more_samples_trace_only_the_missing_ones() {
     let place = Place::new(INSERT);

@@ -112,7 +112,7 @@ fn a_damaged_or_hostile_bundle_leaves_nothing() {
         assert!(!folder(name).with_extension("").exists());
     }
     std::fs::create_dir_all(folder("full/of")).unwrap();
-    assert!(bad(place.call(&["unpack", "a.lhb", "full"]), 2).contains("is there already"));
+    assert!(bad(place.call(&["unpack", "a.lhb", "full"]), 2).contains("exists already"));
 }
 
 #[test]
@@ -133,7 +133,7 @@ fn a_picture_is_made_again_where_its_inputs_are_at_hand() {
         let read = |path: std::path::PathBuf| std::fs::read(path).unwrap();
         assert!(read(place.path("again").join(file)) == read(place.path("out").join(name)), "{name}");
     }
-    assert!(bad(place.call(&["run", "out/bare.png"]), 2).contains("carries no recipe"));
+    assert!(bad(place.call(&["run", "out/bare.png"]), 2).contains("has no recipe"));
     assert!(!text(&out("bare.png")).contains("LoadImage"), "a recipe can be left out");
 
     // Another file of the same name is refused.
@@ -194,14 +194,14 @@ fn no_way_leads_around_the_mark_of_a_bundle() {
         std::fs::write(place.path(name), text).unwrap();
         let errors = bad(place.call(&["check", name]), 2);
         assert!(
-            errors.contains("`a/graph.ron` came out of a bundle") && errors.contains("remove"),
+            errors.contains("`a/graph.ron` belongs to an unpacked bundle") && errors.contains("remove"),
             "{errors}"
         );
     }
     let own = "Graph(version: 1, scene: (up: \"+z\"), nodes: (p: LoadImage(path: \"secret.hdr\"),))";
     std::fs::write(place.path("own.ron"), own).unwrap();
     let errors = bad(place.call(&["check", "own.ron", "--overlay", "a/over.ron"]), 2);
-    assert!(errors.contains("`a/over.ron` came out of a bundle"), "{errors}");
+    assert!(errors.contains("`a/over.ron` belongs to an unpacked bundle"), "{errors}");
     // An untrusted graph that includes a forbidden file is refused with the reason.
     std::fs::write(place.path("a/deep/e.ron"), "Graph(version: 1, include: [\"../../own.ron\"], nodes: ())")
         .unwrap();
@@ -279,7 +279,7 @@ fn a_locked_run_refuses_what_differs() {
     std::fs::write(place.path("photos/small.hdr"), radiance(0)).unwrap();
     // The same inputs, but another result.
     let set = ["run", "project/graph.ron", "--locked", "--set", "jpeg.quality=50"];
-    assert!(bad(place.call(&set), 1).contains("`jpeg.files` came out as"));
+    assert!(bad(place.call(&set), 1).contains("the result of `jpeg.files` is"));
 }
 
 #[test]
@@ -299,12 +299,12 @@ fn what_differs_is_reported_in_the_terms_of_pictures() {
 fn a_new_folder_runs_and_shells_know_the_verbs() {
     let place = Place::new("");
     assert_eq!(good(place.call(&["init", "new"])), "new/graph.ron\n");
-    assert!(bad(place.call(&["init", "new"]), 2).contains("is there already"));
+    assert!(bad(place.call(&["init", "new"]), 2).contains("exists already"));
     // Most folders of a repository have such a file.
     std::fs::create_dir(place.path("old")).unwrap();
     std::fs::write(place.path("old/.gitignore"), "mine\n").unwrap();
     let reported = place.call(&["init", "old"]);
-    assert!(text(&reported.stderr).contains("old/.gitignore is there already and stays as it is"));
+    assert!(text(&reported.stderr).contains("old/.gitignore exists already and is kept"));
     assert_eq!(good(reported), "old/graph.ron\n");
     assert_eq!(std::fs::read_to_string(place.path("old/.gitignore")).unwrap(), "mine\n");
     good(place.call(&["check", "new/graph.ron"]));
@@ -333,7 +333,7 @@ fn a_bundle_without_values_is_no_damage_and_reports_of_what_was_asked_for() {
     for seed in ["0", "1", "2", "3"] {
         let reported = place.call(&["verify", "c.lhb", "--sample", "1", "--seed", seed]);
         assert!(reported.stderr.is_empty(), "{}", text(&reported.stderr));
-        assert!(good(reported).contains("1 of 1 computed anew are equal"));
+        assert!(good(reported).contains("1 of 1 recomputed nodes are equal"));
     }
     good(place.call(&["unpack", "c.lhb", "c", "--trust-results", "--cache", "trusting"]));
     let reported = place.call(&["run", "c/graph.ron", "--cache", "trusting", "--out", "again"]);

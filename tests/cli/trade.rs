@@ -139,7 +139,7 @@ fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
     }
     assert_eq!(error(&["--max-error", "flip=0.1", "--metric", "rmse"]).0, Some(2));
     assert_eq!(error(&["--max-work", "1e9", "--budget", "0"]).0, Some(2));
-    assert!(error(&["--max-work", "1e9", "--metric", "foo"]).1.contains("no measure of error"));
+    assert!(error(&["--max-work", "1e9", "--metric", "foo"]).1.contains("not a measure of error"));
     assert!(error(&["--max-error", "flip"]).1.contains("write METRIC=VALUE"));
 
     let drawn = place.run(&["--only", "save"]);
@@ -161,7 +161,7 @@ fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
         "--json",
     ]);
     let errors = String::from_utf8_lossy(&reported.stderr);
-    assert!(reported.status.success() && errors.contains("no knob reaches `photo`"), "{errors}");
+    assert!(reported.status.success() && errors.contains("no knob affects `photo`"), "{errors}");
     let reported: Value = serde_json::from_slice(&reported.stdout).unwrap();
     assert!(
         reported["finished"] == false && reported["ended"].as_str().unwrap().contains("budget"),
@@ -172,7 +172,7 @@ fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
 
     place.write(r#"Graph(version: 1, scene: (up: "+z"), nodes: (photo: LoadImage(path: "out/final.png"), save: WriteImage(image: "photo", path: "b.png")))"#);
     let (code, reported) = error(&["--max-work", "1e9"]);
-    assert!(code == Some(2) && reported.contains("no knob reaches `photo`"), "{reported}");
+    assert!(code == Some(2) && reported.contains("no knob affects `photo`"), "{reported}");
 }
 
 /// A preset that sets a field that varies along an axis gives other nodes, so comparing pictures fails with that

@@ -93,7 +93,7 @@ fn tests() -> BTreeMap<String, Vec<String>> {
                 }
                 _ => {
                     is_test =
-                        line == "#[test]" || (is_test && (line.starts_with("#[") || line.starts_with("//")))
+                        line == "#[test]" || (is_test && (line.starts_with("#[") || line.starts_with("//")));
                 }
             }
         }

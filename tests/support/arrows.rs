@@ -83,6 +83,7 @@ pub fn circles(imports: &Imports) -> Vec<Vec<String>> {
 /// The paths below the root of the crate that the code of a file names, in `use` items and elsewhere.
 fn paths_named(module: &str, text: &str) -> BTreeSet<String> {
     let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+    let code = code.split("#[cfg(test)]\npub(crate) mod tests").next().unwrap_or_default();
     let code = code.split("#[cfg(test)]\n#[allow(clippy::unwrap_used").next().unwrap_or_default();
     let code: String =
         code.lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n");

@@ -19,10 +19,10 @@ LIGHTS = [("far", "far", "distant", "distant_raw"), ("near", "trace", "whole", "
 # The change, the report that measures it, and whether it affects the object.
 ROWS = [("all of it", "whole", True), ("no mask and no epsilon (`form: Paper`)", "unmasked", False),
         ("light above 1 kept (`s_max: 2`)", "bright", False), ("one ratio of luminance", "grey", False),
-        ("far light (`near_field: Off`)", "distant", True), ("not denoised", "raw", True),
+        ("far light (`surroundings: Distant`)", "distant", True), ("not denoised", "raw", True),
         ("the mesh as it is (`contact_metres: 0`), not denoised", "level", True),
         ("a grey mask over the picture (`alpha-shadow`)", "overlay", False),
-        ("visibility as printed (`env_block: Paper`), not denoised", "paper", True), ("no shadow", "bare", False)]
+        ("visibility as printed (`surroundings: Paper`), not denoised", "paper", True), ("no shadow", "bare", False)]
 # Those that trace again, and have no small form.
 TRACED = ["level", "paper"]
 

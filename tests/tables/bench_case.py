@@ -38,7 +38,7 @@ def main():
     shutil.rmtree(os.path.join(WORK, "cache"), ignore_errors=True)
     near, first, trace = run("oracle", FEW)
     fine, second, _ = run("oracle", MANY)
-    far, without, _ = run("oracle", FEW, "--set", "trace.near_field=Off")
+    far, without, _ = run("oracle", FEW, "--set", "trace.surroundings=Distant")
     whole, splats, _ = run("end_to_end", FEW)
     ceiling = rows(os.path.join(WORK, "out/ceiling.md"))
 

@@ -37,7 +37,7 @@ def graph(scene):
         placed: Place(object: "matte", pose: "pose"),
         env:    LoadEnvironment(path: "{FOLDER}/env.exr"),
         trace:  PathTrace(receiver: "plane", objects: ["placed"], rig: "rig", env: "env", samples: 1024,
-                          env_block: Solid, bounce: Solid, contact_metres: 0.0),
+                          surroundings: Open, contact_metres: 0.0),
         save:   WriteExr(layers: ["trace.without", "trace.with", "trace.object"], path: "out.exr"),
         told:   WriteReport(report: "trace.report", path: "out.json"),
     ),
@@ -90,8 +90,8 @@ def main():
     for asked in ASKED:
         planes, told, spent = trace(f"asked_{asked}", max_error=asked)
         worst, mean = off(planes, truth)
-        print(f"| {asked} | {told['error that the first samples promise']:.3f} | {told['error reached']:.4f} | {worst:.4f} | {mean:.4f} | "
-              f"{told['samples a pixel']:.0f} | {spent - start:.1f} |", flush=True)
+        print(f"| {asked} | {told['error predicted from the first samples']:.3f} | {told['error reached']:.4f} | {worst:.4f} | {mean:.4f} | "
+              f"{told['samples per pixel']:.0f} | {spent - start:.1f} |", flush=True)
     for samples in PLAIN:
         planes, _, spent = trace(f"plain_{samples}", samples=samples)
         worst, mean = off(planes, truth)

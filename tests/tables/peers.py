@@ -77,7 +77,7 @@ def main():
         return of(cover == 0), of((cover > 0) & (cover < 1))
 
     def ours(numbers):
-        told = lines(run([program, "--bench", asked.data, "beside", asked.work, *map(str, numbers)]))
+        told = lines(run([program, "--bench", asked.data, "peers", asked.work, *map(str, numbers)]))
         return {line["samples"]: line for line in told}
 
     def by_mitsuba():

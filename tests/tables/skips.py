@@ -31,14 +31,14 @@ UPPER = "demo,pose,placed,turned,env"
 HIGH = ["pose.translation=(0.0, 0.0, 30.0)"]
 # The skipped work; the node that runs; settings that do the work and that skip it; nodes known before; the count.
 ROWS = [
-    ("the prediction of clipped light", "none", ["none.force=true"], [], "grey", "pixels"),
-    ("telling the receiver from its light", "trace", ["trace.near_field=On"], [], UPPER, "rays"),
+    ("the prediction of clipped light", "none", ["--exhaustive"], [], "grey", "pixels"),
+    ("telling the receiver from its light", "trace", ["trace.surroundings=Projected"], [], UPPER, "rays"),
     ("R1, between walls", "trace", ["trace.crop=0.0"], [], UPPER, "rays"),
     ("R1, on the paving alone", "low", ["low.crop=0.0"], [], UPPER + ",paving", "rays"),
     ("R1, 30 m above it", "low", HIGH + ["low.crop=0.0"], HIGH, UPPER + ",paving", "rays"),
     ("R0, where the object alone was turned", "again", [], [], [UPPER, UPPER + ",trace"], "rays"),
     ("harmonics, of degree 4 for 0", "faces", [], ["faces.sh_degree=0"], "demo,pose", "splats_directed"),
-    ("splats that no face can see, in blocks", "faces", ["faces.skip_unseen=false"], [], "demo,pose", "splats_visited"),
+    ("splats that no face can see, in blocks", "faces", ["--exhaustive"], [], "demo,pose", "splats_visited"),
     ("pixels of the panorama: 128 px and 256 columns for 512 and 1024", "env",
      ["probe.size_px=512", "pano.width_px=1024"], ["probe.size_px=128", "pano.width_px=256"], "demo,pose", "directions"),
 ]
@@ -55,7 +55,7 @@ def run(program, graph, only, cache, settings):
     """The counts of all that ran, and the CPU time of the process."""
     command = [program, "run", graph, "--only", only, "--cache", cache, "--json", "--jobs", "2"]
     for setting in settings:
-        command += ["--set", setting]
+        command += [setting] if setting.startswith("--") else ["--set", setting]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

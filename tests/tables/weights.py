@@ -24,7 +24,7 @@ GRAPH = """Graph(
         env:    FuseHdr(base: "pano", brackets: "dark"),
         view:   SplatRender(splats: "demo.splats", rig: "demo.rig"),
         trace:  PathTrace(receiver: "demo.proxy", objects: ["placed"], rig: "demo.rig", env: "env", samples: 4,
-                          env_block: PassBeyond(metres: 1.1)),
+                          surroundings: Within(metres: 1.1)),
         clean:  Denoise(without: "trace.without", with: "trace.with", object: "trace.object",
                         depth: "trace.depth", normal: "trace.normal", variance: "trace.variance"),
         shadow: ShadowRatio(without: "clean.without", with: "clean.with"),

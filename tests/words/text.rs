@@ -45,7 +45,7 @@ pub fn of_page(source: &str) -> Vec<Passage> {
 }
 
 impl Passage {
-    /// Words and punctuation, without code (fenced, or between backticks) and addresses of links.
+    /// Words and punctuation, without code (fenced, or between backticks), names in braces, and addresses of links.
     pub fn tokens(&self) -> Vec<Token> {
         let mut tokens = Vec::new();
         let (mut fenced, mut quoted) = (false, false);
@@ -62,11 +62,11 @@ impl Passage {
                 tokens.push((".".to_owned(), *line));
             }
             let mut word = String::new();
-            let mut address = false;
+            let (mut address, mut held) = (false, false);
             let mut before = ' ';
             for c in text.chars().chain([' ']) {
                 let letter = c.is_alphanumeric() || c == '_' || ("'-".contains(c) && !word.is_empty());
-                if letter && !quoted && !address {
+                if letter && !quoted && !address && !held {
                     word.extend(c.to_lowercase());
                     before = c;
                     continue;
@@ -78,6 +78,8 @@ impl Passage {
                     '`' => quoted = !quoted,
                     '(' if before == ']' => address = true,
                     ')' if address => address = false,
+                    '{' => held = true,
+                    '}' => held = false,
                     _ => {}
                 }
                 if "`,.;:!?()|{}".contains(c) && !address {

@@ -1,37 +1,38 @@
-//! Whether anything costs less than some bound: all that does, measured, or as much of it as may be.
+//! Search for settings that cost less than a bound: all of them measured, or as many as permitted.
 
 use std::collections::BTreeSet;
 
 use crate::search::{Steps, Tried};
 
-/// A knob turned up may save work elsewhere, since other light takes other paths. At least this share of the cost is
-/// allowed for what all of them may save together, and at least [`TIMES`] what any turns that were measured did. What is
-/// found holds as far as none saves more, which is measured and not proved.
+/// A raised knob may save work elsewhere, since light then takes other paths. The margin for such savings is at
+/// least this share of the cost, and at least [`TIMES`] the largest measured saving. The result holds as far as no
+/// setting saves more, which is measured and not proved.
 const MARGIN: f64 = 0.05;
-/// How many times what was seen is allowed for what was not.
+/// Factor on the largest measured saving.
 const TIMES: f64 = 2.0;
 
-/// What costs less than a bound.
+/// Settings that cost less than a bound.
 #[derive(Debug, PartialEq)]
 pub struct Below {
     /// The cheapest position of those with every knob at its least.
     pub least: Tried,
-    /// All that cost less than the bound, as far as no turns up save more than was allowed; what was known before, too.
+    /// All settings below the bound, provided that raising knobs saves no more than the margin; includes known
+    /// ones.
     pub all: Vec<Tried>,
-    /// Whether that is all, if no turns up save more than `margin`; else there are more than may be measured, or
-    /// measuring ended.
+    /// True if that is all, provided that raising knobs saves no more than `margin`; else there are more than may
+    /// be measured, or measuring ended.
     pub complete: bool,
-    /// The share of its cost that turning knobs up from a measured position would have to save, for one that was not
-    /// measured to cost less than the bound.
+    /// The share of the cost of a measured position that raising knobs would have to save, for an unmeasured one to
+    /// cost less than the bound.
     pub margin: f64,
-    /// What was seen of turns up.
+    /// Measured savings of raised knobs.
     pub saved: Saved,
 }
 
-/// What turning knobs up saved, of one or of several at once.
+/// Savings by raising one or several knobs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Saved {
-    /// How many pairs of measured positions tell, of which one has no knob below the other.
+    /// Number of pairs of measured positions in which one has no knob below the other.
     pub pairs: usize,
     /// The largest share of the cost.
     pub most: f64,
@@ -53,11 +54,11 @@ impl Saved {
     }
 }
 
-/// Finds everything that costs less than a bound, from the positions with every knob at its least upwards. Values without
-/// an order are all gone through. A position is not gone on from where it costs so much more than the bound that its
-/// knobs turned up, all together, would have to save more than a margin, which is measured by `known` positions and by
-/// those on the way. At most `most` positions are measured, those first that lie above what errs least. `None` where measuring
-/// ended before the first.
+/// Finds everything that costs less than a bound, from the positions with every knob at its least upwards. Values
+/// without an order are all tried. A position that exceeds the bound by so much that raising its knobs would have
+/// to save more than a margin is not continued; the margin is measured from `known` positions and from those on the
+/// way. At most `most` positions are measured, first those above the positions with the least error. `None` if
+/// measuring ended before the first.
 pub fn below(
     knobs: &[Steps],
     known: &[Tried],
@@ -88,8 +89,8 @@ pub fn below(
     }
 }
 
-/// Everything from the least upwards that costs less than a bound, or would if a margin were saved, and what is next to it;
-/// and whether that is all.
+/// Everything from the least upwards that costs less than a bound, or would if a margin were saved, with its
+/// neighbours; and true if that is all.
 fn upwards(
     knobs: &[Steps],
     bound: f64,
@@ -97,8 +98,8 @@ fn upwards(
     most: usize,
     measure: &mut impl FnMut(&[usize]) -> Option<(f64, f64)>,
 ) -> (Vec<Tried>, bool) {
-    // With the error of what lies below, and how many turns on the way there left it as it was: those come last, so that
-    // a knob which does nothing here does not take the room of one that does.
+    // With the error of the position below, and the number of changes on the way that left it unchanged: those come
+    // last, so that a knob without effect does not take the place of one with effect.
     let mut open = vec![(f64::INFINITY, 0_usize, vec![0; knobs.len()])];
     let mut seen = BTreeSet::from([vec![0; knobs.len()]]);
     let mut measured = Vec::new();
@@ -163,7 +164,8 @@ mod tests {
             let found = below(&knobs, &[], 100.0, most, |a| Some((cost(a), 0.5))).unwrap();
             assert_eq!((found.all.len(), found.complete), (most, complete), "there are 24");
         }
-        // What was measured before and costs as little counts, wherever it lies. Mutation: `all` of `measured` alone.
+        // Known positions of the same cost count as well.
+        // Mutation: `all` of `measured` alone.
         let known = [Tried { assignment: vec![2, 3, 1], cost: cost(&[2, 3, 1]), error: 0.1 }];
         let found = below(&knobs, &known, 100.0, 3, |a| Some((cost(a), 0.5))).unwrap();
         assert!(found.all.len() == 4 && found.all.iter().any(|tried| tried.error == 0.1));
@@ -183,8 +185,8 @@ mod tests {
         assert!(found.all.iter().any(|tried| tried.assignment == [3, 0]), "{:?}", found.all);
     }
 
-    // Three knobs save 4 % each and 11.5 % together, so that the only position below the bound lies beyond dearer ones
-    // than a fixed margin of 5 % goes through. Two measured positions tell.
+    // Three knobs save 4 % each and 11.5 % together, so the only position below the bound lies beyond more
+    // expensive ones than a fixed margin of 5 % continues from. Two measured positions show it.
     #[test]
     fn what_several_knobs_save_together_is_allowed_for_where_it_was_seen() {
         let knobs = steps([2, 2, 2]);
@@ -201,7 +203,7 @@ mod tests {
         assert!((seen.saved.most - 0.115).abs() < 0.001 && seen.saved.pairs == 19, "{seen:?}");
     }
 
-    // Where not all can be measured, those that err least come first.
+    // If not all can be measured, those with the least error come first.
     #[test]
     fn what_errs_least_is_gone_on_from_first() {
         let knobs = steps([9, 9]);
@@ -209,7 +211,7 @@ mod tests {
         assert!(!found.complete && found.all.iter().any(|tried| tried.assignment == [0, 8]), "{found:?}");
     }
 
-    // Of two methods neither is the lesser one, so both are asked, however dear the first is.
+    // Two methods have no order, so both are tried, however expensive the first is.
     #[test]
     fn values_without_an_order_are_all_gone_through() {
         let mut knobs = steps([3, 2]);

@@ -1,16 +1,18 @@
-//! Runs a graph at given settings of its knobs, and measures what that costs and how far its pictures are off.
+//! Runs a graph at given settings of its knobs, and measures the cost and the errors of its pictures.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use engine::{
-    Artifact, Counts, Digest, Engine, Event, Graph, NodeError, Note, PRESETS, Registry, RunOptions, Source,
-    Wire, overlay_text,
+    Artifact, Counts, Digest, Engine, Event, Graph, NodeError, Note, PRESETS, Planned, Registry, RunOptions,
+    Source, Wire, overlay_text,
 };
 use nodes::kinds::compare::Space;
 use nodes::types::{Images, Report};
 
+use crate::deadline::Deadline;
 use crate::error::Error;
 use crate::judge::{FlipMaps, Output, Truth, holds_data, is_bright, outputs};
 use crate::metric::Metric;
@@ -19,7 +21,7 @@ use crate::search::Steps;
 use crate::tunables::{Assignment, Tunable, same_nodes, tunables};
 use crate::work::work_of;
 
-/// What a node stands for, whatever of it was known.
+/// The cost of a node, including cached parts.
 #[derive(Debug, Clone)]
 pub struct NodeCost {
     /// Name of the node.
@@ -36,7 +38,7 @@ pub struct NodeCost {
     pub counts: Counts,
     /// Its notes.
     pub notes: Vec<Note>,
-    /// Whether it is there once for each point of axes.
+    /// True if it has an instance for each value of an axis.
     pub varies: bool,
     /// Equal keys are one and the same action.
     pub key: Option<Digest>,
@@ -73,22 +75,26 @@ pub struct Bench<'e> {
     engine: &'e Engine,
     registry: Registry,
     base: Graph,
+    /// The name of the graph, under which its own runs are remembered.
+    name: String,
     outputs: Vec<Output>,
     targets: Vec<usize>,
-    /// The knobs, and what else the presets of the graph set.
+    /// The knobs, and other fields that the presets of the graph set.
     pub tunables: Vec<Tunable>,
     /// Pictures that are not judged.
     pub unjudged: Vec<String>,
-    /// What is to be said of pictures.
+    /// Remarks on pictures.
     pub remarks: Vec<String>,
-    /// How many of these were told.
-    told: usize,
+    /// Number of remarks already reported.
+    reported: usize,
     observer: Option<Observer<'e>>,
     cancel: Arc<AtomicBool>,
+    /// When measuring ends.
+    deadline: Option<Instant>,
     truth: Option<Truth>,
-    /// What must be computed of every picture; of one where it cannot be is said why, and it does not count.
+    /// The metric required for every picture; a picture without it does not count, and the reason is reported.
     metric: Option<Metric>,
-    /// What was measured; the first point is the reference.
+    /// Measured settings; the first point is the reference.
     pub points: Vec<Point>,
 }
 
@@ -98,23 +104,25 @@ fn targets(outputs: &[Output]) -> Vec<usize> {
     nodes.into_iter().collect()
 }
 
-/// Why there is no point.
+/// The reason why there is no point.
 pub enum Miss {
-    /// The run was asked to stop.
+    /// The user interrupted the run.
     Stopped,
+    /// The time for measuring is over.
+    Late,
     /// The graph cannot run at this assignment.
     Failed(String),
 }
 
 impl<'e> Bench<'e> {
-    /// A bench for the pictures of some nodes, of all targets where none is named.
+    /// A bench for the pictures of some nodes, or of all targets if none is named.
     pub fn new(
         engine: &'e Engine,
         graph: &Graph,
         only: &[usize],
         cancel: Arc<AtomicBool>,
     ) -> Result<Self, Error> {
-        // A name of its own, so that what is measured here is not taken for the last run of the graph.
+        // A name of its own, so that these runs are not taken for the last run of the graph.
         let source = Source::new(format!("{} (measured)", graph.source.name), &*graph.source.text);
         let registry = nodes::registry();
         let base = Graph::parse(source, &registry, graph.root.clone()).map_err(Error::Graph)?;
@@ -136,7 +144,7 @@ impl<'e> Bench<'e> {
         if kept.is_empty() {
             return Err(Error::NoKnob(unjudged.join("`, `")));
         }
-        let unreached = |name: &String| format!("no knob reaches `{name}`, so it is left out");
+        let unreached = |name: &String| format!("no knob affects `{name}`, so it is left out");
         let mut remarks: Vec<String> = layers.into_iter().chain(unjudged.iter().map(unreached)).collect();
         let outputs = kept;
         let targets = targets(&outputs);
@@ -147,14 +155,16 @@ impl<'e> Bench<'e> {
             engine,
             registry,
             base,
+            name: graph.source.name.clone(),
             outputs,
             targets,
             tunables,
             unjudged,
             remarks,
-            told: 0,
+            reported: 0,
             observer: None,
             cancel,
+            deadline: None,
             truth,
             metric: None,
             points,
@@ -166,14 +176,37 @@ impl<'e> Bench<'e> {
         self.observer = Some(observer);
     }
 
-    /// Asks for a metric, so that pictures of which it cannot be computed are left out.
+    /// Ends measuring at a time: an active run is then stopped, and its finished results are kept in the cache.
+    pub fn end_at(&mut self, time: Instant) {
+        self.deadline = Some(time);
+    }
+
+    /// The graph as it is.
+    pub(crate) fn base(&self) -> &Graph {
+        &self.base
+    }
+
+    /// The nodes that make the pictures.
+    pub(crate) fn targets(&self) -> &[usize] {
+        &self.targets
+    }
+
+    /// The plan of a run at a setting, by the history of the graph itself. `None` if the graph has mistakes at that setting.
+    pub(crate) fn plan(&self, assignment: &Assignment) -> Option<Vec<Planned>> {
+        let source = Source::new(self.name.clone(), &*self.base.source.text);
+        let source = source.overlaid("knobs", &self.overlay(assignment));
+        let graph = Graph::parse(source, &self.registry, self.base.root.clone()).ok()?;
+        Some(self.engine.plan(&graph, &self.targets))
+    }
+
+    /// Asks for a metric, so that pictures without it are left out.
     pub fn judge_by(&mut self, metric: &Metric) {
         self.metric = Some(metric.clone());
     }
 
-    /// Leaves out beforehand the pictures whose size a knob sets, so that no knob is turned that reaches them alone: their
-    /// files would be made worse, and nothing would tell. The reference and the preset farthest from it show which; they are
-    /// measured again as if it were the first time. What fails here fails there, too.
+    /// Leaves out beforehand the pictures whose size a knob sets, so that no knob is turned that affects them
+    /// alone: their files would get worse without a measured error. The reference and the preset farthest from it
+    /// show which; they are measured again afterwards. Failures here occur there, too.
     pub fn leave_out_resized(&mut self) -> Result<(), Error> {
         if self.outputs.len() < 2 {
             return Ok(());
@@ -191,7 +224,7 @@ impl<'e> Bench<'e> {
         Ok(())
     }
 
-    /// Says something once.
+    /// Adds a remark once.
     fn remark(&mut self, text: String) {
         if !self.remarks.contains(&text) {
             self.remarks.push(text);
@@ -228,7 +261,7 @@ impl<'e> Bench<'e> {
         )
     }
 
-    /// What an assignment is called: that of a preset, or what differs from the graph.
+    /// Name of an assignment: that of a preset, or its differences from the graph.
     pub fn name(&self, assignment: &Assignment) -> String {
         if let Some(level) = (0..PRESETS.len()).rev().find(|&level| self.preset(level) == *assignment) {
             return PRESETS[level].to_owned();
@@ -258,9 +291,13 @@ impl<'e> Bench<'e> {
             return Ok(known);
         }
         let graph = self.graph(assignment)?;
-        let mut told: BTreeMap<String, (Vec<Note>, Option<Digest>)> = BTreeMap::new();
+        let mut reported: BTreeMap<String, (Vec<Note>, Option<Digest>)> = BTreeMap::new();
         let options =
             RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
+        if self.deadline.is_some_and(|deadline| deadline <= Instant::now()) {
+            return Err(Miss::Late);
+        }
+        let deadline = self.deadline.map(|deadline| Deadline::at(deadline, self.cancel.clone()));
         let (name, before) = (self.name(assignment), self.points.len());
         let observer = &mut self.observer;
         let outcome = self.engine.run(&graph, &options, |event| {
@@ -268,9 +305,13 @@ impl<'e> Bench<'e> {
                 observer(&name, before, &event);
             }
             if let Event::Node { id, notes, key, .. } = event {
-                told.insert(id, (notes, key));
+                reported.insert(id, (notes, key));
             }
         });
+        if deadline.is_some_and(Deadline::end) {
+            self.cancel.store(false, Ordering::Relaxed);
+            return Err(Miss::Late);
+        }
         if outcome.totals.stopped || self.cancel.load(Ordering::Relaxed) {
             return Err(Miss::Stopped);
         }
@@ -280,8 +321,8 @@ impl<'e> Bench<'e> {
         let wanted = graph.above(&self.targets);
         let (mut nodes, mut keys) = (Vec::new(), BTreeSet::new());
         for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| wanted[*index]) {
-            let (notes, key) = told.remove(&node.id).unwrap_or_default();
-            // What several instances of a node are is done once.
+            let (notes, key) = reported.remove(&node.id).unwrap_or_default();
+            // Equal instances of a node count once.
             let first = key.is_none_or(|key| keys.insert(key));
             let spent = self.engine.spent(&graph, index).filter(|_| first).unwrap_or_default();
             nodes.push(NodeCost {
@@ -304,8 +345,9 @@ impl<'e> Bench<'e> {
         Ok(self.points.len() - 1)
     }
 
-    /// How far pictures are off the reference, which the first ones are. Beside pictures of colours those of data are
-    /// not judged, such as a depth: other measures hold for them. Nor are those whose size a knob sets.
+    /// Errors of pictures against the reference, which the first pictures are. Next to pictures of colours,
+    /// pictures of data such as depth are not judged: other measures apply to them. Nor are those whose size a knob
+    /// sets.
     fn off(&mut self, graph: &Graph, pictures: &mut Vec<Arc<Images>>) -> Result<Vec<Off>, Miss> {
         if self.truth.is_none() {
             let data: Vec<bool> = pictures.iter().map(|images| holds_data(images)).collect();
@@ -315,7 +357,7 @@ impl<'e> Bench<'e> {
             let value = |wire| self.engine.value::<Images>(graph, wire).map(Arc::new);
             self.truth = Some(Truth::of(&self.outputs, pictures, value));
             self.mark_uncomputed()?;
-            let told = |of: &dyn Fn(&Output, &Images) -> bool, text: &str| {
+            let reported = |of: &dyn Fn(&Output, &Images) -> bool, text: &str| {
                 let held = self.outputs.iter().zip(&*pictures).filter(|(output, images)| of(output, images));
                 let names: Vec<String> = held.map(|(output, _)| format!("`{}`", output.name)).collect();
                 (!names.is_empty()).then(|| format!("{}: {text}", names.join(", ")))
@@ -323,8 +365,8 @@ impl<'e> Bench<'e> {
             let linear = |output: &Output, _: &Images| output.space == Space::Linear;
             let cut = |output: &Output, images: &Images| output.space == Space::Display && is_bright(images);
             let remarks = [
-                told(&cut, "holds light far above white, which is judged as white"),
-                told(&linear, "goes to OpenEXR alone and is judged in linear light, FLIP as HDR-FLIP"),
+                reported(&cut, "holds light far above white, which is judged as white"),
+                reported(&linear, "is written to OpenEXR only and is judged in linear light, with HDR-FLIP"),
             ];
             remarks.into_iter().flatten().for_each(|text| self.remark(text));
         }
@@ -340,8 +382,8 @@ impl<'e> Bench<'e> {
         truth.off(&self.outputs, pictures).map_err(|error| Miss::Failed(error.to_string()))
     }
 
-    /// Marks what the metric cannot be computed of, such as HDR-FLIP of a picture that is black over half of its area: it
-    /// does not count for the error, and its other numbers are told.
+    /// Marks pictures for which the metric cannot be computed, such as HDR-FLIP of a picture that is black over
+    /// half of its area: they do not count for the error, and their other values are reported.
     fn mark_uncomputed(&mut self) -> Result<(), Miss> {
         let Some((truth, metric)) = self.truth.as_ref().zip(self.metric.clone()) else { return Ok(()) };
         let why =
@@ -350,28 +392,28 @@ impl<'e> Bench<'e> {
         if let [Some(first), rest @ ..] = why.as_slice()
             && rest.iter().all(Option::is_some)
         {
-            let text = format!("{} cannot be computed of any picture here ({first})", metric.name);
+            let text = format!("{} cannot be computed for any picture here ({first})", metric.name);
             return Err(Miss::Failed(format!("{text}; {way_out}")));
         }
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for (output, why) in self.outputs.iter_mut().zip(why) {
             if let Some(why) = &why {
-                told.push(format!(
-                    "`{}` has no {} in linear light, in which what goes to OpenEXR alone is judged ({why}), so it does not \
-                     count for that",
+                reported.push(format!(
+                    "`{}` has no {} in linear light, in which pictures for OpenEXR only are judged ({why}), so it does not \
+                     count there",
                     output.name, metric.name
                 ));
             }
             output.uncomputed = why;
         }
-        if !told.is_empty() {
-            told.push(way_out.to_owned());
+        if !reported.is_empty() {
+            reported.push(way_out.to_owned());
         }
-        told.into_iter().for_each(|text| self.remark(text));
+        reported.into_iter().for_each(|text| self.remark(text));
         Ok(())
     }
 
-    /// Judges some pictures no more.
+    /// Stops judging some pictures.
     fn leave_out(&mut self, pictures: &mut Vec<Arc<Images>>, which: &[bool], why: &str) {
         for at in (0..which.len()).rev().filter(|at| which[*at]) {
             let Output { name, .. } = self.outputs.remove(at);
@@ -385,10 +427,10 @@ impl<'e> Bench<'e> {
         }
     }
 
-    /// The remarks that were not told yet.
+    /// The remarks that were not reported yet.
     pub fn new_remarks(&mut self) -> &[String] {
-        let told = std::mem::replace(&mut self.told, self.remarks.len());
-        &self.remarks[told..]
+        let reported = std::mem::replace(&mut self.reported, self.remarks.len());
+        &self.remarks[reported..]
     }
 
     /// The pictures of the last run of a graph.
@@ -396,7 +438,7 @@ impl<'e> Bench<'e> {
         let value = |output: &Output| {
             let images = self.engine.value::<Images>(graph, output.wire).map(Arc::new);
             images.ok_or_else(|| {
-                Miss::Failed(format!("the picture of `{}` cannot be had again from the cache", output.name))
+                Miss::Failed(format!("the picture of `{}` cannot be read again from the cache", output.name))
             })
         };
         self.outputs.iter().map(value).collect()
@@ -407,7 +449,7 @@ impl<'e> Bench<'e> {
         let graph = self.graph(&self.points[point].assignment)?;
         let options =
             RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
-        // Known, but for the names under which the last results of the graph are found.
+        // Cached; run for the names under which the last results of the graph are found.
         if self.engine.run(&graph, &options, |_| ()).totals.stopped {
             return Err(Miss::Stopped);
         }

@@ -1,4 +1,4 @@
-//! Why a graph cannot be measured.
+//! The reasons why a graph cannot be measured.
 
 use engine::Diagnostics;
 
@@ -47,7 +47,7 @@ pub enum Error {
     NotComputed {
         /// The metric as it was named.
         metric: String,
-        /// What it needs.
+        /// The requirement of the metric.
         needs: &'static str,
     },
     /// The graph does not run at a setting.
@@ -55,7 +55,7 @@ pub enum Error {
     Setting {
         /// The setting in words.
         setting: String,
-        /// Why it does not run.
+        /// The reason.
         why: String,
     },
 }

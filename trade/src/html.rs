@@ -1,4 +1,4 @@
-//! A page that needs nothing beside it: tables, plots and pictures in one file.
+//! A self-contained page: tables, plots and pictures in one file.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,9 @@ use nodes::io::png::{self, Raster};
 use nodes::math::color::srgb_from_linear;
 use nodes::types::{Cell, Picture, Report};
 
-/// What a page is made of, in order.
+use crate::escape::escaped;
+
+/// The parts of a page, in order.
 #[derive(Default)]
 pub struct Page {
     body: String,
@@ -63,7 +65,7 @@ impl Page {
         self.body.push_str("</dl>\n");
     }
 
-    /// A table. Columns of words stand on the left.
+    /// A table. Columns of words are aligned left.
     pub fn table(&mut self, columns: &[&str], rows: &[Vec<String>]) {
         let class = |column: usize| {
             let mut cells = rows.iter().filter_map(|row| row.get(column)).filter(|cell| !cell.is_empty());
@@ -96,7 +98,7 @@ impl Page {
         }
     }
 
-    /// Pictures beside each other, as far as there is room, each at most so many pixels wide.
+    /// Pictures side by side, as space permits, each at most `widest` pixels wide.
     pub fn pictures(&mut self, pictures: &[(&Picture, String)], widest: usize) {
         self.body.push_str("<div class=\"row\">\n");
         for (picture, caption) in pictures {
@@ -115,7 +117,7 @@ impl Page {
         self.body.push_str("</div>\n");
     }
 
-    /// Plots beside each other, as far as there is room.
+    /// Plots side by side, as space permits.
     pub fn plots(&mut self, plots: &[(&str, String)]) {
         self.body.push_str("<div class=\"row plots\">\n");
         for (name, svg) in plots {
@@ -136,7 +138,7 @@ impl Page {
     }
 }
 
-/// Text within HTML, in which what stands between two backticks is code.
+/// Text within HTML, with text between two backticks as code.
 fn marked(text: &str) -> String {
     let parts: Vec<&str> = text.split('`').collect();
     // A backtick without a second one is itself.
@@ -150,16 +152,11 @@ fn marked(text: &str) -> String {
     parts.iter().enumerate().map(part).collect()
 }
 
-/// Whether a cell holds a number or says that there is none: `1.2 M`, `40 dB`, `not computed`.
+/// True if a cell holds a number or a text for a missing one: `1.2 M`, `40 dB`, `not computed`.
 fn is_number(cell: &str) -> bool {
     let (first, rest) = cell.split_once(' ').unwrap_or((cell, ""));
     let unit = matches!(rest, "" | "k" | "M" | "G" | "%" | "dB");
     (unit && first.parse::<f64>().is_ok()) || matches!(cell, "not computed" | "not measured")
-}
-
-/// Escapes text for HTML and SVG, in content and in attributes.
-pub fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 fn cell_text(cell: &Cell) -> String {
@@ -172,7 +169,7 @@ fn cell_text(cell: &Cell) -> String {
 }
 
 fn raster(width: usize, height: usize, codes: Vec<u16>) -> Raster {
-    Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new() }
+    Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false }
 }
 
 fn code(value: f32) -> u16 {
@@ -201,7 +198,7 @@ fn heat(picture: &Picture) -> Option<Raster> {
     (channels >= 1).then(|| raster(width, height, pixels.flat_map(colour).collect()))
 }
 
-/// The mean of blocks, so that the picture is at most so many pixels wide.
+/// The mean of blocks, so that the picture is at most `widest` pixels wide.
 fn halved(of: Raster, widest: usize) -> Raster {
     // A low picture stays wider, so that a row of it is left.
     let step = of.width.div_ceil(widest.max(1)).min(of.height).max(1);

@@ -1,4 +1,4 @@
-//! What is judged: pictures beside those of the reference, and the parts of them that an object covers or changes.
+//! Comparison of pictures with those of the reference, and of the parts that an object covers or changes.
 
 use std::sync::Arc;
 
@@ -19,22 +19,22 @@ pub struct Output {
     pub name: String,
     /// The output that gives the picture.
     pub wire: Wire,
-    /// In linear light what goes to OpenEXR alone, and else what a display of 8 bits shows.
+    /// Linear light for pictures written to OpenEXR only, else the values of an 8-bit display.
     pub space: Space,
     inserted: Option<Insertion>,
-    /// Why it has no number of the metric that is asked for, so that others alone are told of it.
+    /// The reason why the requested metric is not computed for it; only its other values are reported then.
     pub uncomputed: Option<String>,
 }
 
-/// What a picture was put together from by `composite`, or by several on one another.
+/// The inputs of a picture made by one `composite`, or by several on one another.
 struct Insertion {
-    /// What the first one puts its object over.
+    /// The background of the first one.
     background: Wire,
     /// From the first one on.
     layers: Vec<Layer>,
 }
 
-/// What one `composite` puts in.
+/// The object inserted by one `composite`.
 struct Layer {
     object: Wire,
     front: Option<Wire>,
@@ -42,7 +42,7 @@ struct Layer {
 }
 
 impl Insertion {
-    /// That of the picture of a node; none where it is no `composite`.
+    /// The insertion of a node's picture; `None` if it is not a `composite`.
     fn of(graph: &Graph, node: usize) -> Option<Self> {
         let (mut layers, mut at) = (Vec::new(), node);
         loop {
@@ -53,7 +53,7 @@ impl Insertion {
             };
             let (background, object) = (read("background")?, read("object")?);
             layers.push(Layer { object, front: read("front"), params: node.params()? });
-            // A picture with an object in it is no background without one.
+            // A picture with an object is not an empty background.
             if graph.nodes[background.node].kind.name != Composite::NAME || background.port != 0 {
                 layers.reverse();
                 return Some(Self { background, layers });
@@ -63,7 +63,7 @@ impl Insertion {
     }
 }
 
-/// Pictures of the reference, and for those with an object put in what to see that beside.
+/// Pictures of the reference, and for those with an inserted object its regions and baselines.
 pub struct Truth {
     pictures: Vec<Arc<Images>>,
     inserted: Vec<Option<Inserted>>,
@@ -78,8 +78,8 @@ struct Inserted {
 }
 
 impl Truth {
-    /// Pictures of the reference, and what is to see beside those that `composite` made, whose inputs `value` knows. Of
-    /// several `composite` on one another it is what all of them put in.
+    /// Pictures of the reference, with regions and baselines for those made by `composite`, whose inputs `value`
+    /// returns. For several `composite` on one another these cover everything that all of them insert.
     pub fn of(
         outputs: &[Output],
         pictures: &[Arc<Images>],
@@ -96,7 +96,7 @@ impl Truth {
             let built = |shows_objects: bool| {
                 let put = |background: Arc<Images>, (object, front, params): &_| {
                     let absent = || Arc::new(absent(&background));
-                    // What stands in front of an object stands there without its shadow, too.
+                    // Splats in front of an object are there without its shadow, too.
                     let (object, front) = if shows_objects {
                         (Arc::clone(object), Option::clone(front))
                     } else {
@@ -117,7 +117,7 @@ impl Truth {
         Self { pictures: pictures.to_vec(), inserted }
     }
 
-    /// Whether a picture has the size of the reference in every view.
+    /// True if a picture has the size of the reference in every view.
     pub fn fits(&self, at: usize, images: &Images) -> bool {
         let sizes = |images: &Images| -> Vec<(usize, usize)> {
             let size = |view: &NamedImage| {
@@ -129,13 +129,13 @@ impl Truth {
         self.pictures.get(at).is_some_and(|picture| sizes(picture) == sizes(images))
     }
 
-    /// Forgets a picture.
+    /// Removes a picture.
     pub fn remove(&mut self, at: usize) {
         self.pictures.remove(at);
         self.inserted.remove(at);
     }
 
-    /// How far pictures are off, by output, view and region.
+    /// Errors of pictures, by output, view and region.
     pub fn off(&self, outputs: &[Output], pictures: &[Arc<Images>]) -> Result<Vec<Off>, NodeError> {
         let mut all = Vec::new();
         for (index, (output, picture)) in outputs.iter().zip(pictures).enumerate() {
@@ -149,7 +149,7 @@ impl Truth {
         Ok(all)
     }
 
-    /// Of each output why a metric cannot be computed of it, in the words of `compare`; `None` where it can be.
+    /// For each output the reason why a metric cannot be computed, in the words of `compare`; `None` if it can.
     pub fn uncomputed(&self, outputs: &[Output], metric: &Metric) -> Result<Vec<Option<String>>, NodeError> {
         let why = |(output, picture): (&Output, &Arc<Images>)| {
             // On a display every picture has every metric.
@@ -171,8 +171,8 @@ impl Truth {
         let all = outputs.iter().zip(pictures).zip(&self.pictures);
         all.map(|((output, (_, picture)), truth)| {
             let (_, maps, notes) = compare(picture, truth, None, output.space)?;
-            let told = notes.iter().filter(|note| note.id == "no-flip");
-            Ok(FlipMaps { maps, missing: told.map(|note| note.text.clone()).collect() })
+            let reported = notes.iter().filter(|note| note.id == "no-flip");
+            Ok(FlipMaps { maps, missing: reported.map(|note| note.text.clone()).collect() })
         })
         .collect()
     }
@@ -182,21 +182,21 @@ impl Truth {
 pub struct FlipMaps {
     /// A map per view that has one.
     pub maps: Arc<Images>,
-    /// Of what view there is none, and why.
+    /// Views without a map, with the reason.
     pub missing: Vec<String>,
 }
 
-/// Whether a picture is of numbers that are no colours.
+/// True if a picture holds numbers other than colours.
 pub fn holds_data(images: &Images) -> bool {
     images.0.iter().any(|view| matches!(view.picture, Picture::Data(_)))
 }
 
-/// Whether a picture holds light two stops above white: that of an environment, say.
+/// True if a picture holds light two stops above white, such as an environment.
 pub fn is_bright(images: &Images) -> bool {
     images.0.iter().any(|view| view.picture.samples().iter().any(|v| *v > 4.0))
 }
 
-/// `compare` as a library: its report, the map of FLIP, and what it says.
+/// `compare` as a library: its report, the map of FLIP, and its notes.
 fn compare(
     image: &Arc<Images>,
     reference: &Arc<Images>,
@@ -225,7 +225,10 @@ fn compare(
 }
 
 fn detached() -> Context {
-    Context::detached(engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".")
+    Context::detached(
+        engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+        ".",
+    )
 }
 
 /// An object that is in none of the views of a background.
@@ -252,7 +255,7 @@ fn off_of(output: &str, columns: &[String], row: &[Cell]) -> Option<Off> {
     Some(Off { output, view, region, judged, pixels: *pixels, values, counts: true })
 }
 
-/// What objects change: all that they cover, shade or light (`touched`), of that what one of them covers by more than
+/// Regions changed by objects: all pixels that they cover, shade or light (`touched`), those covered by more than
 /// half (`object`), and the rest (`shadow`).
 fn regions(
     picture: &Images,
@@ -282,8 +285,8 @@ fn regions(
     Some(vec![("touched", Arc::new(touched)), ("object", Arc::new(object)), ("shadow", Arc::new(shadow))])
 }
 
-/// Where a picture differs from its background by more than one and a half codes of 8 bits in linear light near
-/// white, or by a hundredth of the light: what an inserted object covers, shades or lights.
+/// Pixels where a picture differs from its background by more than one and a half 8-bit codes in linear light near
+/// white, or by a hundredth of the light: those that an inserted object covers, shades or lights.
 fn touched(picture: &Images, background: &Images) -> Option<Images> {
     let mut masks = Vec::new();
     for view in &picture.0 {
@@ -307,14 +310,14 @@ fn touched(picture: &Images, background: &Images) -> Option<Images> {
     Some(Images(masks))
 }
 
-/// The pictures that come to the targets, each once, under the name of the node that makes them, and what is to be
-/// said of those that are left out. Layers are for later work, each in numbers of its own, so they are judged only where
-/// nothing else is.
+/// The pictures that come to the targets, each once, under the name of the node that makes them, and remarks on
+/// those that are left out. Layers are for later work, each in its own units, so they are judged only if nothing
+/// else is.
 pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
     let is_picture =
         |wire: &Wire| graph.nodes[wire.node].kind.outputs[wire.port].artifact.name == Images::TYPE;
     let (mut wires, mut layers, mut shown): (Vec<Wire>, Vec<Wire>, Vec<Wire>) = Default::default();
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for &target in asked {
         let node = &graph.nodes[target];
         if node.sink_path.is_none() {
@@ -340,7 +343,7 @@ pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
         wires.sort_unstable();
         wires.dedup();
     } else if !layers.is_empty() {
-        told.push("layers are for later work, so they are left out beside pictures".to_owned());
+        reported.push("layers are for later work, so they are left out next to pictures".to_owned());
     }
     let output = |wire: Wire| {
         let node = &graph.nodes[wire.node];
@@ -350,5 +353,5 @@ pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
         let space = if shown.contains(&wire) { Space::Display } else { Space::Linear };
         Output { name, wire, space, inserted, uncomputed: None }
     };
-    (wires.into_iter().map(output).collect(), told)
+    (wires.into_iter().map(output).collect(), reported)
 }

@@ -5,7 +5,7 @@ use engine::{Graph, GraphKnob, Registry};
 use crate::error::Error;
 use crate::tunables::presets;
 
-/// A knob of the graph and what the presets make of it.
+/// A knob of the graph and its values in the presets.
 pub struct KnobRow {
     /// The knob.
     pub knob: GraphKnob,
@@ -15,9 +15,9 @@ pub struct KnobRow {
     pub range: Option<(f64, f64)>,
 }
 
-/// The knobs that reach some nodes, or any sink where none is named.
+/// The knobs that affect some nodes, or any sink if none is named.
 pub fn knob_rows(graph: &Graph, only: &[usize], registry: &Registry) -> Result<Vec<KnobRow>, Error> {
-    // A graph's own preset may set what the program's preset of that name does not.
+    // A graph's own preset may set fields that the program's preset of that name does not.
     let laid = presets(graph, registry)?.map(|laid| {
         // By name, since a preset may take an axis away.
         let asked = only.iter().filter_map(|&index| laid.find(&graph.nodes[index].id));

@@ -1,4 +1,4 @@
-//! What a run left out because a check found that the scene does not need it, and what each check found.
+//! Work that a run skipped because a check found that the scene does not need it, and the finding of each check.
 
 use std::collections::BTreeSet;
 
@@ -7,36 +7,36 @@ use nodes::types::{Cell, Report};
 use crate::bench::NodeCost;
 use crate::plot::tick_text;
 
-/// Something that is modelled only where a check says that the scene needs it.
+/// Something that is modelled only if a check finds that the scene needs it.
 struct Skip {
     what: &'static str,
     check: &'static str,
-    /// What has it modelled all the same.
+    /// The setting that forces it.
     force: &'static str,
-    /// The kinds that ask.
+    /// The kinds that check.
     kinds: &'static [&'static str],
-    /// Whether it was left out, and what the check found.
+    /// True if it was skipped, and the finding of the check.
     judge: fn(&Evidence<'_>) -> Option<(bool, String)>,
 }
 
-/// What a check found at a node.
+/// The finding of a check at a node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeftOut {
-    /// What is modelled only where a check asks for it.
+    /// The work that is skipped unless a check requires it.
     pub what: &'static str,
-    /// Where; several nodes that found the same stand together.
+    /// The nodes; several with the same finding are listed together.
     pub nodes: Vec<String>,
-    /// `None` where there was nothing to ask.
+    /// `None` if there was nothing to check.
     pub left_out: Option<bool>,
-    /// What the check found.
+    /// The finding of the check.
     pub found: String,
     /// The check.
     pub check: &'static str,
-    /// What forces it to be modelled.
+    /// The setting that forces it.
     pub force: &'static str,
 }
 
-/// What a node told of a run.
+/// Notes and reports of a node.
 struct Evidence<'s> {
     node: &'s NodeCost,
     reports: &'s [(String, Report)],
@@ -64,7 +64,7 @@ impl Evidence<'_> {
         cells.collect()
     }
 
-    /// The value beside a name in a table of two columns.
+    /// The value next to a name in a table of two columns.
     fn value(&self, table: &str, name: &str) -> Option<String> {
         let names = self.column(table, "what").into_iter().zip(self.column(table, "value"));
         names.into_iter().find_map(|(what, value)| match (what, value) {
@@ -81,7 +81,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "the prediction of clipped light",
         check: "no seen pixel of the panorama is clipped",
-        force: "`force: true`",
+        force: "`--exhaustive`",
         kinds: &["predict-exposure"],
         judge: |seen| {
             let text = match seen.column("prediction", "clipped pixels").first() {
@@ -94,14 +94,13 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "telling the receiver from the light that it sends",
         check: "light without a point of capture, or a receiver under a quarter of what is seen from there; else as set",
-        force: "`near_field: On`, and `env_block`",
+        force: "`surroundings: Projected`, or any choice but `Open`",
         kinds: TRACE,
         judge: |seen| {
-            let near = seen.note("near-field")?;
-            let text = [near].into_iter().chain(seen.note("env-block")).collect::<Vec<_>>().join("; ");
-            // Light from infinitely far on what is solid: the receiver is no light, and hides none that is.
-            let plain = |name, wanted| seen.value("decisions", name).is_some_and(|value| value == wanted);
-            Some((plain("near_field", "Off") && plain("env_block", "Solid"), text))
+            let decided = seen.value("decisions", "surroundings")?;
+            let text = seen.note("surroundings").map_or_else(|| format!("{decided}, as set"), str::to_owned);
+            // Infinitely distant light on a solid receiver: the receiver is not a light, and hides none.
+            Some((decided == "Open", text))
         },
     },
     Skip {
@@ -120,7 +119,7 @@ const SKIPS: [Skip; 8] = [
         force: "none: the mean is the same wherever samples go",
         kinds: TRACE,
         judge: |seen| {
-            let shares = seen.column("views", "share of chunks that no object touches").into_iter();
+            let shares = seen.column("views", "share of chunks that no object changes").into_iter();
             let shares = shares.filter_map(|cell| if let Cell::Number(n) = cell { Some(*n) } else { None });
             let shares: Vec<f64> = shares.collect();
             let texts: Vec<String> = shares.iter().map(|share| format!("{:.0} %", 100.0 * share)).collect();
@@ -131,7 +130,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "directions and harmonics above degree 0",
         check: "the degree of the scene, and `sh_degree`",
-        force: "`skip_harmonics: false`",
+        force: "`--exhaustive`",
         kinds: SPLATS,
         judge: |seen| {
             let [directed, projected] = ["splats_directed", "splats_projected"].map(|name| seen.count(name));
@@ -142,7 +141,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "lobes that materials lack",
         check: "the strength of each, after its texture",
-        force: "`skip_lobes: false`",
+        force: "`--exhaustive`",
         kinds: TRACE,
         judge: |seen| {
             let absent = seen.value("decisions", "lobes that no material has")?;
@@ -156,7 +155,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "splats that no picture can see, in blocks",
         check: "a box around their centres and longest axes",
-        force: "`skip_unseen: false`",
+        force: "`--exhaustive`",
         kinds: SPLATS,
         judge: |seen| {
             let [skipped, visited] = ["splats_skipped", "splats_visited"].map(|name| seen.count(name));
@@ -171,7 +170,7 @@ const SKIPS: [Skip; 8] = [
         force: "`skip_fine: false` of `fit-probe`; without one `width_px` and `size_px` decide",
         kinds: &["fit-probe", "path-trace"],
         judge: |seen| match seen.note("probe-size") {
-            Some(text) => Some((text.contains("in place of"), text.to_owned())),
+            Some(text) => Some((text.contains("instead of"), text.to_owned())),
             None => {
                 let text = seen.note("finer-than-needed").unwrap_or("all of them are needed");
                 Some((false, text.to_owned()))
@@ -180,7 +179,7 @@ const SKIPS: [Skip; 8] = [
     },
 ];
 
-/// What was left out and what was not, in the order of `docs/trade.md`; what no node of a run asks for, too.
+/// Skipped and forced work in the order of `docs/trade.md`, including checks that no node of a run makes.
 pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut> {
     let mut all: Vec<LeftOut> = Vec::new();
     for Skip { what, check, force, kinds, judge } in SKIPS {
@@ -195,14 +194,14 @@ pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut
             }
         }
         if all.len() == start {
-            all.push(row(Vec::new(), None, format!("no {} told of it", kinds.join(" or "))));
+            all.push(row(Vec::new(), None, format!("no {} reported it", kinds.join(" or "))));
         }
     }
     all.push(frames(nodes));
     all
 }
 
-/// What the points of axes share.
+/// Results shared by the values of axes.
 fn frames(nodes: &[NodeCost]) -> LeftOut {
     let varying = || nodes.iter().filter(|node| node.varies);
     let keys: BTreeSet<_> = varying().filter_map(|node| node.key).collect();
@@ -260,7 +259,7 @@ mod tests {
         let rows = left_out(&[], &[]);
         assert_eq!(rows.len(), SKIPS.len() + 1);
         assert!(rows.iter().all(|row| row.left_out.is_none() && !row.force.is_empty()));
-        assert_eq!(rows[0].found, "no predict-exposure told of it");
+        assert_eq!(rows[0].found, "no predict-exposure reported it");
     }
 
     #[test]
@@ -294,35 +293,35 @@ mod tests {
         assert_eq!(judged(&[trace], &reports)[5], (Some(true), "sheen, brush".to_owned()));
     }
 
-    // Whatever the light is far for, a solid receiver under it is told from no light. Mutation: `near_field` or `env_block`
-    // not asked.
+    // An open scene under distant light needs no near light, whether by decision or as set. Mutation: any choice taken for
+    // `Open`.
     #[test]
-    fn a_solid_receiver_under_far_light_is_reported_from_no_light() {
-        let row = |near: &str, block: &str, why: &str| {
+    fn an_open_scene_needs_no_near_light() {
+        let row = |decided: &str, why: Option<&str>| {
             let mut trace = node("trace", "path-trace");
-            trace.notes.push(note("near-field", why));
+            trace.notes.extend(why.map(|why| note("surroundings", why)));
             let mut report = table("decisions", &["what", "value"], Vec::new());
-            let cells =
-                |what: &str, value: &str| vec![Cell::Text(what.to_owned()), Cell::Text(value.to_owned())];
-            report.tables[0].rows = vec![cells("env_block", block), cells("near_field", near)];
+            report.tables[0].rows =
+                vec![["surroundings", decided].map(|text| Cell::Text(text.to_owned())).to_vec()];
             judged(&[trace], &[("trace.report".to_owned(), report)]).swap_remove(1)
         };
-        for why in ["Off: the scene is open", "Off: the environment has no point of capture", "Off: as set"] {
-            assert_eq!(row("Off", "Solid", why), (Some(true), why.to_owned()));
-            assert_eq!(row("Off", "Pass", why).0, Some(false));
-        }
-        assert_eq!(row("On", "Solid", "On: as set").0, Some(false));
+        let why = "Open: 60.0 % of 256 probe rays miss the mesh";
+        assert_eq!(row("Open", Some(why)), (Some(true), why.to_owned()));
+        assert_eq!(row("Open", None), (Some(true), "Open, as set".to_owned()));
+        assert_eq!(row("Room, 3 layers", None), (Some(false), "Room, 3 layers, as set".to_owned()));
+        assert_eq!(row("Projected", Some("Projected: ..")).0, Some(false));
     }
 
     #[test]
     fn a_probe_that_was_fitted_is_reported_beside_advice() {
         let (mut fit, trace) = (node("fit", "fit-probe"), node("trace", "path-trace"));
-        let text = "views of 64 px in place of 512 do: the objects are matte";
+        let text = "views of 64 px are enough, instead of 512: the objects are matte";
         fit.notes.push(note("probe-size", text));
         let rows = judged(&[fit.clone(), trace], &[]);
         assert_eq!(rows[rows.len() - 3], (Some(true), text.to_owned()));
         assert_eq!(rows[rows.len() - 2], (Some(false), "all of them are needed".to_owned()));
-        fit.notes[0].text = "views of 64 px would do, and have 512, as is asked".to_owned();
+        fit.notes[0].text =
+            "views of 64 px would be enough; they keep 512 because of `skip_fine: false`".to_owned();
         let rows = judged(&[fit], &[]);
         assert_eq!(rows[rows.len() - 2].0, Some(false));
     }

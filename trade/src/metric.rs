@@ -9,7 +9,7 @@ use crate::plot;
 /// A measure of error, in which less is better, and the part of the picture that it is taken over.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Metric {
-    /// As it was asked for: `touched.flip`.
+    /// The name as requested: `touched.flip`.
     pub name: String,
     region: &'static str,
     of: Of,
@@ -21,7 +21,7 @@ enum Of {
     Column(&'static str),
     /// The root of the mean square of display values.
     Rmse,
-    /// The same, told in decibels.
+    /// The same, in decibels.
     Psnr,
 }
 
@@ -32,9 +32,9 @@ const REGIONS: [&str; 4] = ["whole", "touched", "object", "shadow"];
 const IN_FRONT: &str = "with `touched.`, `object.` or `shadow.` in front for the pixels that the object changes, covers, or \
     only shades and lights";
 
-/// Names of metrics, and what each takes.
+/// Names of metrics, and their computation.
 const METRICS: [(&str, Of); 7] = [
-    // Of a picture in linear light the column of HDR-FLIP.
+    // For a picture in linear light the column of HDR-FLIP.
     ("flip", Of::Column("flip mean")),
     ("flip95", Of::Column("flip p95")),
     ("rmse", Of::Rmse),
@@ -45,7 +45,7 @@ const METRICS: [(&str, Of); 7] = [
 ];
 
 impl Metric {
-    /// The metric of a name, such as `flip`, `touched.rmse`; `whole.` may stand in front.
+    /// The metric of a name, such as `flip`, `touched.rmse`; the prefix `whole.` is optional.
     pub fn of(name: &str) -> Option<Self> {
         let (region, metric) = name.split_once('.').unwrap_or(("whole", name));
         let region = REGIONS.into_iter().find(|known| *known == region)?;
@@ -74,8 +74,8 @@ impl Metric {
         Some((metric, bound))
     }
 
-    /// An error as it is told: of PSNR in dB, in which more is better; `None` is not computed.
-    pub fn told(&self, error: Option<f64>) -> String {
+    /// An error as printed: PSNR in dB, where more is better; `None` is not computed.
+    pub fn shown(&self, error: Option<f64>) -> String {
         match error {
             None => "not computed".to_owned(),
             Some(error) if self.of == Of::Psnr => format!("{} dB", plot::tick_text(decibels(error))),
@@ -88,7 +88,8 @@ impl Metric {
         number(if self.of == Of::Psnr { decibels(error) } else { error })
     }
 
-    /// The note of `compare` that says why it is not computed of pictures of colours; none where it always is.
+    /// The note of `compare` with the reason why it is not computed for pictures of colours; `None` if it always
+    /// is.
     pub fn missing_note(&self) -> Option<&'static str> {
         match self.of {
             Of::Column("flip mean" | "flip p95") => Some("no-flip"),
@@ -97,7 +98,7 @@ impl Metric {
         }
     }
 
-    /// What it takes to compute it, for messages.
+    /// The requirement for computing it, for messages.
     pub fn needs(&self) -> &'static str {
         match (self.region, self.of) {
             ("touched" | "object" | "shadow", _) => {
@@ -108,7 +109,7 @@ impl Metric {
         }
     }
 
-    /// What there is to choose from, for messages.
+    /// The available metrics, for messages.
     pub fn known() -> String {
         METRICS.map(|(name, _)| name).join(", ")
     }
@@ -119,7 +120,7 @@ impl Metric {
         self.worst(off, "image")
     }
 
-    /// The same of a baseline.
+    /// The same for a baseline.
     pub fn worst(&self, off: &[Off], judged: &str) -> Option<f64> {
         let rows =
             off.iter().filter(|row| row.region == self.region && row.judged == judged && row.pixels > 0);
@@ -165,18 +166,18 @@ mod tests {
             values: [("psnr (dB)".to_owned(), psnr)].into(),
             counts: true,
         };
-        // The object is out of sight in one view, of which nothing can be computed there.
+        // The object is out of sight in one view, where nothing can be computed.
         let unseen = Off { pixels: 0, values: [].into(), ..row("touched", 0.0) };
         assert_eq!(metric.error(std::slice::from_ref(&unseen)), None);
         let off = [row("touched", 20.0), row("touched", 40.0), row("whole", 10.0), unseen];
         assert!((metric.error(&off).unwrap() - 0.1).abs() < 1e-15);
         assert_eq!(metric.error(&[row("touched", f64::INFINITY)]), Some(0.0));
-        let told = [Some(0.1), Some(0.0), Some(1.0), None].map(|error| metric.told(error));
-        assert_eq!(told, ["20 dB", "inf dB", "0 dB", "not computed"]);
+        let reported = [Some(0.1), Some(0.0), Some(1.0), None].map(|error| metric.shown(error));
+        assert_eq!(reported, ["20 dB", "inf dB", "0 dB", "not computed"]);
         assert!(
             (metric.value(0.1).as_f64().unwrap() - 20.0).abs() < 1e-9 && metric.value(0.0) == json!("inf")
         );
-        assert_eq!(Metric::of("rmse").unwrap().told(Some(0.1)), "0.1");
+        assert_eq!(Metric::of("rmse").unwrap().shown(Some(0.1)), "0.1");
         assert_eq!(Metric::of("flip").unwrap().error(&off), None, "not computed is not 0");
     }
 }

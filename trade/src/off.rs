@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-/// How far one view of a picture is off, in one region.
+/// The error of one view of a picture in one region.
 #[derive(Debug, Clone)]
 pub struct Off {
     /// Name of the picture.
@@ -11,13 +11,13 @@ pub struct Off {
     pub view: String,
     /// `whole`, `touched`, `object` or `shadow`.
     pub region: String,
-    /// What was judged: `image`, or a baseline.
+    /// The judged picture: `image`, or a baseline.
     pub judged: String,
     /// Number of pixels of the region.
     pub pixels: u64,
     /// By column of `compare`.
     pub values: BTreeMap<String, f64>,
-    /// Whether what is missing here leaves the error unknown: not where it was said before that it is.
+    /// True if a missing value leaves the error unknown; false if that was reported before.
     pub counts: bool,
 }
 

@@ -8,11 +8,11 @@ pub struct Dot {
     pub cost: f64,
     /// Error, on the vertical axis.
     pub error: f64,
-    /// Shown beside it, and when the mouse is over it.
+    /// Shown next to it, and when the mouse is over it.
     pub name: String,
-    /// Nothing beats it in both.
+    /// True if no other point is better in both.
     pub front: bool,
-    /// Whether its name is written.
+    /// True if its name is written.
     pub named: bool,
 }
 
@@ -23,13 +23,13 @@ const RIGHT: f64 = 120.0;
 const TOP: f64 = 20.0;
 const BOTTOM: f64 = 46.0;
 
-/// `told` writes an error. Both axes are logarithmic, in steps of ten; an error of 0 has a line of its own below the least other one. `None`
-/// where there is nothing to plot.
+/// `shown` formats an error. Both axes are logarithmic, in steps of ten; an error of 0 has a line of its own below
+/// the least other one. `None` where there is nothing to plot.
 pub fn svg(
     dots: &[Dot],
     cost: &str,
     error: &str,
-    told: impl Fn(f64) -> String,
+    shown: impl Fn(f64) -> String,
     bound: Option<f64>,
 ) -> Option<String> {
     let log = |value: f64| nodes::math::num::f64::log10(value);
@@ -68,7 +68,7 @@ pub fn svg(
         );
     }
     let exact = dots.iter().any(|dot| dot.error <= 0.0);
-    // Between 0 and the least error the axis is no scale.
+    // Between 0 and the least error the axis has no scale.
     let values = ticks(y0, y1).into_iter().filter(|value| !exact || *value >= least);
     for value in values.chain(exact.then_some(0.0)) {
         let at = y(value);
@@ -79,7 +79,7 @@ pub fn svg(
             WIDTH - RIGHT,
             LEFT - 6.0,
             at + 4.0,
-            told(value)
+            shown(value)
         );
     }
     if let Some(bound) = bound.filter(|bound| *bound > 0.0) {
@@ -94,15 +94,15 @@ pub fn svg(
     for dot in dots {
         let (cx, cy) = (x(dot.cost), y(dot.error));
         let class = if dot.front { "dot on" } else { "dot" };
-        let (cost, error) = (tick_text(dot.cost), told(dot.error));
-        let title = crate::html::escaped(&format!("{}: work {cost}, error {error}", dot.name));
+        let (cost, error) = (tick_text(dot.cost), shown(dot.error));
+        let title = crate::escape::escaped(&format!("{}: work {cost}, error {error}", dot.name));
         let _ = writeln!(
             text,
             "<circle cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"4\" class=\"{class}\"><title>{title}</title></circle>"
         );
         if dot.named {
-            let name = crate::html::escaped(&dot.name);
-            // On the right of its dot, above or below it, where no other name stands; else above.
+            let name = crate::escape::escaped(&dot.name);
+            // To the right of its dot, above or below it, where there is no other name; else above.
             let at = |dy: f64| [cx + 7.0, cy + dy, 6.5 * dot.name.len() as f64, 11.0];
             let apart = |a: [f64; 4], b: &[f64; 4]| {
                 a[0] + a[2] < b[0] || b[0] + b[2] < a[0] || (a[1] - b[1]).abs() > a[3]

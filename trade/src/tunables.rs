@@ -1,4 +1,4 @@
-//! The knobs of a graph as a search turns them: their values, and where the presets stand.
+//! The knobs of a graph for a search: their values, and the positions of the presets.
 
 use engine::{Diagnostics, Graph, KnobKind, PRESETS, Registry};
 
@@ -12,18 +12,18 @@ pub struct Tunable {
     pub parameter: &'static str,
     /// The values, as text in a graph.
     pub values: Vec<String>,
-    /// How many of them make a step of a search.
+    /// Number of values per step of a search.
     pub step: usize,
     /// The index of the value that the graph has.
     pub now: usize,
     /// The index of the value in each preset.
     pub presets: [usize; 4],
-    /// Whether it is a knob, whose values have an order.
+    /// True if it is a knob, whose values have an order.
     pub knob: bool,
 }
 
 impl Tunable {
-    /// What has a finer value than the reference, which is what everything is compared with.
+    /// The knob with a finer value than the reference, if any.
     pub fn finer_than_the_reference(&self) -> Option<String> {
         let [draft, preview, finer, reference] = self.presets;
         let all = [(draft, "`draft`"), (preview, "`preview`"), (finer, "`final`"), (self.now, "the graph")];
@@ -31,7 +31,7 @@ impl Tunable {
             all.into_iter().filter(|(at, _)| self.knob && *at > reference).max_by_key(|(at, _)| *at)?;
         let Self { node, parameter, values, .. } = self;
         Some(format!(
-            "`reference` has {node}.{parameter}={} and {name} {}: what that gains counts as error",
+            "`reference` has {node}.{parameter}={} and {name} {}: the difference counts as error",
             values[reference], values[at]
         ))
     }
@@ -52,8 +52,8 @@ pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> 
     Ok([draft?, preview?, finer?, reference?])
 }
 
-/// Whether another form of a graph has the same nodes, so that an index means the same in both; else why not. A setting
-/// of a field that varies along an axis takes the axis away from what lies below.
+/// Checks that another form of a graph has the same nodes, so that an index means the same in both; the error is
+/// the reason. Setting a field that varies along an axis removes the axis from the nodes below.
 pub fn same_nodes(graph: &Graph, form: &Graph) -> Result<(), String> {
     let ids = |graph: &Graph| graph.nodes.iter().map(|node| node.id.clone()).collect::<Vec<_>>();
     let (all, others) = (ids(graph), ids(form));
@@ -68,8 +68,8 @@ pub fn same_nodes(graph: &Graph, form: &Graph) -> Result<(), String> {
     }
 }
 
-/// The knobs above some nodes with their values, and what else the graph's own presets set there: a reference
-/// may say that a threshold or a crop should be another one. What varies along an axis stays as it is.
+/// The knobs above some nodes with their values, and other fields that the graph's own presets set there: a
+/// reference may set another threshold or crop. Fields that vary along an axis stay as they are.
 pub fn tunables(graph: &Graph, targets: &[usize], registry: &Registry) -> Result<Vec<Tunable>, Error> {
     let laid = presets(graph, registry)?;
     for (name, form) in PRESETS.iter().zip(&laid) {
@@ -129,8 +129,8 @@ pub fn tunables(graph: &Graph, targets: &[usize], registry: &Registry) -> Result
     Ok(tunables)
 }
 
-/// Adds what a search may try beside the values of the presets: half and a quarter of the least one, and of samples,
-/// whose work is most of all, what lies between two. Gives how many values make a step.
+/// Adds further values for a search: half and a quarter of the least one, and for samples, which are most of the
+/// work, values between two. Returns the number of values per step.
 fn widen(values: &mut Vec<String>, kind: KnobKind, least: f64) -> usize {
     let whole = |text: &String| text.parse::<u64>().ok();
     if values.len() < 2 || !matches!(kind, KnobKind::Samples | KnobKind::Resolution | KnobKind::Depth) {
@@ -149,12 +149,12 @@ fn widen(values: &mut Vec<String>, kind: KnobKind, least: f64) -> usize {
     2
 }
 
-/// Canonical text may write a number otherwise than a ladder does.
+/// Canonical text may format a number differently.
 fn equal(a: &str, b: &str) -> bool {
     a == b || a.parse::<f64>().is_ok_and(|a| b.parse() == Ok(a))
 }
 
-/// Puts a value where it belongs by size, which falls along some ladders; in front where it is no number.
+/// Inserts a value by size, which falls along some lists; in front if it is not a number.
 fn insert(values: &mut Vec<String>, value: &str, kind: KnobKind) {
     if values.iter().any(|known| equal(known, value)) {
         return;
@@ -184,7 +184,7 @@ mod tests {
     use super::*;
     use engine::{Source, SourceRoot};
 
-    /// A light that is looked at coarsely first.
+    /// A light with a coarse look first.
     const FITTED: &str = r#"Graph(
         version: 1, scene: (up: "+z", seed: 1), nodes: (
             demo:   DemoScene(splats: 4000, width_px: 36, height_px: 26),
@@ -203,8 +203,9 @@ mod tests {
         ),
     )"#;
 
-    // Presets turn what the light is made of and not what tells how much of it is needed, unless that is shown, too, or a
-    // preset of the graph sets it. Mutation: `LOOKS` of `fit-probe` empty; `shown_by` as `above`; `looked_at` all false.
+    // Presets turn the inputs of the light and not the coarse look that decides its size, unless that is an output,
+    // too, or a preset of the graph sets it.
+    // Mutation: `LOOKS` of `fit-probe` empty; `shown_by` as `above`; `looked_at` all false.
     #[test]
     fn what_only_looks_is_turned_by_no_preset() {
         let registry = nodes::registry();
@@ -240,7 +241,7 @@ mod tests {
         assert_eq!(with(&["None"], errors), "Some(0.2) Some(0.1) Some(0.05) None", "none may be left");
         let mut limits = vec!["0.0".to_owned()];
         ["4.0", "2.0", "16.0"].iter().for_each(|value| insert(&mut limits, value, KnobKind::Limit));
-        assert_eq!(limits, ["2.0", "4.0", "16.0", "0.0"], "0 is no limit");
+        assert_eq!(limits, ["2.0", "4.0", "16.0", "0.0"], "0 means unlimited");
         assert_eq!(with(&["4", "16", "64"], "32"), "4 16 32 64");
         assert_eq!(with(&["4", "16", "64"], "16.0"), "4 16 64");
         assert_eq!(with(&["4", "16", "64"], "100"), "4 16 64 100");
@@ -262,8 +263,8 @@ mod tests {
             knob,
         };
         assert_eq!(of(1, [0, 1, 2, 2], true).finer_than_the_reference(), None);
-        let told = of(0, [0, 0, 2, 1], true).finer_than_the_reference();
-        assert!(told.is_some_and(|t| t.contains("pano.width_px=128 and `final` 256")));
+        let reported = of(0, [0, 0, 2, 1], true).finer_than_the_reference();
+        assert!(reported.is_some_and(|t| t.contains("pano.width_px=128 and `final` 256")));
         assert!(
             of(2, [0, 0, 0, 1], true).finer_than_the_reference().is_some_and(|t| t.contains("the graph 256"))
         );

@@ -1,4 +1,4 @@
-//! `tune`: the search for settings of the knobs, and what it found in words and as JSON.
+//! `tune`: the search for settings of the knobs, and its result in words and as JSON.
 
 use engine::PRESETS;
 use serde_json::{Value, json};
@@ -11,7 +11,7 @@ use crate::plot::tick_text;
 use crate::search::{self, Goal, SearchResult, Tried, pareto, search};
 use crate::tunables::Assignment;
 
-/// What the cost of a setting is counted in.
+/// The unit of the cost of a setting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unit {
     /// Deterministic counts, weighed as rays.
@@ -30,7 +30,7 @@ impl Unit {
     }
 }
 
-/// What is searched for.
+/// The goal of a search.
 #[derive(Debug)]
 pub struct Wanted {
     /// The measure of error.
@@ -43,7 +43,7 @@ pub struct Wanted {
     pub budget: usize,
 }
 
-/// What a search found.
+/// The result of a search.
 pub struct Tuned {
     /// All settings measured.
     pub tried: Vec<Tried>,
@@ -51,13 +51,15 @@ pub struct Tuned {
     pub best: Option<usize>,
     /// The preset that reaches the goal at the least cost, or the best one within the cost.
     pub naive: Option<(&'static str, Tried)>,
-    /// What costs less than half of that preset, where the best setting does not.
+    /// Settings that cost less than half of that preset, if the best setting does not.
     pub half: Option<Below>,
-    /// Whether the search ended by itself.
+    /// True if the search finished.
     pub finished: bool,
-    /// How many settings could still have been measured.
+    /// Number of settings that could still have been measured.
     pub left: usize,
-    /// Why measuring failed, where it did.
+    /// True if the time for measuring is over.
+    pub late: bool,
+    /// The error that ended measuring, if any.
     pub wrong: Option<Error>,
 }
 
@@ -66,7 +68,7 @@ pub fn tune(bench: &mut Bench<'_>, wanted: &Wanted, each: impl FnMut(&mut Bench<
     let steps = bench.steps();
     // The first one is what others are compared with.
     let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
-    let mut measuring = Measuring { wanted, bench, left: wanted.budget, wrong: None, each };
+    let mut measuring = Measuring { wanted, bench, left: wanted.budget, late: false, wrong: None, each };
     let SearchResult { mut tried, mut best, finished } =
         search(&starts, &steps, wanted.goal, |at| measuring.measure(at));
     let naive = naive(&starts, &tried, wanted.goal);
@@ -82,16 +84,18 @@ pub fn tune(bench: &mut Bench<'_>, wanted: &Wanted, each: impl FnMut(&mut Bench<
         }
         best = search::best(&tried, wanted.goal);
     }
-    let Measuring { left, wrong, .. } = measuring;
-    Tuned { tried, best, naive, half, finished, left, wrong }
+    let Measuring { left, late, wrong, .. } = measuring;
+    Tuned { tried, best, naive, half, finished, left, late, wrong }
 }
 
 /// Measures settings, within the budget.
 struct Measuring<'t, 'e, E> {
     wanted: &'t Wanted,
     bench: &'t mut Bench<'e>,
-    /// How many may still be measured.
+    /// Number of settings that may still be measured.
     left: usize,
+    /// True if the time for measuring is over.
+    late: bool,
     wrong: Option<Error>,
     each: E,
 }
@@ -107,6 +111,10 @@ impl<E: FnMut(&mut Bench<'_>, usize)> Measuring<'_, '_, E> {
         let at = match self.bench.measure(&assignment) {
             Ok(at) => at,
             Err(Miss::Stopped) => return None,
+            Err(Miss::Late) => {
+                self.late = true;
+                return None;
+            }
             Err(Miss::Failed(why)) => {
                 self.wrong = Some(Error::Setting { setting: self.bench.name(&assignment), why });
                 return None;
@@ -131,17 +139,19 @@ impl<E: FnMut(&mut Bench<'_>, usize)> Measuring<'_, '_, E> {
 }
 
 impl Tuned {
-    /// Why the search ended; `stopped` says that the user interrupted it.
+    /// The reason why the search ended; `stopped` is true if the user interrupted it.
     pub fn ended(&self, stopped: bool) -> &'static str {
         match (self.finished, stopped) {
             (true, _) => "changing any one knob by one step does not help",
             (false, true) => "interrupted, so there may be better ones",
+            (false, false) if self.late => "the time is over, so there may be better ones",
             (false, false) if self.left == 0 => "the budget is used up, so there may be better ones",
             (false, false) => "a setting failed, so there may be better ones",
         }
     }
 
-    /// One line on the best setting beside the presets, and on why the search ended. Empty without a best setting.
+    /// One line that compares the best setting with the presets, and says why the search ended. Empty without a
+    /// best setting.
     pub fn summary(&self, wanted: &Wanted, stopped: bool) -> String {
         let Some(found) = self.best.map(|best| &self.tried[best]) else { return String::new() };
         let mut text = summary(&wanted.metric, wanted.goal, found, wanted.unit.name(), self.naive.as_ref());
@@ -153,11 +163,11 @@ impl Tuned {
         format!("{text}; {} settings measured: {}", self.tried.len(), self.ended(stopped))
     }
 
-    /// What came nearest to a goal that no setting reaches.
+    /// The setting nearest to a goal that none reaches.
     pub fn nearest(&self, wanted: &Wanted, stopped: bool) -> String {
         let least = |of: fn(&Tried) -> f64| self.tried.iter().map(of).reduce(f64::min);
         let nearest = match wanted.goal {
-            Goal::Error(_) => format!("the least error is {}", wanted.metric.told(least(|t| t.error))),
+            Goal::Error(_) => format!("the least error is {}", wanted.metric.shown(least(|t| t.error))),
             Goal::Cost(_) => {
                 let unit = wanted.unit.name();
                 let cost = tick_text(least(|t| t.cost).unwrap_or(0.0));
@@ -194,7 +204,7 @@ impl Tuned {
                 ""
             };
             let (work, seconds, error) =
-                (tick_text(point.work), tick_text(point.cpu_seconds), metric.told(Some(t.error)));
+                (tick_text(point.work), tick_text(point.cpu_seconds), metric.shown(Some(t.error)));
             rows.push(vec![mark.to_owned(), work, seconds, error, bench.name(&t.assignment)]);
         }
         rows
@@ -238,12 +248,12 @@ fn naive(starts: &[Assignment], tried: &[Tried], goal: Goal) -> Option<(&'static
     search::best(&tried, goal).map(|at| (names[at], tried[at].clone()))
 }
 
-/// What was found out of settings that cost less than half of what the preset does, and how far that holds.
+/// The result of the search for settings below half the cost of the preset, and how far it holds.
 fn none_below_half(metric: &Metric, half: &Below) -> String {
     let least = half.all.iter().map(|t| t.error).reduce(f64::min);
     let found = match least {
         Some(_) if !half.complete => {
-            let (count, least) = (half.all.len(), metric.told(least));
+            let (count, least) = (half.all.len(), metric.shown(least));
             format!(
                 "{count} settings that cost less than half of it were measured, and none reaches it (least error {least}); there \
                  may be more, for which --budget makes room"
@@ -254,7 +264,7 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
                 .to_owned()
         }
         Some(_) => {
-            let (count, least) = (half.all.len(), metric.told(least));
+            let (count, least) = (half.all.len(), metric.shown(least));
             format!(
                 "none of the {count} settings that were found to cost less than half of it reaches it (least error {least})"
             )
@@ -277,7 +287,7 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
 }
 
 fn summary(metric: &Metric, goal: Goal, found: &Tried, unit: &str, naive: Option<&(&str, Tried)>) -> String {
-    let error = metric.told(Some(found.error));
+    let error = metric.shown(Some(found.error));
     let mut text = format!("{} {error} for {} {unit}", metric.name, tick_text(found.cost));
     if let Some((name, preset)) = naive {
         match goal {
@@ -288,7 +298,7 @@ fn summary(metric: &Metric, goal: Goal, found: &Tried, unit: &str, naive: Option
                 ));
             }
             Goal::Cost(_) => {
-                let other = metric.told(Some(preset.error));
+                let other = metric.shown(Some(preset.error));
                 text.push_str(&format!("; `{name}`, the best preset within it, has {other}"));
             }
         }

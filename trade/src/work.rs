@@ -2,9 +2,9 @@
 
 use engine::Counts;
 
-/// What a count weighs, in rays: the CPU time of one beside that of a ray of `path-trace`, measured over settings by
-/// `tests/tables/weights.py`. `docs/evidence/trade.md` has what was measured and how well it predicts single nodes. What is not
-/// listed weighs nothing.
+/// Weight of a count, in rays: its CPU time relative to that of a ray of `path-trace`, measured over settings by
+/// `tests/tables/weights.py`. `docs/evidence/trade.md` has the measurements and how well they predict single nodes.
+/// Other counts have no weight.
 const WEIGHTS: [(&str, f64); 7] = [
     ("rays", 1.0),
     ("splat_tile_pairs", 0.4),

@@ -1,8 +1,7 @@
-//! Axes: one node, many values.
+//! Axes: one node with many values.
 //!
-//! `axes: (yaw: List([0.0, 15.0]))` names values, `yaw_deg: Axis("yaw")` reads them. Wherever such a call
-//! stands in the text of a field, the text of the value takes its place, and the field is read once for
-//! each point; see [`crate::expand`].
+//! `axes: (yaw: List([0.0, 15.0]))` defines the values and `yaw_deg: Axis("yaw")` reads them. Each such call in a
+//! field is replaced by the text of a value, and the field is read once per point; see `expand`.
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -11,6 +10,7 @@ use std::ops::Range;
 use ron::value::RawValue;
 use serde::Deserialize;
 
+use crate::graph::axis_names::Padding;
 use crate::text::diag::{Diagnostic, nearest, shown};
 use crate::text::document::RawField;
 use crate::text::subgraph::calls;
@@ -20,27 +20,27 @@ use crate::text::values::parse_value;
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Axis<'t> {
     pub name: &'t str,
-    /// RON texts.
+    /// Values as RON.
     pub values: Vec<String>,
-    /// The digits of the longest value, where all of them are whole numbers without a sign.
-    pub digits: Option<usize>,
+    /// Padding of the values in file names.
+    pub padding: Option<Padding>,
 }
 
-/// An axis may have so many values.
+/// Maximum number of values of an axis.
 const MOST_VALUES: usize = 100_000;
 
-/// How the values are written.
+/// The notation of the values.
 #[derive(Deserialize)]
 enum Values<'t> {
-    /// From a number up to another one, which is left out, in steps of 1 or another number.
+    /// Start, end (exclusive) and step (1 by default).
     Range(f64, f64, #[serde(default)] Option<f64>),
-    /// One by one.
+    /// A list of values.
     #[serde(borrow)]
     List(Vec<&'t RawValue>),
 }
 
 impl<'t> Axis<'t> {
-    /// Reads one entry of the `axes` block.
+    /// Parses an entry of the `axes` block.
     pub fn read(field: &RawField<'t>) -> Result<Self, Diagnostic> {
         let wrong = |message: String| {
             Diagnostic::new(field.span.clone(), message)
@@ -56,7 +56,7 @@ impl<'t> Axis<'t> {
             }
             Ok(Values::Range(from, to, step)) => range(from, to, step.unwrap_or(1.0))
                 .map_err(|why| wrong(format!("`{}` {why}", field.name)))?,
-            Err(_) => return Err(wrong(format!("`{}` is no axis: {}", field.name, shown(field.text)))),
+            Err(_) => return Err(wrong(format!("`{}` is not an axis: {}", field.name, shown(field.text)))),
         };
         let values: Vec<String> = values;
         if values.is_empty() || values.len() > MOST_VALUES {
@@ -69,34 +69,30 @@ impl<'t> Axis<'t> {
         Ok(Self::new(field.name, values))
     }
 
-    /// Stands for one that could not be read, so that its name is known.
+    /// A placeholder for an axis that could not be parsed, so that its name is known.
     pub fn broken(name: &'t str) -> Self {
-        Self { name, values: Vec::new(), digits: None }
+        Self { name, values: Vec::new(), padding: None }
     }
 
-    /// Whether it could be read.
+    /// True if the axis could be parsed.
     pub fn is_whole(&self) -> bool {
         !self.values.is_empty()
     }
 
     fn new(name: &'t str, values: Vec<String>) -> Self {
-        let is_whole = |text: &String| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-        let longest = values.iter().map(String::len).max();
-        let digits = longest.filter(|_| values.iter().all(is_whole));
-        Self { name, values, digits }
+        let padding = Padding::of(&values);
+        Self { name, values, padding }
     }
 }
 
-/// The values of a range, as text: whole numbers where all of it is whole.
+/// The values of a range as text: whole numbers if start and step are whole.
 fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
     if ![from, to, step].iter().all(|number| number.is_finite()) || step == 0.0 {
-        return Err("is no range: its numbers are finite, and its step is not 0".to_owned());
+        return Err("is not a valid range: its numbers must be finite and its step must not be 0".to_owned());
     }
     let count = ((to - from) / step).ceil();
     if count < 1.0 {
-        return Err(format!(
-            "has no value: steps of {step} lead nowhere from {from} to {to}, which is left out"
-        ));
+        return Err(format!("has no values: steps of {step} from {from} do not approach {to} (exclusive)"));
     }
     if count > MOST_VALUES as f64 {
         return Err(format!("has more than {MOST_VALUES} values"));
@@ -109,19 +105,20 @@ fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
     Ok((0..count as usize).map(text).collect())
 }
 
-/// What may stand in a field in place of a value.
+/// A call in a field in place of a value.
 #[derive(Deserialize)]
 enum Call<'t> {
     /// The value of an axis.
     Axis(#[serde(borrow)] Cow<'t, str>),
-    /// A value between those given at places of an axis: (place, number or numbers), places ascending.
+    /// Interpolates between keys (axis value, number or numbers) in ascending order.
     Track(Cow<'t, str>, #[serde(borrow)] Vec<(f64, &'t RawValue)>),
 }
 
-/// What reads an axis.
+/// The names of the calls.
 const CALLS: [&str; 2] = ["Axis", "Track"];
 
-/// The axes that the text of a field reads, by index, or what is wrong with its calls. The field stands at `span`.
+/// The axes that the text of a field reads, by index, or the mistake in one of its calls. `span` is the place of
+/// the field.
 pub(crate) fn axes_read(
     text: &str,
     span: &Range<usize>,
@@ -129,12 +126,12 @@ pub(crate) fn axes_read(
 ) -> Result<Vec<usize>, Diagnostic> {
     let mut read = Vec::new();
     for call in calls(text, &CALLS) {
-        // Where values took the places of parameters, the text stands nowhere as it is.
+        // If parameters were replaced by values, the text itself is not in the file.
         let as_written = text.len() == span.len();
         let place = if as_written { span.start + call.start..span.start + call.end } else { span.clone() };
         let text = &text[call];
         let call = parse_value::<Call<'_>>(text).map_err(|_| {
-            Diagnostic::new(place.clone(), format!("`{}` is not how an axis is read", shown(text)))
+            Diagnostic::new(place.clone(), format!("`{}` does not read an axis", shown(text)))
                 .hint("write `Axis(\"yaw\")`, or `Track(\"frame\", [(0, 1.0), (11, 2.5)])`")
         })?;
         let (Call::Axis(name) | Call::Track(name, _)) = &call;
@@ -142,7 +139,7 @@ pub(crate) fn axes_read(
             let mistake = Diagnostic::new(place, format!("the graph has no axis `{}`", shown(name)));
             return Err(match nearest(name, axes.iter().map(|axis| axis.name)) {
                 Some(near) => mistake.hint(format!("did you mean `{near}`?")),
-                None => mistake.hint("axes stand beside `nodes`: `axes: (yaw: List([0.0, 15.0]))`"),
+                None => mistake.hint("axes are declared next to `nodes`: `axes: (yaw: List([0.0, 15.0]))`"),
             });
         };
         if let Call::Track(_, keys) = &call
@@ -157,7 +154,7 @@ pub(crate) fn axes_read(
     Ok(read)
 }
 
-/// The text of a field where each axis has the value that `at` gives.
+/// The text of a field with each axis replaced by the value with index `at(axis)`.
 pub(crate) fn at_point<'t>(text: &'t str, axes: &[Axis<'_>], at: impl Fn(usize) -> usize) -> Cow<'t, str> {
     let calls = calls(text, &CALLS);
     if calls.is_empty() {
@@ -168,7 +165,7 @@ pub(crate) fn at_point<'t>(text: &'t str, axes: &[Axis<'_>], at: impl Fn(usize) 
     for span in calls {
         out.push_str(&text[end..span.start]);
         end = span.end;
-        // What cannot be read was reported when the axes of the field were asked for.
+        // Mistakes in calls were reported by `axes_read`.
         let value = parse_value::<Call<'_>>(&text[span]).ok().and_then(|call| {
             let (Call::Axis(name) | Call::Track(name, _)) = &call;
             let index = axes.iter().position(|axis| axis.name == name)?;
@@ -184,7 +181,7 @@ pub(crate) fn at_point<'t>(text: &'t str, axes: &[Axis<'_>], at: impl Fn(usize) 
     Cow::Owned(out)
 }
 
-/// The value of a track at a place, linear between its keys and level before the first and after the last.
+/// The value of a track: linear between keys, constant before the first and after the last.
 fn track(keys: &[(f64, &RawValue)], place: &str) -> Result<String, String> {
     let place: f64 = place.parse().map_err(|_| format!("a track needs an axis of numbers, not {place}"))?;
     let keys: Vec<(f64, Vec<f64>)> = keys
@@ -196,7 +193,7 @@ fn track(keys: &[(f64, &RawValue)], place: &str) -> Result<String, String> {
         || keys.windows(2).any(|pair| pair[0].0 >= pair[1].0 || pair[0].1.len() != pair[1].1.len())
     {
         return Err(
-            "the places of a track ascend, and its values are all numbers or all of one length".to_owned()
+            "the keys of a track must be in ascending order, and its values all numbers or all of the same length".to_owned()
         );
     }
     let after = keys.partition_point(|(at, _)| *at <= place);
@@ -208,14 +205,14 @@ fn track(keys: &[(f64, &RawValue)], place: &str) -> Result<String, String> {
         }
         (None, None) => Vec::new(),
     };
-    // Whole numbers fit fields of both sorts.
+    // Whole numbers are valid for integer and float fields.
     let whole = |value: &f64| value.fract() == 0.0 && value.abs() < 1e15;
     let text = |value: &f64| if whole(value) { format!("{value:.0}") } else { format!("{value:?}") };
     let texts: Vec<String> = values.iter().map(text).collect();
     Ok(if texts.len() == 1 { texts.concat() } else { format!("({})", texts.join(", ")) })
 }
 
-/// A number, or several in parentheses.
+/// Parses a number, or several in parentheses.
 fn numbers(text: &str) -> Option<Vec<f64>> {
     let text = text.trim();
     let finite = |numbers: &Vec<f64>| !numbers.is_empty() && numbers.iter().all(|number| number.is_finite());
@@ -256,14 +253,14 @@ mod tests {
             ("Range(0, 0)", "has no value: steps of 1 lead nowhere from 0 to 0"),
             ("Range(4, 0)", "has no value"),
             ("Range(0, 1e9)", "has more than 100000 values"),
-            ("Range(0, NaN)", "is no range"),
+            ("Range(0, NaN)", "is not a valid range"),
             ("Range(0, 1, 0)", "its step is not 0"),
             ("Range(0, inf, 1)", "its numbers are finite"),
         ] {
             assert!(values(text).is_err_and(|why| why.contains(wanted)), "{text}");
         }
         for text in ["3", "Range(0)", "List(1)", "Rnge(0, 3)"] {
-            assert!(values(text).is_err_and(|why| why.contains("is no axis")), "{text}");
+            assert!(values(text).is_err_and(|why| why.contains("is not an axis")), "{text}");
         }
         assert!(values("List([])").is_err_and(|why| why.contains("has 0 values")));
         assert!(values("List([1, 2, 1])").is_err_and(|why| why.contains("has the value 1 twice")));
@@ -294,7 +291,7 @@ mod tests {
         let wrong = |text| read(text).expect_err(text);
         assert_eq!(wrong("(1, Axis(\"yow\"))").span, 9..20);
         assert!(wrong("Axis(\"yow\")").hints[0].contains("did you mean `yaw`?"));
-        assert!(wrong("Axis(yaw)").message.contains("is not how an axis is read"));
+        assert!(wrong("Axis(yaw)").message.contains("does not read an axis"));
         assert!(wrong("Track(\"file\", [(0, 1)])").message.contains("needs an axis of numbers"));
         assert!(wrong("Track(\"frame\", [])").message.contains("ascend"));
         assert!(wrong("Track(\"frame\", [(1, 1), (1, 2)])").message.contains("ascend"));

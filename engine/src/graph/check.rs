@@ -1,43 +1,32 @@
-//! Checking a graph: kinds known, parameters in range, files there, all mistakes at once. Wires are in `wires`.
+//! The check of a graph: kinds, parameters and files. Wires are checked in `wires`. All mistakes are reported
+//! together.
 
-use crate::graph::checker::Check;
-use crate::graph::checker::Field;
-use crate::graph::checker::at_each;
-use crate::graph::graph::Graph;
-use crate::graph::graph::Parts;
-use crate::graph::lazy::FieldPlaces;
-use crate::graph::order::describe_cycle;
-use crate::graph::order::order_of;
-use crate::text::diag::Diagnostics;
-use crate::text::include::parse_all;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
 use crate::graph::axis::{Axis, axes_read};
-use crate::graph::checker::{GATHER, Template};
-use crate::graph::lazy::Places;
+use crate::graph::check_params::places;
+use crate::graph::checker::{Check, GATHER, Template, at_each};
+use crate::graph::graph::{Graph, Parts};
 use crate::graph::node::Node;
-use crate::graph::order::Wiring;
-use crate::kind::context::{Scene, Up};
+use crate::graph::order::{Wiring, describe_cycle, order_of};
 use crate::kind::fields::Fields;
 use crate::kind::param_type::Role;
-use crate::kind::registry::{KindEntry, Registry, Step};
-use crate::text::diag::{Code, Diagnostic, shown};
+use crate::kind::registry::{KindEntry, Registry};
+use crate::kind::scene::{Scene, Up};
+use crate::text::diag::{Code, Diagnostic, Diagnostics, shown};
 use crate::text::document::{Document, RawField, RawNode, RawScene};
-use crate::text::include::outside;
+use crate::text::include::parse_all;
 use crate::text::source::Source;
-use crate::text::source::folder_of;
-use crate::text::subgraph::{in_place, strings};
 use crate::text::syntax::twice;
-use crate::value::root::InputFile;
 use crate::value::root::SourceRoot;
 
-/// What the `scene` block may hold.
-pub(crate) const SCENE_FIELDS: [&str; 3] = ["up", "metres_per_unit", "seed"];
+/// The fields of the `scene` block.
+pub(crate) const SCENE_FIELDS: [&str; 4] = ["up", "metres_per_unit", "seed", "exhaustive"];
 
 impl<'t, 'a> Check<'t, 'a> {
-    /// What stands beside the nodes.
+    /// Checks everything except the nodes.
     pub fn document(&mut self, document: &'a Document<'t>) -> Option<Scene> {
         let whole = 0..self.text.len().min(1);
         let versions = document.others.iter().filter_map(|(version, _)| version.as_ref());
@@ -48,7 +37,7 @@ impl<'t, 'a> Check<'t, 'a> {
         }
         if document.version.is_none() && document.whole {
             self.report(
-                Diagnostic::of(Code::Missing, whole.clone(), "the graph does not state its version")
+                Diagnostic::of(Code::Missing, whole.clone(), "the graph has no `version`")
                     .hint("begin it with `version: 1,`"),
             );
         }
@@ -66,7 +55,7 @@ impl<'t, 'a> Check<'t, 'a> {
                 "add `nodes: (name: Kind(field: value, ..), ..)`; `lightharmony nodes` lists the kinds",
             ));
         }
-        // The one that counts may be that of another file, too.
+        // The scene in use may come from an included file, which is checked once.
         let own = document.scene.as_ref().map(|scene| &scene.span);
         for scene in document.others.iter().filter_map(|(_, scene)| scene.as_ref()) {
             if Some(&scene.span) != own {
@@ -84,7 +73,7 @@ impl<'t, 'a> Check<'t, 'a> {
         self.scene(scene)
     }
 
-    /// Reads one `scene` block.
+    /// Checks a `scene` block.
     fn scene(&mut self, RawScene { span, fields }: &RawScene<'t>) -> Option<Scene> {
         let before = self.diagnostics.len();
         for field in fields {
@@ -97,7 +86,7 @@ impl<'t, 'a> Check<'t, 'a> {
                         format!("`scene` has no field `{}`", field.name),
                     )
                     .suggest(field.name, known)
-                    .hint("it has `up`, `metres_per_unit` and `seed`"),
+                    .hint("it has `up`, `metres_per_unit`, `seed` and `exhaustive`"),
                 );
             }
         }
@@ -106,13 +95,14 @@ impl<'t, 'a> Check<'t, 'a> {
         let up: Option<Up> = fields.parameter("up", None, None);
         let metres_per_unit = fields.parameter("metres_per_unit", Some(1.0), Some((1e-9, 1e9)));
         let seed = fields.parameter("seed", Some(0_u64), None);
+        let exhaustive = fields.parameter("exhaustive", Some(false), None);
         if self.diagnostics.len() > before {
             return None;
         }
-        Some(Scene { up: up?, metres_per_unit: metres_per_unit?, seed: seed? })
+        Some(Scene { up: up?, metres_per_unit: metres_per_unit?, seed: seed?, exhaustive: exhaustive? })
     }
 
-    /// The nodes that are right, and which reads which, of all of them.
+    /// Checks the nodes. Returns those without mistakes, and the wiring of all.
     pub fn nodes(&mut self, raw: &'a [RawNode<'t>]) -> (Vec<Option<Template<'a, 't>>>, Wiring) {
         for (index, node) in raw.iter().enumerate() {
             if let Some(&first) = self.ids.get(&*node.id) {
@@ -140,7 +130,7 @@ impl<'t, 'a> Check<'t, 'a> {
         for ((node, kind), reads) in raw.iter().zip(&kinds).zip(&mut wiring) {
             let before = self.mistakes();
             templates.push(kind.as_ref().and_then(|kind| self.node(node, kind, &kinds, reads)));
-            self.tell_use(node, before);
+            self.add_use(node, before);
         }
         self.sink_paths(&templates);
         (templates, wiring)
@@ -171,7 +161,14 @@ impl<'t, 'a> Check<'t, 'a> {
         reads: &mut Vec<(usize, Range<usize>)>,
     ) -> Option<Template<'a, 't>> {
         let before = self.diagnostics.len();
+        let former = former_fields(raw, kind);
+        for (_, former) in &former {
+            self.report(former.clone());
+        }
         for (index, field) in raw.fields.iter().enumerate() {
+            if former.iter().any(|(fields, _)| fields.contains(&field.name)) {
+                continue;
+            }
             let names = || kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
             if !names().any(|name| name == field.name) {
                 let message = format!("`{}` has no field `{}`", kind.camel_name(), shown(field.name));
@@ -192,6 +189,9 @@ impl<'t, 'a> Check<'t, 'a> {
         let mut own = Vec::new();
         for field in &raw.fields {
             let Some(param) = kind.params.iter().find(|param| param.name == field.name) else {
+                if former.iter().any(|(fields, _)| fields.contains(&field.name)) {
+                    continue;
+                }
                 if let Ok(1..) = axes_read(field.text, &field.span, &self.axes).map(|axes| axes.len()) {
                     self.report(Diagnostic::new(field.span.clone(), "a wire cannot run along an axis"));
                 }
@@ -210,7 +210,7 @@ impl<'t, 'a> Check<'t, 'a> {
         for (index, port) in kind.inputs.iter().enumerate() {
             inputs.push(self.wires(raw, kind, (index, port), kinds, reads, &mut gathers));
         }
-        // What an axis that could not be read gives is not known.
+        // The values of an axis with a mistake are unknown.
         if !own.iter().all(|&axis| self.axes[axis].is_whole()) {
             return None;
         }
@@ -230,43 +230,14 @@ impl<'t, 'a> Check<'t, 'a> {
             sink_path,
             point: Vec::new(),
             span: raw.id_span.start..raw.span.end,
-            places: Places::Read(places),
-            step: step.into(),
+            places,
+            step,
         };
         (self.mistakes() == before).then_some(Template { node, raw, fields, own, gathers })
     }
 
-    /// What a node does, where it writes, and where its fields stand, of a node of known fields in a graph without
-    /// axes. Its wires are not looked at.
-    pub fn alone(
-        &mut self,
-        raw: &RawNode<'t>,
-        kind: &Arc<KindEntry>,
-    ) -> Option<(Arc<dyn Step>, Option<String>, FieldPlaces)> {
-        let mut fields = Vec::with_capacity(raw.fields.len());
-        for field in &raw.fields {
-            if let Some(param) = kind.params.iter().find(|param| param.name == field.name) {
-                fields.push(self.field(field, param.role == Role::Input).ok()?.0);
-            }
-        }
-        let (step, sink_path) = self.step(raw, kind, &fields)?;
-        Some((step, sink_path, places(raw, kind, &fields)))
-    }
-
-    /// A parameter as it is read, and the axes that it runs along.
-    fn field(&self, raw: &RawField<'t>, is_path: bool) -> Result<(Field<'t>, Vec<usize>), Diagnostic> {
-        let folder_at = |offset: usize| {
-            let index = self.pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
-            folder_of(&self.pieces[index])
-        };
-        let folders: Option<&dyn Fn(usize) -> &'t str> = if is_path { Some(&folder_at) } else { None };
-        let (text, span) = in_place(raw, self.scopes, folders)?;
-        let axes = axes_read(&text, &span, &self.axes)?;
-        Ok((Field { name: raw.name, text, span }, axes))
-    }
-
-    /// Mistakes in a subgraph are said to come of its use, and those in what it is given, where that is read.
-    fn tell_use(&mut self, node: &RawNode<'t>, before: usize) {
+    /// Adds the use of the subgraph to mistakes inside it, and the place of reading to mistakes in given values.
+    fn add_use(&mut self, node: &RawNode<'t>, before: usize) {
         let scope = &self.scopes[node.scope];
         let Some((used, _)) = &scope.used else { return };
         for mistake in &mut self.diagnostics[before..] {
@@ -279,152 +250,13 @@ impl<'t, 'a> Check<'t, 'a> {
             mistake.related.push((place, what));
         }
     }
-
-    /// Reads the parameters of a node, the values of axes in place: what it does and where it writes.
-    pub fn step(
-        &mut self,
-        raw: &RawNode<'t>,
-        kind: &Arc<KindEntry>,
-        fields: &[Field<'_>],
-    ) -> Option<(Arc<dyn Step>, Option<String>)> {
-        let texts: Vec<RawField<'_>> = fields
-            .iter()
-            .map(|field| RawField { span: field.span.clone(), ..RawField::plain(field.name, &field.text) })
-            .collect();
-        let before = self.diagnostics.len();
-        let step = (kind.read)(&mut Fields {
-            fields: &texts,
-            node_span: raw.kind_span.clone(),
-            kind: raw.kind,
-            diagnostics: self.diagnostics,
-        });
-        let mistaken: Vec<Range<usize>> =
-            self.diagnostics[before..].iter().map(|one| one.span.clone()).collect();
-        for param in kind.params.iter().filter(|param| param.role == Role::Input) {
-            // What is no value of the field names no file either.
-            let sound = |field: &&Field<'_>| {
-                field.name == param.name && !mistaken.iter().any(|span| field.span.contains(&span.start))
-            };
-            if let Some(field) = fields.iter().find(sound) {
-                // Said of the first file only: one sentence tells where all of them are.
-                let mut supplied = kind.supplied;
-                for (path, _) in strings(&field.text) {
-                    self.source(kind, field, path, &mut supplied);
-                }
-            }
-        }
-        let step = step?;
-        let mut sink_path = None;
-        if let Some(param) = kind.sink_param() {
-            step.visit(&mut |name, value| {
-                if name == param.name {
-                    sink_path = value.paths().first().map(|path| (*path).to_owned());
-                }
-            });
-        }
-        if let Err(error) = step.check() {
-            let place =
-                |name: &str| fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
-            let span = error.field.and_then(place).unwrap_or(raw.kind_span.clone());
-            let mut diagnostic = Diagnostic::of(Code::Parameters, span, error.message());
-            diagnostic.hints.extend(error.hint);
-            self.report(diagnostic);
-        }
-        Some((step, sink_path))
-    }
-
-    /// A file that a field names must be there, and be one. Where it is not, `supplied` says where it is to be had.
-    fn source(&mut self, kind: &KindEntry, field: &Field<'_>, path: String, supplied: &mut Option<&str>) {
-        let file = self.root.file(&InputFile(path.clone()));
-        let place = field.span.clone();
-        if self.root.is_outside(&file) {
-            self.report(outside(&path, place));
-        } else if !file.path.exists() {
-            let mut diagnostic = Diagnostic::of(Code::MissingFile, place, format!("`{path}` does not exist"))
-                .label(format!("looked for {}", file.path.display()))
-                .hint("paths are relative to the folder of the file that names them");
-            diagnostic.hints.extend(supplied.take().map(str::to_owned));
-            self.report(diagnostic);
-        } else if !kind.folders && file.path.is_dir() {
-            let what = format!("`{path}` is a folder; `{}` reads a file", kind.camel_name());
-            self.report(Diagnostic::of(Code::MissingFile, place, what));
-        }
-        self.files.push(file.path);
-    }
-
-    fn sink_paths(&mut self, templates: &[Option<Template<'_, 't>>]) {
-        let mut seen: BTreeMap<String, &Node> = BTreeMap::new();
-        for Template { node, .. } in templates.iter().flatten() {
-            let Some(path) = &node.sink_path else { continue };
-            if let Err(why) = check_sink_path(path, &self.axes) {
-                self.report(Diagnostic::of(
-                    Code::OutputPath,
-                    node.place(Some("path")),
-                    format!("cannot write to `{path}`: {why}"),
-                ));
-                continue;
-            }
-            let plain =
-                path.split('/').filter(|part| !matches!(*part, "" | ".")).collect::<Vec<_>>().join("/");
-            if let Some(first) = seen.get(&plain) {
-                self.report(
-                    Diagnostic::of(
-                        Code::OutputPath,
-                        node.place(Some("path")),
-                        format!("two sinks write to `{path}`"),
-                    )
-                    .label(format!("`{}`", node.id))
-                    .related(first.place(Some("path")), format!("`{}`", first.id)),
-                );
-            } else {
-                seen.insert(plain, node);
-            }
-        }
-    }
-}
-
-/// Where the fields of a node stand: parameters where their value is written, wires where they are.
-fn places(raw: &RawNode<'_>, kind: &KindEntry, fields: &[Field<'_>]) -> FieldPlaces {
-    let place = |name: &'static str| {
-        let param = fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
-        let wire = || raw.fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
-        Some((name, param.or_else(wire)?))
-    };
-    let names = kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
-    names.filter_map(place).collect()
-}
-
-/// Sinks write under the output folder and nowhere else.
-fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
-    use std::path::Component;
-    if path.is_empty() || path.ends_with('/') {
-        return Err("it names no file");
-    }
-    let mut plain = path.replace("{view}", "");
-    for axis in axes {
-        plain = plain.replace(&format!("{{{}}}", axis.name), "");
-    }
-    if plain.contains(['{', '}']) {
-        return Err("the only placeholders are `{view}`, the name of the view, and the names of axes");
-    }
-    // They would mean something else on another system.
-    if path.contains(['\\', ':']) || path.chars().any(char::is_control) {
-        return Err("write `/` between folders, and no `\\` or `:`");
-    }
-    for part in std::path::Path::new(path).components() {
-        match part {
-            Component::Normal(_) | Component::CurDir => {}
-            Component::ParentDir => return Err("`..` could lead out of the output folder"),
-            Component::RootDir | Component::Prefix(_) => {
-                return Err("it must be relative to the output folder");
-            }
-        }
-    }
-    Ok(())
 }
 
 impl Graph {
-    /// Reads and checks a graph file, whose paths are relative to `folder`.
+    /// Parses and checks a graph file. Paths are relative to the folder of `root`.
+    ///
+    /// # Errors
+    /// All mistakes in the graph.
     pub fn parse(source: Source, registry: &Registry, root: SourceRoot) -> Result<Self, Diagnostics> {
         let joined = source.clone();
         let mut diagnostics = Vec::new();
@@ -459,6 +291,29 @@ impl Graph {
             _ => Err(Diagnostics { files, ..Diagnostics::new(source, diagnostics) }),
         }
     }
+}
+
+/// The parameters of former versions among the fields of a node, each group with what to write instead of it.
+fn former_fields(raw: &RawNode<'_>, kind: &KindEntry) -> Vec<(&'static [&'static str], Diagnostic)> {
+    let texts: Vec<(&str, &str)> = raw.fields.iter().map(|field| (field.name, field.text)).collect();
+    let mut found: Vec<(&'static [&'static str], Diagnostic)> = Vec::new();
+    for field in &raw.fields {
+        let known = kind.params.iter().any(|param| param.name == field.name)
+            || found.iter().any(|(fields, _)| fields.contains(&field.name));
+        let Some(former) = (!known).then(|| (kind.former)(field.name, &texts)).flatten() else { continue };
+        let written: Vec<String> = texts
+            .iter()
+            .filter(|(name, _)| former.fields.contains(name))
+            .map(|(name, _)| format!("`{name}`"))
+            .collect();
+        let version = format!("`{}` {}", kind.name, former.last);
+        let message = format!("`{}` no longer has {}", kind.camel_name(), written.join(", "));
+        let mistake = Diagnostic::of(Code::UnknownField, field.name_span.clone(), message)
+            .label(former.instead)
+            .hint(format!("a recipe or bundle that has it runs in a program with {version} or earlier"));
+        found.push((former.fields, mistake));
+    }
+    found
 }
 
 fn wiring_of(node: &Arc<Node>) -> Vec<(usize, Range<usize>)> {

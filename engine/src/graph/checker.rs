@@ -1,4 +1,4 @@
-//! The state of the check of one graph: what is known so far, and the mistakes.
+//! State of the check of one graph.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -11,13 +11,13 @@ use crate::graph::node::Node;
 use crate::kind::registry::Registry;
 use crate::text::diag::Diagnostic;
 use crate::text::document::{Document, RawNode, Scope};
-use crate::text::source::{Piece, Source};
+use crate::text::source::Source;
 use crate::value::root::SourceRoot;
 
-/// The check of one graph.
+/// The check of a graph: what is known so far, and the mistakes.
 pub(crate) struct Check<'t, 'a> {
     pub text: &'t str,
-    pub pieces: Vec<Piece<'t>>,
+    pub source: &'t Source,
     pub registry: &'a Registry,
     pub root: &'a SourceRoot,
     pub diagnostics: &'a mut Vec<Diagnostic>,
@@ -27,15 +27,15 @@ pub(crate) struct Check<'t, 'a> {
     pub broken: HashSet<&'a str>,
     /// The files that nodes name.
     pub files: Vec<PathBuf>,
-    /// What the graph runs along.
+    /// The axes of the graph.
     pub axes: Arc<[Axis<'t>]>,
     pub gathers: HashMap<usize, Gather>,
-    /// Wires to nodes that do not exist, so far.
-    pub strangers: usize,
+    /// Number of wires so far that lead to missing nodes.
+    pub missing_nodes: usize,
 }
 
 impl<'t, 'a> Check<'t, 'a> {
-    /// Mistakes go to `diagnostics`.
+    /// A check that adds mistakes to `diagnostics`.
     pub fn new(
         source: &'t Source,
         registry: &'a Registry,
@@ -45,7 +45,7 @@ impl<'t, 'a> Check<'t, 'a> {
     ) -> Self {
         Self {
             text: &source.text,
-            pieces: source.pieces(),
+            source,
             registry,
             root,
             diagnostics,
@@ -56,7 +56,7 @@ impl<'t, 'a> Check<'t, 'a> {
             files: Vec::new(),
             axes: Arc::new([]),
             gathers: HashMap::new(),
-            strangers: 0,
+            missing_nodes: 0,
         }
     }
 
@@ -64,27 +64,27 @@ impl<'t, 'a> Check<'t, 'a> {
         self.diagnostics.push(diagnostic);
     }
 
-    /// How many mistakes were found.
+    /// Number of mistakes found so far.
     pub fn mistakes(&self) -> usize {
         self.diagnostics.len()
     }
 
-    /// Whether a node of the file may be several, or none.
+    /// True if the graph has axes or gathers, so that a node of the file may become several or none.
     pub fn is_multiple(&self) -> bool {
         !self.axes.is_empty() || !self.gathers.is_empty()
     }
 }
 
-/// A field with values in place of the parameters that it reads.
+/// A field with its parameters replaced by their values.
 #[derive(Clone)]
 pub(crate) struct Field<'t> {
     pub name: &'t str,
     pub text: Cow<'t, str>,
-    /// Where it stands, or the value that is all of it.
+    /// Place of the field, or of the value if the field consists of one parameter.
     pub span: Range<usize>,
 }
 
-/// The fields of a node where each axis has the value that `at` gives.
+/// The fields of a node with each axis replaced by the value with index `at(axis)`.
 pub(crate) fn at_each<'f>(
     fields: &'f [Field<'_>],
     axes: &[Axis<'_>],
@@ -97,27 +97,27 @@ pub(crate) fn at_each<'f>(
     fields.iter().map(here).collect()
 }
 
-/// A node as written, read at the first value of each axis.
+/// A node of the file before it is expanded along axes, read at the first value of each axis.
 pub(crate) struct Template<'r, 't> {
-    /// Its wires lead to templates, by the index of their node in the file.
+    /// The node. Its wires refer to templates by index.
     pub node: Node,
     pub raw: &'r RawNode<'t>,
-    /// Its parameters as they are read.
+    /// Its parameters, with axis calls in place.
     pub fields: Vec<Field<'t>>,
-    /// The axes that its own fields read.
+    /// The axes that its fields read.
     pub own: Vec<usize>,
-    /// The axes that a wire gathers, by its port and its place there.
+    /// The axes gathered by a wire, by port and position in the port.
     pub gathers: BTreeMap<(usize, usize), Vec<usize>>,
 }
 
-/// `Gather(input: "node.port", over: "axis")`, whose wires are those to every instance of the node.
+/// `Gather(input: "node.port", over: "axis")`: wires to all instances of a node.
 pub(crate) struct Gather {
-    /// Whose output, by the index of the node in the file.
+    /// Index of the gathered node in the file.
     pub node: usize,
     pub output: Option<String>,
-    /// Along which axes, the last running fastest.
+    /// The gathered axes; the last one varies fastest.
     pub over: Vec<usize>,
 }
 
-/// The kind that is none.
+/// Name of the pseudo-kind `Gather`.
 pub(crate) const GATHER: &str = "Gather";

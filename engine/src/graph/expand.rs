@@ -1,16 +1,14 @@
-//! Instances: a node for each point of the axes that it or its inputs read, and for no others.
+//! Expands nodes along axes: one instance per point of the axes that the node or its inputs read.
 //!
-//! `Gather(input: "final", over: "frame")` is no node but a name for many wires: one to each instance of
-//! `final` along the axis. What reads a gather so depends on the axis no more.
+//! `Gather(input: "final", over: "frame")` is not a node but a name for many wires: one to each instance of `final`
+//! along the axis. What reads a gather therefore does not depend on the axis.
 
-use crate::graph::checker::GATHER;
-use crate::graph::checker::Gather;
-use crate::graph::checker::Template;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::graph::axis::Axis;
-use crate::graph::checker::{Check, at_each};
+use crate::graph::axis_names::{file_text, is_held, with_value};
+use crate::graph::checker::{Check, GATHER, Gather, Template, at_each};
 use crate::graph::node::{Node, Wire};
 use crate::graph::wires::{End, wire_names};
 use crate::text::diag::{Diagnostic, shown};
@@ -18,16 +16,15 @@ use crate::text::document::RawNode;
 use crate::text::include::parse_all;
 use crate::text::source::Source;
 use crate::text::values::parse_value;
-use crate::value::files::plain_name;
 use crate::value::root::SourceRoot;
 
-/// What all axes together may ask for.
+/// Maximum number of instances of all nodes.
 const MOST_INSTANCES: usize = 1_000_000;
 
-/// The points of some axes, the last axis running fastest.
+/// The points of some axes. The last axis varies fastest.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Grid {
-    /// (axis, number of its values), ascending.
+    /// (axis, number of values), ascending.
     axes: Vec<(usize, usize)>,
 }
 
@@ -42,12 +39,12 @@ impl Grid {
         self.axes.iter().any(|(known, _)| *known == axis)
     }
 
-    /// How many points; `None` for more than can be counted.
+    /// Number of points; `None` on overflow.
     fn len(&self) -> Option<usize> {
         self.axes.iter().try_fold(1_usize, |product, (_, size)| product.checked_mul(*size))
     }
 
-    /// The value of each axis at a point.
+    /// The index of the value of each axis at a point.
     fn point(&self, mut index: usize) -> Vec<(usize, usize)> {
         let mut point: Vec<(usize, usize)> = self.axes.clone();
         for (_, value) in point.iter_mut().rev() {
@@ -58,7 +55,7 @@ impl Grid {
         point
     }
 
-    /// The point where each axis has the value that `at` gives.
+    /// The point at which each axis has the value with index `at(axis)`.
     fn index(&self, at: impl Fn(usize) -> usize) -> usize {
         self.axes.iter().fold(0, |index, (axis, size)| index * size + at(*axis))
     }
@@ -69,7 +66,7 @@ fn value_at(point: &[(usize, usize)], axis: usize) -> usize {
 }
 
 impl Source {
-    /// What a `Gather` of this name gathers, as it is written; `None` where there is no such gather.
+    /// The `input` of the `Gather` with this name; `None` if it does not exist.
     pub fn gathered(&self, name: &str) -> Option<String> {
         let document = parse_all(self, &SourceRoot::new(""), &mut Vec::new());
         let gather = document.nodes.iter().find(|node| node.kind == GATHER && node.id == name)?;
@@ -79,7 +76,7 @@ impl Source {
 }
 
 impl<'t> Check<'t, '_> {
-    /// Reads the one kind of node that is not in the table.
+    /// Checks a `Gather`.
     pub fn gather(&mut self, raw: &RawNode<'t>, all: &[RawNode<'t>]) -> Option<Gather> {
         let before = self.mistakes();
         for field in raw.fields.iter().filter(|field| !["input", "over"].contains(&field.name)) {
@@ -137,8 +134,8 @@ impl<'t> Check<'t, '_> {
         (self.mistakes() == before).then(|| Gather { node, output: output.map(str::to_owned), over })
     }
 
-    /// The instances of all nodes, in the order of the file; none where one of them is wrong. `order` is that of the
-    /// templates, inputs first.
+    /// The instances of all nodes in the order of the file, or nothing after a mistake. `order` is a topological
+    /// order of the templates.
     pub fn instances(&mut self, templates: &[Option<Template<'_, 't>>], order: &[usize]) -> Vec<Node> {
         let before = self.mistakes();
         let grids = self.grids(templates, order);
@@ -148,7 +145,10 @@ impl<'t> Check<'t, '_> {
             let widest = counts().max_by_key(|(_, grid)| grid.len().unwrap_or(usize::MAX));
             let span = widest.and_then(|(template, _)| template.as_ref()).map(|t| t.raw.id_span.clone());
             let what = format!("the axes make more than {MOST_INSTANCES} nodes of the graph");
-            self.report(Diagnostic::new(span.unwrap_or_default(), what).label("most of them of this one"));
+            self.report(
+                Diagnostic::new(span.unwrap_or_default(), what)
+                    .label("most of them are instances of this node"),
+            );
         }
         if self.mistakes() > before {
             return Vec::new();
@@ -163,19 +163,19 @@ impl<'t> Check<'t, '_> {
         for (template, grid) in templates.iter().zip(&grids) {
             let Some(template) = template else { continue };
             for index in 0..grid.len().unwrap_or_default() {
-                let (point, told) = (grid.point(index), self.mistakes());
-                let node = self.instance(template, &point).filter(|_| self.mistakes() == told);
-                // What is wrong at one value is told once, not for all that follow.
+                let (point, before_this) = (grid.point(index), self.mistakes());
+                let node = self.instance(template, &point).filter(|_| self.mistakes() == before_this);
+                // A mistake at one value is not repeated for the others.
                 let Some(mut node) = node else { break };
                 node.inputs = wires(template, &point, &grids, &first);
                 nodes.push(node);
             }
         }
-        // Wires lead to where all instances are.
+        // Wires need all instances.
         if self.mistakes() > before { Vec::new() } else { nodes }
     }
 
-    /// The axes of each node: its own and those of its inputs, without those gathered on the way.
+    /// The axes of each node: its own and those of its inputs, except gathered ones.
     fn grids(&mut self, templates: &[Option<Template<'_, 't>>], order: &[usize]) -> Vec<Grid> {
         let mut grids: Vec<Grid> = vec![Grid::default(); templates.len()];
         for &index in order {
@@ -190,7 +190,8 @@ impl<'t> Check<'t, '_> {
                     );
                     if let Some(&axis) = gathered.iter().find(|axis| !above.has(**axis)) {
                         let name = templates[wire.node].as_ref().map_or("", |t| &*t.raw.id);
-                        let what = format!("`{}` is the same along `{}`", shown(name), self.axes[axis].name);
+                        let what =
+                            format!("`{}` does not vary along `{}`", shown(name), self.axes[axis].name);
                         let span = template.node.place(Some(template.node.kind.inputs[port].name));
                         self.report(Diagnostic::new(span, what).label("there is nothing to gather"));
                     }
@@ -202,39 +203,40 @@ impl<'t> Check<'t, '_> {
         grids
     }
 
-    /// A sink writes a file for each point, so its path must tell the points apart.
+    /// Checks that the path of a sink differs between points, since it writes one file per point.
     fn sink_axes(&mut self, template: &Template<'_, 't>, grid: &Grid) {
         let Some(path) = &template.node.sink_path else { return };
         let span = || template.node.place(Some("path"));
         for (index, axis) in self.axes.clone().iter().enumerate() {
             let holder = format!("{{{}}}", axis.name);
-            let named = path.contains(&holder) || template.own.contains(&index);
-            if grid.has(index) && path.contains(&holder) {
+            let named = is_held(path, axis.name) || template.own.contains(&index);
+            if grid.has(index) && is_held(path, axis.name) {
                 self.file_names(axis, &span());
             }
             if grid.has(index) && !named {
-                let what = format!("`{path}` is one file, there is one for each value of `{}`", axis.name);
+                let what =
+                    format!("`{path}` names one file, but there is one for each value of `{}`", axis.name);
                 self.report(Diagnostic::new(span(), what).hint(format!("put `{holder}` into the path")));
-            } else if !grid.has(index) && path.contains(&holder) {
-                let what = format!("`{}` is the same along `{}`", template.node.id, axis.name);
+            } else if !grid.has(index) && is_held(path, axis.name) {
+                let what = format!("`{}` does not vary along `{}`", template.node.id, axis.name);
                 self.report(Diagnostic::new(span(), what).hint(format!("leave `{holder}` out of the path")));
             }
         }
     }
 
-    /// Values that would be one and the same in the name of a file.
+    /// Reports values that give equal file names.
     fn file_names(&mut self, axis: &Axis<'_>, span: &Range<usize>) {
         let mut seen: BTreeMap<String, usize> = BTreeMap::new();
         for value in 0..axis.values.len() {
-            if let Some(first) = seen.insert(file_text(axis, value), value) {
+            if let Some(first) = seen.insert(file_text(&axis.values[value], axis.padding, None), value) {
                 let (a, b) = (shown(&axis.values[first]), shown(&axis.values[value]));
-                let what = format!("the values {a} and {b} of `{}` would be one file", axis.name);
-                return self.report(Diagnostic::new(span.clone(), what).hint("name one of them otherwise"));
+                let what = format!("the values {a} and {b} of `{}` give the same file name", axis.name);
+                return self.report(Diagnostic::new(span.clone(), what).hint("rename one of them"));
             }
         }
     }
 
-    /// One node at one point, its wires still those of the template.
+    /// The instance of a node at a point. Its wires are still those of the template.
     fn instance(&mut self, template: &Template<'_, 't>, point: &[(usize, usize)]) -> Option<Node> {
         let mut node = template.node.clone();
         if point.is_empty() {
@@ -244,21 +246,20 @@ impl<'t> Check<'t, '_> {
         if !template.own.is_empty() {
             let fields = at_each(&template.fields, &axes, |axis| value_at(point, axis));
             let (step, sink_path) = self.step(template.raw, &template.node.kind, &fields)?;
-            (node.step, node.sink_path) = (step.into(), sink_path);
+            (node.step, node.sink_path) = (step, sink_path);
         }
         for &(axis, value) in point {
             let (name, text) = (axes[axis].name, axes[axis].values[value].trim_matches('"'));
             node.id.push_str(&format!("/{name}={text}"));
-            let path = node.sink_path.take();
-            node.sink_path =
-                path.map(|path| path.replace(&format!("{{{name}}}"), &file_text(&axes[axis], value)));
+            let text_of = |width| file_text(&axes[axis].values[value], axes[axis].padding, width);
+            node.sink_path = node.sink_path.take().map(|path| with_value(&path, name, text_of));
             node.point.push((name.to_owned(), text.to_owned()));
         }
         Some(node)
     }
 }
 
-/// The wires of a node at a point: to the same point above, or along the axes that are gathered.
+/// The wires of a node at a point: to the same point of each input, or to all points along gathered axes.
 fn wires(
     template: &Template<'_, '_>,
     point: &[(usize, usize)],
@@ -271,7 +272,7 @@ fn wires(
         for (place, wire) in wires.iter().enumerate() {
             let above = &grids[wire.node];
             let gathered = template.gathers.get(&(port, place)).map_or(&[][..], Vec::as_slice);
-            // In the order in which the gather names its axes, the last running fastest.
+            // In the order of the axes in the gather, the last varying fastest.
             let size = |axis: &usize| above.axes.iter().find(|(known, _)| known == axis).copied();
             let along = Grid { axes: gathered.iter().filter_map(size).collect() };
             for step in 0..along.len().unwrap_or_default() {
@@ -283,13 +284,4 @@ fn wires(
         inputs.push(ends);
     }
     inputs
-}
-
-/// The value of an axis as part of a file name: whole numbers with zeros in front, so that names sort.
-fn file_text(axis: &Axis<'_>, value: usize) -> String {
-    let text = axis.values[value].trim_matches('"');
-    if let Some(digits) = axis.digits {
-        return format!("{text:0>digits$}");
-    }
-    plain_name(text.strip_suffix(".0").unwrap_or(text))
 }

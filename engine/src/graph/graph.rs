@@ -1,45 +1,45 @@
-//! The checked graph, ready to run.
+//! The checked graph.
 
-use crate::graph::node::Node;
-use crate::graph::node::Wire;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::kind::context::{Point, Scene};
+use crate::graph::axis_names::after_value;
+use crate::graph::node::{Node, Wire};
 use crate::kind::contract::ViewCount;
 use crate::kind::port::Wired;
+use crate::kind::scene::{Point, Scene};
 use crate::text::diag::{Code, Diagnostic, Diagnostics};
 use crate::text::source::Source;
 use crate::value::error::NodeError;
 use crate::value::root::SourceRoot;
 
-/// A graph file that can run.
+/// A checked graph that can run.
 #[derive(Clone)]
 pub struct Graph {
-    /// The text it came from.
+    /// The text of the graph.
     pub source: Source,
-    /// What every node shares.
+    /// The `scene` block, which all nodes share.
     pub scene: Scene,
     /// Nodes in the order of the file.
     pub nodes: Vec<Arc<Node>>,
-    /// Resolves the paths in it.
+    /// Resolves paths in the graph.
     pub root: SourceRoot,
-    /// Whether it is one file in which each node stands once, in order.
+    /// True if the graph is a single file without axes, gathers and subgraphs.
     pub(crate) plain: bool,
-    /// Where each node begins in the text.
+    /// Offset of each node in the text.
     starts: Vec<usize>,
     links: Arc<Links>,
 }
 
-/// How nodes follow from one another.
+/// Dependencies between nodes.
 struct Links {
     order: Vec<usize>,
     reads: Lists,
     consumers: Lists,
 }
 
-/// Many lists of indices, one after another in memory.
+/// Lists of indices, stored in one allocation.
 #[derive(Default)]
 pub(crate) struct Lists {
     ends: Vec<usize>,
@@ -57,7 +57,7 @@ impl Lists {
         &self.items[start..self.ends[index]]
     }
 
-    /// For each of `count` items the lists that hold it, in order.
+    /// For each of `count` items, the lists that contain it, in order.
     fn reversed(&self, count: usize) -> Self {
         let mut ends = vec![0; count];
         self.items.iter().for_each(|&item| ends[item] += 1);
@@ -88,7 +88,7 @@ impl FromIterator<Vec<usize>> for Lists {
 }
 
 impl Graph {
-    /// A graph that was checked before.
+    /// A graph from checked parts.
     pub(crate) fn assemble(source: Source, root: SourceRoot, parts: Parts) -> Self {
         let Parts { scene, nodes, order, plain } = parts;
         let above = |node: &Arc<Node>| {
@@ -103,42 +103,42 @@ impl Graph {
         Self { source, scene, nodes, root, plain, starts, links: Arc::new(Links { order, reads, consumers }) }
     }
 
-    /// Where a node begins in the text.
+    /// Offset of a node in the text.
     pub(crate) fn start(&self, node: usize) -> usize {
         self.starts[node]
     }
 
-    /// How many nodes begin before a place of the text, in a graph that is [`plain`](Self::plain).
+    /// Number of nodes that begin before an offset of the text, for a [`plain`](Self::plain) graph.
     pub(crate) fn begun_before(&self, place: usize) -> usize {
         self.starts.partition_point(|start| *start < place)
     }
 
-    /// Moves where nodes begin, from one of them on.
+    /// Changes the offsets of the nodes from `first` on.
     pub(crate) fn move_starts(&mut self, first: usize, moved: &impl Fn(usize) -> usize) {
         self.starts[first..].iter_mut().for_each(|start| *start = moved(*start));
     }
 
-    /// Where a field of a node stands in the text, or the whole node.
-    pub(crate) fn place(&self, node: usize, field: Option<&str>) -> Range<usize> {
+    /// The place of a field of a node, or of the whole node.
+    pub fn place(&self, node: usize, field: Option<&str>) -> Range<usize> {
         let (start, node) = (self.starts[node], &self.nodes[node]);
         let place = node.place(field);
-        // What is laid over a node stands elsewhere, and no graph that has such was edited.
+        // Overlays are outside of the node, but a graph with overlays is never edited in place.
         let moved = |at: usize| at.wrapping_sub(node.span.start).wrapping_add(start);
         moved(place.start)..moved(place.end)
     }
 
-    /// Finds the files that nodes read, as far as their headers tell, and what is wrong with them. A run finds
-    /// it, too, but only when it comes to the node.
+    /// Checks the source files of all nodes, reading headers only. A run detects the same mistakes, but only when
+    /// it reaches the node.
     ///
     /// # Errors
-    /// Every file that is missing or of no known format.
+    /// Every file that is missing or has an unknown format.
     pub fn check_sources(&self) -> Result<(), Diagnostics> {
         let mut mistakes = Vec::new();
         for (index, node) in self.nodes.iter().enumerate() {
             let error = match node.step.sources(&self.root) {
                 Err(error) => error,
                 Ok(sources) => match sources.iter().find(|source| !source.path.is_file()) {
-                    Some(source) => NodeError::new(format!("`{}` is no file", source.path.display())),
+                    Some(source) => NodeError::new(format!("`{}` is not a file", source.path.display())),
                     None => continue,
                 },
             };
@@ -150,22 +150,22 @@ impl Graph {
         if mistakes.is_empty() { Ok(()) } else { Err(Diagnostics::new(self.source.clone(), mistakes)) }
     }
 
-    /// Every node, inputs before what reads them.
+    /// All nodes in topological order.
     pub fn order(&self) -> &[usize] {
         &self.links.order
     }
 
-    /// The nodes whose outputs `node` reads, each once, by index.
+    /// Indices of the nodes that `node` reads, without duplicates.
     pub fn reads(&self, node: usize) -> &[usize] {
         self.links.reads.get(node)
     }
 
-    /// The nodes that read an output of `node`, each once, in the order of the file.
+    /// Indices of the nodes that read `node`, without duplicates, in the order of the file.
     pub fn consumers(&self, node: usize) -> &[usize] {
         self.links.consumers.get(node)
     }
 
-    /// For each input port of a node, the names of the outputs its wires come from.
+    /// For each input port of a node, the names of the outputs that its wires come from.
     pub(crate) fn wired(&self, node: usize) -> Wired {
         let node = &self.nodes[node];
         let name = |wire: &Wire| self.nodes[wire.node].kind.outputs[wire.port].name;
@@ -173,8 +173,8 @@ impl Graph {
         Wired(ports.map(|(port, wires)| (port.name, wires.iter().map(name).collect())).collect())
     }
 
-    /// What can be wrong only between nodes that are right each: wires that do not go together, and sinks
-    /// with one path for many views, as far as their number is known before anything runs.
+    /// Checks across nodes: combinations of wires, and sinks that write many views to one path, if the number of
+    /// views is known before the run.
     pub(crate) fn check_between(&self) -> Vec<Diagnostic> {
         let mut mistakes = Vec::new();
         for (index, node) in self.nodes.iter().enumerate() {
@@ -197,15 +197,22 @@ impl Graph {
                 node.inputs[port].first().and_then(|wire| views[wire.node])
             };
             views[index] = match node.step.views(&self.root) {
-                ViewCount::Unknown => None,
-                ViewCount::Known(count) => Some(count),
-                ViewCount::As(inputs) => inputs.iter().find_map(of_input),
+                Ok(ViewCount::Unknown) => None,
+                Ok(ViewCount::Known(count)) => Some(count),
+                Ok(ViewCount::As(inputs)) => inputs.iter().find_map(of_input),
+                Err(error) => {
+                    let mut mistake =
+                        Diagnostic::of(Code::Wiring, self.place(index, error.field), error.message());
+                    mistake.hints.extend(error.hint);
+                    mistakes.push(mistake);
+                    None
+                }
             };
         }
         for index in sinks {
             let node = &self.nodes[index];
             if let (Some(views @ 2..), Some(path)) = (views[index], &node.sink_path) {
-                let what = format!("`{path}` names one file, but {views} views come to it");
+                let what = format!("`{path}` names one file, but there are {views} views");
                 let hint = format!("put `{{view}}` into the path: \"{}\"", with_view(path));
                 mistakes
                     .push(Diagnostic::of(Code::OutputPath, self.place(index, Some("path")), what).hint(hint));
@@ -214,7 +221,7 @@ impl Graph {
         mistakes
     }
 
-    /// For each input port of a node, the points of the nodes that its wires come from.
+    /// For each input port of a node, the axis values of the nodes that its wires come from.
     pub(crate) fn points(&self, node: usize) -> Vec<(&'static str, Vec<Point>)> {
         let node = &self.nodes[node];
         let point = |wire: &Wire| self.nodes[wire.node].point.clone();
@@ -222,11 +229,11 @@ impl Graph {
         ports.map(|(port, wires)| (port.name, wires.iter().map(point).collect())).collect()
     }
 
-    /// The files that nodes read, as far as that can be told without reading them through.
+    /// The source files of all nodes, found by reading headers only.
     pub fn files(&self) -> Vec<PathBuf> {
         let mut files = Vec::new();
         for node in self.nodes.iter().filter(|node| node.kind.reads_files) {
-            // A file that cannot be read is the failure of its node, and its repair is a change.
+            // Fixing a file that cannot be read is a change, so the named files are returned.
             match node.step.sources(&self.root) {
                 Ok(sources) => files.extend(sources.into_iter().map(|source| source.path)),
                 Err(_) => files.extend(node.named_files(&self.root)),
@@ -235,13 +242,13 @@ impl Graph {
         files
     }
 
-    /// The files that parameters name, without a look at what these name.
+    /// The files named by parameters, without the files that these name.
     pub(crate) fn named_files(&self) -> impl Iterator<Item = PathBuf> {
         let readers = self.nodes.iter().filter(|node| node.kind.reads_files);
         readers.flat_map(|node| node.named_files(&self.root))
     }
 
-    /// Whether the other graph says the same, wherever it stands in its file.
+    /// True if another graph has the same meaning, whatever its layout.
     pub fn same(&self, other: &Graph) -> bool {
         let alike = |(a, b): (&Arc<Node>, &Arc<Node>)| {
             Arc::ptr_eq(a, b)
@@ -255,7 +262,7 @@ impl Graph {
             && self.nodes.iter().zip(&other.nodes).all(alike)
     }
 
-    /// The value of a parameter that is a whole number.
+    /// The value of a parameter, if it is a whole number.
     pub fn number(&self, node: usize, parameter: &str) -> Option<u64> {
         if !self.nodes[node].kind.params.iter().any(|param| param.name == parameter) {
             return None;
@@ -264,8 +271,8 @@ impl Graph {
         values.iter().find(|(name, _)| *name == parameter)?.1.parse().ok()
     }
 
-    /// The nodes of a name: one, all of a subgraph, or every instance of a node that axes multiply; of these those
-    /// that stand at the values that the name has: `shot/y=2` of `shot/x=1/y=2`.
+    /// The nodes with a name: one node, all nodes of a subgraph, or the instances of a node along axes. If the name
+    /// has axis values, only the instances at these: `shot/y=2` matches `shot/x=1/y=2`.
     pub fn find_all(&self, id: &str) -> Vec<usize> {
         let (name, values) = id.split_once('/').map_or((id, None), |(name, values)| (name, Some(values)));
         let is = |node: &Arc<Node>| {
@@ -274,29 +281,29 @@ impl Graph {
             let plain = node.id.get(..node.id.len().saturating_sub(length)).unwrap_or_default();
             let inside = plain.strip_prefix(name);
             inside.is_some_and(|inside| inside.is_empty() || inside.starts_with('.'))
-                && values.is_none_or(|values| stands_at(&segments, values))
+                && values.is_none_or(|values| stands_at(&node.point, values))
         };
         (0..self.nodes.len()).filter(|&index| is(&self.nodes[index])).collect()
     }
 
-    /// Index of a node by name.
+    /// Index of the node with a name.
     pub fn find(&self, id: &str) -> Option<usize> {
         self.nodes.iter().position(|node| node.id == id)
     }
 
-    /// The nodes a run wants by default: the sinks, or those that nothing reads where there is no sink.
+    /// The default targets of a run: the sinks, or all nodes that nothing reads if the graph has no sinks.
     pub fn targets(&self) -> Vec<usize> {
         let all = 0..self.nodes.len();
         let sinks: Vec<usize> = all.clone().filter(|&n| self.nodes[n].sink_path.is_some()).collect();
         if sinks.is_empty() { all.filter(|&n| self.consumers(n).is_empty()).collect() } else { sinks }
     }
 
-    /// Marks the nodes that a run comes to: those above `only`, or above the [`targets`](Self::targets) where that is empty.
+    /// Marks the nodes that a run with these targets needs. Empty stands for [`targets`](Self::targets).
     pub(crate) fn wanted(&self, only: &[usize]) -> Vec<bool> {
         self.above(&if only.is_empty() { self.targets() } else { only.to_vec() })
     }
 
-    /// Marks the given nodes and everything above them.
+    /// Marks the given nodes and all nodes above them.
     pub fn above(&self, targets: &[usize]) -> Vec<bool> {
         let mut wanted = vec![false; self.nodes.len()];
         for &target in targets {
@@ -313,33 +320,32 @@ impl Graph {
     }
 }
 
-/// What a value of an axis adds to the name of a node: `/yaw=15.0`.
+/// The suffix of a node name for an axis value: `/yaw=15.0`.
 fn segment((axis, value): &(String, String)) -> String {
     format!("/{axis}={}", value.trim_matches('"'))
 }
 
-/// Whether values, `x=1/y=2`, are some of those that a node stands at, in their order. A value may hold slashes itself.
-fn stands_at(segments: &[String], values: &str) -> bool {
-    let mut rest = Some(values);
-    for segment in segments {
-        let Some(left) = rest else { break };
-        if let Some(after) = left.strip_prefix(&segment[1..])
-            && (after.is_empty() || after.starts_with('/'))
-        {
-            rest = after.strip_prefix('/');
+/// True if `values`, such as `x=1/y=2`, is a subsequence of the axis values of a node; `x=1..3` matches a range.
+fn stands_at(point: &[(String, String)], values: &str) -> bool {
+    let mut left = values;
+    for (axis, value) in point {
+        let after = after_value(left, axis, value.trim_matches('"'));
+        if after.is_empty() && !left.is_empty() {
+            return true;
         }
+        left = after;
     }
-    rest.is_none()
+    false
 }
 
-/// `out/final.png` to `out/final_{view}.png`.
+/// Inserts `{view}`: `out/final.png` becomes `out/final_{view}.png`.
 fn with_view(path: &str) -> String {
     let name = path.rfind('/').map_or(0, |slash| slash + 1);
     let end = path[name..].rfind('.').map_or(path.len(), |dot| name + dot);
     format!("{}_{{view}}{}", &path[..end], &path[end..])
 }
 
-/// What a graph consists of beside its text and folder.
+/// The parts of a checked graph except its text and root.
 pub(crate) struct Parts {
     pub scene: Scene,
     pub nodes: Vec<Arc<Node>>,

@@ -1,4 +1,4 @@
-//! The knobs of a graph, and presets, which set all of them.
+//! The knobs of a graph, and presets, which set them together.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,30 +15,30 @@ use crate::text::overlay::{PRESETS, overlay_text};
 use crate::text::source::Source;
 use crate::value::root::SourceRoot;
 
-/// A knob of a node of a graph.
+/// A knob of a node.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GraphKnob {
-    /// Name of the node in the file; with axes that of all its instances.
+    /// Name of the node in the file, which all its instances along axes share.
     pub node: String,
     /// Name of the parameter.
     pub parameter: &'static str,
-    /// What it is.
+    /// The declaration of the knob.
     pub knob: Knob,
-    /// What the graph says, in canonical RON; with axes what its first instance says.
+    /// The value in the graph, in canonical RON; that of the first instance for a node along axes.
     pub value: String,
-    /// Names of the targets below it.
+    /// Names of the targets that depend on it.
     pub reaches: Vec<String>,
-    /// True where instances of the node have different values.
+    /// True if instances of the node have different values.
     pub varies: bool,
 }
 
-/// The name in the file of a node or an instance of one.
+/// The name in the file of a node or of an instance.
 fn name_in_file(id: &str, instance: bool) -> &str {
     if instance { id.split('/').next().unwrap_or(id) } else { id }
 }
 
 impl Graph {
-    /// Every knob above the given targets, none standing for [`Graph::targets`], in the order of the file.
+    /// The knobs above the given targets, in the order of the file. Empty stands for [`Graph::targets`].
     pub fn knobs(&self, only: &[usize]) -> Vec<GraphKnob> {
         let targets = if only.is_empty() { self.targets() } else { only.to_vec() };
         let above: Vec<(usize, Vec<bool>)> = targets.iter().map(|&to| (to, self.shown_by(to))).collect();
@@ -58,7 +58,8 @@ impl Graph {
                 match (spec.knob, known) {
                     (Some(_), Some(known)) => known.reaches.extend(reaches.iter().cloned()),
                     (Some(knob), None) => {
-                        // Of all instances, those that no target asks for as well: a value that is set is set in all.
+                        // All instances count, including those that no target needs, since a setting applies to
+                        // all.
                         let others = if node.point.is_empty() { Vec::new() } else { self.find_all(name) };
                         let differs = |other: &usize| {
                             let mut values = self.nodes[*other].values().into_iter();
@@ -79,24 +80,25 @@ impl Graph {
         knobs
     }
 
-    /// Which nodes a target shows: itself and what is above it, but by inputs that only look ([`Kind::LOOKS`]).
+    /// Marks the nodes that a target shows: itself and the nodes above it, except through [`Preview::looks`]
+    /// inputs.
     ///
-    /// [`Kind::LOOKS`]: crate::Kind::LOOKS
+    /// [`Preview::looks`]: crate::Preview::looks
     fn shown_by(&self, target: usize) -> Vec<bool> {
         let (mut shown, mut open) = (vec![false; self.nodes.len()], vec![target]);
         while let Some(at) = open.pop() {
             if !std::mem::replace(&mut shown[at], true) {
                 let node = &self.nodes[at];
                 let ports = node.kind.inputs.iter().zip(&node.inputs);
-                let ports = ports.filter(|(port, _)| !node.kind.looks.contains(&port.name));
+                let ports = ports.filter(|(port, _)| !node.kind.preview.looks.contains(&port.name));
                 open.extend(ports.flat_map(|(_, wires)| wires.iter().map(|wire| wire.node)));
             }
         }
         shown
     }
 
-    /// The fields above the given targets that [`Graph::knobs`] does not have and that another form of this graph, such as one under
-    /// a preset, sets otherwise: node, parameter, and its canonical values here and there. Instances of axes are
+    /// Parameters above the given targets that differ in another form of this graph, for example under a preset,
+    /// except the [`Graph::knobs`]: (node, parameter, canonical values here and there). Instances along axes are
     /// left out.
     pub fn fields_otherwise(
         &self,
@@ -123,34 +125,34 @@ impl Graph {
     }
 }
 
-/// What varies along an axis says so itself, and stays.
+/// True if a field varies along an axis. Presets do not change such fields.
 fn varies(field: &RawField<'_>) -> bool {
     ["Axis(", "Track("].iter().any(|call| field.text.contains(call))
 }
 
-/// Whether each node of a text is read by inputs that only look ([`Kind::LOOKS`]), itself or by all that it comes to.
+/// Marks the nodes that affect results only through [`Preview::looks`] inputs.
 ///
-/// [`Kind::LOOKS`]: crate::Kind::LOOKS
+/// [`Preview::looks`]: crate::Preview::looks
 fn looked_at(document: &Document<'_>, registry: &Registry) -> Vec<bool> {
     let nodes = &document.nodes;
     let ids: BTreeMap<&str, usize> = nodes.iter().enumerate().map(|(at, node)| (&*node.id, at)).collect();
-    // Who reads a node, and whether only to look.
+    // The readers of each node, and whether the input is one of `looks`.
     let mut readers = vec![Vec::new(); nodes.len()];
     for (reader, node) in nodes.iter().enumerate() {
         let Some(kind) = registry.get(node.kind) else { continue };
         for port in &kind.inputs {
             let Some(field) = node.fields.iter().find(|field| field.name == port.name) else { continue };
-            // What is wrong with a wire is told when it is checked; what a gather reads is read.
+            // Mistakes in wires are reported by the check. A gather counts as a reader.
             for named in wire_names(field, &document.scopes).unwrap_or_default() {
                 let whole = format!("{}{}", document.scopes[named.scope].prefix, named.name);
                 let found = ids.get(&*whole).or_else(|| ids.get(whole.rsplit_once('.')?.0));
                 if let Some(&at) = found {
-                    readers[at].push((reader, kind.looks.contains(&port.name)));
+                    readers[at].push((reader, kind.preview.looks.contains(&port.name)));
                 }
             }
         }
     }
-    // What nobody reads is shown, and so is what it reads otherwise than to look.
+    // Nodes without readers are shown, and so are the nodes that they read through other inputs than `looks`.
     let (mut shown, mut above) = (vec![false; nodes.len()], vec![Vec::new(); nodes.len()]);
     for (at, readers) in readers.iter().enumerate() {
         readers.iter().filter(|(_, looks)| !looks).for_each(|(reader, _)| above[*reader].push(at));
@@ -165,7 +167,8 @@ fn looked_at(document: &Document<'_>, registry: &Registry) -> Vec<bool> {
 }
 
 impl Source {
-    /// The names of the graph's own presets and those of included files, each once. What is wrong with the text is told when it is checked.
+    /// The names of the presets of the graph and its included files, without duplicates. Mistakes in the text are
+    /// reported by the check.
     pub fn own_presets(&self, root: &SourceRoot) -> Vec<String> {
         let document = parse_all(self, root, &mut Vec::new());
         let mut names: Vec<String> = document.presets.iter().map(|preset| preset.name.to_owned()).collect();
@@ -174,10 +177,10 @@ impl Source {
         names
     }
 
-    /// Lays a preset over the graph: one of its own, or else one of [`PRESETS`], which sets every knob of
-    /// every node to its value on that rung.
+    /// Applies a preset: one of the graph's own, or one of [`PRESETS`], which sets all knobs of all nodes to a step
+    /// of their ladders.
     pub fn with_preset(self, preset: &str, registry: &Registry) -> Self {
-        // What is wrong with the text is told when it is checked.
+        // Mistakes in the text are reported by the check.
         let document = parse_all(&self, &SourceRoot::new(""), &mut Vec::new());
         let level = PRESETS.iter().position(|name| *name == preset);
         let (Some(level), false) = (level, document.presets.iter().any(|own| own.name == preset)) else {

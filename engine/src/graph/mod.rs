@@ -1,13 +1,13 @@
-//! The checked graph: nodes, wires, axes, and everything that is checked before a run.
+//! The checked graph: nodes, wires, axes, and all checks before a run.
 
 pub(crate) mod axis;
+pub(crate) mod axis_names;
 pub(crate) mod check;
+pub(crate) mod check_params;
 pub(crate) mod checker;
-pub(crate) mod compiled;
 pub(crate) mod expand;
 pub(crate) mod graph;
 pub(crate) mod knobs;
-pub(crate) mod lazy;
 pub(crate) mod node;
 pub(crate) mod order;
 pub(crate) mod reads;

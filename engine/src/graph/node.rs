@@ -4,17 +4,18 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::graph::lazy::{LazyStep, Places};
-use crate::kind::context::Point;
+use cache::KeyWriter;
+
 use crate::kind::fields::Fields;
 use crate::kind::param_type::Role;
 use crate::kind::params::Params;
 use crate::kind::registry::{KindEntry, Step};
+use crate::kind::scene::Point;
 use crate::text::document::RawField;
-use crate::value::artifact::Encoder;
+use crate::value::artifact::{Decoder, Encoder};
 use crate::value::root::{InputFile, SourceRoot};
 
-/// One end of a wire: an output of a node.
+/// The start of a wire: an output of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Wire {
     /// Index into [`Graph::nodes`](crate::Graph::nodes).
@@ -23,26 +24,29 @@ pub struct Wire {
     pub port: usize,
 }
 
-/// A node whose every field is right.
+/// The places of fields, by name.
+pub(crate) type FieldPlaces = Vec<(&'static str, Range<usize>)>;
+
+/// A checked node.
 #[derive(Clone)]
 pub struct Node {
-    /// Name in the file; with axes the name of the instance: `trace/yaw=15.0`.
+    /// Name in the file, with axis values for an instance: `trace/yaw=15.0`.
     pub id: String,
-    /// What it does.
+    /// Kind of the node.
     pub kind: Arc<KindEntry>,
-    /// For each input port of the kind, its wires in order.
+    /// The wires of each input port, in order.
     pub inputs: Vec<Vec<Wire>>,
-    /// The path a sink writes to, with its placeholders.
+    /// The output path of a sink, with placeholders.
     pub sink_path: Option<String>,
-    /// The value of each axis that it or its inputs read, in the order of the axes: `("yaw", "15.0")`.
+    /// The values of the axes that the node or its inputs read, in the order of the axes: `("yaw", "15.0")`.
     pub point: Point,
-    /// Where it stood in the text that it was read from; [`Graph::place`] knows where it is now.
+    /// Place in the text that the node was parsed from. [`Graph::place`](crate::Graph) has the current place.
     pub(crate) span: Range<usize>,
-    pub(crate) places: Places,
-    pub(crate) step: LazyStep,
+    pub(crate) places: FieldPlaces,
+    pub(crate) step: Arc<dyn Step>,
 }
 
-/// Reads parameters of a kind from their canonical texts.
+/// Reads the parameters of a kind from their canonical texts.
 fn read<T>(
     kind: &'static str,
     values: &[(&'static str, String)],
@@ -54,32 +58,37 @@ fn read<T>(
 }
 
 impl Node {
-    /// Where a field stood in the text that the node was read from, or the whole node.
+    /// The place of a field, or of the whole node, in the text that the node was parsed from.
     pub(crate) fn place(&self, field: Option<&str>) -> Range<usize> {
-        field.and_then(|name| self.places.of(&self.kind, name)).unwrap_or(self.span.clone())
+        field.and_then(|name| self.field_place(name)).unwrap_or(self.span.clone())
     }
 
-    /// Every parameter with its value in canonical text.
+    /// The place of a field, if it is written.
+    pub(crate) fn field_place(&self, field: &str) -> Option<Range<usize>> {
+        self.places.iter().find(|(name, _)| *name == field).map(|(_, place)| place.clone())
+    }
+
+    /// All parameters as (name, canonical text).
     pub(crate) fn values(&self) -> Vec<(&'static str, String)> {
         let mut values = Vec::with_capacity(self.kind.params.len());
-        // A value that is not canonical was refused when the graph was checked.
+        // Values that are not canonical were rejected by the check.
         self.step.visit(&mut |name, value| values.extend(value.text().ok().map(|text| (name, text))));
         values
     }
 
-    /// The parameters of a node whose kind has these; `None` where it has others.
+    /// The parameters of the node; `None` if its kind has other ones.
     pub fn params<P: Params>(&self) -> Option<P> {
         read(self.kind.name, &self.values(), P::read)
     }
 
-    /// What the node does with another value of one parameter; `None` where its kind refuses that.
+    /// The node's parameters with another value for one of them; `None` if its kind rejects the value.
     pub(crate) fn with(&self, parameter: &str, text: &str) -> Option<Arc<dyn Step>> {
         let mut values = self.values();
         values.iter_mut().find(|(name, _)| *name == parameter)?.1 = text.to_owned();
         read(self.kind.name, &values, |fields| (self.kind.read)(fields)).filter(|step| step.check().is_ok())
     }
 
-    /// The files that its parameters name.
+    /// The source files that parameters name.
     pub(crate) fn named_files(&self, root: &SourceRoot) -> Vec<PathBuf> {
         let mut files = Vec::new();
         let is_file = |name| self.kind.params.iter().any(|p| p.name == name && p.role == Role::Input);
@@ -95,13 +104,51 @@ impl Node {
 }
 
 impl Node {
-    /// Number and canonical text of each parameter, for [`KindEntry::step_of`].
+    /// Visits the index and canonical text of each parameter.
+    pub(crate) fn visit_texts(&self, mut visit: impl FnMut(usize, &str)) {
+        let mut params = self.kind.params.iter().enumerate();
+        self.step.visit(&mut |_, value| {
+            // Values that are not canonical were rejected by the check.
+            if let (Some((index, _)), Ok(text)) = (params.next(), value.text()) {
+                visit(index, &text);
+            }
+        });
+    }
+
+    /// Index and canonical text of each parameter, for [`KindEntry::step_of`].
     pub(crate) fn texts(&self) -> Vec<u8> {
         let mut to = Encoder::default();
-        self.step.texts(&self.kind, &mut |index, text| {
+        self.visit_texts(|index, text| {
             to.u32(index as u32);
             to.str(text);
         });
         to.finish()
+    }
+
+    /// Writes the parameters into a key.
+    pub(crate) fn write_key(&self, to: &mut KeyWriter) {
+        self.step.visit(&mut |name, value| {
+            // Values that are not canonical were rejected by the check.
+            if let Ok(Some(text)) = value.key_text() {
+                to.str(name, &text);
+            }
+        });
+    }
+}
+
+impl KindEntry {
+    /// Reads the output of [`Node::texts`]; `None` if this kind rejects it.
+    pub(crate) fn step_of(&self, texts: &[u8]) -> Option<Arc<dyn Step>> {
+        let mut from = Decoder::new(texts);
+        let mut fields = Vec::new();
+        while from.left() > 0 {
+            let index = from.u32().ok()? as usize;
+            let text = str::from_utf8(from.raw().ok()?).ok()?;
+            fields.push(RawField::plain(self.params.get(index)?.name, text));
+        }
+        let mut diagnostics = Vec::new();
+        let mut fields =
+            Fields { fields: &fields, node_span: 0..0, kind: self.name, diagnostics: &mut diagnostics };
+        (self.read)(&mut fields)
     }
 }

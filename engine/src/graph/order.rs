@@ -1,4 +1,4 @@
-//! The order of a graph: inputs before what reads them, and what is said where there is none.
+//! The topological order of a graph, and diagnostics for cycles.
 //!
 //! Nothing here recurses, so a chain may be as long as memory allows.
 
@@ -11,10 +11,10 @@ use petgraph::graph::{DiGraph, NodeIndex};
 use crate::text::diag::{Code, Diagnostic};
 use crate::text::document::RawNode;
 
-/// For each node the nodes it reads, with the span of the wire.
+/// For each node, the nodes that it reads, with the place of the wire.
 pub(crate) type Wiring = Vec<Vec<(usize, Range<usize>)>>;
 
-/// A topological order, or the cycles. Nothing here recurses, so a chain may be as long as memory allows.
+/// A topological order, or the cycles.
 pub(crate) fn order_of(wiring: &Wiring) -> Result<Vec<usize>, Vec<Vec<usize>>> {
     let wires: usize = wiring.iter().map(Vec::len).sum();
     let mut graph: DiGraph<(), ()> = DiGraph::with_capacity(wiring.len(), wires);
@@ -36,7 +36,7 @@ pub(crate) fn order_of(wiring: &Wiring) -> Result<Vec<usize>, Vec<Vec<usize>>> {
     }
 }
 
-/// Walks one cycle within a strongly connected group and shows each wire of it.
+/// Describes one cycle within a strongly connected component, with the place of each wire.
 pub(crate) fn describe_cycle(raw: &[RawNode<'_>], wiring: &Wiring, group: &[usize]) -> Diagnostic {
     let members: std::collections::BTreeSet<usize> = group.iter().copied().collect();
     let inside = |node: usize| wiring[node].iter().find(|(above, _)| members.contains(above));
@@ -50,7 +50,7 @@ pub(crate) fn describe_cycle(raw: &[RawNode<'_>], wiring: &Wiring, group: &[usiz
     let start = walked.iter().position(|&node| node == at).unwrap_or_default();
     let mut cycle = walked.split_off(start);
     cycle.reverse();
-    // The one that stands first in the file leads.
+    // The description starts with the node that is first in the file.
     let first = (0..cycle.len()).min_by_key(|&place| cycle[place]).unwrap_or_default();
     cycle.rotate_left(first);
     let shown = 12;
@@ -62,9 +62,9 @@ pub(crate) fn describe_cycle(raw: &[RawNode<'_>], wiring: &Wiring, group: &[usiz
     let place = |node: usize| inside(node).map_or(raw[node].id_span.clone(), |(_, span)| span.clone());
     let mut diagnostic =
         Diagnostic::of(Code::Cycle, place(cycle[0]), format!("a cycle: {}", names.join(" -> ")))
-            .label(format!("`{}` reads what is made from it", raw[cycle[0]].id));
+            .label(format!("`{}` depends on itself", raw[cycle[0]].id));
     for &node in cycle.iter().skip(1).take(shown) {
-        diagnostic = diagnostic.related(place(node), format!("by way of `{}`", raw[node].id));
+        diagnostic = diagnostic.related(place(node), format!("through `{}`", raw[node].id));
     }
     diagnostic
 }

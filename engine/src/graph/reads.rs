@@ -1,4 +1,4 @@
-//! The files that a graph is made of and reads, which nothing that is made of it may be written over.
+//! The files that a graph is made of and reads. No sink may write to them.
 
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Component, Path, PathBuf};
@@ -6,12 +6,12 @@ use std::path::{Component, Path, PathBuf};
 use crate::graph::graph::Graph;
 use crate::text::diag::{Code, Diagnostic, Diagnostics};
 
-/// Files by where they lie, whatever way leads there.
+/// A set of files, compared by their location after links are resolved.
 #[derive(Debug, Clone, Default)]
 pub struct ReadFiles(BTreeSet<PathBuf>);
 
 impl ReadFiles {
-    /// These files, whether they are there or not.
+    /// A set of these files, whether they exist or not.
     pub fn new(files: impl IntoIterator<Item = PathBuf>) -> Self {
         let (mut places, mut folders) = (BTreeSet::new(), HashMap::new());
         for file in files {
@@ -20,14 +20,14 @@ impl ReadFiles {
         Self(places)
     }
 
-    /// Whether to write to `path` would change what is read: it is one of the files, or a link that leads to one, or
-    /// one that is on the way to one.
+    /// True if writing to `path` would change one of the files: it is one, or a link to one, or a link on the way
+    /// to one.
     pub fn has(&self, path: &Path) -> bool {
         !self.0.is_empty() && places_of(path, &mut HashMap::new()).any(|place| self.0.contains(&place))
     }
 }
 
-/// Where a path leads: its name in a folder without links, and for a link where that ends. `folders` remembers.
+/// The locations of a path: its name in a folder without links and, for a link, its target. `folders` is a cache.
 fn places_of(path: &Path, folders: &mut HashMap<PathBuf, PathBuf>) -> impl Iterator<Item = PathBuf> + use<> {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -41,7 +41,7 @@ fn places_of(path: &Path, folders: &mut HashMap<PathBuf, PathBuf>) -> impl Itera
     [Some(place), end].into_iter().flatten()
 }
 
-/// Where a folder would lie of which a part is not there, and would be made.
+/// The location of a folder of which a part does not exist yet.
 fn in_steps(folder: &Path) -> PathBuf {
     let mut at = PathBuf::new();
     for part in std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned()).components() {
@@ -56,12 +56,12 @@ fn in_steps(folder: &Path) -> PathBuf {
 }
 
 impl Graph {
-    /// Refuses sinks that would write over one of `texts`, which the graph itself is read from, or over a file that
-    /// a node names. `only` are the wanted nodes, as of a run. A run refuses more, such as a file that a file names or
-    /// one of many views, but only when it comes to the sink.
+    /// Rejects sinks that would overwrite one of `texts`, the files of the graph itself, or a file that a parameter
+    /// names. `only` are the targets of the run. Further conflicts, such as with a file that a source names, are
+    /// found during the run.
     ///
     /// # Errors
-    /// Every such sink.
+    /// All such sinks.
     pub fn check_outputs(&self, only: &[usize], out: &Path, texts: &[PathBuf]) -> Result<(), Diagnostics> {
         let wanted = if only.is_empty() { self.targets() } else { only.to_vec() };
         let sinks: Vec<(usize, PathBuf)> = wanted
@@ -84,12 +84,12 @@ impl Graph {
     }
 }
 
-/// What is wrong with a sink that writes there.
+/// The message for a sink that would overwrite `path`.
 pub(crate) fn over_text(path: &Path) -> String {
     format!("would write over {}, which the graph reads", path.display())
 }
 
-/// What to do about it.
+/// The hint for such a sink.
 pub(crate) const OTHER_FILE: &str = "name another file, or another folder with `--out`";
 
 #[cfg(test)]

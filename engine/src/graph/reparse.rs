@@ -1,33 +1,33 @@
-//! A graph after a small edit of its text: only what the edit stands in is read anew.
+//! Applies a small edit of the text to a checked graph without parsing all of it.
 //!
-//! An edit may change parameters of one node, or comments and white space around nodes; anything else, and any
-//! mistake, is left to [`Graph::parse`], which would give the same graph. The scanner reads from front to back and
-//! nothing that ends in `)` looks beyond its end. So where a node's text is still one node, or what stands between
-//! nodes differs in space alone, the rest of the file is read as it was.
+//! The edit may change parameters of one node, or comments and white space between nodes. Anything else, and any
+//! mistake, is left to [`Graph::parse`](crate::Graph::parse), which gives the same graph. The scanner reads
+//! forwards, and nothing that ends in `)` depends on the text after it. So if the text of a node is still one node,
+//! or the text between nodes differs in white space only, the rest of the file is unaffected.
 
 use std::ops::Range;
 use std::sync::Arc;
 
 use crate::graph::checker::Check;
 use crate::graph::graph::Graph;
-use crate::graph::lazy::Places;
 use crate::graph::node::Node;
 use crate::kind::registry::{KindEntry, Registry};
-use crate::text::document::Scope;
-use crate::text::document::{Document, RawNode};
+use crate::text::document::{Document, RawNode, Scope};
 use crate::text::scan::Scanner;
 use crate::text::source::Source;
 use crate::text::syntax::parse_node;
 
 impl Graph {
-    /// The graph of another text, where that differs from the one of this graph in so little that the rest need not
-    /// be read; `None` where it is to be parsed.
-    /// The kinds are asked for only where a node is read.
+    /// The graph of an edited text; `None` if all of it must be parsed. The registry is made only if a node
+    /// changed.
     pub fn reparse(self: &Arc<Self>, text: String, registry: impl Fn() -> Registry) -> Option<Arc<Self>> {
         if !self.plain || *self.source.text == *text {
             return self.plain.then(|| self.clone());
         }
         let source = Source::new(self.source.name.clone(), text);
+        if source.pieces().len() > 1 {
+            return None;
+        }
         let (old, new) = (&*self.source.text, &*source.text);
         let (was, is) = difference(old, new);
         // The node before the edit or around it.
@@ -56,7 +56,7 @@ impl Graph {
         Some(Arc::new(graph))
     }
 
-    /// A node whose text is another one; `None` unless only parameters differ, and all of them are right.
+    /// A node with an edited text; `None` unless only parameters changed and all are valid.
     fn node_edited(
         &self,
         index: usize,
@@ -65,15 +65,12 @@ impl Graph {
         registry: &Registry,
     ) -> Option<Node> {
         let node = &self.nodes[index];
-        if has_mark(&source.text[part.clone()]) {
-            return None;
-        }
         let raw = parse_node(&source.text, part)?;
         let kind = registry.get(raw.kind).filter(|kind| kind.name == node.kind.name)?;
         let named = |name: &str| raw.fields.iter().filter(|field| field.name == name).count() == 1;
         let known = raw.fields.iter().all(|field| is_field(kind, field.name) && named(field.name));
         let wired = |name: &str| -> Option<&str> {
-            let place = node.places.of(kind, name)?;
+            let place = node.field_place(name)?;
             let start = self.start(index);
             self.source.text.get(place.start - node.span.start + start..place.end - node.span.start + start)
         };
@@ -91,10 +88,13 @@ impl Graph {
         let agrees = mistakes.is_empty()
             && sink_path == node.sink_path
             && step.check_wires(&self.wired(index)).is_ok()
-            && step.views(&self.root) == node.step.views(&self.root);
+            && matches!(
+                (step.views(&self.root), node.step.views(&self.root)),
+                (Ok(now), Ok(then)) if now == then
+            );
         let RawNode { id_span, span, .. } = &document.nodes[0];
         let span = id_span.start..span.end;
-        agrees.then(|| Node { step: step.into(), places: Places::Read(places), span, ..(**node).clone() })
+        agrees.then(|| Node { step, places, span, ..(**node).clone() })
     }
 }
 
@@ -102,7 +102,7 @@ fn is_field(kind: &KindEntry, name: &str) -> bool {
     kind.params.iter().any(|param| param.name == name) || kind.inputs.iter().any(|port| port.name == name)
 }
 
-/// What of the first text stands in place of what of the second one; everything around it is equal.
+/// The ranges in which two texts differ; the text around them is equal.
 fn difference(old: &str, new: &str) -> (Range<usize>, Range<usize>) {
     const AT_ONCE: usize = 64;
     let (a, b) = (old.as_bytes(), new.as_bytes());
@@ -119,12 +119,7 @@ fn difference(old: &str, new: &str) -> (Range<usize>, Range<usize>) {
     (start..old_end, start..new.len() - (old.len() - old_end))
 }
 
-/// Whether a text may hold the line behind which another file begins.
-fn has_mark(text: &str) -> bool {
-    text.contains("//@@")
-}
-
-/// Whether two texts outside of nodes say the same, but for comments and white space.
+/// True if two texts between nodes differ only in comments and white space.
 fn same_but_for_space(old: &str, new: &str) -> bool {
     let words = |text: &str| -> Option<Vec<String>> {
         let mut scan = Scanner::new(text);
@@ -133,10 +128,10 @@ fn same_but_for_space(old: &str, new: &str) -> bool {
             let start = scan.at;
             scan.skip_space();
             if scan.at > start {
-                // A comment at the very end would go on in what follows.
+                // A comment at the end would continue into the text that follows.
                 let last = text[start..scan.at].rfind('\n').map_or(start, |line| start + line);
                 let in_comment = scan.is_at_end() && text[last..].contains("//");
-                if in_comment || has_mark(&text[start..scan.at]) {
+                if in_comment {
                     return None;
                 }
                 words.push(String::new());
@@ -189,7 +184,7 @@ mod tests {
             (",\n  ", ", /* why */  ", true),
             (",\n  ", ", // why", false),
             (", // a\n", ", // b\n", true),
-            (",\n", ",\n//@@ set x\n", false),
+            (",\n", ",\n//@@ set x\n", true),
             ("up: \"+z\", ", "up: \"+y\", ", false),
             ("up: \"+ z\", ", "up: \"+  z\", ", false),
             ("a b ", "ab ", false),

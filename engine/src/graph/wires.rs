@@ -1,4 +1,4 @@
-//! Wires: from the names in an input to the outputs that they mean.
+//! Resolves the names in an input to outputs of nodes.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -10,33 +10,32 @@ use crate::graph::node::Wire;
 use crate::kind::port::{Arity, PortSpec};
 use crate::kind::registry::KindEntry;
 use crate::text::diag::{Code, Diagnostic, nearest, shown};
-use crate::text::document::Scope;
-use crate::text::document::{RawField, RawNode};
+use crate::text::document::{RawField, RawNode, Scope};
 use crate::text::scan::Scanner;
 use crate::text::subgraph::value_of;
-use crate::text::values::{parse_value, sort_of};
+use crate::text::values::{form_of, parse_value};
 
-/// How many wires to nodes that do not exist get a suggestion.
+/// Number of wires to missing nodes that get a suggestion.
 const MOST_SUGGESTIONS: usize = 20;
-/// Most wires of one input.
+/// Maximum number of wires of an input.
 const MOST_WIRES: usize = 1_000_000;
 
-/// One name of a wire, where it stands, and where it is looked for.
+/// A name in a wire, with its place and the scope that resolves it.
 pub(crate) struct Named<'t> {
     pub name: Cow<'t, str>,
     pub span: Range<usize>,
     pub scope: usize,
 }
 
-/// What a name means.
+/// The meaning of a name.
 pub(crate) struct End<'n> {
     pub node: usize,
-    /// The output, where it is named.
+    /// The output, if the name contains one.
     pub output: Option<&'n str>,
 }
 
 impl<'t, 'a> Check<'t, 'a> {
-    /// The wires of one input of a node. What they read goes to `reads`, and to `gathers` what they gather.
+    /// The wires of one input of a node. Nodes are added to `reads`, and gathered axes to `gathers`.
     pub fn wires(
         &mut self,
         raw: &RawNode<'t>,
@@ -54,7 +53,7 @@ impl<'t, 'a> Check<'t, 'a> {
                         raw.kind_span.clone(),
                         format!("`{}` needs the input `{}`", kind.camel_name(), port.name),
                     )
-                    .label(format!("wire it to an output of type `{}`", port.artifact.name)),
+                    .label(format!("connect an output of type `{}`", port.artifact.name)),
                 );
             }
             return Vec::new();
@@ -101,7 +100,7 @@ impl<'t, 'a> Check<'t, 'a> {
         wires
     }
 
-    /// What a name means, in its scope: a node, or a node and an output.
+    /// Resolves a name in its scope to a node, or to a node and an output.
     pub fn end<'n>(&mut self, named: &'n Named<'t>) -> Option<End<'n>> {
         let Named { name, span, scope } = named;
         let prefix = self.scopes[*scope].prefix.as_str();
@@ -123,7 +122,7 @@ impl<'t, 'a> Check<'t, 'a> {
         if is_broken.clone().any(|name| self.broken.contains(name)) {
             return None;
         }
-        // Within a subgraph that there is, it is the name of its node that is wrong.
+        // Inside an existing subgraph, the name of its node is wrong.
         let within = format!("{full}.");
         let subgraph = self.scopes.iter().skip(1).filter(|scope| within.starts_with(&scope.prefix));
         let id = match subgraph.max_by_key(|scope| scope.prefix.len()) {
@@ -143,9 +142,9 @@ impl<'t, 'a> Check<'t, 'a> {
         };
         let mistake =
             Diagnostic::of(Code::UnknownNode, span.clone(), format!("no node is named `{}`", shown(id)));
-        // One node that was renamed may be read by thousands, and each look through all names costs.
-        self.strangers += 1;
-        let near = (self.strangers <= MOST_SUGGESTIONS)
+        // Thousands of wires may refer to one renamed node, and each suggestion compares all names.
+        self.missing_nodes += 1;
+        let near = (self.missing_nodes <= MOST_SUGGESTIONS)
             .then(|| nearest(id, self.names.iter().filter_map(|id| id.strip_prefix(prefix))));
         self.report(match near.flatten() {
             Some(near) => mistake.hint(format!("did you mean `{near}`?")),
@@ -163,13 +162,13 @@ impl<'t, 'a> Check<'t, 'a> {
         port: &PortSpec,
         kinds: &[Option<Arc<KindEntry>>],
     ) -> Option<Wire> {
-        // A node of unknown kind was reported already.
+        // An unknown kind was reported already.
         let outputs = &kinds[node].as_ref()?.outputs;
         let id = output.and_then(|output| name.strip_suffix(output)?.strip_suffix('.')).unwrap_or(name);
         let wanted = port.artifact.name;
         let found = match output {
             Some(output) => outputs.iter().position(|known| known.name == output),
-            // The first output, or the first of the type that the input takes.
+            // The first output of the input's type, or else the first output.
             None => {
                 outputs.iter().position(|known| known.artifact.name == wanted).or(outputs.first().map(|_| 0))
             }
@@ -202,7 +201,7 @@ impl<'t, 'a> Check<'t, 'a> {
             )
             .label(format!("this is of type `{given}`"));
             if !fitting.is_empty() {
-                diagnostic = diagnostic.hint(format!("{} would fit", fitting.join(" or ")));
+                diagnostic = diagnostic.hint(format!("use {}", fitting.join(" or ")));
             } else if let Some(makers) = self.makers(given, wanted) {
                 diagnostic = diagnostic.hint(format!("{makers} makes a {wanted}"));
             }
@@ -213,12 +212,12 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 }
 
-/// How many kinds are proposed at most that make one type of another; of more, none says anything.
+/// Maximum number of kinds proposed to convert a type; with more candidates, none is proposed.
 const MOST_MAKERS: usize = 2;
 
 impl Check<'_, '_> {
-    /// The kinds that take values of one type and make one of another type first, without taking that: as they are written, with
-    /// the first input that must be wired.
+    /// Kinds whose first output is of type `wanted` and that take `given` but not `wanted`, as calls with their first
+    /// required input.
     fn makers(&self, given: &str, wanted: &str) -> Option<String> {
         let takes = |kind: &KindEntry, name: &str| kind.inputs.iter().any(|port| port.artifact.name == name);
         let makes = |kind: &&Arc<KindEntry>| {
@@ -235,14 +234,14 @@ impl Check<'_, '_> {
     }
 }
 
-/// The names in a wire or a list of wires. Those that a parameter gives are looked for where it was given.
+/// The names in a wire or a list of wires. Names from a parameter are resolved in the scope that gave it.
 pub(crate) fn wire_names<'t>(
     field: &RawField<'t>,
     scopes: &[Scope<'t>],
 ) -> Result<Vec<Named<'t>>, Diagnostic> {
     let mut names = Vec::new();
     let mut steps = 0;
-    // What is left to read: a field, and how far.
+    // Fields that remain to be read, with offsets.
     let mut open = vec![(field.clone(), 0)];
     'fields: while let Some((field, at)) = open.pop() {
         let how = || "a wire is written \"node\" or \"node.port\"";
@@ -269,7 +268,7 @@ pub(crate) fn wire_names<'t>(
                         let what = format!("`{}` is not a wire", shown(value.text));
                         return Err(Diagnostic::of(Code::Wiring, value.span.clone(), what)
                             .label(how())
-                            .related(span, "it is read as one here"));
+                            .related(span, "used as a wire here"));
                     }
                 }
                 Some(plain) if !plain.contains('\\') => {
@@ -283,9 +282,9 @@ pub(crate) fn wire_names<'t>(
                             span.clone(),
                             format!("`{}` is not a wire", shown(text)),
                         );
-                        match sort_of(text) {
+                        match form_of(text) {
                             _ if text.ends_with(')') => mistake
-                                .label("a node stands in `nodes`, under a name")
+                                .label("a node must be in `nodes` and have a name")
                                 .hint("write `name: Kind(..)` there and \"name\" here"),
                             "a word" if !text.is_empty() => {
                                 mistake.label(format!("write \"{}\"", shown(text)))
@@ -304,7 +303,10 @@ pub(crate) fn wire_names<'t>(
             }
             steps += 1;
             if steps > MOST_WIRES {
-                return Err(Diagnostic::new(field.span.clone(), "these are too many wires, or in a circle"));
+                return Err(Diagnostic::new(
+                    field.span.clone(),
+                    "too many wires, or parameters that refer to each other in a cycle",
+                ));
             }
             match value {
                 Some(value) => {

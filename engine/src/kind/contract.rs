@@ -1,4 +1,4 @@
-//! What a kind of node is: its name, parameters, ports and code.
+//! The trait of a kind of node: name, parameters, ports and code.
 
 use crate::kind::context::{Context, ContextField};
 use crate::kind::params::Params;
@@ -7,14 +7,23 @@ use crate::value::error::NodeError;
 use crate::value::note::Notes;
 use crate::value::root::{FileHead, SourceFile, SourceRoot};
 
-/// Memory of a node, for admission. Zero means negligible.
+/// Memory that a node needs, for admission. Zero means negligible.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Cost {
     /// Peak memory beyond the inputs, in bytes.
     pub bytes: u64,
 }
 
-/// How large the inputs of a node are, by [`crate::Artifact::size`]: known from records, without the values.
+impl Cost {
+    /// The sum of counts times bytes each; saturates, so a node that needs too much is refused rather than admitted as
+    /// a small one.
+    pub fn of(items: impl IntoIterator<Item = (u64, u64)>) -> Self {
+        let add = |sum: u64, (count, each): (u64, u64)| sum.saturating_add(count.saturating_mul(each));
+        Self { bytes: items.into_iter().fold(0, add) }
+    }
+}
+
+/// Sizes of the inputs of a node, by [`crate::Artifact::size`]. Known from records, without the values.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Sizes {
     pub(crate) ports: Vec<(&'static str, u64)>,
@@ -22,121 +31,164 @@ pub struct Sizes {
 }
 
 impl Sizes {
-    /// Size of what comes in by a port, all its wires together; 0 where nothing does.
+    /// Total size of the values of a port; 0 if it is not wired.
     pub fn of(&self, port: &str) -> f64 {
         self.ports.iter().find(|(name, _)| *name == port).map_or(0.0, |(_, size)| *size as f64)
     }
 
-    /// Everything that comes in, and the bytes of the files that are read.
+    /// Total size of all inputs, plus the bytes of the source files.
     pub fn total(&self) -> f64 {
         self.ports.iter().map(|(_, size)| *size as f64).sum::<f64>() + self.files as f64
     }
 }
 
-/// Whether the outputs of a kind are worth keeping on disk.
+/// Storage policy for the outputs of a kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Keep {
     /// Outputs are stored.
     Always,
-    /// Only their digests are: remaking them is as cheap as reading them (loaders).
+    /// Only digests are stored, since recomputing is as cheap as reading (loaders).
     Cheap,
 }
 
-/// How many views a node makes.
+/// The replacement of a parameter of a former version.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Former {
+    /// The parameters that went together, reported as one.
+    pub fields: &'static [&'static str],
+    /// The last version of the kind that had them.
+    pub last: u32,
+    /// The remedy, as in ``write `surroundings: Open` ``.
+    pub instead: String,
+}
+
+impl Former {
+    /// Parameters that forced work which changes no byte: `--exhaustive` does so for a whole run.
+    pub fn exhaustive(fields: &'static [&'static str], last: u32) -> Self {
+        let instead = "remove it; `--exhaustive` forces all such work in a run".to_owned();
+        Self { fields, last, instead }
+    }
+}
+
+/// Number of views that a node outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ViewCount {
-    /// Only its run tells.
+    /// Unknown before the node runs.
     Unknown,
-    /// So many.
+    /// This many views.
     Known(usize),
-    /// As many as the first of these inputs that is wired and known has.
+    /// The number of views of the first of these inputs that is wired and known.
     As(&'static [&'static str]),
+}
+
+/// How the work of a kind can be reduced: by previews while watching, by presets, and in forecasts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Preview {
+    /// A parameter (such as `samples`) whose work is cached in chunks: raising it computes only the added chunks, and a
+    /// forecast counts no more than these.
+    pub refines: Option<&'static str>,
+    /// The parameter by which a first preview computes one pixel per block of n by n pixels; 1 is every pixel.
+    pub coarse: Option<&'static str>,
+    /// Parameters that previews reduce, with their values there: a whole number is an upper limit, anything else replaces
+    /// the value.
+    pub rough: &'static [(&'static str, &'static str)],
+    /// Inputs used only to choose a resolution; presets do not raise knobs that feed nothing else.
+    pub looks: &'static [&'static str],
+}
+
+impl Preview {
+    /// Nothing is reduced.
+    pub const NONE: Self = Self { refines: None, coarse: None, rough: &[], looks: &[] };
 }
 
 /// One kind of node: its name, parameters, ports and code.
 pub trait Kind: 'static {
     /// Kebab-case name: `splat-render` is written `SplatRender` in graph files.
     const NAME: &'static str;
-    /// Raised whenever the same inputs give other outputs.
+    /// Version of the code; raised whenever outputs change for the same inputs.
     const VERSION: u32;
     /// The context fields that `run` reads; only these enter the key.
     const READS: &'static [ContextField] = &[];
-    /// Whether outputs are stored.
+    /// Storage policy for outputs.
     const STORE: Keep = Keep::Always;
-    /// Whether the paths it reads may be folders.
+    /// True if source paths may be folders.
     const FOLDERS: bool = false;
-    /// Where files that users must get from elsewhere are to be had: told of one that is missing.
+    /// Where to download required files; shown when one is missing.
     const SUPPLIED: Option<&'static str> = None;
-    /// What may change the bits: `portable`, or the profile of a library that promises none.
+    /// Profile of the arithmetic: `portable`, or the name of a library whose bits may differ between machines.
     const PROFILE: &'static str = "portable";
 
-    /// What is compiled into the program and may be exchanged without a new version, such as weights; its
-    /// digest is in the key.
+    /// Compiled-in data that may change without a new version, such as weights. Its digest enters the key.
     const DATA: &'static [u8] = &[];
-    /// Whether `run` takes microseconds whatever its inputs are. A plan then runs it, so that it can tell
-    /// exactly what follows.
+    /// True if `run` takes microseconds for any input. A plan then runs the node to find out what follows from it.
     const INSTANT: bool = false;
 
-    /// What a preview while watching sets, of what costs much and shows little: a whole number to at most so much,
-    /// anything else as it stands here.
-    const ROUGH: &'static [(&'static str, &'static str)] = &[];
+    /// How `watch`, presets and forecasts reduce its work.
+    const PREVIEW: Preview = Preview::NONE;
 
-    /// The parameter by which a first preview computes one pixel for each block of so many by so many; 1 is each.
-    const COARSE: Option<&'static str> = None;
-
-    /// Inputs that only tell how fine others need be, such as a coarse look at the light. Knobs of what nothing else reads
-    /// stay as the graph has them: turned up they would cost what the look is to save.
-    const LOOKS: &'static [&'static str] = &[];
-
-    /// The parameter in whose steps the work is kept in parts: raising it pays only for what is new. A forecast
-    /// counts no more than that.
-    const REFINES: Option<&'static str> = None;
-
-    /// Parameters, by [`params!`](crate::params).
+    /// Parameters, declared with [`params!`](crate::params).
     type Params: Params;
-    /// Inputs, by [`inputs!`](crate::inputs).
+    /// Inputs, declared with [`inputs!`](crate::inputs).
     type In: Inputs;
-    /// Outputs, by [`outputs!`](crate::outputs).
+    /// Outputs, declared with [`outputs!`](crate::outputs).
     type Out: Outputs;
 
-    /// The memory that a run will take. Called with the real inputs, before `run`.
+    /// Estimates the memory of a run. Called with the actual inputs, before `run`.
     fn estimate(_params: &Self::Params, _inputs: &Self::In) -> Cost {
         Cost::default()
     }
 
-    /// What it takes besides for the files of `sources`, in their order: the files, and what becomes of them, by what
-    /// their heads say. What is wrong with a file is for `run` to say.
+    /// Estimates the additional memory for the files of `sources`, in the same order, from their headers. Errors in
+    /// the files are reported by `run`.
     fn estimate_files(_params: &Self::Params, files: &[FileHead<'_>]) -> Cost {
         Cost { bytes: files.iter().fold(0, |sum, file| sum.saturating_add(file.bytes)) }
     }
 
-    /// The work of a run, in units of the kind's own that grow in proportion with the time. What a unit
-    /// takes is learnt from earlier runs of the kind, so forecasts follow samples and sizes.
+    /// Work of a run in arbitrary units proportional to its time. Seconds per unit are learnt from earlier runs of
+    /// the kind, so that forecasts follow sample counts and sizes.
     fn work(_params: &Self::Params, sizes: &Sizes) -> f64 {
         sizes.total()
     }
 
-    /// The files that `run` reads, found cheaply (headers only).
+    /// The files that `run` reads. Only headers may be read to find them.
     fn sources(_params: &Self::Params, _root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         Ok(Vec::new())
     }
 
-    /// Checks that need several parameters at once; ranges are declared with the parameters.
+    /// The replacement of the field `name`, if a former version had it. `fields` are all fields of the node as
+    /// written, by name and text.
+    fn former(_name: &str, _fields: &[(&str, &str)]) -> Option<Former> {
+        None
+    }
+
+    /// Checks combinations of parameters. Ranges are declared with the parameters.
     fn check(_params: &Self::Params) -> Result<(), NodeError> {
         Ok(())
     }
 
-    /// Checks that need to know what is wired, before anything runs.
+    /// Checks which inputs are wired, before anything runs.
     fn check_wires(_params: &Self::Params, _wired: &Wired) -> Result<(), NodeError> {
         Ok(())
     }
 
-    /// How many views its pictures or cameras hold, as far as that is known before anything runs. A sink of
-    /// more than one needs `{view}` in its path.
+    /// The number of views in the outputs, if known before anything runs. A sink of more than one view needs
+    /// `{view}` in its path.
     fn views(_params: &Self::Params, _root: &SourceRoot) -> ViewCount {
         ViewCount::Unknown
     }
 
     /// Computes the outputs.
     fn run(params: &Self::Params, inputs: Self::In, cx: &Context) -> Result<(Self::Out, Notes), NodeError>;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn costs_add_up_and_do_not_wrap() {
+        assert_eq!(Cost::of([(3, 4), (5, 6)]).bytes, 42);
+        assert_eq!(Cost::of([(u64::MAX / 2, 4), (1, 1)]).bytes, u64::MAX);
+        assert_eq!(Cost::of([(u64::MAX, 1), (1, 1)]).bytes, u64::MAX);
+    }
 }

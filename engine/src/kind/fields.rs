@@ -1,4 +1,4 @@
-//! The fields of one node on the way to the parameters of its kind.
+//! Reads the fields of a node as the parameters of its kind.
 
 use std::ops::Range;
 
@@ -7,7 +7,20 @@ use crate::text::diag::{Code, Diagnostic, shown};
 use crate::text::document::RawField;
 use crate::text::values::{parse_value, value_mistake, with_article};
 
-/// The fields of one node while its parameters are read. Collects every mistake.
+/// Reads a value. A choice whose fields all have defaults may be written without its brackets: `Room` is `Room()`.
+fn read_value<T: ParamType>(text: &str) -> Result<T, ron::Error> {
+    parse_value::<T>(text).or_else(|error| {
+        let is_word = text.starts_with(|c: char| c.is_ascii_uppercase())
+            && text.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
+        if is_word && !matches!(error, ron::Error::NoSuchEnumVariant { .. }) {
+            parse_value::<T>(&format!("{text}()")).map_err(|_| error)
+        } else {
+            Err(error)
+        }
+    })
+}
+
+/// The fields of a node while its parameters are read. Collects all mistakes.
 pub struct Fields<'t, 'a> {
     pub(crate) fields: &'a [RawField<'t>],
     pub(crate) node_span: Range<usize>,
@@ -16,7 +29,7 @@ pub struct Fields<'t, 'a> {
 }
 
 impl Fields<'_, '_> {
-    /// Reads one parameter: its value, its default, or `None` after reporting what is wrong.
+    /// Reads a parameter: its value or default, or `None` after reporting a mistake.
     pub fn parameter<T: ParamType>(
         &mut self,
         name: &'static str,
@@ -37,7 +50,7 @@ impl Fields<'_, '_> {
             return default;
         };
         let between = |(low, high): (f64, f64)| format!("must lie between {low} and {high}");
-        let value = match parse_value::<T>(field.text) {
+        let value = match read_value::<T>(field.text) {
             Ok(value) => value,
             Err(error) => {
                 let (span, range) = (field.span.clone(), range.map(between));

@@ -1,29 +1,29 @@
-//! Knobs: parameters that trade work for accuracy, declared beside their meaning, and the presets over them.
+//! Knobs: parameters that trade work for accuracy.
 
 use serde::Serialize;
 
-/// What turning a knob changes.
+/// Type of a knob: the quantity that it controls.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum KnobKind {
-    /// Random samples: the error is noise and falls with the root of the work.
+    /// Number of random samples: the error is noise and falls with the square root of the work.
     Samples,
-    /// Pixels of what is in between, not of the final picture.
+    /// Resolution of an intermediate image, not of the final picture.
     Resolution,
-    /// How far a series is followed, such as the bounces of light.
+    /// Number of terms of a series, such as light bounces.
     Depth,
-    /// Below which share a contribution is left out.
+    /// Share below which contributions are left out.
     Cutoff,
-    /// Arithmetic.
+    /// Precision of the arithmetic.
     Precision,
-    /// Smoothing, which takes noise away and truth with it.
+    /// Strength of smoothing, which removes noise and detail.
     Filter,
-    /// What a sample may bring at most, which takes noise away and truth with it; 0 is no limit.
+    /// Maximum contribution of a sample, which removes noise and some light; 0 for no limit.
     Limit,
 }
 
 impl KnobKind {
-    /// As it is written in lists.
+    /// The name in lists.
     pub fn name(self) -> &'static str {
         match self {
             Self::Samples => "samples",
@@ -37,18 +37,18 @@ impl KnobKind {
     }
 }
 
-/// A parameter as a knob. Each rung of its ladder is at least as exact as the one before it.
+/// A parameter as a knob. Each step of its ladder is at least as exact as the previous one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Knob {
-    /// What turning it changes.
+    /// Type of the knob.
     pub kind: KnobKind,
-    /// Its value in each of [`PRESETS`](crate::PRESETS), in RON; empty where the preset leaves it as the graph has it.
+    /// The value in each of [`PRESETS`](crate::PRESETS), in RON; empty if the preset does not set it.
     pub ladder: [&'static str; 4],
 }
 
 impl Knob {
-    /// The values to try, from the least work to the least error: the ladder, and whole numbers doubled from
-    /// one rung to the next.
+    /// The values to try, from the least work to the smallest error: the ladder, with whole numbers doubled in
+    /// between.
     pub fn values(&self) -> Vec<String> {
         let mut values: Vec<String> = Vec::new();
         for level in self.ladder.iter().filter(|level| !level.is_empty()) {

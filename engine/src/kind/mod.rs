@@ -1,4 +1,4 @@
-//! The contract with the crates of kinds: what a kind declares, and what its code may ask for.
+//! The contract with crates of kinds: declarations of kinds, and the services available to their code.
 
 pub(crate) mod context;
 pub(crate) mod contract;
@@ -6,5 +6,8 @@ pub(crate) mod fields;
 pub(crate) mod knob;
 pub(crate) mod param_type;
 pub(crate) mod params;
+pub(crate) mod part;
 pub(crate) mod port;
 pub(crate) mod registry;
+pub(crate) mod scene;
+pub(crate) mod tiles;

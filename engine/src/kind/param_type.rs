@@ -1,36 +1,40 @@
-//! Types that parameters may have, and their canonical text.
+//! Types of parameters and their canonical text.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::value::root::InputFile;
 
-/// A type that a parameter may have. Its RON form is its canonical form: equal values, equal text.
+/// A type of parameter. Its RON form is canonical: equal values have equal text.
 pub trait ParamType:
     Serialize + DeserializeOwned + Clone + PartialEq + std::fmt::Debug + Send + Sync
 {
-    /// What a person writes, as in `number` or `Hard | Ramp`.
+    /// Description of the values, such as `number` or `Hard | Ramp`.
     fn describe() -> String;
-    /// What the parameter names outside of the graph.
+    /// Names of the choices, each with its documentation; empty for other types.
+    fn choices() -> Vec<(&'static str, &'static str)> {
+        Vec::new()
+    }
+    /// The role of the parameter.
     const ROLE: Role = Role::Value;
-    /// True when every number in the value lies in the closed range.
+    /// True if every number in the value lies in the closed range.
     fn within(&self, _low: f64, _high: f64) -> bool {
         true
     }
-    /// The text that enters the key; `None` when something else stands for it there.
+    /// The text that enters the key; `None` if a digest enters in its place.
     fn key_text(&self) -> Result<Option<String>, NotCanonical> {
         canonical(self).map(Some)
     }
-    /// The paths, for those that name files.
+    /// The paths in the value, if it names files.
     fn paths(&self) -> Vec<&str> {
         Vec::new()
     }
 }
 
-/// What a parameter names outside of the graph.
+/// Role of a parameter: a plain value, or a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// Nothing: a plain value.
+    /// A plain value.
     Value,
     /// A file to read, relative to the graph file.
     Input,
@@ -38,12 +42,12 @@ pub enum Role {
     Output,
 }
 
-/// A number that has no place in a key.
+/// A number that cannot be part of a key.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is not a finite number")]
 pub struct NotCanonical(pub String);
 
-/// RON text that is equal for equal values: shortest floats, no layout, `-0` written `0`.
+/// The canonical RON text of a value: shortest floats, no layout, `-0` written as `0`.
 pub fn canonical<T: Serialize>(value: &T) -> Result<String, NotCanonical> {
     let text = ron::to_string(value).map_err(|e| NotCanonical(e.to_string()))?;
     let mut out = String::with_capacity(text.len());
@@ -117,7 +121,7 @@ impl<T: ParamType> ParamType for Vec<T> {
     const ROLE: Role = T::ROLE;
     fn key_text(&self) -> Result<Option<String>, NotCanonical> {
         let texts = self.iter().map(T::key_text).collect::<Result<Vec<_>, _>>()?;
-        // A list of files to read stands in the key as the list of their contents.
+        // A list of source files enters the key as the list of their digests.
         Ok((T::ROLE != Role::Input)
             .then(|| format!("[{}]", texts.into_iter().flatten().collect::<Vec<_>>().join(","))))
     }
@@ -126,6 +130,9 @@ impl<T: ParamType> ParamType for Vec<T> {
     }
     fn describe() -> String {
         format!("[{}, ..]", T::describe())
+    }
+    fn choices() -> Vec<(&'static str, &'static str)> {
+        T::choices()
     }
     fn within(&self, low: f64, high: f64) -> bool {
         self.iter().all(|v| v.within(low, high))
@@ -136,6 +143,9 @@ impl<T: ParamType> ParamType for Option<T> {
     const ROLE: Role = T::ROLE;
     fn describe() -> String {
         format!("{} (optional)", T::describe())
+    }
+    fn choices() -> Vec<(&'static str, &'static str)> {
+        T::choices()
     }
     fn within(&self, low: f64, high: f64) -> bool {
         self.as_ref().is_none_or(|v| v.within(low, high))
@@ -164,14 +174,14 @@ impl ParamType for InputFile {
     }
 }
 
-/// A file that a sink writes: a path relative to the output folder. `{view}` stands for the name of
-/// each view. Only the ending, which names the format, is part of the key.
+/// A file that a sink writes: a path relative to the output folder, where `{view}` is replaced by the name of each
+/// view. Only the extension, which determines the format, enters the key.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct OutputFile(pub String);
 
 impl OutputFile {
-    /// The ending in lower case, without the dot.
+    /// The extension in lower case, without the dot.
     pub fn extension(&self) -> String {
         std::path::Path::new(&self.0).extension().unwrap_or_default().to_string_lossy().to_lowercase()
     }

@@ -1,56 +1,56 @@
-//! Parameters: typed values of a node, declared once with default, range, unit and doc.
-
-use crate::kind::param_type::ParamValue;
-use crate::kind::param_type::Role;
+//! Parameters: typed values of a node, declared with default, range, unit and documentation.
 
 use crate::kind::fields::Fields;
 use crate::kind::knob::Knob;
+use crate::kind::param_type::{ParamValue, Role};
 
-/// A parameter as the reference page and the table-driven tests see it.
+/// Description of a parameter, for reference pages and tests.
 #[derive(Debug, Clone)]
 pub struct ParamSpec {
     /// Name in the graph file.
     pub name: &'static str,
-    /// What it does.
+    /// Documentation.
     pub doc: &'static str,
-    /// What a person writes.
+    /// Description of the values.
     pub describe: fn() -> String,
-    /// Canonical text of the default, made when asked for; `None` where the parameter must be given.
+    /// Names of the choices, each with its documentation; empty for other types.
+    pub choices: fn() -> Vec<(&'static str, &'static str)>,
+    /// Canonical text of the default; `None` if the parameter is required.
     pub default: fn() -> Option<String>,
-    /// Closed range of every number in it.
+    /// Closed range of every number in the value.
     pub range: Option<(f64, f64)>,
-    /// Unit, empty where there is none.
+    /// Unit, or an empty string.
     pub unit: &'static str,
-    /// Another valid value in RON, which the tests set in place of the default.
+    /// Another valid value in RON, for tests.
     pub other: Option<&'static str>,
-    /// Why another value may leave the output as it is (a speed setting, say).
+    /// Why the output may be equal for another value (a speed setting, for example).
     pub inert: Option<&'static str>,
-    /// How it trades work for accuracy, where it does.
+    /// How it trades work for accuracy, if it does.
     pub knob: Option<Knob>,
-    /// What it names outside of the graph.
+    /// Role: a plain value, or a file.
     pub role: Role,
 }
 
-/// The parameters of a kind; written by [`params!`](crate::params).
+/// The parameters of a kind; implemented by [`params!`](crate::params).
 pub trait Params: Sized + std::fmt::Debug + Clone + PartialEq + Send + Sync + 'static {
-    /// The doc comment of the struct, which is the doc of the kind.
+    /// The documentation of the kind.
     const DOC: &'static str;
-    /// One entry a parameter, in the order of declaration.
+    /// The parameters in the order of declaration.
     fn specs() -> Vec<ParamSpec>;
-    /// Reads the fields of a node; every mistake is reported to `fields`, and then there is no value.
+    /// Reads the fields of a node. Mistakes are reported to `fields`, and the result is then `None`.
     fn read(fields: &mut Fields<'_, '_>) -> Option<Self>;
     /// Visits (name, value) in the order of declaration.
     fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
 }
 
-/// A kind's own parameters, and those that it shares with others; the doc is that of its own.
+/// The parameters of a kind followed by shared ones. The documentation is that of the former.
 impl<Own: Params, Shared: Params> Params for (Own, Shared) {
     const DOC: &'static str = Own::DOC;
     fn specs() -> Vec<ParamSpec> {
         [Own::specs(), Shared::specs()].concat()
     }
     fn read(fields: &mut Fields<'_, '_>) -> Option<Self> {
-        // Both, so that all mistakes are told.
+        // Both are read before `?`, so that all mistakes are reported.
         let (own, shared) = (Own::read(fields), Shared::read(fields));
         Some((own?, shared?))
     }
@@ -101,6 +101,7 @@ macro_rules! params {
                     let mut spec = $crate::ParamSpec {
                         name: stringify!($field), doc: concat!($($doc, "\n"),*).trim_ascii(),
                         describe: <$type as $crate::ParamType>::describe,
+                        choices: <$type as $crate::ParamType>::choices,
                         default: || $crate::params!(@default $type $(= $default)?)
                             .map(|v| $crate::canonical(&v).expect("a default is a finite value")),
                         range: None, unit: "", other: None, inert: None, knob: None,
@@ -156,16 +157,20 @@ macro_rules! params {
 ///     pub enum Blend { /** At the threshold, as the paper. */ Hard, /** Over a ramp. */ Ramp }
 /// }
 /// assert_eq!(<Blend as engine::ParamType>::describe(), "Hard | Ramp");
+/// assert_eq!(<Blend as engine::ParamType>::choices()[1], ("Ramp", "Over a ramp."));
 /// ```
 #[macro_export]
 macro_rules! choices {
-    ($(#[doc = $sdoc:literal])* $vis:vis enum $name:ident { $($(#[doc = $doc:literal])* $variant:ident),* $(,)? }) => {
+    ($(#[doc = $sdoc:literal])* $vis:vis enum $name:ident { $($(#[doc = $doc:literal])+ $variant:ident),* $(,)? }) => {
         $(#[doc = $sdoc])*
         #[derive(Debug, Clone, Copy, PartialEq, Eq, $crate::serde::Serialize, $crate::serde::Deserialize)]
         #[serde(crate = "engine::serde")]
         $vis enum $name { $($(#[doc = $doc])* $variant,)* }
         impl $crate::ParamType for $name {
             fn describe() -> String { [$(stringify!($variant)),*].join(" | ") }
+            fn choices() -> Vec<(&'static str, &'static str)> {
+                vec![$((stringify!($variant), concat!($($doc, "\n"),*).trim_ascii())),*]
+            }
         }
     };
 }

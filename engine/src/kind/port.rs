@@ -1,39 +1,39 @@
-//! Ports: the named, typed places where wires begin and end.
+//! Ports: the named, typed ends of wires.
 
 use std::sync::Arc;
 
 use crate::value::artifact::{AnyArtifact, Artifact, ArtifactType};
 
-/// How many wires an input takes.
+/// Number of wires of an input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arity {
     /// Exactly one.
     One,
-    /// None or one.
+    /// Zero or one.
     Optional,
-    /// One wire or a list, whose order is part of the meaning.
+    /// Any number of wires, in an order that matters.
     Many,
 }
 
-/// A port as the graph check and the reference page see it.
+/// Description of a port, for the graph check and reference pages.
 #[derive(Debug, Clone, Copy)]
 pub struct PortSpec {
     /// Name in the graph file.
     pub name: &'static str,
-    /// What travels through it.
+    /// Documentation.
     pub doc: &'static str,
-    /// How many wires it takes; outputs are always [`Arity::One`].
+    /// Number of wires; [`Arity::One`] for outputs.
     pub arity: Arity,
     /// Type of the values.
     pub artifact: ArtifactType,
 }
 
-/// What is wired to the inputs of a node: for each port the names of the outputs that its wires come from.
+/// The wiring of a node: for each port, the names of the outputs that its wires come from.
 #[derive(Debug, Clone, Default)]
 pub struct Wired(pub(crate) Vec<(&'static str, Vec<&'static str>)>);
 
 impl Wired {
-    /// The names of the outputs wired to `input`, one for each wire: `["colour", "depth"]`.
+    /// The names of the outputs wired to `input`, one per wire: `["colour", "depth"]`.
     pub fn of(&self, input: &str) -> &[&'static str] {
         self.0.iter().find(|(port, _)| *port == input).map_or(&[], |(_, names)| names)
     }
@@ -41,11 +41,11 @@ impl Wired {
 
 /// A field of an input struct: `Arc<T>`, `Option<Arc<T>>` or `Vec<Arc<T>>`.
 pub trait InPort: Sized {
-    /// How many wires it takes.
+    /// Number of wires.
     const ARITY: Arity;
     /// Type of the values.
     fn artifact() -> ArtifactType;
-    /// Takes the values of the wires, whose number and type the graph check has assured.
+    /// Converts the values of the wires. Their number and type were checked with the graph.
     fn take(values: Vec<AnyArtifact>) -> Self;
 }
 
@@ -83,19 +83,19 @@ impl<T: Artifact> InPort for Vec<Arc<T>> {
     }
 }
 
-/// The inputs of a kind; written by [`inputs!`](crate::inputs).
+/// The inputs of a kind; implemented by [`inputs!`](crate::inputs).
 pub trait Inputs: Sized {
-    /// The ports, in the order of declaration, which is the order in keys.
+    /// The ports in the order of declaration, which is also the order in keys.
     fn ports() -> Vec<PortSpec>;
-    /// Takes one list of values a port.
+    /// Converts one list of values per port.
     fn take(values: Vec<Vec<AnyArtifact>>) -> Self;
 }
 
-/// The outputs of a kind; written by [`outputs!`](crate::outputs). The first port is the default one.
+/// The outputs of a kind; implemented by [`outputs!`](crate::outputs). The first port is the default.
 pub trait Outputs: Sized {
     /// The ports, in the order of declaration.
     fn ports() -> Vec<PortSpec>;
-    /// One value a port, in the same order.
+    /// One value per port, in the same order.
     fn give(self) -> Vec<AnyArtifact>;
 }
 

@@ -1,33 +1,30 @@
-//! Kinds: what a node does, and the table that knows them all.
+//! The table of kinds.
 
-use crate::kind::contract::Cost;
-use crate::kind::contract::Keep;
-use crate::kind::contract::Kind;
-use crate::kind::contract::Sizes;
-use crate::kind::contract::ViewCount;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::kind::context::{Context, ContextField};
+use crate::kind::contract::{Cost, Former, Keep, Kind, Preview, Sizes, ViewCount};
 use crate::kind::fields::Fields;
 use crate::kind::param_type::{ParamValue, Role};
 use crate::kind::params::{ParamSpec, Params};
 use crate::kind::port::{Inputs, Outputs, PortSpec, Wired};
 use crate::value::artifact::AnyArtifact;
-use crate::value::error::NodeError;
+use crate::value::error::{NodeError, guarded};
 use crate::value::note::Notes;
 use crate::value::root::{FileHead, SourceFile, SourceRoot};
 
-/// Parameters of an unknown type, together with what can be done with them.
+/// The parameters and code of a kind whose type is unknown. A panic in the code of a kind is an error of every method, so
+/// that no caller has to guard against it.
 pub(crate) trait Step: Send + Sync {
     fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
     fn check(&self) -> Result<(), NodeError>;
     fn check_wires(&self, wired: &Wired) -> Result<(), NodeError>;
-    fn views(&self, root: &SourceRoot) -> ViewCount;
+    fn views(&self, root: &SourceRoot) -> Result<ViewCount, NodeError>;
     fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError>;
-    fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Cost;
-    fn estimate_files(&self, files: &[FileHead<'_>]) -> Cost;
-    fn work(&self, sizes: &Sizes) -> f64;
+    fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Result<Cost, NodeError>;
+    fn estimate_files(&self, files: &[FileHead<'_>]) -> Result<Cost, NodeError>;
+    fn work(&self, sizes: &Sizes) -> Result<f64, NodeError>;
     fn run(
         &self,
         inputs: Vec<Vec<AnyArtifact>>,
@@ -42,49 +39,51 @@ impl<K: Kind> Step for StepOf<K> {
         self.0.visit(visit);
     }
     fn check(&self) -> Result<(), NodeError> {
-        K::check(&self.0)
+        guarded(|| K::check(&self.0))
     }
     fn check_wires(&self, wired: &Wired) -> Result<(), NodeError> {
-        K::check_wires(&self.0, wired)
+        guarded(|| K::check_wires(&self.0, wired))
     }
-    fn views(&self, root: &SourceRoot) -> ViewCount {
-        K::views(&self.0, root)
+    fn views(&self, root: &SourceRoot) -> Result<ViewCount, NodeError> {
+        guarded(|| Ok(K::views(&self.0, root)))
     }
     fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
-        K::sources(&self.0, root)
+        guarded(|| K::sources(&self.0, root))
     }
-    fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Cost {
-        K::estimate(&self.0, &K::In::take(inputs))
+    fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Result<Cost, NodeError> {
+        guarded(|| Ok(K::estimate(&self.0, &K::In::take(inputs))))
     }
-    fn estimate_files(&self, files: &[FileHead<'_>]) -> Cost {
-        K::estimate_files(&self.0, files)
+    fn estimate_files(&self, files: &[FileHead<'_>]) -> Result<Cost, NodeError> {
+        guarded(|| Ok(K::estimate_files(&self.0, files)))
     }
-    fn work(&self, sizes: &Sizes) -> f64 {
-        K::work(&self.0, sizes)
+    fn work(&self, sizes: &Sizes) -> Result<f64, NodeError> {
+        guarded(|| Ok(K::work(&self.0, sizes)))
     }
     fn run(
         &self,
         inputs: Vec<Vec<AnyArtifact>>,
         cx: &Context,
     ) -> Result<(Vec<AnyArtifact>, Notes), NodeError> {
-        let (out, notes) = K::run(&self.0, K::In::take(inputs), cx)?;
-        Ok((out.give(), notes))
+        guarded(|| {
+            let (out, notes) = K::run(&self.0, K::In::take(inputs), cx)?;
+            Ok((out.give(), notes))
+        })
     }
 }
 
-/// A kind as the engine sees it.
+/// The engine's view of a kind.
 pub struct KindEntry {
     /// Kebab-case name.
     pub name: &'static str,
     /// [`Kind::VERSION`].
     pub version: u32,
-    /// The doc comment of its parameters: first line is the summary.
+    /// The documentation; its first line is a summary.
     pub doc: &'static str,
     /// Parameters in order of declaration.
     pub params: Vec<ParamSpec>,
     /// Input ports in order of declaration.
     pub inputs: Vec<PortSpec>,
-    /// Output ports; the first is the default one.
+    /// Output ports; the first is the default.
     pub outputs: Vec<PortSpec>,
     /// [`Kind::READS`].
     pub reads: &'static [ContextField],
@@ -96,20 +95,16 @@ pub struct KindEntry {
     pub data: &'static [u8],
     /// [`Kind::INSTANT`].
     pub instant: bool,
-    /// [`Kind::REFINES`].
-    pub refines: Option<&'static str>,
-    /// [`Kind::LOOKS`].
-    pub looks: &'static [&'static str],
-    /// [`Kind::ROUGH`].
-    pub rough: &'static [(&'static str, &'static str)],
-    /// [`Kind::COARSE`].
-    pub coarse: Option<&'static str>,
+    /// [`Kind::PREVIEW`].
+    pub preview: Preview,
     /// [`Kind::FOLDERS`].
     pub(crate) folders: bool,
     /// [`Kind::SUPPLIED`].
     pub(crate) supplied: Option<&'static str>,
-    /// Whether a parameter names a file to read.
+    /// True if a parameter names a source file.
     pub(crate) reads_files: bool,
+    /// [`Kind::former`].
+    pub(crate) former: fn(&str, &[(&str, &str)]) -> Option<Former>,
     pub(crate) read: fn(&mut Fields<'_, '_>) -> Option<Arc<dyn Step>>,
 }
 
@@ -130,12 +125,10 @@ impl KindEntry {
             profile: K::PROFILE,
             data: K::DATA,
             instant: K::INSTANT,
-            refines: K::REFINES,
-            looks: K::LOOKS,
-            rough: K::ROUGH,
-            coarse: K::COARSE,
+            preview: K::PREVIEW,
             folders: K::FOLDERS,
             supplied: K::SUPPLIED,
+            former: K::former,
             read: |fields| {
                 let step: Arc<dyn Step> = Arc::new(StepOf::<K>(K::Params::read(fields)?));
                 Some(step)
@@ -143,23 +136,23 @@ impl KindEntry {
         }
     }
 
-    /// The name in graph files: `SplatRender`.
+    /// The spelling in graph files: `SplatRender`.
     pub fn camel_name(&self) -> String {
         camel(self.name)
     }
 
-    /// The first parameter that names a file to read.
+    /// The first parameter that names a source file.
     pub(crate) fn source_param(&self) -> Option<&'static str> {
         self.params.iter().find(|param| param.role == Role::Input).map(|param| param.name)
     }
 
-    /// The parameter that names the file to write, for sinks.
+    /// The parameter that names the output file of a sink.
     pub fn sink_param(&self) -> Option<&ParamSpec> {
         self.params.iter().find(|param| param.role == Role::Output)
     }
 }
 
-/// `splat-render` to `SplatRender`.
+/// Converts `splat-render` to `SplatRender`.
 pub(crate) fn camel(kebab: &str) -> String {
     let mut out = String::with_capacity(kebab.len());
     for word in kebab.split('-') {
@@ -170,14 +163,17 @@ pub(crate) fn camel(kebab: &str) -> String {
     out
 }
 
-/// The table of kinds. A user's own crate adds to it with [`Registry::with`].
+/// The table of kinds. A crate of kinds adds its own with [`Registry::with`].
 #[derive(Default)]
 pub struct Registry {
     kinds: BTreeMap<String, Arc<KindEntry>>,
 }
 
 impl Registry {
-    /// A table of the given kinds. Two kinds of one name are our bug.
+    /// A table of the given kinds.
+    ///
+    /// # Panics
+    /// If two kinds have the same name.
     pub fn new(entries: Vec<KindEntry>) -> Self {
         entries.into_iter().fold(Self::default(), Self::with)
     }
@@ -190,12 +186,12 @@ impl Registry {
         self
     }
 
-    /// The kind of a name in either spelling.
+    /// The kind with a name in either spelling.
     pub fn get(&self, name: &str) -> Option<&Arc<KindEntry>> {
         self.kinds.get(name).or_else(|| self.kinds.get(&camel(name)))
     }
 
-    /// Every kind, in order of name.
+    /// All kinds in order of name.
     pub fn iter(&self) -> impl Iterator<Item = &Arc<KindEntry>> {
         self.kinds.values()
     }

@@ -1,4 +1,4 @@
-//! Differences between two graphs: in what they say, and in what came of them.
+//! Differences between two graphs: in their text, and in their results.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -12,19 +12,19 @@ use crate::run::job::stored_value;
 use crate::value::artifact::{AnyArtifact, Difference};
 use crate::value::files::Files;
 
-/// How a node of one name differs between two graphs.
+/// How a node differs between two graphs.
 #[derive(Debug, Clone, PartialEq)]
 pub enum NodeDifference {
     /// Only the first graph has it.
     Gone,
     /// Only the second graph has it.
     New,
-    /// Parameters, wires, or the kind itself.
+    /// Parameters, wires, or the kind itself differ.
     Changed(Vec<Change>),
 }
 
-/// What two graphs say otherwise: `scene` and the nodes by name, in the order of the first graph, then
-/// what only the second has. Defaults that are written out, layout and comments are no difference.
+/// Differences between two graphs: `scene` and the nodes by name, in the order of the first graph, then nodes that
+/// only the second has. Written defaults, layout and comments do not count.
 pub fn graph_differences(a: &Graph, b: &Graph) -> Vec<(String, NodeDifference)> {
     let mut found = Vec::new();
     let scene = |graph: &Graph| {
@@ -33,6 +33,7 @@ pub fn graph_differences(a: &Graph, b: &Graph) -> Vec<(String, NodeDifference)> 
             ("up", scene.up.name().to_owned()),
             ("metres_per_unit", format!("{:?}", scene.metres_per_unit)),
             ("seed", scene.seed.to_string()),
+            ("exhaustive", scene.exhaustive.to_string()),
         ];
         fields.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
     };
@@ -59,7 +60,7 @@ fn by_name(graph: &Graph) -> HashMap<&str, usize> {
     graph.nodes.iter().enumerate().map(|(index, node)| (node.id.as_str(), index)).collect()
 }
 
-/// Kind, parameters with defaults filled in, and wires by name.
+/// Kind, parameters including defaults, and wires, by name.
 fn fields(graph: &Graph, index: usize) -> Vec<(String, String)> {
     let node = &graph.nodes[index];
     let mut fields = vec![("kind".to_owned(), node.kind.name.to_owned())];
@@ -75,7 +76,7 @@ fn fields(graph: &Graph, index: usize) -> Vec<(String, String)> {
     fields
 }
 
-/// Fields that are gone, new or other.
+/// Fields that were removed, added or changed.
 pub(crate) fn changes(old: Vec<(String, String)>, new: Vec<(String, String)>) -> Vec<Change> {
     let before: BTreeMap<&String, &String> = old.iter().map(|(name, value)| (name, value)).collect();
     let after: BTreeMap<&String, &String> = new.iter().map(|(name, value)| (name, value)).collect();
@@ -87,30 +88,30 @@ pub(crate) fn changes(old: Vec<(String, String)>, new: Vec<(String, String)>) ->
     other.chain(gone).map(|(path, old, new)| Change { path: path.clone(), old, new }).collect()
 }
 
-/// A node whose results are known on both sides, and are not the same.
+/// A node whose stored results differ.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResultDifference {
     /// Name of the node.
     pub id: String,
-    /// The outputs that differ: name, and how far they lie apart where both values are kept.
+    /// Names of the outputs that differ, with the distance between their values if both are stored.
     pub outputs: Vec<(String, Option<Difference>)>,
-    /// True when nothing that it reads differs: here it begins.
+    /// True if none of its inputs differ, so that the difference originates here.
     pub first: bool,
 }
 
-/// What came of two graphs, node by node of one name and kind, what is read before what reads it.
+/// Comparison of the results of two graphs, by nodes of the same name and kind, in topological order.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ResultDifferences {
-    /// How many nodes are known on both sides.
+    /// Number of nodes with results in both graphs.
     pub compared: usize,
-    /// Those of them that differ.
+    /// Nodes whose results differ.
     pub unequal: Vec<ResultDifference>,
-    /// Nodes of one name and kind whose result is not known in the first graph, and those in the second.
+    /// Nodes without a result in the first graph, and those without one in the second.
     pub unknown: [Vec<String>; 2],
 }
 
-/// Compares the kept results of two graphs, each as its engine's store knows it. `of_files` says how files of sinks
-/// differ, which are no more than bytes here.
+/// Compares the stored results of two graphs, each in the store of its engine. `of_files` describes the difference
+/// between files of sinks, which the engine treats as bytes.
 pub fn result_differences(
     a: (&Engine, &Graph),
     b: (&Engine, &Graph),

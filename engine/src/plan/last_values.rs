@@ -1,6 +1,5 @@
-//! The values that the last run of a graph had, after the run: out of the store, or made once more.
+//! The values of the last run of a graph, from the store or recomputed.
 
-use crate::run::job::context_of;
 use std::collections::BTreeMap;
 
 use cache::Digest;
@@ -11,13 +10,13 @@ use crate::kind::contract::Keep;
 use crate::record::action::{Action, last_outputs, read_sources};
 use crate::record::record::Output;
 use crate::run::engine::Engine;
-use crate::run::job::stored_value;
+use crate::run::job::{context_of, stored_value};
 use crate::value::artifact::{AnyArtifact, Artifact, decode_all};
 use crate::value::error::guarded;
 
 impl Engine {
-    /// The value of an output that the last run of a graph had: from the store or, where only its digest was kept, by
-    /// the code of its node and of such nodes above it. `None` where neither gives what the run had. For tests and
+    /// The value of an output in the last run of a graph: from the store or, if only its digest was stored,
+    /// recomputed with the nodes above it. `None` if neither gives the value with that digest. For tests and
     /// viewers.
     pub fn value<A: Artifact>(&self, graph: &Graph, wire: Wire) -> Option<A> {
         let output = self.last_output(graph, wire)?;
@@ -25,11 +24,12 @@ impl Engine {
             true => self.store.get_blob(&output.digest).ok()??,
             false => {
                 let value = self.made_again(graph, wire)?;
-                let bytes = (graph.nodes[wire.node].kind.outputs[wire.port].artifact.encode)(&value);
+                let artifact = &graph.nodes[wire.node].kind.outputs[wire.port].artifact;
+                let bytes = guarded(|| Ok((artifact.encode)(&value))).ok()?;
                 Some(bytes).filter(|bytes| Digest::of(bytes) == output.digest)?
             }
         };
-        decode_all(&bytes).ok()
+        guarded(|| Ok(decode_all(&bytes)?)).ok()
     }
 
     fn last_output(&self, graph: &Graph, wire: Wire) -> Option<Output> {
@@ -39,7 +39,7 @@ impl Engine {
 
     fn made_again(&self, graph: &Graph, wire: Wire) -> Option<AnyArtifact> {
         let kept = |node: usize| graph.nodes[node].kind.store == Keep::Always;
-        // The way up ends at nodes that keep their values.
+        // The walk ends at nodes whose values are stored.
         let mut runs = vec![false; graph.nodes.len()];
         runs[wire.node] = true;
         for &node in graph.order().iter().rev() {
@@ -61,7 +61,7 @@ impl Engine {
             let inputs = node.inputs.iter().map(port).collect::<Option<Vec<_>>>()?;
             let sources = read_sources(graph, index, &self.store).ok()?;
             let context = context_of(graph, index, &Action { sources, ..Action::default() });
-            let (values, _) = guarded(|| node.step.run(inputs, &context)).ok()?;
+            let (values, _) = node.step.run(inputs, &context).ok()?;
             made.insert(index, values);
         }
         made.remove(&wire.node)?.into_iter().nth(wire.port)

@@ -1,4 +1,4 @@
-//! Locks: what a graph is made of, by digest, so that it can be told whether another run is the same.
+//! Locks: the inputs, kinds and results of a graph by digest, to check that another run is the same.
 
 use std::collections::BTreeMap;
 
@@ -13,55 +13,55 @@ use crate::value::error::NodeError;
 /// Raised when the fields of a lock change.
 const FORMAT: u32 = 1;
 
-/// The inputs, the kinds and the results of a graph. Its text is RON, in order, the same for the same graph.
+/// The inputs, kinds and results of a graph. The text is RON in a fixed order, equal for equal graphs.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lock {
     /// Format of the lock.
     pub format: u32,
-    /// Version and numeric profile of every kind in the graph.
+    /// Version and numeric profile of each kind in the graph.
     pub kinds: BTreeMap<String, (u32, String)>,
-    /// Digest of every file that is read, by its name in the graph.
+    /// Digest of each source file, by its name in the graph.
     pub inputs: BTreeMap<String, String>,
-    /// Digests of the outputs of every node that is known, by node and output.
+    /// Digests of the outputs of each node with a result, by node and output.
     pub results: BTreeMap<String, BTreeMap<String, String>>,
 }
 
-/// Why a text is no lock.
+/// Why a text is not a lock.
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
-    /// It does not read as one.
-    #[error("{name}: this is no lock: {why}")]
+    /// The text does not parse.
+    #[error("{name}: not a lock: {why}")]
     Form {
-        /// The file.
+        /// Name of the file.
         name: String,
-        /// What is wrong.
+        /// Cause.
         why: String,
     },
-    /// Another format.
-    #[error("{name}: the lock is of format {format}, and this program reads {FORMAT}")]
+    /// The lock has another format.
+    #[error("{name}: the lock has format {format}, but this program reads format {FORMAT}")]
     Format {
-        /// The file.
+        /// Name of the file.
         name: String,
-        /// Its format.
+        /// Format of the lock.
         format: u32,
     },
 }
 
-/// What differs between a lock and what is found now; one line each.
+/// Differences between a lock and the current state, one line each.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct LockDifferences {
-    /// Kinds and inputs: a run would not be the same.
+    /// Kinds and inputs that differ: a run would not be the same.
     pub before: Vec<String>,
-    /// Results: the runs were not the same.
+    /// Results that differ: the runs were not the same.
     pub results: Vec<String>,
 }
 
 impl Engine {
-    /// The lock of what the targets of a graph need. Results that are not known are left out.
+    /// The lock of everything that the targets of a graph need. Nodes without results are left out.
     ///
     /// # Errors
-    /// When a file cannot be read.
+    /// If a source file cannot be read.
     pub fn lock(&self, graph: &Graph, only: &[usize]) -> Result<Lock, NodeError> {
         let targets = if only.is_empty() { graph.targets() } else { only.to_vec() };
         let wanted = graph.above(&targets);
@@ -72,7 +72,7 @@ impl Engine {
             let kind = (node.kind.version, node.kind.profile.to_owned());
             lock.kinds.insert(node.kind.name.to_owned(), kind);
             let fate = outlook.fate(index);
-            // Inputs are locked even where what stands above a reader is not known.
+            // Source files are locked even if nodes above have no result.
             let sources = match fate {
                 Fate::Follows(_) | Fate::Fails(_) => {
                     crate::record::action::read_sources(graph, index, self.store())?
@@ -96,14 +96,14 @@ impl Lock {
     /// The text of the lock.
     pub fn text(&self) -> String {
         let pretty = ron::ser::PrettyConfig::new().struct_names(true).new_line("\n").compact_arrays(true);
-        // Strings, numbers and maps always serialise.
+        // Strings, numbers and maps can always be serialised.
         ron::ser::to_string_pretty(self, pretty).unwrap_or_default() + "\n"
     }
 
-    /// Reads the text of a lock.
+    /// Parses a lock.
     ///
     /// # Errors
-    /// Where it is none, with the place.
+    /// If the text is not a lock, with the place of the mistake.
     pub fn parse(source: &Source) -> Result<Self, LockError> {
         let name = source.name.clone();
         let lock: Self = ron::from_str(&source.text)
@@ -111,7 +111,7 @@ impl Lock {
         if lock.format == FORMAT { Ok(lock) } else { Err(LockError::Format { name, format: lock.format }) }
     }
 
-    /// How `now` differs from this lock. Results are compared where both know them.
+    /// Differences between this lock and the current one. Results are compared if both have them.
     pub fn differences(&self, now: &Lock) -> LockDifferences {
         let short = |digest: &str| digest.chars().take(12).collect::<String>();
         let mut found = LockDifferences::default();
@@ -119,7 +119,7 @@ impl Lock {
             match self.kinds.get(kind) {
                 None => found.before.push(format!("the lock has no kind `{kind}`")),
                 Some(known) if *known != (*version, profile.clone()) => found.before.push(format!(
-                    "`{kind}` is version {version} ({profile}), and the lock has {} ({})",
+                    "`{kind}` is version {version} ({profile}), but the lock has {} ({})",
                     known.0, known.1
                 )),
                 _ => {}
@@ -129,7 +129,7 @@ impl Lock {
             match self.inputs.get(name) {
                 None => found.before.push(format!("the lock has no input `{name}`")),
                 Some(known) if known != digest => found.before.push(format!(
-                    "`{name}` has other content: {}, and the lock has {}",
+                    "`{name}` has the content {}, but the lock has {}",
                     short(digest),
                     short(known)
                 )),
@@ -141,7 +141,9 @@ impl Lock {
             for (port, digest) in outputs {
                 if let Some(known) = known.get(port).filter(|known| *known != digest) {
                     let (now, then) = (short(digest), short(known));
-                    found.results.push(format!("`{node}.{port}` came out as {now}, and the lock has {then}"));
+                    found
+                        .results
+                        .push(format!("the result of `{node}.{port}` is {now}, but the lock has {then}"));
                 }
             }
         }

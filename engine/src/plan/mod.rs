@@ -1,4 +1,4 @@
-//! What a run would do, and what runs gave: plans, last values, locks, differences.
+//! The steps of a run beforehand, and the results of earlier runs: plans, last values, locks, differences.
 
 pub(crate) mod diff;
 pub(crate) mod last_values;

@@ -1,11 +1,9 @@
 //! Plans: what a run would do and why, without running anything that takes time.
 //!
-//! A node is known when its key is in the store. Where it is not, what follows depends on what it would
-//! give; for kinds that are [`INSTANT`](crate::Kind::INSTANT) (a pose, a rig) the plan finds out, so it
-//! tells exactly where an edit stops.
+//! A node is known if its key is in the store. If it is not, the keys of the nodes below depend on its result. A
+//! plan runs kinds that are [`INSTANT`](crate::Kind::INSTANT) (a pose, a rig), so that it shows exactly which nodes
+//! an edit affects.
 
-use crate::run::event::Forecast;
-use crate::run::job::context_of;
 use std::path::Path;
 
 use cache::{Change, Digest, Manifest};
@@ -13,79 +11,78 @@ use cache::{Change, Digest, Manifest};
 use crate::graph::graph::Graph;
 use crate::graph::node::Wire;
 use crate::record::action::{
-    Action, last_keys, last_outputs, last_run, look_up, manifest_before, prepare, read_sources, sizes,
+    Action, last_outputs, last_run, look_up, manifest_before, prepare, read_sources, sizes,
 };
 use crate::record::pace::Pace;
 use crate::record::record::{Output, Record, Spent};
 use crate::run::engine::Engine;
-use crate::run::job::{encode, stored_value};
-use crate::run::remembered::lookups::LookupMemo;
-use crate::run::remembered::previous::Cone;
+use crate::run::event::Forecast;
+use crate::run::job::{context_of, encode, stored_value};
+use crate::run::previous::Cone;
 use crate::text::values::parse_value;
 use crate::value::artifact::AnyArtifact;
-use crate::value::error::NodeError;
-use crate::value::error::guarded;
+use crate::value::error::{NodeError, guarded};
 
-/// What a run would do with a node.
+/// Planned treatment of a node.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fate {
-    /// No target stands below it.
+    /// Not needed by any target.
     Unwanted,
-    /// Its result is known.
+    /// Its result is in the cache.
     Known,
-    /// Its result is known but no longer kept; its code runs again if a reader needs it.
+    /// Its record is in the cache but its values are gone; its code runs again if a reader needs them.
     Lost,
     /// Its code would run.
     Runs(Why),
-    /// Whether it runs depends on what the named node above it gives; that one would run.
+    /// Depends on the result of this node above it, which would run.
     Follows(String),
-    /// Its sources cannot be read.
+    /// Its source files cannot be read.
     Fails(String),
 }
 
 /// Why a node would run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Why {
-    /// A node of this name never ran in this graph file, or nothing of it is kept.
+    /// No node of this name ran in this graph file, or its record is gone.
     New,
-    /// What its key is made of differs from the last run.
+    /// Its key differs from that of the last run in these parts.
     Changed(Vec<Change>),
 }
 
-/// What a run would do with one node.
+/// The plan of one node.
 #[derive(Debug, Clone)]
 pub struct Planned {
     /// Name of the node.
     pub id: String,
-    /// Its kind.
+    /// Kind of the node.
     pub kind: &'static str,
-    /// What would happen.
+    /// Planned treatment.
     pub fate: Fate,
-    /// Seconds that its code would take, by earlier runs of its kind; `None` where there is none, or where
-    /// nothing would run. Parts that are kept make it less.
+    /// Forecast of its time in seconds, from earlier runs of its kind; `None` if there are none or if it would not
+    /// run. Cached parts make it shorter.
     pub forecast: Option<f64>,
-    /// What its key is made of, where it is known: (path, value).
+    /// The manifest of its key, if the key is known.
     pub manifest: Option<Manifest>,
 }
 
-/// What is remembered of a node by its name and the name of its graph file.
+/// History of a node, by its name and that of its graph file.
 #[derive(Debug, Clone, Default)]
 pub struct Past {
-    /// What its code took when it last ran.
+    /// Time, memory and counts of its last run.
     pub spent: Option<Spent>,
-    /// How its key differs from the one it had before.
+    /// Differences between its key and the one before.
     pub changes: Vec<Change>,
 }
 
 impl Forecast {
-    /// Sums a plan up.
+    /// Sums up a plan.
     pub fn of(plan: &[Planned]) -> Self {
         let wanted = || plan.iter().filter(|node| node.fate != Fate::Unwanted);
         let open = || wanted().filter(|node| node.fate != Fate::Known);
         Self {
             open: open().count(),
             wanted: wanted().count(),
-            // Not `sum`, which is -0 where there is nothing.
+            // `sum` would give -0 for no nodes.
             seconds: open().filter_map(|node| node.forecast).fold(0.0, |sum, seconds| sum + seconds),
             untimed: open().filter(|node| node.forecast.is_none()).count(),
         }
@@ -93,23 +90,24 @@ impl Forecast {
 }
 
 impl Engine {
-    /// What [`Engine::run`] would do, node by node in the order of the file.
+    /// The plan of [`Engine::run`](crate::Engine::run), node by node in the order of the file.
     pub fn plan(&self, graph: &Graph, only: &[usize]) -> Vec<Planned> {
         self.plan_of(graph, only, Outlook::new(self, graph), |_| true)
     }
 
-    /// The same for a run into `out` that the last one of this process left the rest of: what that knows is known.
+    /// The plan of the next run into `out`, with everything that the previous run of this process left up to date
+    /// as known.
     pub(crate) fn plan_next(&self, graph: &Graph, only: &[usize], out: &Path) -> Vec<Planned> {
         let wanted = graph.wanted(only);
-        let previous_run = self.previous_run();
-        let cone = previous_run
-            .as_ref()
-            .and_then(|previous_run| previous_run.cone(graph, only, &wanted, out, &self.store));
-        let (Some(previous_run), Some(Cone { of, .. })) = (&*previous_run, cone) else {
+        let Some(warm) = &self.warm else { return self.plan(graph, only) };
+        let previous = warm.previous();
+        let cone =
+            previous.as_ref().and_then(|previous| previous.cone(graph, only, &wanted, out, &self.store));
+        let (Some(previous), Some(Cone { of, .. })) = (&*previous, cone) else {
             return self.plan(graph, only);
         };
-        let mut outlook = Outlook::empty(self, graph, LookupMemo::default());
-        for (index, slot) in previous_run.slots.iter().enumerate().filter(|(index, _)| !of[*index]) {
+        let mut outlook = Outlook::new(self, graph);
+        for (index, slot) in previous.slots.iter().enumerate().filter(|(index, _)| !of[*index]) {
             if graph.nodes[index].kind.reads_files {
                 outlook.actions[index].sources.clone_from(&slot.action.sources);
             }
@@ -140,7 +138,7 @@ impl Engine {
         planned.into_iter().flatten().collect()
     }
 
-    /// What is remembered of a node that was planned.
+    /// The history of a planned node.
     pub fn past(&self, graph: &Graph, node: usize, planned: &Planned) -> Past {
         let (store, node) = (self.store(), &graph.nodes[node]);
         let spent = last_run(store, graph, node).map(|(spent, _)| spent);
@@ -152,49 +150,42 @@ impl Engine {
         Past { spent, changes: planned.manifest.as_ref().and_then(change).unwrap_or_default() }
     }
 
-    /// What a node's code takes from nothing, as of the last run of a node of this name in this graph file,
-    /// whether it ran then or was known.
+    /// Time, memory and counts of a node's code without a cache, from the last run of a node of this name in this
+    /// graph file.
     pub fn spent(&self, graph: &Graph, node: usize) -> Option<Spent> {
         last_outputs(self.store(), graph, &graph.nodes[node]).map(|record| record.spent)
     }
 
-    /// The content digests of a node's outputs as of its last run, in the order of its ports.
+    /// The content digests of a node's outputs in its last run, in the order of its ports.
     pub fn digests(&self, graph: &Graph, node: usize) -> Option<Vec<Digest>> {
         let record = last_outputs(self.store(), graph, &graph.nodes[node])?;
         Some(record.outputs.iter().map(|output| output.digest).collect())
     }
 }
 
-/// What is known of the nodes of a graph without running it. Nodes are asked about in the order of the graph.
+/// State of a plan: what is known of each node without running it. Nodes are visited in topological order.
 pub(crate) struct Outlook<'a> {
     engine: &'a Engine,
     graph: &'a Graph,
-    /// Of nodes whose outputs are known by digest, whether they were made or only found out.
+    /// Records of nodes whose outputs are known by digest, from the store or by running instant nodes.
     pub records: Vec<Option<Record>>,
     pub actions: Vec<Action>,
-    /// What the last run looked up.
-    known: LookupMemo,
-    /// Values of instant nodes that were found out.
+    /// Values of instant nodes that the plan ran.
     values: Vec<Option<Vec<AnyArtifact>>>,
 }
 
 impl<'a> Outlook<'a> {
     pub fn new(engine: &'a Engine, graph: &'a Graph) -> Self {
-        Self::empty(engine, graph, LookupMemo::read(engine.store(), &last_keys(graph), graph.nodes.len()))
-    }
-
-    fn empty(engine: &'a Engine, graph: &'a Graph, known: LookupMemo) -> Self {
         Self {
             engine,
             graph,
             records: graph.nodes.iter().map(|_| None).collect(),
             actions: graph.nodes.iter().map(|_| Action::default()).collect(),
-            known,
             values: graph.nodes.iter().map(|_| None).collect(),
         }
     }
 
-    /// What would happen to a node that is wanted.
+    /// The fate of a node that a target needs.
     pub fn fate(&mut self, index: usize) -> Fate {
         let (graph, store) = (self.graph, self.engine.store());
         let node = &graph.nodes[index];
@@ -206,7 +197,7 @@ impl<'a> Outlook<'a> {
             Err(error) => return Fate::Fails(error.to_string()),
         };
         let key = action.digest();
-        let record = self.known.record(graph, index, &key).or_else(|| look_up(store, node, &key));
+        let record = look_up(store, node, &key);
         self.actions[index] = action;
         if let Some(record) = record {
             let gone = |output: &Output| output.stored && !store.has_blob(&output.digest);
@@ -234,12 +225,12 @@ impl<'a> Outlook<'a> {
             .then(|| self.work(index).or_else(last))
             .flatten()
             .and_then(|work| Pace::of(store, &node.kind).seconds(work))
-            .map(|seconds| seconds * new_share(&fate, node.kind.refines));
+            .map(|seconds| seconds * new_share(&fate, node.kind.preview.refines));
         let manifest = key.map(|key| key.manifest.clone());
         Planned { id: node.id.clone(), kind: node.kind.name, fate, forecast, manifest }
     }
 
-    /// The work of a node, where its inputs are as large as they are known to be or were in the last run.
+    /// The work of a node, from the sizes of its inputs now or in the last run.
     fn work(&self, index: usize) -> Option<f64> {
         let node = &self.graph.nodes[index];
         let reads = self.graph.reads(index).iter();
@@ -254,10 +245,10 @@ impl<'a> Outlook<'a> {
             &record.outputs[wire.port]
         };
         let sizes = sizes(node, &self.actions[index].sources, output);
-        guarded(|| Ok(node.step.work(&sizes))).ok()
+        node.step.work(&sizes).ok()
     }
 
-    /// The action of a node whose inputs are known.
+    /// The action of a node with known inputs.
     fn action(&self, index: usize) -> Result<Action, NodeError> {
         let output = |wire: Wire| -> &Output {
             &self.records[wire.node].as_ref().expect("only nodes with known inputs are looked up").outputs
@@ -274,7 +265,7 @@ impl<'a> Outlook<'a> {
         )
     }
 
-    /// Runs an instant node and what instant nodes it takes its inputs from, in memory only.
+    /// Runs an instant node, and the instant nodes that it reads, in memory only.
     fn find_out(&mut self, index: usize) {
         let mut open = vec![index];
         while let Some(&node) = open.last() {
@@ -295,7 +286,7 @@ impl<'a> Outlook<'a> {
         }
     }
 
-    /// Takes the values of a node from the store, where all of them are there.
+    /// Loads all values of a node from the store. Returns false if one is missing.
     fn load(&mut self, index: usize) -> bool {
         let Some(record) = &self.records[index] else { return false };
         let ports = self.graph.nodes[index].kind.outputs.iter().zip(&record.outputs);
@@ -313,15 +304,15 @@ impl<'a> Outlook<'a> {
         let inputs =
             node.inputs.iter().map(|wires| wires.iter().map(value).collect()).collect::<Option<_>>()?;
         let context = context_of(graph, index, &self.actions[index]);
-        let (values, notes) = guarded(|| node.step.run(inputs, &context)).ok()?;
-        let (outputs, _) = encode(node, &values);
+        let (values, notes) = node.step.run(inputs, &context).ok()?;
+        let (outputs, _) = guarded(|| Ok(encode(node, &values))).ok()?;
         self.records[index] = Some(Record { outputs, files: Vec::new(), notes, spent: Spent::default() });
         self.values[index] = Some(values);
         Some(())
     }
 }
 
-/// How much of the work is new, where all that changed is the parameter in whose steps it is kept.
+/// Share of the work that is new if only the refined parameter changed.
 fn new_share(fate: &Fate, refines: Option<&str>) -> f64 {
     let Fate::Runs(Why::Changed(changes)) = fate else { return 1.0 };
     let ([Change { path, old: Some(old), new: Some(new) }], Some(refines)) = (changes.as_slice(), refines)
@@ -334,12 +325,12 @@ fn new_share(fate: &Fate, refines: Option<&str>) -> f64 {
     }
 }
 
-/// What changed, as it would be written in a graph file.
+/// The changes between two manifests in the notation of graph files.
 fn written(old: &Manifest, new: &Manifest) -> Vec<Change> {
     Manifest::difference(old, new).into_iter().map(as_written).collect()
 }
 
-/// Keys hold parameters as text in RON; shown as they would be written in a graph file.
+/// Keys hold parameters as strings of RON; this removes the outer quotes.
 fn as_written(change: Change) -> Change {
     let plain = |value: String| parse_value::<String>(&value).unwrap_or(value);
     Change { path: change.path, old: change.old.map(plain), new: change.new.map(plain) }

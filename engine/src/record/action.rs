@@ -1,4 +1,4 @@
-//! Actions: one node with known inputs, its key, and what the store knows of it.
+//! Actions: a node with known inputs, its key, and its record in the store.
 
 use std::sync::Arc;
 
@@ -29,19 +29,19 @@ impl Action {
         self.key.as_ref().expect("a prepared action has a key").digest
     }
 
-    /// Gives up what its key was made of, for the memory in which the next one is written.
+    /// Drops the manifest of the key and returns its memory for the next one.
     pub fn take_memory(&mut self) -> Vec<u8> {
         self.key.take().map(|key| key.manifest.into_bytes()).unwrap_or_default()
     }
 }
 
-/// Finds the files that a node reads and digests them.
+/// Finds and digests the source files of a node.
 pub(crate) fn read_sources(graph: &Graph, index: usize, store: &Store) -> Result<Vec<ReadSource>, NodeError> {
     let node = &graph.nodes[index];
     digest_sources(node, node.step.sources(&graph.root)?, store)
 }
 
-/// Digests the files that a node reads.
+/// Digests the source files of a node.
 pub(crate) fn digest_sources(
     node: &Node,
     files: Vec<SourceFile>,
@@ -50,7 +50,7 @@ pub(crate) fn digest_sources(
     files.into_iter().map(|file| digest_source(store, node, file)).collect()
 }
 
-/// The same without reading them; `None` unless the digest of each is remembered.
+/// Digests of source files without reading them; `None` unless the store remembers all of them.
 pub(crate) fn known_sources(files: &[SourceFile], store: &Store) -> Option<Vec<ReadSource>> {
     let known = |file: &SourceFile| {
         let (digest, bytes) = store.known_digest(&file.path)?;
@@ -59,8 +59,8 @@ pub(crate) fn known_sources(files: &[SourceFile], store: &Store) -> Option<Vec<R
     files.iter().map(known).collect()
 }
 
-/// Makes the key of a node, in `memory`. `output` gives what a wire carries, `sources_above` the sources of the
-/// nodes above.
+/// Makes the key of a node, using `memory` as a buffer. `output` returns the output at the start of a wire,
+/// `sources_above` the source files of a node above.
 pub(crate) fn prepare<'s>(
     graph: &Graph,
     index: usize,
@@ -93,23 +93,23 @@ fn digest_source(store: &Store, node: &Node, file: SourceFile) -> Result<ReadSou
     }
 }
 
-/// What the store knows of a key. A record that does not decode is no record.
+/// The record of a key in the store; `None` also if it does not decode.
 pub(crate) fn look_up(store: &Store, node: &Node, key: &Digest) -> Option<Record> {
     Record::decode(&store.get_record(key)?, node).ok()
 }
 
-/// The book of history in which the last keys of a graph's nodes are kept, by name.
-pub(crate) fn last_keys(graph: &Graph) -> String {
-    book(&graph.source, &graph.root)
+/// Name of the history that holds the last keys of a graph's nodes.
+pub(crate) fn history_of(graph: &Graph) -> String {
+    history_name(&graph.source, &graph.root)
 }
 
-/// The same of a graph that is not read yet.
-pub(crate) fn book(source: &Source, root: &SourceRoot) -> String {
+/// The same for a graph that was not parsed yet.
+pub(crate) fn history_name(source: &Source, root: &SourceRoot) -> String {
     let file = source.name.rsplit('/').next().unwrap_or_default();
     format!("last key\n{}\n{file}\n", root.folder().display())
 }
 
-/// How large the inputs of a node are. `output` gives what a wire carries.
+/// The sizes of the inputs of a node. `output` returns the output at the start of a wire.
 pub(crate) fn sizes<'s>(node: &Node, sources: &[ReadSource], output: impl Fn(Wire) -> &'s Output) -> Sizes {
     let ports = node.kind.inputs.iter().zip(&node.inputs);
     let size = |wires: &[Wire]| wires.iter().fold(0, |sum: u64, wire| sum.saturating_add(output(*wire).size));
@@ -119,35 +119,35 @@ pub(crate) fn sizes<'s>(node: &Node, sources: &[ReadSource], output: impl Fn(Wir
     }
 }
 
-/// The keys that a node of this name in a graph file of this name had last and before that.
+/// The last key and the key before it of a node with this name in a graph file with this name.
 fn keys_of(store: &Store, graph: &Graph, node: &Node) -> Vec<Digest> {
-    let bytes = store.history_get(&last_keys(graph), &node.id).unwrap_or_default();
+    let bytes = store.history_get(&history_of(graph), &node.id).unwrap_or_default();
     bytes.as_chunks::<32>().0.iter().map(|key| Digest::from_bytes(*key)).collect()
 }
 
-/// What the last run of a node of this name gave.
+/// The record of the last run of a node with this name.
 pub(crate) fn last_outputs(store: &Store, graph: &Graph, node: &Node) -> Option<Record> {
     look_up(store, node, keys_of(store, graph, node).first()?)
 }
 
-/// What the last run of a node of this name took, and what its key was made of.
+/// Time, counts and manifest of the last run of a node with this name.
 pub(crate) fn last_run(store: &Store, graph: &Graph, node: &Node) -> Option<(Spent, Manifest)> {
     let bytes = store.get_record(keys_of(store, graph, node).first()?)?;
     Some((Record::decode(&bytes, node).ok()?.spent, Record::manifest(&bytes)?))
 }
 
-/// What the key of a node of this name was made of before it was `now`.
+/// The manifest of the last key of a node with this name that differs from `now`.
 pub(crate) fn manifest_before(store: &Store, graph: &Graph, node: &Node, now: &Digest) -> Option<Manifest> {
     let before = keys_of(store, graph, node).into_iter().find(|key| key != now)?;
     Record::manifest(&store.get_record(&before)?)
 }
 
-/// Remembers the key of a node and the one before it in the book of its graph.
-pub(crate) fn remember(store: &Store, book: &str, node: &Node, key: &Digest) {
-    let known = store.history_get(book, &node.id).unwrap_or_default();
+/// Adds the key of a node to the history of its graph, which keeps it and the one before.
+pub(crate) fn remember(store: &Store, history_name: &str, node: &Node, key: &Digest) {
+    let known = store.history_get(history_name, &node.id).unwrap_or_default();
     if !known.starts_with(key.as_bytes()) {
         let mut keys = key.as_bytes().to_vec();
         keys.extend(known.iter().take(32));
-        store.history_put(book, &node.id, &keys);
+        store.history_put(history_name, &node.id, &keys);
     }
 }

@@ -1,7 +1,7 @@
-//! Keys: everything that a result depends on, and nothing else.
+//! Keys: digests of everything that a result depends on, and of nothing else.
 //!
-//! Inputs enter by the digest of their content, so a node that gives equal bytes stops the rerun there.
-//! Names of nodes, layout, output paths, threads and the machine do not enter.
+//! Inputs enter by content digest, so a node with equal output stops the rerun of the nodes below it. Node names,
+//! layout, output paths, threads and the machine do not enter.
 
 use cache::{Digest, Key, KeyWriter};
 
@@ -10,11 +10,12 @@ use crate::graph::node::Wire;
 use crate::kind::context::{ContextField, ReadSource};
 use crate::record::record::Output;
 
-/// Written into every key; raised when keys or records change their form.
+/// Part of every key; raised when the form of keys or records changes.
 pub(crate) const FORMAT: &str = "lightharmony action 1";
 const PART_FORMAT: &str = "lightharmony part 1";
 
-/// The key of a node whose inputs are known, written in `memory`. `output` gives what a wire carries.
+/// The key of a node with known inputs, using `memory` as a buffer. `output` returns the output at the start of a
+/// wire.
 pub(crate) fn node_key<'s>(
     graph: &Graph,
     index: usize,
@@ -31,7 +32,7 @@ pub(crate) fn node_key<'s>(
     if !node.kind.data.is_empty() {
         to.digest("data", Digest::of(node.kind.data));
     }
-    node.step.write_key(&mut to);
+    node.write_key(&mut to);
     for (port, wires) in node.kind.inputs.iter().zip(&node.inputs) {
         to.list(port.name, |to| {
             for value in wires.iter().map(|wire| output(*wire)) {
@@ -51,6 +52,7 @@ pub(crate) fn node_key<'s>(
             ContextField::Up => to.str("scene.up", scene.up.name()),
             ContextField::MetresPerUnit => to.f64("scene.metres_per_unit", scene.metres_per_unit),
             ContextField::Seed => to.u64("scene.seed", scene.seed),
+            ContextField::Exhaustive => to.u64("scene.exhaustive", scene.exhaustive.into()),
             ContextField::Wired => {
                 for (port, names) in graph.wired(index).0 {
                     to.list(&format!("wired.{port}"), |to| names.iter().for_each(|name| to.str("", name)));
@@ -74,7 +76,7 @@ pub(crate) fn node_key<'s>(
 pub(crate) fn part_key(
     kind: &str,
     profile: &str,
-    part: crate::kind::context::Part<'_>,
+    part: crate::kind::part::Part<'_>,
     inputs: &[(&'static str, Vec<Digest>)],
     extra: &str,
 ) -> Result<Key, cache::KeyError> {

@@ -1,4 +1,4 @@
-//! What identifies a node's result and what is stored of it: keys, records, recipes, timings.
+//! Identity and stored form of results: keys, records, recipes, timings.
 
 pub(crate) mod action;
 pub(crate) mod key;

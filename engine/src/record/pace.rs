@@ -1,33 +1,33 @@
-//! Forecasts: how long earlier runs of a kind took for how much work.
+//! Forecasts from the times of earlier runs of a kind.
 //!
-//! Work is in units of the kind's own ([`Kind::work`](crate::Kind::work)), so the last runs of a kind tell
-//! about any node of it: another name, another graph, more samples, a larger picture.
+//! Work is in units of the kind ([`Kind::work`](crate::Kind::work)), so earlier runs apply to any node of the kind,
+//! whatever its name, graph, sample count or image size.
 
 use cache::Store;
 
 use crate::kind::registry::KindEntry;
 
-/// The book of history for them.
-const BOOK: &str = "pace";
-/// As many runs of a kind are remembered.
+/// Name of the history of paces.
+const HISTORY: &str = "pace";
+/// Number of runs kept per kind.
 const KEPT: usize = 16;
-/// Bytes of one of them.
+/// Bytes per run.
 const RUN: usize = 16;
 
 /// (work, seconds) of the last runs of a kind, newest first.
 pub(crate) struct Pace(Vec<(f64, f64)>);
 
 impl Pace {
-    /// What the store remembers of a kind in its present version.
+    /// The runs of this version of a kind in the store.
     pub fn of(store: &Store, kind: &KindEntry) -> Self {
-        let bytes = store.history_get(BOOK, &name(kind)).unwrap_or_default();
+        let bytes = store.history_get(HISTORY, &name(kind)).unwrap_or_default();
         let number = |bytes: &[u8]| bytes.first_chunk().map_or(0.0, |raw| f64::from_le_bytes(*raw));
         let runs = bytes.as_chunks::<RUN>().0.iter().map(|run| (number(&run[..8]), number(&run[8..])));
         let sound = |(work, seconds): &(f64, f64)| *work > 0.0 && work.is_finite() && *seconds >= 0.0;
         Self(runs.filter(sound).collect())
     }
 
-    /// Remembers one more run.
+    /// Adds a run.
     pub fn learn(store: &Store, kind: &KindEntry, work: f64, seconds: f64) {
         let mut runs = Self::of(store, kind).0;
         runs.insert(0, (work.max(1.0), seconds));
@@ -37,14 +37,14 @@ impl Pace {
             .flat_map(|(work, seconds)| [work.to_le_bytes(), seconds.to_le_bytes()])
             .flatten()
             .collect();
-        store.history_put(BOOK, &name(kind), &bytes);
+        store.history_put(HISTORY, &name(kind), &bytes);
     }
 
-    /// Seconds for so much work: those of the run whose work was nearest by ratio, the newest of such, in
-    /// proportion. `None` where the kind never ran.
+    /// Forecast in seconds, in proportion to the run with the nearest work by ratio (the newest of equal ones).
+    /// `None` if the kind never ran.
     pub fn seconds(&self, work: f64) -> Option<f64> {
         let work = work.max(1.0);
-        // The larger of the two ratios orders as the distance of logarithms does.
+        // The larger of both ratios orders like the distance of logarithms.
         let apart = |known: f64| (work / known).max(known / work);
         let nearest = self.0.iter().reduce(|best, run| if apart(run.0) < apart(best.0) { run } else { best });
         nearest.map(|(known, seconds)| seconds * (work / known)).filter(|seconds| seconds.is_finite())

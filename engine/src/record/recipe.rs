@@ -1,26 +1,26 @@
-//! Recipes: the canonical text of what stands above a node, for the metadata of written pictures.
+//! Recipes: the canonical graph above a node as text, for the metadata of written pictures.
 //!
-//! Nodes are renamed in the order in which they are first read, every parameter is written, since defaults
-//! may change, and the kinds are named with their versions. Paths are cut to the name of the file; the digest
-//! of its content follows at the end. So renaming, reordering and comments in the graph file leave the recipe
-//! as it is.
+//! Nodes are numbered in the order in which they are first read, all parameters are written, since defaults may
+//! change, and kinds have their versions. Paths are reduced to file names; the content digests follow at the end.
+//! So renaming, reordering and comments in the graph file do not change the recipe.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use crate::graph::graph::Graph;
-use crate::kind::context::{ReadSource, Scene};
+use crate::kind::context::ReadSource;
 use crate::kind::param_type::Role;
 use crate::kind::port::Arity;
 use crate::kind::registry::KindEntry;
+use crate::kind::scene::Scene;
 use crate::text::edit::replace_strings;
 
-/// How a recipe begins; the kinds follow.
+/// Start of a recipe; the kinds follow.
 pub(crate) const HEAD: &str = "// lightharmony recipe 2: ";
-/// Between a node and a file that it reads.
+/// Separator between a node and a file that it reads.
 pub(crate) const READS: &str = " reads ";
 
-/// The recipe of `target`. `sources` gives the sources of a node, digests known.
+/// The recipe of `target`. `sources` returns the source files of a node with their digests.
 pub(crate) fn recipe<'s>(
     graph: &Graph,
     target: usize,
@@ -31,23 +31,24 @@ pub(crate) fn recipe<'s>(
     for (index, &node) in order.iter().enumerate() {
         number[node] = index;
     }
-    let Scene { up, metres_per_unit, seed } = graph.scene;
+    let Scene { up, metres_per_unit, seed, exhaustive } = graph.scene;
+    let exhaustive = if exhaustive { ",exhaustive:true" } else { "" };
     let kinds: BTreeMap<&str, &KindEntry> =
         order.iter().map(|&node| &graph.nodes[node].kind).map(|kind| (kind.name, &**kind)).collect();
     let kinds: Vec<String> =
         kinds.values().map(|kind| format!("{} {} {}", kind.name, kind.version, kind.profile)).collect();
     let mut text = format!(
-        "{HEAD}{}\nGraph(version:1,scene:(up:\"{}\",metres_per_unit:{metres_per_unit:?},seed:{seed}),nodes:(\n",
+        "{HEAD}{}\nGraph(version:1,scene:(up:\"{}\",metres_per_unit:{metres_per_unit:?},seed:{seed}{exhaustive}),nodes:(\n",
         kinds.join(", "),
         up.name()
     );
     let mut files = String::new();
-    // Writing to a string cannot fail. A large graph has many fields, so each is written where it belongs at once.
+    // Writing to a string cannot fail. Fields are written directly, since a large graph has many.
     for &index in &order {
         let node = &graph.nodes[index];
         let _ = write!(text, "n{}:{}(", number[index], node.kind.camel_name());
         let start = text.len();
-        node.step.texts(&node.kind, &mut |index, value| {
+        node.visit_texts(|index, value| {
             let Some(spec) = node.kind.params.get(index) else { return };
             let _ = match spec.role {
                 Role::Value => write!(text, "{}:{value},", spec.name),
@@ -70,7 +71,7 @@ pub(crate) fn recipe<'s>(
                 text.push_str("],");
             }
         }
-        // The comma behind the last field.
+        // Removes the comma after the last field.
         text.truncate(text.len().saturating_sub(1).max(start));
         text.push_str("),\n");
         for source in sources(index) {
@@ -78,7 +79,7 @@ pub(crate) fn recipe<'s>(
                 files,
                 "// n{}{READS}{} {}",
                 number[index],
-                told_name(&source.file.name),
+                one_line_name(&source.file.name),
                 source.digest
             );
         }
@@ -87,25 +88,25 @@ pub(crate) fn recipe<'s>(
     text + &files
 }
 
-/// The name of a file or folder without the folders around it. What a folder is called that a graph names by `.` or
-/// `..` depends on where the graph lies, so that is `.` ([`HERE`]): some folder.
+/// The last component of a path. The name of a folder written as `.` or `..` depends on where the graph is, so it
+/// becomes `.` ([`ANY_FOLDER`]).
 pub(crate) fn last(path: &str) -> &str {
     let path = path.trim_end_matches('/');
     match path.rsplit('/').next().unwrap_or(path) {
-        ".." => HERE,
+        ".." => ANY_FOLDER,
         name => name,
     }
 }
 
-/// A folder by any name.
-pub(crate) const HERE: &str = ".";
+/// Stands for a folder with any name.
+pub(crate) const ANY_FOLDER: &str = ".";
 
-/// The name of a file as a recipe tells it at its end, in one line.
-pub(crate) fn told_name(path: &str) -> String {
+/// The name of a source file as written at the end of a recipe, on one line.
+pub(crate) fn one_line_name(path: &str) -> String {
     last(path).replace(char::is_control, "_")
 }
 
-/// What a picture was called is no part of how it was made, but for the ending and whether views stand apart.
+/// The name of a picture is not part of how it was made, except for its extension and whether it has `{view}`.
 fn output_name(path: &str) -> String {
     let ending = last(path)
         .rsplit_once('.')
@@ -113,7 +114,7 @@ fn output_name(path: &str) -> String {
     format!("{}{ending}", if path.contains("{view}") { "{view}" } else { "out" })
 }
 
-/// Nodes above `target` and itself, inputs first, in the order in which the ports name them.
+/// `target` and the nodes above it, inputs first, in the order of the ports.
 fn reading_order(graph: &Graph, target: usize) -> Vec<usize> {
     let mut order = Vec::new();
     let mut seen = vec![false; graph.nodes.len()];

@@ -1,11 +1,10 @@
-//! Action records: what is known of a result without reading it.
+//! Records: what is stored of a result besides its values.
 
 use cache::{Digest, Manifest};
 
 use crate::graph::node::Node;
 use crate::value::artifact::{ArtifactType, Corrupt, Decoder, Encoder};
-use crate::value::counts::Counts;
-use crate::value::counts::Effort;
+use crate::value::counts::{Counts, Effort};
 use crate::value::note::{Level, Notes};
 
 /// One output of a finished node.
@@ -14,36 +13,36 @@ pub(crate) struct Output {
     pub type_name: &'static str,
     pub format: u32,
     pub digest: Digest,
-    /// What the work of its readers grows with.
+    /// Size in units that the work of readers grows with.
     pub size: u64,
-    /// False where only the digest was kept.
+    /// True if the value itself was stored, and not only its digest.
     pub stored: bool,
 }
 
-/// One file that a sink made.
+/// A file made by a sink.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct FileRecord {
     pub view: String,
     pub digest: Digest,
 }
 
-/// What a node's code took. No part of any key: it is for forecasts and for people.
+/// Time, memory and counts of a node's code, for forecasts and for people. Not part of any key.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Spent {
-    /// Wall time, that of parts that were known included.
+    /// Wall time in seconds, including that of parts from the cache.
     pub seconds: f64,
-    /// CPU time of all threads, likewise.
+    /// CPU time in seconds on all threads, including that of parts from the cache.
     pub cpu_seconds: f64,
     /// [`crate::Kind::work`].
     pub work: f64,
-    /// Bytes: what it was admitted with, or its outputs where they were more. Its inputs come on top.
+    /// Memory in bytes: the estimate, or the size of the outputs if that is larger. Inputs are not included.
     pub memory: u64,
-    /// Work by name: rays, blends; that of parts that were known included, so that it does not depend on what
-    /// was in the cache.
+    /// Counts of work such as rays and blends, including those of parts from the cache, so that they do not depend
+    /// on the cache.
     pub counts: Counts,
 }
 
-/// What the store keeps of a part: where its bytes are, and what it took.
+/// The stored record of a part: its blob, and the time and counts that it took.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct PartRecord {
     pub blob: Digest,
@@ -53,7 +52,7 @@ pub(crate) struct PartRecord {
 impl PartRecord {
     pub fn encode(&self) -> Vec<u8> {
         let mut to = Encoder::default();
-        // No node's record begins so, since it begins with its length.
+        // The record of a node begins with its length, which is never this number.
         to.u64(u64::MAX);
         digest(&mut to, &self.blob);
         to.f64(self.spent.seconds);
@@ -86,7 +85,8 @@ fn read_counts(from: &mut Decoder<'_>) -> Result<Counts, Corrupt> {
     (0..from.length(16)?).map(|_| Ok((from.str()?, from.u64()?))).collect()
 }
 
-/// A finished node: its outputs by digest, its notes and its files. Stored, the manifest of its key follows.
+/// The record of a finished node: digests of its outputs, notes and files. In the store, the manifest of its key
+/// follows.
 #[derive(Debug, Clone)]
 pub(crate) struct Record {
     pub outputs: Vec<Output>,
@@ -96,7 +96,7 @@ pub(crate) struct Record {
 }
 
 impl Record {
-    /// The bytes to store: the record, then the manifest of its key.
+    /// Encodes the record and the manifest of its key.
     pub fn encode(&self, manifest: &Manifest) -> Vec<u8> {
         let mut whole = Encoder::default();
         whole.u8s(&self.body());
@@ -104,7 +104,7 @@ impl Record {
         whole.finish()
     }
 
-    /// The bytes without the manifest.
+    /// Encodes the record without the manifest.
     pub fn body(&self) -> Vec<u8> {
         let mut to = Encoder::default();
         to.u64(self.outputs.len() as u64);
@@ -129,12 +129,12 @@ impl Record {
         to.finish()
     }
 
-    /// Reads a record of a node's kind; a record of other outputs is none of this kind.
+    /// Decodes a record of a node's kind. A record with other outputs is an error.
     pub fn decode(bytes: &[u8], node: &Node) -> Result<Self, Corrupt> {
         Self::decode_body(Decoder::new(bytes).raw()?, node)
     }
 
-    /// Reads what [`body`](Self::body) wrote.
+    /// Decodes the output of [`body`](Self::body).
     pub fn decode_body(body: &[u8], node: &Node) -> Result<Self, Corrupt> {
         let mut from = Decoder::new(body);
         let ports = &node.kind.outputs;
@@ -160,7 +160,7 @@ impl Record {
         Ok(Self { outputs, files, notes, spent: Spent { seconds, cpu_seconds, work, memory, counts } })
     }
 
-    /// The stored blobs that a record of any kind of node names.
+    /// The stored blobs named by the record of any kind of node.
     fn stored_blobs(bytes: &[u8]) -> Result<Vec<Digest>, Corrupt> {
         let mut from = Decoder::new(Decoder::new(bytes).raw()?);
         let mut blobs = Vec::new();
@@ -173,10 +173,10 @@ impl Record {
         Ok(blobs)
     }
 
-    /// The bytes of a stored record where only the values that `kept` knows lie beside it.
+    /// A copy of a stored record in which only values accepted by `kept` count as stored.
     ///
     /// # Errors
-    /// For what is no record of a node.
+    /// If the bytes are not a record of a node.
     pub fn keeping(bytes: &[u8], kept: impl Fn(&Digest) -> bool) -> Result<Vec<u8>, Corrupt> {
         let mut from = Decoder::new(bytes);
         let body = from.raw_range(bytes)?;
@@ -184,13 +184,13 @@ impl Record {
         let mut whole = bytes.to_vec();
         for _ in 0..outputs.length(53)? {
             let output = StoredOutput::read(&mut outputs)?;
-            // The last byte of an output says whether its value was stored.
+            // The last byte of an output is the flag `stored`.
             whole[body.end - outputs.left() - 1] = u8::from(output.stored && kept(&output.digest));
         }
         Ok(whole)
     }
 
-    /// What the key of a stored record was made of. Most readers have no use for it, so it is read apart.
+    /// The manifest of a stored record, which most readers do not need.
     pub fn manifest(bytes: &[u8]) -> Option<Manifest> {
         let mut from = Decoder::new(bytes);
         from.raw().ok()?;
@@ -198,7 +198,7 @@ impl Record {
     }
 }
 
-/// One output as it is stored, of whatever type.
+/// An output of any type in its stored form.
 struct StoredOutput<'a> {
     type_name: &'a [u8],
     number: u32,
@@ -214,8 +214,8 @@ impl<'a> StoredOutput<'a> {
     }
 }
 
-/// The blobs that a record in the store names: those of a node, of a part, or of a compiled graph. What is
-/// no record of ours names none.
+/// The blobs named by a record in the store: that of a node, of a part, or of a compiled graph of an earlier
+/// version. Empty for anything else.
 pub fn blobs_of(payload: &[u8]) -> Vec<Digest> {
     match payload.try_into() {
         Ok(digest) => vec![Digest::from_bytes(digest)],

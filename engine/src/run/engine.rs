@@ -1,109 +1,76 @@
-//! [`Engine`]: the threads, the memory and the store that runs of graphs share.
+//! [`Engine`]: the threads, memory and store shared by runs.
 
 use std::num::NonZero;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 
 use cache::Store;
 
-use crate::run::remembered::previous::PreviousRun;
-use crate::run::remembered::values::{ValueCache, free_memory};
+use crate::kind::tiles::Threads;
+use crate::run::value_cache::{ValueCache, default_memory};
+use crate::run::warm::Warm;
 
-/// The threads, the memory and the store that runs share.
+/// The threads, memory and store shared by runs.
 pub struct Engine {
     pub(crate) store: Arc<Store>,
     jobs: usize,
     memory: u64,
     limits: OnceLock<Limits>,
-    pool: OnceLock<rayon::ThreadPool>,
-    pub(crate) kept: ValueCache,
+    threads: OnceLock<Arc<Threads>>,
     prepared: OnceLock<Arc<ValueCache>>,
-    /// How the last run ended, where [`keeping`](Self::keeping).
-    pub(crate) previous_run: Mutex<Option<PreviousRun>>,
-    pub(crate) keeps: bool,
+    /// State kept from one run to the next; see [`keeping`](Self::keeping).
+    pub(crate) warm: Option<Warm>,
 }
 
-/// What a run may take.
+/// Limits of a run.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Limits {
-    /// Threads.
+    /// Number of threads.
     pub jobs: usize,
-    /// Bytes of values and of what running code was admitted with.
+    /// Bytes of values and of the estimates of running code.
     pub memory: u64,
 }
 
-/// Why there are no threads.
-#[derive(Debug, thiserror::Error)]
-#[error("cannot start {jobs} threads")]
-pub(crate) struct EngineError {
-    jobs: usize,
-    source: rayon::ThreadPoolBuildError,
-}
-
 impl Engine {
-    /// An engine of `jobs` threads (0: one for each core) that keeps at most about `memory` bytes of values
-    /// (0: three quarters of what is free). Threads are started, and the machine is asked, when a run first
-    /// has something to do.
+    /// An engine of `jobs` threads (0: one per core) with a memory budget of about `memory` bytes for values (0:
+    /// three quarters of the free memory). Threads start, and the machine is inspected, when a run first needs
+    /// them.
     pub fn new(store: Store, jobs: usize, memory: u64) -> Self {
-        let (limits, pool) = (OnceLock::new(), OnceLock::new());
-        let previous_run = Mutex::new(None);
-        Self {
-            store: Arc::new(store),
-            jobs,
-            memory,
-            limits,
-            pool,
-            kept: ValueCache::new(0),
-            prepared: OnceLock::new(),
-            previous_run,
-            keeps: false,
-        }
+        let (limits, threads) = (OnceLock::new(), OnceLock::new());
+        Self { store: Arc::new(store), jobs, memory, limits, threads, prepared: OnceLock::new(), warm: None }
     }
 
-    /// What runs may take.
+    /// The limits of runs.
     pub(crate) fn limits(&self) -> Limits {
         *self.limits.get_or_init(|| {
             let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);
             Limits {
                 jobs: if self.jobs > 0 { self.jobs } else { cores() },
-                memory: if self.memory > 0 { self.memory } else { free_memory() / 4 * 3 },
+                memory: if self.memory > 0 { self.memory } else { default_memory() },
             }
         })
     }
 
-    /// What nodes keep in memory for others, in a twelfth beside what runs may take.
+    /// Values that nodes keep in memory for other nodes, within another twelfth of the budget.
     pub(crate) fn prepared(&self) -> &Arc<ValueCache> {
         self.prepared.get_or_init(|| Arc::new(ValueCache::new(self.limits().memory / 12)))
     }
 
-    /// The threads.
-    pub(crate) fn pool(&self) -> Result<&rayon::ThreadPool, EngineError> {
-        if let Some(pool) = self.pool.get() {
-            return Ok(pool);
-        }
-        let jobs = self.limits().jobs;
-        let builder = rayon::ThreadPoolBuilder::new().num_threads(jobs);
-        let pool = builder.thread_name(|index| format!("node-{index}")).build();
-        let pool = pool.map_err(|source| EngineError { jobs, source })?;
-        Ok(self.pool.get_or_init(|| pool))
+    /// The threads that compute.
+    pub(crate) fn threads(&self) -> &Arc<Threads> {
+        self.threads.get_or_init(|| Arc::new(Threads::new(self.limits().jobs)))
     }
 
-    /// Keeps values in memory from one run to the next, in a third of what it may take: for a process that
-    /// runs a graph again and again. A part of them is what the running graph holds anyhow. How a run ended is kept,
-    /// too: the next one looks at what is another one since then and at what follows from that, and tells of nothing
-    /// else but the files of sinks.
+    /// Keeps values from one run to the next, in a third of the memory budget, and the end state of the last run.
+    /// For processes that run a graph repeatedly: the next run inspects only nodes that changed and the nodes below
+    /// them, and reports nothing else except the files of sinks.
     pub fn keeping(self) -> Self {
         let Limits { jobs, memory } = self.limits();
         let limits = OnceLock::from(Limits { jobs, memory: memory / 3 * 2 });
-        Self { kept: ValueCache::new(memory / 3), limits, keeps: true, ..self }
+        Self { warm: Some(Warm::new(memory / 3)), limits, ..self }
     }
 
     /// The store of this engine.
     pub fn store(&self) -> &Store {
         &self.store
-    }
-
-    /// How the last run ended.
-    pub(crate) fn previous_run(&self) -> MutexGuard<'_, Option<PreviousRun>> {
-        self.previous_run.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

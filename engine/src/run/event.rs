@@ -1,12 +1,12 @@
-//! The one stream of events that bars, pages, JSON and tests read.
+//! The events of a run, for progress bars, JSON output and tests.
 
-use crate::text::diag::Mistake;
-use crate::value::counts::Counts;
 use std::path::PathBuf;
 
 use cache::Digest;
 use serde::{Serialize, Serializer};
 
+use crate::text::diag::Mistake;
+use crate::value::counts::Counts;
 use crate::value::note::Note;
 
 /// How a node or a part ended.
@@ -15,175 +15,174 @@ use crate::value::note::Note;
 pub enum State {
     /// Its code ran.
     Ran,
-    /// Its result was known.
+    /// Its result came from the cache.
     Cached,
     /// Its code failed.
     Failed,
-    /// Something it needs failed, or the run was stopped.
+    /// Something that it needs failed, or the run was cancelled.
     Skipped,
 }
 
-/// Something that happened during a run. Serialises to one JSON object a line.
+/// An event of a run. Serialises to one JSON object per line.
 #[derive(Debug, Clone, Serialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
 pub enum Event {
-    /// A node's code begins to run.
+    /// The code of a node starts.
     Start {
         /// Name of the node.
         id: String,
-        /// Its kind.
+        /// Kind of the node.
         kind: &'static str,
-        /// How long it will take, in seconds, by earlier runs of its kind; absent when there is none.
+        /// Forecast of its time in seconds, from earlier runs of the kind; absent if there are none.
         #[serde(skip_serializing_if = "Option::is_none")]
         forecast: Option<f64>,
     },
-    /// A running node has come so far.
+    /// Progress of a running node.
     Progress {
         /// Name of the node.
         id: String,
         /// From 0 to 1.
         fraction: f32,
     },
-    /// A part of a running node is done.
+    /// A part of a running node ended.
     Part {
         /// Name of the node.
         id: String,
         /// Name of the part.
         part: String,
-        /// Whether it ran.
+        /// How it ended: ran or cached.
         state: State,
-        /// Its key.
+        /// Key of the part.
         #[serde(serialize_with = "hex")]
         key: Digest,
-        /// Wall time.
+        /// Wall time in seconds.
         seconds: f64,
     },
-    /// What one of the shared threads did for a node; told only where [`crate::RunOptions::trace`] asks for it.
+    /// Work of a thread for a node; only if [`crate::RunOptions::trace`] is set.
     Span {
         /// Name of the node.
         id: String,
-        /// `code`, `sources`, `load`, `store`, `files`, or the name of a part.
+        /// Kind of work: `code`, `sources`, `load`, `store`, `files`, or the name of a part.
         what: String,
         /// Number of the thread.
         thread: usize,
-        /// Seconds since the run began.
+        /// Start in seconds since the start of the run.
         start: f64,
-        /// How long it took.
+        /// Duration in seconds.
         seconds: f64,
     },
-    /// A value that was not kept, or was damaged, is made once more because a reader needs it.
+    /// The code of a node runs again, since a reader needs a value that was not stored or is damaged.
     Remake {
         /// Name of the node.
         id: String,
-        /// Why it is made again.
+        /// Reason for the rerun.
         reason: String,
     },
-    /// A node is done.
+    /// A node ended.
     Node {
         /// Name of the node.
         id: String,
-        /// Its kind.
+        /// Kind of the node.
         kind: &'static str,
         /// How it ended.
         state: State,
-        /// Its key, absent where something it needs failed.
+        /// Its key; absent if something that it needs failed.
         #[serde(serialize_with = "hex_option")]
         key: Option<Digest>,
-        /// Wall time of its code.
+        /// Wall time of its code in seconds.
         seconds: f64,
-        /// CPU time of its code on all threads.
+        /// CPU time of its code in seconds, on all threads.
         cpu_seconds: f64,
-        /// Work of this run.
+        /// Work done in this run.
         counts: Counts,
-        /// What it has to say, the same whether it ran or was cached.
+        /// Its notes, whether it ran or was cached.
         notes: Vec<Note>,
-        /// True when it, or something above it, is less than what was asked for.
+        /// True if its result, or one above it, is less than what was asked for.
         degraded: bool,
-        /// What went wrong, for a node that failed.
+        /// The error, if it failed.
         #[serde(skip_serializing_if = "Option::is_none")]
         error: Option<String>,
     },
-    /// A file of a sink is in place.
+    /// A file of a sink is up to date.
     File {
         /// Name of the sink.
         id: String,
-        /// Where it lies.
+        /// Path of the file.
         path: PathBuf,
-        /// False when an equal file was there already.
+        /// False if an equal file existed already.
         written: bool,
-        /// True when it shows less than the graph says, since a better one follows.
+        /// True if it is a preview, which a later run replaces.
         #[serde(skip_serializing_if = "std::ops::Not::not")]
         preview: bool,
     },
-    /// A remark of the engine itself, such as a damaged cache entry that was made again.
+    /// A warning of the engine itself, such as a damaged cache entry that was recomputed.
     Warning {
         /// Stable name in kebab-case.
         id: &'static str,
         /// One line for a person.
         text: String,
     },
-    /// The run is over.
+    /// The run ended.
     Done(Totals),
-    /// Watching: the graph was saved and says the same as before.
+    /// Watching: the graph was saved, with the same meaning as before.
     Same,
-    /// Watching: what is about to run.
+    /// Watching: the plan of the run that starts.
     Plan(Forecast),
-    /// Watching: a run begins that shows roughly what a later one shows well.
+    /// Watching: a preview run starts.
     Pass {
-        /// The parameter that it caps.
+        /// The parameter that it limits.
         parameter: String,
-        /// At how much.
+        /// The limit.
         level: u64,
-        /// What the graph says.
+        /// The value in the graph.
         of: u64,
-        /// Side of the blocks of pixels of which one is computed; 1 where all are.
+        /// Side of the blocks of pixels of which one is computed; 1 for all pixels.
         coarse: u64,
     },
-    /// The graph is wrong or nodes of it failed.
+    /// The graph has mistakes, or nodes failed.
     Mistakes {
-        /// Each with its place; empty where the graph file cannot even be read.
+        /// The mistakes with their places; empty if the graph file cannot be read.
         list: Vec<Mistake>,
-        /// All of it for a person.
+        /// The mistakes as text for a person.
         #[serde(skip_serializing_if = "String::is_empty")]
         text: String,
     },
-    /// Watching: a file shows what the graph said before, and stays as it is for now.
+    /// Watching: a file still shows an earlier version of the graph.
     Stale {
-        /// Where it lies.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// Watching: nothing is to be done until a file changes.
+    /// Watching: everything is up to date; waiting for a file to change.
     Idle {
-        /// How many files are followed.
+        /// Number of watched files.
         files: usize,
     },
 }
 
-/// What a run came to.
+/// Totals of a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Totals {
     /// Nodes whose code ran.
     pub ran: usize,
-    /// Nodes whose result was known.
+    /// Nodes whose result came from the cache.
     pub cached: usize,
-    /// Of them, those whose code ran all the same, since a reader needed values that were not kept or
-    /// were damaged.
+    /// Cached nodes whose code ran again, since a reader needed values that were not stored or damaged.
     pub remade: usize,
     /// Nodes whose code failed.
     pub failed: usize,
-    /// Nodes that were not tried.
+    /// Nodes that were skipped.
     pub skipped: usize,
-    /// Nodes whose result is less than what was asked for.
+    /// Nodes with a degraded result.
     pub degraded: usize,
-    /// True when the run was asked to stop.
+    /// True if the run was cancelled.
     pub stopped: bool,
-    /// Wall time of the run.
+    /// Wall time in seconds.
     pub seconds: f64,
-    /// CPU time of this process in it: also that of storing what was made.
+    /// CPU time of this process during the run in seconds, including the storing of results.
     pub cpu_seconds: f64,
-    /// The most bytes of values that were in memory at once, as far as their types tell.
+    /// Maximum number of bytes of values in memory, by the estimates of their types.
     pub peak_bytes: u64,
-    /// Work of everything that ran.
+    /// Counts of work of everything that ran.
     pub counts: Counts,
 }
 
@@ -205,7 +204,7 @@ impl Totals {
         }
     }
 
-    /// The exit code of a run: 0 good, 1 a node failed, 3 degraded, 130 stopped.
+    /// Exit code of a run: 0 success, 1 a node failed, 3 degraded, 130 cancelled.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self { stopped: true, .. } => 130,
@@ -227,15 +226,15 @@ fn hex_option<S: Serializer>(digest: &Option<Digest>, to: S) -> Result<S::Ok, S:
     }
 }
 
-/// A plan in one line.
+/// Summary of a plan.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Forecast {
-    /// Nodes that may run. Fewer do where a result comes out equal.
+    /// Nodes that may run; fewer if results turn out equal.
     pub open: usize,
-    /// Nodes that are wanted.
+    /// Nodes that the targets need.
     pub wanted: usize,
-    /// What those that may run took the last time, together.
+    /// Forecast in seconds of the nodes that may run.
     pub seconds: f64,
-    /// Of them, those that never ran.
+    /// Nodes among these without a forecast.
     pub untimed: usize,
 }

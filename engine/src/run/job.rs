@@ -1,9 +1,5 @@
-//! Running one node on the shared threads.
+//! The work of a thread for one node.
 
-use crate::kind::context::ContextField;
-use crate::run::message::Finished;
-use crate::run::message::Message;
-use crate::value::error::guarded;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex};
@@ -12,46 +8,49 @@ use std::time::{Duration, Instant};
 use cache::{Digest, Lease, LeaseState, Store};
 
 use crate::graph::graph::Graph;
-use crate::graph::node::{Node, Wire};
-use crate::kind::context::{Context, Part, PartStore};
+use crate::graph::node::Node;
+use crate::kind::context::{Context, ContextField};
 use crate::kind::contract::Keep;
+use crate::kind::part::{Part, PartStore};
 use crate::kind::port::PortSpec;
+use crate::kind::tiles::Threads;
 use crate::record::action::{Action, look_up};
 use crate::record::key::part_key;
 use crate::record::pace::Pace;
 use crate::record::record::{FileRecord, Output, PartRecord, Record, Spent};
 use crate::run::event::{Event, State};
-use crate::run::remembered::values::{Name, ValueCache};
+use crate::run::message::{Finished, Message, Owed};
 use crate::run::trace::Tracer;
+use crate::run::value_cache::{Name, ValueCache};
 use crate::value::artifact::{AnyArtifact, ArtifactType};
 use crate::value::counts::Effort;
-use crate::value::error::{NodeError, NodeErrorKind};
+use crate::value::error::{NodeError, NodeErrorKind, guarded};
 use crate::value::files::Files;
 
-/// Counts that every node has: bytes of its input values and of the files it reads, and of its output values, each as
-/// it lies in memory.
+/// Counts of every node: bytes in memory of its inputs and source files, and of its outputs.
 const BYTES_READ: &str = "bytes_read";
 const BYTES_MADE: &str = "bytes_made";
 
-/// One node whose code is to run, on one of the threads.
+/// A node whose code runs on a thread.
 pub(crate) struct Job<'a> {
     pub store: &'a Arc<Store>,
     pub prepared: &'a Arc<ValueCache>,
+    pub threads: &'a Arc<Threads>,
     pub graph: &'a Graph,
     pub node: usize,
     pub inputs: Vec<Vec<AnyArtifact>>,
     pub input_digests: Vec<(&'static str, Vec<Digest>)>,
     pub key: Digest,
-    /// Its key is absent where only values are wanted, since there is a record then.
+    /// Without a key if only values are needed, since there is a record then.
     pub action: Action,
-    /// Only the values are wanted.
+    /// True if only values are needed.
     pub remake: bool,
     pub work: f64,
-    /// Bytes that it was admitted with.
+    /// Memory in bytes that it was admitted with.
     pub memory: u64,
     pub tracer: Tracer,
     pub cancel: Arc<AtomicBool>,
-    pub tell: Sender<Message>,
+    pub sender: Sender<Message>,
 }
 
 impl Job<'_> {
@@ -59,45 +58,50 @@ impl Job<'_> {
         &self.graph.nodes[self.node]
     }
 
-    /// Runs the node, tells its values, then stores them.
+    /// Runs the code, reports the values and then stores them.
     pub fn run(self) {
-        // The scheduler outlives every job, so telling it cannot fail.
-        let (index, tell, store, key) = (self.node, self.tell.clone(), self.store, self.key);
-        let finish = |outcome: Result<Finished, NodeError>| {
-            let _ = tell.send(Message::Finished { node: index, outcome: outcome.map(Box::new) });
+        let (index, sender, store, key) = (self.node, self.sender.clone(), self.store, self.key);
+        // The later of two is dropped first, so that the messages of a panic come in their order.
+        let text = |error: NodeError| Some(error.to_string());
+        let stored = Owed::new(&sender, |error| Message::Stored { node: index, error: text(error) });
+        let finished = Owed::new(&sender, |error| Message::Finished { node: index, outcome: Err(error) });
+        let ended = |outcome: Result<Finished, NodeError>| Message::Finished {
+            node: index,
+            outcome: outcome.map(Box::new),
         };
-        let LeaseState::Acquired(lease) = store.lease(&key) else {
-            let _ = tell.send(Message::Busy { node: index, key, spent: Effort::default() });
-            return;
+        // A stalled one is not waited for: equal keys give equal bytes.
+        let (LeaseState::Acquired(lease) | LeaseState::Stalled(lease)) = store.lease(&key) else {
+            finished.send(Message::Busy { node: index, key, spent: Effort::default() });
+            return stored.cancel();
         };
         let mut error = None;
-        // Another process may have had the lease before, and left its result.
+        // Another process may have held the lease before and stored the result.
         match look_up(store, self.node(), &key).filter(|_| !self.remake) {
             Some(record) => {
                 let (values, effort) = (Vec::new(), Effort::default());
-                finish(Ok(Finished { record, values, effort, ran: false }));
+                finished.send(ended(Ok(Finished { record, values, effort, ran: false })));
             }
             None => {
                 if !self.remake {
                     let forecast = Pace::of(store, &self.node().kind).seconds(self.work);
                     let (id, kind) = (self.node().id.clone(), self.node().kind.name);
-                    let _ = tell.send(Message::Event(Event::Start { id, kind, forecast }));
+                    let _ = sender.send(Message::Event(Event::Start { id, kind, forecast }));
                 }
                 let manifest = self.action.key.as_ref().map(|key| key.manifest.clone());
                 let (work, graph, tracer) = (self.work, self.graph, self.tracer.clone());
                 let mut spent = Effort::default();
                 match guarded(|| self.compute(&mut spent)) {
                     Err(NodeError { kind: NodeErrorKind::Busy(key), .. }) => {
-                        let _ = tell.send(Message::Busy { node: index, key, spent });
-                        return;
+                        finished.send(Message::Busy { node: index, key, spent });
+                        return stored.cancel();
                     }
-                    Err(error) => finish(Err(error)),
-                    Ok((finished, encoded)) => {
+                    Err(error) => finished.send(ended(Err(error))),
+                    Ok((result, encoded)) => {
                         let kind = &graph.nodes[index].kind;
-                        Pace::learn(store, kind, work, finished.record.spent.seconds);
-                        let outputs = finished.record.outputs.clone();
-                        let record = manifest.map(|manifest| finished.record.encode(&manifest));
-                        finish(Ok(finished));
+                        Pace::learn(store, kind, work, result.record.spent.seconds);
+                        let outputs = result.record.outputs.clone();
+                        let record = manifest.map(|manifest| result.record.encode(&manifest));
+                        finished.send(ended(Ok(result)));
                         let put = || {
                             encoded
                                 .iter()
@@ -108,33 +112,34 @@ impl Job<'_> {
                                     record.map_or(Ok(()), |record| store.put_record(&key, &record))
                                 })
                         };
-                        let stored = tracer.span(&graph.nodes[index].id, "store", put);
-                        error = stored.err().map(|error| NodeError::from(error).to_string());
+                        let put = tracer.span(&graph.nodes[index].id, "store", put);
+                        error = put.err().map(|error| NodeError::from(error).to_string());
                     }
                 }
             }
         }
         drop(lease);
-        let _ = tell.send(Message::Stored { node: index, error });
+        stored.send(Message::Stored { node: index, error });
     }
 
-    /// The result of the code. `spent` is what it took, be it not the end.
+    /// Runs the code and encodes its outputs. `spent` is set even if the code fails.
     fn compute(self, spent: &mut Effort) -> Result<(Finished, Vec<Vec<u8>>), NodeError> {
         let graph = self.graph;
         let node = &graph.nodes[self.node];
-        let (id, tell) = (node.id.clone(), Mutex::new(self.tell.clone()));
+        let (id, sender) = (node.id.clone(), Mutex::new(self.sender.clone()));
         let last = Mutex::new(Instant::now());
         let progress = move |fraction: f32| {
-            // A bar needs no more than twenty steps a second.
+            // At most twenty reports per second.
             let mut last = last.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             if fraction >= 1.0 || last.elapsed() > Duration::from_millis(50) {
                 *last = Instant::now();
-                let tell = tell.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-                let _ = tell.send(Message::Event(Event::Progress { id: id.clone(), fraction }));
+                let sender = sender.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                let _ = sender.send(Message::Event(Event::Progress { id: id.clone(), fraction }));
             }
         };
         let context = Context {
             cancel: self.cancel,
+            threads: Some(self.threads.clone()),
             progress: Box::new(progress),
             parts: Some(Box::new(StoredParts {
                 store: self.store.clone(),
@@ -143,7 +148,7 @@ impl Job<'_> {
                 kind: node.kind.name,
                 profile: node.kind.profile,
                 inputs: self.input_digests,
-                tell: Mutex::new(self.tell),
+                sender: Mutex::new(self.sender),
                 tracer: self.tracer.clone(),
             })),
             ..context_of(graph, self.node, &self.action)
@@ -155,9 +160,9 @@ impl Job<'_> {
         let start = Instant::now();
         let outcome = context.on_cpu(|| node.step.run(self.inputs, &context));
         let seconds = start.elapsed().as_secs_f64();
-        self.tracer.tell(&node.id, "code", seconds);
-        // What a codec says of bytes that ended because of the stop is no failure either.
-        if context.told.load(Ordering::Relaxed) {
+        self.tracer.record(&node.id, "code", seconds);
+        // After a cancellation, a codec may report the truncated data as an error.
+        if context.saw_cancel.load(Ordering::Relaxed) {
             return Err(NodeError::cancelled());
         }
         let counts = context.counts().into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
@@ -173,7 +178,7 @@ impl Job<'_> {
         let made = bytes_of(node.kind.outputs.iter().map(|port| port.artifact).zip(&values));
         let memory = self.memory.max(made);
         let mut whole = context.known.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-        // Not those of parts that were known, which are no inputs.
+        // Parts from the cache are not inputs, so their counts are left out.
         effort.counts.insert(BYTES_READ.to_owned(), of_values + of_files);
         effort.counts.insert(BYTES_MADE.to_owned(), made);
         whole.add(&effort);
@@ -206,7 +211,7 @@ pub(crate) fn encode(node: &Node, values: &[AnyArtifact]) -> (Vec<Output>, Vec<V
     node.kind.outputs.iter().zip(values).map(one).unzip()
 }
 
-/// Parts in the store, each a record that names the digest and a blob, and those in memory.
+/// Parts in the store (a record with the digest of a blob) and in memory.
 struct StoredParts {
     store: Arc<Store>,
     prepared: Arc<ValueCache>,
@@ -214,7 +219,7 @@ struct StoredParts {
     kind: &'static str,
     profile: &'static str,
     inputs: Vec<(&'static str, Vec<Digest>)>,
-    tell: Mutex<Sender<Message>>,
+    sender: Mutex<Sender<Message>>,
     tracer: Tracer,
 }
 
@@ -223,10 +228,10 @@ impl StoredParts {
         part_key(self.kind, self.profile, part, &self.inputs, extra).ok().map(|key| key.digest)
     }
 
-    fn tell(&self, part: Part<'_>, state: State, key: Digest, seconds: f64) {
+    fn emit(&self, part: Part<'_>, state: State, key: Digest, seconds: f64) {
         let event = Event::Part { id: self.id.clone(), part: part.name.to_owned(), state, key, seconds };
-        let tell = self.tell.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let _ = tell.send(Message::Event(event));
+        let sender = self.sender.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let _ = sender.send(Message::Event(event));
     }
 }
 
@@ -235,28 +240,28 @@ impl PartStore for StoredParts {
         let (key, begin) = (self.key(part, extra)?, Instant::now());
         let record = PartRecord::decode(&self.store.get_record(&key)?).ok()?;
         let bytes = self.store.get_blob(&record.blob).ok()??;
-        self.tracer.tell(&self.id, part.name, begin.elapsed().as_secs_f64());
-        self.tell(part, State::Cached, key, 0.0);
+        self.tracer.record(&self.id, part.name, begin.elapsed().as_secs_f64());
+        self.emit(part, State::Cached, key, 0.0);
         Some((bytes, record.spent))
     }
 
     fn claim(&self, part: Part<'_>, extra: &str) -> Result<Option<Lease>, NodeError> {
         let Some(key) = self.key(part, extra) else { return Ok(None) };
         match self.store.lease(&key) {
-            LeaseState::Acquired(lease) => Ok(Some(lease)),
+            LeaseState::Acquired(lease) | LeaseState::Stalled(lease) => Ok(Some(lease)),
             LeaseState::Busy => Err(NodeError::busy(key)),
         }
     }
 
     fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], spent: Effort) -> Result<(), NodeError> {
         let seconds = spent.seconds;
-        self.tracer.tell(&self.id, part.name, seconds);
+        self.tracer.record(&self.id, part.name, seconds);
         let Some(key) = self.key(part, extra) else { return Ok(()) };
-        // A part that cannot be stored is only computed again; the node's own result says what is wrong.
+        // A part that cannot be stored is recomputed later. The result of the node reports the problem.
         if let Ok(blob) = self.store.put_blob(encoded) {
             let _ = self.store.put_record(&key, &PartRecord { blob, spent }.encode());
         }
-        self.tell(part, State::Ran, key, seconds);
+        self.emit(part, State::Ran, key, seconds);
         Ok(())
     }
 
@@ -271,25 +276,24 @@ impl PartStore for StoredParts {
     }
 }
 
-/// A part that stays in memory goes by its key.
+/// The name of a part in memory, which is its key.
 fn of_part(key: Digest, part: Part<'_>) -> Name {
     (key, "part", part.version)
 }
 
-/// A value out of the store; `None` when it is missing, damaged or of another form.
+/// A value out of the store; `None` if it is missing, damaged or of another form.
 pub(crate) fn stored_value(store: &Store, artifact: &ArtifactType, digest: &Digest) -> Option<AnyArtifact> {
     let bytes = store.get_blob(digest).ok()??;
-    guarded(|| Ok((artifact.decode)(&bytes)?)).ok()
+    guarded(|| {
+        let value = (artifact.decode)(&bytes)?;
+        // Code of a kind, too, which the thread that decides calls without a guard.
+        (artifact.bytes)(&value);
+        Ok(value)
+    })
+    .ok()
 }
 
-/// Reads one stored output, and tells `None` when it is missing or damaged.
-pub(crate) fn load(store: &Store, graph: &Graph, wire: Wire, output: &Output, tell: &Sender<Message>) {
-    let Wire { node, port } = wire;
-    let value = stored_value(store, &graph.nodes[node].kind.outputs[port].artifact, &output.digest);
-    let _ = tell.send(Message::Loaded { node, port, value });
-}
-
-/// What the code of a node may ask for: no parts and no cancellation yet.
+/// The context for the code of a node, without parts and cancellation.
 pub(crate) fn context_of(graph: &Graph, index: usize, action: &Action) -> Context {
     Context {
         reads: graph.nodes[index].kind.reads,

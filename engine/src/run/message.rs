@@ -1,6 +1,7 @@
 //! Messages from the threads to the scheduler.
 
 use std::path::PathBuf;
+use std::sync::mpsc::Sender;
 
 use cache::Digest;
 
@@ -11,7 +12,7 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::counts::Effort;
 use crate::value::error::NodeError;
 
-/// What the threads tell the scheduler.
+/// A message from a thread to the scheduler.
 pub(crate) enum Message {
     Event(Event),
     Sources {
@@ -23,14 +24,14 @@ pub(crate) enum Message {
         port: usize,
         value: Option<AnyArtifact>,
     },
-    /// Another computes this key, which is that of the node or of a part of it.
+    /// The key of the node or of a part of it is being computed elsewhere.
     Busy {
         node: usize,
         key: Digest,
-        /// What was done until then, of which stored parts are.
+        /// Work done so far; its parts are stored.
         spent: Effort,
     },
-    /// `Stored` follows.
+    /// The code ended. `Stored` follows.
     Finished {
         node: usize,
         outcome: Result<Box<Finished>, NodeError>,
@@ -45,16 +46,77 @@ pub(crate) enum Message {
     },
 }
 
-/// The result of a node's code, or of another process that was faster.
+/// A message that a thread owes to the scheduler, which waits for it. If the thread panics before it has sent the message,
+/// `otherwise` makes one of an error. To be made by the thread itself: work that never starts owes nothing.
+pub(crate) struct Owed<'s, F: FnOnce(NodeError) -> Message> {
+    sender: &'s Sender<Message>,
+    otherwise: Option<F>,
+}
+
+impl<'s, F: FnOnce(NodeError) -> Message> Owed<'s, F> {
+    pub fn new(sender: &'s Sender<Message>, otherwise: F) -> Self {
+        Self { sender, otherwise: Some(otherwise) }
+    }
+
+    /// Sends the message. The scheduler outlives every thread, so this cannot fail.
+    pub fn send(self, message: Message) {
+        let _ = self.sender.send(message);
+        self.cancel();
+    }
+
+    /// Another message has been sent in place of this one.
+    pub fn cancel(mut self) {
+        self.otherwise = None;
+    }
+}
+
+impl<F: FnOnce(NodeError) -> Message> Drop for Owed<'_, F> {
+    fn drop(&mut self) {
+        if let Some(otherwise) = self.otherwise.take() {
+            let error = NodeError::new("a thread that worked on this node panicked")
+                .hint("this is a mistake in the program, not in the graph; please report it");
+            let _ = self.sender.send(otherwise(error));
+        }
+    }
+}
+
+/// The result of a node, from its code or from another process.
 pub(crate) struct Finished {
     pub record: Record,
-    /// One value an output; empty where another process made them.
+    /// One value per output; empty if another process computed them.
     pub values: Vec<AnyArtifact>,
-    /// That of this run.
+    /// Work done in this run.
     pub effort: Effort,
-    /// False where another process made them.
+    /// True if the code ran here.
     pub ran: bool,
 }
 
-/// Each file and whether it had to be written.
+/// Output files, and whether each was written.
 pub(crate) type Placed = Vec<(PathBuf, bool)>;
+
+#[cfg(test)]
+mod tests {
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+    use std::sync::mpsc::channel;
+
+    use super::*;
+
+    #[test]
+    fn a_thread_that_panics_sends_what_it_owes() {
+        let (sender, receiver) = channel();
+        let stored = |error: NodeError| Message::Stored { node: 1, error: Some(error.to_string()) };
+        let panicked = catch_unwind(AssertUnwindSafe(|| {
+            let _owed = Owed::new(&sender, stored);
+            panic!("after the code of the node");
+        }));
+        assert!(panicked.is_err());
+        let message = receiver.try_recv();
+        assert!(
+            matches!(message, Ok(Message::Stored { node: 1, error: Some(text) }) if text.contains("panicked"))
+        );
+        Owed::new(&sender, stored).send(Message::Stored { node: 2, error: None });
+        Owed::new(&sender, stored).cancel();
+        assert!(matches!(receiver.try_recv(), Ok(Message::Stored { node: 2, error: None })));
+        assert!(receiver.try_recv().is_err(), "one message each");
+    }
+}

@@ -1,17 +1,20 @@
-//! Running a graph: scheduling, memory, threads, the files of sinks, events.
+//! Running a graph: scheduling, memory, threads, output files, events.
 
-pub(crate) mod begin;
+pub(crate) mod claims;
 pub(crate) mod engine;
 pub(crate) mod event;
-pub(crate) mod failure;
 pub(crate) mod job;
-pub(crate) mod launch;
+pub(crate) mod known;
+pub(crate) mod memory;
 pub(crate) mod message;
 pub(crate) mod options;
-pub(crate) mod placing;
-pub(crate) mod remembered;
+pub(crate) mod previous;
+pub(crate) mod queue;
 pub(crate) mod scheduler;
 pub(crate) mod sink;
 pub(crate) mod slot;
-pub(crate) mod supply;
 pub(crate) mod trace;
+pub(crate) mod unchanged;
+pub(crate) mod value_cache;
+pub(crate) mod warm;
+pub(crate) mod workers;

@@ -1,4 +1,4 @@
-//! What a run is asked for and what it comes to.
+//! Options and outcome of a run.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -7,29 +7,29 @@ use std::sync::atomic::AtomicBool;
 use crate::run::event::Totals;
 use crate::text::diag::Diagnostics;
 
-/// What a run is asked for beside the graph.
+/// Options of a run.
 #[derive(Debug, Clone, Default)]
 pub struct RunOptions {
-    /// Folder that sinks write under.
+    /// Output folder of sinks.
     pub out: PathBuf,
-    /// The files that the graph itself was read from, which no sink may write over.
+    /// The files of the graph itself, which no sink may overwrite.
     pub texts: Vec<PathBuf>,
-    /// The nodes that are wanted; none stands for [`Graph::targets`](crate::Graph::targets).
+    /// Target nodes; empty stands for [`Graph::targets`](crate::Graph::targets).
     pub only: Vec<usize>,
-    /// Set from outside to stop the run; what is finished by then is kept.
+    /// Set from outside to cancel the run. Finished nodes are kept.
     pub cancel: Arc<AtomicBool>,
-    /// Nodes that do less than the graph file says, in a run that a better one follows: they and what is
-    /// made from them are not remembered as the last run, and files made from them are marked as previews.
+    /// Nodes reduced for a preview. They and the nodes below are not recorded as the last run, and their files are
+    /// marked as previews.
     pub rough: Vec<usize>,
-    /// Whether to tell what each thread does when, as [`Event::Span`](crate::Event::Span)s.
+    /// True to report the work of each thread as [`Event::Span`](crate::Event::Span)s.
     pub trace: bool,
 }
 
-/// How a run ended.
+/// Outcome of a run.
 #[derive(Debug)]
 pub struct Outcome {
     /// Counts of nodes and work.
     pub totals: Totals,
-    /// What failed, with its place in the graph file.
+    /// Failures, with their places in the graph file.
     pub failures: Option<Diagnostics>,
 }

@@ -1,18 +1,17 @@
-//! Sinks: the files a run leaves in the output folder.
+//! Writing the files of sinks to the output folder.
 
-use crate::run::message::Placed;
-use crate::value::files::plain_name;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use cache::{Digest, Store, publish_file};
 
 use crate::record::record::FileRecord;
+use crate::run::message::Placed;
 use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
-use crate::value::files::Files;
+use crate::value::files::{Files, plain_name};
 
-/// Where the files of a sink belong, each with its digest.
+/// The output paths of a sink with the digests of the files.
 pub(crate) fn targets(
     out: &Path,
     template: &str,
@@ -26,7 +25,7 @@ pub(crate) fn targets(
     let mut seen: BTreeMap<String, &str> = BTreeMap::new();
     for file in files {
         if let Some(first) = seen.insert(plain_name(&file.view), &file.view) {
-            let message = format!("the views `{first}` and `{}` would be one file", file.view);
+            let message = format!("the views `{first}` and `{}` give the same file name", file.view);
             return Err(NodeError::new(message).at("path"));
         }
     }
@@ -34,7 +33,7 @@ pub(crate) fn targets(
     Ok(files.iter().map(|file| (path(file), file.digest)).collect())
 }
 
-/// What [`place`] gives where every file is known, without reading it, to lie where it belongs.
+/// The result of [`place`] if all files are known to be up to date without reading them.
 pub(crate) fn in_place(
     store: &Store,
     targets: &[(PathBuf, Digest)],
@@ -48,8 +47,8 @@ pub(crate) fn in_place(
     targets.iter().map(one).collect()
 }
 
-/// Makes files lie where they belong. An equal file is left alone. `None` when bytes must be written that
-/// are not in memory. Links below the folder of `confined` are not followed.
+/// Writes files that are missing or differ. `None` if bytes to be written are not in memory. With `confined`, links
+/// below that folder are not followed.
 pub(crate) fn place(
     store: &Store,
     targets: Vec<(PathBuf, Digest)>,
@@ -81,7 +80,8 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), NodeError> {
     publish_file(path, bytes).map_err(|error| NodeError::from(error).at("path"))
 }
 
-/// The first link on the way from `out` to the folder of a file. The file itself is replaced, not followed.
+/// The first link between `out` and the folder of a file. A link in place of the file itself is replaced and not
+/// followed.
 fn link_below(out: &Path, path: &Path) -> Option<PathBuf> {
     let mut at = out.to_owned();
     for part in path.strip_prefix(out).ok()?.parent()?.components() {

@@ -1,4 +1,4 @@
-//! What the scheduler knows of one node while a graph runs.
+//! The state of a node during a run.
 
 use cache::Digest;
 
@@ -8,78 +8,83 @@ use crate::run::event::State;
 use crate::value::artifact::AnyArtifact;
 use crate::value::counts::Effort;
 
-/// Where a node is in its life.
+/// The stages of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Life {
-    /// No target stands below it.
+    /// Not needed by any target.
     Unwanted,
-    /// An input is not yet known by digest.
+    /// An input is not known by digest yet.
     Waiting,
-    /// The files it reads are being digested.
+    /// Its source files are being digested.
     Reading,
-    /// Not in the store; waits for its turn to bring its input values to memory.
+    /// Not in the store; waits until its input values may be loaded.
     Ready,
-    /// Its input values are on their way to memory.
+    /// Its input values are being loaded.
     Gathering,
-    /// Input values are there; waits for a thread and for memory.
+    /// Waits for a thread and for memory.
     Queued,
-    /// Another node or process computes its key or a part of it; asks again in a while.
+    /// Its key, or that of a part of it, is being computed elsewhere; tried again later.
     Parked,
     /// Its code runs.
     Running,
-    /// Another node of the same key is being computed.
+    /// Another node with the same key is being computed.
     Following,
-    /// A sink whose result is known and whose files are being put in place.
+    /// A sink whose files are being written.
     Placing,
-    /// Its outputs are known by digest, and it was told so.
+    /// Its outputs are known by digest, and the event was sent.
     Done,
-    /// Its code, its sources or a file of it failed.
+    /// Its code, its source files or an output file failed.
     Failed,
-    /// Not tried, since something it needs failed or the run was stopped.
+    /// Not run, since something that it needs failed or the run was cancelled.
     Skipped,
 }
 
-/// Who waits for a value.
+/// A consumer that waits for a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Waiter {
     /// The code of a node that reads it.
     Code(usize),
-    /// The files of a sink, which is the node itself.
+    /// The files of the sink that made the value.
     Files(usize),
 }
 
-/// One node of a running graph.
+/// The state of a node.
 pub(crate) struct Slot {
     pub life: Life,
-    /// Nodes above that are not known by digest.
+    /// Number of nodes above that are not known by digest.
     pub unresolved: usize,
-    /// Input values that are not in memory.
+    /// Number of input values that are not in memory.
     pub missing: usize,
-    /// Who may still want the values: nodes below that are not done, remakes of them, and its own files.
+    /// Number of consumers that may need the values: unfinished nodes below, reruns of them, and its own files.
     pub readers: usize,
     pub action: Action,
     pub key: Option<Digest>,
     pub record: Option<Record>,
-    /// One entry an output, or none at all while there is no value.
+    /// One entry per output; empty without values.
     values: Vec<Value>,
     pub waiters: Vec<(usize, Waiter)>,
-    /// Its outputs are known, but its code runs once more for their values. Its life is then what it
-    /// would be without this once that is over.
+    /// The stage before its code was started again for its values, which it returns to afterwards.
     pub remaking: Option<Life>,
-    /// Its values cannot be had: making them once more failed.
+    /// True if its values are lost because the rerun failed.
     pub lost: bool,
-    /// Its values are being written to the store.
+    /// True if its values are being stored.
     pub storing: bool,
+    /// Number of messages that threads are still to send for it.
+    pub owed: usize,
     pub degraded: bool,
-    /// It does less than the graph file says, or is made from what does.
+    /// True if it, or a node above it, is reduced for a preview.
     pub rough: bool,
-    /// Memory that its code was admitted with.
+    /// Work of its code, in units of its kind.
+    pub work: f64,
+    /// True if its forecast is below a limit.
+    pub short: bool,
+    /// Memory reserved for its code, in bytes.
     pub reserved: u64,
-    /// What its code will take, once asked for.
+    /// Estimated memory in bytes; `None` until the kind was asked.
     pub cost: Option<u64>,
-    /// How it came to its result; told once its files are in place.
+    /// How it ended; reported once its files are up to date.
     pub end: Option<State>,
-    /// With what work: until there is a result, that of before it had to wait.
+    /// Work done for its result; until there is one, work done before it was parked.
     pub effort: Effort,
 }
 
@@ -105,8 +110,11 @@ impl Slot {
             remaking: None,
             lost: false,
             storing: false,
+            owed: 0,
             degraded: false,
             rough: false,
+            work: 0.0,
+            short: false,
             reserved: 0,
             cost: None,
             end: None,
@@ -114,7 +122,7 @@ impl Slot {
         }
     }
 
-    /// Whether others of its key wait for this one to be computed.
+    /// True if other nodes with its key wait for it.
     pub fn leads(&self) -> bool {
         use Life::{Gathering, Parked, Queued, Ready, Running};
         self.remaking.is_none() && matches!(self.life, Ready | Gathering | Queued | Parked | Running)
@@ -124,7 +132,7 @@ impl Slot {
         self.values.get(port)?.artifact.as_ref()
     }
 
-    /// A value and how many bytes it holds.
+    /// A value and its size in bytes.
     pub fn sized_value(&self, port: usize) -> Option<(&AnyArtifact, u64)> {
         let value = self.values.get(port)?;
         Some((value.artifact.as_ref()?, value.bytes))
@@ -137,7 +145,7 @@ impl Slot {
         &mut self.values[port]
     }
 
-    /// Keeps a value of so many bytes. False when there was one already.
+    /// Keeps a value of the given size. Returns false if it is present already.
     pub fn keep(&mut self, port: usize, artifact: AnyArtifact, bytes: u64) -> bool {
         let entry = self.entry(port);
         entry.loading = false;
@@ -148,29 +156,34 @@ impl Slot {
         true
     }
 
-    /// Marks a value as on its way from the store. False when it is already.
+    /// Marks a value as being loaded. Returns false if it is already.
     pub fn begin_loading(&mut self, port: usize) -> bool {
         !std::mem::replace(&mut self.entry(port).loading, true)
     }
 
-    /// The value did not come from the store.
+    /// Marks the loading of a value as failed.
     pub fn end_loading(&mut self, port: usize) {
         self.entry(port).loading = false;
     }
 
-    /// Lets go of what only a run has use for.
+    /// Drops everything that is only needed during a run.
     pub fn rest(&mut self) {
         self.drop_values();
         self.waiters.clear();
         self.readers = 0;
     }
 
-    /// Whether nobody will ask for the values any more.
+    /// True if the values are not needed any more.
     pub fn is_unread(&self) -> bool {
         self.readers == 0 && !self.storing && self.waiters.is_empty() && self.remaking.is_none()
     }
 
-    /// Gives the values up and says how many bytes they held.
+    /// Bytes of its values in memory.
+    pub fn bytes(&self) -> u64 {
+        self.values.iter().map(|value| value.bytes).sum()
+    }
+
+    /// Drops the values and returns their size in bytes.
     pub fn drop_values(&mut self) -> u64 {
         std::mem::take(&mut self.values).iter().map(|value| value.bytes).sum()
     }

@@ -1,13 +1,13 @@
-//! Traces: what each thread did when, for those who ask for it.
+//! Traces: the work of each thread over time.
 
 use std::sync::mpsc::Sender;
 use std::time::Instant;
 
 use crate::run::event::Event;
 use crate::run::message::Message;
+use crate::run::workers::thread_number;
 
-/// Times code on the shared threads and tells each span as an [`Event::Span`]; does nothing where no
-/// trace is wanted.
+/// Times the work of threads and sends each span as an [`Event::Span`]; does nothing if tracing is off.
 #[derive(Clone)]
 pub(crate) struct Tracer {
     start: Instant,
@@ -15,7 +15,7 @@ pub(crate) struct Tracer {
 }
 
 impl Tracer {
-    /// Times are told from `start` on.
+    /// A tracer with times relative to `start`.
     pub fn new(start: Instant, sender: Option<Sender<Message>>) -> Self {
         Self { start, sender }
     }
@@ -27,21 +27,21 @@ impl Tracer {
         }
         let begin = Instant::now();
         let result = code();
-        self.tell(id, what, begin.elapsed().as_secs_f64());
+        self.record(id, what, begin.elapsed().as_secs_f64());
         result
     }
 
-    /// Tells of something that took so many seconds and ends now.
-    pub fn tell(&self, id: &str, what: &str, seconds: f64) {
+    /// Sends a span of the given duration that ends now.
+    pub fn record(&self, id: &str, what: &str, seconds: f64) {
         let Some(sender) = &self.sender else { return };
         let event = Event::Span {
             id: id.to_owned(),
             what: what.to_owned(),
-            thread: rayon::current_thread_index().unwrap_or_default(),
+            thread: thread_number(),
             start: (self.start.elapsed().as_secs_f64() - seconds).max(0.0),
             seconds,
         };
-        // The scheduler outlives every job, so telling it cannot fail.
+        // The scheduler outlives every job, so sending cannot fail.
         let _ = sender.send(Message::Event(event));
     }
 }

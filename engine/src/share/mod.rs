@@ -1,4 +1,4 @@
-//! Graphs that travel: bundles, and recipes in pictures.
+//! Sharing graphs: bundles, and recipes in pictures.
 
 pub(crate) mod bundle;
 pub(crate) mod pairing;

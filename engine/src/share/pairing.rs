@@ -1,8 +1,8 @@
-//! Which nodes of two recipes are each other's, and what they say otherwise.
+//! Pairs the nodes of two recipes and lists their differences.
 //!
-//! A recipe numbers its nodes as they are read, so one node more shifts all behind it. Nodes are paired from the sinks
-//! upward instead: inputs of one name and kind are each other's, and where the kinds differ, a node between them is
-//! one that was put in or taken out.
+//! A recipe numbers its nodes in reading order, so an additional node shifts all later numbers. Nodes are therefore
+//! paired from the sinks upwards: inputs of the same name and kind are paired. If the kinds differ, one of the
+//! nodes was inserted or removed.
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
 
@@ -11,40 +11,40 @@ use cache::Digest;
 use crate::plan::diff::{NodeDifference, changes};
 use crate::text::edit::replace_strings;
 
-/// A node of a recipe as it is compared, or its scene.
+/// A node of a recipe, or its scene, for comparison.
 #[derive(Debug, Clone)]
-pub(crate) struct Said {
+pub(crate) struct Described {
     /// Its name, which is a number.
     pub id: String,
     /// Its kind without the version; empty for the scene.
     pub kind: String,
-    /// Kind with its version, parameters, wires and contents: name and text.
+    /// Kind with version, parameters, wires and digests of files, as (name, text).
     pub fields: Vec<(String, String)>,
 }
 
-impl Said {
+impl Described {
     pub fn new(id: String, kind: String, fields: Vec<(String, String)>) -> Self {
         Self { id, kind, fields }
     }
 }
 
-/// A node of a recipe with what it reads.
+/// A node of a recipe and its inputs.
 struct Node<'s> {
-    said: &'s Said,
-    /// By field: node and output.
+    said: &'s Described,
+    /// (node, output) by field.
     wires: Vec<(&'s str, Vec<(usize, String)>)>,
-    /// Of all that it says and all above it, whatever they are called.
+    /// Digest of the node and everything above it, without names.
     digest: Digest,
 }
 
-/// The node and the output of a text such as `n3.image`, where the node stands above. Wires are told from texts by
-/// that alone, since the kind may be one that this program has not.
+/// Parses a text such as `n3.image` as a wire to a node above. Wires and strings are distinguished by this alone,
+/// since the kind may be unknown to this program.
 fn wire<'t>(text: &'t str, above: &HashMap<&str, usize>) -> Option<(usize, &'t str)> {
     let (id, output) = text.split_once('.')?;
     Some((*above.get(id)?, output))
 }
 
-fn read(all: &[Said]) -> Vec<Node<'_>> {
+fn read(all: &[Described]) -> Vec<Node<'_>> {
     let mut above: HashMap<&str, usize> = HashMap::new();
     let mut nodes: Vec<Node<'_>> = Vec::with_capacity(all.len());
     for (index, said) in all.iter().enumerate() {
@@ -58,7 +58,7 @@ fn read(all: &[Said]) -> Vec<Node<'_>> {
                 }
                 None => text.to_owned(),
             });
-            // A text of its own line each: neither holds a line break that is not escaped.
+            // One line each: line breaks in strings are escaped.
             whole.push_str(&format!("{name}\n{text}\n"));
             if !own.is_empty() {
                 wires.push((name.as_str(), own));
@@ -70,25 +70,25 @@ fn read(all: &[Said]) -> Vec<Node<'_>> {
     nodes
 }
 
-/// For each node of the first the one of the second that is the same node, perhaps changed, and the other way round.
+/// For each node of the first recipe its counterpart in the second, and vice versa.
 struct Pairs<'s> {
     a: Vec<Node<'s>>,
     b: Vec<Node<'s>>,
     of_a: Vec<Option<usize>>,
     of_b: Vec<Option<usize>>,
-    /// Pairs whose inputs are to be looked at.
+    /// Pairs whose inputs are not compared yet.
     open: VecDeque<(usize, usize)>,
 }
 
 impl<'s> Pairs<'s> {
-    fn new(a: &'s [Said], b: &'s [Said]) -> Self {
+    fn new(a: &'s [Described], b: &'s [Described]) -> Self {
         let (of_a, of_b) = (vec![None; a.len()], vec![None; b.len()]);
         let mut pairs = Self { a: read(a), b: read(b), of_a, of_b, open: VecDeque::new() };
-        // The scenes, and the sinks: what stands last.
+        // The scenes and the sinks, which are last.
         pairs.join(0, 0);
         pairs.meet(a.len() - 1, b.len() - 1);
         pairs.follow();
-        // Below a node that became another one: what says the same, then what is of one kind, in order.
+        // The remaining nodes: first equal ones, then those of the same kind, in order.
         pairs.rest(|node| node.digest.to_string());
         pairs.rest(|node| node.said.kind.clone());
         pairs
@@ -103,8 +103,8 @@ impl<'s> Pairs<'s> {
         self.open.push_back((a, b));
     }
 
-    /// Two nodes that are read in one place: each other's where their kinds are one, else perhaps one of them was put
-    /// in between, and the other is what that reads.
+    /// Compares two nodes that are read at the same place. They are paired if they have the same kind. Otherwise
+    /// one of them may have been inserted, and the other is paired with an input of it.
     fn meet(&mut self, a: usize, b: usize) {
         let kind = |node: &Node<'s>| node.said.kind.as_str();
         let above = |nodes: &[Node<'s>], node: usize, wanted: &str| {
@@ -123,7 +123,7 @@ impl<'s> Pairs<'s> {
         }
     }
 
-    /// Pairs what pairs read, the nearest to the sinks first.
+    /// Pairs the inputs of pairs, starting at the sinks.
     fn follow(&mut self) {
         while let Some((a, b)) = self.open.pop_front() {
             let in_b: BTreeMap<&str, Vec<usize>> = inputs(&self.b[b]).into_iter().collect();
@@ -139,7 +139,7 @@ impl<'s> Pairs<'s> {
         }
     }
 
-    /// Pairs those of two lists that are alike, in order; what is left of the first, and of the second in its place.
+    /// Pairs equal nodes of two lists in order. Returns the rest of the first list; `b` keeps that of the second.
     fn alike(&mut self, a: Vec<usize>, b: &mut Vec<usize>, of: impl Fn(&Node<'s>) -> String) -> Vec<usize> {
         let mut known: HashMap<String, VecDeque<usize>> = HashMap::new();
         for &b in b.iter().filter(|b| self.of_b[**b].is_none()) {
@@ -170,16 +170,17 @@ fn inputs<'s>(node: &Node<'s>) -> Vec<(&'s str, Vec<usize>)> {
     node.wires.iter().map(|(name, wires)| (*name, above(wires))).collect()
 }
 
-/// What two recipes say otherwise, each as the scene and then its nodes. Nodes are called as in the first, and those
-/// that only the second has `b.n3`; both with their kinds where they have no other.
-pub(crate) fn said_otherwise(a: &[Said], b: &[Said]) -> Vec<(String, NodeDifference)> {
+/// The differences between two recipes, each given as its scene and then its nodes. Nodes have the names of the
+/// first recipe, and nodes that only the second has are named `b.n3`. Kinds are included for nodes without a
+/// counterpart.
+pub(crate) fn recipe_differences(a: &[Described], b: &[Described]) -> Vec<(String, NodeDifference)> {
     let pairs = Pairs::new(a, b);
     let own: HashMap<&str, usize> = b.iter().enumerate().map(|(index, said)| (&*said.id, index)).collect();
     let name = |index: usize| match pairs.of_b[index] {
         Some(first) => a[first].id.clone(),
         None => format!("b.{}", b[index].id),
     };
-    // As the first would say it.
+    // With the node names of the first recipe.
     let said = |index: usize| {
         let above = |text: &str| match wire(text, &own).filter(|(above, _)| *above < index) {
             Some((node, output)) => format!("{}.{output}", name(node)),
@@ -194,7 +195,7 @@ pub(crate) fn said_otherwise(a: &[Said], b: &[Said]) -> Vec<(String, NodeDiffere
             found.push((format!("{} {}", node.id, node.kind), NodeDifference::Gone));
             continue;
         };
-        // Written alike on both sides: strings may stand in more than one way.
+        // In the same form on both sides, since a string can be written in several ways.
         let then = node.fields.iter();
         let then = then.map(|(field, text)| (field.clone(), replace_strings(text, str::to_owned))).collect();
         let changes = changes(then, said(other));

@@ -1,4 +1,4 @@
-//! Why a recipe cannot run.
+//! The error of a recipe that cannot run.
 
 use std::path::PathBuf;
 
@@ -7,21 +7,21 @@ use crate::text::diag::Diagnostics;
 /// Why a recipe cannot run.
 #[derive(Debug, thiserror::Error)]
 pub enum RecipeError {
-    /// It is none, or none of this format.
-    #[error("the picture carries no recipe that this program reads")]
+    /// The recipe is missing or has another format.
+    #[error("the picture has no recipe that this program can read")]
     NoRecipe,
-    /// Its graph does not parse.
+    /// Its graph has mistakes.
     #[error(transparent)]
     Graph(#[from] Diagnostics),
-    /// Files that it reads were not found, or not told apart.
+    /// Source files were not found, or several match.
     #[error("{}", .0.join("\n"))]
     Missing(Vec<String>),
     /// A folder cannot be read.
-    #[error("cannot look into `{}`: {source}", folder.display())]
+    #[error("cannot read the folder `{}`: {source}", folder.display())]
     Folder {
-        /// The folder.
+        /// Path of the folder.
         folder: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: std::io::Error,
     },
 }

@@ -1,9 +1,8 @@
-//! From the recipe in a picture back to a graph that can run.
+//! Turns the recipe in a picture back into a graph that can run.
 //!
-//! A recipe names the files that were read without their folders, each with its digest. They are looked for by
-//! name and digest in folders that the user names, so that what runs is what ran, or nothing does.
+//! A recipe names its source files without folders, with digests. They are found by name and digest in folders
+//! given by the user, so that either the same graph runs or nothing does.
 
-use crate::share::recipe_error::RecipeError;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -14,28 +13,29 @@ use crate::kind::param_type::Role;
 use crate::kind::registry::{Registry, camel};
 use crate::plan::diff::NodeDifference;
 use crate::record::action::read_sources;
-use crate::record::recipe::{HEAD, READS, told_name};
-use crate::share::pairing::{Said, said_otherwise};
-use crate::share::source_index::Shelf;
+use crate::record::recipe::{HEAD, READS, one_line_name};
+use crate::share::pairing::{Described, recipe_differences};
+use crate::share::recipe_error::RecipeError;
+use crate::share::source_index::SourceIndex;
 use crate::text::diag::Diagnostics;
 use crate::text::document::{Document, RawField};
 use crate::text::edit::replace_strings;
 use crate::text::source::Source;
-use crate::text::syntax::{Sort, parse_part};
+use crate::text::syntax::{FileKind, parse_part};
 use crate::value::error::NodeError;
 
-/// What a picture says about how it was made.
+/// The recipe of a picture.
 #[derive(Debug, Clone)]
 pub struct Recipe {
     text: String,
     /// Kind, version and profile.
     kinds: Vec<(String, u32, String)>,
-    /// Files by node: name and digest.
+    /// Source files by node, as (name, digest).
     sources: BTreeMap<String, Vec<(String, Digest)>>,
 }
 
 impl Recipe {
-    /// Reads the text that a picture carries.
+    /// Parses the recipe in a picture.
     ///
     /// # Errors
     /// [`RecipeError::NoRecipe`] for any other text.
@@ -58,15 +58,15 @@ impl Recipe {
         Ok(Self { text: text.to_owned(), kinds: kinds.ok_or(RecipeError::NoRecipe)?, sources })
     }
 
-    /// The text as it was given.
+    /// The text of the recipe.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// Kinds that this program has not, or has in another version: what it made would be another picture.
+    /// Kinds that this program does not have, or has in another version, so that the picture would differ.
     pub fn other_kinds(&self, registry: &Registry) -> Vec<String> {
         let other = |(name, version, profile): &(String, u32, String)| match registry.get(name) {
-            None => Some(format!("there is no kind `{name}` here")),
+            None => Some(format!("this program has no kind `{name}`")),
             Some(kind) if kind.version != *version || kind.profile != profile => Some(format!(
                 "the picture was made by `{name}` {version} ({profile}), and this is {} ({})",
                 kind.version, kind.profile
@@ -76,31 +76,30 @@ impl Recipe {
         self.kinds.iter().filter_map(other).collect()
     }
 
-    /// What two recipes say otherwise, node by node: kinds with their versions, fields, and the content of the files
-    /// that were read. Numbers of nodes say nothing: `pairing.rs` tells which nodes are each other's.
-    /// They are called as in the first recipe; what only the second has is called `b.n3`. What the picture was called
-    /// is in neither.
+    /// Differences between two recipes by node: kinds with versions, fields, and the content of source files. Node
+    /// numbers are not compared; see the module `pairing`. Nodes have their names in the first recipe; nodes that
+    /// only the second has are named `b.n3`. The file name of the picture is not part of a recipe.
     ///
     /// # Errors
-    /// When one of the graphs cannot be read.
+    /// If one of the graphs cannot be parsed.
     pub fn differences(&self, other: &Recipe) -> Result<Vec<(String, NodeDifference)>, RecipeError> {
         let (a, b) = (self.nodes()?, other.nodes()?);
-        Ok(said_otherwise(&a, &b))
+        Ok(recipe_differences(&a, &b))
     }
 
-    /// What it says of the scene and of each node, what is read before what reads it.
-    fn nodes(&self) -> Result<Vec<Said>, RecipeError> {
+    /// The scene and the nodes in topological order.
+    fn nodes(&self) -> Result<Vec<Described>, RecipeError> {
         let document = self.document("recipe")?;
         let field = |field: &RawField<'_>| (field.name.to_owned(), field.text.to_owned());
         let scene = document.scene.iter().flat_map(|scene| &scene.fields).map(field).collect();
-        let mut nodes = vec![Said::new("scene".to_owned(), String::new(), scene)];
+        let mut nodes = vec![Described::new("scene".to_owned(), String::new(), scene)];
         for node in &document.nodes {
             let kind = self.kinds.iter().find(|(name, ..)| camel(name) == node.kind);
             let version =
                 kind.map_or_else(|| node.kind.to_owned(), |(name, n, how)| format!("{name} {n} {how}"));
             let mut fields = vec![("kind".to_owned(), version)];
             fields.extend(node.fields.iter().map(field));
-            // Of files of one name the second is called so.
+            // Files of the same name are numbered.
             let mut count: BTreeMap<&str, usize> = BTreeMap::new();
             for (file, digest) in self.sources.get(&*node.id).into_iter().flatten() {
                 let n = count.entry(file).or_default();
@@ -109,26 +108,26 @@ impl Recipe {
                 fields.push((format!("the content of {file}{which}"), digest.short()));
             }
             let kind = kind.map_or(node.kind, |(name, ..)| name).to_owned();
-            nodes.push(Said::new(node.id.to_string(), kind, fields));
+            nodes.push(Described::new(node.id.to_string(), kind, fields));
         }
         Ok(nodes)
     }
 
     fn document(&self, name: &str) -> Result<Document<'_>, RecipeError> {
         let mut diagnostics = Vec::new();
-        let document = parse_part(&self.text, 0..self.text.len(), Sort::Graph, &mut diagnostics);
+        let document = parse_part(&self.text, 0..self.text.len(), FileKind::Graph, &mut diagnostics);
         if diagnostics.is_empty() {
             return Ok(document);
         }
         Err(Diagnostics::new(Source::new(name, self.text.as_str()), diagnostics).into())
     }
 
-    /// The graph with the path of each file as it lies in one of `folders`: of a node that reads several files of one
-    /// name, the second that it names is the second that was read. `file` becomes the name of what it writes, where
-    /// that is one file. `store` remembers digests.
+    /// The graph with the path of each source file in one of `folders`. If a node reads several files of the same
+    /// name, they are matched in order. `file` becomes the name of the output, if there is only one. `store`
+    /// remembers digests.
     ///
     /// # Errors
-    /// When the graph cannot be read, or a file is not found or not told apart from others: all such, at once.
+    /// If the graph cannot be parsed, or files are not found or ambiguous; all of them are reported.
     pub fn settle(
         &self,
         name: &str,
@@ -138,7 +137,7 @@ impl Recipe {
         store: &Store,
     ) -> Result<Source, RecipeError> {
         let document = self.document(name)?;
-        let shelf = if self.sources.is_empty() { Shelf::default() } else { Shelf::of(folders)? };
+        let index = if self.sources.is_empty() { SourceIndex::default() } else { SourceIndex::of(folders)? };
         let mut missing = Vec::new();
         let mut edits = Vec::new();
         for node in &document.nodes {
@@ -150,12 +149,12 @@ impl Recipe {
             let mut wanted = Vec::new();
             for field in inputs() {
                 replace_strings(field.text, |path| {
-                    wanted.push(told_name(path));
+                    wanted.push(one_line_name(path));
                     String::new()
                 });
             }
             let sources = self.sources.get(&*node.id).map_or(&[][..], Vec::as_slice);
-            match shelf.settle(&wanted, sources, store) {
+            match index.settle(&wanted, sources, store) {
                 Ok(paths) => {
                     let mut paths = paths.into_iter();
                     for field in inputs() {
@@ -170,7 +169,7 @@ impl Recipe {
             edits.extend(one.map(|field| (field.span.clone(), format!("{file:?}"))));
         }
         if !missing.is_empty() {
-            missing.extend(shelf.is_cut().then(|| CUT.to_owned()));
+            missing.extend(index.is_cut().then(|| CUT.to_owned()));
             return Err(RecipeError::Missing(missing));
         }
         let mut text = self.text.clone();
@@ -181,23 +180,23 @@ impl Recipe {
         Ok(Source::new(name, text))
     }
 
-    /// Files that a graph made from this recipe reads and that are not those of the recipe, such as a texture
-    /// beside a model, and nodes that read more of them, fewer, or in another order.
+    /// Source files of a graph made from this recipe that differ from those in the recipe, such as a texture next
+    /// to a model, and nodes that read more files, fewer, or in another order.
     ///
     /// # Errors
-    /// When a file cannot be read.
+    /// If a file cannot be read.
     pub fn other_sources(&self, graph: &Graph, store: &Store) -> Result<Vec<String>, NodeError> {
         let mut other = Vec::new();
         for (index, node) in graph.nodes.iter().enumerate() {
             let known = self.sources.get(&node.id).map_or(&[][..], Vec::as_slice);
             let found = read_sources(graph, index, store)?;
             for (place, source) in found.iter().enumerate() {
-                let now = (told_name(&source.file.name), source.digest);
+                let now = (one_line_name(&source.file.name), source.digest);
                 if known.get(place) != Some(&now) {
                     let path = source.file.path.display();
                     let what = if known.contains(&now) {
                         format!(
-                            "`{path}`, which `{}` reads, is not in the place where the picture had it",
+                            "`{path}`, which `{}` reads, was not one of the source files of the picture",
                             node.id
                         )
                     } else {
@@ -208,13 +207,12 @@ impl Recipe {
             }
             for (name, digest) in known.iter().skip(found.len()) {
                 let digest = digest.short();
-                other
-                    .push(format!("`{}` does not read `{name}` with the content {digest} any more", node.id));
+                other.push(format!("`{}` no longer reads `{name}` with the content {digest}", node.id));
             }
         }
         Ok(other)
     }
 }
 
-/// Said where not all files could be looked at.
-const CUT: &str = "(the folders of `--inputs` hold more files than are looked through; name smaller ones)";
+/// The message if not all files could be inspected.
+const CUT: &str = "(the folders of `--inputs` contain too many files to search; name smaller folders)";

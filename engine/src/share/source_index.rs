@@ -1,4 +1,4 @@
-//! The files in the folders of `--inputs`, and which of them a node of a recipe read.
+//! An index of the files in the folders of `--inputs`, to find those that a node of a recipe read.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
@@ -6,31 +6,31 @@ use std::path::{Path, PathBuf};
 
 use cache::{Digest, Store};
 
-use crate::record::recipe::{HERE, told_name};
+use crate::record::recipe::{ANY_FOLDER, one_line_name};
 use crate::share::recipe_error::RecipeError;
 
-/// Most files that are looked at in the folders of the user.
+/// Maximum number of files in the index.
 const MOST_FILES: usize = 200_000;
 
-/// A file that was read: name and digest.
+/// Name and digest of a source file.
 type Read = (String, Digest);
 
-/// The folders of the user, and all files below them by their last name.
+/// The folders of the user, and all files in them by file name.
 #[derive(Default)]
-pub(crate) struct Shelf {
+pub(crate) struct SourceIndex {
     roots: Vec<PathBuf>,
     files: BTreeMap<String, Vec<PathBuf>>,
     digests: RefCell<HashMap<PathBuf, Option<Digest>>>,
     cut: bool,
 }
 
-impl Shelf {
-    /// Looks through folders in order of their names. Links are not followed.
+impl SourceIndex {
+    /// Indexes folders in order of their names. Links are not followed.
     ///
     /// # Errors
-    /// When a folder cannot be read.
+    /// If a folder cannot be read.
     pub fn of(folders: &[PathBuf]) -> Result<Self, RecipeError> {
-        let mut shelf = Self::default();
+        let mut index = Self::default();
         let mut count = 0;
         for folder in folders {
             let failed = |folder: &Path| {
@@ -38,7 +38,7 @@ impl Shelf {
                 move |source| RecipeError::Folder { folder, source }
             };
             let first = folder.canonicalize().map_err(failed(folder))?;
-            shelf.roots.push(first.clone());
+            index.roots.push(first.clone());
             let mut open = vec![first];
             while let Some(folder) = open.pop() {
                 let entries = std::fs::read_dir(&folder).map_err(failed(&folder))?;
@@ -49,31 +49,31 @@ impl Shelf {
                     let Ok(kind) = entry.file_type() else { continue };
                     let Ok(name) = entry.file_name().into_string() else { continue };
                     if count > MOST_FILES {
-                        shelf.cut = true;
-                        return Ok(shelf);
+                        index.cut = true;
+                        return Ok(index);
                     }
                     if kind.is_dir() {
                         open.push(entry.path());
                     } else if kind.is_file() {
-                        shelf.files.entry(told_name(&name)).or_default().push(entry.path());
+                        index.files.entry(one_line_name(&name)).or_default().push(entry.path());
                     }
                 }
             }
         }
-        Ok(shelf)
+        Ok(index)
     }
 
-    /// Whether there are more files than are looked at.
+    /// True if there are more files than the index holds.
     pub fn is_cut(&self) -> bool {
         self.cut
     }
 
-    /// Where the files and folders lie that a node names, in its order: `sources` are all that it read, in order, and
-    /// each of `wanted` stands for a run of them. A file begins its run, and what it names follows. The node may still
-    /// read other files there, which [`Recipe::other_sources`](crate::Recipe::other_sources) finds.
+    /// The paths of the files and folders that a node names, in order. `sources` are all files that it read, in
+    /// order; each of `wanted` stands for a run of them. A file starts its run, and the files that it names follow.
+    /// The node may still read further files, which [`Recipe::other_sources`](crate::Recipe::other_sources) finds.
     ///
     /// # Errors
-    /// A line for each that is not found, or not told apart from the others.
+    /// A line for each that is not found or is ambiguous.
     pub fn settle(
         &self,
         wanted: &[String],
@@ -81,7 +81,7 @@ impl Shelf {
         store: &Store,
     ) -> Result<Vec<String>, Vec<String>> {
         let named = |name: &String| sources.iter().any(|(source, _)| source == name);
-        // The last place where the run of each can begin, so that those behind it have theirs.
+        // The last possible start of each run, such that the following runs still fit.
         let mut latest = vec![sources.len(); wanted.len() + 1];
         for (which, name) in wanted.iter().enumerate().rev() {
             let before = &sources[..latest[which + 1]];
@@ -89,26 +89,26 @@ impl Shelf {
                 true => before.iter().rposition(|(source, _)| source == name),
                 false => before.len().checked_sub(1),
             };
-            let Some(place) = place else { return Err(vec![untold(name, wanted, sources)]) };
+            let Some(place) = place else { return Err(vec![ambiguous(name, wanted, sources)]) };
             latest[which] = place;
         }
         let (mut paths, mut missing, mut at) = (Vec::new(), Vec::new(), 0);
-        // A folder before, which must hold all that stands before the next.
+        // The preceding folder, which must contain all files before the next start.
         let mut folder: Option<&String> = None;
         for (which, name) in wanted.iter().enumerate() {
             let is_file = named(name);
-            // What stands before it belongs to the one before: a file may name others anywhere.
+            // Files in between belong to the preceding file, which may name files anywhere.
             let begin = match is_file {
                 true => sources[at..].iter().position(|(source, _)| source == name).map(|n| at + n),
                 false => Some(at),
             };
             let Some(begin) = begin.filter(|begin| *begin <= latest[which]) else {
-                missing.push(untold(name, wanted, sources));
+                missing.push(ambiguous(name, wanted, sources));
                 break;
             };
             missing.extend(folder.take().filter(|_| begin != at).map(|folder| absent(folder, None)));
             let mut end = latest[which + 1];
-            // Of files by name each begins where its name stands next.
+            // Each named file starts at the next occurrence of its name.
             if let (true, Some(next)) = (is_file, wanted.get(which + 1).filter(|next| named(next))) {
                 let place = sources[begin + 1..end].iter().position(|(source, _)| source == next);
                 end = place.map_or(end, |n| begin + 1 + n);
@@ -122,8 +122,8 @@ impl Shelf {
                 Some((path, count)) => {
                     at = begin + count;
                     folder = (!is_file).then_some(name);
-                    // What had no name of its own gets none, so that the recipe stays the same.
-                    paths.push(if name == HERE { format!("{path}/{HERE}") } else { path });
+                    // A folder without a name of its own keeps none, so that the recipe stays the same.
+                    paths.push(if name == ANY_FOLDER { format!("{path}/{ANY_FOLDER}") } else { path });
                 }
                 None => {
                     missing.push(absent(name, is_file.then(|| &sources[begin].1)));
@@ -135,20 +135,20 @@ impl Shelf {
         if missing.is_empty() { Ok(paths) } else { Err(missing) }
     }
 
-    /// The file that begins `run`, and how many of the run lie in its folder.
+    /// The file that starts `run`, and the number of files of the run in its folder.
     fn file(&self, run: &[Read], store: &Store) -> Option<(String, usize)> {
         self.best(run.len(), self.first_of(run, store), |path| {
             path.parent().map_or(1, |folder| 1 + self.held(folder, &run[1..], store))
         })
     }
 
-    /// The folder of this name that holds `run` from its beginning, and how many of it: of several that hold as
-    /// many, the innermost.
+    /// The folder of this name that contains the start of `run`, and the number of files of the run in it. Among
+    /// equal ones, the innermost.
     fn folder(&self, name: &str, run: &[Read], store: &Store) -> Option<(String, usize)> {
         let inside = |path: &&Path| self.roots.iter().any(|root| path.starts_with(root));
         let is_meant = |path: &&Path| {
-            let own = || path.file_name().and_then(|own| own.to_str()).map(told_name);
-            name == HERE || own().as_deref() == Some(name)
+            let own = || path.file_name().and_then(|own| own.to_str()).map(one_line_name);
+            name == ANY_FOLDER || own().as_deref() == Some(name)
         };
         let around = self.first_of(run, store).flat_map(|path| path.ancestors().skip(1));
         let all = around.filter(inside).filter(is_meant);
@@ -162,7 +162,7 @@ impl Shelf {
         all.filter(|(path, digest)| self.has(path, digest, store)).map(|(path, _)| path.as_path())
     }
 
-    /// The first of those that hold most, and how much; none is asked once one holds `all`.
+    /// The first candidate with the largest count. The search ends when one reaches `all`.
     fn best<'s>(
         &self,
         all: usize,
@@ -183,7 +183,7 @@ impl Shelf {
         best
     }
 
-    /// How many of `run`, from its beginning, lie below a folder.
+    /// Number of files of `run`, from its start, that are in a folder.
     fn held(&self, folder: &Path, run: &[Read], store: &Store) -> usize {
         let lies = |(name, digest): &&Read| {
             let mut all = self.files.get(name).into_iter().flatten();
@@ -203,19 +203,17 @@ impl Shelf {
 fn absent(name: &str, digest: Option<&Digest>) -> String {
     match digest {
         Some(digest) => {
-            format!("`{name}` with the content {} is in none of the folders of `--inputs`", digest.short())
+            format!("no folder of `--inputs` contains `{name}` with the content {}", digest.short())
         }
-        None if name == HERE => {
-            "none of the folders of `--inputs`, nor one in them, holds what it read".to_owned()
-        }
+        None if name == ANY_FOLDER => "no folder of `--inputs` contains the files that it read".to_owned(),
         None => format!(
-            "`{name}`, with the files that were read, is none of the folders of `--inputs` and in none of them"
+            "no folder of `--inputs` is or contains `{name}` with the files this picture was made from"
         ),
     }
 }
 
-/// What is said where the names of a recipe fit more than one file, or none.
-fn untold(name: &str, wanted: &[String], sources: &[Read]) -> String {
+/// The message if the names in a recipe match several files, or no file.
+fn ambiguous(name: &str, wanted: &[String], sources: &[Read]) -> String {
     let times = wanted.iter().filter(|other| *other == name).count();
     let read = sources.iter().filter(|(source, _)| source == name).count();
     format!(

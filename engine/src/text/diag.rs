@@ -1,6 +1,6 @@
-//! Diagnostics: what is wrong in a graph file, where, and what to do. All of a file come together.
+//! Diagnostics: the mistakes in a graph file, with their places and advice. All mistakes of a file are reported
+//! together.
 
-use crate::text::source::Source;
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::PathBuf;
@@ -8,86 +8,86 @@ use std::path::PathBuf;
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 use serde::Serialize;
 
-use crate::text::source::Piece;
+use crate::text::source::{Piece, Source};
 
-/// What sort of mistake it is; a stable name in JSON.
+/// Category of a mistake; a stable name in JSON.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Code {
-    /// The text is no RON, or not what a graph file is made of.
+    /// Not valid RON, or not the structure of a graph file.
     Syntax,
-    /// The file is of a version that this program does not read.
+    /// A file format version that this program does not read.
     Version,
-    /// Something must be given.
+    /// Something required is missing.
     Missing,
-    /// Something is given twice.
+    /// A name is given twice.
     Duplicate,
-    /// No kind has this name.
+    /// Unknown name of a kind.
     UnknownKind,
-    /// Nothing of this name can be set there.
+    /// Unknown name of a field.
     UnknownField,
-    /// No node has this name.
+    /// Unknown name of a node.
     UnknownNode,
-    /// The node has no such output.
+    /// The node has no output with this name.
     UnknownOutput,
     /// The input takes another type.
     WrongType,
-    /// The parameter takes other values.
+    /// The value has the wrong type.
     WrongValue,
-    /// The number lies outside of its range.
+    /// The number is out of range.
     OutOfRange,
-    /// Parameters that do not go together.
+    /// Parameters that cannot be combined.
     Parameters,
-    /// Wires that do not go together.
+    /// Wires that cannot be combined.
     Wiring,
-    /// Nodes that read each other.
+    /// Nodes that depend on each other in a cycle.
     Cycle,
-    /// A file to read is missing, or is none.
+    /// A source file is missing or is not a file.
     MissingFile,
-    /// A file cannot be written under this name.
+    /// An output path that cannot be written.
     OutputPath,
-    /// `--set` was given something that is no setting.
+    /// An argument of `--set` that is not a setting.
     Setting,
-    /// The node failed when it ran.
+    /// The node failed during a run.
     Failed,
 }
 
 /// One mistake.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnostic {
-    /// Its sort, for programs.
+    /// Category, for programs.
     pub code: Code,
-    /// Bytes of the text that are underlined.
+    /// Range of bytes to underline.
     pub span: Range<usize>,
-    /// What is wrong.
+    /// Message.
     pub message: String,
-    /// What stands under the underline.
+    /// Text next to the underline.
     pub label: String,
-    /// Other places that belong to it, each with its words.
+    /// Related places with their labels.
     pub related: Vec<(Range<usize>, String)>,
-    /// What to do.
+    /// Advice.
     pub hints: Vec<String>,
 }
 
 impl Diagnostic {
-    /// A mistake of the notation at `span`.
+    /// A syntax mistake at `span`.
     pub fn new(span: Range<usize>, message: impl Into<String>) -> Self {
         Self::of(Code::Syntax, span, message)
     }
 
-    /// A mistake of a sort that has a name.
+    /// A mistake of any category.
     pub fn of(code: Code, span: Range<usize>, message: impl Into<String>) -> Self {
         let message = bounded(message.into());
         Self { code, span, message, label: String::new(), related: Vec::new(), hints: Vec::new() }
     }
 
-    /// Adds the text under the underline.
+    /// Sets the text next to the underline.
     pub fn label(mut self, label: impl Into<String>) -> Self {
         self.label = bounded(label.into());
         self
     }
 
-    /// Adds another place that belongs to it.
+    /// Adds a related place.
     pub fn related(mut self, span: Range<usize>, label: impl Into<String>) -> Self {
         self.related.push((span, label.into()));
         self
@@ -99,7 +99,7 @@ impl Diagnostic {
         self
     }
 
-    /// Adds "did you mean" where one of `known` is near to `found`.
+    /// Adds "did you mean" if a name in `known` is similar to `found`.
     pub fn suggest<'k>(self, found: &str, known: impl IntoIterator<Item = &'k str>) -> Self {
         match nearest(found, known) {
             Some(near) => self.hint(format!("did you mean `{near}`?")),
@@ -108,22 +108,22 @@ impl Diagnostic {
     }
 }
 
-/// Nobody reads more than this at once, and each is laid out on its own.
+/// Maximum number of diagnostics shown; nobody reads more at once.
 const MOST_SHOWN: usize = 100;
 
-/// The mistakes of one text, in the order of their places.
+/// The mistakes in one text, in the order of their places.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnostics {
-    /// The text they are about.
+    /// The text with the mistakes.
     pub source: Source,
     /// At least one mistake.
     pub list: Vec<Diagnostic>,
-    /// The files that the text names: what is wrong may lie in one of them.
+    /// The files that the text names; a mistake may be caused by one of them.
     pub files: Vec<PathBuf>,
 }
 
 impl Diagnostics {
-    /// Sorted by place; two at one place keep their order. One that several uses of a subgraph meet is told once.
+    /// Sorts mistakes by place and removes those that several uses of a subgraph repeat.
     pub fn new(source: Source, mut list: Vec<Diagnostic>) -> Self {
         list.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
         let mut seen = BTreeSet::new();
@@ -131,13 +131,13 @@ impl Diagnostics {
         Self { source, list, files: Vec::new() }
     }
 
-    /// The mistakes for a program that shows them in its own way.
+    /// The mistakes for programs that display them on their own.
     pub fn mistakes(&self) -> Vec<Mistake> {
         let mistake = |one: &Diagnostic| {
             let (line, column) = self.source.position(one.span.start);
             let text = self.source.text.get(one.span.clone()).unwrap_or_default();
             let length = text.lines().next().unwrap_or_default().chars().count();
-            let file = self.source.piece(one.span.start).name.to_owned();
+            let file = self.source.piece(one.span.start).name.clone();
             let (message, label) = (one.message.clone(), one.label.clone());
             let (span, code, hints) = ([one.span.start, one.span.end], one.code, one.hints.clone());
             Mistake { file, line, column, length, span, code, message, label, hints }
@@ -145,7 +145,7 @@ impl Diagnostics {
         self.list.iter().map(mistake).collect()
     }
 
-    /// The mistakes as a person reads them, with the text underlined.
+    /// The mistakes as text for a person, with excerpts of the file.
     pub fn render(&self, colour: bool) -> String {
         let renderer = if colour { Renderer::styled() } else { Renderer::plain() };
         let shown = self.list.iter().take(MOST_SHOWN);
@@ -157,11 +157,7 @@ impl Diagnostics {
     }
 
     fn render_one(&self, renderer: &Renderer, one: &Diagnostic) -> String {
-        let pieces = self.source.pieces();
-        let piece_of = |offset: usize| {
-            let index = pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
-            &pieces[index]
-        };
+        let piece_of = |offset: usize| self.source.piece(offset);
         let own = piece_of(one.span.start);
         let place = |span: &Range<usize>| place(&self.source.text, &piece_of(span.start).span, span);
         let mut primary = AnnotationKind::Primary.span(place(&one.span));
@@ -169,14 +165,13 @@ impl Diagnostics {
             primary = primary.label(one.label.as_str());
         }
         let near = |span: &Range<usize>| {
-            // A line of megabytes would be shown whole.
+            // A line of megabytes would be shown in full.
             let (low, high) = (span.start.min(one.span.start), span.start.max(one.span.start));
             let between = self.source.text.get(low..high).unwrap_or_default();
             between.len() < 1000 || between.contains('\n')
         };
-        let snippet = |piece: &Piece<'_>| {
-            Snippet::source(&self.source.text[piece.span.clone()]).path(piece.name.to_owned())
-        };
+        let snippet =
+            |piece: &Piece| Snippet::source(&self.source.text[piece.span.clone()]).path(piece.name.clone());
         let beside = |(span, label): &'_ (Range<usize>, String)| {
             AnnotationKind::Context.span(place(span)).label(label.clone())
         };
@@ -195,7 +190,7 @@ impl Diagnostics {
     }
 }
 
-/// A span within its piece of the text, cut to its first line, which is enough to find a node of many.
+/// A span within its piece of the text, cut to its first line.
 fn place(text: &str, piece: &Range<usize>, span: &Range<usize>) -> Range<usize> {
     let start = text.floor_char_boundary(span.start.clamp(piece.start, piece.end));
     let end = text.ceil_char_boundary(span.end.clamp(start, piece.end));
@@ -211,7 +206,7 @@ impl std::fmt::Display for Diagnostics {
 
 impl std::error::Error for Diagnostics {}
 
-/// A text as part of a message: long ones are cut.
+/// A text for use in a message: long texts are cut.
 pub(crate) fn shown(text: &str) -> std::borrow::Cow<'_, str> {
     match text.char_indices().nth(60) {
         None => text.into(),
@@ -219,7 +214,7 @@ pub(crate) fn shown(text: &str) -> std::borrow::Cow<'_, str> {
     }
 }
 
-/// A sentence that a name of a megabyte got into is cut, too.
+/// Cuts a message that contains a very long name.
 fn bounded(mut text: String) -> String {
     const MOST: usize = 2000;
     if text.len() > MOST {
@@ -229,58 +224,43 @@ fn bounded(mut text: String) -> String {
     text
 }
 
-/// The candidate nearest in spelling, when it is near enough to be a slip.
+/// The candidate most similar to `found`, if it differs by few edits: at most a third of the letters, and at most
+/// three, inserted, deleted, replaced or swapped with their neighbour. Otherwise the only candidate that has `found` as a
+/// word, as `yaw_deg` has `yaw`.
 pub fn nearest<'k>(found: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
-    let limit = (found.chars().count() / 3).clamp(1, 3);
-    known
-        .into_iter()
-        .map(|candidate| (distance(&found.to_lowercase(), &candidate.to_lowercase()), candidate))
-        .filter(|(distance, _)| *distance <= limit)
-        .min_by_key(|(distance, _)| *distance)
-        .map(|(_, candidate)| candidate)
+    // Only the first letters of long names are compared, since the time grows with the square of the length.
+    let folded = |text: &str| -> String { text.to_lowercase().chars().take(64).collect() };
+    let known: Vec<&str> = known.into_iter().collect();
+    let (limit, name) = ((found.chars().count() / 3).clamp(1, 3), folded(found));
+    let distance = |&candidate: &&'k str| (strsim::osa_distance(&name, &folded(candidate)), candidate);
+    let near = known.iter().map(distance).filter(|(distance, _)| *distance <= limit);
+    let near = near.min_by_key(|(distance, _)| *distance).map(|(_, candidate)| candidate);
+    let mut longer =
+        known.into_iter().filter(|candidate| candidate.split(['_', '-']).any(|word| word == found));
+    near.or_else(|| longer.next().filter(|_| longer.next().is_none()))
 }
 
-/// Edits (insert, delete, replace, swap of neighbours) between two words: Damerau and Levenshtein's
-/// optimal string alignment.
-fn distance(a: &str, b: &str) -> usize {
-    let (a, b): (Vec<char>, Vec<char>) = (a.chars().take(64).collect(), b.chars().take(64).collect());
-    let mut before = vec![0; b.len() + 1];
-    let mut last: Vec<usize> = (0..=b.len()).collect();
-    for i in 1..=a.len() {
-        let mut row = vec![i; b.len() + 1];
-        for j in 1..=b.len() {
-            let replaced = last[j - 1] + usize::from(a[i - 1] != b[j - 1]);
-            row[j] = replaced.min(last[j] + 1).min(row[j - 1] + 1);
-            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
-                row[j] = row[j].min(before[j - 2] + 1);
-            }
-        }
-        (before, last) = (last, row);
-    }
-    last[b.len()]
-}
-
-/// A mistake in a graph, for programs that show it in their own way.
+/// A mistake in a graph, for programs that display it on their own.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Mistake {
-    /// The file, as it was named.
+    /// Name of the file.
     pub file: String,
-    /// From 1.
+    /// Line, from 1.
     pub line: usize,
-    /// In characters, from 1.
+    /// Column in characters, from 1.
     pub column: usize,
-    /// How many characters of the line it is about.
+    /// Length of the underline in characters.
     pub length: usize,
-    /// First byte in the file and the one behind the last.
+    /// First byte, and the byte after the last.
     pub span: [usize; 2],
-    /// What sort of mistake it is.
+    /// Category.
     pub code: Code,
-    /// What is wrong.
+    /// Message.
     pub message: String,
-    /// More about the place.
+    /// Text next to the underline.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub label: String,
-    /// What to do.
+    /// Advice.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub hints: Vec<String>,
 }
@@ -295,7 +275,7 @@ mod tests {
         assert_eq!(nearest("widht_px", known), Some("width_px"));
         assert_eq!(nearest("sample", known), Some("samples"));
         assert_eq!(nearest("gamma", known), None);
-        assert_eq!(distance("ab", "ba"), 1);
+        assert_eq!(nearest("ab", ["ba"]), Some("ba"), "a swap is one edit");
     }
 
     #[test]

@@ -1,23 +1,23 @@
-//! Settings of the command line, as overlays of one field.
+//! Settings of the command line (`--set`), which are overlays of one field.
 
 use crate::text::source::Source;
 use crate::text::values::parse_value;
 
-/// One `--set node.field=value`; a node of a subgraph is written `left.pose`.
+/// One `--set node.field=value`. A node in a subgraph is written `left.pose`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Setting {
     /// Name of the node.
     pub node: String,
     /// Name of the field.
     pub field: String,
-    /// RON text of the value. A plain word or path is taken as text where it is no RON.
+    /// Value as RON. A plain word or path that is not valid RON is taken as a string.
     pub value: String,
 }
 
 /// Why a setting cannot be applied.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EditError {
-    /// It is not written `node.field=value`.
+    /// The form is not `node.field=value`.
     #[error("`{0}` is not a setting; write node.field=value")]
     Form(String),
 }
@@ -42,7 +42,7 @@ impl std::str::FromStr for Setting {
     }
 }
 
-/// The graph with the settings laid over it: those of `scene`, `axes` and `parameters` set these blocks.
+/// Adds the settings to a graph as overlays. Those of `scene`, `axes` and `parameters` change these blocks.
 pub fn apply(source: &Source, settings: &[Setting]) -> Source {
     settings.iter().fold(source.clone(), |source, setting| {
         let Setting { node, field, value } = setting;
@@ -50,8 +50,8 @@ pub fn apply(source: &Source, settings: &[Setting]) -> Source {
     })
 }
 
-/// What was typed in a shell as RON: quotes are easily lost there, so what is no RON value, and a lower
-/// case word or a path, is taken as text.
+/// Converts shell input to RON. Shells tend to remove quotes, so input that is not valid RON, and a lower-case word
+/// or a path, is taken as a string.
 fn ron_text(value: &str) -> String {
     let first = value.chars().next().unwrap_or_default();
     let is_ron = matches!(value, "true" | "false")
@@ -65,7 +65,7 @@ fn ron_text(value: &str) -> String {
     }
 }
 
-/// RON text with the content of each string replaced.
+/// RON text with the content of every string replaced.
 pub(crate) fn replace_strings(text: &str, mut with: impl FnMut(&str) -> String) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
@@ -77,7 +77,7 @@ pub(crate) fn replace_strings(text: &str, mut with: impl FnMut(&str) -> String) 
             escaped = c == '\\' && !escaped;
             ends
         });
-        // Text that was checked has no string without an end.
+        // Checked text has no unterminated string.
         let (string, after) = quoted.split_at(end.map_or(quoted.len(), |end| end + 2));
         let plain = parse_value::<String>(string).unwrap_or_default();
         out.push_str(before);
@@ -99,7 +99,7 @@ mod tests {
             text.rsplit_once('\n').map(|(_, end)| end.to_owned()).unwrap_or_default()
         };
         assert_eq!(set("a.yaw_deg=35"), "a.yaw_deg=35");
-        assert_eq!(set("a.path=out/x.png"), "a.path=\"out/x.png\"", "what is no RON is text");
+        assert_eq!(set("a.path=out/x.png"), "a.path=\"out/x.png\"", "text that is not RON is a string");
         assert_eq!(set("a.m = Hard"), "a.m=Hard");
         assert_eq!(set("left.a.m=Hard"), "left.a.m=Hard");
         assert_eq!(set("a.m=By(file: \"x/y.png\")"), "a.m=By(file: \"x/y.png\")");

@@ -1,42 +1,34 @@
-//! One text of several files: a graph, what it includes, its subgraphs, and what is laid over it.
-//!
-//! The files are joined, each behind a line `//@@ role name`, which is a comment in RON. So whatever knows
-//! a graph by its text (its place in diagnostics, its digest, a bundle) knows all of it.
+//! Reads the files of a graph (includes, subgraphs) and parses all of its text as one document.
 
-use crate::text::source::Piece;
-use crate::text::source::PieceRole;
-use crate::text::source::folder_of;
-use crate::text::source::plain;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use crate::text::diag::{Code, Diagnostic, shown};
 use crate::text::document::{Document, RawField};
-use crate::text::overlay::Overlays;
-use crate::text::overlay::PRESETS;
-use crate::text::source::Source;
+use crate::text::overlay::{Overlays, PRESETS};
+use crate::text::source::{Piece, PieceRole, Source, folder_of, plain};
 use crate::text::subgraph::{FILE, SUBGRAPH, SubgraphFiles, expand};
-use crate::text::syntax::{Sort, parse_part, parse_preset, parse_setting};
+use crate::text::syntax::{FileKind, parse_part, parse_preset, parse_setting};
 use crate::text::values::parse_value;
-use crate::value::root::InputFile;
-use crate::value::root::SourceRoot;
+use crate::value::root::{InputFile, SourceRoot};
+use crate::value::text_file::{MAX_GRAPH_BYTES, read_text};
 
-/// A graph includes no more files than this, and no more bytes.
+/// Limits on the number of included files and on their total bytes.
 const MOST_FILES: usize = 1000;
-const MOST_BYTES: usize = 256 << 20;
+const MOST_BYTES: u64 = 256 << 20;
 
 impl Source {
-    /// Reads the files that the graph includes or uses as subgraphs, and those that these name, each once; those
-    /// that a bundle has joined already stay. What cannot be read, or may not be, is a mistake of the graph when
-    /// it is parsed. Gives the paths of the files as well, found or not.
+    /// Reads the files that the graph includes or uses as subgraphs, recursively, each once, and appends them to
+    /// the text. Files that a bundle already contains are not read again. A file that cannot or may not be read is
+    /// reported when the graph is parsed. Also returns the paths of all files, whether they exist or not.
     pub fn including(mut self, root: &SourceRoot) -> (Self, Vec<PathBuf>) {
         let mut paths = Vec::new();
-        let known = |piece: Piece<'_>| {
+        let known = |piece: &Piece| {
             matches!(piece.role, PieceRole::Include | PieceRole::Subgraph)
-                .then(|| (piece.role, piece.name.to_owned()))
+                .then(|| (piece.role, piece.name.clone()))
         };
-        let mut seen: BTreeSet<(PieceRole, String)> = self.pieces().into_iter().filter_map(known).collect();
+        let mut seen: BTreeSet<(PieceRole, String)> = self.pieces().iter().filter_map(known).collect();
         let own = Path::new(&self.name).canonicalize().ok();
         let mut bytes = 0;
         loop {
@@ -47,18 +39,16 @@ impl Source {
             }
             for (role, name) in wanted {
                 let file = root.file(&InputFile(name));
-                // Around a circle back to the graph itself, whose nodes are there already.
+                // An include cycle back to the graph itself, whose nodes are present already.
                 if role == PieceRole::Include && own.is_some() && file.path.canonicalize().ok() == own {
-                    self = self.joined("include", &file.name, "Graph()");
+                    self = self.joined(role, &file.name, "Graph()");
                     continue;
                 }
                 let may = !root.is_outside(&file) && !root.is_strange(&file.path);
-                if may && let Ok(text) = std::fs::read_to_string(&file.path) {
-                    bytes += text.len();
-                    if bytes > MOST_BYTES {
-                        return (self, paths);
-                    }
-                    let role = if role == PieceRole::Include { "include" } else { "subgraph" };
+                // No more than what is left of the limit of all files, so that nothing beyond it is read.
+                let left = (MOST_BYTES - bytes).min(MAX_GRAPH_BYTES);
+                if may && let Ok(text) = read_text(&file.path, left) {
+                    bytes += text.len() as u64;
                     self = self.joined(role, &file.name, &text);
                 }
                 paths.push(file.path);
@@ -67,45 +57,45 @@ impl Source {
     }
 }
 
-/// The names of the files that the pieces name, relative to the folder of the graph.
+/// The names of the files that the pieces include or use, relative to the folder of the graph.
 fn named(source: &Source) -> BTreeSet<(PieceRole, String)> {
     let mut names = BTreeSet::new();
-    // Most graphs are one file, and a large one takes long to look through.
+    // Most graphs are one file, and searching a large one takes long.
     if !["include", SUBGRAPH, FILE].iter().any(|word| source.text.contains(word)) {
         return names;
     }
     for piece in source.pieces() {
-        let document = read(source, &piece, &mut Vec::new());
+        let document = read(source, piece, &mut Vec::new());
         names.extend(
             document
                 .include
                 .iter()
-                .flat_map(|field| files(field, &piece))
+                .flat_map(|field| files(field, piece))
                 .map(|(name, _)| (PieceRole::Include, name)),
         );
         let laid_over = matches!(piece.role, PieceRole::Overlay | PieceRole::Setting);
         let uses = document.nodes.iter().filter(|node| node.kind == SUBGRAPH || laid_over);
         let fields = uses.flat_map(|node| &node.fields).filter(|field| field.name == FILE);
         let paths = fields.filter_map(|field| parse_value::<String>(field.text).ok());
-        names.extend(paths.map(|path| (PieceRole::Subgraph, plain(folder_of(&piece), &path))));
+        names.extend(paths.map(|path| (PieceRole::Subgraph, plain(folder_of(piece), &path))));
     }
     names
 }
 
-/// The document in one piece of the text; none for a preset, which is a name.
-fn read<'t>(source: &'t Source, piece: &Piece<'t>, diagnostics: &mut Vec<Diagnostic>) -> Document<'t> {
+/// Parses one piece of the text. The piece of a preset is only a name and gives an empty document.
+fn read<'t>(source: &'t Source, piece: &Piece, diagnostics: &mut Vec<Diagnostic>) -> Document<'t> {
     match piece.role {
         PieceRole::Graph | PieceRole::Include | PieceRole::Subgraph => {
-            parse_part(&source.text, piece.span.clone(), Sort::Graph, diagnostics)
+            parse_part(&source.text, piece.span.clone(), FileKind::Graph, diagnostics)
         }
-        PieceRole::Overlay => parse_part(&source.text, piece.span.clone(), Sort::Overlay, diagnostics),
+        PieceRole::Overlay => parse_part(&source.text, piece.span.clone(), FileKind::Overlay, diagnostics),
         PieceRole::Setting => parse_setting(&source.text, piece.span.clone(), diagnostics),
         PieceRole::Preset => Document::default(),
     }
 }
 
-/// What an `include` names, relative to the folder of the graph, each with its place.
-fn files(field: &RawField<'_>, piece: &Piece<'_>) -> Vec<(String, Range<usize>)> {
+/// The file names in an `include` field, relative to the folder of the graph, with their places.
+fn files(field: &RawField<'_>, piece: &Piece) -> Vec<(String, Range<usize>)> {
     let list =
         parse_value::<Vec<String>>(field.text).or_else(|_| parse_value(field.text).map(|one| vec![one]));
     let folder = folder_of(piece);
@@ -117,7 +107,7 @@ fn files(field: &RawField<'_>, piece: &Piece<'_>) -> Vec<(String, Range<usize>)>
     list.unwrap_or_default().into_iter().map(|name| (plain(folder, &name), place(&name))).collect()
 }
 
-/// Reads all pieces as one document.
+/// Parses all pieces as one document.
 pub(crate) fn parse_all<'t>(
     source: &'t Source,
     root: &SourceRoot,
@@ -148,11 +138,11 @@ pub(crate) fn parse_all<'t>(
     let others = others.map(|(_, other)| (other.version.clone(), other.scene.clone())).collect();
     let included = |role| pieces.iter().enumerate().filter(move |(_, piece)| piece.role == role);
     let includes: BTreeMap<&str, usize> =
-        included(PieceRole::Include).map(|(at, piece)| (piece.name, at)).collect();
+        included(PieceRole::Include).map(|(at, piece)| (piece.name.as_str(), at)).collect();
     let subgraphs: SubgraphFiles<'t> = included(PieceRole::Subgraph)
-        .map(|(at, piece)| (piece.name, with_includes(at, &pieces, &includes, &mut documents)))
+        .map(|(at, piece)| (piece.name.as_str(), with_includes(at, pieces, &includes, &mut documents)))
         .collect();
-    let mut document = with_includes(0, &pieces, &includes, &mut documents);
+    let mut document = with_includes(0, pieces, &includes, &mut documents);
     document.others = others;
     document.whole &= subgraphs.values().all(|subgraph| subgraph.whole);
     let mut overlays = Overlays::default();
@@ -167,53 +157,55 @@ pub(crate) fn parse_all<'t>(
             PieceRole::Graph | PieceRole::Include | PieceRole::Subgraph => {}
         }
     }
-    let folder_at = |offset: usize| {
-        let index = pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
-        folder_of(&pieces[index])
-    };
+    let folder_at = |offset: usize| folder_of(source.piece(offset));
     let lost = |name: &str, place| not_joined(root, name, place);
     expand(&mut document, &subgraphs, overlays, &folder_at, &lost, diagnostics);
     document
 }
 
-/// Why a file of the graph is not in its text.
+/// The diagnostic for a file of the graph that was not read.
 fn not_joined(root: &SourceRoot, name: &str, place: Range<usize>) -> Diagnostic {
     let file = root.file(&InputFile(name.to_owned()));
     if root.is_outside(&file) {
         outside(name, place)
     } else if root.is_strange(&file.path) {
-        Diagnostic::new(place, format!("`{}` came out of a bundle", shown(name)))
-            .label("it would read whatever this graph may")
-            .hint("remove `.lightharmony-bundle` from its folder to make it your own, or run it by itself")
+        Diagnostic::new(place, format!("`{}` belongs to an unpacked bundle", shown(name)))
+            .label("included, it could read whatever this graph may")
+            .hint(
+                "if you trust it, remove `.lightharmony-bundle` from its folder; otherwise run it on its own",
+            )
     } else {
-        let why = match std::fs::read_to_string(&file.path) {
+        let why = match read_text(&file.path, MAX_GRAPH_BYTES) {
             Err(error) => error.to_string(),
-            Ok(_) => "too many files, or too long".to_owned(),
+            Ok(_) => format!(
+                "the files of a graph are more than {MOST_FILES}, or longer than {} MiB together",
+                MOST_BYTES >> 20
+            ),
         };
         Diagnostic::of(Code::MissingFile, place, format!("`{}` cannot be read: {why}", shown(name)))
             .hint("paths are relative to the folder of the file that names them")
     }
 }
 
-/// What a stranger's graph is told of a file that it may not read.
+/// The diagnostic for a file that an untrusted graph may not read.
 pub(crate) fn outside(name: &str, place: Range<usize>) -> Diagnostic {
     Diagnostic::new(place, format!("`{}` may not be read", shown(name)))
         .label("outside of the bundle")
-        .hint("a graph of a bundle or a picture reads inside the bundle and the folders of `--inputs`")
+        .hint("a graph from a bundle or a picture may only read in the bundle and the folders of `--inputs`")
 }
 
-/// One document together with those it includes, and those that these include. Its own scene wins, then that of
-/// the first file that has one.
+/// A document merged with its includes, recursively. Its own scene takes precedence, then that of the first file
+/// that has one.
 fn with_includes<'t>(
     at: usize,
-    pieces: &[Piece<'t>],
+    pieces: &[Piece],
     includes: &BTreeMap<&str, usize>,
     documents: &mut [Document<'t>],
 ) -> Document<'t> {
     let mut seen = BTreeSet::from([at]);
     let mut open = vec![at];
     let mut whole = Document::default();
-    // In the order in which they were found, which is that of the pieces.
+    // In order of discovery, which is the order of the pieces.
     let mut found = Vec::new();
     while let Some(index) = open.pop() {
         let names = documents[index].include.iter().flat_map(|field| files(field, &pieces[index]));
@@ -239,12 +231,12 @@ fn with_includes<'t>(
     whole
 }
 
-/// The chosen preset of a graph: that of each file that has one, its own last, so that it goes over those of what it
-/// includes.
+/// The chosen preset of a graph: that of every file that defines it, the graph's own last, so that it overrides
+/// those of included files.
 fn preset<'t>(
     document: &Document<'t>,
     source: &'t Source,
-    piece: &Piece<'_>,
+    piece: &Piece,
     diagnostics: &mut Vec<Diagnostic>,
 ) -> Vec<Document<'t>> {
     let name = &source.text[piece.span.clone()];
@@ -258,13 +250,13 @@ fn preset<'t>(
     let mistake = Diagnostic::new(piece.span.clone(), format!("the graph has no preset `{}`", shown(name)));
     diagnostics.push(match known().next() {
         None => mistake.suggest(name, PRESETS).hint(format!(
-            "every graph has {}; its own stand beside `nodes`: `presets: (dark: (trace: (samples: 4)))`",
+            "built-in presets are {}; own presets are declared next to `nodes`: `presets: (dark: (trace: (samples: 4)))`",
             PRESETS.join(", ")
         )),
         Some(_) => {
             let list: Vec<&str> = known().collect();
             mistake.suggest(name, known().chain(PRESETS)).hint(format!(
-                "it has {}, and every graph {}",
+                "its presets are {}; built-in presets are {}",
                 list.join(", "),
                 PRESETS.join(", ")
             ))

@@ -1,4 +1,4 @@
-//! Overlays: values that take the place of those written, by node and field.
+//! Overlays: values that override those in the graph file, by node and field.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -9,16 +9,16 @@ use crate::text::diag::{Code, Diagnostic, nearest, shown};
 use crate::text::document::{Document, RawField, RawNode, RawScene};
 use crate::text::syntax::twice;
 
-/// What is laid over the nodes of a graph, by name of node; those of one name in their order.
+/// Overlays by node name, in order for each node.
 #[derive(Debug, Default)]
 pub(crate) struct Overlays<'t> {
     nodes: BTreeMap<Cow<'t, str>, Vec<RawNode<'t>>>,
-    /// Axes that the graph did not have, and where they stand.
+    /// Axes that only an overlay defines, with their places.
     axes: Vec<(&'t str, Range<usize>)>,
 }
 
 impl<'t> Overlays<'t> {
-    /// Lays one more over those before.
+    /// Adds an overlay, which overrides the earlier ones.
     pub fn push(&mut self, overlay: Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
         let mut seen = BTreeMap::new();
         for node in overlay.nodes {
@@ -29,12 +29,12 @@ impl<'t> Overlays<'t> {
         }
     }
 
-    /// Lays what is meant for `scene`, `axes` and `parameters` over them.
+    /// Applies the overlays of `scene`, `axes` and `parameters`.
     pub fn lay_on_blocks(&mut self, document: &mut Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
         let known: Vec<&str> = document.parameters.iter().map(|parameter| parameter.name).collect();
         for name in ["scene", "axes", "parameters"] {
             let own = document.nodes.iter().find(|node| node.id == name).map(|node| &node.fields);
-            // A node may be called `scene`, too; what only the block can have is the block's.
+            // A node may also be named `scene`. Fields that the node does not have belong to the block.
             let is_nodes = |over: &RawNode<'t>| {
                 own.is_some_and(|own| {
                     over.fields.iter().all(|field| own.iter().any(|o| o.name == field.name))
@@ -43,8 +43,8 @@ impl<'t> Overlays<'t> {
             let (nodes, block): (Vec<_>, Vec<_>) =
                 self.nodes.remove(name).unwrap_or_default().into_iter().partition(is_nodes);
             if name == "parameters" {
-                let strangers = block.iter().flat_map(|over| &over.fields);
-                diagnostics.extend(strangers.filter(|field| !known.contains(&field.name)).map(|field| {
+                let unknown = block.iter().flat_map(|over| &over.fields);
+                diagnostics.extend(unknown.filter(|field| !known.contains(&field.name)).map(|field| {
                     let what = format!("the graph has no parameter `{}`", shown(field.name));
                     Diagnostic::of(Code::UnknownField, field.name_span.clone(), what)
                         .suggest(field.name, known.iter().copied())
@@ -75,7 +75,7 @@ impl<'t> Overlays<'t> {
         }
     }
 
-    /// Lays what is meant for a node over it.
+    /// Applies the overlays of a node.
     pub fn lay_on(&mut self, node: &mut RawNode<'t>) {
         if !self.nodes.is_empty()
             && let Some(over) = self.nodes.remove(&node.id)
@@ -84,8 +84,8 @@ impl<'t> Overlays<'t> {
         }
     }
 
-    /// Reports what is meant for nodes that are not there, and axes that nothing reads.
-    pub fn strangers(self, document: &Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
+    /// Reports overlays of nodes that do not exist, and axes that nothing reads.
+    pub fn report_unused(self, document: &Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
         let given = || document.scopes.iter().flat_map(|scope| &scope.values);
         let fields = || document.nodes.iter().flat_map(|node| &node.fields).chain(given());
         for (axis, span) in self.axes {
@@ -105,9 +105,7 @@ impl<'t> Overlays<'t> {
                 (Some(near), _) => mistake.hint(format!("did you mean `{near}`?")),
                 (None, Some((id, rest))) if known(id) => {
                     let parameter = rest.split('.').next().unwrap_or(rest);
-                    mistake.hint(format!(
-                        "a parameter is set whole, with all that is in it: `{id}.{parameter}=..`"
-                    ))
+                    mistake.hint(format!("set the whole parameter: `{id}.{parameter}=..`"))
                 }
                 (None, _) => mistake,
             });
@@ -124,11 +122,11 @@ fn lay<'t>(fields: &mut Vec<RawField<'t>>, over: Vec<RawField<'t>>) {
     }
 }
 
-/// The presets that every graph has, from the least work to the least error. A graph's own preset of the same
-/// name takes the place of one.
+/// Built-in presets, from the least work to the smallest error. A preset of the same name in the graph replaces the
+/// built-in one.
 pub const PRESETS: [&str; 4] = ["draft", "preview", "final", "reference"];
 
-/// The text of an overlay that sets fields: (node, parameter, value in RON), nodes in the order of their first.
+/// The text of an overlay that sets fields (node, parameter, value in RON), nodes in order of first appearance.
 pub fn overlay_text<'s>(fields: impl IntoIterator<Item = (&'s str, &'s str, &'s str)>) -> String {
     let mut nodes: Vec<(&str, String)> = Vec::new();
     for (node, parameter, value) in fields {

@@ -1,19 +1,19 @@
-//! The tokens of a RON file: where names, values and brackets begin and end.
+//! The scanner of RON text: it finds where names, values and brackets begin and end.
 //!
-//! Values are not read here, only walked over, so that one pass gives the place of everything, and a
-//! mistake costs the field it is in and not the rest of the file. Nothing recurses, however deep brackets
-//! are nested. `ron` reads the values afterwards.
+//! Values are skipped here and parsed later by `ron`. So one pass finds all places, and a mistake affects only the
+//! field that contains it. Nothing recurses, however deeply brackets are nested.
 
 use std::ops::Range;
 
 use crate::text::diag::Diagnostic;
 
-/// Reads a text from front to back.
+/// A position in a text.
 pub(crate) struct Scanner<'t> {
     pub text: &'t str,
     pub at: usize,
     pub diagnostics: Vec<Diagnostic>,
-    /// Something that never ends was reported: what it swallowed is no second mistake.
+    /// An unterminated string, comment or bracket was reported; mistakes in the text that it contains are not
+    /// reported.
     endless: bool,
 }
 
@@ -22,7 +22,7 @@ impl<'t> Scanner<'t> {
         Self { text, at: 0, diagnostics: Vec::new(), endless: false }
     }
 
-    /// The byte at the current place; 0 at the end.
+    /// The byte at the current position; 0 at the end.
     pub fn peek(&self) -> u8 {
         self.text.as_bytes().get(self.at).copied().unwrap_or_default()
     }
@@ -35,14 +35,14 @@ impl<'t> Scanner<'t> {
         self.at >= self.text.len()
     }
 
-    /// Steps over `byte`, which must not be part of a longer character.
+    /// Skips `byte`, which must be ASCII.
     pub fn eat(&mut self, byte: u8) -> bool {
         let found = self.peek() == byte && !self.is_at_end();
         self.at += usize::from(found);
         found
     }
 
-    /// Steps over one character.
+    /// Skips one character.
     pub fn step(&mut self) {
         self.at += self.rest().chars().next().map_or(0, char::len_utf8);
     }
@@ -51,7 +51,7 @@ impl<'t> Scanner<'t> {
         self.diagnostics.push(diagnostic);
     }
 
-    /// The text ended before the bracket that closes the one at `place`.
+    /// Reports a bracket at `place` that is never closed.
     pub fn unclosed(&mut self, place: usize, open: u8) {
         if !std::mem::replace(&mut self.endless, true) {
             let what = format!("`{}` has no matching `{}`", open as char, closing(open) as char);
@@ -59,12 +59,12 @@ impl<'t> Scanner<'t> {
         }
     }
 
-    /// The character at the current place, for an underline.
+    /// The range of the current character.
     pub fn here(&self) -> Range<usize> {
         self.at..self.at + self.rest().chars().next().map_or(0, char::len_utf8)
     }
 
-    /// Steps over white space and comments.
+    /// Skips white space and comments.
     pub fn skip_space(&mut self) {
         loop {
             match self.peek() {
@@ -95,10 +95,10 @@ impl<'t> Scanner<'t> {
             }
         }
         self.endless = true;
-        self.report(Diagnostic::new(start..start + 2, "a comment is not closed").hint("end it with `*/`"));
+        self.report(Diagnostic::new(start..start + 2, "unterminated comment").hint("end it with `*/`"));
     }
 
-    /// A plain word: letters, digits and `_`, the first no digit.
+    /// Reads an identifier: letters, digits and `_`, not beginning with a digit.
     pub fn word(&mut self) -> Option<&'t str> {
         let start = self.at;
         if self.peek().is_ascii_digit() {
@@ -109,7 +109,7 @@ impl<'t> Scanner<'t> {
         (self.at > start).then(|| &self.text[start..self.at])
     }
 
-    /// Steps over one value and gives its place; `None`, with a report, where there is none.
+    /// Skips one value and returns its range; `None`, with a diagnostic, if it is missing.
     pub fn value(&mut self) -> Option<Range<usize>> {
         let start = self.at;
         match self.peek() {
@@ -140,7 +140,7 @@ impl<'t> Scanner<'t> {
         self.at += self.rest().find(|c| !part(c)).unwrap_or(self.rest().len());
     }
 
-    /// Text in double quotes, which ends on its line: a quote that was forgotten so costs one line only.
+    /// Skips a string in double quotes. It must end on its line, so that a forgotten quote affects only one line.
     fn string(&mut self) {
         let start = self.at;
         self.at += 1;
@@ -155,12 +155,12 @@ impl<'t> Scanner<'t> {
                 _ => self.step(),
             }
         }
-        // What was meant most likely ends before the next punctuation.
+        // The string was most likely meant to end before the next punctuation.
         let line = &self.text[start + 1..self.at];
         let end = line.find([',', ')', ']']).unwrap_or(line.len());
         self.at = start + 1 + line[..end].trim_end().len();
         self.report(
-            Diagnostic::new(start..self.at, "this text is not closed")
+            Diagnostic::new(start..self.at, "unterminated string")
                 .label("a `\"` is missing at its end or its start"),
         );
     }
@@ -183,13 +183,13 @@ impl<'t> Scanner<'t> {
                 self.endless = true;
                 let opening = start..start + hashes + 1;
                 self.report(
-                    Diagnostic::new(opening, "this text is not closed").label(format!("ends with {close}")),
+                    Diagnostic::new(opening, "unterminated string").label(format!("ends with {close}")),
                 );
             }
         }
     }
 
-    /// `'x'`, or text in the wrong quotes.
+    /// Skips `'x'`, or a string in single quotes, which is a mistake.
     fn character(&mut self) {
         let start = self.at;
         let line = self.rest().find('\n').map_or(self.rest(), |end| &self.rest()[..end]);
@@ -210,7 +210,7 @@ impl<'t> Scanner<'t> {
         }
     }
 
-    /// Text in the quotes of a word processor.
+    /// Skips a string in typographic quotes, which is a mistake.
     fn curly(&mut self) {
         let start = self.at;
         self.step();
@@ -230,7 +230,7 @@ impl<'t> Scanner<'t> {
         self.report(quotes(start..self.at, inside));
     }
 
-    /// A bracket and everything up to the one that closes it.
+    /// Skips a bracket and everything up to its closing bracket.
     fn group(&mut self) {
         let mut open: Vec<(u8, usize)> = Vec::new();
         loop {
@@ -244,7 +244,7 @@ impl<'t> Scanner<'t> {
                 b')' | b']' | b'}' => {
                     let Some(&(opened, place)) = open.last() else { return };
                     if closing(opened) != byte {
-                        // The bracket may close a group further out, which goes on from here.
+                        // The bracket may close an outer group, which continues from here.
                         return self.report(
                             Diagnostic::new(
                                 self.here(),
@@ -281,7 +281,7 @@ impl<'t> Scanner<'t> {
         }
     }
 
-    /// Steps over a value or, where there is none, a character; after a mistake.
+    /// Skips a value or else one character; for recovery after a mistake.
     pub fn step_over(&mut self) {
         let before = self.at;
         if self.value().is_none() || self.at == before {
@@ -301,14 +301,14 @@ fn closing(open: u8) -> u8 {
 }
 
 fn quotes(span: Range<usize>, inside: Option<&str>) -> Diagnostic {
-    let plain = Diagnostic::new(span, "text stands in straight double quotes");
+    let plain = Diagnostic::new(span, "strings are written in straight double quotes");
     match inside {
         Some(inside) => plain.label(format!("write \"{inside}\"")),
         None => plain.label("write \"..\""),
     }
 }
 
-/// The white space that RON knows beyond ASCII, and the mark that some editors put at the start.
+/// White space of RON beyond ASCII, and the byte order mark.
 fn is_space(c: char) -> bool {
     matches!(c, '\u{85}' | '\u{200e}' | '\u{200f}' | '\u{2028}' | '\u{2029}' | '\u{feff}')
 }

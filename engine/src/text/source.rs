@@ -1,56 +1,134 @@
-//! The text of a graph: one file, or several joined behind lines `//@@ role name`, which are comments in RON.
+//! The text of a graph: a list of pieces, one per file, overlay and setting.
 //!
-//! So whatever knows a graph by its text (its place in diagnostics, its digest, a bundle) knows all of it.
+//! The pieces are joined into one text, so that a byte offset is a place in any of them: in diagnostics, in digests and in
+//! bundles. Each piece after the first is preceded by a line `//@@ role name`, a comment in RON, from which a bundle
+//! restores the list.
 
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A text with the name it is known by.
+/// A text and its name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
-    /// Path or other name, as diagnostics print it.
+    /// Path or other name for diagnostics.
     pub name: String,
     /// The whole text.
     pub text: Arc<str>,
+    pieces: Vec<Piece>,
 }
 
-/// What a part of a joined text is.
+/// The role of a piece of a joined text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum PieceRole {
-    /// The graph itself, which comes first.
+    /// The graph file itself, which is first.
     Graph,
-    /// A file that it includes.
+    /// An included file.
     Include,
-    /// A file that it uses as a subgraph.
+    /// A file used as a subgraph.
     Subgraph,
-    /// Values in place of others.
+    /// An overlay.
     Overlay,
-    /// One value in place of another: `node.field=value`.
+    /// A setting `node.field=value`.
     Setting,
-    /// The name of a preset.
+    /// The name of a preset of the graph.
     Preset,
 }
 
-/// Where a file stands in a joined text.
+/// One file in a joined text.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Piece<'t> {
+pub(crate) struct Piece {
     pub role: PieceRole,
-    pub name: &'t str,
+    pub name: String,
     pub span: Range<usize>,
 }
 
-const MARK: &str = "\n//@@ ";
+impl PieceRole {
+    /// The roles of pieces after the first, with their names in marks.
+    const NAMED: [(&'static str, Self); 5] = [
+        ("include", Self::Include),
+        ("subgraph", Self::Subgraph),
+        ("overlay", Self::Overlay),
+        ("set", Self::Setting),
+        ("preset", Self::Preset),
+    ];
 
-/// What the name of an overlay begins with that is a preset of the program's.
+    fn name(self) -> &'static str {
+        Self::NAMED.iter().find(|(_, role)| *role == self).map_or("graph", |(name, _)| name)
+    }
+}
+
+/// Precedes the role and the name of a piece.
+const MARK: &str = "\n//@@ ";
+/// Start of a text whose marks separate pieces. In any other text they are comments.
+const PACKED: &str = "//@@ packed\n";
+
+/// The role and name in the rest of a line behind a mark.
+fn parse_mark(line: &str) -> Option<(PieceRole, &str)> {
+    let (role, name) = line.split_once(' ')?;
+    PieceRole::NAMED.iter().find(|(known, _)| *known == role).map(|(_, role)| (*role, name))
+}
+
+/// Prefix of the name of an overlay that is a built-in preset.
 const BUILT_IN_PRESET: &str = "--preset ";
 
 impl Source {
-    /// A text of the given name.
+    /// A text with a name: one file, or several if it is the graph of a bundle.
     pub fn new(name: impl Into<String>, text: impl Into<Arc<str>>) -> Self {
-        Self { name: name.into(), text: text.into() }
+        let (name, text) = (name.into(), text.into());
+        if text.starts_with(PACKED) {
+            return Self::packed(name, text);
+        }
+        let pieces = vec![Piece { role: PieceRole::Graph, name: name.clone(), span: 0..text.len() }];
+        Self { name, text, pieces }
     }
 
-    /// Line and column, both from 1, of a byte offset in the file it lies in; columns count characters.
+    /// The graph of a bundle, which may consist of several pieces.
+    pub fn packed(name: impl Into<String>, text: impl Into<Arc<str>>) -> Self {
+        let (name, text) = (name.into(), text.into());
+        let mut pieces = vec![Piece { role: PieceRole::Graph, name: name.clone(), span: 0..text.len() }];
+        let mut at = 0;
+        while let Some(found) = text[at..].find(MARK) {
+            let mark = at + found;
+            let line = text[mark + MARK.len()..].split('\n').next().unwrap_or_default();
+            at = mark + MARK.len() + line.len();
+            let Some((role, piece)) = parse_mark(line) else { continue };
+            if let Some(last) = pieces.last_mut() {
+                last.span.end = mark;
+            }
+            let start = (at + 1).min(text.len());
+            pieces.push(Piece { role, name: piece.to_owned(), span: start..text.len() });
+        }
+        Self { name, text, pieces }
+    }
+
+    /// The text for a bundle, after edits (range, new text) in descending order of their ranges.
+    pub(crate) fn pack(&self, edits: &[(Range<usize>, String)]) -> String {
+        let mut whole = String::new();
+        if self.pieces.len() > 1 && !self.text.starts_with(PACKED) {
+            whole.push_str(PACKED);
+        }
+        for (number, piece) in self.pieces.iter().enumerate() {
+            // With the line break in front, as a mark has one.
+            let mut text = format!("\n{}", &self.text[piece.span.clone()]);
+            let inside = edits.iter().filter(|(span, _)| piece.span.contains(&span.start));
+            for (span, with) in inside {
+                text.replace_range(span.start - piece.span.start + 1..span.end - piece.span.start + 1, with);
+            }
+            for (role, _) in PieceRole::NAMED {
+                // A comment that would be taken for a mark.
+                text = text.replace(&format!("{MARK}{role} "), &format!("\n// @@ {role} "));
+            }
+            if number > 0 {
+                whole.push_str(&format!("{MARK}{} {}", piece.role.name(), piece.name));
+                whole.push_str(&text);
+            } else {
+                whole.push_str(&text[1..]);
+            }
+        }
+        whole
+    }
+
+    /// Line and column, both from 1, of a byte offset within its file. Columns count characters.
     pub fn position(&self, offset: usize) -> (usize, usize) {
         let before = &self.text
             [self.piece(offset).span.start..self.text.floor_char_boundary(offset.min(self.text.len()))];
@@ -58,83 +136,68 @@ impl Source {
         (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
     }
 
-    /// Lays the text of an overlay over the graph: `Overlay(nodes: (trace: (samples: 16)))`. Later ones win.
+    /// Adds an overlay, `Overlay(nodes: (trace: (samples: 16)))`, which overrides earlier ones.
     pub fn overlaid(self, name: &str, text: &str) -> Self {
-        self.joined("overlay", name, text)
+        self.joined(PieceRole::Overlay, name, text)
     }
 
-    /// The graph with all that is laid over it but presets.
+    /// The graph with its overlays and settings but without presets.
     pub fn without_presets(&self) -> Self {
-        let is_preset =
-            |piece: &Piece<'_>| piece.role == PieceRole::Preset || piece.name.starts_with(BUILT_IN_PRESET);
-        let (mut text, mut from) = (String::new(), 0);
-        for piece in self.pieces() {
-            // With the line that says what it is, which stands before it.
-            if !is_preset(&piece) {
-                text.push_str(&self.text[from..piece.span.end]);
-            }
-            from = piece.span.end;
+        let is_preset = |piece: &Piece| {
+            piece.role == PieceRole::Preset
+                || piece.role == PieceRole::Overlay && piece.name.starts_with(BUILT_IN_PRESET)
+        };
+        let (first, rest) = self.pieces.split_at(1);
+        let mut source = Self {
+            name: self.name.clone(),
+            text: self.text[..first[0].span.end].into(),
+            pieces: first.to_vec(),
+        };
+        for piece in rest.iter().filter(|piece| !is_preset(piece)) {
+            source = source.joined(piece.role, &piece.name, &self.text[piece.span.clone()]);
         }
-        Self::new(self.name.clone(), text)
+        source
     }
 
-    /// Lays a preset of the program's over the graph, as an overlay.
+    /// Adds a built-in preset as an overlay.
     pub(crate) fn with_built_in_preset(self, preset: &str, text: &str) -> Self {
-        self.joined("overlay", &format!("{BUILT_IN_PRESET}{preset}"), text)
+        self.joined(PieceRole::Overlay, &format!("{BUILT_IN_PRESET}{preset}"), text)
     }
 
-    /// Lays one of the graph's own `presets` over it.
+    /// Adds one of the graph's own `presets`.
     pub(crate) fn with_own_preset(self, preset: &str) -> Self {
-        self.joined("preset", "--preset", preset)
+        self.joined(PieceRole::Preset, "--preset", preset)
     }
 
-    /// Lays one value over the graph: `trace.samples=16`.
+    /// Adds a setting `trace.samples=16`.
     pub(crate) fn set(self, setting: &str) -> Self {
-        self.joined("set", "--set", setting)
+        self.joined(PieceRole::Setting, "--set", setting)
     }
 
-    pub(crate) fn joined(self, role: &str, name: &str, text: &str) -> Self {
-        let text = format!("{}{MARK}{role} {name}\n{text}", self.text);
-        Self::new(self.name, text)
+    /// Appends a piece.
+    pub(crate) fn joined(self, role: PieceRole, name: &str, text: &str) -> Self {
+        // A line break would end the mark.
+        let name = name.replace(['\n', '\r'], " ");
+        let mut pieces = self.pieces;
+        let whole = format!("{}{MARK}{} {name}\n{text}", self.text, role.name());
+        pieces.push(Piece { role, name, span: whole.len() - text.len()..whole.len() });
+        Self { name: self.name, text: whole.into(), pieces }
     }
 
-    /// The files of the text, in order.
-    pub(crate) fn pieces(&self) -> Vec<Piece<'_>> {
-        let mut pieces = vec![Piece { role: PieceRole::Graph, name: &self.name, span: 0..self.text.len() }];
-        let mut at = 0;
-        while let Some(found) = self.text[at..].find(MARK) {
-            let mark = at + found;
-            let line = &self.text[mark + MARK.len()..];
-            let line = &line[..line.find('\n').unwrap_or(line.len())];
-            at = mark + MARK.len() + line.len();
-            let role = match line.split_once(' ') {
-                Some(("include", name)) => (PieceRole::Include, name),
-                Some(("subgraph", name)) => (PieceRole::Subgraph, name),
-                Some(("set", name)) => (PieceRole::Setting, name),
-                Some(("overlay", name)) => (PieceRole::Overlay, name),
-                Some(("preset", name)) => (PieceRole::Preset, name),
-                // A comment that only looks alike.
-                _ => continue,
-            };
-            if let Some(last) = pieces.last_mut() {
-                last.span.end = mark;
-            }
-            let start = (at + 1).min(self.text.len());
-            pieces.push(Piece { role: role.0, name: role.1, span: start..self.text.len() });
-        }
-        pieces
+    /// The pieces of the text, in order.
+    pub(crate) fn pieces(&self) -> &[Piece] {
+        &self.pieces
     }
 
-    /// The file that a place of the text is in.
-    pub(crate) fn piece(&self, offset: usize) -> Piece<'_> {
-        let mut pieces = self.pieces();
-        let index = pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
-        pieces.swap_remove(index)
+    /// The piece that contains a byte offset.
+    pub(crate) fn piece(&self, offset: usize) -> &Piece {
+        let index = self.pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
+        &self.pieces[index]
     }
 }
 
-/// The folder of an included file or subgraph, relative to that of the graph; empty or with a `/` at its end.
-pub(crate) fn folder_of<'t>(piece: &Piece<'t>) -> &'t str {
+/// The folder of an included file or subgraph relative to that of the graph: empty, or ending with a `/`.
+pub(crate) fn folder_of(piece: &Piece) -> &str {
     match piece.role {
         PieceRole::Include | PieceRole::Subgraph => {
             piece.name.rfind('/').map_or("", |end| &piece.name[..=end])
@@ -143,7 +206,7 @@ pub(crate) fn folder_of<'t>(piece: &Piece<'t>) -> &'t str {
     }
 }
 
-/// A path from a folder, without the detours that would give one file two names.
+/// A path relative to a folder in normal form, so that every file has one name.
 pub(crate) fn plain(folder: &str, path: &str) -> String {
     if path.starts_with('/') {
         return path.to_owned();
@@ -157,4 +220,46 @@ pub(crate) fn plain(folder: &str, path: &str) -> String {
         }
     }
     parts.join("/")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn roles(source: &Source) -> Vec<(PieceRole, &str, &str)> {
+        let piece = |piece: &'_ Piece| (piece.role, piece.span.clone());
+        let spans: Vec<_> = source.pieces().iter().map(piece).collect();
+        let names = source.pieces().iter().map(|piece| piece.name.as_str());
+        names.zip(spans).map(|(name, (role, span))| (role, name, &source.text[span])).collect()
+    }
+
+    // Mutation: `new` splits every text; `pack` leaves comments as they are.
+    #[test]
+    fn a_comment_that_looks_like_a_mark_stays_a_comment() {
+        let own = "Graph(\n//@@ set a.x=1\n)";
+        let graph = || Source::new("g.ron", own);
+        assert_eq!(roles(&graph()), [(PieceRole::Graph, "g.ron", own)]);
+        assert_eq!(
+            graph().pack(&[]),
+            "Graph(\n// @@ set a.x=1\n)",
+            "read from a bundle it would be a setting"
+        );
+        let source = graph().set("a.x=2").overlaid("o.ron", "//@@ overlay no\nOverlay()");
+        let packed = source.pack(&[(0..5, "Longer".to_owned())]);
+        let again = Source::new("g.ron", packed.as_str());
+        let first = "//@@ packed\nLonger(\n// @@ set a.x=1\n)";
+        let wanted = [
+            (PieceRole::Graph, "g.ron", first),
+            (PieceRole::Setting, "--set", "a.x=2"),
+            (PieceRole::Overlay, "o.ron", "// @@ overlay no\nOverlay()"),
+        ];
+        assert_eq!(roles(&again), wanted);
+        assert_eq!(again.pack(&[]), packed, "packing twice changes nothing");
+        assert_eq!(again.without_presets(), again);
+        assert_eq!(
+            roles(&Source::packed("g.ron", own)).len(),
+            2,
+            "bundles of earlier versions have no first line"
+        );
+    }
 }

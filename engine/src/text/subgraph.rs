@@ -1,45 +1,44 @@
-//! Subgraphs: the nodes of a file, as often as it is used, each time with other values.
+//! Subgraphs: the nodes of a file, inserted for each use with other values.
 //!
-//! A file states what it is given, `parameters: (object: Required, yaw_deg: 0.0)`, and reads it by
-//! `Param("object")`. `left: Subgraph(graph: "chair.ron", object: "demo.object")` makes the file's nodes nodes
-//! of the graph, named `left.pose` and so on. What is given means what it means where it is written: wires lead
-//! to nodes around `left`, paths begin at the folder of that file. So does every mistake.
+//! A file declares its parameters, `parameters: (object: Required, yaw_deg: 0.0)`, and reads them with
+//! `Param("object")`. `left: Subgraph(graph: "chair.ron", object: "demo.object")` inserts the nodes of the file as
+//! `left.pose` and so on. A given value is resolved where it is written: wires refer to nodes next to `left`, paths
+//! start at the folder of that file, and mistakes are reported there.
 
-use crate::text::document::Scope;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::text::diag::{Code, Diagnostic, nearest, shown};
-use crate::text::document::{Document, RawField, RawNode};
+use crate::text::document::{Document, RawField, RawNode, Scope};
 use crate::text::overlay::Overlays;
 use crate::text::scan::Scanner;
 use crate::text::source::plain;
 use crate::text::syntax::twice;
 use crate::text::values::parse_value;
 
-/// The kind that stands for the nodes of a file.
+/// The kind that is replaced by the nodes of a file.
 pub(crate) const SUBGRAPH: &str = "Subgraph";
-/// The field of it that names the file.
+/// The field of `Subgraph` that names the file.
 pub(crate) const FILE: &str = "graph";
-/// What stands for the value of a parameter that must be given.
+/// The value of a parameter without a default.
 const REQUIRED: &str = "Required";
 
-/// There are no more uses than this, all together hold no more nodes, and they lie in each other no deeper.
+/// Limits on the number of uses, on the number of all nodes, and on the depth of nesting.
 const MOST_USES: usize = 100_000;
 const MOST_NODES: usize = 1_000_000;
 const DEEPEST: usize = 32;
-/// The longest text of a field once values stand in their places, in bytes.
+/// Maximum length of a field after parameters are inserted, in bytes.
 const LONGEST: usize = 1 << 18;
 
-/// Files that are used as subgraphs, by the names under which pieces of the text know them.
+/// Documents of the files used as subgraphs, by the names of their pieces.
 pub(crate) type SubgraphFiles<'t> = BTreeMap<&'t str, Document<'t>>;
 
-/// Says of a file that is named at a place why there is no text of it.
+/// Makes the diagnostic for a named file that was not read.
 type Lost<'l> = dyn Fn(&str, Range<usize>) -> Diagnostic + 'l;
 
-/// Puts the nodes of its file in place of each `Subgraph`, and overlays on all nodes. `folder_at` gives the folder
-/// of the file that a place of the text lies in.
+/// Replaces each `Subgraph` by the nodes of its file and applies overlays to all nodes. `folder_at` returns the
+/// folder of the file that contains an offset of the text.
 pub(crate) fn expand<'t>(
     document: &mut Document<'t>,
     files: &SubgraphFiles<'t>,
@@ -59,7 +58,7 @@ pub(crate) fn expand<'t>(
     }
     let values = values.cloned().collect();
     document.scopes = vec![Scope { values, ..Scope::default() }];
-    // Those that come first in the file are at the end.
+    // In reverse order, since nodes are taken from the end.
     let mut open: Vec<RawNode<'t>> = std::mem::take(&mut document.nodes).into_iter().rev().collect();
     while let Some(mut node) = open.pop() {
         overlays.lay_on(&mut node);
@@ -81,9 +80,10 @@ pub(crate) fn expand<'t>(
         };
         let nodes = document.nodes.len() + open.len() + file.nodes.len();
         if nodes > MOST_NODES || document.scopes.len() > MOST_USES {
-            let what =
-                format!("subgraphs make more than {MOST_NODES} nodes of the graph, or are {MOST_USES}");
-            return diagnostics.push(Diagnostic::new(node.id_span, what).label("this one is one too many"));
+            let what = format!(
+                "subgraphs expand to more than {MOST_NODES} nodes, or are used more than {MOST_USES} times"
+            );
+            return diagnostics.push(Diagnostic::new(node.id_span, what).label("exceeded here"));
         }
         let number = document.scopes.len();
         let inside = |inner: &RawNode<'t>| {
@@ -93,7 +93,7 @@ pub(crate) fn expand<'t>(
             inner
         };
         open.extend(file.nodes.iter().rev().map(inside));
-        // What the file runs along, the graph does, unless it has an axis of that name itself.
+        // Axes of the file become axes of the graph, unless the graph has an axis of the same name.
         let known = |axis: &RawField<'t>| document.axes.iter().any(|own| own.name == axis.name);
         let axes: Vec<RawField<'t>> = file.axes.iter().filter(|axis| !known(axis)).cloned().collect();
         document.axes.extend(axes);
@@ -101,12 +101,12 @@ pub(crate) fn expand<'t>(
         document.broken.extend(broken);
         document.scopes.push(scope);
     }
-    overlays.strangers(document, diagnostics);
+    overlays.report_unused(document, diagnostics);
 }
 
 type Used<'f, 't> = (&'f Document<'t>, Scope<'t>, Vec<Diagnostic>);
 
-/// What a `Subgraph` stands for, and what is wrong with the values it is given.
+/// The document and scope of a `Subgraph` node, with the mistakes in the values that it is given.
 fn use_of<'f, 't>(
     node: &RawNode<'t>,
     scopes: &[Scope<'t>],
@@ -116,7 +116,7 @@ fn use_of<'f, 't>(
 ) -> Result<Used<'f, 't>, Box<Diagnostic>> {
     let Some(field) = node.fields.iter().find(|field| field.name == FILE) else {
         let what = format!("`{SUBGRAPH}` needs `{FILE}`");
-        let how = "the file whose nodes it stands for: graph: \"chair.ron\"";
+        let how = "name the graph file: graph: \"chair.ron\"";
         return Err(Diagnostic::of(Code::Missing, node.kind_span.clone(), what).label(how).into());
     };
     let Ok(path) = parse_value::<String>(field.text) else {
@@ -133,7 +133,7 @@ fn use_of<'f, 't>(
         match &around.used {
             Some((_, outer)) if depth <= DEEPEST => around = &scopes[*outer],
             Some(_) => {
-                let what = format!("subgraphs lie in each other more than {DEEPEST} deep");
+                let what = format!("subgraphs are nested more than {DEEPEST} deep");
                 return Err(Diagnostic::new(field.span.clone(), what).into());
             }
             None => return Ok(fill(node, file, document, depth)),
@@ -142,7 +142,7 @@ fn use_of<'f, 't>(
     Err(Diagnostic::of(Code::Cycle, field.span.clone(), format!("`{}` uses itself", shown(file))).into())
 }
 
-/// The values of a use: those given, and the file's own for the rest.
+/// The parameter values of a use: those given, and defaults for the rest.
 fn fill<'f, 't>(node: &RawNode<'t>, file: &'t str, document: &'f Document<'t>, depth: usize) -> Used<'f, 't> {
     let mut mistakes = Vec::new();
     let known = || document.parameters.iter().map(|parameter| parameter.name);
@@ -154,7 +154,7 @@ fn fill<'f, 't>(node: &RawNode<'t>, file: &'t str, document: &'f Document<'t>, d
             let what = format!("`{}` has no parameter `{}`", shown(file), shown(field.name));
             let list: Vec<&str> = known().collect();
             let hint = if list.is_empty() {
-                "it states none; `parameters: (yaw_deg: 0.0)` stands beside its `nodes`".to_owned()
+                "it has no parameters; declare them next to `nodes`: `parameters: (yaw_deg: 0.0)`".to_owned()
             } else {
                 format!("it has {}", list.join(", "))
             };
@@ -183,7 +183,7 @@ fn fill<'f, 't>(node: &RawNode<'t>, file: &'t str, document: &'f Document<'t>, d
     (document, Scope { prefix, file, values, used, depth }, mistakes)
 }
 
-/// What a text names by `Param("name")`; `None` for anything else.
+/// The name in `Param("name")`; `None` for any other text.
 pub(crate) fn parameter_read<'t>(text: &'t str) -> Option<Cow<'t, str>> {
     let inside = text.strip_prefix("Param")?.trim_start().strip_prefix('(')?.strip_suffix(')')?;
     let name = inside.trim().trim_end_matches(',').trim_end();
@@ -193,7 +193,7 @@ pub(crate) fn parameter_read<'t>(text: &'t str) -> Option<Cow<'t, str>> {
     }
 }
 
-/// What is given for the parameter that `text`, which lies at `place` of a field, names.
+/// The value of the parameter named by `text`, which is at `place`.
 pub(crate) fn value_of<'s, 't>(
     scopes: &'s [Scope<'t>],
     scope: usize,
@@ -201,7 +201,7 @@ pub(crate) fn value_of<'s, 't>(
     place: Range<usize>,
 ) -> Result<&'s RawField<'t>, Diagnostic> {
     let Some(name) = parameter_read(text) else {
-        let what = format!("`{}` is not how a parameter is read", shown(text));
+        let what = format!("`{}` does not read a parameter", shown(text));
         return Err(Diagnostic::new(place, what).hint("write `Param(\"yaw_deg\")`"));
     };
     let Scope { values, file, .. } = &scopes[scope];
@@ -214,13 +214,13 @@ pub(crate) fn value_of<'s, 't>(
         );
         match nearest(&name, values.iter().map(|value| value.name)) {
             Some(near) => mistake.hint(format!("did you mean `{near}`?")),
-            None => mistake.hint("parameters stand beside `nodes`: `parameters: (yaw_deg: 0.0)`"),
+            None => mistake.hint("parameters are declared next to `nodes`: `parameters: (yaw_deg: 0.0)`"),
         }
     })
 }
 
-/// The text of a field with values in place of the parameters that it reads, and where it stands: where the value
-/// does, if the field is nothing else. `folder_at` is there for paths, which are then seen from the graph.
+/// The text of a field with parameters replaced by their values, and its place: that of the value if the field
+/// consists of one parameter only. With `folder_at`, paths are made relative to the folder of the graph.
 pub(crate) fn in_place<'t>(
     field: &RawField<'t>,
     scopes: &[Scope<'t>],
@@ -236,10 +236,7 @@ fn in_place_within<'t>(
     depth: usize,
 ) -> Result<(Cow<'t, str>, Range<usize>), Diagnostic> {
     if depth > 2 * DEEPEST {
-        return Err(Diagnostic::new(
-            field.span.clone(),
-            "the values of parameters read each other in a circle",
-        ));
+        return Err(Diagnostic::new(field.span.clone(), "parameters refer to each other in a cycle"));
     }
     let folder = folder_at.map_or("", |folder_at| folder_at(field.span.start));
     let calls = calls(field.text, &["Param"]);
@@ -259,17 +256,14 @@ fn in_place_within<'t>(
         out.push_str(&text);
         end = span.end;
         if out.len() > LONGEST {
-            return Err(Diagnostic::new(
-                field.span.clone(),
-                "this gets too long once parameters are in place",
-            ));
+            return Err(Diagnostic::new(field.span.clone(), "too long after parameters are inserted"));
         }
     }
     out.push_str(&moved(folder, &field.text[end..]));
     Ok((Cow::Owned(out), field.span.clone()))
 }
 
-/// Where calls of these names stand in a text; not in quotes, and not in each other.
+/// The ranges of calls of the given names in a text, except in strings and in other calls.
 pub(crate) fn calls(text: &str, names: &[&str]) -> Vec<Range<usize>> {
     let mut found = Vec::new();
     if !names.iter().any(|name| text.contains(name)) {
@@ -294,7 +288,7 @@ pub(crate) fn calls(text: &str, names: &[&str]) -> Vec<Range<usize>> {
     found
 }
 
-/// Puts the folder in front of every relative path in quotes.
+/// Prepends the folder to every relative path in quotes.
 fn moved<'t>(folder: &str, text: &'t str) -> Cow<'t, str> {
     if folder.is_empty() {
         return Cow::Borrowed(text);
@@ -312,7 +306,7 @@ fn moved<'t>(folder: &str, text: &'t str) -> Cow<'t, str> {
     Cow::Owned(out)
 }
 
-/// Every text in quotes, with its place.
+/// All strings in a text, with their ranges.
 pub(crate) fn strings(text: &str) -> Vec<(String, Range<usize>)> {
     let mut scan = Scanner::new(text);
     let mut found = Vec::new();

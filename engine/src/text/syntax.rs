@@ -1,7 +1,7 @@
-//! From RON text to nodes and fields, each with its place in the text.
+//! The parser of RON text into nodes and fields with their places.
 //!
-//! A scan finds the structure, `ron` reads the values. The engine so needs no knowledge of kinds here, sees
-//! duplicates, and can report all mistakes together.
+//! The scanner finds the structure, and `ron` parses the values later. So the parser needs no knowledge of kinds,
+//! detects duplicates, and reports all mistakes together.
 
 use std::ops::Range;
 
@@ -11,51 +11,50 @@ use crate::text::scan::Scanner;
 
 const TOP: [&str; 7] = ["version", "include", "parameters", "scene", "axes", "presets", "nodes"];
 
-/// What a text is to be read as.
+/// The expected content of a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Sort {
+pub(crate) enum FileKind {
     /// `Graph(..)`.
     Graph,
-    /// `Overlay(..)`, whose nodes need not say their kind.
+    /// `Overlay(..)`, whose nodes may omit their kind.
     Overlay,
 }
 
-/// Finds the structure of one file, which is the named part of the text. What cannot be read is reported and
-/// left out.
+/// Parses one file, which is the given range of the text. Fields with mistakes are reported and omitted.
 pub(crate) fn parse_part<'t>(
     text: &'t str,
     part: Range<usize>,
-    sort: Sort,
+    sort: FileKind,
     diagnostics: &mut Vec<Diagnostic>,
 ) -> Document<'t> {
     Parser::read(text, part, sort, diagnostics, Parser::graph)
 }
 
-/// Reads `(trace: (samples: 4), ..)`, which is the named part of the text.
+/// Parses `(trace: (samples: 4), ..)` in the given range of the text.
 pub(crate) fn parse_preset<'t>(
     text: &'t str,
     part: Range<usize>,
     diagnostics: &mut Vec<Diagnostic>,
 ) -> Document<'t> {
-    Parser::read(text, part, Sort::Overlay, diagnostics, |parser| {
+    Parser::read(text, part, FileKind::Overlay, diagnostics, |parser| {
         let start = parser.scan.at;
         parser.nodes(start..start + 1);
     })
 }
 
-/// Reads `trace.samples=4`, which is the named part of the text.
+/// Parses `trace.samples=4` in the given range of the text.
 pub(crate) fn parse_setting<'t>(
     text: &'t str,
     part: Range<usize>,
     diagnostics: &mut Vec<Diagnostic>,
 ) -> Document<'t> {
-    Parser::read(text, part, Sort::Overlay, diagnostics, Parser::setting)
+    Parser::read(text, part, FileKind::Overlay, diagnostics, Parser::setting)
 }
 
-/// Reads `name: Kind(..)`, which is the named part of the text; `None` where it is not that and nothing else.
+/// Parses `name: Kind(..)` in the given range of the text; `None` if it is anything else.
 pub(crate) fn parse_node(text: &str, part: Range<usize>) -> Option<RawNode<'_>> {
     let (end, mut mistakes) = (part.end, Vec::new());
-    let mut document = Parser::read(text, part, Sort::Graph, &mut mistakes, |parser| {
+    let mut document = Parser::read(text, part, FileKind::Graph, &mut mistakes, |parser| {
         let start = parser.scan.at;
         let Some(name) = parser.scan.word() else { return };
         let span = start..parser.scan.at;
@@ -65,7 +64,7 @@ pub(crate) fn parse_node(text: &str, part: Range<usize>) -> Option<RawNode<'_>> 
             parser.add_node(name, span);
         }
     });
-    // What ends in anything else may go on behind the part.
+    // Any other ending might continue after the range.
     let node = document.nodes.pop().filter(|node| node.span.end == end && text[..end].ends_with(')'))?;
     (mistakes.is_empty() && document.broken.is_empty()).then_some(node)
 }
@@ -73,8 +72,8 @@ pub(crate) fn parse_node(text: &str, part: Range<usize>) -> Option<RawNode<'_>> 
 struct Parser<'t> {
     scan: Scanner<'t>,
     document: Document<'t>,
-    sort: Sort,
-    /// A node was found outside of `nodes`.
+    sort: FileKind,
+    /// True if a node was found outside of `nodes`.
     stray: bool,
 }
 
@@ -82,7 +81,7 @@ impl<'t> Parser<'t> {
     fn read(
         text: &'t str,
         part: Range<usize>,
-        sort: Sort,
+        sort: FileKind,
         diagnostics: &mut Vec<Diagnostic>,
         read: impl FnOnce(&mut Self),
     ) -> Document<'t> {
@@ -97,7 +96,7 @@ impl<'t> Parser<'t> {
 
     fn graph(&mut self) {
         self.scan.skip_space();
-        // `#![enable(..)]` names extensions of RON; the one we need is always on.
+        // `#![enable(..)]` enables RON extensions; the one that is needed is always enabled.
         while self.scan.eat(b'#') {
             self.scan.eat(b'!');
             self.scan.value();
@@ -106,10 +105,10 @@ impl<'t> Parser<'t> {
         let start = self.scan.at;
         let name = self.scan.word();
         self.scan.skip_space();
-        let wanted = if self.sort == Sort::Graph { "Graph" } else { "Overlay" };
+        let wanted = if self.sort == FileKind::Graph { "Graph" } else { "Overlay" };
         if name != Some(wanted) || self.scan.peek() != b'(' {
-            let file = if self.sort == Sort::Graph { "a graph file" } else { "an overlay" };
-            let what = format!("{file} begins with `{wanted}(`");
+            let file = if self.sort == FileKind::Graph { "a graph file" } else { "an overlay" };
+            let what = format!("{file} must begin with `{wanted}(`");
             return self.scan.report(Diagnostic::new(start..self.scan.at.max(start), what));
         }
         let mut seen: Vec<(&str, Range<usize>)> = Vec::new();
@@ -122,8 +121,8 @@ impl<'t> Parser<'t> {
             seen.push((name, span.clone()));
             match name {
                 "version" => parser.document.version = parser.value(name, span),
-                // Laid over, all blocks are alike.
-                "scene" | "axes" | "parameters" if parser.sort == Sort::Overlay => {
+                // In an overlay, all blocks have the same form.
+                "scene" | "axes" | "parameters" if parser.sort == FileKind::Overlay => {
                     parser.add_node(name, span);
                 }
                 "scene" => parser.scene(span),
@@ -132,21 +131,23 @@ impl<'t> Parser<'t> {
                     let how = "`parameters` is written `parameters: (yaw_deg: 0.0, object: Required)`";
                     parser.document.parameters = parser.block(span, how).unwrap_or_default();
                 }
-                "include" if parser.sort == Sort::Graph => parser.document.include = parser.value(name, span),
-                "presets" if parser.sort == Sort::Graph => {
+                "include" if parser.sort == FileKind::Graph => {
+                    parser.document.include = parser.value(name, span)
+                }
+                "presets" if parser.sort == FileKind::Graph => {
                     let how = "`presets` is written `presets: (draft: (trace: (samples: 4)))`";
                     parser.document.presets = parser.block(span, how).unwrap_or_default();
                 }
                 "nodes" => parser.nodes(span),
-                // A parenthesis too many ends `nodes` early, and every node after it would be a mistake.
+                // A surplus `)` ends `nodes` early; without this, every following node would be reported.
                 other if parser.scan.peek().is_ascii_uppercase() => {
                     if !std::mem::replace(&mut parser.stray, true) {
                         parser.scan.report(
                             Diagnostic::new(
                                 span.clone(),
-                                format!("`{}` stands outside of `nodes`", shown(other)),
+                                format!("`{}` is outside of `nodes`", shown(other)),
                             )
-                            .hint("a `)` too many stands before it, or `nodes: (` is missing"),
+                            .hint("there is a surplus `)` before it, or `nodes: (` is missing"),
                         );
                     }
                     parser.add_node(other, span);
@@ -172,8 +173,8 @@ impl<'t> Parser<'t> {
         if !self.scan.is_at_end() && !self.stray {
             let rest = self.scan.at..self.scan.text.trim_end().len().max(self.scan.at);
             self.scan.report(
-                Diagnostic::new(rest, "nothing may follow the graph")
-                    .hint("if more nodes were to follow, a `)` too many stands before them"),
+                Diagnostic::new(rest, "unexpected text after the graph")
+                    .hint("if these are nodes, there is a surplus `)` before them"),
             );
         }
     }
@@ -193,14 +194,14 @@ impl<'t> Parser<'t> {
         let fields = self.value(name, id_span.end + 1..equals).into_iter().collect();
         if !self.scan.is_at_end() {
             let rest = self.scan.at..self.scan.text.len();
-            self.scan.report(Diagnostic::of(Code::Setting, rest, "nothing may follow the value"));
+            self.scan.report(Diagnostic::of(Code::Setting, rest, "unexpected text after the value"));
         }
         let (kind_span, span) = (id_span.clone(), start..self.scan.at);
         let node = RawNode { id: id.into(), id_span, kind: "", kind_span, span, fields, scope: 0 };
         self.document.nodes.push(node);
     }
 
-    /// Walks over `(name: .., name: ..)`; `each` reads one value. The current place is the parenthesis.
+    /// Parses `(name: .., name: ..)` at the current position; `each` parses one value.
     fn fields(&mut self, each: impl FnMut(&mut Self, &'t str, Range<usize>)) {
         let open = self.scan.at;
         self.scan.at += 1;
@@ -220,7 +221,7 @@ impl<'t> Parser<'t> {
             let Some(name) = self.scan.word() else {
                 self.scan.report(
                     Diagnostic::new(self.scan.here(), "expected `name: value`")
-                        .hint("names are plain words: letters, digits and `_`, the first no digit"),
+                        .hint("names consist of letters, digits and `_`, and do not begin with a digit"),
                 );
                 self.after_mistake();
                 continue;
@@ -252,15 +253,15 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// In an overlay, a name goes on to those inside of a subgraph: `left.pose`.
+    /// In an overlay, a name may refer to a node in a subgraph: `left.pose`.
     fn nested(&mut self, name: &'t str, start: usize) -> &'t str {
-        while self.sort == Sort::Overlay && self.scan.eat(b'.') {
+        while self.sort == FileKind::Overlay && self.scan.eat(b'.') {
             self.scan.word();
         }
         self.scan.text.get(start..self.scan.at).unwrap_or(name)
     }
 
-    /// Goes on with what looks like the next field: a name and a colon, or what follows a comma.
+    /// Skips to what looks like the next field: an identifier with a colon, or text after a comma.
     fn after_mistake(&mut self) {
         loop {
             self.scan.skip_space();
@@ -284,7 +285,7 @@ impl<'t> Parser<'t> {
     fn value(&mut self, name: &'t str, name_span: Range<usize>) -> Option<RawField<'t>> {
         let before = self.scan.diagnostics.len();
         match self.scan.value() {
-            // What was reported already needs no second report from whoever reads the value.
+            // A mistake that was reported already is not reported again by the reader of the value.
             Some(_) if self.scan.diagnostics.len() > before => None,
             Some(span) => {
                 Some(RawField { name, name_span, text: &self.scan.text[span.clone()], span, scope: 0 })
@@ -310,7 +311,7 @@ impl<'t> Parser<'t> {
         self.document.axes = self.block(name_span, how).unwrap_or_default();
     }
 
-    /// `(name: value, ..)`, each name once; `how` is said where it is none.
+    /// Parses `(name: value, ..)` with distinct names; `how` is the hint if the text has another form.
     fn block(&mut self, name_span: Range<usize>, how: &str) -> Option<Vec<RawField<'t>>> {
         if self.scan.peek() != b'(' {
             self.scan.report(Diagnostic::new(name_span, how));
@@ -354,14 +355,14 @@ impl<'t> Parser<'t> {
 
     fn node(&mut self, id: &'t str, id_span: Range<usize>) -> Option<RawNode<'t>> {
         let start = self.scan.at;
-        let bare = self.sort == Sort::Overlay && self.scan.peek() == b'(';
+        let bare = self.sort == FileKind::Overlay && self.scan.peek() == b'(';
         let Some(mut kind) = (if bare { Some("") } else { self.scan.word() }) else {
             let what = format!("`{}` is not a node", shown(id));
             self.scan.report(Diagnostic::new(id_span, what).label("expected `name: Kind(field: value, ..)`"));
             self.scan.value();
             return None;
         };
-        // The kebab-case name of a kind is no RON, but clear.
+        // The kebab-case name of a kind is not valid RON, but its meaning is clear.
         while self.scan.eat(b'-') {
             self.scan.word();
             kind = &self.scan.text[start..self.scan.at];

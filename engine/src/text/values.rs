@@ -1,4 +1,4 @@
-//! Values of fields, which `ron` reads, and what is wrong with those that it cannot.
+//! Values of fields, parsed by `ron`, and diagnostics for values of the wrong form.
 
 use std::ops::Range;
 
@@ -11,13 +11,13 @@ fn options() -> ron::Options {
     ron::Options::default().with_default_extension(Extensions::IMPLICIT_SOME)
 }
 
-/// One value of a known type.
+/// Parses a value of a known type.
 pub(crate) fn parse_value<'t, T: serde::Deserialize<'t>>(text: &'t str) -> Result<T, ron::Error> {
     options().from_str(text).map_err(|error| error.code)
 }
 
-/// What a person would call a value of this text.
-pub(crate) fn sort_of(text: &str) -> &'static str {
+/// The everyday name of the form of a value.
+pub(crate) fn form_of(text: &str) -> &'static str {
     match text.bytes().next().unwrap_or_default() {
         b'"' => "text",
         b'\'' => "a letter",
@@ -30,7 +30,7 @@ pub(crate) fn sort_of(text: &str) -> &'static str {
     }
 }
 
-/// `a number`, `an integer`; what is no plain noun stays as it is.
+/// Adds an article: `a number`, `an integer`. Other descriptions are returned unchanged.
 pub(crate) fn with_article(described: &str) -> String {
     let article = match described.bytes().next() {
         Some(b'a' | b'e' | b'i' | b'o' | b'u') => "an ",
@@ -40,9 +40,22 @@ pub(crate) fn with_article(described: &str) -> String {
     format!("{article}{described}")
 }
 
-/// What is wrong inside of a group or list of numbers that is right from outside: their count, or one of them.
+/// The list with its brackets, for numbers separated by commas without brackets.
+fn numbers_without_brackets(described: &str, text: &str) -> Option<String> {
+    let numbers: Vec<&str> = text.split(',').map(str::trim).collect();
+    let all =
+        numbers.len() > 1 && numbers.iter().all(|number| number.parse::<f64>().is_ok_and(f64::is_finite));
+    let numbers = all.then(|| numbers.join(", "))?;
+    if described.contains(" numbers in ( )") {
+        Some(format!("({numbers})"))
+    } else {
+        (described.starts_with('[') && described.contains("number")).then(|| format!("[{numbers}]"))
+    }
+}
+
+/// The mistake inside a group or list of numbers of the right form: their count, or an item that is not a number.
 fn wrong_items(described: &str, text: &str) -> Option<String> {
-    let (numbers, sort) = (described.contains("number"), sort_of(text));
+    let (numbers, sort) = (described.contains("number"), form_of(text));
     let wanted: Option<usize> =
         described.split_once(" numbers in ( )").and_then(|(count, _)| count.parse().ok());
     if !numbers || sort != if wanted.is_some() { "a group in ( )" } else { "a list" } {
@@ -63,7 +76,7 @@ fn wrong_items(described: &str, text: &str) -> Option<String> {
         }
     }
     if let Some(item) = items.iter().find(|item| parse_value::<f64>(item).is_err()) {
-        return Some(format!("and `{}` is none", shown(item)));
+        return Some(format!("but `{}` is not a number", shown(item)));
     }
     let wanted = wanted.filter(|wanted| *wanted != items.len())?;
     Some(match items.len() {
@@ -73,14 +86,14 @@ fn wrong_items(described: &str, text: &str) -> Option<String> {
     })
 }
 
-/// Whether a text begins as a choice does that holds something: with its name and a bracket.
+/// True if a text starts like a choice with fields: with its name and a bracket.
 fn begins(choice: &str, text: &str) -> bool {
     choice.split_once('(').is_some_and(|(name, _)| {
         text.strip_prefix(name).is_some_and(|rest| rest.trim_start().starts_with('('))
     })
 }
 
-/// What is wrong with the text of a parameter. `range` is what is said where it has one.
+/// The diagnostic for the text of a parameter. `range` is its label if the parameter has a range.
 pub(crate) fn value_mistake(
     name: &str,
     described: &str,
@@ -106,9 +119,7 @@ pub(crate) fn value_mistake(
         ron::Error::MissingStructField { field, .. } => {
             mistake(format!("`{name}` needs `{field}`")).label(format!("expected {wanted}"))
         }
-        ron::Error::ExceededRecursionLimit => {
-            mistake(format!("`{name}` has too many brackets in each other"))
-        }
+        ron::Error::ExceededRecursionLimit => mistake(format!("`{name}` has too many nested brackets")),
         ron::Error::Message(why) => mistake(format!("`{name}`: {why}")).label(format!("expected {wanted}")),
         ron::Error::IntegerOutOfBounds => mistake(format!("`{name}` is out of range: {}", shown(text)))
             .label(range.unwrap_or_else(|| format!("expected {wanted}"))),
@@ -117,20 +128,20 @@ pub(crate) fn value_mistake(
         | ron::Error::SuggestRawIdentifier(_)
             if let Some(choice) = described.split(" | ").find(|choice| begins(choice, text)) =>
         {
-            mistake(format!("`{name}`: what stands in the brackets needs its name"))
+            mistake(format!("`{name}`: fields in the brackets need names"))
                 .label(format!("expected {choice}"))
         }
         _ if let Some(what) = wrong_items(described, text) => {
             mistake(format!("`{name}` takes {wanted}, {what}"))
         }
-        // The choice is right and what it holds is not.
+        // The choice is valid, but its content is not.
         _ if described.split(" | ").any(|choice| begins(choice, text)) => {
             let why = error.to_string();
             let (first, rest) = why.split_at(why.chars().next().map_or(0, char::len_utf8));
             mistake(format!("`{name}`: {}{rest}", first.to_lowercase())).label(format!("expected {wanted}"))
         }
         _ => {
-            let sort = sort_of(text);
+            let sort = form_of(text);
             let is_number = sort == "a number";
             let found = if is_number { shown(text) } else { sort.into() };
             let mistake = mistake(format!("`{name}` takes {wanted}, not {found}"));
@@ -142,6 +153,9 @@ pub(crate) fn value_mistake(
             match (sort, whole) {
                 ("a number", Some(whole)) => mistake.label(format!("write {whole}")),
                 _ if let Some(choice) = choice => mistake.label(format!("write {choice} without quotes")),
+                ("text", _) if let Some(list) = numbers_without_brackets(described, inner) => {
+                    mistake.label(format!("write {list} without quotes"))
+                }
                 ("text", _) if inner.parse::<f64>().is_ok() => {
                     mistake.label(format!("write {inner} without quotes"))
                 }

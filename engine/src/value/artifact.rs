@@ -6,27 +6,29 @@ use std::sync::Arc;
 
 use cache::{Digest, DigestWriter};
 
+use crate::value::error::guarded;
+
 /// A value that a port can carry.
 ///
-/// The encoding is canonical: equal values give equal bytes on every machine, since the content digest
-/// of a value is the digest of its encoded bytes. Type name and format stand beside it in every key.
+/// The encoding is canonical: equal values give equal bytes on every machine, since the content digest of a value
+/// is the digest of its encoded bytes. Every key holds the type name and the format as well.
 pub trait Artifact: Send + Sync + Sized + 'static {
     /// Name of the type, in kebab-case; two ports connect when their names are equal.
     const TYPE: &'static str;
-    /// Number of the byte layout; raised whenever `encode` changes.
+    /// Version of the byte layout; raised whenever `encode` changes.
     const FORMAT: u32;
 
     /// Writes the canonical bytes.
     fn encode(&self, to: &mut Encoder);
     /// Reads what [`Artifact::encode`] wrote. Never panics, whatever the bytes are.
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt>;
-    /// Memory held, in bytes; for admission, so a fair estimate is enough.
+    /// Memory held, in bytes. Used for admission, so an estimate is enough.
     fn bytes(&self) -> usize;
-    /// What the work of its readers grows with: pixels, splats, triangles.
+    /// Size in units that the work of readers grows with: pixels, splats, triangles.
     fn size(&self) -> u64 {
         self.bytes() as u64
     }
-    /// How far another value lies from this one, in the terms of this type (decibels, metres, rows).
+    /// Distance to another value, in the terms of this type (decibels, metres, rows).
     fn difference(&self, other: &Self) -> Difference;
 }
 
@@ -35,12 +37,12 @@ pub trait Artifact: Send + Sync + Sized + 'static {
 pub struct Difference {
     /// True when the two encode to the same bytes.
     pub equal: bool,
-    /// One line a person reads: `PSNR 41.2 dB, largest 0.031 at (12, 80) of view_0`.
+    /// One line for a person: `PSNR 41.2 dB, largest 0.031 at (12, 80) of view_0`.
     pub summary: String,
 }
 
 impl Difference {
-    /// No difference at all.
+    /// The difference between equal values.
     pub fn none() -> Self {
         Self { equal: true, summary: "equal".to_owned() }
     }
@@ -56,11 +58,11 @@ impl Difference {
 #[error("stored value does not decode: {0}")]
 pub struct Corrupt(pub String);
 
-/// Appends primitive values in little-endian order. Slices carry their length first.
+/// Appends primitive values in little-endian order. Slices are preceded by their length.
 #[derive(Debug, Default)]
 pub struct Encoder {
     bytes: Vec<u8>,
-    /// Where the bytes go, a few at a time, when only their digest is wanted.
+    /// Receives the bytes in chunks when only their digest is wanted.
     digest: Option<DigestWriter>,
 }
 
@@ -120,7 +122,7 @@ impl Encoder {
         self.u8s(value.as_bytes());
     }
 
-    /// Appends bytes whose number is known.
+    /// Appends bytes without their length.
     pub(crate) fn raw(&mut self, bytes: &[u8]) {
         if let Some(digest) = &mut self.digest
             && self.bytes.len() + bytes.len() > DIGESTED
@@ -133,7 +135,7 @@ impl Encoder {
         }
     }
 
-    /// Appends another artifact in place.
+    /// Appends another artifact.
     pub fn artifact<A: Artifact>(&mut self, value: &A) {
         value.encode(self);
     }
@@ -144,60 +146,61 @@ impl Encoder {
     }
 }
 
-/// Bytes of a value that are digested at a time.
+/// Bytes that are digested at a time.
 const DIGESTED: usize = 1 << 16;
 
-/// Reads what an [`Encoder`] wrote; every length is checked against what is left before allocating.
+/// Reads what an [`Encoder`] wrote. Every length is checked against the remaining bytes before anything is
+/// allocated.
 #[derive(Debug)]
 pub struct Decoder<'a> {
     rest: &'a [u8],
 }
 
 impl<'a> Decoder<'a> {
-    /// A reader at the start of `bytes`.
+    /// A decoder at the start of `bytes`.
     pub fn new(bytes: &'a [u8]) -> Self {
         Self { rest: bytes }
     }
 
     fn take(&mut self, count: usize) -> Result<&'a [u8], Corrupt> {
         let (head, rest) = self.rest.split_at_checked(count).ok_or_else(|| {
-            Corrupt(format!("ends after {} bytes where {count} are needed", self.rest.len()))
+            Corrupt(format!("ends after {} bytes, but {count} are needed", self.rest.len()))
         })?;
         self.rest = rest;
         Ok(head)
     }
 
-    /// A count of elements of `size` bytes each, refused when more than what is left.
+    /// Reads a count of elements of `size` bytes each; an error where fewer bytes remain.
     pub fn length(&mut self, size: usize) -> Result<usize, Corrupt> {
         let count = self.u64()?;
         match usize::try_from(count) {
             Ok(n) if n.checked_mul(size.max(1)).is_some_and(|b| b <= self.rest.len()) => Ok(n),
-            _ => Err(Corrupt(format!("claims {count} elements, holds {} bytes", self.rest.len()))),
+            _ => Err(Corrupt(format!("claims {count} elements, but has {} bytes", self.rest.len()))),
         }
     }
 
-    /// A count of 32 bits of elements of at least `size` bytes each, refused when more than what is left.
+    /// Reads a 32-bit count of elements of at least `size` bytes each; an error where fewer bytes remain.
     pub(crate) fn count(&mut self, size: usize) -> Result<usize, Corrupt> {
         let count = self.u32()? as usize;
         match count.checked_mul(size) {
             Some(bytes) if bytes <= self.rest.len() => Ok(count),
-            _ => Err(Corrupt(format!("claims {count} elements, holds {} bytes", self.rest.len()))),
+            _ => Err(Corrupt(format!("claims {count} elements, but has {} bytes", self.rest.len()))),
         }
     }
 
-    /// How many bytes are left.
+    /// Number of remaining bytes.
     pub(crate) fn left(&self) -> usize {
         self.rest.len()
     }
 
-    /// Where the bytes of a slice or text lie in the `whole` that this decoder began with.
+    /// Reads a slice or text and returns its range within `whole`, the bytes that this decoder began with.
     pub(crate) fn raw_range(&mut self, whole: &[u8]) -> Result<std::ops::Range<usize>, Corrupt> {
         let length = self.raw()?.len();
         let end = whole.len() - self.rest.len();
         Ok(end - length..end)
     }
 
-    /// The bytes of a slice or text, where they lie.
+    /// Reads a slice or text without copying it.
     pub(crate) fn raw(&mut self) -> Result<&'a [u8], Corrupt> {
         let count = self.length(1)?;
         self.take(count)
@@ -214,7 +217,7 @@ impl<'a> Decoder<'a> {
         match self.u8()? {
             0 => Ok(false),
             1 => Ok(true),
-            other => Err(Corrupt(format!("truth value {other}"))),
+            other => Err(Corrupt(format!("boolean {other}"))),
         }
     }
 
@@ -223,12 +226,12 @@ impl<'a> Decoder<'a> {
         String::from_utf8(self.u8s()?).map_err(|_| Corrupt("text is not UTF-8".to_owned()))
     }
 
-    /// Reads another artifact in place.
+    /// Reads another artifact.
     pub fn artifact<A: Artifact>(&mut self) -> Result<A, Corrupt> {
         A::decode(self)
     }
 
-    /// Succeeds when nothing is left over.
+    /// Succeeds when no bytes remain.
     pub fn end(&self) -> Result<(), Corrupt> {
         if self.rest.is_empty() {
             Ok(())
@@ -238,10 +241,10 @@ impl<'a> Decoder<'a> {
     }
 }
 
-/// An artifact behind a pointer whose type is known by name only.
+/// An artifact whose type is known only by name.
 pub type AnyArtifact = Arc<dyn Any + Send + Sync>;
 
-/// What the engine can do with a type without knowing it.
+/// The operations on a type that the engine needs.
 #[derive(Debug, Clone, Copy)]
 pub struct ArtifactType {
     /// [`Artifact::TYPE`].
@@ -257,7 +260,7 @@ pub struct ArtifactType {
 }
 
 impl ArtifactType {
-    /// The table of operations of `A`.
+    /// The operations of `A`.
     pub fn of<A: Artifact>() -> Self {
         Self {
             name: A::TYPE,
@@ -274,14 +277,15 @@ impl ArtifactType {
         }
     }
 
-    /// Decodes stored bytes and encodes the value again; equal bytes for whatever `encode` wrote.
+    /// Decodes stored bytes and encodes the value again. The result is equal to `encoded` if `encode` wrote that.
     pub fn round_trip(&self, encoded: &[u8]) -> Result<Vec<u8>, Corrupt> {
         (self.decode)(encoded).map(|value| (self.encode)(&value))
     }
 
-    /// How far two values of this type lie apart.
+    /// Distance between two values of this type.
     pub fn difference(&self, a: &AnyArtifact, b: &AnyArtifact) -> Difference {
-        (self.difference)(a, b)
+        guarded(|| Ok((self.difference)(a, b)))
+            .unwrap_or_else(|error| Difference::of(format!("cannot be compared: {error}")))
     }
 }
 
@@ -292,7 +296,7 @@ pub fn encode_to_vec<A: Artifact>(value: &A) -> Vec<u8> {
     to.finish()
 }
 
-/// The digest of the canonical bytes of a value, which are nowhere together.
+/// The digest of the canonical bytes of a value, without holding all of them in memory.
 pub(crate) fn digest_of<A: Artifact>(value: &A) -> Digest {
     let mut to = Encoder { bytes: Vec::with_capacity(DIGESTED), digest: Some(DigestWriter::new()) };
     value.encode(&mut to);
@@ -305,7 +309,7 @@ fn take(digest: &mut DigestWriter, bytes: &[u8]) {
     digest.write_all(bytes).expect("hashing does not fail");
 }
 
-/// Decodes bytes that must hold one value and nothing else.
+/// Decodes bytes that hold exactly one value.
 pub fn decode_all<A: Artifact>(bytes: &[u8]) -> Result<A, Corrupt> {
     let mut from = Decoder::new(bytes);
     let value = A::decode(&mut from)?;

@@ -1,11 +1,11 @@
-//! Counts of work, and what code took.
+//! Counts of work, and the time that code took.
 
 use std::collections::BTreeMap;
 
-/// Deterministic counts of work.
+/// Counts of work by name. They are deterministic.
 pub type Counts = BTreeMap<String, u64>;
 
-/// What the code of a node or a part took.
+/// Time and counts of the code of a node or a part.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Effort {
     pub seconds: f64,

@@ -1,15 +1,15 @@
-//! CPU time: what threads spend on a node, whatever else they take over while they wait for it.
+//! CPU time per node, also where a thread runs tiles of another node while it waits.
 
 use std::cell::Cell;
 use std::time::Duration;
 
 thread_local! {
-    /// What measured code inside of the code that this thread measures now has spent.
+    /// CPU time of nested measurements within the code that this thread is measuring.
     static INSIDE: Cell<Duration> = const { Cell::new(Duration::ZERO) };
 }
 
-/// Runs code and tells the CPU time that this thread spent on it. A thread that waits for tiles may run those of another
-/// node; what is measured inside counts there alone.
+/// Runs code and returns the CPU time that this thread spent on it. A thread that waits for its tiles may run those
+/// of another node; nested measurements are subtracted.
 pub(crate) fn measured<T>(code: impl FnOnce() -> T) -> (T, Duration) {
     let (beside, start) = (INSIDE.take(), of_thread());
     let value = code();
@@ -41,7 +41,7 @@ mod clock {
     }
 }
 
-/// Where the system has no such clocks CPU times are told as 0.
+/// On systems without such clocks all CPU times are 0.
 #[cfg(not(unix))]
 mod clock {
     use std::time::Duration;
@@ -65,7 +65,7 @@ mod tests {
         }
     }
 
-    // These hold however busy the machine is.
+    // These relations hold however busy the machine is.
     #[cfg(unix)]
     #[test]
     fn what_is_measured_inside_counts_there_alone() {

@@ -1,4 +1,4 @@
-//! How a node says that it cannot give its outputs.
+//! The error of a node that cannot compute its outputs.
 
 use std::any::Any;
 use std::error::Error as StdError;
@@ -6,7 +6,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use cache::Digest;
 
-/// Why a node stopped: what is wrong, where in the graph file it was asked for, and what to do.
+/// Why a node failed: a message, the field to blame, and advice.
 #[derive(Debug)]
 pub struct NodeError {
     pub(crate) kind: NodeErrorKind,
@@ -17,50 +17,50 @@ pub struct NodeError {
 #[derive(Debug)]
 pub(crate) enum NodeErrorKind {
     Cancelled,
-    /// A part of it, of this key, is being computed by another node or process: it is asked again once that is over.
+    /// Another node or process is computing a part that has this key; the node is tried again later.
     Busy(Digest),
     Failed(String),
 }
 
 impl NodeError {
-    /// An error in words.
+    /// An error with a message.
     pub fn new(message: impl Into<String>) -> Self {
         Self { kind: NodeErrorKind::Failed(message.into()), field: None, hint: None }
     }
 
-    /// The run was asked to stop.
+    /// The error of a node that stopped because the run was cancelled.
     pub fn cancelled() -> Self {
         Self { kind: NodeErrorKind::Cancelled, field: None, hint: None }
     }
 
-    /// Another computes a part of this key.
+    /// The error of a node that needs a part which is being computed elsewhere.
     pub(crate) fn busy(key: Digest) -> Self {
         Self { kind: NodeErrorKind::Busy(key), field: None, hint: None }
     }
 
-    /// Names the parameter or input that is to blame, so that its text is underlined.
+    /// Names the parameter or input to blame; its text is underlined.
     pub fn at(mut self, field: &'static str) -> Self {
         self.field.get_or_insert(field);
         self
     }
 
-    /// Says what to do about it.
+    /// Adds advice.
     pub fn hint(mut self, hint: impl Into<String>) -> Self {
         self.hint.get_or_insert(hint.into());
         self
     }
 
-    /// What to do about it, where that is known.
+    /// The advice, if there is any.
     pub fn advice(&self) -> Option<&str> {
         self.hint.as_deref()
     }
 
-    /// True for a run that was stopped rather than one that failed.
+    /// True if the run was cancelled, as opposed to a failure.
     pub fn is_cancelled(&self) -> bool {
         matches!(self.kind, NodeErrorKind::Cancelled)
     }
 
-    /// What is wrong, without place or advice.
+    /// The message without field and advice.
     pub fn message(&self) -> &str {
         match &self.kind {
             NodeErrorKind::Cancelled => "stopped",
@@ -76,7 +76,7 @@ impl std::fmt::Display for NodeError {
     }
 }
 
-/// Any typed error of a crate of kinds becomes a node's failure; its chain of causes is written out.
+/// Any typed error of a crate of kinds becomes the failure of a node. The message includes its chain of causes.
 impl<E: StdError + Send + Sync + 'static> From<E> for NodeError {
     fn from(error: E) -> Self {
         let mut message = error.to_string();
@@ -93,7 +93,7 @@ impl<E: StdError + Send + Sync + 'static> From<E> for NodeError {
     }
 }
 
-/// Turns a panic of a kind's code into the failure of its node.
+/// Turns a panic in the code of a kind into an error.
 pub(crate) fn guarded<T>(code: impl FnOnce() -> Result<T, NodeError>) -> Result<T, NodeError> {
     catch_unwind(AssertUnwindSafe(code)).unwrap_or_else(|panic| {
         Err(NodeError::new(format!("the code of this kind panicked: {}", panic_text(&*panic)))

@@ -1,17 +1,18 @@
-//! What a sink makes: the bytes of files, before they have a path.
+//! The output of a sink: bytes of files that have no path yet.
 
 use crate::value::artifact::{Artifact, Corrupt, Decoder, Difference, Encoder};
 
 /// One file of a sink.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FileBytes {
-    /// Name of the view the file shows; stands for `{view}` in the path. Empty for a file about all.
+    /// Name of the view that the file shows; replaces `{view}` in the path. Empty for a file that is not about one
+    /// view.
     pub view: String,
-    /// The whole file.
+    /// Content of the file.
     pub bytes: Vec<u8>,
 }
 
-/// The output of a sink: one file a view. The engine writes them under the path of the node.
+/// The output of a sink: one file per view. The engine writes them to the path of the node.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Files(pub Vec<FileBytes>);
 
@@ -48,10 +49,10 @@ impl Artifact for Files {
     }
 }
 
-/// A view's name as part of a file name: what could lead elsewhere becomes `_`.
+/// The name of a view as part of a file name: characters that could lead to another folder become `_`.
 pub(crate) fn plain_name(view: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '_' };
     let name: String = view.chars().map(plain).collect();
-    // Dots alone would name a folder.
+    // A name of dots alone would name a folder.
     if name.chars().all(|c| c == '.') { "_".repeat(name.len()) } else { name }
 }

@@ -1,4 +1,4 @@
-//! Values, errors and notes, and where files are: what every other room uses.
+//! Values, errors, notes and paths: the basis of all other rooms.
 
 pub(crate) mod artifact;
 pub(crate) mod counts;
@@ -7,4 +7,5 @@ pub(crate) mod error;
 pub(crate) mod files;
 pub(crate) mod note;
 pub(crate) mod root;
+pub(crate) mod text_file;
 pub(crate) mod units;

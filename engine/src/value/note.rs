@@ -1,4 +1,4 @@
-//! What a node has to say beside its outputs. Notes are part of the result: kept, and shown again on a hit.
+//! Notes of a node. They are part of its result: stored with it and reported again on every cache hit.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,13 +10,14 @@ pub enum Level {
     Count,
     /// A choice that the node made by itself, such as how the receiver blocks the environment.
     Decision,
-    /// The user should look at this, the result stands.
+    /// The result is valid, but the user should look at this.
     Warning,
-    /// The result is less than what was asked for; passes to every dependant and to the exit code.
+    /// The result is less than what was asked for. Inherited by everything made from it, and shown in the exit
+    /// code.
     Degraded,
 }
 
-/// One remark with a stable name.
+/// One note.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
     /// How serious it is.
@@ -27,7 +28,7 @@ pub struct Note {
     pub text: String,
 }
 
-/// The remarks of one run of a node, in the order they were made.
+/// The notes of one run of a node, in order.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Notes(Vec<Note>);
 
@@ -38,7 +39,7 @@ impl FromIterator<Note> for Notes {
 }
 
 impl Notes {
-    /// No remarks.
+    /// No notes.
     pub fn none() -> Self {
         Self::default()
     }
@@ -57,24 +58,24 @@ impl Notes {
         self.push(Level::Degraded, id, text.into());
     }
 
-    /// Tells a choice the node made.
+    /// Adds a choice that the node made.
     pub fn decision(&mut self, id: &str, text: impl Into<String>) {
         self.push(Level::Decision, id, text.into());
     }
 
-    /// Tells how many of something there were, if any.
+    /// Adds a count, unless it is 0.
     pub fn count(&mut self, id: &str, n: u64, of: impl std::fmt::Display) {
         if n > 0 {
             self.push(Level::Count, id, format!("{n} {of}"));
         }
     }
 
-    /// The remarks in order.
+    /// The notes in order.
     pub fn iter(&self) -> impl Iterator<Item = &Note> {
         self.0.iter()
     }
 
-    /// True when one of the remarks marks the result as degraded.
+    /// True if a note marks the result as degraded.
     pub fn is_degraded(&self) -> bool {
         self.0.iter().any(|note| note.level == Level::Degraded)
     }

@@ -1,18 +1,19 @@
-//! Where the files are that a graph reads: anywhere for one's own graph, in a few folders for a stranger's.
+//! Paths of the files that a graph reads: any path for a graph of one's own, a few folders for an untrusted one.
 
-use serde::Deserialize;
-use serde::Serialize;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 /// A file that a node reads.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SourceFile {
-    /// As written in the graph or in another source; enters the key beside the digest of the content.
+    /// Name as written in the graph or in another source file. It enters the key, along with the digest of the
+    /// content.
     pub name: String,
-    /// Where it lies on this machine.
+    /// Path on this machine.
     pub path: PathBuf,
 }
 
@@ -21,18 +22,18 @@ pub struct SourceFile {
 pub struct FileHead<'a> {
     /// As written in the graph.
     pub name: &'a str,
-    /// Its length.
+    /// Length in bytes.
     pub bytes: u64,
     path: &'a Path,
 }
 
 impl<'a> FileHead<'a> {
-    /// The head of a file of so many bytes.
+    /// A file of the given length.
     pub fn new(file: &'a SourceFile, bytes: u64) -> Self {
         Self { name: &file.name, bytes, path: &file.path }
     }
 
-    /// Reads it from its start; `None` of what is no file that can be read.
+    /// Opens the file for reading; `None` if it is not a readable regular file.
     pub fn open(&self) -> Option<BufReader<File>> {
         let file = File::open(self.path).ok()?;
         file.metadata().ok()?.is_file().then(|| BufReader::new(file))
@@ -43,21 +44,21 @@ impl<'a> FileHead<'a> {
 #[derive(Debug, Clone)]
 pub struct SourceRoot {
     folder: PathBuf,
-    /// The folders that may be read, without links in them; `None` where all may.
+    /// The folders that may be read, links resolved; `None` if all may.
     confined: Option<Arc<[PathBuf]>>,
 }
 
 impl SourceRoot {
-    /// Paths are relative to `folder`, the folder of the graph file.
+    /// A root for a graph of one's own. Paths are relative to `folder`, the folder of the graph file.
     pub fn new(folder: impl Into<PathBuf>) -> Self {
         Self { folder: folder.into(), confined: None }
     }
 
-    /// The same for a graph that somebody else made: nothing is read outside of `folder` and the folders
-    /// of `also`, whatever names and links say, and links below the output folder are not followed.
+    /// A root for an untrusted graph: nothing outside of `folder` and the folders of `also` is read, whatever names
+    /// and links say, and links below the output folder are not followed.
     ///
     /// # Errors
-    /// When one of the folders is not there.
+    /// If one of the folders does not exist.
     pub fn confined(folder: &Path, also: &[PathBuf]) -> std::io::Result<Self> {
         let folder = folder.canonicalize()?;
         let mut allowed = vec![folder.clone()];
@@ -67,27 +68,27 @@ impl SourceRoot {
         Ok(Self { folder, confined: Some(allowed.into()) })
     }
 
-    /// The same rights for paths that are relative to another folder.
+    /// The same permissions for paths relative to another folder.
     pub fn at(self, folder: impl Into<PathBuf>) -> Self {
         Self { folder: folder.into(), ..self }
     }
 
-    /// The folder itself.
+    /// The folder that paths are relative to.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Whether the graph is somebody else's.
+    /// True if the graph is untrusted.
     pub fn is_confined(&self) -> bool {
         self.confined.is_some()
     }
 
-    /// The source that a parameter names.
+    /// The source file that a parameter names.
     pub fn file(&self, file: &InputFile) -> SourceFile {
         SourceFile { name: file.0.clone(), path: self.resolve(&self.folder, &file.0) }
     }
 
-    /// A source beside another one, such as a buffer that a glTF file names.
+    /// A source file next to another one, such as a buffer that a glTF file names.
     pub fn beside(&self, other: &SourceFile, name: &str) -> SourceFile {
         let path = self.resolve(other.path.parent().unwrap_or(&self.folder), name);
         let name = match other.name.rsplit_once('/') {
@@ -101,42 +102,42 @@ impl SourceRoot {
         let path = folder.join(name);
         let Some(allowed) = &self.confined else { return path };
         match path.canonicalize() {
-            // What is opened is the path without links, so that what was checked is what is read.
+            // The path without links is opened, so that the file that was checked is the file that is read.
             Ok(real) if allowed.iter().any(|folder| real.starts_with(folder)) => real,
-            // Not there, as the reader will find.
+            // A missing file, which the reader reports.
             Err(_) if Path::new(name).components().all(|part| matches!(part, Component::Normal(_))) => path,
             _ => Path::new(OUTSIDE).join(name.replace(['/', '\\'], "_")),
         }
     }
 
-    /// Whether what a file says belongs to a bundle that was unpacked, and the graph does not: joined to it, it could
-    /// read whatever the graph may.
+    /// True if a file belongs to an unpacked bundle while the graph does not. If such a file were included, it
+    /// could read whatever the graph may.
     pub fn is_strange(&self, path: &Path) -> bool {
-        // Through links, to where the text itself lies.
+        // Links are followed to the folder that contains the text.
         let folder = || path.canonicalize().ok()?.parent().and_then(bundle_around);
         !self.is_confined() && folder().is_some()
     }
 
-    /// Whether a path of [`SourceRoot::file`] stands for one that may not be read.
+    /// True if [`SourceRoot::file`] gave this path in place of one that may not be read.
     pub fn is_outside(&self, file: &SourceFile) -> bool {
         file.path.starts_with(OUTSIDE)
     }
 }
 
-/// Below what is no folder nothing can be opened; the rest of the name tells the reader why.
+/// Nothing can be opened below a path that is not a folder. The rest of the name explains the error message.
 const OUTSIDE: &str = "/dev/null/outside of what this graph may read";
 
-/// A file that a node reads: a path relative to the graph file, or absolute. In keys the digest of its
-/// content stands for it, so the kind must list it in its sources.
+/// A file that a node reads: a path relative to the graph file, or absolute. Its content digest enters the key in
+/// its place, so the kind must list it in its sources.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct InputFile(pub String);
 
-/// In an unpacked folder: tells that the graph is somebody else's.
+/// Name of the file that marks an unpacked bundle as untrusted.
 pub(crate) const BUNDLE_MARK: &str = ".lightharmony-bundle";
 
-/// The folder that [`Bundle::unpack`](crate::Bundle::unpack) made, which is `folder` or lies above it: what is in it is somebody else's.
-/// Links in `folder` are followed.
+/// The folder made by [`Bundle::unpack`](crate::Bundle::unpack) that is `folder` or contains it; its content is
+/// untrusted. Links in `folder` are followed.
 pub fn bundle_around(folder: &Path) -> Option<PathBuf> {
     let folder = folder.canonicalize().ok()?;
     folder

@@ -1,7 +1,7 @@
-//! Bytes as people write and read them: powers of 1024, by their IEC names.
+//! Numbers of bytes as text: powers of 1024 with IEC units.
 
-/// Bytes from a number with or without a unit: `K`, `KB` and `KiB` all mean 1024, and so do those of M, G and T. `None`
-/// where the text is no such number.
+/// Parses a number of bytes with or without a unit: `K`, `KB` and `KiB` all mean 1024, likewise for M, G and T.
+/// `None` if the text is not such a number.
 pub fn parse_bytes(text: &str) -> Option<u64> {
     let digits = text.trim_end_matches(|c: char| c.is_alphabetic());
     let unit = match text[digits.len()..].to_uppercase().trim_end_matches('B').trim_end_matches('I') {
@@ -16,7 +16,7 @@ pub fn parse_bytes(text: &str) -> Option<u64> {
     (0.0..1e9).contains(&number).then(|| (number * (1_u64 << unit) as f64) as u64)
 }
 
-/// Bytes with their unit: `512 B`, `9.6 KiB`, `273.5 MiB`, `4.0 GiB`.
+/// Formats a number of bytes with its unit: `512 B`, `9.6 KiB`, `273.5 MiB`, `4.0 GiB`.
 pub fn bytes_text(bytes: u64) -> String {
     let of = |unit: u32| bytes as f64 / (1_u64 << unit) as f64;
     match bytes {

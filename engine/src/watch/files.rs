@@ -1,49 +1,49 @@
-//! The files that a graph is made of, and whether they are still what they were.
+//! The watched files, and detection of changes.
 //!
-//! What the system tells of a folder is only a hint to look: it may come late, come twice, or get lost.
-//! Whether a file changed is decided by its stamp, or by a hint that names it.
+//! Notifications of the system are only hints: they may be late, repeated or lost. Whether a file changed is
+//! decided by its stamp, or by a notification that names it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
 use cache::FileStamp;
 
-/// Hears of changes in folders.
-pub(crate) trait Ears: Send {
-    /// Begins to hear of a folder, not of those below it.
+/// Notification of changes in folders.
+pub(crate) trait Notifier: Send {
+    /// Starts notifications for a folder, without its subfolders.
     fn listen(&mut self, folder: &Path) -> Result<(), String>;
-    /// Hears of it no more.
+    /// Stops notifications for a folder.
     fn ignore(&mut self, folder: &Path);
 }
 
-/// The followed files.
-pub(crate) struct Files {
-    ears: Option<Box<dyn Ears>>,
-    /// Why folders cannot be heard of, until that was told.
-    deaf: Option<String>,
-    /// Each with its stamp when it was last looked at; `None` for a missing one.
+/// The watched files.
+pub(crate) struct WatchedFiles {
+    notifier: Option<Box<dyn Notifier>>,
+    /// Reason for missing notifications; `None` once it was reported.
+    failure: Option<String>,
+    /// Stamp of each file when it was last inspected; `None` if it is missing.
     stamps: BTreeMap<PathBuf, Option<FileStamp>>,
-    /// The names on the way to a followed file that decide what lies there.
+    /// The paths (links on the way and the last name) that determine what each watched file is.
     names: BTreeMap<PathBuf, PathBuf>,
-    /// The folders listened to, each with what it was then.
+    /// Folders with notifications, and the identity that each had then.
     folders: BTreeMap<PathBuf, Option<Identity>>,
-    /// Followed files that a hint named since the last look.
+    /// Watched files named by notifications since the last inspection.
     touched: BTreeSet<PathBuf>,
 }
 
-/// Which folder it is, whatever its name: device and inode.
+/// Identity of a folder: device and inode.
 type Identity = (u64, u64);
 
-impl Files {
-    /// Follows nothing yet. Without `ears`, only [`look`](Self::look) finds changes.
-    pub fn new(ears: Result<Box<dyn Ears>, String>) -> Self {
-        let (ears, deaf) = match ears {
-            Ok(ears) => (Some(ears), None),
+impl WatchedFiles {
+    /// Watches nothing yet. Without notifications, only [`look`](Self::look) finds changes.
+    pub fn new(notifier: Result<Box<dyn Notifier>, String>) -> Self {
+        let (notifier, failure) = match notifier {
+            Ok(notifier) => (Some(notifier), None),
             Err(why) => (None, Some(why)),
         };
         Self {
-            ears,
-            deaf,
+            notifier,
+            failure,
             stamps: BTreeMap::new(),
             names: BTreeMap::new(),
             folders: BTreeMap::new(),
@@ -51,18 +51,18 @@ impl Files {
         }
     }
 
-    /// Whether changes are heard of, and need not be looked for.
-    pub fn hears(&self) -> bool {
-        self.ears.is_some()
+    /// True if there are notifications, so that polling is not needed.
+    pub fn has_notifier(&self) -> bool {
+        self.notifier.is_some()
     }
 
-    /// Why changes are not heard of; said once.
-    pub fn take_deafness(&mut self) -> Option<String> {
-        self.deaf.take()
+    /// Reason for missing notifications; returned once.
+    pub fn take_failure(&mut self) -> Option<String> {
+        self.failure.take()
     }
 
-    /// Follows these files and no others. True when one of them was not followed before: what was read of
-    /// it until now may have changed unseen.
+    /// Watches exactly these files. Returns true if one of them was not watched before, so that an earlier change
+    /// to it may have been missed.
     pub fn follow(&mut self, paths: &[PathBuf]) -> bool {
         let mut stamps = BTreeMap::new();
         let mut new = false;
@@ -74,7 +74,7 @@ impl Files {
         }
         let paths: Vec<PathBuf> = stamps.keys().cloned().collect();
         self.listen(&paths);
-        // Stamped after listening, so that no change falls between.
+        // Stamps are taken after notifications start, so that no change is missed in between.
         self.stamps = stamps
             .into_iter()
             .map(|(path, known)| (path.clone(), known.unwrap_or_else(|| stamp(&path))))
@@ -82,7 +82,7 @@ impl Files {
         new
     }
 
-    /// Listens to every folder in which something may change what lies at the paths.
+    /// Starts notifications for every folder in which a change may affect one of the paths.
     fn listen(&mut self, paths: &[PathBuf]) {
         self.names = paths
             .iter()
@@ -94,29 +94,29 @@ impl Files {
             .filter_map(|name| name.parent())
             .map(|folder| (folder.to_owned(), identity(folder)))
             .collect();
-        let Some(ears) = &mut self.ears else { return };
+        let Some(notifier) = &mut self.notifier else { return };
         for (folder, was) in &self.folders {
             if wanted.get(folder) != Some(was) {
-                ears.ignore(folder);
+                notifier.ignore(folder);
             }
         }
         for (folder, is) in &wanted {
             if self.folders.get(folder) != Some(is)
-                && let Err(why) = ears.listen(folder)
+                && let Err(why) = notifier.listen(folder)
                 && folder.exists()
             {
-                self.deaf = Some(format!("{}: {why}", folder.display()));
+                self.failure = Some(format!("{}: {why}", folder.display()));
             }
         }
         self.folders = wanted;
-        if self.deaf.is_some() {
-            // Half of the folders would be worse than none: nobody could tell which.
-            self.ears = None;
+        if self.failure.is_some() {
+            // Notifications for only some folders would be misleading.
+            self.notifier = None;
         }
     }
 
-    /// Something happened at these paths. True when it is time to look soon.
-    pub fn heard(&mut self, paths: &[PathBuf]) -> bool {
+    /// Handles a notification. Returns true if the files should be inspected soon.
+    pub fn notified(&mut self, paths: &[PathBuf]) -> bool {
         let mut ours = paths.is_empty();
         for path in paths {
             if let Some(file) = self.names.get(path) {
@@ -128,7 +128,7 @@ impl Files {
         ours
     }
 
-    /// The followed files that changed since the last look, or may have.
+    /// The watched files that changed, or may have changed, since the last inspection.
     pub fn look(&mut self) -> BTreeSet<PathBuf> {
         let mut changed = std::mem::take(&mut self.touched);
         for (path, known) in &mut self.stamps {
@@ -140,25 +140,25 @@ impl Files {
         }
         let moved = self.folders.iter().any(|(folder, was)| identity(folder) != *was);
         if moved || !changed.is_empty() {
-            // A link may lead elsewhere now, a folder may be another one.
+            // A link may have a new target, or a folder may be a different one.
             let paths: Vec<PathBuf> = self.stamps.keys().cloned().collect();
             self.listen(&paths);
         }
         changed
     }
 
-    /// The followed files.
+    /// The watched files.
     pub fn paths(&self) -> Vec<PathBuf> {
         self.stamps.keys().cloned().collect()
     }
 
-    /// How many files are followed.
+    /// Number of watched files.
     pub fn count(&self) -> usize {
         self.stamps.len()
     }
 
-    /// Counts these as changed at the next look, whatever their stamps say.
-    pub fn doubt(&mut self, paths: impl IntoIterator<Item = PathBuf>) {
+    /// Treats these files as changed at the next inspection, whatever their stamps are.
+    pub fn suspect(&mut self, paths: impl IntoIterator<Item = PathBuf>) {
         self.touched.extend(paths);
     }
 }
@@ -171,11 +171,11 @@ fn identity(folder: &Path) -> Option<Identity> {
     stamp(folder).map(|stamp| (stamp.dev, stamp.inode))
 }
 
-/// More links than this on the way to a file are a circle.
+/// Maximum number of links on the way to a file; more are taken for a cycle.
 const MOST_LINKS: usize = 40;
 
-/// The names that decide what lies at an absolute path: the links on the way to it and its own last name,
-/// each below the true path of its folder; or the first name that is missing.
+/// The paths that determine what an absolute path refers to: each link on the way and its own last name, in folders
+/// without links; or the first missing name.
 fn names_to(path: &Path) -> Vec<PathBuf> {
     let mut names = Vec::new();
     let mut at = PathBuf::new();
@@ -202,7 +202,7 @@ fn names_to(path: &Path) -> Vec<PathBuf> {
                 left.extend(target.components().rev().map(|part| PathBuf::from(part.as_os_str())));
             }
             Ok(_) if !left.is_empty() => {}
-            // The file itself, or the place where the way ends.
+            // The file itself, or the first missing name.
             _ => {
                 names.push(at);
                 return names;
@@ -221,9 +221,9 @@ mod tests {
 
     type Log = Arc<Mutex<Vec<String>>>;
 
-    struct TestEars(Log, Option<&'static str>);
+    struct TestNotifier(Log, Option<&'static str>);
 
-    impl Ears for TestEars {
+    impl Notifier for TestNotifier {
         fn listen(&mut self, folder: &Path) -> Result<(), String> {
             if self.1.is_some_and(|limit| folder.ends_with(limit)) {
                 return Err("no watches are left".to_owned());
@@ -239,14 +239,14 @@ mod tests {
     struct Place {
         folder: tempfile::TempDir,
         log: Log,
-        files: Files,
+        files: WatchedFiles,
     }
 
     impl Place {
         fn new(limit: Option<&'static str>) -> Self {
             let (folder, log) = (tempfile::tempdir().unwrap(), Log::default());
             std::fs::create_dir(folder.path().join("home")).unwrap();
-            let files = Files::new(Ok(Box::new(TestEars(log.clone(), limit))));
+            let files = WatchedFiles::new(Ok(Box::new(TestNotifier(log.clone(), limit))));
             Self { folder, log, files }
         }
 
@@ -258,10 +258,10 @@ mod tests {
             std::fs::write(self.path(name), text).unwrap();
         }
 
-        /// Whether the one followed file counts as changed, and that once.
+        /// True if the file counts as changed, exactly once.
         fn changed(&mut self) -> bool {
             let changed = !self.files.look().is_empty();
-            assert!(self.files.look().is_empty(), "told once");
+            assert!(self.files.look().is_empty(), "reported once");
             changed
         }
 
@@ -281,14 +281,14 @@ mod tests {
         assert!(!place.changed());
         std::fs::read(&path).unwrap();
         assert!(!place.changed());
-        // An editor that writes in place.
+        // Writing in place.
         place.write("home/a.ron", "three");
         assert!(place.changed());
-        // One that saves by rename, as `sed -i` and `git checkout` do.
+        // Saving by rename, like `sed -i` and `git checkout`.
         place.write("home/.a.swp", "fives");
         std::fs::rename(place.path("home/.a.swp"), &path).unwrap();
         assert!(place.changed());
-        // One that truncates first.
+        // Truncating first.
         place.write("home/a.ron", "");
         assert!(place.changed());
         place.write("home/a.ron", "whole");
@@ -307,11 +307,11 @@ mod tests {
         place.write("home/a.ron", "one");
         let path = place.path("home/a.ron");
         place.files.follow(std::slice::from_ref(&path));
-        assert!(!place.files.heard(&[place.path("home/other.ron")]), "no file of ours");
+        assert!(!place.files.notified(&[place.path("home/other.ron")]), "no file of ours");
         assert!(!place.changed());
-        assert!(place.files.heard(std::slice::from_ref(&path)));
+        assert!(place.files.notified(std::slice::from_ref(&path)));
         assert!(place.changed());
-        assert!(place.files.heard(&[]), "events were lost: whatever it was, look");
+        assert!(place.files.notified(&[]), "events were lost: whatever it was, look");
         assert!(!place.changed());
     }
 
@@ -319,7 +319,7 @@ mod tests {
     #[test]
     fn a_link_that_leads_elsewhere_is_a_change() {
         use std::os::unix::fs::symlink;
-        // As mounted configuration does: graph.ron -> data/graph.ron, data -> v1, and data is swapped.
+        // Like mounted configuration: graph.ron -> data/graph.ron, data -> v1, and then data is swapped.
         let mut place = Place::new(None);
         for (version, text) in [("v1", "one"), ("v2", "two")] {
             std::fs::create_dir(place.path(version)).unwrap();
@@ -334,11 +334,11 @@ mod tests {
         for folder in [root.as_str(), "home", "v1"] {
             assert!(log.contains(&format!("+{folder}")), "{folder} in {log}");
         }
-        assert!(place.files.heard(&[place.path("v1/graph.ron")]), "the file behind the links is ours");
+        assert!(place.files.notified(&[place.path("v1/graph.ron")]), "the file behind the links is ours");
         assert!(place.changed());
         symlink("v2", place.path("new")).unwrap();
         std::fs::rename(place.path("new"), place.path("data")).unwrap();
-        assert!(place.files.heard(&[place.path("data")]), "so is the link");
+        assert!(place.files.notified(&[place.path("data")]), "so is the link");
         assert!(place.changed());
         assert_eq!(place.log(), "-v1 +v2");
         place.write("v2/graph.ron", "three");
@@ -363,14 +363,14 @@ mod tests {
         place.files.follow(std::slice::from_ref(&path));
         assert_eq!(place.log(), "+deep");
         std::fs::rename(place.path("home/deep"), place.path("home/gone")).unwrap();
-        assert!(place.files.heard(&[place.path("home/deep")]), "the folder itself was moved");
+        assert!(place.files.notified(&[place.path("home/deep")]), "the folder itself was moved");
         assert!(place.changed());
-        assert_eq!(place.log(), "-deep +home", "the folder above hears of its return");
+        assert_eq!(place.log(), "-deep +home", "the folder above has_notifier of its return");
         std::fs::rename(place.path("home/gone"), place.path("home/deep")).unwrap();
-        assert!(place.files.heard(&[place.path("home/deep")]));
+        assert!(place.files.notified(&[place.path("home/deep")]));
         assert!(place.changed());
         assert_eq!(place.log(), "-home +deep");
-        // Another folder of the same name, where even the stamp of the file may be equal.
+        // Another folder of the same name, in which the file may even have an equal stamp.
         std::fs::rename(place.path("home/deep"), place.path("home/gone")).unwrap();
         std::fs::create_dir(place.path("home/deep")).unwrap();
         std::fs::rename(place.path("home/gone/a.ron"), place.path("home/deep/a.ron")).unwrap();
@@ -384,9 +384,9 @@ mod tests {
         place.write("home/a.ron", "one");
         let path = place.path("home/a.ron");
         place.files.follow(std::slice::from_ref(&path));
-        assert!(!place.files.hears());
-        assert!(place.files.take_deafness().is_some_and(|why| why.contains("no watches are left")));
-        assert!(place.files.take_deafness().is_none(), "said once");
+        assert!(!place.files.has_notifier());
+        assert!(place.files.take_failure().is_some_and(|why| why.contains("no watches are left")));
+        assert!(place.files.take_failure().is_none(), "said once");
         place.write("home/a.ron", "three");
         assert!(place.changed());
     }

@@ -1,32 +1,32 @@
-//! What wakes the thread that decides, and the handle that does so from outside.
+//! Messages to the watching thread, and the handle to control it from outside.
 
 use std::path::PathBuf;
 use std::sync::mpsc::Sender;
 
 use crate::run::event::Event;
 
-/// What wakes the thread that decides.
+/// A message to the watching thread.
 pub(crate) enum Input {
-    /// Something happened at these paths; none stands for anywhere.
-    Heard(Vec<PathBuf>),
-    Told(Event),
+    /// A change at these paths; empty for unknown paths.
+    Changed(Vec<PathBuf>),
+    Event(Event),
     Ended,
     Quit,
 }
 
-/// Ends a watch from another thread, or makes it look at its files.
+/// Ends a watch from another thread, or makes it inspect its files.
 #[derive(Clone)]
 pub struct Handle(pub(crate) Sender<Input>);
 
 impl Handle {
-    /// Stops the run and the watch; what is finished is kept.
+    /// Cancels the run and ends the watch. Finished nodes are kept.
     pub fn quit(&self) {
-        // A watch that is over has nothing to end.
+        // The watch may have ended already.
         let _ = self.0.send(Input::Quit);
     }
 
-    /// Something may have changed at these paths; none stands for anywhere.
+    /// Reports a possible change at these paths; empty for unknown paths.
     pub fn hint(&self, paths: Vec<PathBuf>) {
-        let _ = self.0.send(Input::Heard(paths));
+        let _ = self.0.send(Input::Changed(paths));
     }
 }

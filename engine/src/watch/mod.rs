@@ -3,6 +3,8 @@
 pub(crate) mod files;
 pub(crate) mod handle;
 pub(crate) mod listener;
+pub(crate) mod options;
+pub(crate) mod previews;
 pub(crate) mod rough;
 pub(crate) mod settling;
 pub(crate) mod watch;

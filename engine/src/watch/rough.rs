@@ -1,13 +1,13 @@
-//! A graph in a rough form, for previews.
+//! Reduced forms of a graph for previews.
 
 use std::sync::Arc;
 
 use crate::graph::graph::Graph;
 
 impl Graph {
-    /// The same graph with a parameter at most `level` in every node that has it, at one pixel for a block of `coarse`
-    /// by `coarse` where kinds can, and below these with what kinds say of previews; and the nodes where that makes a
-    /// difference. `None` where the parameter makes none.
+    /// The graph with `parameter` at most `level` in every node that has it, one pixel per block of `coarse` by
+    /// `coarse` pixels in kinds that support it, and the preview values of kinds below these nodes. Also returns
+    /// the nodes that changed. `None` if none did.
     pub fn rough(&self, parameter: &str, level: u64, coarse: u64) -> Option<(Self, Vec<usize>)> {
         let mut graph = self.clone();
         let (mut below, mut changed) = (vec![false; self.nodes.len()], Vec::new());
@@ -16,20 +16,20 @@ impl Graph {
             let mut settings = Vec::new();
             if let Some(n) = self.number(index, parameter) {
                 let coarsens =
-                    kind.coarse.filter(|name| self.number(index, name).is_some_and(|n| n < coarse));
+                    kind.preview.coarse.filter(|name| self.number(index, name).is_some_and(|n| n < coarse));
                 settings.extend((n > level).then(|| (parameter, level.to_string())));
                 settings.extend(coarsens.map(|name| (name, coarse.to_string())));
             }
             below[index] = !settings.is_empty() || self.reads(index).iter().any(|&above| below[above]);
             if below[index] {
-                let costly = kind.rough.iter().filter(|(name, value)| match value.parse::<u64>() {
+                let costly = kind.preview.rough.iter().filter(|(name, value)| match value.parse::<u64>() {
                     Ok(most) => self.number(index, name).is_some_and(|n| n > most),
                     Err(_) => self.nodes[index].values().iter().any(|(n, v)| n == name && v != value),
                 });
                 settings.extend(costly.map(|(name, value)| (*name, (*value).to_owned())));
             }
             for (name, value) in &settings {
-                let step = graph.nodes[index].with(name, value)?.into();
+                let step = graph.nodes[index].with(name, value)?;
                 Arc::make_mut(&mut graph.nodes[index]).step = step;
             }
             changed.extend((!settings.is_empty()).then_some(index));
@@ -37,8 +37,8 @@ impl Graph {
         (!changed.is_empty()).then_some((graph, changed))
     }
 
-    /// Whether a node can compute a part of its pixels.
+    /// True if a node can compute a subset of its pixels.
     pub(crate) fn can_be_coarse(&self, node: usize) -> bool {
-        self.nodes[node].kind.coarse.is_some()
+        self.nodes[node].kind.preview.coarse.is_some()
     }
 }

@@ -1,40 +1,40 @@
-//! When to look: soon after the last of several changes, and not later than a while after the first.
+//! Waits until changes settle: shortly after the last one, but not too long after the first.
 
 use std::time::{Duration, Instant};
 
-/// Gathers hints that something changed until it is time to look.
+/// Collects notifications until the files should be inspected.
 #[derive(Debug)]
-pub(crate) struct Pace {
+pub(crate) struct Settling {
     settle: Duration,
     longest: Duration,
-    /// When the first hint came, and when to look if no more come.
+    /// Time of the first notification, and of the inspection if no more follow.
     pending: Option<(Instant, Instant)>,
 }
 
-impl Pace {
-    /// Looks `settle` after a hint; hints that go on coming delay that to `longest` after the first.
+impl Settling {
+    /// Inspects `settle` after the last notification, and at most `longest` after the first.
     pub fn new(settle: Duration, longest: Duration) -> Self {
         Self { settle, longest, pending: None }
     }
 
-    /// Something changed.
+    /// Handles a notification.
     pub fn hint(&mut self, now: Instant) {
         self.wait(now, self.settle);
     }
 
-    /// Something may not be whole yet: looks once more after `patience`.
+    /// Inspects after `patience`, since something may be incomplete.
     pub fn wait(&mut self, now: Instant, patience: Duration) {
         let first = self.pending.map_or(now, |(first, _)| first);
         let latest = first + self.longest.max(patience);
         self.pending = Some((first, (now + patience).min(latest)));
     }
 
-    /// When to look.
+    /// Time of the inspection.
     pub fn due(&self) -> Option<Instant> {
         self.pending.map(|(_, due)| due)
     }
 
-    /// True once when the time has come.
+    /// True if it is time to inspect; true once.
     pub fn take(&mut self, now: Instant) -> bool {
         let come = self.due().is_some_and(|due| due <= now);
         if come {
@@ -52,22 +52,22 @@ mod tests {
 
     #[test]
     fn several_changes_are_one_look() {
-        let (start, mut pace) = (Instant::now(), Pace::new(30 * MS, 200 * MS));
-        assert!(pace.due().is_none() && !pace.take(start));
-        pace.hint(start);
-        pace.hint(start + 20 * MS);
-        assert!(!pace.take(start + 30 * MS));
-        assert!(pace.take(start + 50 * MS));
-        assert!(!pace.take(start + 51 * MS), "and that once");
+        let (start, mut settling) = (Instant::now(), Settling::new(30 * MS, 200 * MS));
+        assert!(settling.due().is_none() && !settling.take(start));
+        settling.hint(start);
+        settling.hint(start + 20 * MS);
+        assert!(!settling.take(start + 30 * MS));
+        assert!(settling.take(start + 50 * MS));
+        assert!(!settling.take(start + 51 * MS), "and that once");
     }
 
     #[test]
     fn changes_without_end_do_not_delay_without_end() {
-        let (start, mut pace) = (Instant::now(), Pace::new(30 * MS, 200 * MS));
+        let (start, mut settling) = (Instant::now(), Settling::new(30 * MS, 200 * MS));
         let looks = (0..100).filter(|step| {
             let now = start + 10 * MS * *step;
-            pace.hint(now);
-            pace.take(now)
+            settling.hint(now);
+            settling.take(now)
         });
         assert_eq!(looks.count(), 4, "a second of a hint every 10 ms");
     }

@@ -1,9 +1,9 @@
-//! Watching: the graph runs again whenever one of the files it is made of changes.
+//! Watching: runs a graph again whenever one of its files changes.
 //!
-//! One thread decides; it sleeps until a folder is heard of, the run tells something, or it is time to
-//! look. A run is on a thread of its own and is cancelled by a newer graph; what it finished is kept. What
-//! takes long is shown early: the passes before the last one cap a parameter (`samples`), and since its
-//! node works in parts, each pass pays only for what the one before did not do.
+//! One thread decides. It sleeps until a notification, an event of the run, or the time of the next inspection. A
+//! run has its own thread and is cancelled by a newer graph; finished nodes are kept. Long runs are preceded by
+//! previews that limit a parameter (`samples`). Since the work of such nodes is cached in chunks, each run computes
+//! only what the one before did not.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -15,156 +15,90 @@ use std::time::{Duration, Instant};
 use crate::graph::graph::Graph;
 use crate::plan::plan::Fate;
 use crate::run::engine::Engine;
-use crate::run::event::Forecast;
-use crate::run::event::{Event, State};
+use crate::run::event::{Event, Forecast, State};
 use crate::run::options::RunOptions;
-use crate::text::diag::Diagnostics;
-use crate::text::diag::Mistake;
-use crate::watch::files::Files;
+use crate::watch::files::WatchedFiles;
 use crate::watch::handle::{Handle, Input};
 use crate::watch::listener::listen;
-use crate::watch::settling::Pace;
+use crate::watch::options::{Load, Refusal, WatchOptions};
+use crate::watch::previews::{Reduction, levels};
+use crate::watch::settling::Settling;
 
-/// What is watched, as read from its files at one moment.
-pub struct Load {
-    /// The graph and the nodes wanted of it (none: its targets), or what is wrong with it.
-    pub graph: Result<(Arc<Graph>, Vec<usize>), Refusal>,
-    /// The files that the graph itself was read from, whether they are there or not.
-    pub texts: Vec<PathBuf>,
-}
-
-/// Why there is no graph to run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Refusal {
-    /// The mistakes in the graph, each with its place.
-    pub list: Vec<Mistake>,
-    /// All of it for a person.
-    pub text: String,
-    /// Files that the graph names; it may be right once one of them changes.
-    pub files: Vec<PathBuf>,
-}
-
-impl Refusal {
-    /// The mistakes of a graph; `colour` for a terminal.
-    pub fn mistakes(diagnostics: &Diagnostics, colour: bool) -> Self {
-        let (list, files) = (diagnostics.mistakes(), diagnostics.files.clone());
-        Self { list, text: diagnostics.render(colour), files }
-    }
-
-    /// Anything else, such as a file that cannot be read.
-    pub fn other(text: String) -> Self {
-        Self { list: Vec::new(), text, files: Vec::new() }
-    }
-}
-
-/// How to watch.
-#[derive(Debug, Clone)]
-pub struct WatchOptions {
-    /// Folder that sinks write under.
-    pub out: PathBuf,
-    /// The parameter that passes cap, so that a rough picture comes early.
-    pub refine: Option<&'static str>,
-    /// Looks at the files every half second in place of listening to their folders.
-    pub poll: bool,
-    /// A change is acted on when nothing else changed for so long.
-    pub settle: Duration,
-    /// A graph that is wrong may be half written: it is told to be wrong after so long.
-    pub patience: Duration,
-}
-
-impl Default for WatchOptions {
-    fn default() -> Self {
-        Self {
-            out: PathBuf::from("out"),
-            refine: Some("samples"),
-            poll: false,
-            settle: Duration::from_millis(25),
-            patience: Duration::from_millis(200),
-        }
-    }
-}
-
-/// Changes that go on and on are acted on after so long.
+/// Maximum time before continuous changes are handled.
 const LONGEST: Duration = Duration::from_millis(300);
-/// How often the files are looked at where no folder can be listened to.
+/// Interval of inspections without notifications.
 const POLL: Duration = Duration::from_millis(500);
-/// And where one can: network drives do not tell everything, and events may be lost.
-const DOUBT: Duration = Duration::from_secs(2);
-/// A pass that is done within this time is no preview but the picture.
-const SOON: f64 = 0.5;
-
-/// A first look is made of all pixels where they take no longer than this, in seconds, and else of fewer.
-const AT_ONCE: f64 = 0.3;
-
-/// What waiting came to.
+/// Interval of inspections with notifications, which network drives omit and systems lose.
+const CHECK: Duration = Duration::from_secs(2);
+/// The result of waiting.
 enum Next {
-    /// Files changed, and the graph is to be shown anew.
+    /// WatchedFiles changed, and the graph must run again.
     Changed(Box<Load>),
-    /// The run is over.
+    /// The run ended.
     Ended,
     Quit,
 }
 
-/// A watch that has not begun.
+/// A watch that has not started.
 pub struct Watch {
     options: WatchOptions,
     inputs: Receiver<Input>,
     handle: Handle,
-    files: Files,
+    files: WatchedFiles,
 }
 
 impl Watch {
-    /// Listens to folders as the system lets it.
+    /// A watch with notifications, if the system provides them.
     pub fn new(options: WatchOptions) -> Self {
         let (sender, inputs) = channel();
         let handle = Handle(sender);
-        let ears = match options.poll {
-            true => Err("as asked for".to_owned()),
+        let notifier = match options.poll {
+            true => Err("polling was requested".to_owned()),
             false => listen(handle.clone()),
         };
-        Self { options, inputs, handle, files: Files::new(ears) }
+        Self { options, inputs, handle, files: WatchedFiles::new(notifier) }
     }
 
-    /// What ends it from outside.
+    /// A handle to end the watch from outside.
     pub fn handle(&self) -> Handle {
         self.handle.clone()
     }
 
-    /// Watches until [`Handle::quit`]. `load` reads the graph, now and after every change; it is told whether the
-    /// files that nodes read are as they were, so that a graph of the same text need not be checked again. Gives
-    /// the files that do not show what the graph last said.
+    /// Watches until [`Handle::quit`]. `load` reads the graph, at the start and after every change; its argument is
+    /// true if no source file of a node changed, so that a graph with the same text need not be checked again.
+    /// Returns the files that do not show the current graph.
     pub fn run(
         self,
         engine: &Engine,
         load: impl FnMut(bool) -> Load,
-        tell: impl FnMut(Event),
+        emit: impl FnMut(Event),
     ) -> Vec<PathBuf> {
         let Watch { options, inputs, handle, files } = self;
-        let pace = Pace::new(options.settle, LONGEST);
+        let settling = Settling::new(options.settle, LONGEST);
         let shown = BTreeMap::new();
-        let (doubted, good) = (false, false);
+        let (suspected, good) = (false, false);
         let mut session =
-            Session { engine, options, inputs, handle, files, pace, load, tell, shown, doubted, good };
+            Session { engine, options, inputs, handle, files, settling, load, emit, shown, suspected, good };
         session.run();
         let wrong = session.shown.into_iter().filter(|(_, file)| file.shown != Shown::Right);
         wrong.map(|(path, _)| path).collect()
     }
 }
 
-/// A file that a sink wrote.
+/// A file written by a sink.
 struct SinkFile {
     id: String,
     shown: Shown,
 }
 
-/// What a file of a sink shows.
+/// The state of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Shown {
-    /// What the graph says.
+    /// Up to date.
     Right,
-    /// The same with less work.
+    /// A preview.
     Preview,
-    /// What the graph said before.
+    /// From an earlier version of the graph.
     Stale,
 }
 
@@ -173,14 +107,14 @@ struct Session<'a, L, T> {
     options: WatchOptions,
     inputs: Receiver<Input>,
     handle: Handle,
-    files: Files,
-    pace: Pace,
+    files: WatchedFiles,
+    settling: Settling,
     load: L,
-    tell: T,
+    emit: T,
     shown: BTreeMap<PathBuf, SinkFile>,
-    /// The graph was found wrong and is given time to become whole.
-    doubted: bool,
-    /// The last run came to its end, and nothing failed.
+    /// The graph has mistakes but may be half written.
+    suspected: bool,
+    /// True if the last run was successful.
     good: bool,
 }
 
@@ -193,13 +127,13 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
                 Err(refusal) => {
                     self.turn_stale(None);
                     let Refusal { list, text, .. } = refusal.clone();
-                    (self.tell)(Event::Mistakes { list, text });
+                    (self.emit)(Event::Mistakes { list, text });
                     Next::Ended
                 }
             };
             let next = match next {
                 Next::Ended => {
-                    (self.tell)(Event::Idle { files: self.files.count() });
+                    (self.emit)(Event::Idle { files: self.files.count() });
                     self.wait(&current, false)
                 }
                 other => other,
@@ -211,13 +145,13 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    /// Runs a graph, roughly first where the whole takes long.
+    /// Runs a graph, after previews if it takes long.
     fn show(&mut self, current: &Load, graph: &Graph, only: &[usize]) -> Next {
         self.shown.retain(|_, file| graph.find(&file.id).is_some());
         let plan = self.engine.plan_next(graph, only, &self.options.out);
         let forecast = Forecast::of(&plan);
         if forecast.open > 0 {
-            (self.tell)(Event::Plan(forecast));
+            (self.emit)(Event::Plan(forecast));
         }
         let parameter = self.options.refine.unwrap_or_default();
         let opens = |fate: &Fate| matches!(fate, Fate::Runs(_) | Fate::Follows(_) | Fate::Lost);
@@ -228,9 +162,9 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             .map(|(_, node)| node.forecast)
             .sum();
         let coarse = open().any(|(index, _)| graph.can_be_coarse(index));
-        for Level { level, coarse } in levels(most, seconds, coarse) {
+        for Reduction { level, coarse } in levels(most, seconds, coarse) {
             let Some((rough, changed)) = graph.rough(parameter, level, coarse) else { continue };
-            (self.tell)(Event::Pass { parameter: parameter.to_owned(), level, of: most, coarse });
+            (self.emit)(Event::Pass { parameter: parameter.to_owned(), level, of: most, coarse });
             match self.pass(current, &rough, only, changed) {
                 Next::Ended => {}
                 other => return other,
@@ -239,7 +173,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         self.pass(current, graph, only, Vec::new())
     }
 
-    /// One run, until it ends or something newer is to be shown.
+    /// Runs once, until the end or until a newer graph.
     fn pass(&mut self, current: &Load, graph: &Graph, only: &[usize], rough: Vec<usize>) -> Next {
         let cancel = Arc::new(AtomicBool::new(false));
         let options = RunOptions {
@@ -253,55 +187,69 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         let (engine, handle) = (self.engine, self.handle.clone());
         std::thread::scope(|scope| {
             scope.spawn(|| {
-                // Told even where the engine panics, so that nobody waits for ever.
+                // Sent even if the engine panics, so that nothing waits for ever.
                 let ended = Ended(handle);
-                let outcome = engine.run(graph, &options, |event| drop(ended.0.0.send(Input::Told(event))));
+                let outcome = engine.run(graph, &options, |event| drop(ended.0.0.send(Input::Event(event))));
                 if let Some(failures) = outcome.failures {
                     let (list, text) = (failures.mistakes(), failures.to_string());
-                    drop(ended.0.0.send(Input::Told(Event::Mistakes { list, text })));
+                    drop(ended.0.0.send(Input::Event(Event::Mistakes { list, text })));
                 }
             });
             let next = self.wait(current, true);
-            if !matches!(next, Next::Ended) {
-                cancel.store(true, Ordering::Relaxed);
-                while let Ok(input) = self.inputs.recv() {
-                    match input {
-                        // It is not skipped but about to run anew.
-                        Input::Told(Event::Node { state: State::Skipped, .. }) => {}
-                        Input::Told(event) => self.pass_on(event),
-                        Input::Heard(paths) => self.hear(&paths),
-                        Input::Ended => break,
-                        Input::Quit => return Next::Quit,
-                    }
-                }
+            if matches!(next, Next::Ended) {
+                return next;
             }
-            next
+            cancel.store(true, Ordering::Relaxed);
+            if self.drain() { Next::Quit } else { next }
         })
     }
 
-    /// Sleeps until files changed for good, the run is over, or it is time to quit.
+    /// Waits for the end of a run that was cancelled. Returns whether the watch is to quit; what the run still reports is
+    /// taken in even then, so that the list of files that do not show the graph is right.
+    fn drain(&mut self) -> bool {
+        let mut quit = false;
+        while let Ok(input) = self.inputs.recv() {
+            match input {
+                // The node is about to run in the next run.
+                Input::Event(Event::Node { state: State::Skipped, .. }) => {}
+                Input::Event(event) => self.pass_on(event),
+                Input::Changed(paths) => self.on_change(&paths),
+                Input::Ended => break,
+                Input::Quit => quit = true,
+            }
+        }
+        quit
+    }
+
+    /// Waits until changes settled, the run ended, or the watch is to end.
     fn wait(&mut self, current: &Load, running: bool) -> Next {
-        let pause = if self.files.hears() { DOUBT } else { POLL };
+        let pause = if self.files.has_notifier() { CHECK } else { POLL };
         let mut look = Instant::now() + pause;
         loop {
             let now = Instant::now();
-            if self.pace.take(now)
+            if self.settling.take(now)
                 && let Some(load) = self.changed(current, running)
             {
                 return Next::Changed(Box::new(load));
             }
             if look <= now {
                 look = now + pause;
+                if !running && self.is_file_gone() {
+                    let load = self.read(true);
+                    if load.graph.is_ok() {
+                        return Next::Changed(Box::new(load));
+                    }
+                }
                 let changed = self.files.look();
                 if !changed.is_empty() {
-                    self.files.doubt(changed);
-                    self.pace.hint(now);
+                    self.files.suspect(changed);
+                    self.settling.hint(now);
                 }
             }
-            let until = self.pace.due().map_or(look, |due| due.min(look));
+            let until = self.settling.due().map_or(look, |due| due.min(look));
             match self.inputs.recv_timeout(until.saturating_duration_since(now)) {
-                Ok(Input::Heard(paths)) => self.hear(&paths),
-                Ok(Input::Told(event)) => self.pass_on(event),
+                Ok(Input::Changed(paths)) => self.on_change(&paths),
+                Ok(Input::Event(event)) => self.pass_on(event),
                 Ok(Input::Ended) => return Next::Ended,
                 Ok(Input::Quit) | Err(RecvTimeoutError::Disconnected) => return Next::Quit,
                 Err(RecvTimeoutError::Timeout) => {}
@@ -309,14 +257,20 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    fn hear(&mut self, paths: &[PathBuf]) {
-        if self.files.heard(paths) {
-            self.doubted = false;
-            self.pace.hint(Instant::now());
+    /// Whether a file of a successful run was deleted since.
+    fn is_file_gone(&self) -> bool {
+        let gone = |(path, file): (&PathBuf, &SinkFile)| file.shown == Shown::Right && !path.exists();
+        self.good && self.shown.iter().any(gone)
+    }
+
+    fn on_change(&mut self, paths: &[PathBuf]) {
+        if self.files.notified(paths) {
+            self.suspected = false;
+            self.settling.hint(Instant::now());
         }
     }
 
-    /// The new graph, where what changed means something; or the same one, where what it came to is not there.
+    /// The graph to run, if its meaning changed, or if its results are not up to date.
     fn changed(&mut self, current: &Load, running: bool) -> Option<Load> {
         let changed = self.files.look();
         if changed.is_empty() {
@@ -332,37 +286,39 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             _ => false,
         };
         if same && only_texts {
-            self.doubted = false;
-            (self.tell)(Event::Same);
-            // Saved once more, it is tried once more.
+            self.suspected = false;
+            (self.emit)(Event::Same);
+            // Saving an unchanged graph retries what failed.
             let in_place = |(path, file): (&PathBuf, &SinkFile)| file.shown == Shown::Right && path.exists();
             let again = !running && load.graph.is_ok() && !(self.good && self.shown.iter().all(in_place));
             return again.then_some(load);
         }
-        if load.graph.is_err() && !std::mem::replace(&mut self.doubted, true) {
-            self.files.doubt(changed);
-            self.pace.wait(Instant::now(), self.options.patience);
+        if load.graph.is_err() && !std::mem::replace(&mut self.suspected, true) {
+            self.files.suspect(changed);
+            self.settling.wait(Instant::now(), self.options.patience);
             return None;
         }
-        self.doubted = false;
+        self.suspected = false;
         Some(load)
     }
 
-    /// Reads the graph, and once more where it names files that nobody followed while they were read.
+    /// Reads the graph, and reads it again if it names files that were not watched during reading.
     fn read(&mut self, mut same_files: bool) -> Load {
         loop {
             let load = (self.load)(std::mem::replace(&mut same_files, false));
             let mut paths = load.texts.clone();
             match &load.graph {
                 Ok((graph, _)) => paths.extend(graph.files()),
-                // What was read before may be what is missing now.
+                // The files of the last graph stay watched, since one of them may be missing now.
                 Err(refusal) => paths.extend(refusal.files.iter().cloned().chain(self.files.paths())),
             }
             let new = self.files.follow(&paths);
-            if let Some(why) = self.files.take_deafness() {
-                let text =
-                    format!("folders are not listened to ({why}): looking every {} ms", POLL.as_millis());
-                (self.tell)(Event::Warning { id: "watch-polls", text });
+            if let Some(why) = self.files.take_failure() {
+                let text = format!(
+                    "no notifications from the system ({why}): checking files every {} ms",
+                    POLL.as_millis()
+                );
+                (self.emit)(Event::Warning { id: "watch-polls", text });
             }
             if !new {
                 return load;
@@ -370,7 +326,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    /// Passes an event on, and keeps book of what files show.
+    /// Forwards an event and records the state of files.
     fn pass_on(&mut self, event: Event) {
         let mut stale = None;
         match &event {
@@ -382,24 +338,24 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             Event::Done(totals) => self.good = !totals.stopped && totals.failed == 0 && totals.skipped == 0,
             _ => {}
         }
-        (self.tell)(event);
+        (self.emit)(event);
         if let Some(id) = stale {
             self.turn_stale(Some(&id));
         }
     }
 
-    /// Marks the files of one sink, or all, as showing what the graph said before.
+    /// Marks the files of one sink, or all files, as stale.
     fn turn_stale(&mut self, id: Option<&str>) {
         for (path, file) in &mut self.shown {
             if file.shown != Shown::Stale && id.is_none_or(|id| file.id == id) {
                 file.shown = Shown::Stale;
-                (self.tell)(Event::Stale { path: path.clone() });
+                (self.emit)(Event::Stale { path: path.clone() });
             }
         }
     }
 }
 
-/// Tells that a run is over when it is let go.
+/// Reports the end of a run when dropped.
 struct Ended(Handle);
 
 impl Drop for Ended {
@@ -408,53 +364,38 @@ impl Drop for Ended {
     }
 }
 
-/// What a rough pass does.
-#[derive(Debug, PartialEq, Eq)]
-struct Level {
-    /// The cap of the parameter.
-    level: u64,
-    /// Side of the blocks of pixels of which one is computed.
-    coarse: u64,
-}
-
-/// The passes before the last one, for a parameter that is at most `most` and takes `seconds` in all, where that is
-/// known. The caps are those at which a node that works in parts cuts its work, and one sample in front of them;
-/// where that takes long, too, and some node can, a part of the pixels comes first.
-fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Level> {
-    let takes = |level: u64| seconds.map_or(f64::INFINITY, |all| all * level as f64 / most.max(1) as f64);
-    let block = match takes(1) {
-        ..=AT_ONCE => None,
-        // Of 2 by 2 pixels one takes a quarter.
-        time if time <= 4.0 * AT_ONCE => Some(2),
-        _ => Some(4),
-    };
-    let first = block.filter(|_| coarse && most > 0).map(|coarse| Level { level: 1, coarse });
-    let steps = std::iter::successors(Some(1_u64), |step| step.checked_mul(4));
-    // A level is left out where the next one comes soon, too.
-    let levels = steps
-        .take_while(|step| *step < most)
-        .filter(|step| takes(step.saturating_mul(4).min(most)) > SOON)
-        .map(|level| Level { level, coarse: 1 });
-    first.into_iter().chain(levels).collect()
-}
-
 #[cfg(test)]
 mod tests {
+    use cache::Store;
+
     use super::*;
 
-    fn told(most: u64, seconds: Option<f64>) -> Vec<(u64, u64)> {
-        levels(most, seconds, true).into_iter().map(|l| (l.level, l.coarse)).collect()
-    }
-
     #[test]
-    fn what_takes_long_comes_roughly_first() {
-        assert_eq!(told(0, None), [], "nothing is refined");
-        assert_eq!(told(64, Some(0.4)), [], "soon there");
-        assert_eq!(told(64, Some(1.0)), [(16, 1)]);
-        assert_eq!(told(64, Some(64.0)), [(1, 2), (1, 1), (4, 1), (16, 1)]);
-        assert_eq!(told(64, Some(640.0)), [(1, 4), (1, 1), (4, 1), (16, 1)]);
-        assert_eq!(told(1, None), [(1, 4)], "one sample of many pixels");
-        assert_eq!(told(3, None), [(1, 4), (1, 1)]);
-        assert_eq!(levels(3, None, false), [Level { level: 1, coarse: 1 }], "no node can be coarse");
+    fn what_a_run_reports_after_quit_still_counts() {
+        let watch = Watch::new(WatchOptions { poll: true, ..WatchOptions::default() });
+        let sender = watch.handle().0;
+        let Watch { options, inputs, handle, files } = watch;
+        let load = |_| Load { graph: Err(Refusal::other(String::new())), texts: Vec::new() };
+        let mut session = Session {
+            engine: &Engine::new(Store::in_memory(), 1, 1 << 20),
+            settling: Settling::new(options.settle, LONGEST),
+            options,
+            inputs,
+            handle,
+            files,
+            load,
+            emit: |_| {},
+            shown: BTreeMap::new(),
+            suspected: false,
+            good: false,
+        };
+        let (path, written) = (PathBuf::from("out/a.png"), true);
+        sender.send(Input::Quit).unwrap();
+        let event = Event::File { id: "save".to_owned(), path: path.clone(), written, preview: false };
+        sender.send(Input::Event(event)).unwrap();
+        sender.send(Input::Ended).unwrap();
+        assert!(session.drain(), "it quits");
+        assert!(session.shown.get(&path).is_some_and(|file| file.shown == Shown::Right));
+        assert!(session.inputs.try_recv().is_err(), "nothing is left unread");
     }
 }

@@ -58,6 +58,7 @@ fn entries() -> Vec<KindEntry> {
         KindEntry::of::<Refuse>(),
         KindEntry::of::<Remark>(),
         KindEntry::of::<Slow>(),
+        KindEntry::of::<Tiled>(),
         KindEntry::of::<Heavy>(),
         KindEntry::of::<Panic>(),
         KindEntry::of::<Drift>(),
@@ -346,8 +347,8 @@ simple!(
         }
         give(sum / f64::from(params.samples) * params.gain + f64::from(params.coarse - 1))
     },
-    const REFINES: Option<&'static str> = Some("samples");,
-    const COARSE: Option<&'static str> = Some("coarse");
+    const PREVIEW: engine::Preview =
+        engine::Preview { refines: Some("samples"), coarse: Some("coarse"), ..engine::Preview::NONE };
 );
 
 engine::params! {
@@ -408,7 +409,7 @@ simple!(
     Sum = "sum",
     Listed,
     |params, inputs, _cx| give(inputs.numbers.0.iter().sum::<f64>() * f64::from(params.times)),
-    const ROUGH: &'static [(&'static str, &'static str)] = &[("times", "1")];
+    const PREVIEW: engine::Preview = engine::Preview { rough: &[("times", "1")], ..engine::Preview::NONE };
 );
 
 engine::params! {
@@ -470,6 +471,28 @@ simple!(
     },
     fn work(params: &Self, _sizes: &Sizes) -> f64 {
         params.millis.into()
+    }
+);
+
+engine::params! {
+    /// Passes a number on through tiles that sleep.
+    pub struct Tiled {
+        /// Number of tiles.
+        tiles: u32 = 4, range(1, 100000), inert("only the time differs");
+        /// Duration of each tile.
+        millis: u32 = 1, unit("ms"), inert("only the time differs");
+    }
+}
+simple!(
+    Tiled = "tiled",
+    One,
+    |params, inputs, cx| {
+        let pause = Duration::from_millis(params.millis.into());
+        cx.for_each_tile(params.tiles as usize, |_| std::thread::sleep(pause))?;
+        give(inputs.value.0)
+    },
+    fn work(params: &Self, _sizes: &Sizes) -> f64 {
+        f64::from(params.tiles) * f64::from(params.millis)
     }
 );
 

@@ -117,8 +117,8 @@ fn mistakes_of_axes_have_their_place() {
     let yaw = "yaw: List([1.0, 200.0])";
     for (axes, nodes, wanted) in [
         (yaw, r#"a: Number(value: Axis("yow")),"#, &["no axis `yow`", "did you mean `yaw`?"][..]),
-        ("", r#"a: Number(value: Axis("yaw")),"#, &["no axis `yaw`", "axes stand beside `nodes`"]),
-        ("yaw: Lst([1])", "a: Number,", &["`yaw` is no axis", "an axis is written"]),
+        ("", r#"a: Number(value: Axis("yaw")),"#, &["no axis `yaw`", "axes are declared next to `nodes`"]),
+        ("yaw: Lst([1])", "a: Number,", &["`yaw` is not an axis", "an axis is written"]),
         ("yaw: Range(0, 1e12)", "a: Number,", &["has more than 100000 values"]),
         ("view: Range(0, 2)", "a: Number,", &["cannot be named `view`"]),
         (yaw, r#"a: Number, b: Scale(value: "a", by: Axis("yaw")),"#, &["`by` is out of range: 200.0"]),
@@ -131,12 +131,12 @@ fn mistakes_of_axes_have_their_place() {
         (
             yaw,
             r#"a: Number, s: WriteNumber(number: "a", path: "{yaw}.txt"),"#,
-            &["`s` is the same along `yaw`", "leave `{yaw}` out"],
+            &["`s` does not vary along `yaw`", "leave `{yaw}` out"],
         ),
         (
             yaw,
             r#"a: Number, all: Gather(input: "a", over: "yaw"), s: Add(terms: "all"),"#,
-            &["`a` is the same along `yaw`", "nothing to gather"],
+            &["`a` does not vary along `yaw`", "nothing to gather"],
         ),
         (
             yaw,
@@ -162,12 +162,12 @@ fn mistakes_of_axes_have_their_place() {
         (
             r#"file: List(["a/b", "a_b"])"#,
             r#"a: LoadNumber(path: Axis("file")), s: WriteNumber(number: "a", path: "{file}.txt"),"#,
-            &["the values \"a/b\" and \"a_b\" of `file` would be one file", "name one of them otherwise"],
+            &["the values \"a/b\" and \"a_b\" of `file` give the same file name", "rename one of them"],
         ),
         (
             yaw,
             r#"a: Number(value: Axis("yaw")), s: Add(terms: Gather(input: "a", over: "yaw")),"#,
-            &["is not a wire", "a node stands in `nodes`, under a name"],
+            &["is not a wire", "a node must be in `nodes` and have a name"],
         ),
         (yaw, r#"all: Gather(inputs: "a"),"#, &["no field `inputs`", "`Gather` needs `over`"]),
         (

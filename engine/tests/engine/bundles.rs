@@ -32,7 +32,7 @@ fn lab(outer: &Path) -> (Lab, Graph) {
 }
 
 fn parse(lab: &Lab, text: &str, root: SourceRoot) -> Result<Graph, engine::Diagnostics> {
-    Graph::parse(Source::new("graph.ron", text), &lab.registry, root)
+    Graph::parse(Source::packed("graph.ron", text), &lab.registry, root)
 }
 
 fn run(lab: &Lab, graph: &Graph, out: &str) -> engine::Outcome {
@@ -88,7 +88,7 @@ fn a_bundle_gives_the_same_bytes_elsewhere() {
         assert_eq!(lab.out(file), third.out(file), "{file}");
     }
     let again = Bundle::open(Cursor::new(&bytes)).unwrap().unpack(&target).unwrap_err().to_string();
-    assert!(again.contains("is there already"), "{again}");
+    assert!(again.contains("exists already"), "{again}");
 }
 
 #[test]
@@ -188,10 +188,10 @@ fn a_lock_reports_what_differs() {
     );
     let other = Lock { kinds: [("add".to_owned(), (2, "portable".to_owned()))].into(), ..known.clone() };
     let changed = known.differences(&other);
-    assert_eq!(changed.before, ["`add` is version 2 (portable), and the lock has 1 (portable)"]);
+    assert_eq!(changed.before, ["`add` is version 2 (portable), but the lock has 1 (portable)"]);
     let mut other = known.clone();
     other.results.get_mut("b").unwrap().insert("number".to_owned(), "0".repeat(64));
-    assert!(known.differences(&other).results[0].starts_with("`b.number` came out as 000000000000"));
+    assert!(known.differences(&other).results[0].starts_with("the result of `b.number` is 000000000000"));
 }
 
 #[test]

@@ -71,7 +71,7 @@ fn less_than_asked_for_passes_to_everything_below_and_to_the_exit_code() {
         assert_eq!(degraded, ["r", "s", "t"]);
         assert_eq!((log.exit_code(), log.outcome.totals.degraded), (3, 3));
     }
-    // `r` gives the same number either way, so nothing below it runs, and yet it is no longer degraded.
+    // `r` gives the same number either way, so nothing below it runs, yet it is not degraded any more.
     let log = lab.run(&nodes.replace("degraded: true", "degraded: false"));
     assert_eq!((log.ran().as_str(), log.exit_code()), ("r", 0));
 }

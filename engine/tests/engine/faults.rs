@@ -137,6 +137,8 @@ fn a_chain_of_lost_values_is_made_again_from_its_start() {
     fs::remove_file(lab.cache().join("v1/blobs.log")).unwrap();
     fs::remove_file(lab.path("out/w")).unwrap();
     let log = lab.run(&nodes("e: Scale(value: \"s59\"),"));
+    let warnings = log.warnings();
+    assert!(warnings.len() == 1 && warnings[0].1.contains("stored values of `s"), "one fault: {warnings:?}");
     assert_eq!((log.ran().as_str(), log.exit_code(), log.remade().split(' ').count()), ("", 0, 62));
     assert_eq!(lab.out("w"), expected);
 }

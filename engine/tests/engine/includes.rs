@@ -148,7 +148,7 @@ fn mistakes_of_overlays_lie_in_them() {
         ),
         (
             source().overlaid("mine.ron", "(two: (by: 1))"),
-            &["mine.ron:1:1\n", "an overlay begins with `Overlay(`"],
+            &["mine.ron:1:1\n", "an overlay must begin with `Overlay(`"],
         ),
         (source().overlaid("mine.ron", "Overlay(nodes: ("), &["mine.ron:1:16\n", "no matching"]),
         (
@@ -205,7 +205,7 @@ fn a_circle_of_includes_through_the_graph_itself_is_no_trouble() {
         let graph = Graph::parse(source.clone(), &registry(), root.clone()).unwrap();
         assert_eq!(graph.nodes.len(), nodes, "{name}");
         // The joined text is a graph by itself, as in a bundle, wherever it lies.
-        let (again, _) = Source::new("bundle.lhb", source.text.clone()).including(&root);
+        let (again, _) = Source::packed("bundle.lhb", source.text.clone()).including(&root);
         assert_eq!(again.text, source.text);
     }
 }
@@ -246,7 +246,7 @@ fn presets_of_one_name_are_laid_together_the_graphs_own_last() {
         "sum: Add(terms: [\"a\", \"b\"]), s: WriteNumber(number: \"sum\", path: \"s.txt\"),",
     )
     .replace("nodes:", "presets: (big: (a: (value: 2.0))), nodes:");
-    let source = Source::new("graph.ron", lab.joined(&text)).with_preset("big", &registry());
+    let source = Source::packed("graph.ron", lab.joined(&text)).with_preset("big", &registry());
     lab.run_text(&source.text);
     assert_eq!(lab.out("s.txt"), "7.0\n");
 }
@@ -260,4 +260,27 @@ fn a_graph_can_be_had_without_its_presets() {
     assert_ne!(laid, source);
     assert_eq!(over(laid).without_presets(), over(source.clone()));
     assert_eq!(source.without_presets(), source);
+}
+
+#[cfg(unix)]
+#[test]
+fn files_without_an_end_and_pipes_are_refused_and_named() {
+    let lab = Lab::on_disk();
+    assert!(std::process::Command::new("mkfifo").arg(lab.path("pipe")).status().unwrap().success());
+    // Sparse: a reader that took it whole would need 8 GiB.
+    std::fs::File::create(lab.path("big.ron")).unwrap().set_len(8 << 30).unwrap();
+    let cases =
+        [("pipe", "it is a pipe"), ("/dev/zero", "it is a device"), ("big.ron", "longer than 64 MiB")];
+    for (name, why) in cases {
+        let include = with(&format!("[\"{name}\"]"), "a: Number(),");
+        let subgraph = graph_text(&format!("a: Subgraph(graph: \"{name}\"),"));
+        for text in [include, subgraph] {
+            let start = std::time::Instant::now();
+            let source = Source::new("graph.ron", lab.joined(&text));
+            let mistakes = Graph::parse(source, &registry(), SourceRoot::new(lab.path(""))).err().unwrap();
+            let said = mistakes.render(false);
+            assert!(said.contains(&format!("`{name}` cannot be read: ")) && said.contains(why), "{said}");
+            assert!(start.elapsed().as_secs() < 5, "{name}: not read");
+        }
+    }
 }

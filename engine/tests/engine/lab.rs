@@ -83,7 +83,7 @@ impl Lab {
     }
 
     pub fn parse(&self, text: &str) -> Result<Graph, Diagnostics> {
-        Graph::parse(Source::new("graph.ron", text), &self.registry, SourceRoot::new(self.folder.path()))
+        Graph::parse(Source::packed("graph.ron", text), &self.registry, SourceRoot::new(self.folder.path()))
     }
 
     /// The mistakes of a graph, as a person reads them.

@@ -1,6 +1,7 @@
 //! How graphs run: parts, sinks, wanted nodes, memory, threads, stores and other processes.
 
 use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
 use cache::{LeaseState, Options, Store};
 use engine::{Engine, Event};
@@ -124,7 +125,7 @@ fn views_cannot_lead_out_of_the_folder_nor_onto_each_other() {
     assert!(!lab.path("out/w.txt").exists() && lab.path("out/in/__/w.txt").exists());
     let two = "a: Number(), b: Number(value: 2), w: WriteNumber(number: [\"a\", \"b\"], each: true, views: [\"x/y\", \"x_y\"], path: \"{view}.txt\")";
     let log = lab.run(two);
-    assert!(log.failures().contains("`x/y` and `x_y` would be one file"), "{}", log.failures());
+    assert!(log.failures().contains("`x/y` and `x_y` give the same file name"), "{}", log.failures());
     let sinks = "a: Number(), v: WriteNumber(number: \"a\", each: true, path: \"w_{view}.txt\"), w: WriteNumber(number: \"a\", path: \"w_a.txt\")";
     let log = lab.run(sinks);
     assert_eq!(log.exit_code(), 1);
@@ -196,7 +197,7 @@ fn what_needs_more_memory_than_there_is_never_starts() {
     assert_eq!((log.failed().as_str(), log.skipped().as_str()), ("h", "s"));
     assert!(!log.events.iter().any(|event| matches!(event, Event::Start { id, .. } if id == "h")));
     let text = log.failures();
-    assert!(text.contains("needs about 3906.2 GiB of memory, the budget is 100.0 MiB"), "{text}");
+    assert!(text.contains("needs about 3906.2 GiB of memory, but the budget is 100.0 MiB"), "{text}");
 }
 
 #[test]
@@ -368,4 +369,42 @@ fn who_waits_for_another_process_says_so() {
     });
     assert!(held.take().is_none());
     assert_eq!((log.outcome.totals.ran, log.outcome.totals.failed), (1, 0));
+}
+
+#[test]
+fn a_stopped_process_is_not_waited_for() {
+    let lab = Lab::on_disk();
+    let text = graph_text("a: Number(value: 6), s: Scale(value: \"a\")");
+    let mut keys = Vec::new();
+    Lab::in_memory().run_until(&text, &[], |event, _| {
+        if let Event::Node { key: Some(key), .. } = event {
+            keys.push(*key);
+        }
+    });
+    // Processes that hold the lease of `a`: one is stopped, and one renews its lease, as a run does.
+    for renewing in [true, false] {
+        let store = Store::open(&lab.cache(), Options::default()).unwrap();
+        let LeaseState::Acquired(lease) = store.lease(&keys[0]) else { panic!("busy") };
+        let held = std::sync::Mutex::new(Some(lease));
+        let start = Instant::now();
+        let patience = cache::STALLED_AFTER.as_secs();
+        let log = std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while renewing && start.elapsed().as_secs() < patience + 3 {
+                    store.renew_leases();
+                    std::thread::sleep(Duration::from_millis(500));
+                }
+                if renewing {
+                    drop(held.lock().unwrap().take());
+                }
+            });
+            lab.run_text(&text)
+        });
+        let seconds = start.elapsed().as_secs();
+        let stalled =
+            log.warnings().iter().any(|(id, text)| *id == "stalled" && text.starts_with("`a` is computed"));
+        assert_eq!((log.ran().as_str(), stalled), ("a s", !renewing), "{:?}", log.warnings());
+        assert!(seconds >= patience, "{seconds} s");
+        std::fs::remove_file(lab.cache().join("v1/records.log")).unwrap();
+    }
 }

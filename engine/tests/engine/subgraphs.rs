@@ -207,13 +207,13 @@ fn mistakes_are_reported_where_they_are_and_where_they_come_from() {
         (
             r#"n: Number(value: Param("x"))"#,
             &[],
-            &["the graph has no parameter `x`", "parameters stand beside"],
+            &["the graph has no parameter `x`", "parameters are declared next to"],
         ),
-        (r#"n: Number(value: Param(x))"#, &[], &["is not how a parameter is read"]),
+        (r#"n: Number(value: Param(x))"#, &[], &["does not read a parameter"]),
         (
             r#"n: Number, b: Scale(value: "n")"#,
             &["b.by.x=3"],
-            &["no node is named `b.by`", "a parameter is set whole, with all that is in it: `b.by=..`"],
+            &["no node is named `b.by`", "set the whole parameter: `b.by=..`"],
         ),
         (
             r#"n: Number, a: Subgraph(graph: "parts/twice.ron", value: "n")"#,

@@ -159,7 +159,7 @@ fn a_wrong_graph_is_reported_and_the_picture_stays_until_it_is_right_again() {
     let gone = watch.rest();
     assert!(!mistakes(&gone).is_empty());
     assert_eq!(stale(&gone), 0, "it was reported before");
-    assert_eq!(watch.quit(), [watch.lab.path("out/sum.txt")], "what is stale is said at the end");
+    assert_eq!(watch.quit(), [watch.lab.path("out/sum.txt")], "stale files are listed at the end");
 }
 
 #[test]
@@ -355,4 +355,15 @@ fn saved_once_more_it_is_tried_once_more() {
     watch.save(nodes);
     watch.rest();
     assert_eq!(watch.lab.out("s.txt"), shown);
+}
+
+// Mutation: `is_file_gone` always false.
+#[test]
+fn a_deleted_file_comes_back_without_a_save() {
+    let watch = Session::of(SUM);
+    watch.rest();
+    std::fs::remove_file(watch.lab.path("out/sum.txt")).unwrap();
+    let events = watch.rest();
+    assert_eq!(watch.lab.out("sum.txt"), "6.0\n");
+    assert!(ran(&events).iter().all(|id| *id == "save"), "nothing above it runs: {events:?}");
 }

@@ -5,16 +5,16 @@
 
 use candle_core::{D, Device, Result, Tensor, Var};
 
-/// Photographed panoramas, each with the same number of clipped cells: chosen by chance where there are more,
-/// padded with cells of no weight where there are fewer. Row by row.
+/// Photographed panoramas, each with the same number of clipped cells: a random choice of them, or padded with
+/// cells of weight 0. Row by row.
 pub struct Examples {
-    /// How many.
+    /// Number of panoramas.
     pub count: usize,
-    /// Cells of each.
+    /// Cells per panorama.
     pub cells: usize,
-    /// Numbers about each panorama.
+    /// Features of each panorama.
     pub overview: Vec<f32>,
-    /// Numbers about each cell.
+    /// Features of each cell.
     pub features: Vec<f32>,
     /// log of the visible flux of each cell, and of the number of cells that it stands for; -1e9 for padding.
     pub log_flux: Vec<f32>,
@@ -24,21 +24,21 @@ pub struct Examples {
     pub near: Vec<f32>,
     /// The same for the other cells.
     pub far: Vec<f32>,
-    /// Of each panorama: visible flux, on the plane from near the light, on it from elsewhere; the same three
-    /// of the truth; hidden flux; hidden flux as the amount that was fitted has it.
+    /// For each panorama: visible flux, on the plane from near the light, on it from elsewhere; the same three of
+    /// the truth; hidden flux; hidden flux by the fitted amount.
     pub fluxes: Vec<[f32; 8]>,
-    /// How much each counts.
+    /// Weight of each panorama.
     pub weight: Vec<f32>,
 }
 
-/// What is chosen about training. The values are those of the shipped weights.
+/// Settings of the training. The values are those of the shipped weights.
 #[derive(Debug, Clone)]
 pub struct Recipe {
     /// Hidden units of the score.
     pub units: usize,
     /// Steps of gradient descent (Adam).
     pub steps: usize,
-    /// Examples of a step.
+    /// Examples per step.
     pub batch: usize,
     /// Rate of the first steps; it falls to 0.
     pub rate: f64,
@@ -74,7 +74,7 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// Of rows of `columns` numbers, those that `counts` says.
+    /// Selects from rows of `columns` numbers those for which `counts` is true.
     pub fn of(values: &[f32], columns: usize, counts: impl Fn(usize) -> bool) -> Self {
         let (mut sums, mut squares, mut n) = (vec![0.0_f64; columns], vec![0.0_f64; columns], 0.0);
         for (_, row) in values.chunks_exact(columns).enumerate().filter(|(i, _)| counts(*i)) {
@@ -267,7 +267,7 @@ impl Batch {
         let (near, far) = (on_plane(near, &self.near)?, on_plane(far, &self.far)?);
         let ratio = |near: &Tensor, far: &Tensor| log2(&((near + 1e-4)? / (far + 1e-9)?)?);
         let contrast = (ratio(&near, &far)? - ratio(true_near, true_far)?)?;
-        // Cross-entropy of where the light is, by how much it matters.
+        // Cross-entropy of the position of the light, weighted by its share.
         let total = (self.hidden.sum(D::Minus1)? + 1e-12)?;
         let place = ((&self.hidden * &log_share)?.sum(D::Minus1)?.neg()? / total)?;
         let place = (place * (hidden / true_all)?)?;
@@ -306,8 +306,9 @@ impl Adam {
     }
 }
 
-/// Trains one network on the `chosen` examples, whose numbers are scaled, on a GPU where the build knows one and there is one. `tell` hears of each step the loss
-/// and says whether to go on; a training that is stopped gives `None`.
+/// Trains one network on the `chosen` examples, whose numbers are scaled, on a GPU if the build supports one and
+/// there is one. `tell` receives the loss of each step and returns true to continue; a stopped training returns
+/// `None`.
 pub fn train(
     examples: &Examples,
     chosen: &[usize],
@@ -348,7 +349,7 @@ pub fn train(
     Ok(Some(Network { tensors }))
 }
 
-/// The share of each cell of one panorama, whose numbers are scaled, as a network has it.
+/// The share of each cell of one panorama by a network; the features must be scaled.
 pub fn predict(network: &Network, overview: &[f32], features: &[f32], log_flux: &[f32]) -> Result<Vec<f32>> {
     let cells = log_flux.len();
     let tensor = |values: &[f32], shape: &[usize]| Tensor::from_vec(values.to_vec(), shape, &Device::Cpu);
@@ -364,8 +365,8 @@ pub fn predict(network: &Network, overview: &[f32], features: &[f32], log_flux: 
 mod tests {
     use super::*;
 
-    // What the moments hold is numbers alone: with the operations that made them they would hold every value
-    // of every step. Mutation: `detach` dropped in `Adam::step`.
+    // The moments hold numbers alone: with the operations that made them they would hold every value of every step.
+    // Mutation: `detach` dropped in `Adam::step`.
     #[test]
     fn moments_hold_no_history() {
         let var = || Var::from_vec(vec![1.0_f32, 2.0], 2, &Device::Cpu).expect("fits");

@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 /// what it needs first.
 const FILE: &str = "libOpenImageDenoise.so.2";
 const CORE: &[u8] = b"libOpenImageDenoise_core.so.";
-/// Names the folder of the library, where it is none of the usual ones.
+/// Names the folder of the library, if it is not one of the usual ones.
 const FOLDER: &str = "LIGHTHARMONY_OIDN";
 /// Folders of shared libraries: of what an administrator has built, of Debian, of Fedora, of Arch.
 const USUAL: [&str; 5] =
     ["/usr/local/lib", "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib"];
 
-/// The library as it lies on disk.
+/// The library on disk.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Found {
     /// Its file. Whatever its version, the bytes of this one differ from those of any other, since they name it.
@@ -26,14 +26,14 @@ pub struct Found {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("Open Image Denoise 2 is not installed: there is no `{FILE}` in {}{}", listed(.looked), but(.others))]
 pub struct Missing {
-    /// Where it was looked for, in order.
+    /// The searched folders, in order.
     pub looked: Vec<PathBuf>,
-    /// Files of its name that are something else, or another version.
+    /// Files of its name that are another version or not the library.
     pub others: Vec<PathBuf>,
 }
 
 impl Missing {
-    /// What to do.
+    /// The remedy.
     pub const HINT: &str =
         "install it (https://www.openimagedenoise.org), or set LIGHTHARMONY_OIDN to the folder that holds it";
 }
@@ -43,14 +43,17 @@ fn listed(folders: &[PathBuf]) -> String {
 }
 
 fn but(others: &[PathBuf]) -> String {
-    if others.is_empty() { String::new() } else { format!(" of version 2; {} is none", listed(others)) }
+    if others.is_empty() {
+        String::new()
+    } else {
+        format!(" of version 2; other versions: {}", listed(others))
+    }
 }
 
 /// Looks for the library in the folder that `LIGHTHARMONY_OIDN` names; where that is not set, in those of
 /// `LD_LIBRARY_PATH` and the usual ones. No graph can name it: loading a library is running it.
 ///
-/// # Errors
-/// When none of them holds a file of the library's name that says which version it needs.
+/// # Errors If none of them holds a file of the library's name with a version.
 pub fn find() -> Result<Found, Missing> {
     find_in(folders(std::env::var_os(FOLDER), std::env::var_os("LD_LIBRARY_PATH")))
 }
@@ -110,7 +113,7 @@ mod tests {
         let text = missing.to_string();
         assert!(text.contains(FILE) && text.contains(&empty.path().display().to_string()), "{text}");
         assert!(
-            text.ends_with(&format!(" of version 2; `{}` is none", old.path().join(FILE).display())),
+            text.ends_with(&format!(" of version 2; other versions: `{}`", old.path().join(FILE).display())),
             "{text}"
         );
     }

@@ -1,9 +1,9 @@
 //! Open Image Denoise, the denoiser of Intel's that Blender has too, loaded where it is installed. Nothing here is
 //! in a default build; the feature `oidn` of `lightharmony` brings it in.
 //!
-//! The crate knows the library and arrays of colours, and neither graphs nor images. [`find()`] looks for the library
-//! and tells where it looked; [`Found::load`] loads it; [`Library::denoise`] filters one picture on the thread that
-//! calls it. Version 2 for Linux is known; version 1 has other names.
+//! The crate knows the library and arrays of colours, and neither graphs nor images. [`find()`] looks for the
+//! library and reports where it looked; [`Found::load`] loads it; [`Library::denoise`] filters one picture on the
+//! thread that calls it. Version 2 for Linux is known; version 1 has other names.
 
 mod find;
 mod library;
@@ -11,39 +11,39 @@ mod library;
 pub use find::{Found, Missing, find};
 pub use library::{Library, MEMORY_BYTES, Surfaces};
 
-/// Why the library filtered nothing.
+/// The reasons why the library filtered nothing.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
     /// The caller asked it to stop.
     #[error("stopped")]
     Stopped,
-    /// It is there, but is not what it should be.
+    /// The file is not the expected library.
     #[error("`{path}` cannot be loaded: {why}")]
     Load {
         /// The file.
         path: String,
-        /// What the linker says.
+        /// The linker's message.
         why: String,
     },
-    /// It refused the work.
+    /// The library refused the work.
     #[error("Open Image Denoise {version} failed: {why}")]
     Failed {
         /// Its version.
         version: String,
-        /// What it says.
+        /// The library's message.
         why: String,
     },
 }
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::print_stderr, reason = "what is left out is told")]
+    #![allow(clippy::print_stderr, reason = "skipped tests are printed")]
 
     use super::*;
 
     const SIZE: [usize; 2] = [48, 40];
 
-    /// The library, where it is installed; else the name of the test that is left out is told.
+    /// The library, where it is installed; else the name of the skipped test is printed.
     fn installed(test: &str) -> Option<Library> {
         match find() {
             Ok(found) => Some(found.load().expect("what is installed can be loaded")),
@@ -98,7 +98,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("libOpenImageDenoise.so.2");
         std::fs::write(&path, b"\0libOpenImageDenoise_core.so.2.3.3\0").expect("is written");
-        let error = Found { path, version: "2.3.3".to_owned() }.load().err().expect("is no library");
+        let error = Found { path, version: "2.3.3".to_owned() }.load().err().expect("not a library");
         let text = error.to_string();
         assert!(text.contains("libOpenImageDenoise.so.2` cannot be loaded: "), "{text}");
     }

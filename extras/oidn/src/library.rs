@@ -1,4 +1,4 @@
-//! The library as it is called.
+//! The interface of the library.
 #![allow(unsafe_code, reason = "a library in C has no other interface; each block says why it is sound")]
 
 use std::ffi::{CStr, c_char, c_int, c_void};
@@ -19,7 +19,7 @@ const FLOAT3: c_int = 3;
 /// Bytes that it takes for itself, at most and about; pictures that need more are filtered in tiles.
 pub const MEMORY_BYTES: u64 = 1 << 30;
 
-/// What is called of the library, as `OpenImageDenoise/oidn.h` of version 2 declares it.
+/// The functions of the library that are called, as `OpenImageDenoise/oidn.h` of version 2 declares them.
 pub struct Library {
     version: String,
     new_device: unsafe extern "C" fn(c_int) -> Device,
@@ -37,7 +37,7 @@ pub struct Library {
     release_filter: unsafe extern "C" fn(Filter),
 }
 
-/// What is known of the surfaces in a picture, three floats a pixel like the picture itself.
+/// Guides of a picture, three floats per pixel like the picture itself.
 #[derive(Debug, Clone, Copy)]
 pub struct Surfaces<'a> {
     /// Reflectance, 0 to 1.
@@ -49,8 +49,7 @@ pub struct Surfaces<'a> {
 impl Found {
     /// Loads the library. It stays loaded until the program ends, since its threads may not be gone before.
     ///
-    /// # Errors
-    /// When what is found is not the library, or needs others that are not there.
+    /// # Errors If the file is not the library, or needs other libraries that are missing.
     pub fn load(&self) -> Result<Library, Error> {
         let path = self.path.display().to_string();
         let failed = |why: libloading::Error| {
@@ -94,9 +93,9 @@ impl Library {
         &self.version
     }
 
-    /// Filters a picture of linear light, `width` x `height` pixels of three floats from row to row, on this thread.
-    /// `goes_on` is asked all along whether to. The same library on the same sort of processor gives the same bytes;
-    /// another one may not.
+    /// Filters a picture of linear light, `width` x `height` pixels of three floats from row to row, on this
+    /// thread. `goes_on` is called repeatedly and returns false to stop. The same library on the same type of
+    /// processor gives the same bytes; another one may not.
     ///
     /// # Errors
     /// When `goes_on` said no, or the library refuses.

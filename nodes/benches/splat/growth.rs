@@ -76,7 +76,7 @@ pub fn table(bench: &Bench) {
 /// CPU milliseconds of a picture: project, sort, bin, blend, and giving back memory.
 #[derive(Clone, Copy)]
 struct Run {
-    /// Of the thread that draws, and of all.
+    /// Times of the thread that draws, and of all.
     stages: [[f64; 2]; 5],
 }
 
@@ -107,7 +107,7 @@ impl Run {
         Self::with_sum(self.stages.map(|[_, all]| all))
     }
 
-    /// Of the busier one of two threads in each stage: how long it would take on two free cores.
+    /// Time of the busier of two threads in each stage: the time on two free cores.
     fn busier(&self) -> [f64; 6] {
         Self::with_sum(self.stages.map(|[own, all]| own.max(all - own)))
     }

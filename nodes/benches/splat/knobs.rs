@@ -1,4 +1,4 @@
-//! What each knob costs in decibels and saves in evaluations.
+//! Cost of each knob in decibels, and its saving in evaluations.
 
 use nodes::render::splat::{Bounds, DepthMode, Precision, Rendered, Settings, Sort, render};
 use nodes::types::{Camera, Splats};

@@ -1,5 +1,5 @@
-//! How fast a scene is loaded: 1 million rows of INRIA PLY of degree 3 (62 floats, 248 MB), beside what reading
-//! and hashing the same bytes costs.
+//! Speed of loading a scene: 1 million rows of INRIA PLY of degree 3 (62 floats, 248 MB), compared with reading and
+//! hashing the same bytes.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -52,7 +52,10 @@ fn least(mut work: impl FnMut()) -> [f64; 2] {
 pub fn million() -> (tempfile::TempDir, impl Fn() -> Arc<Splats>) {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("scene.ply"), file()).unwrap();
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let cx = Context::detached(
+        Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+        folder.path(),
+    );
     let params = LoadSplats {
         path: InputFile("scene.ply".to_owned()),
         more: Vec::new(),

@@ -148,7 +148,7 @@ fn look(right: DVec3, down: DVec3, forward: DVec3, eye: DVec3) -> [f64; 16] {
     glam::DMat4::from_cols(columns[0], columns[1], columns[2], columns[3]).to_cols_array()
 }
 
-/// (PSNR in dB with peak 1, largest deviation) of the first three of `channels` and `others` samples a pixel.
+/// (PSNR in dB with peak 1, largest deviation) of the first three of `channels` and `others` samples per pixel.
 fn compare(seen: &[f32], channels: usize, truth: &[f32], others: usize) -> (f64, f64) {
     let (mut squares, mut largest) = (0.0_f64, 0.0_f64);
     for (a, b) in seen.chunks_exact(channels).zip(truth.chunks_exact(others)) {
@@ -200,7 +200,7 @@ fn told(command: &mut Command) -> Option<String> {
     Some(String::from_utf8_lossy(&output.stdout).lines().next().unwrap_or_default().to_owned())
 }
 
-/// What the tables were made with.
+/// Commit and scenes of the tables.
 fn origin() -> String {
     let commit = told(Command::new("git").args(["rev-parse", "--short", "HEAD"]));
     let changed = told(Command::new("git").args(["status", "--porcelain", "--untracked-files=no"]));
@@ -222,7 +222,7 @@ fn main() {
     // Cargo runs a bench in the folder of its package.
     let data = args.next().map(|data| Path::new(&data).canonicalize().unwrap());
     let wanted: Vec<String> = args.collect();
-    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 1 };
+    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 1, exhaustive: false };
     let here = data.clone().unwrap_or_default();
     let bench = Bench {
         cx: Context::detached(scene, here),

@@ -1,4 +1,4 @@
-//! The most memory that is held beyond the scene, beside what the kinds announce to the engine.
+//! Peak memory beyond the scene, compared with the estimates of the kinds.
 
 use std::process::Command;
 use std::sync::Arc;
@@ -17,7 +17,7 @@ use crate::{Bench, EYE, load};
 /// With it the allocator of the C library gives back what is freed: what it keeps would hide a peak.
 const GIVE_BACK: (&str, &str) = ("MALLOC_MMAP_THRESHOLD_", "65536");
 
-/// What the kernel says of this process, in MiB.
+/// A value of `/proc/self/status`, in MiB.
 fn status(name: &str) -> f64 {
     let text = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = text.lines().find_map(|line| line.strip_prefix(name)).unwrap();

@@ -1,4 +1,4 @@
-//! Both ways to a panorama against a float64 one of narrow cameras, three samples a pixel each way.
+//! Both ways to a panorama against a float64 one of narrow cameras, three samples per pixel each way.
 
 use std::f64::consts::PI;
 use std::sync::Arc;

@@ -1,5 +1,4 @@
-//! What it saves to leave out what no view asks for: blocks of splats that cannot be seen, and harmonics of a scene
-//! of degree 0.
+//! Savings of skipped work: blocks of splats outside of all views, and harmonics of a scene of degree 0.
 
 use std::sync::Arc;
 

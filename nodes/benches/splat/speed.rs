@@ -1,5 +1,5 @@
-//! CPU time of a view on one thread, stage by stage, for every instruction set of this machine, beside the rate of
-//! the blend's own arithmetic on one tile that stays in the first cache.
+//! CPU time of a view on one thread, stage by stage, for every instruction set of this machine, and the rate of the
+//! blend's own arithmetic on one tile that stays in the first cache.
 
 use fearless_simd::Level;
 use nodes::render::splat::{Clock, Rendered, Settings, calibrate, render_at};

@@ -11,7 +11,7 @@ use nodes::kinds::load_environment::{self, LoadEnvironment};
 use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::kinds::load_object::{self, LoadObject};
 use nodes::kinds::override_material::{self, OverrideMaterial, Surface};
-use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock};
+use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Environment, Images, Mesh, Placed, Rig};
 
@@ -26,7 +26,7 @@ pub struct Case {
 
 /// A context of a seed.
 pub fn context(folder: &Path, seed: u64) -> Context {
-    Context::detached(Scene { up: Up::PlusY, metres_per_unit: 1.0, seed }, folder)
+    Context::detached(Scene { up: Up::PlusY, metres_per_unit: 1.0, seed, exhaustive: false }, folder)
 }
 
 fn matrix(value: &serde_json::Value) -> DMat4 {
@@ -37,8 +37,8 @@ fn matrix(value: &serde_json::Value) -> DMat4 {
     DMat4::from_cols_array(&flat).transpose()
 }
 
-fn params(samples: u32, (env_block, bounce): (EnvBlock, Bounce), crop: f64) -> PathTrace {
-    PathTrace { samples, env_block, bounce, contact_metres: Some(0.0), crop, ..PathTrace::default() }
+fn params(samples: u32, surroundings: Surroundings, crop: f64) -> PathTrace {
+    PathTrace { samples, surroundings, contact_metres: Some(0.0), crop, ..PathTrace::default() }
 }
 
 impl Case {
@@ -88,7 +88,7 @@ impl Case {
         Self { folder, receiver, object, env, rig: Arc::new(Rig { cameras: vec![camera] }) }
     }
 
-    /// The same from so many times as far, of a receiver as much larger.
+    /// The same with the camera `times` as far away, and a receiver larger by as much.
     pub fn with_camera_at(&self, times: f32) -> Self {
         let mut receiver = Mesh::clone(&self.receiver);
         receiver.positions.iter_mut().flatten().for_each(|v| *v *= times);
@@ -105,13 +105,13 @@ impl Case {
     }
 
     /// Traces with or without the object; gives the CPU seconds too.
-    pub fn trace(&self, seed: u64, samples: u32, with: bool, block: EnvBlock, bounce: Bounce) -> Traced {
-        self.cropped(seed, samples, with, (block, bounce), 0.001)
+    pub fn trace(&self, seed: u64, samples: u32, with: bool, surroundings: Surroundings) -> Traced {
+        self.cropped(seed, samples, with, surroundings, 0.001)
     }
 
     /// Traces only what the object changes.
-    pub fn shadow(&self, seed: u64, samples: u32, block: EnvBlock, bounce: Bounce) -> Traced {
-        let params = PathTrace { shadow_only: true, ..params(samples, (block, bounce), 0.001) };
+    pub fn shadow(&self, seed: u64, samples: u32, surroundings: Surroundings) -> Traced {
+        let params = PathTrace { shadow_only: true, ..params(samples, surroundings, 0.001) };
         self.traced(&params, seed, true)
     }
 
@@ -121,10 +121,10 @@ impl Case {
         seed: u64,
         samples: u32,
         with: bool,
-        (block, bounce): (EnvBlock, Bounce),
+        surroundings: Surroundings,
         crop: f64,
     ) -> Traced {
-        self.traced(&params(samples, (block, bounce), crop), seed, with)
+        self.traced(&params(samples, surroundings, crop), seed, with)
     }
 
     fn traced(&self, params: &PathTrace, seed: u64, with: bool) -> Traced {
@@ -156,7 +156,7 @@ impl Case {
     }
 }
 
-/// What a trace gave and cost.
+/// Result and cost of a trace.
 pub struct Traced {
     pub seconds: f64,
     pub setup: f64,

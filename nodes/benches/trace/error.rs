@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock};
+use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::math::color::luminance;
 
 use super::case::{Case, Traced, relative_mse, rgb};
@@ -33,21 +33,21 @@ pub fn plane(data: &Path, small: bool) {
     let case = Case::load(data, "sunny_plane");
     let outside = case.reference("ref-mitsuba/R0.exr");
     let effort = if small { SMALL } else { WHOLE };
-    table("sunny_plane", &case, (EnvBlock::Solid, Bounce::Solid), &outside, &effort);
+    table("sunny_plane", &case, Surroundings::OPEN, &outside, &effort);
 }
 
 /// Prints those of the closed room.
 pub fn rooms(data: &Path) {
     let case = Case::load(data, "closed_room");
-    for (tag, bounce) in [("env", Bounce::Env), ("solid", Bounce::Solid)] {
+    for (tag, bounces) in [("env", false), ("solid", true)] {
         let outside = case.reference(&format!("ref-proto/R0-frontface-{tag}.exr"));
-        table("closed_room", &case, (EnvBlock::FrontFace { max_layers: 3 }, bounce), &outside, &WHOLE);
+        table("closed_room", &case, Surroundings::Room { layers: 3, bounces }, &outside, &WHOLE);
     }
 }
 
-/// How far the luminance of two pictures with errors of their own in each pixel lies apart over blocks of 8 by 8 pixels, in
-/// standard errors that the spread of the differences within a block tells: the mean over the blocks, and the share of
-/// them beyond 3, of which Student's distribution has 0.0039. Blocks without light are left out.
+/// Difference of the luminance of two pictures with independent errors per pixel, over blocks of 8 by 8 pixels, in
+/// standard errors from the spread within a block: the mean over the blocks, and the share of them beyond 3 (0.0039
+/// for Student's distribution). Blocks without light are left out.
 fn block_scores(ours: &[f32], other: &[f32], width: usize) -> (f64, f64) {
     let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
     let apart: Vec<f64> = ours.chunks(3).map(y).zip(other.chunks(3).map(y)).map(|(a, b)| a - b).collect();
@@ -63,11 +63,11 @@ fn block_scores(ours: &[f32], other: &[f32], width: usize) -> (f64, f64) {
     (scores.iter().sum::<f64>() / n, scores.iter().filter(|z| z.abs() > 3.0).count() as f64 / n)
 }
 
-fn table(name: &str, case: &Case, (block, bounce): (EnvBlock, Bounce), outside: &[f32], effort: &Effort) {
-    println!("{name} {block:?} {bounce:?}\n");
-    // The same estimator with other random numbers: what it has in common with ours beside them, the tests
-    // against other programs would show.
-    let own = case.trace(99, effort.reference, true, block, bounce);
+fn table(name: &str, case: &Case, how: Surroundings, outside: &[f32], effort: &Effort) {
+    println!("{name} {how:?}\n");
+    // The same estimator with other random numbers: errors common to both would show in the tests against other
+    // programs.
+    let own = case.trace(99, effort.reference, true, how);
     let [b0, b1, bo] = [&own.out.without, &own.out.with, &own.out.object].map(|i| rgb(i));
     println!(
         "| samples | `without`: CPU-s, error | `with` and `object`: CPU-s | error of `with`, `object` | error of S |"
@@ -75,8 +75,8 @@ fn table(name: &str, case: &Case, (block, bounce): (EnvBlock, Bounce), outside: 
     println!("|---|---|---|---|---|");
     let mut more = Vec::new();
     for &samples in effort.rows {
-        let alone = case.trace(7, samples, false, block, bounce);
-        let all = case.trace(7, samples, true, block, bounce);
+        let alone = case.trace(7, samples, false, how);
+        let all = case.trace(7, samples, true, how);
         let [r0, r1, o] = [&all.out.without, &all.out.with, &all.out.object].map(|i| rgb(i));
         println!(
             "| {samples} | {:.2}, {:.1e} ({:.1e}) | {:.2} | {:.1e}, {:.1e} | {:.4} |",
@@ -102,12 +102,12 @@ fn table(name: &str, case: &Case, (block, bounce): (EnvBlock, Bounce), outside: 
 
 /// Prints what `crop` saves, and how far it is off, on the open scene from afar.
 pub fn crop(data: &Path) {
-    let (near, how) = (Case::load(data, "sunny_plane"), (EnvBlock::Solid, Bounce::Solid));
+    let (near, how) = (Case::load(data, "sunny_plane"), Surroundings::OPEN);
     println!("| seen from | `crop` | rays of `with` and `object` | CPU-s | largest error of S in a tile |");
     println!("|---|---|---|---|---|");
     for times in [1.0, 4.0, 12.0] {
         let case = near.with_camera_at(times);
-        let alone = case.trace(7, 16, false, how.0, how.1);
+        let alone = case.trace(7, 16, false, how);
         let full = case.cropped(99, 64, true, how, 0.0);
         for crop in [0.0, 0.001, 0.002, 0.004] {
             let all = case.cropped(7, 16, true, how, crop);

@@ -1,12 +1,12 @@
 //! The tables of `docs/evidence/trace.md`: error against samples and CPU seconds for each output of `path-trace`.
 //! `cargo bench -p lightharmony-nodes --bench trace -- DATA [plane|ratio|rooms|crop|turn|rays] [SAMPLES ..]`, where DATA holds
 //! `render-refs` and `gltf`. `ratio` takes numbers of samples; `small` only tries `plane` and `ratio`. `rays` compares with Embree where that is installed.
-//! `beside OUT SAMPLES ..` is for `tests/tables/peers.py`.
+//! `peers OUT SAMPLES ..` is for `tests/tables/peers.py`.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
-mod beside;
 mod case;
 mod error;
+mod peers;
 mod ratio;
 mod rays;
 mod turn;
@@ -43,8 +43,8 @@ fn main() {
         if asked("crop") {
             error::crop(&data);
         }
-        if let Some(at) = wanted.iter().position(|word| word == "beside") {
-            beside::once(&data, Path::new(wanted.get(at + 1).expect("a folder to write to")), &samples);
+        if let Some(at) = wanted.iter().position(|word| word == "peers") {
+            peers::once(&data, Path::new(wanted.get(at + 1).expect("a folder to write to")), &samples);
         }
         if wanted.iter().any(|word| word == "turn") {
             turn::seconds(&data, samples.first().copied().unwrap_or(9));

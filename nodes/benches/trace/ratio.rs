@@ -7,7 +7,7 @@ use std::sync::Arc;
 use engine::Kind;
 use nodes::kinds::denoise::{self, Denoise, Method};
 use nodes::kinds::path_trace::Out;
-use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock};
+use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::types::Images;
 
 use super::case::{Case, Traced, context, relative_mse, rgb};
@@ -48,13 +48,13 @@ pub fn clean(data: &Path, out: &Out) -> (denoise::Out, f64) {
     (clean, super::cpu_seconds() - start)
 }
 
-/// Prints the table, or only tries it. A turn of the object keeps `without`, so it costs what the objects cost beside it and the
-/// filter; a step costs all.
+/// Prints the table, or only tries it. A turn of the object keeps `without`, so its cost is that of the objects and
+/// the filter; a step costs all.
 pub fn table(data: &Path, numbers: &[u32], small: bool) {
     let (seeds, most) = if small { (1, 8) } else { (SEEDS, 128) };
     let case = Case::load(data, "sunny_plane");
     let reference = ["R0", "R1"].map(|layer| case.reference(&format!("ref-cycles/{layer}.exr")));
-    let converged = rgb(&case.trace(99, most, true, EnvBlock::Solid, Bounce::Solid).out.object);
+    let converged = rgb(&case.trace(99, most, true, Surroundings::OPEN).out.object);
     println!(
         "| samples | `without`, CPU-s | `objects` | filter | S and its rim, raw | denoised | O, raw | denoised |"
     );
@@ -64,7 +64,7 @@ pub fn table(data: &Path, numbers: &[u32], small: bool) {
         let (mut squares, mut seconds) = ([[0.0; 2]; 2], [const { Vec::new() }; 3]);
         let (mut objects, mut counts) = ([0.0; 2], BTreeMap::new());
         for seed in 1..=seeds {
-            let trace = |with| case.trace(seed, samples, with, EnvBlock::Solid, Bounce::Solid);
+            let trace = |with| case.trace(seed, samples, with, Surroundings::OPEN);
             let (alone, all) = (trace(false), trace(true));
             let Traced { out, .. } = all;
             let (filtered, spent) = clean(data, &out);

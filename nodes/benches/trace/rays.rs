@@ -1,4 +1,4 @@
-//! Rays a second beside Embree, on the same triangles and rays in one run.
+//! Rays per second compared with Embree, on the same triangles and rays in one run.
 
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::path::{Path, PathBuf};
@@ -72,7 +72,7 @@ fn write(path: &Path, vectors: impl Iterator<Item = Vec3>) {
 struct Embree {
     program: Child,
     folder: PathBuf,
-    /// What it says.
+    /// Output of the process.
     said: Lines<BufReader<ChildStdout>>,
 }
 
@@ -107,7 +107,7 @@ impl Embree {
         line.split(' ').map(|word| word.parse().unwrap()).collect()
     }
 
-    /// What [`pass`] gives, of a set.
+    /// Result of [`pass`] for a set.
     fn pass(&mut self, set: usize) -> ([f64; 2], usize) {
         writeln!(self.program.stdin.as_mut().unwrap(), "{set}").unwrap();
         let told = self.numbers();

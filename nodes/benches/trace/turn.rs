@@ -1,20 +1,20 @@
-//! What a turn of the object costs at two samples, again and again: seconds, and a digest of the pictures, so that work on
-//! the speed alone can be told from work on the light.
+//! Cost of a turn of the object at two samples, repeated: seconds, and a digest of the pictures, so that changes of
+//! speed alone are distinguished from changes of the light.
 
 use std::path::Path;
 
-use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock};
+use nodes::kinds::path_trace::surroundings::Surroundings;
 
 use super::case::Case;
 use super::ratio;
 
-/// Prints the least and the median CPU seconds of so many rounds, and a digest of all samples of the last.
+/// Prints the least and the median CPU seconds of `rounds` rounds, and a digest of all samples of the last.
 pub fn seconds(data: &Path, rounds: u32) {
     let case = Case::load(data, "sunny_plane");
     let mut lists = [const { Vec::new() }; 5];
     let mut digest = String::new();
     for _ in 0..rounds {
-        let trace = |with| case.trace(1, 2, with, EnvBlock::Solid, Bounce::Solid);
+        let trace = |with| case.trace(1, 2, with, Surroundings::OPEN);
         let (alone, all) = (trace(false), trace(true));
         let (filtered, filter) = ratio::clean(data, &all.out);
         let told = [alone.setup, all.setup, alone.seconds, all.seconds - alone.seconds, filter];

@@ -1,46 +1,46 @@
-//! Objects at rest on ground that is no plane: on a mound, in a hollow, over a kerb.
+//! Objects at rest on uneven ground: on a mound, in a hollow, over a kerb.
 
 use glam::{DQuat, DVec2, DVec3, Vec3};
 
 use crate::geometry::bvh::{Bvh, Ray};
 use crate::geometry::support::Level;
 
-/// Columns and rows in which an object and the ground are felt.
+/// Number of columns and of rows in which an object and the ground are sampled.
 const GRID: usize = 24;
-/// Deviations of the ground's noise that are taken for noise where a contact is looked for: of some hundred places one
-/// lies so far up.
+/// Deviations of the ground's height that count as noise when contacts are searched: one of some hundred positions
+/// lies this far up.
 const DEVIATIONS: f64 = 2.5;
-/// Turns until an object lies on what it touches: each is small beside the one before.
+/// Number of rotations until an object lies on its contacts: each is small compared with the one before.
 const TURNS: u32 = 4;
-/// Exchanges of one contact for another; each raises the object.
+/// Largest number of exchanges of a contact; each raises the object.
 const EXCHANGES: u32 = 1000;
 
-/// A mesh under an object, in coordinates across, along and up from a point at the object's foot, in world units.
+/// A mesh below an object, in coordinates across, along and up from a point at the object's foot, in world units.
 #[derive(Debug)]
 pub struct Relief<'a> {
-    /// Its tree, and its triangles in the frame of the world, from that point.
+    /// Tree of its triangles, in axes of the world, relative to that point.
     pub bvh: &'a Bvh,
     /// The same triangles.
     pub corners: &'a [[Vec3; 3]],
     /// Unit vectors of the world: across, along, up.
     pub axes: [DVec3; 3],
-    /// How far up and down it is looked for.
+    /// Search distance up and down.
     pub reach: f64,
-    /// The plane that holds most of it.
+    /// The plane through most of it.
     pub plane: Level,
 }
 
-/// How an object must move to rest.
+/// Motion that brings an object to rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rest {
-    /// Its turn about the point at its foot, before it is moved.
+    /// Rotation about the point at its foot, before the translation.
     pub turn: DQuat,
-    /// How far up it moves.
+    /// Translation upwards.
     pub lift: f64,
 }
 
 impl Relief<'_> {
-    /// The ground at a place: of several levels the one that is nearest to the plane.
+    /// The height of the ground at a position: of several levels, the one nearest to the plane.
     fn height(&self, x: f64, y: f64) -> Option<f64> {
         let [across, along, up] = self.axes;
         let start = across * x + along * y + up * self.reach;
@@ -59,8 +59,8 @@ impl Relief<'_> {
         best
     }
 
-    /// How far the ground lies off the plane within half a side of the foot's middle: all but a fiftieth of it, less
-    /// the noise of the mesh. And that noise, as a standard deviation.
+    /// The deviation of the ground from the plane within half a side of the foot's middle (its 98th percentile
+    /// minus the noise of the mesh), and that noise as a standard deviation.
     pub fn departure(&self, half: [f64; 2]) -> (f64, f64) {
         let place = |i: usize| (2 * i + 1) as f64 / GRID as f64 - 1.0;
         let row = |j: usize| {
@@ -68,7 +68,8 @@ impl Relief<'_> {
             (0..GRID).map(at).map(move |(x, y)| Some([x, y, self.height(x, y)?]))
         };
         let rows: Vec<Vec<Option<[f64; 3]>>> = (0..GRID).map(|j| row(j).collect()).collect();
-        // Of what is smooth over four columns next to nothing is left; of noise 20 times its variance.
+        // The third difference of four columns nearly removes smooth shapes, and leaves 20 times the variance of
+        // noise.
         let third = |four: &[Option<[f64; 3]>]| match four {
             [Some(a), Some(b), Some(c), Some(d)] => Some((a[2] - 3.0 * b[2] + 3.0 * c[2] - d[2]).abs()),
             _ => None,
@@ -83,8 +84,8 @@ impl Relief<'_> {
         ((most - DEVIATIONS * noise).max(0.0), noise)
     }
 
-    /// Places where object and ground may touch, and how far up the object must move to touch there. Of the object its
-    /// lowest corner in each column is looked at, and its underside over each place of the ground.
+    /// Positions where object and ground may touch, and the translation upwards at which they do. Uses the lowest
+    /// corner of the object in each column, and its underside above each position of the ground.
     fn contacts(&self, object: &[[DVec3; 3]], noise: f64) -> Vec<[f64; 3]> {
         let [across, along, up] = self.axes;
         let local = |p: DVec3| DVec3::new(p.dot(across), p.dot(along), p.dot(up));
@@ -111,9 +112,9 @@ impl Relief<'_> {
         lowest.into_iter().flatten().chain((0..GRID * GRID).filter_map(underside)).filter_map(touch).collect()
     }
 
-    /// How an object, given by its triangles, comes to rest: straight up or down until it touches the ground, or also
-    /// turned until it lies on three contacts around its middle. Such a pose is the lowest of all that touch. None where
-    /// no ground is below it.
+    /// Finds the resting pose of an object, given by its triangles: translated vertically until it touches the
+    /// ground, and with `turned` also rotated until it lies on three contacts around its middle. That pose is the
+    /// lowest of all that touch. `None` if there is no ground below it.
     pub fn rest(&self, object: &[[DVec3; 3]], noise: f64, turned: bool) -> Option<Rest> {
         let mut turn = DQuat::IDENTITY;
         let mut object = object.to_vec();
@@ -122,7 +123,7 @@ impl Relief<'_> {
             let middle = centroid(&object);
             let contacts = self.contacts(&object, noise);
             let middle = DVec2::new(middle.dot(across), middle.dot(along));
-            // What would stand more aslant than ground may be has its middle beside what holds it.
+            // If the plane is steeper than ground may be, the middle of the object is not supported.
             let plane = lowest_plane(&contacts, middle).filter(|[_, x, y]| x * x + y * y <= 1.0);
             let Some([_, x, y]) = plane else { break };
             let normal = (up - across * x - along * y).normalize();
@@ -135,7 +136,7 @@ impl Relief<'_> {
     }
 }
 
-/// The middle of the surface of some triangles.
+/// The centroid of the surface of some triangles.
 fn centroid(triangles: &[[DVec3; 3]]) -> DVec3 {
     let (sum, area) = triangles.iter().fold((DVec3::ZERO, 0.0), |(sum, area), &[a, b, c]| {
         let own = (b - a).cross(c - a).length();
@@ -144,11 +145,11 @@ fn centroid(triangles: &[[DVec3; 3]]) -> DVec3 {
     if area > 0.0 { sum / area } else { triangles.first().map_or(DVec3::ZERO, |t| t[0]) }
 }
 
-/// The plane that no contact is above and that is lowest at a place: as height over (0, 0) and rise along both axes. It
-/// rests on three contacts around the place; none where there are none such.
+/// The lowest plane at a position that has no contact above it: height over (0, 0) and slope along both axes. It
+/// rests on three contacts around the position; `None` if there are no such contacts.
 fn lowest_plane(contacts: &[[f64; 3]], at: DVec2) -> Option<[f64; 3]> {
     let span = contacts.iter().flatten().fold(at.length(), |most, v| most.max(v.abs()));
-    // Far out and deep down, so that contacts take their places.
+    // Starting points far out and deep down, which contacts replace.
     let far = |x: f64, y: f64| [at.x + 1e3 * span * x, at.y + 1e3 * span * y, -1e6 * span];
     let mut held = [far(0.0, 1.0), far(-0.866, -0.5), far(0.866, -0.5)];
     for _ in 0..EXCHANGES {
@@ -176,7 +177,7 @@ fn through(&[a, b, c]: &[[f64; 3]; 3]) -> Option<[f64; 3]> {
     plane.iter().all(|v| v.is_finite()).then_some(plane)
 }
 
-/// Whether a place lies in a triangle, seen from above.
+/// True if a position lies in a triangle, seen from above.
 fn encloses(triangle: &[[f64; 3]; 3], at: DVec2) -> bool {
     let [a, b, c] = triangle.map(|p| DVec2::new(p[0], p[1]) - at);
     let sides = [a.perp_dot(b), b.perp_dot(c), c.perp_dot(a)];
@@ -190,13 +191,14 @@ mod tests {
 
     #[test]
     fn the_lowest_plane_rests_on_three_contacts() {
-        // A table of four legs, one over a stone: it lies on the stone's leg and two others, or tips about them.
+        // A table with four legs, one over a stone: it stands on the leg on the stone and two others, or tips about
+        // them.
         let legs = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.1], [-1.0, 1.0, 0.0]];
         let plane = lowest_plane(&legs, DVec2::new(-0.1, -0.2)).expect("a rest");
         let over = |p: &[f64; 3]| plane[0] + plane[1] * p[0] + plane[2] * p[1] - p[2];
         assert!(legs.iter().all(|leg| over(leg) > -1e-9), "{plane:?}");
         assert_eq!(legs.iter().filter(|leg| over(leg).abs() < 1e-9).count(), 3, "{plane:?}");
-        // A slope is its own plane, whatever the middle.
+        // The plane of a slope is the slope itself, wherever the middle.
         let slope: Vec<_> = (0..100)
             .map(|i| [f64::from(i % 10) - 4.5, f64::from(i / 10) - 4.5])
             .map(|[x, y]| [x, y, 0.3 + 0.1 * x - 0.2 * y])
@@ -205,7 +207,7 @@ mod tests {
         for (found, expected) in plane.into_iter().zip([0.3, 0.1, -0.2]) {
             assert!((found - expected).abs() < 1e-9, "{plane:?}");
         }
-        // What has its middle beside all contacts falls.
+        // An object whose middle is outside of all contacts falls.
         assert_eq!(lowest_plane(&slope, DVec2::new(9.0, 0.0)), None);
         assert_eq!(lowest_plane(&[], DVec2::ZERO), None);
     }

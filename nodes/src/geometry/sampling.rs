@@ -1,9 +1,9 @@
 //! Counter-based random numbers and distributions.
 //!
-//! Every number is a function of (seed, pixel, sample, dimension), so that no order of work can change
-//! it. Points come in pairs, each pair of dimensions a (0, 2)-sequence of its own: Sobol' points with
-//! hash-based Owen scrambling and shuffling (Burley 2020, Practical Hash-based Owen Scrambling), padded
-//! as in Kollig and Keller 2002. Any aligned block of 2^k samples is stratified in every pair.
+//! Every number is a function of (seed, pixel, sample, dimension), so it does not depend on the order of work.
+//! Points come in pairs, each pair of dimensions a (0, 2)-sequence of its own: Sobol' points with hash-based Owen
+//! scrambling and shuffling (Burley 2020, Practical Hash-based Owen Scrambling), padded as in Kollig and Keller
+//! 2002. Any aligned block of 2^k samples is stratified in every pair.
 
 use fearless_simd::{prelude::*, u32x8};
 
@@ -34,8 +34,8 @@ fn scramble_reversed(mut x: u32, seed: u32) -> u32 {
     x ^ x.wrapping_mul(0x53a2_2864)
 }
 
-/// Index bits to the second Sobol' dimension, bit-reversed. Its matrix is Pascal's triangle modulo 2, the
-/// Kronecker power of [[1, 1], [0, 1]], so five masked shifts do.
+/// Index bits to the second Sobol' dimension, bit-reversed. Its matrix is Pascal's triangle modulo 2, the Kronecker
+/// power of [[1, 1], [0, 1]], so five masked shifts are enough.
 #[inline]
 fn pascal(mut x: u32) -> u32 {
     x ^= (x >> 16) & 0x0000_ffff;
@@ -71,14 +71,14 @@ impl Points {
         Self { stream, index: sample }
     }
 
-    /// The points of one of `count` twigs of this sample. Together the twigs of any aligned block of 2^k
-    /// samples are stratified as so many samples more would be, if `count` is a power of 2.
+    /// The points of one of `count` sub-samples of this sample. Together, the sub-samples of any aligned block of
+    /// 2^k samples are stratified like `count` times as many samples, if `count` is a power of 2.
     #[inline]
     pub fn twig(&self, number: u32, count: u32) -> Self {
         Self { stream: self.stream, index: self.index.wrapping_mul(count).wrapping_add(number) }
     }
 
-    /// The same sample in another stream: numbers that have nothing to do with these.
+    /// The same sample in another stream, whose numbers are independent of these.
     #[inline]
     pub fn branch(&self, number: u32) -> Self {
         Self { stream: hash(self.stream, number), index: self.index }
@@ -95,7 +95,7 @@ impl Points {
         [x.reverse_bits(), y.reverse_bits()]
     }
 
-    /// [`bits`](Self::bits) of eight points, each for a pair of its own: first numbers, then second ones.
+    /// [`bits`](Self::bits) of eight points, each with its own pair of dimensions: first numbers, then second ones.
     #[inline(always)]
     pub fn bits_of_eight<S: Simd>(simd: S, points: &[Self; 8], pairs: &[u32; 8]) -> [[u32; 8]; 2] {
         let (mut streams, mut indices) = ([0; 8], [0; 8]);
@@ -165,7 +165,7 @@ fn wide_reversed<S: Simd>(x: u32x8<S>) -> u32x8<S> {
     (x >> 16) | (x << 16)
 }
 
-/// The stream of a pixel: its scrambles differ from those of every other pixel and seed.
+/// Stream of a pixel, whose scrambles differ from those of every other pixel and seed.
 #[inline]
 pub fn stream(seed: u64, x: u32, y: u32) -> u32 {
     hash(hash(seed as u32, (seed >> 32) as u32), hash(x, y))
@@ -191,15 +191,15 @@ pub fn circle(turns: f32) -> (f32, f32) {
 /// A discrete distribution over indices, sampled by inversion in O(1) expected time.
 #[derive(Debug, Clone)]
 pub struct Discrete {
-    /// Cumulative probability before each index, from 0; and for each of as many equal steps of
-    /// probability the index that its start falls into. The last entry holds 1. Side by side, since
-    /// both are read for one sample.
+    /// Cumulative probability before each index, from 0; and, for an equal number of equal steps of probability,
+    /// the index that contains the start of the step. The last entry holds 1. Stored together, since a sample reads
+    /// both.
     cells: Vec<(f64, u32)>,
 }
 
 impl Discrete {
-    /// The distribution in proportion to `weights`, finite and not negative, and their sum. When all are
-    /// 0 the distribution is uniform and the sum 0.
+    /// The distribution in proportion to `weights`, finite and not negative, and their sum. If all are 0, the
+    /// distribution is uniform and the sum is 0.
     pub fn new(weights: &[f64]) -> (Self, f64) {
         let n = weights.len().max(1);
         let mut cumulative = Vec::with_capacity(n + 1);
@@ -228,7 +228,7 @@ impl Discrete {
         (Self { cells: cumulative.into_iter().zip(guide).collect() }, sum)
     }
 
-    /// The index at a point of [0, 1), and where in its interval the point lies, in [0, 1).
+    /// The index at a point of [0, 1), and the position of the point in its interval, in [0, 1).
     #[inline]
     pub fn sample(&self, u: f64) -> (usize, f64) {
         let n = self.cells.len() - 1;
@@ -275,8 +275,8 @@ mod tests {
         }
     }
 
-    /// Eight at once are those of each, by every set of vector instructions.
-    /// Mutation: a shift of `wide_reversed`, or a constant of `wide_scramble`.
+    /// Eight points at once equal the single ones, with every set of vector instructions. Mutation: a shift of
+    /// `wide_reversed`, or a constant of `wide_scramble`.
     #[test]
     fn eight_points_at_once_are_the_same() {
         for level in crate::testing::levels() {
@@ -330,7 +330,7 @@ mod tests {
         assert_eq!(unit(0), 0.0);
     }
 
-    /// Seeds that are equal but for what 32 bits do not hold, and pixels whose numbers row by row are.
+    /// Seeds that are equal in their lower 32 bits, and pixels with equal row-major numbers in 32 bits.
     #[test]
     fn nothing_wraps_at_32_bits() {
         let near =

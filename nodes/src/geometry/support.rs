@@ -1,4 +1,4 @@
-//! What objects stand on: their feet, and the level of the points under a foot.
+//! Feet of objects, and the level of the points below a foot.
 
 use glam::{DMat3, DVec3};
 
@@ -15,7 +15,7 @@ pub struct Foot {
     pub base: f64,
     /// Middle of the foot.
     pub middle: DVec3,
-    /// Half the size of the region to look at for the ground: the foot and some way around it.
+    /// Half the size of the region in which ground is searched: the foot and a margin.
     pub half: DVec3,
 }
 
@@ -28,7 +28,7 @@ pub fn corners(placed: &Placed) -> impl Iterator<Item = DVec3> {
     used.map(place).filter(|p| p.is_finite())
 }
 
-/// The triangles of an object in the world, as far as they are finite.
+/// The finite triangles of an object in the world.
 pub fn triangles(placed: &Placed) -> Vec<[DVec3; 3]> {
     let of = |primitive: &Primitive| {
         let place = |i: u32| {
@@ -47,8 +47,8 @@ fn around(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
 }
 
 impl Foot {
-    /// The foot of an object; none of one without triangles. The foot is what lies in the lowest fiftieth of
-    /// the height, or some of the middle where that is a point.
+    /// The foot of an object: the part in the lowest fiftieth of its height, enlarged around the middle if that is
+    /// a point. `None` without triangles.
     pub fn of(placed: &Placed, up: DVec3) -> Option<Self> {
         let (low, high) = around(corners(placed))?;
         let (base, top) = (low.dot(up).min(high.dot(up)), low.dot(up).max(high.dot(up)));
@@ -68,21 +68,21 @@ impl Foot {
 /// The plane through some points, which may be rough.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Level {
-    /// Height of the plane over the place (0, 0): the median of what it leaves of the points' heights.
+    /// Height of the plane at (0, 0): the median of the residual heights of the points.
     pub height: f64,
-    /// Rise of the plane by least squares along both axes; 0 where the points do not tell.
+    /// Slope of the plane along both axes by least squares; 0 if the points do not determine it.
     pub slope: [f64; 2],
-    /// Standard deviation of heights about that plane, by their median deviation.
+    /// Standard deviation of heights from the plane, computed from their median deviation.
     pub roughness: f64,
 }
 
 impl Level {
-    /// Its height at a place.
+    /// Height of the plane at a position.
     pub fn at(&self, x: f64, y: f64) -> f64 {
         self.height + self.slope[0] * x + self.slope[1] * y
     }
 
-    /// The level of points given by two horizontal coordinates and a height; `None` of no points.
+    /// The level of points given by two horizontal coordinates and a height; `None` without points.
     pub fn of(points: &[[f64; 3]]) -> Option<Self> {
         let first = points.first()?[2];
         let (mut moments, mut right) = (DMat3::ZERO, DVec3::ZERO);
@@ -92,12 +92,12 @@ impl Level {
             right += row * (z - first);
         }
         let plane = moments.inverse() * right;
-        // Points in a line have no plane.
+        // Points on a line do not determine a plane.
         let slope =
             if moments.determinant() > 0.0 && plane.is_finite() { [plane.x, plane.y] } else { [0.0; 2] };
         let over = |&[x, y, z]: &[f64; 3]| z - slope[0] * x - slope[1] * y;
         let height = median(points.iter().map(over).collect())?;
-        // 1.4826 makes the median deviation of a normal distribution its standard deviation.
+        // 1.4826 converts the median deviation of a normal distribution to its standard deviation.
         let roughness = 1.4826 * median(points.iter().map(|point| (over(point) - height).abs()).collect())?;
         Some(Self { height, slope, roughness })
     }

@@ -1,5 +1,5 @@
-//! OpenEXR: reading the first flat part as named f32 channels, and writing one part of named channels,
-//! the same bytes every time.
+//! OpenEXR: reading the first flat part as named f32 channels, and writing one part of named channels, with
+//! reproducible bytes. Written by blocks here, since the parallel writer of the crate is not deterministic.
 
 use std::io::Cursor;
 
@@ -12,7 +12,7 @@ use exr::prelude::{
 };
 
 use super::png::believable;
-use super::stretch::{Fed, Stretch};
+use super::progress::{Progress, TrackedReader};
 use crate::error::Error;
 
 /// One plane of numbers.
@@ -24,28 +24,28 @@ pub struct Channel {
     pub samples: Vec<f32>,
 }
 
-/// A decoded file, cut or padded with zeros to its display window.
+/// A decoded file, cropped or padded with zeros to its display window.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Planes {
     /// Columns of the display window.
     pub width: usize,
     /// Rows of the display window.
     pub height: usize,
-    /// In the order of their names, as the format sorts them.
+    /// Sorted by name, as the format requires.
     pub channels: Vec<Channel>,
-    /// Parts in the file; only the first flat one was read.
+    /// Number of parts in the file; only the first flat one is read.
     pub parts: usize,
     /// True when the data window is not the display window.
     pub cropped: bool,
-    /// x and y of red, green, blue and white, where the file says what its colours are.
+    /// x and y of red, green, blue and white, if the file has chromaticities.
     pub primaries: Option<[[f32; 2]; 4]>,
 }
 
-/// x and y of red, green, blue and white of sRGB (Rec. ITU-R BT.709), which a file without any has.
+/// x and y of red, green, blue and white of sRGB (Rec. ITU-R BT.709), the default of files without chromaticities.
 const REC_709: [[f32; 2]; 4] = [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06], [0.3127, 0.3290]];
 
 impl Planes {
-    /// Whether the file says that its colours are others than those of sRGB, by more than their rounding.
+    /// True if the chromaticities of the file differ from those of sRGB by more than rounding.
     pub fn other_primaries(&self) -> bool {
         let off = |own: &[[f32; 2]; 4]| {
             own.as_flattened()
@@ -64,20 +64,20 @@ impl Planes {
 
 /// Reads half, float and whole-number channels.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Planes, Error> {
-    read_for(file, bytes, Stretch::ALONE)
+    read_for(file, bytes, Progress::UNTRACKED)
 }
 
-/// The same as part of a node's work.
-pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Planes, Error> {
+/// The same with progress and cancellation.
+pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Planes, Error> {
     let bad = |e: exr::error::Error| match e {
         exr::error::Error::NotSupported(what) => Error::unsupported(file, what.into_owned()),
-        other => Error::format(file, format!("not a whole EXR: {other}")),
+        other => Error::format(file, format!("not a complete EXR: {other}")),
     };
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(bad)?;
     let Some(header) = meta.headers.iter().find(|header| !header.deep) else {
         return Err(Error::unsupported(file, "deep data"));
     };
-    // The largest ratio seen of an honest file is that of a black PIZ one.
+    // The largest compression ratio found in a valid file is that of a black PIZ one.
     for header in &meta.headers {
         let (size, planes) = (header.layer_size, header.channels.list.len() as u64);
         believable(file, size.0 as u64, size.1 as u64, planes, bytes.len(), 1 << 15)?;
@@ -96,7 +96,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Planes
         .first_valid_layer()
         .all_attributes()
         .non_parallel()
-        .from_buffered(Fed::new(bytes, stretch))
+        .from_buffered(TrackedReader::new(bytes, progress))
         .map_err(bad)?;
     let layer = image.layer_data;
     let (size, position) = (layer.size, layer.attributes.layer_position);
@@ -107,7 +107,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Planes
     let cropped = shift != [0, 0] || (size.0, size.1) != (width, height);
     let mut channels = Vec::with_capacity(layer.channel_data.list.len());
     for channel in layer.channel_data.list {
-        // Floats stay where they are; the others go as soon as they are floats.
+        // Floats are moved; others are freed once they are converted to floats.
         let data: Vec<f32> = match channel.sample_data {
             FlatSamples::F32(samples) => samples,
             other => other.values_as_f32().collect(),
@@ -125,7 +125,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Planes
     Ok(Planes { width, height, channels, parts: meta.headers.len(), cropped, primaries })
 }
 
-/// Copies rows of `data` to where the display window has them.
+/// Copies rows of `data` to their position in the display window.
 fn place(data: &[f32], columns: usize, [dx, dy]: [i64; 2], width: usize, height: usize) -> Vec<f32> {
     let mut out = vec![0.0; width * height];
     for (y, row) in data.chunks_exact(columns.max(1)).enumerate() {
@@ -139,15 +139,15 @@ fn place(data: &[f32], columns: usize, [dx, dy]: [i64; 2], width: usize, height:
     out
 }
 
-/// Planes of one size pixel by pixel, in their order.
+/// Interleaves planes of equal size, in their order.
 ///
 /// # Errors
 /// [`Error::Stopped`].
-pub fn interleaved(planes: &[&[f32]], stretch: Stretch<'_>) -> Result<Vec<f32>, Error> {
+pub fn interleaved(planes: &[&[f32]], progress: Progress<'_>) -> Result<Vec<f32>, Error> {
     let pixels = planes.first().map_or(0, |plane| plane.len());
     let mut samples = Vec::with_capacity(pixels * planes.len());
     for start in (0..pixels).step_by(1 << 18) {
-        stretch.reach(1.0)?;
+        progress.report(1.0)?;
         for i in start..pixels.min(start + (1 << 18)) {
             samples.extend(planes.iter().map(|plane| plane[i]));
         }
@@ -155,23 +155,23 @@ pub fn interleaved(planes: &[&[f32]], stretch: Stretch<'_>) -> Result<Vec<f32>, 
     Ok(samples)
 }
 
-/// How a channel is stored.
+/// Number format of a stored channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Depth {
     /// 32-bit floats: exact.
     Float,
-    /// 16-bit floats, to nearest; finite values beyond 65504 become it.
+    /// 16-bit floats, rounded to nearest; finite values beyond 65504 become 65504.
     Half,
 }
 
-/// Blocks of rows that are compressed at a time.
+/// Number of row blocks that are compressed at a time.
 const BATCH: usize = 16;
 
 /// Largest finite half.
 const HALF_MAX: f32 = 65_504.0;
 
-/// Writes one part. `encoding` and `recipe` become the attributes `lightharmony:encoding` and
-/// `comments`. Gives the bytes and the number of values that did not fit into a half.
+/// Writes one part. `encoding` and `recipe` become the attributes `lightharmony:encoding` and `comments`. Returns
+/// the bytes and the number of values that did not fit into a half.
 pub fn write(
     width: usize,
     height: usize,
@@ -179,17 +179,17 @@ pub fn write(
     encoding: &str,
     recipe: Option<&str>,
 ) -> Result<(Vec<u8>, u64), Error> {
-    write_for(width, height, channels, encoding, recipe, Stretch::ALONE)
+    write_for(width, height, channels, encoding, recipe, Progress::UNTRACKED)
 }
 
-/// The same as part of a node's work. Blocks of rows are compressed on all threads and written in order.
+/// The same with progress and cancellation. Blocks of rows are compressed on all threads and written in order.
 pub fn write_for(
     width: usize,
     height: usize,
     channels: Vec<(Channel, Depth)>,
     encoding: &str,
     recipe: Option<&str>,
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<(Vec<u8>, u64), Error> {
     let fail = |e: exr::error::Error| Error::Mismatch(format!("cannot make an EXR: {e}"));
     let mut clamped = 0;
@@ -221,15 +221,15 @@ pub fn write_for(
     let image = Image::from_layer(layer);
     let headers = image.write().infer_meta_data();
     let layers = image.layer_data.create_writer(&headers);
-    // A block that does not get shorter is stored as it is.
+    // A block that does not get shorter is stored uncompressed.
     let plain = width * height * headers.iter().map(|header| header.channels.bytes_per_pixel).sum::<usize>();
     let mut bytes = Cursor::new(Vec::with_capacity(plain + height * 8 + (1 << 16)));
     exr::block::write(&mut bytes, headers, true, |meta, to| {
         let stopped = |e: Error| exr::error::Error::Invalid(e.to_string().into());
         let blocks: Vec<_> = enumerate_ordered_header_block_indices(&meta.headers).collect();
         for (at, batch) in blocks.chunks(BATCH).enumerate() {
-            stretch.reach((at * BATCH) as f32 / blocks.len() as f32).map_err(stopped)?;
-            let packed = stretch.tiles(batch.len(), |i| {
+            progress.report((at * BATCH) as f32 / blocks.len() as f32).map_err(stopped)?;
+            let packed = progress.tiles(batch.len(), |i| {
                 let index = batch[i].1;
                 let data = layers.extract_uncompressed_block(&meta.headers, index);
                 UncompressedBlock { index, data }.compress_to_chunk(&meta.headers)
@@ -278,7 +278,7 @@ mod tests {
         }
     }
 
-    /// Blocks that are packed side by side are those that the library writes one after the other.
+    /// Blocks compressed in parallel equal those that the library writes sequentially.
     #[test]
     fn blocks_give_the_bytes_of_the_whole_picture() {
         let plane = |name: &str, k: usize| {
@@ -315,7 +315,7 @@ mod tests {
         assert_eq!(r[6..], [-65_504.0, f32::INFINITY]);
     }
 
-    /// Halves and floats in one file, NaN and infinity as they were, and no pixels at all refused.
+    /// Halves and floats in one file; NaN and infinity are kept, and a picture without pixels is refused.
     #[test]
     fn types_mix_and_what_is_no_number_comes_through() {
         let odd = vec![f32::NAN, f32::INFINITY, -0.0, 1e-40];
@@ -331,8 +331,8 @@ mod tests {
         assert!(none.map_or(true, |(bytes, _)| read("a.exr", &bytes).is_err()));
     }
 
-    /// What a file says of its colours is read; those of sRGB, as rounded as they are written, are no others.
-    /// Mutation: `off` with `all` for `any`.
+    /// Chromaticities of a file are read; those of sRGB, with usual rounding, do not count as different. Mutation:
+    /// `off` with `all` for `any`.
     #[test]
     fn chromaticities_of_other_colours_are_distinguished() {
         use exr::meta::attribute::Chromaticities;
@@ -358,7 +358,7 @@ mod tests {
         assert!(read_with(Some((-0.13, 0.197))) && read_with(Some((0.0, f32::NAN))));
     }
 
-    /// Of several parts the first flat one is read, with the channels of each type that it has, and the number is told.
+    /// The first flat part of several is read, with its channels of each type, and the number of parts is reported.
     #[test]
     fn the_first_of_several_parts_is_read() {
         let part = |name: &str, size: (usize, usize), channels| {

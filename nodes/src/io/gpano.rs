@@ -1,15 +1,16 @@
-//! What part of a sphere a panorama shows, as cameras and stitchers write it into their pictures: the Photo Sphere XMP
+//! Placement of a partial panorama on the sphere, as cameras and stitching programs store it: the Photo Sphere XMP
 //! metadata of Google (namespace `http://ns.google.com/photos/1.0/panorama/`), which Hugin, PTGui and phones use.
+//! Searched as text, since two properties do not justify an XML parser.
 
 use crate::error::Error;
 
-/// Where metadata lies in files that have any: before the picture.
+/// Length of the part of a file that is searched: metadata lies before the picture.
 pub const HEAD: usize = 1 << 20;
 
-/// The most bytes of it: a segment of JPEG.
+/// Largest length of the metadata: a segment of JPEG.
 const PACKET: usize = 1 << 16;
 
-/// The most pixels of a whole sphere that a part is laid into.
+/// Largest number of pixels of a whole sphere.
 const MOST: u64 = 1 << 28;
 
 /// The part of a sphere that a picture shows, in pixels of the picture that the metadata was written for.
@@ -19,25 +20,25 @@ pub struct GPano {
     full: [f64; 2],
     /// Width and height of the part.
     part: [f64; 2],
-    /// Where its left upper corner lies in the whole.
+    /// Position of its upper left corner in the whole sphere.
     at: [f64; 2],
-    /// Degrees that its centre is above the horizon, and that it is rolled by.
+    /// Elevation of its centre above the horizon, and its roll, in degrees.
     pub tilt: [f64; 2],
-    /// `equirectangular`, unless the file says otherwise.
+    /// `equirectangular`, unless the file has another value.
     pub projection: String,
 }
 
-/// Where a picture lies in a whole sphere, in its pixels.
+/// Position of a picture in a whole sphere, in pixels of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Placement {
     /// Width and height of the whole.
     pub size: [usize; 2],
-    /// Left upper corner of the picture.
+    /// Upper left corner of the picture.
     pub at: [usize; 2],
 }
 
 impl GPano {
-    /// What the head of a file says; `None` where it says nothing of the kind.
+    /// The metadata in the head of a file; `None` without such metadata.
     pub fn find(bytes: &[u8]) -> Option<Self> {
         let head = &bytes[..bytes.len().min(HEAD)];
         let begin = head.windows(6).position(|w| w == b"GPano:")?;
@@ -53,24 +54,24 @@ impl GPano {
         })
     }
 
-    /// The part of the sphere's pixels that the picture has, above 0 and at most 1.
+    /// The fraction of the sphere's pixels that the picture covers, above 0 and at most 1.
     pub fn share(&self) -> f64 {
         let share = self.part[0] * self.part[1] / (self.full[0] * self.full[1]);
         if share > 0.0 { share.min(1.0) } else { 1.0 }
     }
 
-    /// Where a picture of some size lies; `None` where it is the whole.
+    /// The position of a picture of some size; `None` if it is the whole sphere.
     ///
     /// # Errors
-    /// When what the metadata says cannot be so of this picture.
+    /// If the metadata is impossible for this picture.
     pub fn place(&self, file: &str, [width, height]: [usize; 2]) -> Result<Option<Placement>, Error> {
         let numbers = [width, height].map(|pixels| pixels as f64);
-        // A picture may have been scaled since.
+        // The picture may have been scaled since.
         let scale = [numbers[0] / self.part[0], numbers[1] / self.part[1]];
         let size = [0, 1].map(|k| (self.full[k] * scale[k]).round());
         let at = [0, 1].map(|k| (self.at[k] * scale[k]).round());
         let even = (scale[0] / scale[1] - 1.0).abs() < 0.02;
-        // Sideways a part may go on over the edge of the whole.
+        // Horizontally, a part may extend across the edge of the whole.
         let fits = (0..2).all(|k| size[k] >= numbers[k] && at[k] >= 0.0 && at[k] < size[k])
             && at[1] + numbers[1] <= size[1];
         if !(even && fits) {
@@ -159,8 +160,8 @@ mod tests {
             ["256", "128", "0", "64", "0", "0"],
             ["1e9", "1e9", "128", "64", "0", "0"],
         ] {
-            let told = place(wrong, [128, 64]).expect_err("is refused");
-            assert!(told.contains("part"), "{told}");
+            let reported = place(wrong, [128, 64]).expect_err("is refused");
+            assert!(reported.contains("part"), "{reported}");
         }
         assert!(place(half, [128, 128]).is_err());
         assert_eq!(GPano::find(b"GPano:FullPanoWidthPixels=\"no\""), None);

@@ -1,7 +1,8 @@
-//! Radiance pictures (`.hdr`): shared-exponent RGBE, flat or run-length coded.
+//! Radiance pictures (`.hdr`): shared-exponent RGBE, flat or run-length encoded. Decoded here, since the decoder of
+//! `image` ignores `EXPOSURE` and `COLORCORR` and cannot be cancelled.
 
 use super::png::believable;
-use super::stretch::Stretch;
+use super::progress::Progress;
 use crate::error::Error;
 
 /// Linear RGB of a Radiance file, with `EXPOSURE` and `COLORCORR` already divided out, row 0 at the top.
@@ -10,22 +11,22 @@ pub struct Radiance {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Three samples a pixel, finite and at least 0.
+    /// Three samples per pixel, finite and at least 0.
     pub rgb: Vec<f32>,
 }
 
 /// Reads a Radiance picture of the usual orientation, `-Y height +X width`.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Radiance, Error> {
-    read_for(file, bytes, Stretch::ALONE)
+    read_for(file, bytes, Progress::UNTRACKED)
 }
 
-/// The same as part of a node's work.
-pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Radiance, Error> {
+/// The same with progress and cancellation.
+pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radiance, Error> {
     let bad = |what: &str| Error::format(file, what);
     if !bytes.starts_with(b"#?") {
         return Err(bad("not a Radiance picture: it does not start with `#?`"));
     }
-    // What the file was multiplied by, of each channel.
+    // Factor of each channel that the file was multiplied by.
     let (mut rest, mut scale) = (bytes, [1.0_f64; 3]);
     let line = |rest: &mut &[u8]| -> Result<String, Error> {
         let end = rest
@@ -48,7 +49,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Radian
             return Err(Error::unsupported(file, format!("the Radiance format `{format}`")));
         }
         if let Some(value) = text.strip_prefix("EXPOSURE=") {
-            let value: f64 = value.trim().parse().map_err(|_| bad("EXPOSURE is no number"))?;
+            let value: f64 = value.trim().parse().map_err(|_| bad("EXPOSURE is not a number"))?;
             scale = scale.map(|scale| scale * value);
         }
         if let Some(values) = text.strip_prefix("COLORCORR=") {
@@ -68,7 +69,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Radian
     let ["-Y", height, "+X", width] = words[..] else {
         return Err(Error::unsupported(file, format!("the orientation `{size}`; save it as `-Y .. +X ..`")));
     };
-    let number = |text: &str| text.parse::<u32>().map_err(|_| bad("the size is no number"));
+    let number = |text: &str| text.parse::<u32>().map_err(|_| bad("the size is not a number"));
     let (width, height) = (number(width)?, number(height)?);
     // A run of 127 equal samples takes 2 bytes; an old-style run of up to 255 pixels takes 4.
     believable(file, width.into(), height.into(), 3, rest.len(), 255)?;
@@ -76,7 +77,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Radian
     let mut rgb = Vec::with_capacity(width * height * 3);
     let mut scan = vec![[0_u8; 4]; width];
     for row in 0..height {
-        stretch.reach(row as f32 / height as f32)?;
+        progress.report(row as f32 / height as f32)?;
         scanline(&mut rest, &mut scan)
             .ok_or_else(|| Error::format(file, format!("row {row} of {height} is cut off or broken")))?;
         rgb.extend(scan.iter().flat_map(|texel| decode(*texel, scale)));
@@ -84,13 +85,13 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Radian
     Ok(Radiance { width, height, rgb })
 }
 
-/// The value of a texel, as OpenImageIO, OpenCV and the references have it. (Radiance's own reader adds
-/// half a unit to each mantissa; pictures rendered with the two differ by 0.3 % of their dark parts.)
+/// The value of a texel, as in OpenImageIO and OpenCV. (Radiance's own reader adds half a unit to each mantissa;
+/// pictures rendered with the two differ by 0.3 % in dark parts.)
 fn decode([r, g, b, e]: [u8; 4], scale: [f64; 3]) -> [f32; 3] {
     if e == 0 {
         return [0.0; 3];
     }
-    // Exact: a power of two of an exponent in -135..=119.
+    // Exact: a power of two with an exponent in -135..=119.
     let unit = f64::from_bits(((i64::from(e) - 136 + 1023) as u64) << 52);
     let light = |m: u8, scale: f64| (f64::from(m) * (unit / scale)).min(f64::from(f32::MAX)) as f32;
     [light(r, scale[0]), light(g, scale[1]), light(b, scale[2])]
@@ -127,8 +128,8 @@ fn scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
     Some(())
 }
 
-/// Plain texels, or the older run-length code: a texel (1, 1, 1, n) repeats the one before n times, and
-/// several in a row count as the bytes of one number.
+/// Plain texels, or the older run-length code: a texel (1, 1, 1, n) repeats the previous one n times, and several
+/// in a row are the bytes of one number.
 fn flat_scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
     let (mut x, mut shift) = (0, 0);
     while x < scan.len() {
@@ -186,7 +187,7 @@ mod tests {
         assert_eq!(picture.rgb[9], 2.5);
     }
 
-    /// What a file was multiplied by is divided out, of each channel. Mutation: `COLORCORR` not asked.
+    /// `EXPOSURE` and `COLORCORR` are divided out, per channel. Mutation: `COLORCORR` not read.
     #[test]
     fn exposure_and_colour_correction_are_divided_out() {
         let texel = |head: &str| read("a.hdr", &file(&format!("{head}\n-Y 1 +X 1\n"), &[10, 20, 30, 136]));
@@ -198,7 +199,7 @@ mod tests {
         }
     }
 
-    /// 1e-38 and 1e38 lie near the ends of what an exponent of 8 bits tells; 0 is black whatever the mantissas are.
+    /// 1e-38 and 1e38 are near the limits of an exponent of 8 bits; exponent 0 is black for any mantissa.
     #[test]
     fn rgbe_at_the_ends() {
         let body = [200, 100, 50, 0, 174, 174, 174, 2, 151, 0, 0, 255, 128, 128, 128, 129];

@@ -1,26 +1,28 @@
-//! How large a picture is, by the first bytes of its file: what reading it will take is known before it is read.
+//! Size of a picture from the first bytes of its file, to estimate memory before it is read.
 
 use std::io::{BufRead, Read, Seek, SeekFrom};
 
 use exr::meta::attribute::SampleType;
 use exr::prelude::MetaData;
 
-/// What the head of a file says of the picture in it, unchecked.
+use super::ply;
+
+/// Size and format of a picture by the head of its file, not validated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Head {
-    /// Pixels.
-    pub pixels: u64,
-    /// Samples a pixel, all layers of OpenEXR together.
+    /// Width and height in pixels.
+    pub size: [u64; 2],
+    /// Samples per pixel, over all layers of an OpenEXR file.
     pub channels: u64,
-    /// Bytes a pixel that its decoder hands over.
+    /// Bytes per pixel that the decoder returns.
     pub decoded: u64,
-    /// Linear light in floats, or codes.
+    /// True for linear light in floats, false for codes.
     pub floats: bool,
 }
 
 impl Head {
-    /// The head of a PNG, JPEG, WebP, OpenEXR or Radiance picture that begins where the reader stands; `None` of
-    /// anything else, and of what is cut off.
+    /// Reads the head of a PNG, JPEG, WebP, OpenEXR or Radiance picture at the position of the reader; `None` for
+    /// other formats and truncated files.
     pub fn read(reader: &mut (impl BufRead + Seek)) -> Option<Self> {
         let begin = reader.stream_position().ok()?;
         let mut magic = [0; 4];
@@ -41,26 +43,32 @@ impl Head {
         }
     }
 
-    /// Most bytes that reading it as floats takes beyond the file, and the bytes of the floats.
+    /// Number of pixels.
+    pub fn pixels(&self) -> u64 {
+        let [width, height] = self.size;
+        width.saturating_mul(height)
+    }
+
+    /// Largest memory for reading the picture as floats beyond the file, and the bytes of the floats.
     pub fn as_floats(&self) -> [u64; 2] {
-        let samples = self.pixels.saturating_mul(self.channels);
+        let samples = self.pixels().saturating_mul(self.channels);
         if self.floats {
-            // All channels, then those of one picture side by side.
-            let floats = self.pixels.saturating_mul(4 * self.channels.min(4));
-            return [self.pixels.saturating_mul(self.decoded).saturating_add(floats), floats];
+            // All channels, then the interleaved channels of one picture.
+            let floats = self.pixels().saturating_mul(4 * self.channels.min(4));
+            return [self.pixels().saturating_mul(self.decoded).saturating_add(floats), floats];
         }
-        let floats = self.pixels.saturating_mul(4 * self.channels.max(3));
-        // What is decoded beside codes of 16 bits, then these beside the floats.
+        let floats = self.pixels().saturating_mul(4 * self.channels.max(3));
+        // The decoded picture and codes of 16 bits, then the codes and the floats.
         let codes = samples.saturating_mul(2);
-        let decoding = self.pixels.saturating_mul(self.decoded);
+        let decoding = self.pixels().saturating_mul(self.decoded);
         [codes.saturating_add(decoding.max(floats)), floats]
     }
 
-    /// Most bytes that reading it as 8-bit texels takes, and those of the texels.
+    /// Largest memory for reading the picture as 8-bit texels, and the bytes of the texels.
     pub fn as_texels(&self) -> [u64; 2] {
-        let texels = self.pixels.saturating_mul(4);
-        let codes = self.pixels.saturating_mul(2 * self.channels);
-        [codes.saturating_add(texels.max(self.pixels.saturating_mul(self.decoded))), texels]
+        let texels = self.pixels().saturating_mul(4);
+        let codes = self.pixels().saturating_mul(2 * self.channels);
+        [codes.saturating_add(texels.max(self.pixels().saturating_mul(self.decoded))), texels]
     }
 }
 
@@ -70,7 +78,7 @@ fn bytes<const N: usize>(reader: &mut impl Read) -> Option<[u8; N]> {
     Some(bytes)
 }
 
-/// Behind the signature: its second half, length and name of the first chunk, width, height, depth, colour.
+/// After the signature: its second half, length and type of the first chunk, width, height, depth, colour.
 fn png(reader: &mut impl Read) -> Option<Head> {
     let head: [u8; 22] = bytes(reader)?;
     let number = |at: usize| Some(u64::from(u32::from_be_bytes(*head.get(at..)?.first_chunk()?)));
@@ -82,10 +90,10 @@ fn png(reader: &mut impl Read) -> Option<Head> {
         _ => 4,
     };
     let wide = u64::from(head[20] == 16);
-    Some(Head { pixels: number(12)? * number(16)?, channels, decoded: channels * (1 + wide), floats: false })
+    Some(Head { size: [number(12)?, number(16)?], channels, decoded: channels * (1 + wide), floats: false })
 }
 
-/// Segments up to the frame's, which has the size.
+/// Reads segments up to that of the frame, which has the size.
 fn jpeg(reader: &mut (impl Read + Seek)) -> Option<Head> {
     loop {
         let [0xff, marker] = bytes::<2>(reader)? else { return None };
@@ -94,19 +102,19 @@ fn jpeg(reader: &mut (impl Read + Seek)) -> Option<Head> {
             continue;
         }
         let length = i64::from(u16::from_be_bytes(bytes(reader)?));
-        // Frames of all sorts; not the tables of Huffman and arithmetic codes.
+        // Frame segments of all types; not the tables of Huffman and arithmetic codes.
         if matches!(marker, 0xc0..=0xcf) && !matches!(marker, 0xc4 | 0xc8 | 0xcc) {
             let [_, h0, h1, w0, w1] = bytes::<5>(reader)?;
             let size = |high, low| u64::from(u16::from_be_bytes([high, low]));
-            // A progressive one keeps the coefficients of all its blocks, two bytes each.
+            // A progressive decoder keeps the coefficients of all blocks, two bytes each.
             let decoded = if marker == 0xc2 { 9 } else { 3 };
-            return Some(Head { pixels: size(h0, h1) * size(w0, w1), channels: 3, decoded, floats: false });
+            return Some(Head { size: [size(w0, w1), size(h0, h1)], channels: 3, decoded, floats: false });
         }
         reader.seek(SeekFrom::Current(length - 2)).ok()?;
     }
 }
 
-/// The line of the size follows an empty one.
+/// The line with the size follows an empty line.
 fn radiance(reader: &mut impl BufRead) -> Option<Head> {
     let mut line = String::new();
     let (mut all, mut last) = (reader.take(1 << 20), false);
@@ -117,12 +125,7 @@ fn radiance(reader: &mut impl BufRead) -> Option<Head> {
             let words: Vec<&str> = line.split_ascii_whitespace().collect();
             let [_, height, _, width] = words[..] else { return None };
             let size = |text: &str| text.parse::<u32>().ok().map(u64::from);
-            return Some(Head {
-                pixels: size(width)? * size(height)?,
-                channels: 3,
-                decoded: 0,
-                floats: true,
-            });
+            return Some(Head { size: [size(width)?, size(height)?], channels: 3, decoded: 0, floats: true });
         }
         last = line.trim_end().is_empty();
     }
@@ -131,7 +134,7 @@ fn radiance(reader: &mut impl BufRead) -> Option<Head> {
 fn webp(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     reader.seek(SeekFrom::Current(-4)).ok()?;
     let (width, height) = image_webp::WebPDecoder::new(reader).ok()?.dimensions();
-    Some(Head { pixels: u64::from(width) * u64::from(height), channels: 4, decoded: 4, floats: false })
+    Some(Head { size: [u64::from(width), u64::from(height)], channels: 4, decoded: 4, floats: false })
 }
 
 /// The first flat part, which is the one that is read.
@@ -140,30 +143,20 @@ fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     let header = meta.headers.iter().find(|header| !header.deep)?;
     let (width, height) = (header.layer_size.0 as u64, header.layer_size.1 as u64);
     let list = &header.channels.list;
-    // Halves become floats one channel after the other.
+    // Halves are converted to floats one channel at a time.
     let largest = list.iter().map(|c| if c.sample_type == SampleType::F32 { 0 } else { 4 }).max()?;
     let (channels, decoded) = (list.len() as u64, 4 * list.len() as u64 + largest);
-    Some(Head { pixels: width.saturating_mul(height), channels, decoded, floats: true })
+    Some(Head { size: [width, height], channels, decoded, floats: true })
 }
 
-/// Elements of a PLY by name, how many of each and how many fields; empty where its header does not end soon.
+/// Elements of a PLY by name, with the number of rows and of properties; empty if the header is longer than 64 KiB
+/// or invalid.
 pub fn ply_elements(reader: &mut impl BufRead) -> Vec<(String, u64, u64)> {
-    let (mut found, mut line) = (Vec::<(String, u64, u64)>::new(), String::new());
-    let mut head = reader.take(1 << 16);
-    while head.read_line(&mut line).is_ok_and(|read| read > 0) {
-        match line.split_ascii_whitespace().collect::<Vec<_>>()[..] {
-            ["element", name, count] => found.push((name.to_owned(), count.parse().unwrap_or(0), 0)),
-            ["property", ..] => {
-                if let Some((.., fields)) = found.last_mut() {
-                    *fields += 1;
-                }
-            }
-            ["end_header"] => return found,
-            _ => {}
-        }
-        line.clear();
-    }
-    Vec::new()
+    let mut head = Vec::new();
+    let read = reader.take(1 << 16).read_to_end(&mut head);
+    let header = read.ok().and_then(|_| ply::header("", &head).ok());
+    let elements = header.map_or_else(Vec::new, |header| header.elements);
+    elements.into_iter().map(|e| (e.name, e.rows, e.properties.len() as u64)).collect()
 }
 
 #[cfg(test)]
@@ -174,7 +167,7 @@ mod tests {
     use crate::io::{exr as exr_file, jpeg as jpeg_file, png as png_file};
 
     fn of(bytes: &[u8]) -> Option<(u64, u64)> {
-        Head::read(&mut Cursor::new(bytes)).map(|head| (head.pixels, head.channels))
+        Head::read(&mut Cursor::new(bytes)).map(|head| (head.pixels(), head.channels))
     }
 
     #[test]
@@ -186,6 +179,7 @@ mod tests {
             largest: 255,
             codes: vec![9; 31 * 7 * channels],
             ignored: Vec::new(),
+            linear: false,
         };
         let plane = |name: &str| {
             let samples = vec![0.5; 31 * 7];

@@ -7,25 +7,25 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::icc;
 use super::png::{Raster, believable};
-use super::stretch::{Fed, Stretch, Sunk};
+use super::progress::{Progress, TrackedReader, TrackedWriter};
 use crate::error::Error;
 
-/// Reads a JPEG as RGB codes; grey ones come as three equal channels.
+/// Reads a JPEG as RGB codes; grey pictures have three equal channels.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
-    read_for(file, bytes, Stretch::ALONE)
+    read_for(file, bytes, Progress::UNTRACKED)
 }
 
-/// The same as part of a node's work.
-pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster, Error> {
-    let bad = |e: zune_jpeg::errors::DecodeErrors| Error::format(file, format!("not a whole JPEG: {e}"));
-    // Without SIMD: those paths round differently from machine to machine.
+/// The same with progress and cancellation.
+pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Raster, Error> {
+    let bad = |e: zune_jpeg::errors::DecodeErrors| Error::format(file, format!("not a complete JPEG: {e}"));
+    // Without SIMD: the SIMD paths round differently on different machines.
     let options = DecoderOptions::default()
         .set_use_unsafe(false)
         .set_strict_mode(true)
         .jpeg_set_out_colorspace(ColorSpace::RGB)
         .set_max_width(65_535)
         .set_max_height(65_535);
-    let mut decoder = JpegDecoder::new_with_options(Fed::new(bytes, stretch), options);
+    let mut decoder = JpegDecoder::new_with_options(TrackedReader::new(bytes, progress), options);
     decoder.decode_headers().map_err(bad)?;
     let Some((width, height)) = decoder.dimensions() else {
         return Err(Error::format(file, "has no size"));
@@ -33,39 +33,39 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
     if matches!(decoder.input_colorspace(), Some(ColorSpace::CMYK | ColorSpace::YCCK)) {
         return Err(Error::unsupported(file, "CMYK colours: save it as RGB"));
     }
-    // A block of 64 samples takes at least 2 bits a component; progressive files may end a band of
-    // 32767 blocks with a few.
+    // A block of 64 samples takes at least 2 bits per component; progressive files may end a band of 32767 blocks
+    // with a few bits.
     believable(file, width as u64, height as u64, 3, bytes.len(), 64 * 4096)?;
     if !bytes.trim_ascii_end().ends_with(&[0xff, 0xd9]) && !bytes.windows(2).any(|pair| pair == [0xff, 0xd9])
     {
-        return Err(Error::format(file, "not a whole JPEG: it ends without its end marker"));
+        return Err(Error::format(file, "not a complete JPEG: it ends without its end marker"));
     }
     let raw = decoder.decode().map_err(bad)?;
     if raw.len() != width * height * 3 {
-        return Err(Error::format(file, "holds another number of samples than it claims"));
+        return Err(Error::format(file, "holds a different number of samples than its header says"));
     }
     let mut codes = Vec::with_capacity(raw.len());
-    stretch.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
+    progress.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
     let turned = decoder.exif().and_then(|exif| Orientation::from_exif_chunk(exif));
-    let mut ignored: Vec<String> =
-        decoder.icc_profile().and_then(|profile| icc::other(&profile)).into_iter().collect();
+    let meaning = decoder.icc_profile().map(|profile| icc::meaning(&profile)).unwrap_or_default();
+    let mut ignored = Vec::from_iter(meaning.ignored);
     if turned.is_some_and(|turn| turn != Orientation::NoTransforms) {
         ignored.push("an orientation other than upright (EXIF)".to_owned());
     }
-    Ok(Raster { width, height, channels: 3, largest: 255, codes, ignored })
+    Ok(Raster { width, height, channels: 3, largest: 255, codes, ignored, linear: meaning.linear })
 }
 
-/// Writes 8-bit RGB or grey codes as a JPEG of a quality from 1 to 100, with a comment where given.
+/// Writes 8-bit RGB or grey codes as a JPEG of a quality from 1 to 100, with an optional comment.
 pub fn write(raster: &Raster, quality: u8, comment: Option<&str>) -> Result<Vec<u8>, Error> {
-    write_for(raster, quality, comment, Stretch::ALONE)
+    write_for(raster, quality, comment, Progress::UNTRACKED)
 }
 
-/// The same as part of a node's work.
+/// The same with progress and cancellation.
 pub fn write_for(
     raster: &Raster,
     quality: u8,
     comment: Option<&str>,
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
     let fail = |e: image::ImageError| Error::Mismatch(format!("cannot make a JPEG: {e}"));
     let (width, height) = (raster.width as u32, raster.height as u32);
@@ -75,13 +75,13 @@ pub fn write_for(
     let raw: Vec<u8> = raster.codes.iter().map(|&code| code as u8).collect();
     let color =
         if raster.channels == 1 { image::ExtendedColorType::L8 } else { image::ExtendedColorType::Rgb8 };
-    let mut sunk = Sunk::new(raw.len(), stretch);
+    let mut sunk = TrackedWriter::new(raw.len(), progress);
     image::codecs::jpeg::JpegEncoder::new_with_quality(&mut sunk, quality)
         .encode(&raw, width, height, color)
         .map_err(fail)?;
     let mut bytes = sunk.bytes;
     bytes.shrink_to_fit();
-    // Comments hold 65533 bytes; a longer text goes into several, right after the start marker.
+    // Comments hold up to 65533 bytes; a longer text is split into several, right after the start marker.
     let mut at = 2;
     for piece in comment.map(str::as_bytes).into_iter().flat_map(|text| text.chunks(65_533)) {
         let mut segment = vec![0xff, 0xfe];
@@ -102,7 +102,7 @@ mod tests {
         let (width, height) = (61, 34);
         let codes =
             (0..width * height).flat_map(|i| [(i % width * 4) as u16, (i / width * 7) as u16, 90]).collect();
-        Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new() }
+        Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false }
     }
 
     #[test]

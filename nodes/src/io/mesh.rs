@@ -38,7 +38,8 @@ pub fn encode(mesh: &Mesh, format: MeshFormat, gltf_frame: Option<(Up, f64)>) ->
         MeshFormat::Ply => ply(mesh),
         MeshFormat::Obj => obj(mesh),
         MeshFormat::Glb => {
-            let frame = gltf_frame.map_or(DMat4::IDENTITY, |(up, metres)| world_from_gltf(up, metres).inverse());
+            let frame =
+                gltf_frame.map_or(DMat4::IDENTITY, |(up, metres)| world_from_gltf(up, metres).inverse());
             glb(mesh, frame)
         }
     }
@@ -59,7 +60,10 @@ fn ply(mesh: &Mesh) -> Vec<u8> {
     if !mesh.colours.is_empty() {
         head += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
     }
-    head += &format!("element face {}\nproperty list uchar int vertex_indices\nend_header\n", mesh.triangles.len());
+    head += &format!(
+        "element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        mesh.triangles.len()
+    );
     let mut bytes = head.into_bytes();
     for (index, position) in mesh.positions.iter().enumerate() {
         if fine {
@@ -112,10 +116,13 @@ fn glb(mesh: &Mesh, frame: DMat4) -> Vec<u8> {
     let mut binary = Vec::new();
     let mut views = Vec::new();
     let mut view = |bytes: Vec<u8>, target: u32| {
-        views.push(json!({ "buffer": 0, "byteOffset": binary.len(), "byteLength": bytes.len(), "target": target }));
+        views.push(
+            json!({ "buffer": 0, "byteOffset": binary.len(), "byteLength": bytes.len(), "target": target }),
+        );
         binary.extend(bytes);
     };
-    let floats = |rows: &[[f32; 3]]| rows.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
+    let floats =
+        |rows: &[[f32; 3]]| rows.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
     view(floats(&local), 34962);
     let indices = mesh.triangles.as_flattened();
     view(indices.iter().flat_map(|v| v.to_le_bytes()).collect(), 34963);

@@ -1,5 +1,5 @@
-//! File formats: bytes to values and back. Nothing here reads a file or knows of nodes; every size is
-//! checked against the bytes at hand before memory is taken, and hostile bytes give a typed error.
+//! File formats: conversion between bytes and values. Every size is checked against the available bytes before
+//! memory is allocated, and invalid bytes give a typed error.
 
 pub(crate) mod base64;
 pub mod exr;
@@ -14,8 +14,8 @@ pub mod picture;
 pub mod ply;
 pub mod png;
 mod png_pack;
+pub mod progress;
 pub mod quantise;
 pub mod recipe;
 pub mod splats;
-pub mod stretch;
 pub mod webp;

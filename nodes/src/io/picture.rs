@@ -1,20 +1,24 @@
-//! Pictures of any format in memory: PNG, JPEG, OpenEXR or Radiance HDR, by their first bytes.
+//! Decodes pictures of any format: PNG, JPEG, OpenEXR or Radiance HDR, detected by their first bytes.
 
 use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
 
 use engine::{FileHead, Notes};
 
 use super::head::Head;
 use super::png::Raster;
-use super::stretch::Stretch;
+use super::progress::Progress;
 use super::{exr, hdr, jpeg, png};
 use crate::error::Error;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
 
 engine::choices! {
-    /// What the numbers of a file mean.
+    /// Meaning of the numbers of a file.
     pub enum FileEncoding {
-        /// PNG and JPEG: display colours; OpenEXR and Radiance: linear light.
+        /// PNG and JPEG hold display colours, unless their colour profile says linear light; OpenEXR and Radiance hold
+        /// linear light.
         Auto,
         /// Display colours with the sRGB curve.
         Srgb,
@@ -25,44 +29,49 @@ engine::choices! {
     }
 }
 
-/// Most bytes that reading a picture takes with its file, and those of its floats.
+/// Largest memory for reading a picture including its file, and the bytes of its floats.
 pub(crate) fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
     let head = file.open().and_then(|mut reader| Head::read(&mut reader));
     let [reading, floats] = head.map_or([0; 2], |head| head.as_floats());
     [reading.saturating_add(file.bytes), floats]
 }
 
-/// The picture in the bytes of a file, as the kind `load-image` reads it with its other parameters at their defaults.
-///
-/// # Errors
-/// When they are no picture, or not a whole one.
-pub fn of_bytes(name: &str, bytes: &[u8]) -> Result<Picture, Error> {
-    decode(FileEncoding::Auto, "", name, bytes, &mut Notes::none(), Stretch::ALONE)
+/// Width and height of the picture in a file, from its header; `None` for other files.
+pub fn size(path: &Path) -> Option<[u64; 2]> {
+    Head::read(&mut BufReader::new(File::open(path).ok()?)).map(|head| head.size)
 }
 
-/// The picture that a file holds, in the given encoding; of an OpenEXR file, the given layer.
+/// Decodes a picture as the kind `load-image` does with default parameters.
+///
+/// # Errors
+/// If the bytes are not a complete picture.
+pub fn of_bytes(name: &str, bytes: &[u8]) -> Result<Picture, Error> {
+    decode(FileEncoding::Auto, "", name, bytes, &mut Notes::none(), Progress::UNTRACKED)
+}
+
+/// Decodes a picture with the given encoding, and from an OpenEXR file the given layer.
 pub(crate) fn decode(
     encoding: FileEncoding,
     of_layer: &str,
     name: &str,
     bytes: &[u8],
     notes: &mut Notes,
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Picture, Error> {
     let (width, height, channels, samples, linear) = match bytes {
         [0x89, b'P', b'N', b'G', ..] => {
-            whole(png::read_for(name, bytes, stretch)?, encoding, notes, stretch)?
+            whole(png::read_for(name, bytes, progress)?, encoding, notes, progress)?
         }
-        [0xff, 0xd8, ..] => whole(jpeg::read_for(name, bytes, stretch)?, encoding, notes, stretch)?,
+        [0xff, 0xd8, ..] => whole(jpeg::read_for(name, bytes, progress)?, encoding, notes, progress)?,
         [b'#', b'?', ..] => {
-            let picture = hdr::read_for(name, bytes, stretch)?;
+            let picture = hdr::read_for(name, bytes, progress)?;
             (picture.width, picture.height, 3, picture.rgb, true)
         }
         [0x76, 0x2f, 0x31, 0x01, ..] => {
-            let planes = exr::read_for(name, bytes, stretch)?;
+            let planes = exr::read_for(name, bytes, progress)?;
             tell(&planes, notes);
             let found = layer(name, &planes, of_layer)?;
-            let samples = exr::interleaved(&found, stretch)?;
+            let samples = exr::interleaved(&found, progress)?;
             (planes.width, planes.height, found.len(), samples, true)
         }
         _ => return Err(Error::format(name, "neither PNG, JPEG, OpenEXR nor Radiance HDR")),
@@ -72,7 +81,7 @@ pub(crate) fn decode(
         FileEncoding::Auto => FileEncoding::Srgb,
         given => given,
     };
-    let samples = finite(samples, encoding == FileEncoding::Data, notes, stretch)?;
+    let samples = finite(samples, encoding == FileEncoding::Data, notes, progress)?;
     Ok(match encoding {
         FileEncoding::Linear => Image::<Linear>::from_samples(width, height, channels, samples).into(),
         FileEncoding::Data => Image::<Data>::from_samples(width, height, channels, samples).into(),
@@ -82,24 +91,31 @@ pub(crate) fn decode(
 
 type Decoded = (usize, usize, usize, Vec<f32>, bool);
 
-/// Codes to numbers. Colour comes as RGB or RGBA, data with as many channels as it has.
+/// Converts codes to numbers. Colours become RGB or RGBA; data keeps its number of channels.
 fn whole(
     raster: Raster,
     encoding: FileEncoding,
     notes: &mut Notes,
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Decoded, Error> {
     for ignored in &raster.ignored {
         notes.warning("profile-ignored", format!("the file has {ignored}, which is not used"));
     }
     let (channels, samples) = match encoding {
         FileEncoding::Data => (raster.channels, raster.samples()),
-        _ => raster.colours(stretch)?,
+        _ => raster.colours(progress)?,
     };
-    Ok((raster.width, raster.height, channels, samples, false))
+    let linear = raster.linear && encoding == FileEncoding::Auto;
+    if linear {
+        notes.decision(
+            "linear-profile",
+            "the colour profile of the file declares linear light; it is read as linear",
+        );
+    }
+    Ok((raster.width, raster.height, channels, samples, linear))
 }
 
-/// Notes on what of an EXR file was passed over.
+/// Reports parts of an EXR file that are ignored.
 fn tell(planes: &exr::Planes, notes: &mut Notes) {
     if planes.parts > 1 {
         notes.warning(
@@ -108,7 +124,8 @@ fn tell(planes: &exr::Planes, notes: &mut Notes) {
         );
     }
     if planes.other_primaries() {
-        let text = "the file has chromaticities of other colours than those of sRGB, which are not used; convert it to linear Rec. 709";
+        let text =
+            "the chromaticities of the file differ from sRGB and are ignored; convert it to linear Rec. 709";
         notes.warning("profile-ignored", text);
     }
     if planes.cropped {
@@ -116,7 +133,7 @@ fn tell(planes: &exr::Planes, notes: &mut Notes) {
     }
 }
 
-/// The planes of a layer: its colour with alpha where it has one, a vector, or a single plane.
+/// The planes of a layer: colour with optional alpha, a vector, or a single plane.
 fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a [f32]>, Error> {
     let prefix = if layer.is_empty() { String::new() } else { format!("{layer}.") };
     let all = |letters: &[&str]| {
@@ -139,7 +156,7 @@ fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a
     found.ok_or_else(|| no_layer(name, planes, layer, chroma))
 }
 
-/// That a file has no such layer, with those that it has.
+/// The error about a missing layer, with the layers of the file.
 fn no_layer(name: &str, planes: &exr::Planes, layer: &str, chroma: bool) -> Error {
     let what = match layer {
         _ if chroma => "holds luminance and chroma (Y, RY, BY), which are not read as colour".to_owned(),
@@ -155,16 +172,16 @@ fn no_layer(name: &str, planes: &exr::Planes, layer: &str, chroma: bool) -> Erro
     Error::format(name, format!("{text}; its channels are {}", channels.join(", ")))
 }
 
-/// Only data may be infinite, and nothing may be not a number.
+/// Replaces NaN, and infinite samples unless the picture is data.
 fn finite(
     mut samples: Vec<f32>,
     data: bool,
     notes: &mut Notes,
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Vec<f32>, Error> {
     let (mut lost, mut capped) = (0, 0);
     for row in samples.chunks_mut(1 << 20) {
-        stretch.reach(1.0)?;
+        progress.report(1.0)?;
         for v in row.iter_mut().filter(|v| !v.is_finite()) {
             if v.is_nan() {
                 lost += 1;
@@ -187,13 +204,15 @@ mod tests {
     fn load(bytes: &[u8], encoding: FileEncoding, layer: &str) -> (Picture, Notes) {
         let mut notes = Notes::none();
         (
-            decode(encoding, layer, "a", bytes, &mut notes, Stretch::ALONE).unwrap_or_else(|e| panic!("{e}")),
+            decode(encoding, layer, "a", bytes, &mut notes, Progress::UNTRACKED)
+                .unwrap_or_else(|e| panic!("{e}")),
             notes,
         )
     }
     fn png_of(channels: usize, largest: u16, codes: Vec<u16>) -> Vec<u8> {
         let width = codes.len() / channels;
-        let raster = Raster { width, height: 1, channels, largest, codes, ignored: Vec::new() };
+        let raster =
+            Raster { width, height: 1, channels, largest, codes, ignored: Vec::new(), linear: false };
         png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"))
     }
 
@@ -209,6 +228,22 @@ mod tests {
         assert_eq!((picture.encoding(), picture.size()), ("linear", (2, 1, 3)));
         assert_eq!(picture.samples()[3..], [0.2; 3]);
         assert_eq!(load(&grey, FileEncoding::Data, "").0.size(), (2, 1, 1));
+    }
+
+    // Used to be decoded as display colours, with 0.5 becoming 0.21.
+    #[test]
+    fn a_picture_with_a_linear_profile_is_linear_light() {
+        let profile = crate::io::icc::tests::profile(
+            "Linear sRGB",
+            &moxcms::ColorProfile::new_srgb(),
+            moxcms::ToneReprCurve::Lut(Vec::new()),
+        );
+        let file = png::tests::with_profile(&profile);
+        let (picture, notes) = load(&file, FileEncoding::Auto, "");
+        assert_eq!((picture.encoding(), picture.samples()[0]), ("linear", 128.0 / 255.0));
+        assert!(notes.iter().any(|note| note.id == "linear-profile"));
+        let (picture, notes) = load(&file, FileEncoding::Srgb, "");
+        assert_eq!((picture.encoding(), notes.iter().count()), ("srgb", 0));
     }
 
     #[test]
@@ -236,23 +271,26 @@ mod tests {
         assert_eq!(load(&bytes, FileEncoding::Data, "Z").0.samples(), [f32::INFINITY]);
         assert_eq!(load(&bytes, FileEncoding::Data, "N").0.samples(), [0.0, 0.0, 1.0]);
         let refused = |bytes: &[u8], layer: &str| {
-            let read = decode(FileEncoding::Auto, layer, "a", bytes, &mut Notes::none(), Stretch::ALONE);
+            let read = decode(FileEncoding::Auto, layer, "a", bytes, &mut Notes::none(), Progress::UNTRACKED);
             read.err().map(|error| error.to_string()).unwrap_or_default()
         };
-        let told = refused(&bytes, "S");
+        let reported = refused(&bytes, "S");
         assert!(
-            told.contains("no layer `S`") && told.contains("one of `B`, `G`, `N`, `R`, `R0`, `Z`"),
-            "{told}"
+            reported.contains("no layer `S`") && reported.contains("one of `B`, `G`, `N`, `R`, `R0`, `Z`"),
+            "{reported}"
         );
 
-        // What is no colour is not taken for one, and what there is is named.
+        // Data is not mistaken for colour, and the channels of the file are listed.
         let of = |names: &[&str]| {
             let channels = names.iter().map(|name| plane(name, 0.5)).collect();
             exr::write(1, 1, channels, "", None).unwrap_or_else(|e| panic!("{e}")).0
         };
         assert_eq!(load(&of(&["r", "g", "b"]), FileEncoding::Auto, "").0.size(), (1, 1, 3));
-        let told = refused(&of(&["variance.R", "variance.G", "variance.B"]), "");
-        assert!(told.contains("no channels R, G and B, nor Y; `layer` may be one of `variance`"), "{told}");
+        let reported = refused(&of(&["variance.R", "variance.G", "variance.B"]), "");
+        assert!(
+            reported.contains("no channels R, G and B, nor Y; `layer` may be one of `variance`"),
+            "{reported}"
+        );
         for more in [&["Y", "RY", "BY"][..], &["Y", "RY", "BY", "A"]] {
             assert!(refused(&of(more), "").contains("luminance and chroma"));
             assert_eq!(load(&of(more), FileEncoding::Auto, "Y").0.size(), (1, 1, 1));

@@ -1,8 +1,8 @@
-//! Any PLY file: the header, then rows of scalars and lists, ASCII or binary in either byte order.
+//! PLY files: the header, then rows of scalars and lists, ASCII or binary in either byte order.
 
 use crate::error::Error;
 
-/// How the numbers of the body are written.
+/// Encoding of the numbers of the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     /// Words separated by white space.
@@ -52,7 +52,7 @@ impl Scalar {
         }
     }
 
-    /// Smallest and largest value of a whole-number type; `None` for floats.
+    /// Smallest and largest value of an integer type; `None` for floats.
     pub fn whole_range(self) -> Option<(f64, f64)> {
         Some(match self {
             Self::I8 => (-128.0, 127.0),
@@ -94,7 +94,7 @@ impl Element {
         self.properties.iter().position(|property| property.name == name)
     }
 
-    /// Fewest bytes a row can take.
+    /// Smallest number of bytes per row.
     fn least_bytes(&self, format: Format) -> u64 {
         let bytes =
             |p: &Property| if format == Format::Ascii { 2 } else { p.count.unwrap_or(p.scalar).size() };
@@ -102,26 +102,27 @@ impl Element {
     }
 }
 
-/// What a PLY file says about itself.
+/// Header of a PLY file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Header {
-    /// How the body is written.
+    /// Encoding of the body.
     pub format: Format,
-    /// Tables in the order of the body.
+    /// Elements in the order of the body.
     pub elements: Vec<Element>,
     /// Comment lines without the word `comment`.
     pub comments: Vec<String>,
-    /// Where the body starts, in bytes.
+    /// Start of the body, in bytes.
     pub body: usize,
 }
 
-/// A header longer than this is no header.
+/// Largest length of a header.
 const HEADER_LIMIT: usize = 1 << 20;
 
 /// Reads the header. `file` names the file in errors.
 pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
     let bad = |what: String| Error::format(file, what);
-    if !bytes.starts_with(b"ply\n") && !bytes.starts_with(b"ply\r\n") {
+    let first = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
+    if first.len() == bytes.len() || first.trim_ascii_end() != b"ply" {
         return Err(bad("not a PLY file: it does not start with the line `ply`".to_owned()));
     }
     let (mut format, mut elements, mut comments) = (None, Vec::<Element>::new(), Vec::new());
@@ -138,6 +139,9 @@ pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
             .trim_end();
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         let odd = || bad(format!("line {number} of the header, `{line}`, is not understood"));
+        let named = |word: &str| {
+            Scalar::named(word).ok_or_else(|| bad(format!("property type `{word}` is not a type of PLY")))
+        };
         match words.as_slice() {
             ["ply"] if number == 1 => {}
             [] => {}
@@ -158,12 +162,12 @@ pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
             }
             ["property", "list", count, item, name] => {
                 let count = Scalar::named(count).filter(|c| c.whole_range().is_some()).ok_or_else(odd)?;
-                let scalar = Scalar::named(item).ok_or_else(odd)?;
+                let scalar = named(item)?;
                 let property = Property { name: (*name).to_owned(), scalar, count: Some(count) };
                 elements.last_mut().ok_or_else(odd)?.properties.push(property);
             }
             ["property", scalar, name] => {
-                let scalar = Scalar::named(scalar).ok_or_else(odd)?;
+                let scalar = named(scalar)?;
                 let property = Property { name: (*name).to_owned(), scalar, count: None };
                 elements.last_mut().ok_or_else(odd)?.properties.push(property);
             }
@@ -178,7 +182,7 @@ pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
     Ok(Header { format, elements, comments, body: at })
 }
 
-/// Walks the body, one row after the other.
+/// Reads the body row by row.
 pub struct Rows<'a> {
     file: &'a str,
     format: Format,
@@ -250,7 +254,7 @@ impl<'a> Rows<'a> {
         let rest = &self.rest[start..];
         let end = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
         let text = std::str::from_utf8(&rest[..end]).unwrap_or_default();
-        // A float word is rounded once, straight to its own type.
+        // A word of a float is rounded once, directly to its type.
         let value = match scalar {
             Scalar::F32 => text.parse::<f32>().map(f64::from),
             _ => text.parse::<f64>(),
@@ -263,7 +267,7 @@ impl<'a> Rows<'a> {
                 Ok(value)
             }
             _ if text.is_empty() => Err(self.fail("the file ends early,")),
-            _ => Err(self.fail(&format!("`{text}` is no {scalar:?} number,"))),
+            _ => Err(self.fail(&format!("`{text}` is not a {scalar:?} number,"))),
         }
     }
 

@@ -1,10 +1,13 @@
-//! PNG: reading to f32 samples, and writing the same bytes every time.
+//! PNG: reading to integer codes, and writing with reproducible bytes.
 
+use std::io::Read as _;
+
+use flate2::read::ZlibDecoder;
 use png::{BitDepth, ColorType, Decoder, Encoder, Limits, Transformations};
 
 use super::icc;
 use super::png_pack::pack;
-use super::stretch::{Fed, Stretch};
+use super::progress::{Progress, TrackedReader};
 use crate::error::Error;
 
 /// A decoded picture: samples as stored, divided by the largest code, not linearised, alpha straight.
@@ -20,7 +23,9 @@ pub struct Raster {
     pub largest: u16,
     /// Codes, row by row.
     pub codes: Vec<u16>,
-    /// What the file says and we pass over, such as a gamma other than sRGB's.
+    /// True if the colour profile says that codes are linear light.
+    pub linear: bool,
+    /// Metadata of the file that is not used, such as a gamma other than that of sRGB.
     pub ignored: Vec<String>,
 }
 
@@ -31,16 +36,16 @@ impl Raster {
         self.codes.iter().map(|&code| f32::from(code) / largest).collect()
     }
 
-    /// The samples from 0 to 1 as colours, RGB or RGBA premultiplied by alpha, and how many a pixel.
+    /// The samples from 0 to 1 as colours, RGB or RGBA premultiplied by alpha, with the number of channels.
     ///
     /// # Errors
     /// [`Error::Stopped`].
-    pub fn colours(&self, stretch: Stretch<'_>) -> Result<(usize, Vec<f32>), Error> {
+    pub fn colours(&self, progress: Progress<'_>) -> Result<(usize, Vec<f32>), Error> {
         let alpha = self.channels.is_multiple_of(2);
         let channels = if alpha { 4 } else { 3 };
         let mut out = Vec::with_capacity(self.width * self.height * channels);
         let sample = |code: u16| f32::from(code) / f32::from(self.largest);
-        stretch.over(&self.codes, |codes| {
+        progress.over(&self.codes, |codes| {
             for pixel in codes.chunks_exact(self.channels) {
                 let rgb = match *pixel {
                     [y] | [y, _] => [y; 3],
@@ -58,11 +63,11 @@ impl Raster {
     }
 }
 
-/// Most samples we read of one picture.
+/// Largest number of samples of a picture.
 const SAMPLE_LIMIT: u64 = 1 << 31;
 
-/// Refuses a picture that is empty, or larger than its bytes could hold. `ratio` is the most samples
-/// that a byte of this format can stand for.
+/// Checks that a picture is not empty, and not larger than its bytes can hold. `ratio` is the largest number of
+/// samples per byte in this format.
 pub fn believable(
     file: &str,
     width: u64,
@@ -85,24 +90,29 @@ pub fn believable(
 
 /// Reads a PNG of any kind; palettes and low depths are widened to 8 bits.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
-    read_for(file, bytes, Stretch::ALONE)
+    read_for(file, bytes, Progress::UNTRACKED)
 }
 
-/// The same as part of a node's work.
-pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster, Error> {
-    let bad = |e: png::DecodingError| Error::format(file, format!("not a whole PNG: {e}"));
-    // Deflate reaches 1032 to 1; beyond that no file is honest.
+/// The same with progress and cancellation.
+pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Raster, Error> {
+    let bad = |e: png::DecodingError| Error::format(file, format!("not a complete PNG: {e}"));
+    // The largest ratio of deflate is 1032 to 1.
     let mut decoder = Decoder::new_with_limits(
-        Fed::new(bytes, stretch),
+        TrackedReader::new(bytes, progress),
         Limits { bytes: (bytes.len() + 65_536).saturating_mul(2_200) },
     );
     decoder.set_transformations(Transformations::EXPAND);
+    // The decoder would inflate a profile of any size; `profile` stops at the largest that is read.
+    decoder.set_ignore_iccp_chunk(true);
     let mut reader = decoder.read_info().map_err(bad)?;
     let info = reader.info();
     let (width, height) = (info.width, info.height);
-    let mut ignored = Vec::new();
+    let (mut ignored, mut linear) = (Vec::new(), false);
     if info.srgb.is_none() {
-        ignored.extend(info.icc_profile.as_deref().and_then(icc::other));
+        if let Some(meaning) = profile(bytes) {
+            linear = meaning.linear;
+            ignored.extend(meaning.ignored);
+        }
         if let Some(gamma) = info.gama_chunk.map(|g| g.into_value())
             && (gamma - 0.45455).abs() > 0.001
         {
@@ -114,7 +124,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
     }
     let (color, depth) = reader.output_color_type();
     let channels = color.samples();
-    // A bit a sample before deflate, so 8 * 1032 of them a byte.
+    // One bit per sample before deflate, so 8 * 1032 samples per byte.
     believable(file, width.into(), height.into(), channels as u64, bytes.len(), 8 * 1032)?;
     let size =
         reader.output_buffer_size().ok_or_else(|| Error::format(file, "too large for this machine"))?;
@@ -124,56 +134,85 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
     let wide = depth == BitDepth::Sixteen;
     let sample = if wide { 2 } else { 1 };
     if raw.len() != width * height * channels * sample {
-        return Err(Error::format(file, "holds another number of samples than it claims"));
+        return Err(Error::format(file, "holds a different number of samples than its header says"));
     }
     let mut codes = Vec::with_capacity(width * height * channels);
     if wide {
         let pairs = raw.as_chunks::<2>().0;
-        stretch.over(pairs, |pairs| codes.extend(pairs.iter().map(|pair| u16::from_be_bytes(*pair))))?;
+        progress.over(pairs, |pairs| codes.extend(pairs.iter().map(|pair| u16::from_be_bytes(*pair))))?;
     } else {
-        stretch.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
+        progress.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
     }
     let largest = if wide { 65_535 } else { 255 };
-    Ok(Raster { width, height, channels, largest, codes, ignored })
+    Ok(Raster { width, height, channels, largest, codes, ignored, linear })
 }
 
-/// How much time packing may take.
+/// The meaning of the colour profile of a PNG; `None` without one. Inflates at most [`icc::LARGEST`] bytes.
+fn profile(bytes: &[u8]) -> Option<icc::Meaning> {
+    let mut rest = bytes.get(8..)?;
+    loop {
+        let length = u32::from_be_bytes(*rest.first_chunk()?) as usize;
+        let data = rest.get(8..)?.get(..length)?;
+        match &rest[4..8] {
+            // After its name, a byte for the compression method.
+            b"iCCP" => {
+                let name = data.iter().take(80).position(|byte| *byte == 0)?;
+                let most = icc::LARGEST as u64 + 1;
+                let mut inflated = Vec::new();
+                let read = ZlibDecoder::new(data.get(name + 2..)?).take(most).read_to_end(&mut inflated);
+                return Some(match read {
+                    Ok(_) if inflated.len() <= icc::LARGEST => icc::meaning(&inflated),
+                    Ok(_) => {
+                        let text = format!("an ICC profile of more than {} MiB", icc::LARGEST >> 20);
+                        icc::Meaning { linear: false, ignored: Some(text) }
+                    }
+                    Err(_) => icc::meaning(&[]),
+                });
+            }
+            b"IDAT" => return None,
+            // Length, type and check sum.
+            _ => rest = rest.get(length + 12..)?,
+        }
+    }
+}
+
+/// Compression effort.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Packing {
-    /// Small files: the filter of each row that promises most, and deflate of level 6.
+    /// Small files: the filter of each row with the smallest sum, and deflate of level 6.
     Small,
-    /// A tenth of the time and a larger file: the rows above taken off, and deflate with a fixed code.
+    /// A tenth of the time and a larger file: differences to the row above, and deflate with a fixed code.
     Fast,
 }
 
-/// Writes codes as a PNG: 8 bits where `largest` is 255, else 16. `srgb` tells that colour samples are
+/// Writes codes as a PNG: 8 bits where `largest` is 255, else 16. `srgb` declares that colour samples are
 /// sRGB-encoded; `texts` are keywords and texts of its metadata. Fixed filter and compression.
 pub fn write(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
-    write_for(raster, Packing::Small, srgb, texts, Stretch::ALONE)
+    write_for(raster, Packing::Small, srgb, texts, Progress::UNTRACKED)
 }
 
-/// The same as part of a node's work, packed as is said.
+/// The same with progress and cancellation, and a given compression effort.
 pub fn write_for(
     raster: &Raster,
     packing: Packing,
     srgb: bool,
     texts: &[(&str, &str)],
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
-    write_all(std::slice::from_ref(raster), None, packing, srgb, texts, stretch)
+    write_all(std::slice::from_ref(raster), None, packing, srgb, texts, progress)
 }
 
-/// Writes frames of one size and sort as an animated PNG. `delay` is the time of a frame as a fraction of a
-/// second, `plays` how often it plays, 0 for ever.
+/// Writes frames of equal size and type as an animated PNG. `delay` is the duration of a frame as a fraction of a
+/// second, `plays` the number of repetitions, 0 for endless.
 pub fn write_frames(
     frames: &[Raster],
     delay: (u16, u16),
     plays: u32,
     srgb: bool,
     texts: &[(&str, &str)],
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
-    write_all(frames, Some((delay, plays)), Packing::Small, srgb, texts, stretch)
+    write_all(frames, Some((delay, plays)), Packing::Small, srgb, texts, progress)
 }
 
 type Animation = ((u16, u16), u32);
@@ -184,7 +223,7 @@ fn write_all(
     packing: Packing,
     srgb: bool,
     texts: &[(&str, &str)],
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
     let fail = |e: png::EncodingError| Error::Mismatch(format!("cannot make a PNG: {e}"));
     let Some(first) = frames.first() else {
@@ -211,7 +250,7 @@ fn write_all(
     let mut writer = encoder.write_header().map_err(fail)?;
     let mut sequence = 0_u32;
     for (index, frame) in frames.iter().enumerate() {
-        let packed = pack(frame, packing, stretch.piece(index, frames.len()))?;
+        let packed = pack(frame, packing, progress.piece(index, frames.len()))?;
         if let Some((delay, _)) = animation {
             writer.write_chunk(png::chunk::fcTL, &frame_control(sequence, frame, delay)).map_err(fail)?;
             sequence += 1;
@@ -230,10 +269,10 @@ fn write_all(
     Ok(bytes)
 }
 
-/// Most bytes of data in a chunk whose length, with a sequence number, is a number of 31 bits.
+/// Largest number of bytes of data in a chunk: its length, with a sequence number, is a 31-bit number.
 const LARGEST_CHUNK: usize = (u32::MAX >> 1) as usize - 4;
 
-/// The chunk before a frame as large as the picture, which takes the place of the one before it.
+/// The control chunk of a frame that replaces the whole picture.
 fn frame_control(sequence: u32, frame: &Raster, (numerator, denominator): (u16, u16)) -> Vec<u8> {
     let sizes = [sequence, frame.width as u32, frame.height as u32, 0, 0].map(u32::to_be_bytes).concat();
     let delay = [numerator, denominator].map(u16::to_be_bytes).concat();
@@ -241,17 +280,18 @@ fn frame_control(sequence: u32, frame: &Raster, (numerator, denominator): (u16, 
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::io::exr;
     use crate::testing::row;
+    use moxcms::{ColorProfile, ToneReprCurve};
 
     pub(crate) fn raster(channels: usize, largest: u16) -> Raster {
         let (width, height) = (37, 5);
         let codes = (0..width * height * channels)
             .map(|i| ((i * 7919) % (usize::from(largest) + 1)) as u16)
             .collect();
-        Raster { width, height, channels, largest, codes, ignored: Vec::new() }
+        Raster { width, height, channels, largest, codes, ignored: Vec::new(), linear: false }
     }
 
     #[test]
@@ -270,7 +310,7 @@ mod tests {
     #[test]
     fn no_cut_or_flip_panics_and_every_cut_is_an_error() {
         let bytes = write(&raster(3, 255), false, &[]).unwrap_or_default();
-        // What follows the picture's data (the end chunk) may go.
+        // The chunk after the picture's data (the end chunk) may be missing.
         for end in 0..bytes.len() - 16 {
             assert!(read("a.png", &bytes[..end]).is_err(), "cut at {end}");
         }
@@ -281,8 +321,8 @@ mod tests {
         }
     }
 
-    /// Palettes and low depths are widened, a transparent colour is alpha, and what is said of gamma and profiles is passed
-    /// over and told.
+    /// Palettes and low depths are widened, a transparent colour becomes alpha, and gamma and profiles that are
+    /// ignored are reported.
     #[test]
     fn palettes_low_depths_and_skipped_chunks() {
         let file = |color, depth, data: &[u8], change: &dyn Fn(&mut png::Info<'_>)| {
@@ -326,18 +366,53 @@ mod tests {
         let profile = file(ColorType::Grayscale, BitDepth::Eight, &ramp, &|info| {
             info.icc_profile = Some(vec![1, 2, 3].into());
         });
-        assert_eq!((profile.codes, profile.ignored), (codes(&ramp), vec!["an ICC profile".to_owned()]));
+        assert_eq!(
+            (profile.codes, profile.ignored),
+            (codes(&ramp), vec!["an ICC profile that cannot be read".to_owned()])
+        );
     }
 
-    /// One pixel, prime sizes, 30,000 columns or rows, through every format that is written; sizes of which width times
-    /// height times channels does not fit into 64 bits.
+    /// A PNG of 4 by 4 grey pixels with a profile.
+    pub(crate) fn with_profile(profile: &[u8]) -> Vec<u8> {
+        let mut info = png::Info::with_size(4, 4);
+        (info.color_type, info.bit_depth) = (ColorType::Grayscale, BitDepth::Eight);
+        info.icc_profile = Some(profile.into());
+        let mut bytes = Vec::new();
+        let mut writer =
+            Encoder::with_info(&mut bytes, info).and_then(Encoder::write_header).expect("writes");
+        writer.write_image_data(&[128; 16]).expect("writes");
+        writer.finish().expect("writes");
+        bytes
+    }
+
+    // A profile is inflated only up to a limit; one of 3 GB in 3 MB used to be held in memory completely.
+    #[test]
+    fn profiles_that_inflate_without_end_are_not_read() {
+        let read = read("a.png", &with_profile(&vec![0; icc::LARGEST + 1])).expect("reads");
+        assert_eq!(read.ignored, ["an ICC profile of more than 16 MiB"]);
+        let linear =
+            icc::tests::profile("Linear sRGB", &ColorProfile::new_srgb(), ToneReprCurve::Lut(vec![]));
+        let read = super::read("a.png", &with_profile(&linear)).expect("reads");
+        assert!(read.linear && read.ignored.is_empty());
+    }
+
+    /// One pixel, prime sizes, 30,000 columns or rows, through every format that is written; sizes whose number of
+    /// samples does not fit into 64 bits.
     #[test]
     fn sizes_are_not_believed_and_do_not_overflow() {
         assert!(believable("a", u64::MAX, u64::MAX, 4, 1000, 10).is_err());
         assert!(believable("a", 1 << 32, 1 << 32, 1, usize::MAX, 1).is_err());
         for (width, height) in [(1, 1), (30_000, 7), (3, 30_011), (127, 61)] {
             let codes = (0..width * height * 3).map(|i| (i % 251) as u16).collect();
-            let raster = Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new() };
+            let raster = Raster {
+                width,
+                height,
+                channels: 3,
+                largest: 255,
+                codes,
+                ignored: Vec::new(),
+                linear: false,
+            };
             let bytes = write(&raster, true, &[]).unwrap_or_else(|e| panic!("{e}"));
             let same = read("a.png", &bytes).is_ok_and(|back| back == raster);
             row(65, "sizes that do not come back", f64::from(u8::from(!same)), 0.0);

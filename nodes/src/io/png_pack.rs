@@ -1,17 +1,17 @@
-//! The pixels of a PNG: rows filtered on all threads, then deflated in order.
+//! The pixel data of a PNG: rows filtered on all threads, then deflated in order.
 //!
-//! The bytes are those that the crate `png` makes of a whole picture at once. It can be neither stopped nor asked
-//! how far it is meanwhile, and a picture of a hundred megapixels takes it ten seconds.
+//! The bytes are those of the crate `png`. Its stream writer could be cancelled between rows as well, but filters
+//! them on one thread, which is most of the work: a picture of a hundred megapixels takes it ten seconds.
 
 use std::io::{Cursor, Write};
 
 use flate2::write::ZlibEncoder;
 
 use super::png::{Packing, Raster};
-use super::stretch::Stretch;
+use super::progress::Progress;
 use crate::error::Error;
 
-/// Rows that are filtered at a time, which are held beside the picture: about so many bytes of them.
+/// Number of bytes of rows that are filtered at a time and held in addition to the picture.
 const BATCH: usize = 1 << 18;
 
 enum Deflate {
@@ -20,7 +20,7 @@ enum Deflate {
 }
 
 impl Deflate {
-    /// With room for so many bytes, so that it takes what is known before.
+    /// A compressor with this capacity, so that its memory is known in advance.
     fn new(packing: Packing, room: usize) -> std::io::Result<Self> {
         let room = Vec::with_capacity(room);
         Ok(match packing {
@@ -44,17 +44,17 @@ impl Deflate {
     }
 }
 
-/// The data of a picture: every row behind the number of its filter, deflated.
-pub fn pack(raster: &Raster, packing: Packing, stretch: Stretch<'_>) -> Result<Vec<u8>, Error> {
+/// The data of a picture: every row after the number of its filter, deflated.
+pub fn pack(raster: &Raster, packing: Packing, progress: Progress<'_>) -> Result<Vec<u8>, Error> {
     let fail = |e: std::io::Error| Error::Mismatch(format!("cannot make a PNG: {e}"));
     let rows = raster.height;
     let step = (BATCH / (raster.width * raster.channels * 2).max(1)).clamp(1, 256);
     let length = raster.width * raster.channels * if raster.largest == 255 { 1 } else { 2 } + 1;
-    // What does not get shorter is stored, with 5 bytes to a block.
+    // Incompressible data is stored, with 5 bytes per block.
     let mut deflate = Deflate::new(packing, length * rows + length * rows / 1000 + 64).map_err(fail)?;
     for start in (0..rows).step_by(step) {
-        stretch.reach(start as f32 / rows as f32)?;
-        let filtered = stretch.tiles(step.min(rows - start), |i| filtered(raster, start + i, packing));
+        progress.report(start as f32 / rows as f32)?;
+        let filtered = progress.tiles(step.min(rows - start), |i| filtered(raster, start + i, packing));
         for row in filtered? {
             deflate.put(&row).map_err(fail)?;
         }
@@ -85,12 +85,13 @@ fn row(raster: &Raster, y: usize) -> Vec<u8> {
     }
 }
 
-/// Row `y` behind the number of its filter: the one whose bytes, taken as signed, are the smallest in sum.
+/// Row `y` after the number of its filter: the one whose bytes, as signed numbers, have the smallest sum of
+/// magnitudes.
 fn filtered(raster: &Raster, y: usize, packing: Packing) -> Vec<u8> {
     let back = raster.channels * if raster.largest == 255 { 1 } else { 2 };
     let now = row(raster, y);
     let above = if y == 0 { vec![0; now.len()] } else { row(raster, y - 1) };
-    // Of equal sums the later filter, but nothing is better than 0.
+    // Of equal sums the later filter, but no filter is better than a sum of 0.
     let tried: &[u8] = if packing == Packing::Fast { &[UP] } else { &[UP, SUB, AVERAGE, PAETH] };
     let (mut best, mut least) = (Vec::new(), u64::MAX);
     for filter in tried {
@@ -112,11 +113,11 @@ const UP: u8 = 2;
 const AVERAGE: u8 = 3;
 const PAETH: u8 = 4;
 
-/// The number of a filter and what it makes of a row; `back` bytes lie between a sample and that of the pixel before.
+/// The number of a filter and the filtered row; `back` is the distance in bytes to the previous pixel.
 fn apply(filter: u8, back: usize, above: &[u8], now: &[u8]) -> Vec<u8> {
     let mut made = Vec::with_capacity(now.len() + 1);
     made.push(filter);
-    // The pixels before the first are 0.
+    // Pixels before the first are 0.
     let (head, tail) = now.split_at(back.min(now.len()));
     let left = &now[..tail.len()];
     let (above_head, above_tail) = above.split_at(head.len());
@@ -143,7 +144,7 @@ fn apply(filter: u8, back: usize, above: &[u8], now: &[u8]) -> Vec<u8> {
     made
 }
 
-/// That of left, above and above left which lies nearest to left + above - above left; in this order where equal.
+/// The one of left, above and upper left that is nearest to left + above - upper left; in this order if equal.
 fn paeth(a: u8, b: u8, c: u8) -> u8 {
     let (toward_a, toward_b) = (i16::from(b) - i16::from(c), i16::from(a) - i16::from(c));
     let (pa, pb, pc) = (toward_a.abs(), toward_b.abs(), (toward_a + toward_b).abs());
@@ -167,10 +168,10 @@ mod tests {
             ((i * 7 / channels) as u32 % 1999 + (state >> 8) % noise) as u16 & largest
         };
         let codes = (0..width * height * channels).map(&mut code).collect();
-        Raster { width, height, channels, largest, codes, ignored: Vec::new() }
+        Raster { width, height, channels, largest, codes, ignored: Vec::new(), linear: false }
     }
 
-    /// What the library makes of the whole picture at once.
+    /// The data that the library writes for the whole picture.
     fn at_once(raster: &Raster, packing: Packing) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, raster.width as u32, raster.height as u32);
@@ -205,7 +206,8 @@ mod tests {
                 for (width, height) in [(1, 1), (3, 700), (97, 41)] {
                     let raster = raster(width, height, channels, largest, noise);
                     for packing in [Packing::Small, Packing::Fast] {
-                        let made = super::super::png::write_for(&raster, packing, false, &[], Stretch::ALONE);
+                        let made =
+                            super::super::png::write_for(&raster, packing, false, &[], Progress::UNTRACKED);
                         let what = format!("{width}x{height}x{channels}, {largest}, {noise}, {packing:?}");
                         assert!(made.is_ok_and(|made| made == at_once(&raster, packing)), "{what}");
                     }

@@ -1,4 +1,4 @@
-//! Pictures as display codes: numbers rounded to whole ones, and what that loses.
+//! Conversion of pictures to display codes, with counts of clipped samples.
 
 use engine::{Context, NodeError, Notes};
 
@@ -7,16 +7,16 @@ use crate::math::color::srgb_from_linear;
 use crate::types::Picture;
 
 engine::choices! {
-    /// What becomes of alpha.
+    /// Treatment of the alpha channel.
     pub enum AlphaOutput {
-        /// The picture stays on black, as it is premultiplied; the file has no alpha.
+        /// No alpha: the premultiplied picture is written on black.
         Drop,
-        /// The file has alpha, and colours are divided by it.
+        /// Straight alpha: the file has alpha, and colours are divided by it.
         Straight,
     }
 }
 
-/// Samples that a file of whole numbers cannot hold.
+/// Counts of samples that integer codes cannot represent.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Lost {
     above: u64,
@@ -41,7 +41,7 @@ impl Lost {
         for (id, count, what) in
             [("clipped-above", self.above, "lie above 1"), ("clipped-below", self.below, "lie below 0")]
         {
-            notes.count(id, count, format!("samples of `{view}` {what} and were cut off"));
+            notes.count(id, count, format!("samples of `{view}` {what} and were clamped"));
         }
     }
 }
@@ -65,8 +65,8 @@ pub(crate) fn quantise(
     let keep_alpha = has_alpha && alpha == AlphaOutput::Straight;
     let largest = if wide { 65_535_u16 } else { 255 };
     let linear = matches!(picture, Picture::Linear(_));
-    // Linear light is encoded after alpha is divided out, since the curve is not linear. Display and
-    // data samples on black stay as they are.
+    // Linear light is encoded after division by alpha, since the curve is not linear. Display values and data on
+    // black are not changed.
     let row = |y: usize| {
         let mut codes = Vec::with_capacity(width * (colours + usize::from(keep_alpha)));
         let mut lost = Lost::default();
@@ -93,7 +93,7 @@ pub(crate) fn quantise(
         lost.add(row_lost);
     }
     let channels = colours + usize::from(keep_alpha);
-    Ok((Raster { width, height, channels, largest, codes, ignored: Vec::new() }, lost))
+    Ok((Raster { width, height, channels, largest, codes, ignored: Vec::new(), linear: false }, lost))
 }
 
 fn code(value: f32, largest: u16, lost: &mut Lost) -> u16 {

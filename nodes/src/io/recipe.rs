@@ -1,19 +1,19 @@
-//! The recipe that a written picture carries: PNG text, EXR comments, JPEG comments.
+//! The recipe in a written picture: PNG text, EXR comments, JPEG comments.
 
 use std::io::Cursor;
 
 /// Keyword of the text in a PNG.
 pub const KEYWORD: &str = "lightharmony:recipe";
 
-/// Whether bytes begin like a picture that could carry a recipe.
+/// True if the bytes begin like a picture that can contain a recipe.
 pub fn is_picture(bytes: &[u8]) -> bool {
     [&b"\x89PNG"[..], &b"\xff\xd8\xff"[..], &b"v/1\x01"[..]].iter().any(|magic| bytes.starts_with(magic))
 }
 
-/// Most bytes of a recipe in a PNG, whose text may be packed: 1 MB would become 1 GB.
+/// Largest size of a recipe in a PNG, whose text may be compressed: 1 MB could become 1 GB.
 const LONGEST: usize = 16 << 20;
 
-/// The recipe in a picture; `None` where it carries none or one that is no recipe by its length, or is damaged before it.
+/// The recipe in a picture; `None` if it has none or one that is too long, or is damaged before it.
 pub fn recipe(bytes: &[u8]) -> Option<String> {
     match bytes {
         [0x89, b'P', ..] => in_png(bytes),
@@ -36,7 +36,7 @@ fn in_exr(bytes: &[u8]) -> Option<String> {
     meta.headers.first()?.own_attributes.comments.as_ref().map(ToString::to_string)
 }
 
-/// Comments longer than a segment go on in the next one.
+/// Comments longer than a segment continue in the next one.
 fn in_jpeg(bytes: &[u8]) -> Option<String> {
     let mut rest = bytes.get(2..)?;
     let mut comment = Vec::new();
@@ -68,6 +68,7 @@ mod tests {
             largest: 255,
             codes: vec![7; 3],
             ignored: vec![],
+            linear: false,
         };
         let packed = |length: usize| {
             let mut bytes = Vec::new();
@@ -101,6 +102,7 @@ mod tests {
             largest: 255,
             codes: vec![7; 18],
             ignored: Vec::new(),
+            linear: false,
         };
         let channel = exr::Channel { name: "Y".to_owned(), samples: vec![0.5; 6] };
         let files = [

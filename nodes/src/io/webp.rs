@@ -10,27 +10,28 @@ use crate::error::Error;
 
 /// Reads a still WebP, lossy or lossless, as RGB or RGBA codes.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
-    let bad = |e: DecodingError| Error::format(file, format!("not a whole WebP: {e}"));
+    let bad = |e: DecodingError| Error::format(file, format!("not a complete WebP: {e}"));
     let mut decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(bad)?;
     if decoder.is_animated() {
         return Err(Error::unsupported(file, "an animated WebP; save one picture of it"));
     }
     let (width, height) = decoder.dimensions();
     let channels = if decoder.has_alpha() { 4 } else { 3 };
-    // A flat lossless picture takes no bits a pixel at all; the first 64 x 64 pixels are believed anyway.
+    // A flat lossless picture has less than a bit per pixel; the first 64 x 64 pixels are always accepted.
     let most = bytes.len() + 64;
     believable(file, width.into(), height.into(), channels as u64, most, 4096 * 4)?;
     let mut codes = vec![0_u8; width as usize * height as usize * channels];
     decoder.read_image(&mut codes).map_err(bad)?;
-    let ignored =
-        decoder.icc_profile().map_err(bad)?.and_then(|profile| icc::other(&profile)).into_iter().collect();
+    let meaning =
+        decoder.icc_profile().map_err(bad)?.map(|profile| icc::meaning(&profile)).unwrap_or_default();
     Ok(Raster {
         width: width as usize,
         height: height as usize,
         channels,
         largest: 255,
         codes: codes.into_iter().map(u16::from).collect(),
-        ignored,
+        ignored: Vec::from_iter(meaning.ignored),
+        linear: meaning.linear,
     })
 }
 
@@ -57,7 +58,7 @@ mod tests {
     #[test]
     fn cut_and_hurt_files_are_errors_or_pictures_and_never_panic() {
         let whole = lossless(40, 30, &[[10, 20, 30, 255], [200, 100, 50, 255]].concat().repeat(600));
-        // The decoder forgives a cut in the last few bytes, which hold no pixel.
+        // The decoder accepts a cut in the last few bytes, which hold no pixel.
         for end in 0..whole.len() - 8 {
             assert!(read("a.webp", &whole[..end]).is_err(), "cut at {end} of {}", whole.len());
         }

@@ -9,13 +9,13 @@ use crate::types::layers::{linear, matching};
 use crate::types::{Data, Image, Images, NamedImage};
 
 engine::params! {
-    /// A shadow by alpha compositing of a grey mask instead of a ratio of light; the paper's ablation.
+    /// A shadow by alpha compositing of a grey mask instead of a ratio of light: an ablation of the paper.
     ///
-    /// The mask is the share of luminance that the objects take. An image editor would lay it as black over the
+    /// The mask is the share of luminance that the objects take. An image editor lays it as black over the
     /// displayed picture, without going through linear light. Here it is a factor in linear light, chosen so that
-    /// white comes out as in the editor; darker pixels come out darker: under a mask of 0.5 a grey of code 128
-    /// becomes 61 where an editor has 64, one of 26 becomes 7 where it has 13.
-    /// Shadows are too deep and without colour; use `shadow-ratio`, whose place it takes in a graph, for real work.
+    /// white comes out as in the editor; darker pixels come out darker: under a mask of 0.5, code 128 becomes 61
+    /// where an editor has 64, and code 26 becomes 7 where it has 13. Shadows are too deep and have no colour. For
+    /// real work use `shadow-ratio`, which can replace this node in a graph.
     pub struct AlphaShadow {
         /// Opacity of the mask.
         strength: f64 = 1.0, range(0.0, 1.0), other("0.5");

@@ -1,4 +1,4 @@
-//! `camera`: one pinhole camera, given by where it stands and what it looks at.
+//! `camera`: one pinhole camera, given by its position and target.
 
 use std::sync::Arc;
 
@@ -14,28 +14,27 @@ use crate::types::{self, Rig};
 engine::params! {
     /// A camera that stands at `eye` and looks at `target`.
     ///
-    /// Upright with respect to the scene's `up`, unless rolled; square pixels, principal point in the
-    /// middle.
+    /// It is upright with respect to the scene's `up` unless rolled, with square pixels and the principal point in
+    /// the middle of the picture.
     pub struct Camera {
-        /// Where the camera stands.
+        /// Position of the camera.
         eye: [f64; 3], range(-1e12, 1e12), unit("world units"), other("(3.0, 2.0, 2.0)");
-        /// A point in the middle of the picture.
+        /// Point that appears in the middle of the picture.
         target: [f64; 3], range(-1e12, 1e12), unit("world units"), other("(0.0, 0.0, 0.5)");
         /// Width of the picture.
         width_px: u32 = 1280, range(1, 65536), unit("px"), other("640");
         /// Height of the picture.
         height_px: u32 = 720, range(1, 65536), unit("px"), other("480");
-        /// Angle between the upper and the lower edge of the picture.
+        /// Vertical field of view.
         fov_y_deg: f64 = 45.0, range(0.001, 179.9), unit("degrees"), other("60.0");
-        /// Turns the camera clockwise about its line of sight, so that the picture turns
-        /// counter-clockwise.
+        /// Rotates the camera clockwise about its line of sight, so the picture turns counter-clockwise.
         roll_deg: f64 = 0.0, range(-360, 360), unit("degrees"), other("10.0");
-        /// Name of the view, which stands for `{view}` in paths.
+        /// Name of the view, which replaces `{view}` in paths.
         name: String = "camera".to_owned(), other("\"left\"");
     }
 }
 engine::inputs! {
-    /// None.
+    /// No inputs.
     pub struct In {}
 }
 engine::outputs! {
@@ -73,7 +72,7 @@ impl Kind for Camera {
         let eye = DVec3::from_array(p.eye);
         let forward = (DVec3::from_array(p.target) - eye).normalize();
         let right = forward.cross(up);
-        // Below this the direction of the horizon is rounding noise.
+        // Below this, the direction of the horizon is rounding noise.
         if right.length() < 1e-9 {
             return Err(NodeError::new("the camera looks straight along the up axis, so nothing says where the top of the picture is")
                 .at("target")
@@ -112,7 +111,7 @@ mod tests {
 
     fn camera(up: Up, p: &Camera) -> Result<types::Camera, NodeError> {
         Camera::check(p)?;
-        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         Ok(Camera::run(p, In {}, &cx)?.0.rig.cameras[0].clone())
     }
     fn plain(eye: [f64; 3], target: [f64; 3]) -> Camera {

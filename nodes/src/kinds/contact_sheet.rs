@@ -7,21 +7,21 @@ use engine::{Context, Cost, Kind, NodeError, Notes};
 use crate::types::{Data, Image, Images, Linear, NamedImage, Picture, Srgb};
 
 engine::params! {
-    /// Puts many pictures into one, row by row, in the order of the wires: those of a `Gather`, say.
+    /// Arranges many pictures in one, row by row, in the order of the wires: the output of a `Gather`, for example.
     ///
-    /// Every cell is as large as the largest picture; smaller ones stand at its upper left. What no picture
-    /// covers is black, and transparent where the pictures have alpha.
+    /// Every cell has the size of the largest picture; smaller ones are placed at its upper left. Cells are black
+    /// where no picture covers them, and transparent if the pictures have alpha.
     pub struct ContactSheet {
-        /// Pictures in a row; 0 makes the sheet about square.
+        /// Pictures per row; 0 makes the sheet about square.
         columns: u32 = 0, range(0, 1000), other("1");
-        /// Between two pictures.
+        /// Gap between two pictures.
         gap_px: u32 = 4, range(0, 1000), unit("px"), other("0");
     }
 }
 engine::inputs! {
-    /// What to show.
+    /// Pictures to show.
     pub struct In {
-        /// Pictures of one encoding; of a wire with several views, each of them.
+        /// Pictures of one encoding. A wire with several views contributes each of them.
         images: Vec<Arc<Images>>,
     }
 }
@@ -33,13 +33,13 @@ engine::outputs! {
     }
 }
 
-/// Where the cells of a sheet stand.
+/// Positions of the cells of a sheet.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Layout {
     columns: usize,
     cell: (usize, usize),
     gap: usize,
-    /// Width and height of the whole.
+    /// Width and height of the sheet.
     size: (usize, usize),
 }
 
@@ -68,7 +68,7 @@ impl Kind for ContactSheet {
     fn estimate(p: &Self, inputs: &In) -> Cost {
         let views: Vec<&NamedImage> = inputs.images.iter().flat_map(|images| &images.0).collect();
         let (width, height) = Layout::new(p, &views).size;
-        Cost { bytes: (width as u64).saturating_mul(height as u64).saturating_mul(16) }
+        Cost::of([((width as u64).saturating_mul(height as u64), 16)])
     }
 
     fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
@@ -84,7 +84,7 @@ impl Kind for ContactSheet {
             };
             return Err(NodeError::new(format!("{}, {}", text(first), text(other)))
                 .at("images")
-                .hint("a sheet is of one encoding; gather pictures of one sort"));
+                .hint("a sheet has one encoding; gather pictures of the same encoding"));
         }
         let layout = Layout::new(p, &views);
         let (width, height) = layout.size;
@@ -116,7 +116,8 @@ mod tests {
     use engine::{Scene, Up};
 
     fn sheet(columns: u32, gap_px: u32, images: Vec<Images>) -> Result<Image<Data>, String> {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let inputs = In { images: images.into_iter().map(Arc::new).collect() };
         let (out, _) =
             ContactSheet::run(&ContactSheet { columns, gap_px }, inputs, &cx).map_err(|e| e.to_string())?;

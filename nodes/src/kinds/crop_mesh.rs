@@ -1,4 +1,4 @@
-//! `crop-mesh`: part of a mesh.
+//! `crop-mesh`: keeps part of a mesh.
 
 use std::sync::Arc;
 
@@ -11,8 +11,8 @@ use crate::types::Mesh;
 engine::params! {
     /// Keeps the triangles of a mesh that lie in a box and below a height.
     ///
-    /// A triangle counts by its centroid; none is cut. Leaving out the ceiling of a room
-    /// (`below_height: 2.4`) is the crude way to let light in, which the paper compares with.
+    /// A triangle is kept if its centroid lies inside; triangles are not cut. Removing the ceiling of a room
+    /// (`below_height: 2.4`) is the simple way to let light in that the paper compares with.
     pub struct CropMesh {
         /// Smallest world coordinates kept.
         box_min: Option<[f64; 3]> = None, other("(0.2, -1.0, -1.0)"), unit("world units");
@@ -34,7 +34,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`CropMesh`].
     pub struct Out {
-        /// What is left of it.
+        /// The remaining mesh.
         mesh: Arc<Mesh>,
     }
 }
@@ -74,9 +74,9 @@ impl Kind for CropMesh {
         }
         let mut notes = Notes::none();
         let (left, all) = (kept.triangles.len(), mesh.triangles.len());
-        notes.count("cropped", (all - left) as u64, format_args!("of {all} triangles left out"));
+        notes.count("cropped", (all - left) as u64, format_args!("of {all} triangles removed"));
         if left == 0 && all > 0 {
-            notes.degraded("empty", "nothing is left of the mesh");
+            notes.degraded("empty", "no triangle of the mesh is left");
         }
         Ok((Out { mesh: Arc::new(kept) }, notes))
     }

@@ -1,4 +1,4 @@
-//! `cube-rig`: six cameras that see everything around a point.
+//! `cube-rig`: six cameras that cover all directions around a point.
 
 use std::sync::Arc;
 
@@ -9,37 +9,37 @@ use crate::math::{equirect, num};
 use crate::types::{Camera, Pose, Rig};
 
 engine::choices! {
-    /// How the cube of cameras is turned.
+    /// Orientation of the cube of cameras.
     pub enum Turn {
-        /** So that no face looks along an axis of the world. Captures quantise positions along the axes;
-        a camera that looks along one sees nearly all depths tied, and ties are drawn in file order. */
+        /// Rotated so that no face looks along an axis of the world. Captures quantise positions along the axes, so a camera
+        /// that looks along one sees many equal depths, which are drawn in file order.
         OffAxis,
-        /** Faces along the axes, as other tools do. */
+        /// Faces along the axes of the world, as in other tools.
         Aligned,
     }
 }
 
 engine::params! {
-    /// Six cameras around a point above an object's foot, for a panorama of what lights it.
+    /// Places six cameras around a point above an object's foot, for a panorama of its surroundings.
     ///
-    /// Only the translation of the pose enters: turning or scaling the object leaves the rig as it is.
-    /// Each face is wider than 90 degrees, so that `stitch` can blend neighbours.
+    /// Only the translation of the pose is used: rotating or scaling the object does not change the rig. Each face
+    /// is wider than 90 degrees, so that `stitch` can blend neighbours.
     pub struct CubeRig {
         /// Height of the point above the foot of the pose, along up.
         height_metres: f64 = 0.5, range(-1000.0, 1000.0), unit("m"), other("0.75");
         /// Side of a face, guard band included.
         size_px: u32 = 512, range(1, 8192), unit("px"), other("64"),
             knob(Resolution, "128", "256", "512", "1024");
-        /// How far a face reaches beyond its 45 degrees to each side.
+        /// Angle by which a face extends beyond 45 degrees on each side.
         guard_deg: f64 = 3.0, range(0.0, 30.0), unit("degrees"), other("5.0");
-        /// How the cube is turned.
+        /// Orientation of the cube.
         turn: Turn = Turn::OffAxis, other("Aligned");
     }
 }
 engine::inputs! {
     /// Inputs of [`CubeRig`].
     pub struct In {
-        /// Where the object stands.
+        /// Pose of the object.
         at: Arc<Pose>,
     }
 }
@@ -51,17 +51,17 @@ engine::outputs! {
     }
 }
 
-/// Turns about up, then right, then forward, of an off-axis cube, in degrees. Any angles far from 0, 45
-/// and 90 do; with these no face comes within 15 degrees of an axis.
+/// Rotations about up, then right, then forward, of an off-axis cube, in degrees. Any angles far from 0, 45 and 90
+/// would do; with these, no face comes within 15 degrees of an axis.
 const OFF_AXIS_DEG: [f64; 3] = [27.0, 19.0, 11.0];
 
-/// `a` and `b`, which are perpendicular unit vectors, turned by an angle from `a` towards `b`.
+/// The perpendicular unit vectors `a` and `b`, rotated by an angle from `a` towards `b`.
 fn turned(a: DVec3, b: DVec3, degrees: f64) -> (DVec3, DVec3) {
     let (sin, cos) = num::sin_cos(degrees.to_radians());
     (a * cos + b * sin, b * cos - a * sin)
 }
 
-/// The six cameras at `eye` of a world whose right, forward and up are `axes`.
+/// The six cameras at `eye`, in a world whose right, forward and up are `axes`.
 pub(crate) fn cube(eye: DVec3, axes: [DVec3; 3], size_px: u32, guard_deg: f64, turn: Turn) -> Rig {
     let [mut right, mut forward, mut above] = axes;
     if turn == Turn::OffAxis {

@@ -1,4 +1,4 @@
-//! `fit-probe`: a rig for a panorama with no more pixels than material and shadow show.
+//! `fit-probe`: reduces a rig to the resolution that materials and shadows can show.
 
 use std::sync::Arc;
 
@@ -9,14 +9,15 @@ use crate::light::panorama::COLUMNS_A_PIXEL;
 use crate::types::{Environment, Placed, Rig};
 
 engine::params! {
-    /// Makes the views around a point no finer than what they light can show.
+    /// Reduces the resolution of the views around a point to what the objects lit by them can show.
     ///
-    /// A coarse panorama of the same light, of 128 columns say, shows how large its lights are; the objects tell how
-    /// smooth the smoothest of their materials is. Both decide how many columns a panorama needs (`path-trace` reports
-    /// the same number), and a view gets half as many pixels to a side. No view becomes finer than it was. Give `stitch`
-    /// `as_views: true`, so that it makes as many columns as its views are worth.
+    /// A coarse panorama of the same light (128 columns, for example) gives the size of its lights; the objects
+    /// give the roughness of their smoothest material. Both determine how many columns the panorama needs
+    /// (`path-trace` reports the same number), and a view gets half that number of pixels per side. Views are never
+    /// enlarged. Set `as_views: true` on `stitch` so that the panorama gets the number of columns that its views
+    /// support.
     pub struct FitProbe {
-        /// Whether to leave out pixels that are not needed; `false` leaves the rig as it is, and reports what would suffice.
+        /// True to reduce the views; `false` keeps the rig and only reports the resolution that would be enough.
         skip_fine: bool = true, other("false");
     }
 }
@@ -25,16 +26,16 @@ engine::inputs! {
     pub struct In {
         /// The views at full size, each as wide as high: those of a `cube-rig`.
         rig: Arc<Rig>,
-        /// What the light is for.
+        /// Objects to be lit.
         objects: Vec<Arc<Placed>>,
-        /// A coarse panorama of the same light. Its pixels widen lights by less than half a pixel, which is taken off.
+        /// Coarse panorama of the same light. Its pixels widen lights by up to half a pixel, which is subtracted.
         look: Arc<Environment>,
     }
 }
 engine::outputs! {
     /// Outputs of [`FitProbe`].
     pub struct Out {
-        /// The same views with as many pixels as are needed.
+        /// The same views with the reduced number of pixels.
         rig: Arc<Rig>,
     }
 }
@@ -43,7 +44,7 @@ impl Kind for FitProbe {
     const NAME: &'static str = "fit-probe";
     const VERSION: u32 = 2;
     const STORE: Keep = Keep::Cheap;
-    const LOOKS: &'static [&'static str] = &["look"];
+    const PREVIEW: engine::Preview = engine::Preview { looks: &["look"], ..engine::Preview::NONE };
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -58,7 +59,7 @@ impl Kind for FitProbe {
         };
         if let Some(odd) = rig.cameras.iter().find(|c| [c.width_px, c.height_px] != [side; 2]) {
             let text = format!("view `{}` is {}x{} pixels", odd.name, odd.width_px, odd.height_px);
-            let hint = "views of a probe are squares of one size; `cube-rig` makes such";
+            let hint = "views of a probe are squares of equal size, as from `cube-rig`";
             return Err(NodeError::new(text).at("rig").hint(hint));
         }
         let most = side.saturating_mul(COLUMNS_A_PIXEL) as usize;
@@ -70,9 +71,9 @@ impl Kind for FitProbe {
         notes.decision(
             "probe-size",
             match (enough < side, params.skip_fine) {
-                (true, true) => format!("views of {enough} px in place of {side} do: {why}"),
+                (true, true) => format!("views of {enough} px are enough, instead of {side}: {why}"),
                 (true, false) => {
-                    format!("views of {enough} px would do, and have {side}, as is asked: {why}")
+                    format!("views of {enough} px would be enough; they keep {side} because of `skip_fine: false`: {why}")
                 }
                 (false, _) => format!("all {side} px of a view are needed: {why}"),
             },
@@ -102,7 +103,7 @@ mod tests {
     use crate::math::equirect::{axes, direction};
     use crate::types::{Image, Material, Object, Primitive};
 
-    /// A dim sky with a disc of light of so many degrees, 40 degrees up.
+    /// A dim sky with a disc of light of the given diameter in degrees, 40 degrees above the horizon.
     fn lit(width: usize, disc_deg: f64) -> Arc<Environment> {
         let (sin, cos) = crate::math::num::sin_cos_deg(40.0);
         let (towards, edge) = (DVec3::new(cos, 0.0, sin), crate::math::num::sin_cos_deg(disc_deg / 2.0).1);
@@ -146,8 +147,8 @@ mod tests {
             (32, 1.0, 24.0, 32),
             (100, 0.0, 24.0, 100),
         ] {
-            let (rig, told) = run(side, roughness, lit(128, disc_deg), true);
-            assert_eq!(rig.cameras[0].width_px, enough, "{side} {roughness} {disc_deg}: {told}");
+            let (rig, reported) = run(side, roughness, lit(128, disc_deg), true);
+            assert_eq!(rig.cameras[0].width_px, enough, "{side} {roughness} {disc_deg}: {reported}");
             let expected = smaller(enough);
             for (a, b) in rig.cameras.iter().zip(&expected.cameras) {
                 assert_eq!(
@@ -158,13 +159,13 @@ mod tests {
                     [a.fx - b.fx, a.fy - b.fy, a.cx - b.cx, a.cy - b.cy].iter().all(|off| off.abs() < 1e-9)
                 );
             }
-            assert_eq!(told.contains("in place of"), enough < side, "{told}");
-            let (kept, told) = run(side, roughness, lit(128, disc_deg), false);
-            assert_eq!(*kept, smaller(side), "{told}");
+            assert_eq!(reported.contains("in place of"), enough < side, "{reported}");
+            let (kept, reported) = run(side, roughness, lit(128, disc_deg), false);
+            assert_eq!(*kept, smaller(side), "{reported}");
         }
     }
 
-    /// As seen by so many times fewer columns.
+    /// The environment with `times` fewer columns.
     fn seen_by_fewer(environment: &Environment, times: usize) -> Arc<Environment> {
         let fine = &environment.image;
         let (width, height) = (fine.width / times, fine.height / times);
@@ -177,7 +178,8 @@ mod tests {
         Arc::new(Environment { image, up: environment.up, origin: None })
     }
 
-    // What a coarse look asks for is what all pixels do, or up to twice that. Mutation: no blur taken off.
+    // A coarse look asks for the same number of columns as the full image, or up to twice as many. Mutation: blur
+    // not subtracted.
     #[test]
     fn a_coarse_look_asks_for_no_less() {
         for disc_deg in [30.0, 24.0, 22.0, 15.0, 11.0, 9.0, 6.0, 5.0, 4.0] {
@@ -194,8 +196,8 @@ mod tests {
             let mut rig = cube(DVec3::ONE, axes(Up::PlusZ), 64, 3.0, Turn::OffAxis);
             change(&mut rig);
             let inputs = In { rig: Arc::new(rig), objects: Vec::new(), look: lit(64, 9.0) };
-            let told = FitProbe::run(&FitProbe { skip_fine: true }, inputs, &crate::testing::context());
-            told.err().map(|error| error.to_string()).unwrap_or_default()
+            let reported = FitProbe::run(&FitProbe { skip_fine: true }, inputs, &crate::testing::context());
+            reported.err().map(|error| error.to_string()).unwrap_or_default()
         };
         assert!(refused(|rig| rig.cameras.clear()).contains("no camera"));
         assert!(refused(|rig| rig.cameras[2].height_px = 63).contains("64x63"));

@@ -1,4 +1,4 @@
-//! `join-reports`: the tables of many reports as one.
+//! `join-reports`: joins the tables of many reports.
 
 use std::sync::Arc;
 
@@ -7,23 +7,23 @@ use engine::{Context, ContextField, Kind, NodeError, Notes};
 use crate::types::{Cell, Report, Table};
 
 engine::params! {
-    /// Puts the tables of many reports below each other: those of a `Gather`, say, where each row is told by
-    /// the values of its axes.
+    /// Concatenates the tables of many reports, such as those of a `Gather`, where each row starts with the values
+    /// of its axes.
     ///
-    /// Tables of one name must have the same columns.
+    /// Tables with the same name must have the same columns.
     pub struct JoinReports {}
 }
 engine::inputs! {
-    /// What to join.
+    /// Reports to join.
     pub struct In {
         /// The reports, in order.
         reports: Vec<Arc<Report>>,
     }
 }
 engine::outputs! {
-    /// All of it.
+    /// The joined report.
     pub struct Out {
-        /// A table for each name of a table, with a column for each axis in front.
+        /// One table per table name, with a leading column per axis.
         report: Arc<Report>,
     }
 }
@@ -66,7 +66,7 @@ impl Kind for JoinReports {
                     Some(known) if known.columns.iter().cloned().eq(columns()) => known.rows.extend(rows),
                     Some(_) => {
                         let text =
-                            format!("the tables `{}` have other columns in report {index}", table.name);
+                            format!("the tables `{}` have different columns in report {index}", table.name);
                         return Err(NodeError::new(text).at("reports"));
                     }
                 }
@@ -77,7 +77,7 @@ impl Kind for JoinReports {
     }
 }
 
-/// A number where it is one.
+/// The text as a number if it is one.
 fn cell(value: &str) -> Cell {
     match (value.parse::<u64>(), value.parse::<f64>()) {
         (Ok(count), _) => Cell::Count(count),
@@ -98,7 +98,8 @@ mod tests {
     }
 
     fn join(reports: Vec<Arc<Report>>) -> Result<Report, String> {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let joined = JoinReports::run(&JoinReports {}, In { reports }, &cx).map_err(|e| e.to_string())?;
         Ok((*joined.0.report).clone())
     }
@@ -108,7 +109,8 @@ mod tests {
         let joined = join(vec![report(&["x"], 1.0), report(&["x"], 2.0)]).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(joined.tables[0].rows, [[Cell::Number(1.0)], [Cell::Number(2.0)]]);
         assert!(
-            join(vec![report(&["x"], 1.0), report(&["y"], 2.0)]).is_err_and(|e| e.contains("other columns"))
+            join(vec![report(&["x"], 1.0), report(&["y"], 2.0)])
+                .is_err_and(|e| e.contains("different columns"))
         );
         assert_eq!(join(vec![]).map(|joined| joined.tables.len()), Ok(0));
     }

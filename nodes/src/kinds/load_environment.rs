@@ -15,24 +15,24 @@ engine::params! {
     /// Loads an equirectangular panorama of linear light: OpenEXR or Radiance HDR.
     ///
     /// Row 0 of the file is up and its centre column looks forward (up +z: +Y; up +y: -Z; up -y: +Z);
-    /// `rotation_deg` turns it from there.
+    /// `rotation_deg` rotates it from there.
     pub struct LoadEnvironment {
         /// The file: `.exr` or `.hdr`.
         path: InputFile, other("\"b.hdr\"");
-        /// Which layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. By default the layer without a name.
+        /// Layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. The default is the unnamed layer.
         layer: String = String::new(), other("\"R\"");
-        /// Turns the light about the up axis, counter-clockwise seen from above. Fractions of a pixel are
-        /// interpolated, so that energy is kept row by row.
+        /// Rotates the light about the up axis, counter-clockwise seen from above. Fractions of a pixel are
+        /// interpolated, which keeps the energy of each row.
         rotation_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("90.0");
         /// Multiplies the radiance.
         scale: f64 = 1.0, range(0, 1e9), other("2.0");
-        /// The point that the light was captured at. `path-trace` measures from it which surfaces lie behind
-        /// the light and let it pass; none: it takes the first camera's place and says so.
+        /// Point where the light was captured. `path-trace` uses it to find which surfaces lie behind the light and
+        /// let it pass. Without it, `path-trace` uses the position of the first camera and reports that.
         origin: Option<[f64; 3]> = None, other("(0.5, 0.0, 1.0)"), unit("world units");
     }
 }
 engine::inputs! {
-    /// None.
+    /// No inputs.
     pub struct In {}
 }
 engine::outputs! {
@@ -40,7 +40,7 @@ engine::outputs! {
     pub struct Out {
         /// Linear radiance from every direction.
         env: Arc<Environment>,
-        /// The same as a picture, for sinks and comparisons.
+        /// The same light as a picture, for sinks and comparisons.
         image: Arc<Images>,
     }
 }
@@ -59,7 +59,7 @@ impl Kind for LoadEnvironment {
     }
 
     fn estimate_files(p: &Self, files: &[FileHead<'_>]) -> Cost {
-        // The picture, beside it the turned one, and while rows turn these too; in the end the light and its picture.
+        // The picture, the rotated copy, and the rows while they are rotated; at the end the light and its picture.
         let copies = if p.rotation_deg == 0.0 { 2 } else { 3 };
         let of = |file: &FileHead<'_>| {
             let [reading, floats] = floats_of(file);
@@ -84,7 +84,7 @@ impl Kind for LoadEnvironment {
     }
 }
 
-/// Below 0 becomes 0, and what no number can hold the largest that one can.
+/// Clamps values below 0 to 0, and values that overflow to the largest float.
 fn scale(rgb: &mut [f32], by: f64, notes: &mut Notes) {
     let (mut negative, mut capped) = (0, 0);
     for value in rgb {
@@ -95,7 +95,7 @@ fn scale(rgb: &mut [f32], by: f64, notes: &mut Notes) {
     }
     for (id, count, what) in [
         ("radiance-negative", negative, "samples lie below 0 and were set to 0"),
-        ("radiance-capped", capped, "samples are more than a number can hold once scaled, and were cut off"),
+        ("radiance-capped", capped, "samples overflowed when scaled and were clamped"),
     ] {
         notes.count(id, count, what);
     }
@@ -105,7 +105,7 @@ fn scale(rgb: &mut [f32], by: f64, notes: &mut Notes) {
 mod tests {
     use super::*;
 
-    // What is no number or infinite never comes this far: see `load_image`.
+    // NaN and infinite samples are replaced earlier: see `io/picture.rs`.
     #[test]
     fn impossible_light_is_replaced_and_counted() {
         let mut notes = Notes::none();

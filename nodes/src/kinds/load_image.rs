@@ -1,50 +1,50 @@
-//! `load-image`: a picture from a file.
+//! `load-image`: pictures from files.
 
 use std::sync::Arc;
 
 use engine::{Context, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
 
 use crate::io::picture::{decode, floats_of};
-use crate::io::stretch::Stretch;
+use crate::io::progress::Progress;
 use crate::types::view::check_name;
 use crate::types::{Images, NamedImage};
 
 pub use crate::io::picture::FileEncoding;
 
 engine::params! {
-    /// Loads a picture: PNG, JPEG, OpenEXR or Radiance HDR.
+    /// Loads pictures: PNG, JPEG, OpenEXR or Radiance HDR.
     ///
-    /// Codes become numbers from 0 to 1; nothing is converted, `encoding` only says what they mean. Alpha
-    /// is premultiplied where the file has it straight (PNG).
+    /// Integer codes become numbers from 0 to 1. Values are not converted; `encoding` declares what they mean.
+    /// Straight alpha (PNG) is premultiplied.
     pub struct LoadImage {
         /// The file.
         path: InputFile, other("\"b.png\"");
         /// Pictures of further views, such as those of a rig of several cameras.
         more: Vec<InputFile> = Vec::new(), other("[\"photo.png\"]");
-        /// What the numbers mean.
+        /// Meaning of the numbers.
         encoding: FileEncoding = FileEncoding::Auto, other("Data");
-        /// Which layer of an OpenEXR file: `R0` takes `R0.R`, `R0.G` and `R0.B`, `Z` the channel Z. By
-        /// default the layer without a name.
+        /// Layer of an OpenEXR file: `R0` reads `R0.R`, `R0.G` and `R0.B`, `Z` reads the channel Z. The default is
+        /// the unnamed layer.
         layer: String = String::new(), other("\"Z\""), inert("only OpenEXR has layers");
-        /// Names of the views, one a file; by default the names of the files without folder and ending.
+        /// Names of the views, one per file. The default is the file name without folder and extension.
         names: Vec<String> = Vec::new(), other("[\"left\"]");
     }
 }
 engine::inputs! {
-    /// None.
+    /// No inputs.
     pub struct In {}
 }
 engine::outputs! {
-    /// The picture.
+    /// Outputs of [`LoadImage`].
     pub struct Out {
-        /// The pictures, one view a file.
+        /// The pictures, one view per file.
         image: Arc<Images>,
     }
 }
 
 impl Kind for LoadImage {
     const NAME: &'static str = "load-image";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;
@@ -55,7 +55,7 @@ impl Kind for LoadImage {
     }
 
     fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
-        // One after the other; what was read before is held meanwhile.
+        // Files are read one after the other, while the earlier ones are held.
         let (mut held, mut most) = (0_u64, 0_u64);
         for file in files {
             let [reading, floats] = floats_of(file);
@@ -78,18 +78,18 @@ impl Kind for LoadImage {
         let mut notes = Notes::none();
         let mut views: Vec<NamedImage> = Vec::with_capacity(1 + p.more.len());
         for (index, file) in p.files().enumerate() {
-            let stretch = Stretch::of(cx, 0.0, 1.0).piece(index, 1 + p.more.len());
-            stretch.reach(0.0)?;
+            let progress = Progress::of(cx, 0.0, 1.0).piece(index, 1 + p.more.len());
+            progress.report(0.0)?;
             let field = if index == 0 { "path" } else { "more" };
             let bytes = cx.read(file).map_err(|e| e.at(field))?;
-            let picture = decode(p.encoding, &p.layer, &file.0, &bytes, &mut notes, stretch)
+            let picture = decode(p.encoding, &p.layer, &file.0, &bytes, &mut notes, progress)
                 .map_err(|e| NodeError::from(e).at(field))?;
             let stem = file.0.rsplit(['/', '\\']).next().unwrap_or_default();
             let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);
             let name = p.names.get(index).map_or(stem, String::as_str).to_owned();
             if views.iter().any(|view| view.name == name) {
                 let error = NodeError::new(format!("two views are called `{name}`"));
-                return Err(error.at("more").hint("tell them apart with `names`"));
+                return Err(error.at("more").hint("distinguish them with `names`"));
             }
             views.push(NamedImage { name, picture });
         }

@@ -16,21 +16,21 @@ engine::params! {
     /// Node transforms, instances, morph weights and skins are applied as the file has them. Materials are
     /// metallic-roughness with all their textures and the KHR extensions: transmission, volume, ior, clearcoat,
     /// sheen, specular, anisotropy, iridescence, diffuse transmission, emissive strength, unlit. A file that
-    /// requires anything else is refused by name; what it merely uses is told, and marks the result as
-    /// degraded where it would show. Pictures are PNG, JPEG or WebP.
+    /// requires another extension is an error that names it. An optional extension that is not supported is
+    /// reported, and marks the result as degraded if it would be visible. Pictures are PNG, JPEG or WebP.
     pub struct LoadObject {
-        /// The file: `.glb`, or `.gltf` with what it names beside it.
+        /// The file: `.glb`, or `.gltf` with the files that it refers to.
         path: InputFile, other("\"b.glb\"");
-        /// Which scene of the file, counted from 0; by default the one that the file shows first.
+        /// Index of the scene in the file, from 0. The default is the scene that the file marks as its default.
         scene: Option<u32> = None, range(0, 65535), other("Some(1)"), inert("most files have one scene");
     }
 }
 engine::inputs! {
-    /// None.
+    /// No inputs.
     pub struct In {}
 }
 engine::outputs! {
-    /// The object.
+    /// Outputs of [`LoadObject`].
     pub struct Out {
         /// The object in the frame of its file: y up, metres.
         object: Arc<Object>,
@@ -51,11 +51,11 @@ impl Kind for LoadObject {
 
     fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
         let all = files.iter().fold(0, |sum: u64, file| sum.saturating_add(file.bytes));
-        // Pictures beside it, and those in it: in the worst case all are being read at the same time.
+        // External and embedded pictures: in the worst case all are decoded at the same time.
         let beside = files.iter().filter_map(|file| Head::read(&mut file.open()?));
         let pictures = beside.chain(files.first().into_iter().flat_map(pictures_inside));
         let texels = pictures.map(|head| head.as_texels()[0]).fold(0, u64::saturating_add);
-        // The files, their geometry as floats and once more as triangles of the object.
+        // The files, their geometry as floats, and again as triangles of the object.
         Cost { bytes: all.saturating_mul(3).saturating_add(texels) }
     }
 
@@ -70,13 +70,13 @@ impl Kind for LoadObject {
     }
 }
 
-/// The heads of the pictures that a GLB holds.
+/// Headers of the pictures embedded in a GLB.
 fn pictures_inside(file: &FileHead<'_>) -> Vec<Head> {
     let read = || {
         let mut reader = file.open()?;
         let (json, binary) = gltf::json_in(&mut reader).ok()??;
         let json: serde_json::Value = serde_json::from_slice(&json).ok().filter(|_| binary)?;
-        // The binary chunk begins behind its own length and name.
+        // The binary chunk begins after its own length and type.
         let start = reader.stream_position().ok()? + 8;
         let views = json["images"].as_array()?.iter().filter_map(|image| image["bufferView"].as_u64());
         let mut heads = Vec::new();

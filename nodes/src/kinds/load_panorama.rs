@@ -1,4 +1,4 @@
-//! `load-panorama`: what is seen around a point, from a file.
+//! `load-panorama`: an equirectangular panorama from a file.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -20,50 +20,53 @@ use crate::math::num;
 use crate::types::{Environment, Image, Images, Linear, Panorama, Picture, Srgb};
 
 engine::params! {
-    /// Loads an equirectangular panorama as a camera took it: PNG, JPEG, OpenEXR or Radiance HDR.
+    /// Loads an equirectangular panorama as a camera recorded it: PNG, JPEG, OpenEXR or Radiance HDR.
     ///
-    /// It stands where `stitch` would make one from splats. Row 0 of the file is up and its centre column looks
-    /// forward (up +z: +Y; up +y: -Z; up -y: +Z). PNG and JPEG hold display colours, whose lights clip at
-    /// white; OpenEXR and Radiance hold linear light, in which nothing clips unless `photograph_ev` says so.
-    /// A part of a sphere, as telephones and stitchers write it, lies where its metadata (Photo Sphere XMP, `GPano`)
-    /// says, and the rest is a hole. Holes, which are what is transparent, are filled from around.
+    /// It replaces a panorama that `stitch` makes from splats. Row 0 of the file is up and its centre column looks
+    /// forward (up +z: +Y; up +y: -Z; up -y: +Z). PNG and JPEG hold display colours, whose lights clip at white;
+    /// OpenEXR and Radiance hold linear light, which is not clipped unless `photograph_ev` is set. A partial
+    /// sphere, as phones and stitching programs write it, is placed where its metadata (Photo Sphere XMP, `GPano`)
+    /// says; the rest is a hole. Holes (transparent pixels) are filled from their surroundings.
     pub struct LoadPanorama {
         /// The file: `.jpg`, `.png`, `.exr` or `.hdr`.
         path: InputFile, other("\"b.exr\"");
-        /// Which layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. By default the layer without a name.
+        /// Layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. The default is the unnamed layer.
         layer: String = String::new(), other("\"R\"");
-        /// Takes linear light as a camera of 8 bits would, so many stops above EV 0: the median of the picture, raised
-        /// to 1 / 2.4, is half of white there, but at most 15 % of the sphere are above white. None: as it is.
+        /// Exposes linear light as an 8-bit camera would, this many stops above EV 0. At EV 0 the median of the
+        /// picture, raised to 1 / 2.4, becomes half of white, but at most 15 % of the sphere is above white. `None`
+        /// keeps the light unclipped.
         photograph_ev: Option<f64> = None, range(-24, 24), unit("EV"), other("1.0");
-        /// Turns it about the up axis, counter-clockwise seen from above: light to a part of a pixel, display colours by
-        /// the nearest whole number of columns, since a clipped lamp of one pixel would be mixed with what is beside it.
+        /// Rotation about the up axis, counter-clockwise seen from above. Linear light is interpolated between
+        /// pixels; display colours rotate by the nearest whole number of columns, because interpolation would dim a
+        /// clipped light of one pixel.
         rotation_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("90.0");
-        /// Where it was taken, as far as the frame of the scene tells; without it, its light is taken to come from far away.
+        /// Point where the panorama was taken, in world coordinates. Without it, its light is treated as infinitely
+        /// far away.
         origin: Option<[f64; 3]> = None, other("(0.5, 0.0, 1.0)"), unit("world units");
     }
 }
 engine::inputs! {
-    /// None.
+    /// No inputs.
     pub struct In {}
 }
 engine::outputs! {
-    /// The panorama.
+    /// Outputs of [`LoadPanorama`].
     pub struct Out {
         /// The panorama, for `predict-exposure` and `fuse-hdr`.
         pano: Arc<Panorama>,
         /// Its colours, for `write-image`.
         image: Arc<Images>,
-        /// Its light before anything was clipped here, at the same exposure: the truth for `score-env`.
+        /// Its light before clipping by `photograph_ev`, at the same exposure: the reference for `score-env`.
         env: Arc<Environment>,
     }
 }
 
-/// Below this alpha, half a code of 8 bits, a pixel is a hole. What shows at all has its colour.
+/// A pixel below this alpha (half an 8-bit code) is a hole. Other pixels keep their colour.
 const HOLE_ALPHA: f32 = 0.5 / 255.0;
 
 impl Kind for LoadPanorama {
     const NAME: &'static str = "load-panorama";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -75,8 +78,8 @@ impl Kind for LoadPanorama {
     }
 
     fn estimate_files(p: &Self, files: &[FileHead<'_>]) -> Cost {
-        // Premultiplied colours as they were and turned, rows while they turn or the levels that holes are filled from,
-        // what they become, and for a photograph its luminance.
+        // Premultiplied colours before and after the rotation, rows while they rotate or the pyramid levels that
+        // holes are filled from, the resulting layers, and for a photograph its luminance.
         let copies = 4 + 3 * u64::from(p.rotation_deg != 0.0) + u64::from(p.photograph_ev.is_some());
         let of = |file: &FileHead<'_>| {
             let [reading, floats] = floats_of(file);
@@ -94,7 +97,7 @@ impl Kind for LoadPanorama {
         let pixels = premultiplied(&picture, &mut notes).map_err(|e| NodeError::from(e).at("path"))?;
         drop(picture);
         let turned = if linear { p.rotation_deg } else { whole_columns(p.rotation_deg, width, &mut notes) };
-        // Filled before it turns, so that turning changes nothing but where things are.
+        // Filled before the rotation, so that the rotation changes positions only.
         let filled = fill_holes(&pixels, width, linear, &mut notes, cx)?;
         let (mut samples, alpha) = straight(turn(&pixels, width, turned, cx)?);
         drop(pixels);
@@ -107,8 +110,8 @@ impl Kind for LoadPanorama {
         }
         let (image, light) = match p.photograph_ev {
             Some(_) if !linear => {
-                let error = NodeError::new("the file holds display colours, which are a photograph already");
-                return Err(error.at("photograph_ev").hint("leave it away, or load OpenEXR or Radiance"));
+                let error = NodeError::new("the file holds display colours, which are already a photograph");
+                return Err(error.at("photograph_ev").hint("leave it out, or load OpenEXR or Radiance"));
             }
             Some(ev) => photograph(Image::from_samples(width, height, 3, samples), ev, cx.up(), &mut notes),
             None if linear => {
@@ -137,18 +140,21 @@ impl Kind for LoadPanorama {
     }
 }
 
-/// The turn by a whole number of columns that is nearest to `degrees`, in degrees.
+/// The rotation by a whole number of columns nearest to `degrees`, in degrees.
 fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
     let column = 360.0 / width as f64;
     let whole = (degrees / column).round() * column;
     if (whole - degrees).abs() > 1e-6 * column {
-        let text = format!("display colours turn by whole columns: by {whole:.4} degrees for {degrees}");
+        let text = format!(
+            "display colours are rotated by whole columns: by {whole:.4} degrees instead of {degrees}"
+        );
         notes.decision("turned-by-columns", text);
     }
     whole
 }
 
-/// The colours with what is transparent filled from around it, as `stitch` does; `None` where nothing is.
+/// The colours with transparent pixels filled from their surroundings, as in `stitch`; `None` if no pixel is
+/// transparent.
 fn fill_holes(
     pixels: &[[f32; 4]],
     width: usize,
@@ -162,15 +168,15 @@ fn fill_holes(
     }
     let height = pixels.len() / width;
     if open.len() == pixels.len() {
-        notes.warning("no-light", "the panorama is transparent everywhere, and so black");
+        notes.warning("no-light", "the panorama is transparent everywhere: it is black");
         return Ok(None);
     }
     let share = open.iter().map(|at| pixel_solid_angle(width, height, at / width)).sum::<f64>() / (4.0 * PI);
     notes.decision(
         "holes",
-        format!("{:.2} % of the sphere is transparent; filled from around it", 100.0 * share),
+        format!("{:.2} % of the sphere is transparent; filled from the surroundings", 100.0 * share),
     );
-    // Pixels of added light, as renderers write glows: what they hold is lost here, so it is told.
+    // Pixels of additive light, as renderers write glows. Their content is lost here, which is reported.
     let lost = open.iter().filter(|at| pixels[**at][..3].iter().any(|v| *v > 0.0)).count();
     if lost > 0 {
         let text = format!(
@@ -178,7 +184,7 @@ fn fill_holes(
         );
         notes.warning("light-in-holes", text);
     }
-    // Light is filled, not codes.
+    // Filling works in linear light.
     let light = |[r, g, b, a]: &[f32; 4]| {
         let [r, g, b] = [r, g, b].map(|v| if linear || *a <= 0.0 { *v } else { linear_from_srgb(v / a) * a });
         [r, g, b, *a]
@@ -191,10 +197,10 @@ fn fill_holes(
     Ok(Some(filled.into_iter().map(code).collect()))
 }
 
-/// What a camera takes of the light, and the light at the camera's exposure.
+/// The photograph that a camera would take of the light, and the light at the exposure of the camera.
 fn photograph(mut light: Image<Linear>, ev: f64, up: Up, notes: &mut Notes) -> (Picture, Image<Linear>) {
     let ev0 = ev0_scale(&light).unwrap_or_else(|| {
-        notes.warning("no-light", "the panorama is black; there is nothing to meter");
+        notes.warning("no-light", "the panorama is black; its exposure cannot be measured");
         1.0
     });
     let scale = ev0 * num::f64::exp2(ev);
@@ -209,7 +215,7 @@ fn photograph(mut light: Image<Linear>, ev: f64, up: Up, notes: &mut Notes) -> (
     let (all, kept) = (energy(f32::MAX), energy(1.0));
     let percent = |part: f64, of: f64| if of > 0.0 { 100.0 * part / of } else { 100.0 };
     let text = format!(
-        "light was multiplied by {scale:.3e} and clipped at white, which keeps {:.1} % of its power and {:.1} % of the irradiance of the ground",
+        "light was scaled by {scale:.3e} and clipped at white, which keeps {:.1} % of its power and {:.1} % of the irradiance of the ground",
         percent(kept.power, all.power),
         percent(kept.ground, all.ground)
     );
@@ -236,7 +242,10 @@ mod tests {
     ) -> Result<(Out, Notes), NodeError> {
         let folder = tempfile::tempdir().expect("a folder");
         std::fs::write(folder.path().join("a"), bytes).expect("writes");
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+        let cx = Context::detached(
+            Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+            folder.path(),
+        );
         let p = LoadPanorama {
             path: InputFile("a".into()),
             layer: String::new(),
@@ -247,22 +256,30 @@ mod tests {
         LoadPanorama::run(&p, In {}, &cx)
     }
 
-    // A clipped lamp of one pixel stays one, whatever the turn; light itself turns to a part of a pixel, and keeps its sum.
-    // Mutation: `whole_columns` not asked.
+    // A clipped light of one pixel stays one pixel at any rotation; linear light rotates by fractions of a pixel
+    // and keeps its sum. Mutation: `whole_columns` not called.
     #[test]
     fn a_turned_photograph_keeps_its_lights() {
         let mut codes = vec![40_u16; 16 * 8 * 3];
         codes[3 * 40..3 * 41].fill(255);
-        let raster = Raster { width: 16, height: 8, channels: 3, largest: 255, codes, ignored: Vec::new() };
+        let raster = Raster {
+            width: 16,
+            height: 8,
+            channels: 3,
+            largest: 255,
+            codes,
+            ignored: Vec::new(),
+            linear: false,
+        };
         let bytes = png::write(&raster, false, &[]).expect("writes");
         let light = |out: &Out| out.env.image.samples.iter().map(|v| f64::from(*v)).sum::<f64>();
         let (still, _) = turned(&bytes, None, 0.0).expect("loads");
-        for (degrees, told) in [(0.3, true), (29.0, true), (45.0, false), (-67.5, false), (719.9, true)] {
+        for (degrees, reported) in [(0.3, true), (29.0, true), (45.0, false), (-67.5, false), (719.9, true)] {
             let (out, notes) = turned(&bytes, None, degrees).expect("loads");
             let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
             assert_eq!(image.samples.iter().filter(|v| **v == 1.0).count(), 3, "{degrees}");
             assert_eq!(light(&out), light(&still));
-            assert_eq!(notes.iter().any(|note| note.id == "turned-by-columns"), told, "{degrees}");
+            assert_eq!(notes.iter().any(|note| note.id == "turned-by-columns"), reported, "{degrees}");
         }
         let mut rgb = vec![0.2_f32; 8 * 4 * 3];
         rgb[3 * 9..3 * 10].fill(900.0);
@@ -295,18 +312,19 @@ mod tests {
         assert!((seen - 0.2 * scale).abs() < 0.005, "{seen}");
         assert!((f64::from(out.env.image.rgb(1, 1)[0]) / (900.0 * scale) - 1.0).abs() < 1e-6);
         assert_eq!(out.pano.origin, Some(DVec3::new(1.0, 2.0, 3.0)));
-        // As it is, nothing clips.
+        // Without `photograph_ev` nothing clips.
         let (out, _) = load(&hdr(rgb), None).expect("loads");
         assert!(matches!(&out.pano.image, Picture::Linear(image) if image.rgb(1, 1) == [900.0; 3]));
     }
 
-    /// Turned by a part of a pixel a hole gets a soft rim, and no dark one.
-    /// Mutation: `straight` before `turn`.
+    /// Rotated by a fraction of a pixel, a hole gets a soft rim that is not dark. Mutation: `straight` before
+    /// `turn`.
     #[test]
     fn a_turn_mixes_what_is_seen() {
         let (seen, hole) = ([0.8, 0.4, 0.2, 1.0], [0.0; 4]);
         let pixels: Vec<[f32; 4]> = (0..32).map(|i| if i == 11 { hole } else { seen }).collect();
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, "");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, "");
         let (colours, alpha) = straight(turn(&pixels, 8, 15.0, &cx).expect("turns"));
         let alphas: Vec<f32> = alpha.into_iter().filter(|a| *a < 1.0).collect();
         assert!(alphas.len() == 2 && (alphas[0] + alphas[1] - 1.0).abs() < 1e-6, "{alphas:?}");
@@ -319,19 +337,27 @@ mod tests {
     #[test]
     fn holes_of_a_file_are_filled_and_reported() {
         let codes = [[90, 128, 0, 255], [0, 0, 0, 0], [90, 128, 0, 255], [90, 128, 0, 60]].concat().repeat(2);
-        let raster = Raster { width: 4, height: 2, channels: 4, largest: 255, codes, ignored: Vec::new() };
+        let raster = Raster {
+            width: 4,
+            height: 2,
+            channels: 4,
+            largest: 255,
+            codes,
+            ignored: Vec::new(),
+            linear: false,
+        };
         let (out, notes) = load(&png::write(&raster, false, &[]).expect("writes"), None).expect("loads");
         let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
         for x in 0..4 {
             let found = image.rgb(x, 1).map(|v| v * 255.0);
             assert!(found.iter().zip([90.0, 128.0, 0.0]).all(|(a, b)| (a - b).abs() < 0.1), "{x}: {found:?}");
         }
-        assert_eq!(out.pano.alpha.samples[1], 0.0, "alpha still tells of it");
-        let told = notes.iter().find(|note| note.id == "holes").map(|note| note.text.as_str());
-        assert!(told.is_some_and(|text| text.starts_with("25.00 % of the sphere")), "{told:?}");
+        assert_eq!(out.pano.alpha.samples[1], 0.0, "alpha still marks it");
+        let reported = notes.iter().find(|note| note.id == "holes").map(|note| note.text.as_str());
+        assert!(reported.is_some_and(|text| text.starts_with("25.00 % of the sphere")), "{reported:?}");
     }
 
-    // Light that adds, with no alpha of its own, is no hole without a word. Mutation: `lost > 0` to `false`.
+    // Additive light with alpha 0 is not treated as a hole without a warning. Mutation: `lost > 0` to `false`.
     #[test]
     fn light_of_transparent_pixels_is_reported() {
         let file = |glow: f32| {
@@ -347,20 +373,28 @@ mod tests {
             ];
             crate::io::exr::write(4, 2, planes, "linear", None).expect("writes").0
         };
-        let told = |glow: f32| {
+        let reported = |glow: f32| {
             let (_, notes) = load(&file(glow), None).expect("loads");
             notes.iter().find(|note| note.id == "light-in-holes").map(|note| note.text.clone())
         };
-        assert_eq!(told(0.0), None);
-        assert!(told(50.0).is_some_and(|text| text.starts_with("1 transparent pixels hold light")));
+        assert_eq!(reported(0.0), None);
+        assert!(reported(50.0).is_some_and(|text| text.starts_with("1 transparent pixels hold light")));
     }
 
-    /// A photograph of the half in front, as telephones write it: at its place, and the rest a hole.
+    /// A photograph of the front half, as phones write it: placed where its metadata says, and the rest is a hole.
     /// Mutation: `laid` not called.
     #[test]
     fn a_part_of_a_sphere_lies_where_its_metadata_says() {
         let codes = (0..8 * 4).flat_map(|i| [if i == 9 { 250 } else { 60 }; 3]).collect();
-        let raster = Raster { width: 8, height: 4, channels: 3, largest: 255, codes, ignored: Vec::new() };
+        let raster = Raster {
+            width: 8,
+            height: 4,
+            channels: 3,
+            largest: 255,
+            codes,
+            ignored: Vec::new(),
+            linear: false,
+        };
         let text = "GPano:FullPanoWidthPixels='1600' GPano:FullPanoHeightPixels='800' GPano:CroppedAreaImageWidthPixels='800' \
             GPano:CroppedAreaImageHeightPixels='400' GPano:CroppedAreaLeftPixels='400' GPano:CroppedAreaTopPixels='200'";
         let bytes = png::write(&raster, false, &[("XML:com.adobe.xmp", text)]).expect("writes");
@@ -371,20 +405,28 @@ mod tests {
         let seen = |x: usize, y: usize| (4..12).contains(&x) && (2..6).contains(&y);
         let alpha = |x: usize, y: usize| if seen(x, y) { 1.0 } else { 0.0 };
         assert!((0..128).all(|at| out.pano.alpha.samples[at] == alpha(at % 16, at / 16)));
-        let told = |id: &str| notes.iter().any(|note| note.id == id);
-        assert!(told("part-of-a-sphere") && told("holes") && !told("not-two-to-one"));
+        let reported = |id: &str| notes.iter().any(|note| note.id == id);
+        assert!(reported("part-of-a-sphere") && reported("holes") && !reported("not-two-to-one"));
     }
 
     #[test]
     fn a_picture_is_taken_without_its_alpha_and_is_no_light() {
         let codes = [[255, 128, 0, 255], [200, 100, 50, 51]].concat().repeat(4);
-        let raster = Raster { width: 4, height: 2, channels: 4, largest: 255, codes, ignored: Vec::new() };
+        let raster = Raster {
+            width: 4,
+            height: 2,
+            channels: 4,
+            largest: 255,
+            codes,
+            ignored: Vec::new(),
+            linear: false,
+        };
         let bytes = png::write(&raster, false, &[]).expect("writes");
         let (out, _) = load(&bytes, None).expect("loads");
         let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
         assert!(image.rgb(1, 0).iter().zip([200.0, 100.0, 50.0]).all(|(v, c)| (v * 255.0 - c).abs() < 1e-3));
         assert_eq!(out.pano.alpha.samples[..2], [1.0, 0.2]);
-        let error = load(&bytes, Some(0.0)).map(|_| ()).expect_err("is a photograph already");
-        assert!(error.to_string().contains("photograph already"), "{error}");
+        let error = load(&bytes, Some(0.0)).map(|_| ()).expect_err("is a already a photograph");
+        assert!(error.to_string().contains("already a photograph"), "{error}");
     }
 }

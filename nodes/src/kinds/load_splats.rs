@@ -12,29 +12,29 @@ use crate::types::Splats;
 pub use crate::io::splats::Frame;
 
 engine::params! {
-    /// Reads a scene of Gaussian splats.
+    /// Loads a scene of Gaussian splats.
     ///
-    /// Formats, told by content and not by the ending: INRIA PLY (spherical harmonics of degree 0 to 4,
-    /// `filter_3D` of Mip-Splatting and MILo applied, other extra fields passed over), PlayCanvas
-    /// compressed PLY, SOG versions 1 and 2 (`meta.json`, its folder, a folder of chunks joined in the order of
-    /// their names, or a `.sog` bundle), SPZ versions 1 to 4, `.splat`, `.ksplat`, and glTF or GLB with
-    /// `KHR_gaussian_splatting`. Rows that cannot be drawn are dropped and counted by reason.
+    /// Formats, detected by content and not by the file extension: INRIA PLY (spherical harmonics of degree 0 to 4,
+    /// `filter_3D` of Mip-Splatting and MILo applied, other extra fields ignored), PlayCanvas compressed PLY, SOG
+    /// versions 1 and 2 (`meta.json`, its folder, a folder of chunks joined in the order of their names, or a
+    /// `.sog` bundle), SPZ versions 1 to 4, `.splat`, `.ksplat`, and glTF or GLB with `KHR_gaussian_splatting`.
+    /// Rows that cannot be drawn are dropped and counted by reason.
     ///
-    /// Frames: SPZ and glTF say that +y is up, so they are turned to the `up` of the scene as objects are (to +z
-    /// (x, -z, y), to -y (x, -y, -z)); glTF is in metres and is divided by `metres_per_unit` too.
-    /// The other formats say nothing and are used as stored: set `up` of the scene to what they have,
-    /// which for INRIA PLY is mostly -y. `frame` overrides the rule.
+    /// Frames: SPZ and glTF define +y as up, so they are rotated to the `up` of the scene as objects are (to +z (x,
+    /// -z, y), to -y (x, -y, -z)); glTF is in metres and is also divided by `metres_per_unit`. The other formats do
+    /// not define an up axis and are used as stored: set `up` of the scene to theirs, which for INRIA PLY is
+    /// usually -y. `frame` overrides the rule.
     pub struct LoadSplats {
         /// The file, or the folder of a SOG scene.
         path: InputFile, other("\"b.ply\"");
         /// More files of the same scene, such as the chunks of a capture; appended in this order.
         more: Vec<InputFile> = Vec::new(), other("[\"b.ply\"]");
-        /// Stop at the first row that would be dropped, and name it.
-        strict: bool = false, inert("the output is the same wherever there is one");
-        /// Splats with a longer axis are dropped: they hide the scene and are a sign of scales that are
-        /// not logarithms.
+        /// True to fail at the first row that would be dropped, with an error that names it.
+        strict: bool = false, inert("the output does not change unless there is an error");
+        /// Splats with a longer axis are dropped: they hide the scene, and usually mean that scales were not stored
+        /// as logarithms.
         max_extent: f64 = 1e6, range(1e-12, 1e30), unit("world units"), other("0.2");
-        /// Which way is up in the file: what its format says, or what you say.
+        /// Up axis of the file: by its format, or given here.
         frame: Frame = Frame::ByFormat, other("YUp");
     }
 }
@@ -45,7 +45,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`LoadSplats`].
     pub struct Out {
-        /// The scene, activated.
+        /// The scene, with opacities and scales activated.
         splats: Arc<Splats>,
     }
 }
@@ -61,7 +61,7 @@ impl Kind for LoadSplats {
     type Out = Out;
 
     fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
-        // Each file with what it unpacks to and its rows; in the end the rows of all, and the scene that they become.
+        // Each file with its unpacked data and its rows; at the end the rows of all files and the resulting scene.
         let (mut rows, mut most) = (0_u64, 0_u64);
         for file in files {
             let (own, unpacked) = size::of(file);
@@ -92,6 +92,11 @@ impl Kind for LoadSplats {
             let expanded = source::expand(named, &cx.source(named).path).map_err(|e| e.at(field))?;
             names.extend(expanded.into_iter().map(|file| (field, file)));
         }
+        let mut sources = Vec::new();
+        for (field, file) in &names {
+            sources.extend(source::with_companions(file, cx.root()).map_err(|e| e.at(field))?);
+        }
+        cx.check_listed(&sources)?;
         let mut files = Vec::new();
         let total = names.len() as f32;
         for (done, (field, file)) in names.iter().enumerate() {
@@ -99,7 +104,7 @@ impl Kind for LoadSplats {
             let fetch = |name: &str| cx.read_beside(file, name);
             let read = || {
                 let bytes = cx.read(file)?;
-                // Notes are part of the result, which is the same wherever the file lies.
+                // Notes are part of the result, which does not depend on the location of the file.
                 let path = std::path::Path::new(&file.0);
                 let name = path.file_name().filter(|_| path.is_absolute());
                 let name = name.map_or_else(|| file.0.clone(), |name| name.to_string_lossy().into_owned());

@@ -13,6 +13,7 @@ pub mod cube_rig;
 pub mod demo_scene;
 pub mod denoise;
 pub mod extract_mesh;
+pub mod fit_lights;
 pub mod fit_probe;
 pub mod fuse_hdr;
 pub mod join_reports;

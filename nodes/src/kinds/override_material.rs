@@ -7,9 +7,9 @@ use engine::{Context, Keep, Kind, NodeError, Notes};
 use crate::types::{AlphaMode, Material, Object};
 
 engine::choices! {
-    /// What the object is made of.
+    /// Type of the material.
     pub enum Surface {
-        /// A matte surface without any gloss.
+        /// A Lambert surface without specular reflection.
         Diffuse,
         /// A metallic-roughness surface.
         Glossy,
@@ -22,11 +22,11 @@ engine::params! {
     /// `Diffuse` is a Lambert surface of the given colour; `Glossy` follows `metallic` and `roughness`. A
     /// chrome ball is `surface: Glossy, metallic: 1.0, roughness: 0.0, colour: (1.0, 1.0, 1.0)`.
     pub struct OverrideMaterial {
-        /// What the object is made of.
+        /// Type of the material.
         surface: Surface = Surface::Diffuse, other("Glossy");
-        /// Linear colour: albedo of a matte or dielectric surface, reflectance of a metal.
+        /// Linear colour: albedo of a diffuse or dielectric surface, reflectance of a metal.
         colour: [f64; 3] = [0.5; 3], range(0.0, 1.0), other("(0.1, 0.2, 0.3)");
-        /// 0 dielectric to 1 metal.
+        /// From 0 (dielectric) to 1 (metal).
         metallic: f64 = 0.0, range(0.0, 1.0), other("0.5"), inert("a diffuse surface has none");
         /// Perceptual roughness.
         roughness: f64 = 0.5, range(0.0, 1.0), other("0.25"), inert("a diffuse surface has none");
@@ -44,7 +44,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`OverrideMaterial`].
     pub struct Out {
-        /// The same shape in the new material.
+        /// The same shape with the new material.
         object: Arc<Object>,
     }
 }
@@ -65,7 +65,7 @@ impl Kind for OverrideMaterial {
             base_colour: [r, g, b, 1.0],
             metallic: if diffuse { 0.0 } else { params.metallic as f32 },
             roughness: if diffuse { 1.0 } else { params.roughness as f32 },
-            // No interface, no reflection: index 1 is how a material says that it has no gloss.
+            // An index of 1 means no interface, hence no reflection.
             ior: if diffuse { 1.0 } else { 1.5 },
             alpha_mode: AlphaMode::Opaque,
             double_sided: true,

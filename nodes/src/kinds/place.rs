@@ -8,23 +8,23 @@ use crate::types::frame::world_from_gltf;
 use crate::types::{Object, Placed, Pose};
 
 engine::params! {
-    /// Puts an object where a pose says.
+    /// Places an object at a pose.
     ///
-    /// Objects come in the frame of glTF, y up and in metres; the scene block's `up` and
-    /// `metres_per_unit` turn that into the world.
+    /// Objects come in the frame of glTF, y up and in metres; `up` and `metres_per_unit` of the scene convert that
+    /// to the world.
     pub struct Place {}
 }
 engine::inputs! {
-    /// What to put where.
+    /// Object and pose.
     pub struct In {
         /// The object.
         object: Arc<Object>,
-        /// Where it stands.
+        /// Where the object is placed.
         pose: Arc<Pose>,
     }
 }
 engine::outputs! {
-    /// The object in the world.
+    /// Outputs of [`Place`].
     pub struct Out {
         /// The object and its transform to the world.
         placed: Arc<Placed>,
@@ -44,9 +44,9 @@ impl Kind for Place {
         let metres = cx.metres_per_unit();
         let world_from_object = inputs.pose.world_from_local * world_from_gltf(cx.up(), metres);
         if !world_from_object.is_finite() {
-            return Err(NodeError::new("the object lands outside of every number")
+            return Err(NodeError::new("the object's transform overflows")
                 .at("pose")
-                .hint("look at the pose's scale and at `metres_per_unit`"));
+                .hint("check the scale of the pose and `metres_per_unit`"));
         }
         let placed = Placed { object: inputs.object, world_from_object };
         Ok((Out { placed: Arc::new(placed) }, Notes::none()))
@@ -67,7 +67,8 @@ mod tests {
             c, s, 0.0, 0.0, -s, c, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.4, 0.3, 0.0, 1.0,
         ]);
         let inputs = In { object: Arc::default(), pose: Arc::new(Pose { world_from_local: local }) };
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let (out, _) = Place::run(&Place {}, inputs, &cx).unwrap_or_else(|e| panic!("{e}"));
         let m = out.placed.world_from_object;
         assert_eq!(m.transform_point3(DVec3::ZERO), DVec3::new(0.4, 0.3, 0.0));

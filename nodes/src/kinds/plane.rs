@@ -79,7 +79,8 @@ impl Kind for Plane {
         }
         let sides = [params.width_metres, params.depth_metres];
         let squares = sides.map(|side| ((side / params.square_metres).ceil() as u32).max(1));
-        let along = |i: u32, axis: usize| (f64::from(i) / f64::from(squares[axis]) - 0.5) * sides[axis] * metre;
+        let along =
+            |i: u32, axis: usize| (f64::from(i) / f64::from(squares[axis]) - 0.5) * sides[axis] * metre;
         let mut mesh = Mesh::default();
         let mut places = Vec::new();
         for y in 0..=squares[1] {
@@ -105,9 +106,19 @@ impl Kind for Plane {
         }
         if let Some(splats) = splats {
             let thickness = params.thickness_metres * metre;
-            mesh.colours = colours(&splats, [right, forward, up], (sides.map(|side| side * metre), squares), middle, thickness, cx)?;
+            mesh.colours = colours(
+                &splats,
+                [right, forward, up],
+                (sides.map(|side| side * metre), squares),
+                middle,
+                thickness,
+                cx,
+            )?;
             if mesh.colours.is_empty() {
-                let text = format!("no splat lies within {} m of the plane; it has no colours", params.thickness_metres);
+                let text = format!(
+                    "no splat lies within {} m of the plane; it has no colours",
+                    params.thickness_metres
+                );
                 notes.warning("plane-without-colours", text);
             }
         }

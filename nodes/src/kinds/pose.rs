@@ -9,32 +9,32 @@ use crate::math::equirect::{axes, yaw};
 use crate::types::Pose;
 
 engine::params! {
-    /// Says where an object stands: where the origin of its file comes to lie, the way it faces and its size.
+    /// The pose of an object: where the origin of its file lies, the direction it faces, and its size.
     ///
-    /// The origin is the foot in files that are made to be placed, and the middle in many others: `snap` puts those on
-    /// what is under them.
+    /// The origin is at the foot in files that are made to be placed, and in the middle in many others: `snap`
+    /// moves those onto the ground below them.
     ///
-    /// The object is scaled, turned about the up axis of the scene (counter-clockwise seen from above),
-    /// and then moved. Give `matrix` instead for anything else.
+    /// The object is scaled, rotated about the up axis of the scene (counter-clockwise seen from above), and then
+    /// translated. Give `matrix` instead for any other affine transform.
     pub struct PoseNode {
-        /// Where the origin of the object's file lies in the world.
+        /// Position of the origin of the object's file, in the world.
         translation: [f64; 3] = [0.0; 3], range(-1e12, 1e12), unit("world units"), other("(0.5, 0.0, 0.2)");
-        /// Turn about the up axis, counter-clockwise seen from above.
+        /// Rotation about the up axis, counter-clockwise seen from above.
         yaw_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("30.0");
-        /// Size. Below 0 all three axes turn over, so that the object hangs under its origin; for a mirrored one
-        /// that stands give a `matrix`.
+        /// Uniform scale. A negative scale mirrors all three axes, so the object hangs below its origin; for a
+        /// mirrored object that stands, give a `matrix`.
         scale: f64 = 1.0, range(-1e9, 1e9), other("2.0");
-        /// The whole affine transform from the object's frame (axes of the world) to
-        /// the world: 16 numbers, row after row. Replaces the three above.
+        /// Affine transform from the object's frame (axes of the world) to the world: 16 numbers in row-major
+        /// order. Replaces the three parameters above.
         matrix: Option<[f64; 16]> = None, other("Some((1.0, 0.0, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }
 engine::inputs! {
-    /// None.
+    /// No inputs.
     pub struct In {}
 }
 engine::outputs! {
-    /// The pose.
+    /// Outputs of [`PoseNode`].
     pub struct Out {
         /// The transform from the object's frame to the world.
         pose: Arc<Pose>,
@@ -54,7 +54,7 @@ impl Kind for PoseNode {
     fn check(p: &Self) -> Result<(), NodeError> {
         let Some(m) = p.matrix else {
             return if p.scale == 0.0 {
-                Err(NodeError::new("a scale of 0 leaves nothing of the object").at("scale"))
+                Err(NodeError::new("a scale of 0 makes the object vanish").at("scale"))
             } else {
                 Ok(())
             };
@@ -65,16 +65,13 @@ impl Kind for PoseNode {
                 .hint("give either `matrix`, or the others"));
         }
         if m[12..] != [0.0, 0.0, 0.0, 1.0] {
-            return Err(NodeError::new("the last row of `matrix` must be 0, 0, 0, 1")
-                .at("matrix")
-                .hint("the matrix is written row after row; the translation ends the first three rows"));
+            return Err(NodeError::new("the last row of `matrix` must be 0, 0, 0, 1").at("matrix").hint(
+                "the matrix is in row-major order; the translation is at the end of the first three rows",
+            ));
         }
         let det = DMat3::from_mat4(row_major(&m)).determinant();
         if det == 0.0 || !det.is_finite() {
-            return Err(NodeError::new(
-                "`matrix` flattens the object, or its numbers are too large: its determinant must be finite, and not 0",
-            )
-            .at("matrix"));
+            return Err(NodeError::new("the determinant of `matrix` must be finite and not 0").at("matrix"));
         }
         Ok(())
     }
@@ -112,7 +109,7 @@ mod tests {
     use engine::{Scene, Up};
 
     pub(crate) fn pose(up: Up, p: &PoseNode) -> Pose {
-        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let (out, _) = PoseNode::run(p, In {}, &cx).unwrap_or_else(|e| panic!("{e}"));
         (*out.pose).clone()
     }

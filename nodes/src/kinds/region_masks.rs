@@ -1,4 +1,4 @@
-//! `region-masks`: where the object is, where its shadow falls, and the rest.
+//! `region-masks`: masks of the object, its shadow and the rest.
 
 use std::sync::Arc;
 
@@ -11,43 +11,45 @@ use crate::types::{Data, Image, Images, NamedImage, Picture};
 engine::params! {
     /// Divides a picture into the object, its shadow and the rest, for `compare`.
     ///
-    /// The shadow is where the `shadow` factor leaves 1, or where `with` and `without` differ on the
-    /// display, outside of the object; light that the object throws back counts too. The contact band is
-    /// what lies just below the object's lower edge.
+    /// The shadow region is where the `shadow` factor differs from 1, or where `with` and `without` differ in
+    /// display values, outside of the object. Light that the object reflects onto the background counts too. The
+    /// contact band lies just below the lower edge of the object.
     pub struct RegionMasks {
-        /// The object is where its alpha exceeds this.
+        /// A pixel belongs to the object where alpha exceeds this.
         object_threshold: f64 = 0.5, range(0, 1), other("0.1");
-        /// The shadow begins where alpha is at most this, so that soft edges belong to neither.
+        /// A pixel can belong to the shadow or the rest only where alpha is at most this, so that soft edges belong
+        /// to neither.
         edge_threshold: f64 = 0.0, range(0, 1), other("0.5");
-        /// The shadow is where a channel changes by more than this: of display values, or of the factor.
+        /// A pixel belongs to the shadow where a channel changes by more than this, in display values or as a
+        /// factor.
         shadow_threshold: f64 = 0.02, range(0, 1), other("0.3");
-        /// Height of the contact band, as a share of the object's height in the picture.
+        /// Height of the contact band, as a fraction of the object's height in the picture.
         contact: f64 = 0.05, range(0, 1), other("0.5");
     }
 }
 engine::inputs! {
-    /// What to divide.
+    /// Pictures to divide.
     pub struct In {
-        /// The object: its last channel is alpha, or its only one a mask.
+        /// The object: the last channel is alpha, or the only channel is a mask.
         object: Arc<Images>,
-        /// Factor of the background, as from shadow-ratio.
+        /// Shadow factor of the background, from `shadow-ratio`.
         shadow: Option<Arc<Images>>,
-        /// The place without the object.
+        /// The scene without the object.
         without: Option<Arc<Images>>,
-        /// The place with it.
+        /// The scene with the object.
         with: Option<Arc<Images>>,
     }
 }
 engine::outputs! {
-    /// Masks of one channel: 1 inside, 0 outside.
+    /// Masks of one channel: 1 inside the region, 0 outside.
     pub struct Out {
-        /// The object.
+        /// Pixels of the object.
         object: Arc<Images>,
-        /// Its shadow.
+        /// Pixels of its shadow.
         shadow: Arc<Images>,
-        /// Neither object, edge nor shadow.
+        /// Pixels that are neither object, soft edge nor shadow.
         rest: Arc<Images>,
-        /// Just below the object.
+        /// Pixels just below the object.
         contact: Arc<Images>,
     }
 }
@@ -61,7 +63,7 @@ impl Kind for RegionMasks {
 
     fn check(p: &Self) -> Result<(), NodeError> {
         if p.edge_threshold > p.object_threshold {
-            return Err(NodeError::new("the edge cannot lie inside of the object")
+            return Err(NodeError::new("`edge_threshold` cannot exceed `object_threshold`")
                 .at("edge_threshold")
                 .hint("make it at most `object_threshold`"));
         }
@@ -91,7 +93,7 @@ impl Kind for RegionMasks {
             cx.check()?;
             let (width, height, channels) = view.picture.size();
             if !matches!(channels, 1 | 2 | 4) || width == 0 || height == 0 {
-                let what = format!("`{}` has {channels} channels and so no alpha", view.name);
+                let what = format!("`{}` has {channels} channels, without alpha", view.name);
                 return Err(NodeError::new(what).at("object").hint("give a picture with alpha, or a mask"));
             }
             let alpha: Vec<f64> = view
@@ -125,7 +127,7 @@ impl Kind for RegionMasks {
     }
 }
 
-/// The shadow comes from one of two places, or from none.
+/// Checks that the shadow comes from one source at most.
 fn check_shadow([shadow, with, without]: [bool; 3]) -> Result<(), NodeError> {
     if with != without {
         return Err(NodeError::new("`with` and `without` belong together").at(if with {
@@ -141,7 +143,7 @@ fn check_shadow([shadow, with, without]: [bool; 3]) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// The largest change of a channel of a factor.
+/// The largest difference from 1 of any channel of a factor.
 fn from_factor(factor: &Picture) -> Vec<f64> {
     let colours = if factor.size().2 == 4 { 3 } else { factor.size().2.max(1) };
     let largest =
@@ -149,7 +151,7 @@ fn from_factor(factor: &Picture) -> Vec<f64> {
     factor.samples().chunks_exact(factor.size().2.max(1)).map(largest).collect()
 }
 
-/// The largest change of a channel on the display, cut off to 0 to 1.
+/// The largest change of any channel in display values, clamped to 0 to 1.
 fn from_pair(without: &Picture, with: &Picture) -> Result<Vec<f64>, NodeError> {
     let (a, b) = (shown(without, "without")?, shown(with, "with")?);
     let largest =
@@ -178,7 +180,7 @@ fn shown(picture: &Picture, port: &'static str) -> Result<Vec<[f64; 3]>, NodeErr
         .collect())
 }
 
-/// In each column, the pixels right below the lowest one of the object.
+/// In each column, the pixels right below the lowest pixel of the object.
 fn contact_band(object: &[bool], width: usize, height: usize, share: f64) -> Vec<bool> {
     let mut band = vec![false; object.len()];
     let filled = |y: &usize| object[y * width..(y + 1) * width].contains(&true);

@@ -1,4 +1,4 @@
-//! `score-env`: how close recovered light is to the truth.
+//! `score-env`: compares recovered light with a reference.
 
 use std::sync::Arc;
 
@@ -15,22 +15,23 @@ use crate::math::num;
 use crate::types::{Cell, Environment, Report, Table};
 
 engine::params! {
-    /// Scores recovered light against the truth.
+    /// Scores recovered light against a reference.
     ///
-    /// Compares what lights a scene: the irradiance of planes in every direction and of the six along the
-    /// axes of the world, where the dominant light is, its contrast, the panoramas weighted by solid angle, and
-    /// what a matte, a glossy and a mirror sphere would look like, seen along the world's forward. Contrast is the
-    /// dominant light against the rest, which decides how dark a shadow is. In the recovered light it is what comes from
-    /// within 15 degrees of the true one, so a light that is farther off counts as missing.
+    /// Compares the illumination of a scene: the irradiance of planes in every direction and of the six along the
+    /// axes of the world, the direction of the dominant light, its contrast, the panoramas weighted by solid angle,
+    /// and renders of a matte, a glossy and a mirror sphere seen along the world's forward axis. Contrast is the
+    /// ratio of the dominant light to the rest, which determines how dark a shadow is. In the recovered light, the
+    /// dominant light is what arrives from within 15 degrees of the true direction, so a light farther off counts
+    /// as missing.
     ///
-    /// Irradiance over all planes, energy, panoramas and spheres are of red, green and blue alike, as published; the six
-    /// planes, the dominant light and the peak are of luminance.
+    /// Irradiance over all planes, energy, panoramas and spheres use red, green and blue, as published; the six
+    /// planes, the dominant light and the peak use luminance.
     ///
-    /// The six planes and the panorama are taken texel by texel. Planes in every direction, the spheres and the
-    /// dominant light are taken on a grid of 128 columns, contrast and peak on one of 256, into whose cells texels
-    /// fall whole; larger texels are cut. Where no direction stands out, there is no dominant light.
+    /// The six planes and the panorama are computed per texel. Planes in every direction, the spheres and the
+    /// dominant light use a grid of 128 columns, contrast and peak one of 256; a texel is added to the cell of its
+    /// centre, and larger texels are split. If no direction stands out, there is no dominant light.
     pub struct ScoreEnv {
-        /// Planes, spread evenly over all directions, whose irradiance is compared.
+        /// Number of planes, spread evenly over all directions, whose irradiance is compared.
         normals: u32 = 512, range(1, 100000), other("64");
     }
 }
@@ -38,9 +39,9 @@ engine::params! {
 engine::inputs! {
     /// Inputs of `score-env`.
     pub struct In {
-        /// The light to score.
+        /// Light to score.
         env: Arc<Environment>,
-        /// The light as it is.
+        /// Reference light.
         truth: Arc<Environment>,
     }
 }
@@ -48,15 +49,15 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of `score-env`.
     pub struct Out {
-        /// The scores, one a row.
+        /// The scores, one per row.
         report: Arc<Report>,
     }
 }
 
-/// Columns of the grids for the fine and the coarse measures.
+/// Number of columns of the grids for the fine and the coarse measures.
 const FINE: usize = 256;
 const COARSE: usize = 128;
-/// A dominant light is brighter than the mean of the sphere by this, both smoothed by a lobe of 10 degrees.
+/// A dominant light is brighter than the mean of the sphere by this factor, both smoothed by a lobe of 10 degrees.
 const STANDS_OUT: f64 = 1.1;
 
 impl Kind for ScoreEnv {
@@ -79,7 +80,7 @@ impl Kind for ScoreEnv {
             let apart = (a - b).length();
             notes.warning(
                 "other-origin",
-                format!("the two were seen from points {apart:.3} world units apart"),
+                format!("the two environments were captured {apart:.3} world units apart"),
             );
         }
         let scores = score(env, truth, params.normals as usize, cx)?;
@@ -93,10 +94,10 @@ impl Kind for ScoreEnv {
     }
 }
 
-/// Name, unit, and value where it exists.
+/// Name, unit, and value if it exists.
 type Score = (&'static str, &'static str, Option<f64>);
 
-/// The scores.
+/// Computes the scores.
 fn score(
     env: &Environment,
     truth: &Environment,
@@ -189,9 +190,9 @@ const SPHERES: [(Sphere, [&str; 2]); 3] = [
     ),
 ];
 
-/// The mean absolute difference of radiance over channels and solid angle, relative to the mean of the truth, texel by
-/// texel, of panoramas of two sizes on the finest grid that both fill; and log2 of the ratio of the energies. `None`
-/// where one is black.
+/// The mean absolute difference of radiance over channels and solid angle, relative to the mean of the truth, per
+/// texel (panoramas of different sizes are compared on the finest grid that both fill), and log2 of the ratio of
+/// the energies. `None` where one is black.
 fn weighed(env: &Environment, truth: &Environment) -> (Option<f64>, Option<f64>) {
     let (mut off, mut found, mut want) = (0.0, 0.0, 0.0);
     let mut add = |[a, b]: [[f64; 3]; 2], solid_angle: f64| {
@@ -211,7 +212,7 @@ fn weighed(env: &Environment, truth: &Environment) -> (Option<f64>, Option<f64>)
             );
         }
     } else {
-        // Heights may bound the grid, too: both must have cells in the same places.
+        // Heights may also limit the grid: both must have the same cells.
         let columns = [env, truth]
             .map(|of| of.image.width.min(2 * of.image.height))
             .into_iter()
@@ -244,7 +245,8 @@ mod tests {
     }
 
     fn scores(a: Environment, b: Environment) -> Vec<f64> {
-        let cx = Context::detached(Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 1 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 1, exhaustive: false }, ".");
         let inputs = In { env: Arc::new(a), truth: Arc::new(b) };
         let (out, _) = ScoreEnv::run(&ScoreEnv { normals: 128 }, inputs, &cx).expect("runs");
         let value = |row: &Vec<Cell>| if let Cell::Number(v) = row[1] { v } else { f64::NAN };
@@ -275,8 +277,8 @@ mod tests {
         assert!((found[2] - want).abs() < 0.5, "{} {want}", found[2]);
     }
 
-    /// Light of any strength is scored alike, and of two strengths by their ratio alone.
-    /// Mutation: `rest > 0.0` to `rest > 1e-9` in `contrast`.
+    /// Scores do not depend on the unit of light, and for two intensities only on their ratio. Mutation: `rest >
+    /// 0.0` to `rest > 1e-9` in `contrast`.
     #[test]
     fn scores_do_not_depend_on_the_unit_of_light() {
         let (a, b) = (DVec3::new(0.4, 0.7, 0.2).normalize(), DVec3::new(0.38, 0.7, 0.25).normalize());
@@ -297,8 +299,7 @@ mod tests {
         }
     }
 
-    /// The panorama is compared texel by texel at any size.
-    /// Mutation: `cells` of 256 columns for both.
+    /// The panorama is compared per texel at any size. Mutation: `cells` of 256 columns for both.
     #[test]
     fn the_panorama_is_compared_texel_by_texel() {
         let mut truth = env(512, DVec3::Y, 0.3);
@@ -307,13 +308,13 @@ mod tests {
             pixel.iter_mut().for_each(|v| *v *= if (i + i / 512).is_multiple_of(2) { 1.5 } else { 0.5 });
         }
         assert!((scores(found, truth.clone())[11] - 0.5).abs() < 1e-6);
-        // Of two sizes, by the means of what lies in a texel of the coarser.
+        // Panoramas of different sizes are compared by the means over the texels of the coarser one.
         truth.image.samples.iter_mut().for_each(|v| *v *= 1.25);
         assert!((scores(truth, env(256, DVec3::Y, 0.3))[11] - 0.25).abs() < 1e-6);
     }
 
-    /// A sky without a light has no direction, and its size does not matter.
-    /// Mutation: `STANDS_OUT` of 0 (seen red).
+    /// A sky without a light has no dominant direction, and its size does not matter. Mutation: `STANDS_OUT` of 0
+    /// (seen red).
     #[test]
     fn skies_without_a_light_have_no_direction() {
         let sky = |width| env(width, DVec3::Y, 0.3);

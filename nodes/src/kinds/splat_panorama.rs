@@ -1,10 +1,10 @@
-//! `splat-panorama`: everything that a splat scene shows around a point, without cameras in between.
+//! `splat-panorama`: a panorama of a splat scene, rendered directly.
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes};
+use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, Sizes};
 
-use crate::light::panorama::{Found, check_width, finish, linear_row};
+use crate::light::panorama::{Unfilled, check_width, finish, linear_row};
 use crate::math::equirect;
 use crate::render::splat::{self, Drawing, MAX_PIXELS, PanoramaCamera, Rendered, Sort, Surface, most_bytes};
 use crate::types::{Data, Image, Images, Mesh, Panorama, Pose, SplatEncoding, Splats};
@@ -12,24 +12,24 @@ use crate::types::{Data, Image, Images, Mesh, Panorama, Pose, SplatEncoding, Spl
 pub use crate::light::panorama::Holes;
 
 engine::params! {
-    /// Renders a splat scene straight into an equirectangular panorama.
+    /// Renders a splat scene directly into an equirectangular panorama.
     ///
-    /// Splats are ordered by distance, for the whole sphere, and the two ends of a row meet exactly: no faces, so
-    /// no seams between them. Only around the zenith and the nadir, where the layout is stretched, two cameras
-    /// that look there stand in, and give way to the layout from 25 to 30 degrees. Instead of `cube-rig`,
-    /// `splat-render` and `stitch`.
+    /// Splats are sorted by distance for the whole sphere, and both ends of a row match exactly, so there are no
+    /// faces and no seams between faces. Near the zenith and the nadir, where the layout is stretched, two pinhole
+    /// cameras are used instead and blended with the layout between 25 and 30 degrees from the pole. Replaces
+    /// `cube-rig`, `splat-render` and `stitch`.
     pub struct SplatPanorama {
         /// Height of the point above the foot of the pose, along up.
         height_metres: f64 = 0.5, range(-1000.0, 1000.0), unit("m"), other("0.75");
         /// Width of the panorama, even; the height is half of it.
         width_px: u32 = 2048, range(16, 16384), unit("px"), other("64"),
             knob(Resolution, "256", "512", "1024", "2048");
-        /// Samples a pixel along each axis. The low-pass filter acts on samples: where they are few, fine splats
-        /// grow fat, by far the largest error of a small panorama.
+        /// Samples per pixel along each axis. The low-pass filter acts on samples: with few of them, small splats
+        /// become too large, which is by far the largest error of a small panorama.
         supersample: u32 = 2, range(1, 8), other("1"), knob(Samples, "1", "2", "2", "4");
-        /// What shows where nothing was seen. Alpha tells where that is, whatever fills it.
+        /// Content of pixels where nothing was seen. Alpha marks these pixels however they are filled.
         holes: Holes = Holes::PushPull, other("Black");
-        /// Below this alpha a pixel counts as a hole in part: it is mixed with what surrounds it.
+        /// Below this alpha a pixel is partly a hole: it is blended with its surroundings.
         hole_alpha: f64 = 0.25, range(1e-6, 1.0), other("0.9");
     }
 }
@@ -38,9 +38,9 @@ engine::inputs! {
     pub struct In {
         /// The scene.
         splats: Arc<Splats>,
-        /// Where the object stands; only its translation enters.
+        /// Pose of the object; only its translation is used.
         at: Arc<Pose>,
-        /// A surface in front: in each sample, splats at or beyond it are left out.
+        /// Surface in front: splats at or beyond it are left out of a sample.
         limit: Option<Arc<Mesh>>,
     }
 }
@@ -51,17 +51,17 @@ engine::outputs! {
         pano: Arc<Panorama>,
         /// Its colours, for `write-image`.
         image: Arc<Images>,
-        /// How much of each pixel was seen, 0 to 1.
+        /// Coverage of each pixel, 0 to 1.
         alpha: Arc<Images>,
-        /// Distance from the point in world units, +inf where nothing is seen; the mean over the samples of a
-        /// pixel, by alpha.
+        /// Distance from the point in world units, +inf where nothing is seen: the mean over the samples of a
+        /// pixel, weighted by alpha.
         depth: Arc<Images>,
-        /// Splats added to each pixel, over all its samples; no picture unless `count_blends`.
+        /// Number of splats blended into each pixel, over all its samples; empty unless `count_blends` is set.
         blends: Arc<Images>,
     }
 }
 
-/// One row of the panorama: means over `per` by `per` samples, by their solid angle.
+/// One row of the panorama: means over `per` by `per` samples, weighted by solid angle.
 struct Row {
     premultiplied: Vec<[f32; 4]>,
     depth: Vec<f32>,
@@ -106,8 +106,9 @@ impl Row {
 
 impl Kind for SplatPanorama {
     const NAME: &'static str = "splat-panorama";
-    const VERSION: u32 = 5;
-    const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
+    const VERSION: u32 = 6;
+    const READS: &'static [ContextField] =
+        &[ContextField::Exhaustive, ContextField::Up, ContextField::MetresPerUnit];
     type Params = (Self, Drawing);
     type In = In;
     type Out = Out;
@@ -117,13 +118,17 @@ impl Kind for SplatPanorama {
         let samples = pixels * u64::from(params.supersample) * u64::from(params.supersample);
         let fine = u64::from(params.width_px) * u64::from(params.supersample);
         let lists = most_bytes(inputs.splats.len() as u64, (fine, fine / 2));
-        // A sample: its tile or its row, the picture of the belt and of the caps, their union.
-        Cost { bytes: (pixels * 80 + samples * 60).saturating_add(lists) }
+        // Per sample: its tile or row, the pictures of the belt and of the caps, and their union.
+        Cost::of([(pixels, 80), (samples, 60), (lists, 1)])
     }
 
     fn work((params, _): &Self::Params, sizes: &Sizes) -> f64 {
         let fine = f64::from(params.width_px) * f64::from(params.supersample);
         sizes.of("splats") * 30.0 + fine * fine * 50.0
+    }
+
+    fn former(name: &str, _: &[(&str, &str)]) -> Option<Former> {
+        splat::former(name, 5)
     }
 
     fn check((params, drawing): &Self::Params) -> Result<(), NodeError> {
@@ -149,7 +154,7 @@ impl Kind for SplatPanorama {
         if !origin.is_finite() {
             return Err(NodeError::new("the point of the panorama is not finite").at("at"));
         }
-        let settings = drawing.settings(Sort::Distance, &splats, &mut notes);
+        let settings = drawing.settings(Sort::Distance, &splats, cx.exhaustive(), &mut notes);
         let around = PanoramaCamera { eye: origin, up, width_px: params.width_px * params.supersample };
         let limit = limit.map(|mesh| Surface::new(&mesh, origin));
         let seen = splat::panorama(&splats, &around, limit.as_ref(), &settings, cx)?;
@@ -167,7 +172,7 @@ impl Kind for SplatPanorama {
             depth.extend(row.depth);
             blends.extend(row.blends);
         }
-        let found = Found { premultiplied, width, encoded, up, origin };
+        let found = Unfilled { premultiplied, width, encoded, up, origin };
         let pano = finish(found, params.holes, params.hole_alpha, &mut notes, cx)?;
         let data = |samples| Images::single("pano", Image::<Data>::from_samples(width, height, 1, samples));
         let out = Out {
@@ -210,7 +215,7 @@ mod tests {
             for j in 0..120 {
                 let d =
                     equirect::direction(engine::Up::PlusZ, f64::from(j) / 120.0, (f64::from(i) + 0.5) / 60.0);
-                // No two at one distance: the order of ties would be all that is compared.
+                // No two splats at the same distance, or the order of ties would decide the comparison.
                 let distance = 5.0 + 1e-5 * f64::from((i * 120 + j) * 2741 % 7200);
                 splats.means.push((eye + d * distance).to_array().map(|v| v as f32));
                 splats.quats.push([1.0, 0.0, 0.0, 0.0]);
@@ -229,7 +234,7 @@ mod tests {
             .0
     }
 
-    // Two ways to one panorama, which share the blend and nothing that says where a direction goes.
+    // Two independent paths to the same panorama: they share the blend, but not the mapping of directions.
     #[test]
     fn it_shows_what_the_faces_of_a_cube_show() {
         let eye = DVec3::new(1.0, -2.0, 0.5);
@@ -248,7 +253,7 @@ mod tests {
                 for c in 0..3 {
                     let at = (y * 64 + x) * 3 + c;
                     let (a, b) = (direct.pano.image.samples()[at], faces.image.samples()[at]);
-                    // The layout is stretched at the poles, where the two linearise differently.
+                    // The layout is stretched at the poles, where the two differ in linearisation.
                     let bar = if (8..24).contains(&y) { 0.02 } else { 0.12 };
                     assert!((a - b).abs() < bar, "({x}, {y}): {a} against {b}");
                 }

@@ -1,26 +1,27 @@
-//! `splat-render`: what the cameras of a rig see of a splat scene.
+//! `splat-render`: pictures of a splat scene by the cameras of a rig.
 
 use std::sync::Arc;
 
-use engine::{Context, Cost, Kind, NodeError, Notes, Sizes, ViewCount};
+use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, Sizes, ViewCount};
 
-use crate::render::splat::{Blocks, Drawing, Limit, MAX_PIXELS, Sort, Work, most_bytes, render_with};
+use crate::render::splat::{self, Blocks, Drawing, Limit, MAX_PIXELS, Sort, Work, most_bytes, render_with};
 use crate::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats, View, Views, tagged};
 
 engine::params! {
     /// Renders a splat scene for each camera of a rig.
     ///
-    /// EWA splatting as the INRIA rasterizer defines it, with exact bounds, a stable sort (equal keys
-    /// stay in file order) and the same bytes on every machine. Colours are blended in the encoding they
-    /// were trained in, over black, and are not clipped: un-premultiply, then linearise, where light is
-    /// meant. The exact sum is that of `bounds: None, precision: F64, alpha_cut: 0, stop: 0`.
+    /// EWA splatting as the INRIA rasterizer defines it, with exact bounds, a stable sort (equal keys stay in file
+    /// order) and the same bytes on every machine. Colours are blended over black in the encoding they were trained
+    /// in, and are not clipped: to get light, un-premultiply and then linearise. The exact sum is computed by
+    /// `bounds: None, precision: F64, alpha_cut: 0, stop: 0`.
     pub struct SplatRender {
-        /// What orders the splats of a pixel.
+        /// Sort key of the splats of a pixel.
         sort: Sort = Sort::Depth, other("Distance");
-        /// How far before `limit` the centre of a splat must lie to be kept, in standard deviations along its middle
-        /// axis. A splat is seen as far as three from its centre, so the splats of a slanting surface lie as far before
-        /// it; two more allow for a mesh that lies under them, by a third of a deviation where it is seen at 20
-        /// degrees. None of these is in front of the surface. 0 is the centre alone.
+        /// How far in front of `limit` the centre of a splat must lie to be kept, in standard deviations along its
+        /// middle axis. A splat is visible up to three deviations from its centre, so splats of a slanted surface
+        /// may have their centre that far in front of it; two more allow for a mesh that lies below them, by a
+        /// third of a deviation if seen at 20 degrees. Such splats are part of the surface, not in front of it. 0
+        /// tests the centre alone.
         limit_sigmas: f64 = 5.0, range(0.0, 100.0), other("0.0");
     }
 }
@@ -31,8 +32,8 @@ engine::inputs! {
         splats: Arc<Splats>,
         /// The cameras.
         rig: Arc<Rig>,
-        /// Planar depth of a surface in front for each view, as `path-trace.nearest` gives it: splats at or
-        /// beyond it, or nearer to it than `limit_sigmas`, are left out. 0 and +inf are no surface.
+        /// Planar depth of a surface in front for each view, from `path-trace.nearest`: splats at or beyond it, or
+        /// closer to it than `limit_sigmas`, are left out. 0 and +inf mean no surface.
         limit: Option<Arc<Images>>,
     }
 }
@@ -47,19 +48,19 @@ engine::outputs! {
         alpha: Arc<Images>,
         /// Planar depth in world units, +inf where nothing is seen.
         depth: Arc<Images>,
-        /// Splats added to each pixel; no picture unless `count_blends`.
+        /// Number of splats blended into each pixel; empty unless `count_blends` is set.
         blends: Arc<Images>,
     }
 }
 
-/// The surface in front of each camera.
+/// The depth limit of each camera.
 fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, NodeError> {
-    // One depth stands for the only camera, but not for each of several.
+    // A single depth applies to a single camera, but not to each of several.
     let known =
         |camera: &Camera| rig.cameras.len() == 1 || limits.0.iter().any(|one| one.name == camera.name);
     let of = |camera: &Camera| match limits.view(&camera.name).filter(|_| known(camera)) {
         Some(Picture::Data(limit)) => Ok(limit),
-        Some(_) => Err(NodeError::new("a depth is no colour").at("limit")),
+        Some(_) => Err(NodeError::new("`limit` must be a depth, not a colour").at("limit")),
         None => Err(NodeError::new(format!("no depth of view `{}`", camera.name)).at("limit")),
     };
     rig.cameras.iter().map(of).collect()
@@ -67,7 +68,8 @@ fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, 
 
 impl Kind for SplatRender {
     const NAME: &'static str = "splat-render";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
+    const READS: &'static [ContextField] = &[ContextField::Exhaustive];
     type Params = (Self, Drawing);
     type In = In;
     type Out = Out;
@@ -79,18 +81,22 @@ impl Kind for SplatRender {
         let splats = inputs.splats.len() as u64;
         let size = |c: &Camera| (u64::from(c.width_px), u64::from(c.height_px));
         let lists = inputs.rig.cameras.iter().map(|c| most_bytes(splats, size(c))).max().unwrap_or(0);
-        let margins = u64::from(inputs.limit.is_some()) * splats * 4;
-        // Per pixel: colour, alpha and depth of the outputs; tiles of the view at hand.
-        Cost { bytes: (all * 44 + largest * 24 + margins).saturating_add(lists) }
+        let margins = if inputs.limit.is_some() { splats } else { 0 };
+        // Per pixel: colour, alpha and depth of the outputs; tiles of the current view.
+        Cost::of([(all, 44), (largest, 24), (margins, 4), (lists, 1)])
     }
 
-    // Splats are read once a view; a view of a megapixel makes up for its share of them.
+    // Splats are read once per view; a megapixel of a view costs about as much as its share of them.
     fn work(_params: &Self::Params, sizes: &Sizes) -> f64 {
         sizes.of("splats") * (sizes.of("rig") / 1e6).max(1.0) + sizes.of("rig") * 5.0
     }
 
     fn views(_: &Self::Params, _: &engine::SourceRoot) -> ViewCount {
         ViewCount::As(&["rig"])
+    }
+
+    fn former(name: &str, _: &[(&str, &str)]) -> Option<Former> {
+        splat::former(name, 4)
     }
 
     fn check((_, drawing): &Self::Params) -> Result<(), NodeError> {
@@ -107,13 +113,13 @@ impl Kind for SplatRender {
         if rig.cameras.is_empty() {
             return Err(NodeError::new("the rig has no camera").at("rig"));
         }
-        let settings = drawing.settings(params.sort, &splats, &mut notes);
+        let settings = drawing.settings(params.sort, &splats, cx.exhaustive(), &mut notes);
         let limits = limit.as_deref().map(|limits| limits_of(&rig, limits)).transpose()?;
         if let (Some(limits), [camera]) = (&limit, rig.cameras.as_slice())
             && let [one] = limits.0.as_slice()
             && one.name != camera.name
         {
-            let text = format!("`{}` is taken for the depth that `{}` sees", one.name, camera.name);
+            let text = format!("`{}` is used as the depth for the view `{}`", one.name, camera.name);
             notes.decision("limit-view", text);
         }
         let blocks = (settings.skip_unseen && rig.cameras.len() > 1).then(|| Blocks::of(&splats, cx));

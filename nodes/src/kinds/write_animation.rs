@@ -5,37 +5,37 @@ use std::sync::Arc;
 use engine::{Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
 
 use crate::io::png::{self, Raster};
+use crate::io::progress::Progress;
 use crate::io::quantise::{AlphaOutput, Lost, quantise};
-use crate::io::stretch::Stretch;
 use crate::types::{Images, Picture};
 
 engine::params! {
     /// Writes frames as an animated PNG (APNG), which every browser plays; other programs show the first one.
     ///
-    /// Frames are encoded as `write-image` does, in 8 bits without alpha. Where frames have several views,
-    /// each view is a file. The same frames give the same bytes.
+    /// Frames are encoded as `write-image` does, in 8 bits without alpha. If frames have several views, each view
+    /// is written to its own file. The same frames give the same bytes.
     pub struct WriteAnimation {
-        /// The file: `.png` or `.apng`. With `{view}` in it where there are several views.
+        /// The file: `.png` or `.apng`. Must contain `{view}` if there are several views.
         path: OutputFile, other("\"b.apng\"");
-        /// Frames a second.
+        /// Frames per second.
         fps: f64 = 12.0, range(0.02, 1000.0), unit("1/s"), other("25.0");
-        /// How often it plays; 0 for ever.
+        /// Number of times the animation plays; 0 repeats for ever.
         plays: u32 = 0, range(0, 1_000_000), other("1");
         /// Writes the graph that made the frames into the metadata, by content and without paths.
         recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
     }
 }
 engine::inputs! {
-    /// What to write.
+    /// Frames to write.
     pub struct In {
-        /// The frames in order, all of one size: those of a `Gather`, say.
+        /// The frames in order, all of the same size: the output of a `Gather`, for example.
         frames: Vec<Arc<Images>>,
     }
 }
 engine::outputs! {
-    /// The files.
+    /// Outputs of [`WriteAnimation`].
     pub struct Out {
-        /// One file a view.
+        /// One file per view.
         files: Arc<Files>,
     }
 }
@@ -51,9 +51,9 @@ impl Kind for WriteAnimation {
     fn check(p: &Self) -> Result<(), NodeError> {
         match p.path.extension().as_str() {
             "png" | "apng" => Ok(()),
-            other => Err(NodeError::new(format!("cannot write an animation as `.{other}`")).at("path").hint(
-                "end the path in `.png` or `.apng`; for single frames there is WriteImage with `{frame}`",
-            )),
+            other => Err(NodeError::new(format!("cannot write an animation as `.{other}`"))
+                .at("path")
+                .hint("end the path in `.png` or `.apng`; for single frames use WriteImage with `{frame}`")),
         }
     }
 
@@ -63,8 +63,8 @@ impl Kind for WriteAnimation {
         };
         let all: u64 = inputs.frames.iter().map(|frame| samples(frame)).sum();
         let views = inputs.frames.first().map_or(1, |frame| frame.0.len().max(1)) as u64;
-        // Codes of two bytes of all frames of a view, and a file that grows to twice what it holds; then the files of all
-        // views, once more to be stored.
+        // Codes of two bytes for all frames of a view, and a file that grows to twice its content; then the files
+        // of all views, and a copy while they are stored.
         Cost { bytes: 4 * all / views + 2 * (all - all / views) }
     }
 
@@ -80,9 +80,9 @@ impl Kind for WriteAnimation {
         for (place, view) in first.0.iter().enumerate() {
             let mut rasters: Vec<Raster> = Vec::with_capacity(inputs.frames.len());
             let mut lost = Lost::default();
-            let stretch = Stretch::of(cx, 0.0, 1.0).piece(place, first.0.len());
+            let progress = Progress::of(cx, 0.0, 1.0).piece(place, first.0.len());
             for (index, frame) in inputs.frames.iter().enumerate() {
-                stretch.reach(0.1 * index as f32 / inputs.frames.len() as f32)?;
+                progress.report(0.1 * index as f32 / inputs.frames.len() as f32)?;
                 let picture = picture_of(frame, &view.name, index)?;
                 let (raster, missed) = quantise(picture, false, AlphaOutput::Drop, cx)?;
                 lost.add(missed);
@@ -93,13 +93,13 @@ impl Kind for WriteAnimation {
                         "frame 0 is {}x{}x{}, frame {index} is {}x{}x{}",
                         a.0, a.1, a.2, b.0, b.1, b.2
                     );
-                    return Err(NodeError::new(text).at("frames").hint("frames are of one size"));
+                    return Err(NodeError::new(text).at("frames").hint("all frames must have the same size"));
                 }
                 rasters.push(raster);
             }
             lost.tell(&view.name, &mut notes);
             let srgb = !matches!(view.picture, Picture::Data(_));
-            let packing = stretch.part(0.1, 1.0);
+            let packing = progress.part(0.1, 1.0);
             let bytes = png::write_frames(&rasters, delay(p.fps), p.plays, srgb, &texts, packing)?;
             files.push(FileBytes { view: view.name.clone(), bytes });
         }
@@ -112,8 +112,8 @@ fn picture_of<'a>(frame: &'a Images, view: &str, index: usize) -> Result<&'a Pic
     frame.view(view).ok_or_else(missing)
 }
 
-/// How long a frame is shown, as a fraction of a second of two u16: in milliseconds, or tenths of them where
-/// frames are short.
+/// Duration of a frame, as a fraction of a second of two u16: in milliseconds, or in tenths of them for short
+/// frames.
 fn delay(fps: f64) -> (u16, u16) {
     let unit: u16 = if fps > 100.0 { 10_000 } else { 1000 };
     (((f64::from(unit) / fps).round()).clamp(1.0, f64::from(u16::MAX)) as u16, unit)
@@ -126,7 +126,8 @@ mod tests {
     use engine::{Scene, Up};
 
     fn write(frames: &[Images]) -> Result<Vec<FileBytes>, String> {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let p = WriteAnimation { path: OutputFile("a.png".into()), fps: 10.0, plays: 3, recipe: true };
         WriteAnimation::check(&p).map_err(|e| e.to_string())?;
         let frames = frames.iter().cloned().map(Arc::new).collect();

@@ -7,56 +7,57 @@ use engine::{
 };
 
 use crate::io::exr::{self, Channel, Depth};
-use crate::io::stretch::Stretch;
+use crate::io::progress::Progress;
 use crate::types::layers::decoded;
 use crate::types::{Encoding, Images, Linear, Picture};
 
 engine::choices! {
-    /// In which numbers colours are written.
+    /// Encoding of the written colours.
     pub enum WrittenEncoding {
-        /// Each picture's own: a splat render is display-encoded.
+        /// The encoding of each picture: a splat render stays display-encoded.
         Keep,
-        /// Linear light, as other programs take what an OpenEXR file holds.
+        /// Linear light, which other programs expect in OpenEXR files.
         Linear,
     }
 }
 engine::params! {
-    /// Writes pictures as OpenEXR, one of them or many as named layers.
+    /// Writes pictures as OpenEXR: a single picture, or several as named layers.
     ///
-    /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is called after the
-    /// output its wire comes from, or as `names` says. A layer of colour becomes `name.R`, `name.G`, `name.B` (and `name.A`), one of a single channel
-    /// `name`, and a layer named N `N.X`, `N.Y`, `N.Z`. Colours stay in their own encoding unless `encoding` is `Linear`;
-    /// the attribute `lightharmony:encoding` names it, layer by layer. Other programs know nothing of that attribute and
-    /// take all colours as linear, so layers of unlike encodings are reported. The same input gives the same bytes.
+    /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is named after the output
+    /// that its wire comes from, or by `names`. A layer of colour becomes `name.R`, `name.G`, `name.B` (and
+    /// `name.A`), one of a single channel `name`, and a layer named N `N.X`, `N.Y`, `N.Z`. Colours keep their
+    /// encoding unless `encoding` is `Linear`; the attribute `lightharmony:encoding` records it per layer. Other
+    /// programs ignore that attribute and treat all colours as linear, so mixed encodings are reported. The same
+    /// input gives the same bytes.
     pub struct WriteExr {
-        /// The file: `.exr`. With `{view}` in it where there are several views.
+        /// The file: `.exr`. Must contain `{view}` if there are several views.
         path: OutputFile, other("\"b.exr\""), inert("the path is not in the file");
-        /// Names of the layers, in the order of the wires: B, R0, R1, S, O, M, Z, N, variance, or others. None:
-        /// the names of the outputs they come from.
+        /// Names of the layers, in the order of the wires: B, R0, R1, S, O, M, Z, N, variance, or others. The
+        /// default is the names of the outputs that the wires come from.
         names: Vec<String> = Vec::new(), other("[\"B\"]");
-        /// Colours as 16-bit floats: half the size, three digits; what overflows is counted. Data (depth,
-        /// masks, variance) stays in 32 bits.
+        /// True to write colours as 16-bit floats: half the size, three digits; samples that overflow are
+        /// counted. Data (depth, masks, variance) stays in 32 bits.
         half: bool = false, other("true");
-        /// In which numbers colours are written. `Linear` un-premultiplies, decodes and premultiplies what is
-        /// display-encoded; alpha, linear light and data stay as they are.
+        /// Encoding of the written colours. `Linear` un-premultiplies display-encoded colours, decodes them and
+        /// premultiplies them again; alpha, linear light and data are unchanged.
         encoding: WrittenEncoding = WrittenEncoding::Keep, other("Linear");
         /// Writes the graph that made the picture into its metadata, by content and without paths.
         recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
     }
 }
 engine::inputs! {
-    /// What to write.
+    /// Pictures to write.
     pub struct In {
-        /// One picture a view.
+        /// One picture per view.
         image: Option<Arc<Images>>,
         /// Pictures that belong together, one layer each; they must have the same views and size.
         layers: Vec<Arc<Images>>,
     }
 }
 engine::outputs! {
-    /// The files.
+    /// Outputs of [`WriteExr`].
     pub struct Out {
-        /// One file a view.
+        /// One file per view.
         files: Arc<Files>,
     }
 }
@@ -79,9 +80,11 @@ impl Kind for WriteExr {
             let word =
                 !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-'));
             if !word || p.names[..index].contains(name) {
-                return Err(NodeError::new(format!("`{name}` cannot name a layer, or names two"))
-                    .at("names")
-                    .hint("use letters, digits, `-` and `_`, and each name once"));
+                return Err(NodeError::new(format!(
+                    "`{name}` is empty, has other characters, or names two layers"
+                ))
+                .at("names")
+                .hint("use letters, digits, `-` and `_`, and each name once"));
             }
         }
         Ok(())
@@ -104,8 +107,8 @@ impl Kind for WriteExr {
         };
         let pictures = || layers().flat_map(|images| &images.0).map(|image| bytes(&image.picture));
         let views = layers().map(|images| images.0.len()).max().unwrap_or(1).max(1) as u64;
-        // The planes of one file, and packed, which is at most as long, those of all of them; these once more while they
-        // are stored.
+        // The planes of one file, the packed bytes of all files (at most as long as the planes), and a copy of
+        // these while they are stored.
         let planes = pictures().map(|(floats, _)| floats).sum::<u64>() / views;
         let packed: u64 = pictures().map(|(_, packed)| packed).sum();
         Cost { bytes: (planes + packed).max(2 * packed) }
@@ -121,7 +124,7 @@ impl Kind for WriteExr {
         if p.encoding == WrittenEncoding::Keep {
             report_encodings(&layers, &mut notes);
         }
-        // Of equally many views those of the first layer.
+        // The first of the layers with the most views.
         let views: &[_] = layers
             .iter()
             .rev()
@@ -133,8 +136,8 @@ impl Kind for WriteExr {
         }
         let recipe = cx.recipe().filter(|_| p.recipe);
         for (index, view) in views.iter().enumerate() {
-            let stretch = Stretch::of(cx, 0.0, 1.0).piece(index, views.len());
-            stretch.reach(0.0)?;
+            let progress = Progress::of(cx, 0.0, 1.0).piece(index, views.len());
+            progress.report(0.0)?;
             let (mut channels, mut encodings) = (Vec::new(), Vec::new());
             let (width, height, _) = view.picture.size();
             for (name, images) in &layers {
@@ -150,16 +153,18 @@ impl Kind for WriteExr {
                 if (w, h) != (width, height) {
                     return Err(other(format!("layer `{name}` is {w}x{h}, another is {width}x{height}")));
                 }
-                add_layer(name, picture, p, &mut channels, stretch.part(0.0, 0.0))?;
+                add_layer(name, picture, p, &mut channels, progress.part(0.0, 0.0))?;
                 let name = if name.is_empty() { "image" } else { name };
                 let encoding = if p.decodes(picture) { Linear::NAME } else { picture.encoding() };
                 encodings.push(format!("{name}={encoding}"));
             }
             let (bytes, clamped) =
-                exr::write_for(width, height, channels, &encodings.join(" "), recipe, stretch)?;
+                exr::write_for(width, height, channels, &encodings.join(" "), recipe, progress)?;
             if clamped > 0 {
-                let what =
-                    format!("samples of `{}` exceed 65504, the largest half, and became it", view.name);
+                let what = format!(
+                    "samples of `{}` exceed 65504, the largest half, and were clamped to it",
+                    view.name
+                );
                 notes.count("half-overflow", clamped, what);
             }
             files.push(FileBytes { view: view.name.clone(), bytes });
@@ -168,8 +173,8 @@ impl Kind for WriteExr {
     }
 }
 
-/// The name of each layer: as `names` says, or as the outputs that they come from are called. One picture
-/// needs none.
+/// The name of each layer: from `names`, or the name of the output that it comes from. A single picture has no
+/// name.
 fn layer_names<'a>(
     p: &'a WriteExr,
     images: usize,
@@ -188,9 +193,9 @@ fn layer_names<'a>(
         (0, layers, 0) if layers == outputs.len() => {
             match outputs.iter().enumerate().find(|(i, name)| outputs[..*i].contains(name)) {
                 Some((_, twice)) => {
-                    Err(NodeError::new(format!("two layers come from outputs named `{twice}`"))
+                    Err(NodeError::new(format!("two layers come from outputs called `{twice}`"))
                         .at("layers")
-                        .hint("tell them apart with `names`"))
+                        .hint("distinguish them with `names`"))
                 }
                 None => Ok(outputs.to_vec()),
             }
@@ -203,13 +208,13 @@ fn layer_names<'a>(
 }
 
 impl WriteExr {
-    /// Whether a picture is written in other numbers than its own.
+    /// True if a picture is decoded before it is written.
     fn decodes(&self, picture: &Picture) -> bool {
         self.encoding == WrittenEncoding::Linear && matches!(picture, Picture::Srgb(_))
     }
 }
 
-/// Tells of display-encoded layers beside linear ones.
+/// Warns about display-encoded layers next to linear ones.
 fn report_encodings(layers: &[(&str, &Images)], notes: &mut Notes) {
     let of = |is: fn(&Picture) -> bool| {
         let found = layers.iter().filter(|(_, images)| images.0.iter().any(|image| is(&image.picture)));
@@ -218,10 +223,10 @@ fn report_encodings(layers: &[(&str, &Images)], notes: &mut Notes) {
     let encoded = of(|picture| matches!(picture, Picture::Srgb(_)));
     let linear = of(|picture| matches!(picture, Picture::Linear(_)));
     if !encoded.is_empty() && !linear.is_empty() {
-        let text = format!("display-encoded layers ({encoded}) stand beside linear ones ({linear})");
+        let text = format!("display-encoded layers ({encoded}) are mixed with linear ones ({linear})");
         notes.warning(
             "mixed-encodings",
-            format!("{text}, and other programs take all as linear; `encoding: Linear` decodes them"),
+            format!("{text}, and other programs treat all as linear; `encoding: Linear` decodes them"),
         );
     }
 }
@@ -231,7 +236,7 @@ fn add_layer(
     picture: &Picture,
     p: &WriteExr,
     to: &mut Vec<(Channel, Depth)>,
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<(), NodeError> {
     let (_, _, channels) = picture.size();
     let letters: &[&str] = match (channels, name) {
@@ -256,7 +261,7 @@ fn add_layer(
             (name, letter) => format!("{name}.{letter}"),
         };
         let mut samples = Vec::with_capacity(picture.samples().len() / channels);
-        stretch.over(picture.samples(), |pixels| {
+        progress.over(picture.samples(), |pixels| {
             if decodes && *letter != "A" {
                 let colours = channels - 1 + channels % 2;
                 let alpha = |pixel: &[f32]| pixel.get(colours).map_or(1.0, |alpha| *alpha);
@@ -267,7 +272,7 @@ fn add_layer(
             }
         })?;
         if samples.iter().any(|v| v.is_nan()) {
-            return Err(NodeError::new(format!("channel `{full}` holds what is not a number")).at("layers"));
+            return Err(NodeError::new(format!("channel `{full}` contains NaN")).at("layers"));
         }
         to.push((Channel { name: full, samples }, depth));
     }
@@ -283,7 +288,8 @@ mod tests {
 
     fn run(p: &WriteExr, inputs: In) -> Result<(Vec<FileBytes>, Notes), NodeError> {
         WriteExr::check(p)?;
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         WriteExr::run(p, inputs, &cx).map(|(out, notes)| (out.files.0.clone(), notes))
     }
     fn node(names: &[&str]) -> WriteExr {
@@ -304,8 +310,8 @@ mod tests {
         let layers = vec![colour(), depth(), Arc::new(Images::single("v", Image::<Srgb>::new(3, 2, 3)))];
         let (files, notes) =
             run(&node(&["O", "Z", "B"]), In { image: None, layers }).unwrap_or_else(|e| panic!("{e}"));
-        let told: Vec<&str> = notes.iter().map(|note| &*note.id).collect();
-        assert_eq!(told, ["mixed-encodings"]);
+        let reported: Vec<&str> = notes.iter().map(|note| &*note.id).collect();
+        assert_eq!(reported, ["mixed-encodings"]);
         let back = exr::read("a", &files[0].bytes).unwrap_or_else(|e| panic!("{e}"));
         let names: Vec<&str> = back.channels.iter().map(|c| c.name.as_str()).collect();
         assert_eq!(names, ["B.B", "B.G", "B.R", "O.A", "O.B", "O.G", "O.R", "Z"]);
@@ -315,8 +321,8 @@ mod tests {
         assert!(files[0].bytes.windows(text.len()).any(|w| w == text));
     }
 
-    // Mutations: alpha decoded too; colours decoded as they are, still premultiplied; linear light decoded once more;
-    // the attribute left as it is.
+    // Mutations: alpha decoded too; premultiplied colours decoded directly; linear light decoded again; the
+    // attribute not changed.
     #[test]
     fn linear_decodes_what_is_display_encoded_and_nothing_else() {
         let of = |channels, samples: &[f32]| {
@@ -362,11 +368,12 @@ mod tests {
         }
     }
 
-    // Mutations: data taken for linear light; layers named that are not display-encoded; `Linear` told of as well.
+    // Mutations: data treated as linear light; layers listed that are not display-encoded; a warning for `Linear`
+    // too.
     #[test]
     fn unlike_encodings_are_reported_by_layer_and_like_ones_are_not() {
         let encoded = || Arc::new(Images::single("v", Image::<Srgb>::new(3, 2, 3)));
-        let told = |encoding, names: &[&str], layers| {
+        let reported = |encoding, names: &[&str], layers| {
             let p = WriteExr { encoding, ..node(names) };
             let (_, notes) = run(&p, In { image: None, layers }).unwrap_or_else(|e| panic!("{e}"));
             notes.iter().map(|note| note.text.clone()).collect::<Vec<_>>()
@@ -374,15 +381,15 @@ mod tests {
         let all = ["B", "R0", "R1", "Z"];
         let layers = || vec![encoded(), colour(), colour(), depth()];
         assert_eq!(
-            told(WrittenEncoding::Keep, &all, layers()),
+            reported(WrittenEncoding::Keep, &all, layers()),
             [
-                "display-encoded layers (`B`) stand beside linear ones (`R0`, `R1`), and other programs take all as \
+                "display-encoded layers (`B`) are mixed with linear ones (`R0`, `R1`), and other programs treat all as \
               linear; `encoding: Linear` decodes them"
             ]
         );
-        assert!(told(WrittenEncoding::Linear, &all, layers()).is_empty());
-        assert!(told(WrittenEncoding::Keep, &["B", "Z"], vec![encoded(), depth()]).is_empty());
-        assert!(told(WrittenEncoding::Keep, &["R", "Z"], vec![colour(), depth()]).is_empty());
+        assert!(reported(WrittenEncoding::Linear, &all, layers()).is_empty());
+        assert!(reported(WrittenEncoding::Keep, &["B", "Z"], vec![encoded(), depth()]).is_empty());
+        assert!(reported(WrittenEncoding::Keep, &["R", "Z"], vec![colour(), depth()]).is_empty());
     }
 
     #[test]
@@ -406,9 +413,9 @@ mod tests {
             Arc::new(Images(vec![named(a), named(b)]))
         };
         let rigs = In { image: None, layers: vec![pair("x", "y"), pair("x", "z")] };
-        let Err(told) = run(&node(&["a", "b"]), rigs) else { panic!("other rigs are no layers of one file") };
-        assert_eq!(told.message(), "layer `b` has no view `y`; it has x, z");
-        assert_eq!(told.advice(), Some("all layers of a file come from one rig"));
+        let Err(reported) = run(&node(&["a", "b"]), rigs) else { panic!("layers of different rigs") };
+        assert_eq!(reported.message(), "layer `b` has no view `y`; it has x, z");
+        assert_eq!(reported.advice(), Some("all layers of a file come from one rig"));
         for (p, inputs) in [
             (node(&[]), In { image: None, layers: vec![] }),
             (node(&["a"]), In { image: None, layers: vec![colour(), depth()] }),

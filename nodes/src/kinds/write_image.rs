@@ -1,57 +1,57 @@
-//! `write-image`: pictures for people, PNG or JPEG.
+//! `write-image`: pictures as PNG or JPEG, for display.
 
 use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount};
 
+use crate::io::progress::Progress;
 use crate::io::quantise::quantise;
 use crate::io::recipe::KEYWORD;
-use crate::io::stretch::Stretch;
 use crate::io::{jpeg, png};
 use crate::types::{Images, NamedImage, Picture};
 
 pub use crate::io::quantise::AlphaOutput;
 
 engine::choices! {
-    /// How much time a PNG may take.
+    /// Compression effort of a PNG.
     pub enum Effort {
         /// Small files.
         Balanced,
-        /// A tenth of the time, and larger files; `watch` takes it for previews.
+        /// A tenth of the time and larger files; used by `watch` for previews.
         Fast,
     }
 }
 engine::params! {
-    /// Writes pictures as PNG or JPEG, by the ending of the path.
+    /// Writes pictures as PNG or JPEG, by the extension of the path.
     ///
-    /// Linear light is encoded with the sRGB curve, values beyond 0 to 1 are cut off and counted; data
-    /// (masks, ratios) is written as it is. Nothing is dithered. The same picture gives the same bytes.
+    /// Linear light is encoded with the sRGB curve, values outside 0 to 1 are clamped and counted; data (masks,
+    /// ratios) is written unchanged. There is no dithering. The same picture gives the same bytes.
     pub struct WriteImage {
-        /// The file: `.png`, `.jpg` or `.jpeg`. With `{view}` in it where there are several views.
+        /// The file: `.png`, `.jpg` or `.jpeg`. Must contain `{view}` if there are several views.
         path: OutputFile, other("\"b.jpg\"");
-        /// Bits of a sample; 16 only in PNG.
+        /// Bits per sample; 16 only in PNG.
         bits: u32 = 8, range(8, 16), other("16");
-        /// What becomes of alpha.
+        /// Treatment of the alpha channel.
         alpha: AlphaOutput = AlphaOutput::Drop, other("Straight");
-        /// Quality of a JPEG.
+        /// JPEG quality.
         quality: u32 = 92, range(1, 100), other("50"), inert("only JPEG has a quality");
-        /// How much time compressing a PNG may take; its pixels are the same.
+        /// Compression effort of a PNG; its pixels do not change.
         effort: Effort = Effort::Balanced, other("Fast");
         /// Writes the graph that made the picture into its metadata, by content and without paths.
         recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
     }
 }
 engine::inputs! {
-    /// What to write.
+    /// Pictures to write.
     pub struct In {
-        /// One picture a view.
+        /// One picture per view.
         image: Arc<Images>,
     }
 }
 engine::outputs! {
-    /// The files.
+    /// Outputs of [`WriteImage`].
     pub struct Out {
-        /// One file a view.
+        /// One file per view.
         files: Arc<Files>,
     }
 }
@@ -60,7 +60,8 @@ impl Kind for WriteImage {
     const NAME: &'static str = "write-image";
     const VERSION: u32 = 1;
     const READS: &'static [ContextField] = &[ContextField::Recipe];
-    const ROUGH: &'static [(&'static str, &'static str)] = &[("effort", "Fast")];
+    const PREVIEW: engine::Preview =
+        engine::Preview { rough: &[("effort", "Fast")], ..engine::Preview::NONE };
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -72,14 +73,14 @@ impl Kind for WriteImage {
             other => {
                 return Err(NodeError::new(format!("cannot write pictures as `.{other}`"))
                     .at("path")
-                    .hint("end the path in `.png` or `.jpg`; for float data there is WriteExr"));
+                    .hint("end the path in `.png` or `.jpg`; for float data use WriteExr"));
             }
         };
         if p.bits != 8 && p.bits != 16 {
-            return Err(NodeError::new("a sample has 8 or 16 bits").at("bits"));
+            return Err(NodeError::new("`bits` must be 8 or 16").at("bits"));
         }
         if jpeg && p.bits == 16 {
-            return Err(NodeError::new("a JPEG has 8 bits a sample")
+            return Err(NodeError::new("a JPEG has 8 bits per sample")
                 .at("bits")
                 .hint("end the path in `.png`"));
         }
@@ -98,8 +99,9 @@ impl Kind for WriteImage {
         let pictures = || inputs.image.0.iter().map(samples);
         let (all, one) = (pictures().sum::<u64>(), pictures().max().unwrap_or(0));
         let packed = if p.bits == 16 { 2 } else { 1 };
-        // Of one view codes of two bytes in rows and in one piece, then these and the packed bytes, which are at most
-        // those of the picture, as data and as a file. The files of all views are kept, and once more to be stored.
+        // For one view, codes of two bytes in rows and in one piece, then these and the packed bytes (at most as
+        // long as the picture) as data and as a file. The files of all views are kept, and copied while they are
+        // stored.
         let view = (4 * one).max(2 * one + 2 * packed * one);
         Cost { bytes: (view + packed * (all - one)).max(2 * packed * all) }
     }
@@ -113,8 +115,8 @@ impl Kind for WriteImage {
         }
         let recipe = cx.recipe().filter(|_| p.recipe);
         for (index, view) in views.iter().enumerate() {
-            let stretch = Stretch::of(cx, 0.0, 1.0).piece(index, views.len());
-            stretch.reach(0.0)?;
+            let progress = Progress::of(cx, 0.0, 1.0).piece(index, views.len());
+            progress.report(0.0)?;
             let (raster, lost) = quantise(&view.picture, p.bits == 16, p.alpha, cx)?;
             lost.tell(&view.name, &mut notes);
             let srgb = !matches!(view.picture, Picture::Data(_));
@@ -125,9 +127,9 @@ impl Kind for WriteImage {
                     Effort::Balanced => png::Packing::Small,
                     Effort::Fast => png::Packing::Fast,
                 };
-                png::write_for(&raster, packing, srgb, &texts, stretch)?
+                png::write_for(&raster, packing, srgb, &texts, progress)?
             } else {
-                jpeg::write_for(&raster, p.quality as u8, recipe, stretch)?
+                jpeg::write_for(&raster, p.quality as u8, recipe, progress)?
             };
             files.push(FileBytes { view: view.name.clone(), bytes });
         }
@@ -143,7 +145,7 @@ mod tests {
     use engine::{Scene, Up};
 
     fn cx() -> Context {
-        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".")
+        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".")
     }
     fn node(path: &str) -> WriteImage {
         WriteImage {
@@ -162,7 +164,7 @@ mod tests {
         (out.files.0[0].bytes.clone(), notes)
     }
 
-    // Row 60: every code survives, as display values and through linear light, in 8 and 16 bits.
+    // Row 60: every code survives a round trip, as a display value and through linear light, in 8 and 16 bits.
     #[test]
     fn every_code_survives() {
         for (bits, largest) in [(8, 255_u32), (16, 65_535)] {
@@ -193,7 +195,7 @@ mod tests {
         assert!(notes.iter().any(|n| n.id == "clipped-below" && n.text.starts_with("1 ")));
     }
 
-    /// A preview is compressed less, and only where it is a preview.
+    /// Less compression effort changes the bytes and keeps the pixels.
     #[test]
     fn less_effort_gives_other_bytes_and_the_same_pixels() {
         let samples = (0..64 * 64 * 3).map(|i| ((i * 37) % 101) as f32 / 100.0).collect();
@@ -205,7 +207,7 @@ mod tests {
         assert_eq!(read(&slow), read(&fast));
     }
 
-    // Row 58: a straight file put back over black equals the picture on black.
+    // Row 58: a file with straight alpha, composited over black, equals the picture on black.
     #[test]
     fn alpha_is_dropped_or_made_straight() {
         let picture = Image::<Srgb>::from_samples(2, 1, 4, vec![0.25, 0.1, 0.0, 0.5, 0.2, 0.0, 0.0, 0.0]);

@@ -1,4 +1,4 @@
-//! `write-report`: tables for people and for other programs.
+//! `write-report`: reports as JSON, CSV, Markdown or text.
 
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -8,23 +8,23 @@ use engine::{Context, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
 use crate::types::{Cell, Report, Table};
 
 engine::params! {
-    /// Writes a report as JSON, CSV, Markdown or plain text, by the ending of the path.
+    /// Writes a report as JSON, CSV, Markdown or plain text, by the extension of the path.
     ///
-    /// JSON and CSV hold every digit; Markdown and text round to five.
+    /// JSON and CSV keep every digit; Markdown and text are rounded to five.
     pub struct WriteReport {
         /// The file: `.json`, `.csv`, `.md` or `.txt`.
         path: OutputFile, other("\"b.csv\"");
     }
 }
 engine::inputs! {
-    /// What to write.
+    /// Report to write.
     pub struct In {
         /// The report.
         report: Arc<Report>,
     }
 }
 engine::outputs! {
-    /// The file.
+    /// Outputs of [`WriteReport`].
     pub struct Out {
         /// One file.
         files: Arc<Files>,
@@ -64,7 +64,7 @@ impl Kind for WriteReport {
     }
 }
 
-/// A number with all its digits, in the shortest way that reads back to the same one.
+/// A number with all its digits, in the shortest form that parses to the same value.
 fn exact(cell: &Cell) -> String {
     match cell {
         Cell::Text(text) => text.clone(),
@@ -74,7 +74,7 @@ fn exact(cell: &Cell) -> String {
     }
 }
 
-/// A number as people read it.
+/// A number in a short form for readers.
 fn short(cell: &Cell) -> String {
     match cell {
         Cell::Number(x) if *x == 0.0 => "0".to_owned(),
@@ -89,7 +89,7 @@ fn short(cell: &Cell) -> String {
     }
 }
 
-/// One table after RFC 4180, its name in a first column so that several tables stay apart.
+/// One table in the format of RFC 4180, with its name in the first column so that several tables can share a file.
 fn csv(table: &Table) -> String {
     let quoted = |text: &str| {
         if text.contains([',', '"', '\n', '\r']) {

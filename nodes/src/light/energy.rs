@@ -1,10 +1,10 @@
-//! How much light a whole picture holds, for the books of what is gained and lost in each step.
+//! Energy of a panorama, for reports of what each step adds and removes.
 
 use engine::Up;
 
 use crate::math::equirect::{axes, direction, pixel_solid_angle};
 
-/// The light of an equirectangular picture.
+/// Energy of an equirectangular picture.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Energy {
     /// Integral of luminance over the sphere.
@@ -16,7 +16,7 @@ pub struct Energy {
 }
 
 impl Energy {
-    /// Of the luminance of every pixel, row by row.
+    /// Computes the energy from the luminance of every pixel, row by row.
     pub fn of(up: Up, width: usize, luminance: &[f64]) -> Self {
         let (height, above) = (luminance.len() / width.max(1), axes(up)[2]);
         let mut energy = Self::default();

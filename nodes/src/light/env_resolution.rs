@@ -1,7 +1,8 @@
-//! How many columns of an environment the objects and its lights need.
+//! Number of columns that an environment needs, by the materials of objects and by its lights.
 //!
-//! Every node before this one pays for the pixels of the panorama. A texel blurs what it shows over its width: that is
-//! not seen in a reflection which the material blurs more, nor in the edge of a shadow, which is as wide as the light.
+//! Every node before this one has a cost per pixel of the panorama. A texel blurs the light over its width, which
+//! is not visible in a reflection that the material blurs more, nor in the edge of a shadow, which is as wide as
+//! the light.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -14,43 +15,43 @@ use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 use crate::types::{Environment, Material, Object, Placed};
 
-/// Texels across the lobe of the smoothest material, at half of its height.
+/// Texels across the lobe of the smoothest material, at half of its maximum.
 const ACROSS_LOBE: f64 = 4.0;
 /// Texels across the smallest light.
 const ACROSS_LIGHT: f64 = 8.0;
-/// What outshines the mean so many times is a light, and counts if it gives this share of the whole.
+/// A light exceeds the mean by this factor, and counts if it gives this share of the total.
 const BRIGHT: f64 = 16.0;
 const SHARE: f64 = 0.05;
-/// No fewer columns are advised.
+/// Smallest number of columns.
 const LEAST: usize = 64;
 
-/// What an environment must resolve.
+/// Required resolution of an environment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct EnvResolution {
-    /// A power of two, or the most that may be.
+    /// A power of two, or the largest allowed number.
     pub(crate) columns: usize,
-    /// Of the smoothest surface that reflects; none where all is matte.
+    /// Roughness of the smoothest reflecting surface; `None` if all are matte.
     roughness: Option<f64>,
-    /// Width of the smallest light, in degrees; none where there is none.
+    /// Width of the smallest light in degrees; `None` without lights.
     light_deg: Option<f64>,
 }
 
 impl EnvResolution {
-    /// For some objects in an environment, of which there are so many columns at most. It may be seen by fewer than
-    /// those.
+    /// Computes the resolution for some objects in an environment, at most `most` columns. The environment itself
+    /// may have fewer.
     pub(crate) fn of(environment: &Environment, objects: &[Arc<Placed>], most: usize) -> Self {
         let materials = objects.iter().flat_map(|placed| {
             placed.object.materials_in_use().filter_map(|material| smoothest(&placed.object, material))
         });
         let roughness = materials.reduce(f64::min);
-        // Seen by fewer columns than there may be, a light looks wider by less than half of a texel.
+        // In an environment with fewer columns, a light looks wider by up to half a texel.
         let texel = 2.0 * PI / environment.image.width.max(1) as f64;
         let blur = if environment.image.width < most { texel / 2.0 } else { 0.0 };
         let light = smallest_light(environment).map(|width| (width - blur).max(blur));
         // Facets of roughness r tilt by 0.64 r^2 where their density is half of the peak, reflections by twice that.
         let lobe = roughness.map(|r| 2.0 * num::atan2(0.64 * r * r, 1.0) / ACROSS_LOBE);
         let texel = [lobe, light.map(|width| width / ACROSS_LIGHT)].into_iter().flatten().fold(PI, f64::min);
-        // A mirror asks for as many as there are.
+        // A mirror needs all columns.
         let columns = (2.0 * PI / texel.max(1e-9)).min(most as f64) as usize;
         Self {
             columns: columns.max(LEAST).next_power_of_two().min(most.max(LEAST)),
@@ -59,23 +60,23 @@ impl EnvResolution {
         }
     }
 
-    /// Tells where half of the columns or fewer would do.
+    /// Reports if half of the columns or fewer are enough.
     pub(crate) fn report(&self, environment: &Environment, notes: &mut Notes) {
         let there = environment.image.width;
         if 2 * self.columns > there {
             return;
         }
-        let text = format!("the environment has {there} columns where {} do: {}", self.columns, self.why());
+        let text =
+            format!("the environment has {there} columns, and {} are enough: {}", self.columns, self.why());
         notes.decision(
             "finer-than-needed",
             format!(
-                "{text}; a smaller panorama looks the same and is faster: `fit-probe` makes it, or `width_px` where the \
-                 graph says so"
+                "{text}; make a smaller panorama with `fit-probe` or `width_px`: it looks the same and is faster"
             ),
         );
     }
 
-    /// What asks for as many columns, in words.
+    /// The reason for the number of columns, in words.
     pub(crate) fn why(&self) -> String {
         let surface = match self.roughness {
             Some(roughness) => format!("the smoothest surface of the objects has roughness {roughness:.2}"),
@@ -83,16 +84,16 @@ impl EnvResolution {
         };
         let light = match self.light_deg {
             Some(width) => format!("the smallest light is {width:.1} degrees wide"),
-            None => "no light stands out".to_owned(),
+            None => "there is no small light".to_owned(),
         };
         format!("{surface}, {light}")
     }
 }
 
-/// The least roughness with which a material reflects; none where it does not.
+/// The smallest roughness of the reflections of a material; `None` without reflections.
 pub(crate) fn smoothest(object: &Object, material: &Material) -> Option<f64> {
     let texture = material.metallic_roughness_texture;
-    // Of a texture that is not there the worst is assumed.
+    // A missing texture counts as the worst case.
     let least = |texture: usize| {
         let codes = object.textures.get(texture)?.rgba.chunks_exact(4).map(|texel| texel[1]);
         codes.min().map(|code| f64::from(code) / 255.0)
@@ -107,8 +108,8 @@ pub(crate) fn smoothest(object: &Object, material: &Material) -> Option<f64> {
     [base, coat].into_iter().flatten().filter(|_| !material.unlit).reduce(f64::min)
 }
 
-/// The width of a disc as large as the smallest light that counts, in radians. How large a light is, is told by where
-/// its power is, `(int L)^2 / int L^2`: a sun in its aureole is hardly larger than the sun.
+/// The width of a disc as large as the smallest light that counts, in radians. The size of a light is measured by
+/// the concentration of its power, `(int L)^2 / int L^2`: a sun with an aureole is hardly larger than the sun.
 fn smallest_light(environment: &Environment) -> Option<f64> {
     let image = &environment.image;
     let (width, height) = (image.width, image.height);

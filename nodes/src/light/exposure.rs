@@ -1,4 +1,4 @@
-//! The exposure at which a panorama is judged.
+//! Exposure: metering of a panorama, and hidden light measured from other exposures.
 
 use super::linear::max3;
 use crate::math::color::luminance;
@@ -7,20 +7,20 @@ use crate::types::{Image, Linear};
 
 /// Samples are raised to 1 / this before the median is taken.
 const GAMMA: f64 = 2.4;
-/// Where the median lies, after that.
+/// Value of the median after that.
 const MIDDLE: f64 = 0.5;
 /// At most this share of the sphere is above white.
 const ABOVE_WHITE: f64 = 0.15;
 
-/// A channel of display colours above this, in linear light, is clipped as far as anybody can tell.
+/// A channel of display colours above this, in linear light, counts as clipped.
 pub(crate) const WHITE: f32 = 0.9;
-/// Codes of what is darker say little, so light is compared with no less than this.
+/// Codes of darker values have too few steps, so light is compared with at least this.
 pub(crate) const DARKEST: f64 = 1e-4;
 
-/// What the light of a panorama is multiplied by to be at EV 0, as a photographer would meter it: the median of its
-/// positive samples becomes 0.5 once raised to 1 / 2.4, but at most 15 % of the sphere are above 1 in their brightest
-/// channel. The rule of DiffusionLight's tone mapping (Phongthawee et al. 2024), with that bound. `None` where there is
-/// no light.
+/// The factor that scales the light of a panorama to EV 0, as a photographer would meter it: the median of its
+/// positive samples becomes 0.5 after raising to 1 / 2.4, but at most 15 % of the sphere is above 1 in its
+/// brightest channel. The rule of DiffusionLight's tone mapping (Phongthawee et al. 2024), with that bound. `None`
+/// without light.
 pub fn ev0_scale(image: &Image<Linear>) -> Option<f64> {
     let mut positive: Vec<f32> = image.samples.iter().copied().filter(|v| *v > 0.0).collect();
     if positive.is_empty() {
@@ -48,19 +48,19 @@ pub fn ev0_scale(image: &Image<Linear>) -> Option<f64> {
     Some(limit.map_or(scale, |(peak, _)| scale.min(1.0 / f64::from(*peak))))
 }
 
-/// What a photograph shows of a pixel.
+/// A pixel of a photograph.
 #[derive(Clone, Copy)]
 pub(crate) struct Shown {
-    /// Its exposure.
+    /// Exposure of the photograph, in EV.
     pub ev: f64,
-    /// Linear light, as the photograph has it.
+    /// Linear light, as stored in the photograph.
     pub rgb: [f32; 3],
-    /// There is more light than it can hold.
+    /// True if the pixel is clipped.
     pub clipped: bool,
 }
 
 impl Shown {
-    /// Of a picture that ends at white.
+    /// A pixel of a picture that is clipped at white.
     pub fn display(ev: f64, rgb: [f32; 3]) -> Self {
         Self { ev, rgb, clipped: max3(rgb) > WHITE }
     }
@@ -71,8 +71,9 @@ impl Shown {
     }
 }
 
-/// For a pixel the log2 of its luminance over that of the panorama, at least 0, as the first of `exposures` (brightest
-/// first) has it that shows it unclipped, else the last; and whether none shows it so. `None` without any.
+/// For a pixel: log2 of its luminance relative to the panorama, at least 0, from the first of `exposures`
+/// (brightest first) that is not clipped there, otherwise from the last one; and whether all of them are clipped.
+/// `None` without exposures.
 pub(crate) fn measured(own: [f32; 3], exposures: impl Iterator<Item = Shown>) -> Option<(f32, bool)> {
     let own = f64::from(luminance(own)).max(DARKEST);
     let mut last = None;
@@ -102,7 +103,7 @@ mod tests {
         let much = ev0_scale(&lit(6..10)).unwrap_or_default();
         assert!((much - 1.0 / 40.0).abs() < 1e-9, "{much}");
         assert_eq!(ev0_scale(&Image::new(4, 2, 3)), None);
-        // However dim: a picture of 1e-30 of the light is brought up by 1e30.
+        // Very dim light: a picture of 1e-30 of the light is scaled up by 1e30.
         let dim = lit(6..10).samples.iter().map(|v| v * 1e-30).collect();
         let dim = ev0_scale(&Image::from_samples(width, height, 3, dim)).unwrap_or_default();
         assert!((dim * 1e-30 * 40.0 - 1.0).abs() < 1e-5, "{dim}");

@@ -11,7 +11,7 @@ struct Level {
 }
 
 impl Level {
-    /// Half the size; the confidence of a pixel is that of its four added up, at most 1.
+    /// Half the size; the confidence of a pixel is the sum of its four, at most 1.
     fn halved(&self) -> Self {
         let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
         let mut pixels = Vec::with_capacity(width * height);
@@ -32,7 +32,7 @@ impl Level {
         Self { width, height, pixels }
     }
 
-    /// Colour at the point (x, y) in pixels, bilinear, of a level that is all colour.
+    /// Bilinear colour at the point (x, y) in pixels, of a level without holes.
     fn at(colours: &[[f32; 3]], width: usize, height: usize, x: f32, y: f32) -> [f32; 3] {
         let (left, top) = ((x - 0.5).floor(), (y - 0.5).floor());
         let (fx, fy) = (x - 0.5 - left, y - 0.5 - top);
@@ -52,8 +52,8 @@ impl Level {
     }
 }
 
-/// Un-premultiplied colours without holes. A pixel of alpha `hole_alpha` or more keeps its colour; below,
-/// it takes the more from its surroundings the less was seen.
+/// Un-premultiplied colours with filled holes. A pixel with an alpha of `hole_alpha` or more keeps its colour;
+/// below that, it is blended with its surroundings in proportion.
 pub(crate) fn fill(
     premultiplied: &[[f32; 4]],
     width: usize,
@@ -86,12 +86,12 @@ pub(crate) fn fill(
                 let missing = 1.0 - confidence;
                 let around = match &coarse {
                     Some((colours, w, h)) if missing > 0.0 => {
-                        // Scaled by the true ratio, so that odd sizes still wrap at the right place.
+                        // Scaled by the true ratio, so that odd sizes still wrap at the right position.
                         let u = (x as f32 + 0.5) * *w as f32 / level.width as f32;
                         let v = (y as f32 + 0.5) * 0.5;
                         Level::at(colours, *w, *h, u, v)
                     }
-                    // The one pixel of the coarsest level: what little was seen stands for all.
+                    // The single pixel of the coarsest level: the mean of everything that was seen.
                     None if confidence > 0.0 => [r / confidence, g / confidence, b / confidence],
                     _ => [0.0; 3],
                 };

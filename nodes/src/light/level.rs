@@ -1,11 +1,11 @@
-//! The level of light in a picture, which bounds of what is too dark refer to.
+//! Typical light level of a picture, for bounds relative to it.
 
-/// Samples darker than this share of the bright ones are what rounding and noise leave of none.
+/// Samples darker than this fraction of the bright ones count as unlit: they are rounding and noise.
 const DARKEST: f64 = 1e-6;
 
-/// The median of samples that are lit, 0 if none is. A mean would be that of a sun in the picture. Lit is what is finite
-/// and has at least a millionth of the ninetieth percentile of what is above 0, so that a picture that is mostly
-/// black is judged by the rest.
+/// The median of lit samples, 0 if there are none. A mean would be dominated by a sun. Lit samples are finite and
+/// have at least a millionth of the ninetieth percentile of positive samples, so that a mostly black picture is
+/// measured by the rest.
 pub fn level(samples: impl Iterator<Item = f64>) -> f64 {
     let mut lit: Vec<f64> = samples.filter(|v| v.is_finite() && *v > 0.0).collect();
     if lit.is_empty() {
@@ -22,8 +22,8 @@ pub fn level(samples: impl Iterator<Item = f64>) -> f64 {
 mod tests {
     use super::*;
 
-    // Neither a sun nor blackness in most of the picture decides; exposure does not matter.
-    // Mutation: `lit.retain` left out, or the last of the sorted in place of the middle.
+    // Neither a sun nor large black areas determine the level, and it scales with exposure. Mutation: `lit.retain`
+    // left out, or the last of the sorted in place of the middle.
     #[test]
     fn suns_and_blackness_do_not_decide() {
         let floor = [0.8, 0.9, 1.0, 1.1, 1.2];

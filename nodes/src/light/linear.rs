@@ -1,15 +1,15 @@
-//! Linear light of a panorama of either encoding, with its broken samples counted.
+//! Linear light of a panorama of either encoding, with counts of its invalid samples.
 
 use crate::math::color::linear_from_srgb;
 use crate::math::num;
 use crate::types::Picture;
 
 engine::choices! {
-    /// How display values become linear light.
+    /// Transfer curve from display values to linear light.
     pub enum Transfer {
-        /// The sRGB curve (IEC 61966-2-1), which splat renders and photographs follow.
+        /// The sRGB curve (IEC 61966-2-1), which splat renders and photographs use.
         Srgb,
-        /// A pure power of 2.4, as the paper's fusion has it; darkens unclipped light by about a tenth.
+        /// A pure power of 2.4, as in the fusion of the paper; darkens unclipped light by about a tenth.
         Gamma24,
     }
 }
@@ -33,19 +33,19 @@ pub struct LinearPixels {
     pub height: usize,
     /// Row by row.
     pub rgb: Vec<[f32; 3]>,
-    /// Samples that were NaN or infinite and count as 0.
+    /// Number of samples that were NaN or infinite and count as 0.
     pub broken: u64,
-    /// Samples below 0, which count as 0.
+    /// Number of samples below 0, which count as 0.
     pub negative: u64,
-    /// Whether what reaches white is clipped there. Display codes end at white; linear light does only where nothing
-    /// lies above it: a picture that holds more has no ceiling, and what is near white in it is what it is.
+    /// True if white is clipped. Display codes end at white; linear light is clipped at white only if no sample
+    /// lies above it: a picture with larger values is not clipped anywhere.
     pub ceiling: bool,
 }
 
-/// Linear light above this is more than white, and not white with noise on it.
+/// Linear light above this is more than white, beyond noise.
 const ABOVE_WHITE: f32 = 1.05;
 
-/// Linear light of a 3-channel picture. A picture that is linear already is taken as it is.
+/// Linear light of a 3-channel picture. A linear picture is used unchanged.
 pub fn linear_pixels(picture: &Picture, transfer: Transfer) -> LinearPixels {
     let (width, height, channels) = picture.size();
     let (mut broken, mut negative) = (0, 0);

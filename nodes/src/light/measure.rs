@@ -1,4 +1,4 @@
-//! What light is judged by, in float64: irradiance, the dominant direction, contrast.
+//! Measures of light, in float64: irradiance, the dominant direction, contrast.
 
 use std::f64::consts::PI;
 
@@ -40,12 +40,14 @@ struct Texel {
     place: [usize; 2],
 }
 
-/// Into how many columns and rows each texel is cut so that there are about `columns` of them in all.
+/// The number of columns and rows that each texel is split into, so that there are about `columns` of them in
+/// total.
 fn cuts(env: &Environment, columns: usize) -> [usize; 2] {
     [columns / env.image.width, columns / 2 / env.image.height].map(|parts| parts.max(1))
 }
 
-/// Gives every texel of an environment, row by row; each is cut into parts, since what is many degrees wide is no point.
+/// Calls `give` for every texel of an environment, row by row; large texels are split, since a texel of many
+/// degrees is not a point.
 fn each_texel(env: &Environment, [across, down]: [usize; 2], mut give: impl FnMut(Texel)) {
     let (width, height) = (env.image.width * across, env.image.height * down);
     for y in 0..height {
@@ -58,8 +60,8 @@ fn each_texel(env: &Environment, [across, down]: [usize; 2], mut give: impl FnMu
     }
 }
 
-/// The environment in cells of at most `columns` x `columns / 2`: every texel's power goes to the cell
-/// its centre lies in, so power is kept whatever the size of the image. Texels larger than cells are cut.
+/// The environment in cells of at most `columns` x `columns / 2`: the power of every texel is added to the cell
+/// that contains its centre, which keeps the total at any image size. Texels larger than cells are split.
 pub fn cells(env: &Environment, columns: usize) -> Vec<Cell> {
     let cuts = cuts(env, columns);
     let (width, height) = (env.image.width * cuts[0], env.image.height * cuts[1]);
@@ -80,7 +82,7 @@ pub fn cells(env: &Environment, columns: usize) -> Vec<Cell> {
     sums.into_iter().filter_map(cell).collect()
 }
 
-/// Irradiance of planes with the given unit normals, texel by texel.
+/// Irradiance of planes with the given unit normals, summed over texels.
 pub fn irradiances<const N: usize>(env: &Environment, normals: [DVec3; N]) -> [[f64; 3]; N] {
     let mut sums = [[0.0; 3]; N];
     each_texel(env, cuts(env, 128), |texel| {
@@ -104,7 +106,7 @@ pub fn irradiance(cells: &[Cell], normal: DVec3) -> [f64; 3] {
     sum
 }
 
-/// `n` evenly spread unit vectors: a Fibonacci spiral about z.
+/// `n` evenly distributed unit vectors: a Fibonacci spiral about z.
 pub fn spiral(n: usize) -> Vec<DVec3> {
     let golden = PI * (1.0 + 5.0_f64.sqrt());
     (0..n)
@@ -117,11 +119,11 @@ pub fn spiral(n: usize) -> Vec<DVec3> {
         .collect()
 }
 
-/// Cosine of 15 degrees, the radius of what counts as the dominant light.
+/// Cosine of 15 degrees, the radius of the dominant light.
 pub const DOMINANT_COS: f64 = 0.965_925_826_289_068_3;
 
-/// Where radiance smoothed by a lobe of 10 degrees is largest, and how many times its mean over the sphere it is there.
-/// `None` when there is no light.
+/// The direction in which radiance smoothed by a lobe of 10 degrees is largest, and its ratio to the mean over the
+/// sphere. `None` without light.
 pub fn brightest(coarse: &[Cell]) -> Option<(DVec3, f64)> {
     let sharpness = 1.0 / (PI / 18.0 * (PI / 18.0));
     let mut best = (0.0, None);
@@ -149,13 +151,13 @@ pub fn centroid(fine: &[Cell], around: DVec3) -> DVec3 {
     sum.try_normalize().unwrap_or(around)
 }
 
-/// Direction of the dominant light: the [`centroid`] around what is [`brightest`]. `None` when there is no light.
+/// Direction of the dominant light: the [`centroid`] around the [`brightest`] direction. `None` without light.
 pub fn dominant(coarse: &[Cell], fine: &[Cell]) -> Option<DVec3> {
     brightest(coarse).map(|(around, _)| centroid(fine, around))
 }
 
-/// Irradiance of a plane from within 15 degrees of `light`, over that from elsewhere; `None` where nothing comes from
-/// there. The plane is the ground, or faces the light where that is low.
+/// Irradiance of a plane from within 15 degrees of `light`, divided by that from elsewhere; `None` if nothing
+/// arrives from elsewhere. The plane is the ground, or faces the light if that is low.
 pub fn contrast(cells: &[Cell], light: DVec3, up: DVec3) -> Option<f64> {
     let normal = if light.dot(up) > 0.1 { up } else { light };
     let (mut near, mut rest) = (0.0, 0.0);

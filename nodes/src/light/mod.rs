@@ -1,8 +1,8 @@
-//! What the kinds about recovered light share: connected regions of a panorama, distances in them, and
-//! the measures light is judged by.
+//! Light of panoramas: measures of recovered light, connected regions, exposure, filling of holes, and files that
+//! show a whole sphere.
 
-pub mod books;
 pub mod energy;
+pub mod energy_table;
 pub(crate) mod env_resolution;
 pub mod exposure;
 pub mod holes;

@@ -1,4 +1,4 @@
-//! What is common to panoramas made of splats, however they were drawn: how holes are filled, and their encoding.
+//! Panoramas made of splats, by any renderer: filling of holes, and encoding.
 
 use std::f64::consts::PI;
 
@@ -10,41 +10,41 @@ use crate::math::{color, equirect};
 use crate::types::{Data, Image, Linear, Panorama, Picture, Srgb};
 
 engine::choices! {
-    /// What shows where nothing was seen.
+    /// Content of pixels where nothing was seen.
     pub enum Holes {
-        /** What surrounds them, smoothly (push-pull over a pyramid; Gortler et al. 1996, section 3.4). */
+        /// A smooth fill from the surroundings (push-pull over a pyramid; Gortler et al. 1996, section 3.4).
         PushPull,
-        /** Black. */
+        /// Black.
         Black,
     }
 }
 
-/// Columns of a panorama that a pixel along the side of a view is worth: no more than it resolves at its middle.
+/// Number of panorama columns per pixel of a view's side: the resolution of the view at its centre.
 pub(crate) const COLUMNS_A_PIXEL: u32 = 2;
 
-/// What was found out about a panorama before its holes are filled.
-pub(crate) struct Found {
+/// A panorama before its holes are filled.
+pub(crate) struct Unfilled {
     /// Linear light, premultiplied, row by row.
     pub premultiplied: Vec<[f32; 4]>,
-    /// In pixels; the height is half of it.
+    /// Width in pixels; the height is half of it.
     pub width: usize,
-    /// Whether the panorama is to be display-encoded.
+    /// True if the panorama is to be display-encoded.
     pub encoded: bool,
-    /// As of [`Panorama`].
+    /// As in [`Panorama`].
     pub up: Up,
-    /// As of [`Panorama`].
+    /// As in [`Panorama`].
     pub origin: DVec3,
 }
 
-/// Fills the holes of a panorama and tells of them in `notes`.
+/// Fills the holes of a panorama and reports them in `notes`.
 pub(crate) fn finish(
-    found: Found,
+    found: Unfilled,
     how: Holes,
     hole_alpha: f64,
     notes: &mut Notes,
     cx: &Context,
 ) -> Result<Panorama, NodeError> {
-    let Found { premultiplied, width, encoded, up, origin } = found;
+    let Unfilled { premultiplied, width, encoded, up, origin } = found;
     let height = width / 2;
     let alpha: Vec<f32> = premultiplied.iter().map(|p| p[3].min(1.0)).collect();
     let hole_alpha = hole_alpha as f32;
@@ -54,7 +54,7 @@ pub(crate) fn finish(
         notes.degraded("nothing-seen", "nothing is seen in any direction: the panorama is a hole");
     } else if open == alpha.len() {
         let text = format!(
-            "alpha reaches {most:.2e}, nowhere the `hole_alpha` of {hole_alpha}: all counts as holes"
+            "the largest alpha is {most:.2e}, below `hole_alpha` {hole_alpha}: all pixels count as holes"
         );
         notes.warning("little-seen", text);
     } else if open > 0 {
@@ -65,7 +65,7 @@ pub(crate) fn finish(
                 holes * equirect::pixel_solid_angle(width, height, y)
             })
             .sum();
-        let text = if how == Holes::PushPull { "filled from around them" } else { "left black" };
+        let text = if how == Holes::PushPull { "filled from the surroundings" } else { "left black" };
         let percent = 100.0 * share / (4.0 * PI);
         notes.decision("holes", format!("{percent:.2} % of the sphere was not seen; {text}"));
     }
@@ -74,7 +74,7 @@ pub(crate) fn finish(
         Holes::Black => premultiplied
             .iter()
             .map(|&[r, g, b, a]| {
-                // Fades to black over the alphas of a hole, so that noise is not blown up.
+                // Fades to black over the alphas of a hole, which does not amplify noise.
                 let by = if a > 0.0 { (a / hole_alpha).min(1.0) / a } else { 0.0 };
                 [r * by, g * by, b * by]
             })
@@ -113,12 +113,12 @@ pub(crate) fn linear_row(row: &[[f32; 4]], encoded: bool) -> Vec<[f32; 4]> {
     pixels.collect()
 }
 
-/// A panorama is twice as wide as high.
+/// Checks that the width is even, since a panorama is twice as wide as high.
 pub(crate) fn check_width(width_px: u32) -> Result<(), NodeError> {
     if width_px.is_multiple_of(2) {
         return Ok(());
     }
-    Err(NodeError::new(format!("a panorama {width_px} px wide has no height"))
+    Err(NodeError::new(format!("a panorama of {width_px} px has no integer height"))
         .at("width_px")
         .hint("give an even number"))
 }

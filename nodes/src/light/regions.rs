@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 pub struct Regions {
     /// Region of each pixel, row by row.
     pub of: Vec<Option<u32>>,
-    /// How many there are.
+    /// Number of regions.
     pub count: usize,
 }
 
@@ -58,8 +58,8 @@ pub fn grow(mask: &[bool], width: usize, steps: usize) -> Vec<bool> {
     grown
 }
 
-/// The pixels of a region and those within `steps` pixels of it along rows and columns, in order: [`grow`] for a region
-/// that is small against the picture, in time that goes with the region.
+/// The pixels of a region and those within `steps` pixels of it along rows and columns, in order: the result of
+/// [`grow`] for a small region, in time proportional to its size.
 pub fn around(region: &[usize], (width, len): (usize, usize), steps: usize) -> BTreeSet<usize> {
     let mut found: BTreeSet<usize> = region.iter().copied().collect();
     let mut edge = region.to_vec();
@@ -70,10 +70,10 @@ pub fn around(region: &[usize], (width, len): (usize, usize), steps: usize) -> B
     found
 }
 
-/// Distance in pixels from each pixel of the mask to the nearest pixel outside of it, 0 outside; the
-/// poles are no edge. Exact Euclidean distance by lower envelopes of parabolas (Felzenszwalb and
-/// Huttenlocher, Distance Transforms of Sampled Functions, 2012). Rows are extended by a quarter turn
-/// on both sides, so distances beyond that are those to the end of the extension at most.
+/// Distance in pixels from each pixel of the mask to the nearest pixel outside of it, 0 outside; the poles do not
+/// count as an edge. Exact Euclidean distance by lower envelopes of parabolas (Felzenszwalb and Huttenlocher,
+/// Distance Transforms of Sampled Functions, 2012). Rows are extended by a quarter turn on both sides, so distances
+/// are limited to the end of the extension.
 pub fn distance_to_edge(mask: &[bool], width: usize) -> Vec<f32> {
     let height = mask.len() / width;
     let far = ((width + height) * (width + height) * 4) as f64;
@@ -163,7 +163,7 @@ mod tests {
         assert_eq!(grown, "##...##...........");
     }
 
-    // Mutation: `steps` one less, or the edge not replaced.
+    // Mutation: `steps` one less, or the edge not updated.
     #[test]
     fn what_is_around_a_region_is_what_it_grows_to() {
         let (mask, width) = mask(&["#....##.", "........", ".#......", "........", "........", "....##.."]);
@@ -176,7 +176,7 @@ mod tests {
         }
     }
 
-    // Against the definition: the nearest outside pixel, over all of them, within a quarter turn.
+    // Compared with the definition: the nearest outside pixel of all pixels within a quarter turn.
     #[test]
     fn distances_are_the_nearest_outside_pixel() {
         let (width, height) = (24_usize, 10_usize);

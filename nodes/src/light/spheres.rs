@@ -1,4 +1,4 @@
-//! Spheres in two lights: how an object that is matte, glossy or a mirror would look wrong.
+//! Spheres in two lights: the visible error on a matte, a glossy and a mirror object.
 
 use engine::{Context, NodeError};
 use glam::DVec3;
@@ -6,31 +6,31 @@ use glam::DVec3;
 use super::measure::{Cell, irradiance};
 use crate::math::num;
 
-/// Pixels across a sphere.
+/// Diameter of a sphere in pixels.
 const SIZE: usize = 32;
-/// What a sphere is made of.
+/// Material of a sphere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Sphere {
     /// White and matte.
     Diffuse,
-    /// A normalised lobe about the mirror's direction, the cosine to the power of 24 (Phong).
+    /// A normalised lobe around the mirror direction, the cosine to the power of 24 (Phong).
     Glossy,
-    /// A mirror: the cell of light that lies nearest to its direction.
+    /// A mirror: the cell of light nearest to the mirror direction.
     Mirror,
 }
 
-/// How far a sphere in one light is off the same sphere in another.
+/// Difference between a sphere in one light and the same sphere in the reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SphereError {
-    /// Root of the mean square over pixels and channels, relative to that of the truth.
+    /// Root of the mean square error over pixels and channels, relative to the reference.
     pub relative: f64,
-    /// The same after the one factor that brings it closest to the truth.
+    /// The same after scaling by the factor that minimises it.
     pub scaled: f64,
-    /// Mean angle between colours as directions, in degrees.
+    /// Mean angle between colours as vectors, in degrees.
     pub angle_deg: f64,
 }
 
-/// Renders a sphere in both lights from far away along `forward`, orthographically. `None` where the truth is
+/// Renders a sphere in both lights from far away along `forward`, orthographically. `None` if the reference is
 /// black.
 pub fn sphere_error(
     sphere: Sphere,
@@ -65,7 +65,7 @@ pub fn sphere_error(
     if tt <= 0.0 {
         return Ok(None);
     }
-    // The factor that makes the square least. Summed anew, so that equal spheres differ by exactly 0.
+    // The least-squares factor. The error is summed again, so that equal spheres differ by exactly 0.
     let best = if ff > 0.0 { ft / ff } else { 0.0 };
     let rest = |(f, t): &([f64; 3], [f64; 3])| (DVec3::from(*f) * best - DVec3::from(*t)).length_squared();
     let scaled: f64 = rows.iter().flatten().map(rest).sum();
@@ -76,7 +76,7 @@ pub fn sphere_error(
     }))
 }
 
-/// Radiance of a sphere where it has a normal, looked at along `forward`.
+/// Radiance of a sphere at a point with this normal, seen along `forward`.
 fn shade(sphere: Sphere, cells: &[Cell], normal: DVec3, forward: DVec3) -> [f64; 3] {
     if sphere == Sphere::Diffuse {
         return irradiance(cells, normal).map(|e| e / std::f64::consts::PI);

@@ -1,4 +1,4 @@
-//! Files of everything around a point: what the loaders of panoramas and of light have in common.
+//! Pictures of the whole sphere from files, for the loaders of panoramas and of light.
 
 use std::io::Read;
 
@@ -7,11 +7,11 @@ use engine::{Context, FileHead, InputFile, NodeError, Notes};
 use crate::error::Error;
 use crate::io::gpano::{self, GPano, Placement};
 use crate::io::picture::{FileEncoding, decode};
-use crate::io::stretch::Stretch;
+use crate::io::progress::Progress;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
 
-/// The picture that a file holds, or a layer of it; a part of a sphere is laid where its metadata says, transparent
-/// around it, and what is no whole panorama otherwise is told.
+/// Reads the picture of a file, or a layer of it. A partial sphere is placed by its metadata and is transparent
+/// elsewhere; a picture of another aspect ratio is reported.
 pub(crate) fn open(
     path: &InputFile,
     layer: &str,
@@ -19,7 +19,7 @@ pub(crate) fn open(
     cx: &Context,
 ) -> Result<Picture, NodeError> {
     let bytes = cx.read(path).map_err(|e| e.at("path"))?;
-    let picture = decode(FileEncoding::Auto, layer, &path.0, &bytes, notes, Stretch::of(cx, 0.0, 0.4));
+    let picture = decode(FileEncoding::Auto, layer, &path.0, &bytes, notes, Progress::of(cx, 0.0, 0.4));
     let picture = picture.map_err(|e| NodeError::from(e).at("path"))?;
     let picture = whole(&path.0, &bytes, picture, notes).map_err(|e| NodeError::from(e).at("path"))?;
     cx.check()?;
@@ -27,14 +27,14 @@ pub(crate) fn open(
     let (width, height, _) = picture.size();
     if width != 2 * height {
         let what = format!(
-            "the picture is {width}x{height}, a whole panorama is twice as wide as high: it is stretched over the whole sphere; pad it to 2:1, transparent where nothing was seen"
+            "the picture is {width}x{height}, not twice as wide as high, and is stretched over the whole sphere; pad it to 2:1 with transparent pixels"
         );
         notes.warning("not-two-to-one", what);
     }
     Ok(picture)
 }
 
-/// The whole sphere, of a picture that may be a part of it by the metadata of its file.
+/// Expands a picture to the whole sphere if the metadata of its file says that it is a part.
 pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Notes) -> Result<Picture, Error> {
     let Some(part) = GPano::find(bytes) else { return Ok(picture) };
     tell(&part, notes);
@@ -42,38 +42,38 @@ pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Note
     let Some(placement) = part.place(name, [width, height])? else { return Ok(picture) };
     let ([w, h], [x, y]) = (placement.size, placement.at);
     let what = format!(
-        "the {width}x{height} pixels are a part of a sphere of {w}x{h}, at {x}, {y}, as the file says (GPano); nothing is known of the rest"
+        "the {width}x{height} pixels are a part of a sphere of {w}x{h}, at {x}, {y}, by its metadata (GPano); the rest is unknown"
     );
     notes.decision("part-of-a-sphere", what);
     Ok(laid(&picture, placement))
 }
 
-/// Pixels of the whole sphere that a file becomes, over those of its picture: 1 unless it holds a part.
+/// The number of pixels of the whole sphere relative to those of the picture: 1 unless it is a part.
 pub(crate) fn growth(file: &FileHead<'_>) -> f64 {
     let mut head = Vec::new();
     let read = file.open().and_then(|reader| reader.take(gpano::HEAD as u64).read_to_end(&mut head).ok());
     read.and_then(|_| GPano::find(&head)).map_or(1.0, |part| part.share().recip())
 }
 
-/// What of the metadata is passed over.
+/// Warns about metadata that is ignored.
 fn tell(part: &GPano, notes: &mut Notes) {
     if part.tilt.iter().any(|degrees| degrees.abs() > 0.5) {
         let [pitch, roll] = part.tilt;
         let what = format!(
-            "the file says that it is pitched by {pitch} and rolled by {roll} degrees (GPano), which is not undone: its rows are taken for level"
+            "the metadata says that the file is pitched by {pitch} and rolled by {roll} degrees (GPano), which is ignored: its rows are treated as level"
         );
         notes.warning("tilt-ignored", what);
     }
     if !part.projection.eq_ignore_ascii_case("equirectangular") {
         let what = format!(
-            "the file says that its projection is {} (GPano); it is taken for equirectangular",
+            "the metadata says that the projection is {} (GPano); it is treated as equirectangular",
             part.projection
         );
         notes.warning("projection-ignored", what);
     }
 }
 
-/// A picture within a whole sphere.
+/// Places a picture within a whole sphere.
 fn laid(picture: &Picture, placement: Placement) -> Picture {
     let ([w, h], [left, top]) = (placement.size, placement.at);
     let (width, _, channels) = picture.size();
@@ -98,12 +98,12 @@ fn laid(picture: &Picture, placement: Placement) -> Picture {
 /// Width, height and linear RGB of a file of light, finite.
 #[cfg(feature = "learned")]
 pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usize, usize, Vec<f32>), Error> {
-    let picture = decode(FileEncoding::Auto, "", name, bytes, notes, Stretch::ALONE)?;
+    let picture = decode(FileEncoding::Auto, "", name, bytes, notes, Progress::UNTRACKED)?;
     let (width, height, _) = picture.size();
     Ok((width, height, linear(name, &picture)?))
 }
 
-/// Linear RGB of a picture of light. What is seen in part counts as that part.
+/// Linear RGB of a picture of light. Partly transparent pixels count by their alpha.
 pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
     let Picture::Linear(image) = picture else {
         return Err(Error::format(name, "holds display colours; light is in OpenEXR and Radiance pictures"));
@@ -113,13 +113,13 @@ pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
         match *pixel {
             [y] | [y, _] => rgb.extend([y; 3]),
             [r, g, b] | [r, g, b, _] => rgb.extend([r, g, b]),
-            _ => return Err(Error::Mismatch(format!("{} channels are no colours", image.channels))),
+            _ => return Err(Error::Mismatch(format!("{} channels are not colours", image.channels))),
         }
     }
     Ok(rgb)
 }
 
-/// Premultiplied colours of at least 0 with alpha from 0 to 1.
+/// Premultiplied colours, clamped to at least 0, with alpha from 0 to 1.
 pub(crate) fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<[f32; 4]>, Error> {
     let (width, height, channels) = picture.size();
     let mut pixels = Vec::with_capacity(width * height);
@@ -129,7 +129,7 @@ pub(crate) fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<
             [y, a] => ([y; 3], a),
             [r, g, b] => ([r, g, b], 1.0),
             [r, g, b, a] => ([r, g, b], a),
-            _ => return Err(Error::Mismatch(format!("{channels} channels are no colours"))),
+            _ => return Err(Error::Mismatch(format!("{channels} channels are not colours"))),
         };
         let [r, g, b] = colour.map(|v| v.clamp(0.0, f32::MAX));
         pixels.push([r, g, b, a.clamp(0.0, 1.0)]);
@@ -139,7 +139,7 @@ pub(crate) fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<
     Ok(pixels)
 }
 
-/// Colours as they are where they are seen, and how much of each is.
+/// Un-premultiplied colours, and alpha.
 pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
     let alpha = pixels.iter().map(|pixel| pixel[3]).collect();
     let colour =
@@ -147,7 +147,8 @@ pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
     (pixels.into_iter().flat_map(colour).collect(), alpha)
 }
 
-/// Moves every row of pixels of `N` samples to the left by the turn: light of forward goes to the left of forward.
+/// Rotates the pixels of `N` samples by shifting every row to the left: light in front moves to the left of
+/// forward.
 pub(crate) fn turn<const N: usize>(
     pixels: &[[f32; N]],
     width: usize,
@@ -155,7 +156,7 @@ pub(crate) fn turn<const N: usize>(
     cx: &Context,
 ) -> Result<Vec<[f32; N]>, NodeError> {
     let shift = (degrees / 360.0).rem_euclid(1.0) * width as f64;
-    // What is whole but for rounding mixes nothing.
+    // A whole number of columns, except for rounding, is not interpolated.
     let shift = if (shift - shift.round()).abs() < 1e-9 * width as f64 { shift.round() } else { shift };
     let (whole, part) = (shift.floor() as usize % width, (shift - shift.floor()) as f32);
     if whole == 0 && part == 0.0 {
@@ -168,7 +169,7 @@ pub(crate) fn turn<const N: usize>(
             if part == 0.0 {
                 return near;
             }
-            // Where both are the same, so is what lies between: alpha stays 1.
+            // Equal values stay exact, so that alpha stays 1.
             let mix = |a: f32, b: f32| if a == b { a } else { a * (1.0 - part) + b * part };
             std::array::from_fn(|c| mix(near[c], far[c]))
         };
@@ -186,10 +187,10 @@ mod tests {
     use glam::DVec3;
 
     fn detached(up: Up) -> Context {
-        Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".")
+        Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".")
     }
 
-    // A light in front, turned by yaw, must lie where the yaw of a pose would put it.
+    // A light in front, rotated by yaw, must be where the yaw of a pose would put it.
     #[test]
     fn turns_as_a_pose_does() {
         let (width, height) = (72, 36);

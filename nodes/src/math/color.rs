@@ -55,14 +55,14 @@ mod tests {
         assert!((0..=255_u8).all(|code| code8(f32::from(code) / 255.0) == code));
     }
 
-    /// Continuous to the precision of the standard's rounded constants.
+    /// Continuous within the precision of the standard's rounded constants.
     #[test]
     fn the_curve_is_odd_and_continuous() {
         for x in [0.0, 1e-6_f32, 0.003, 0.2, 1.0, 7.5] {
             assert_eq!(srgb_from_linear(-x).to_bits(), (-srgb_from_linear(x)).to_bits());
             assert_eq!(linear_from_srgb(-x).to_bits(), (-linear_from_srgb(x)).to_bits());
         }
-        // The break rounded to f32 may lie on either side of it.
+        // The break, rounded to f32, may lie on either side.
         let step =
             |curve: fn(f32) -> f32, at: f32| f64::from((curve(at.next_up()) - curve(at.next_down())).abs());
         row(61, "step at the break, decoding", step(linear_from_srgb, 0.04045), 1e-7);

@@ -1,7 +1,7 @@
-//! The equirectangular layout: which direction each point of a panorama shows.
+//! The equirectangular layout: the direction of each point of a panorama.
 //!
-//! Row 0 is up, the centre column looks forward (up +z: +Y; up +y: -Z; up -y: +Z), u grows to the right
-//! of forward, clockwise seen from above, and pixel centres lie at (i + 0.5) / N.
+//! Row 0 is up, the centre column looks forward (up +z: +Y; up +y: -Z; up -y: +Z), u grows to the right of forward,
+//! clockwise seen from above, and pixel centres lie at (i + 0.5) / N.
 
 use std::f64::consts::PI;
 
@@ -27,8 +27,7 @@ pub fn direction(up: Up, u: f64, v: f64) -> DVec3 {
     right * (sin_phi * sin_theta) + forward * (cos_phi * sin_theta) + above * cos_theta
 }
 
-/// The point (u, v), u in [0, 1) and v in [0, 1], that shows a direction of any positive length. At the
-/// poles u is 0.5.
+/// The point (u, v), u in [0, 1) and v in [0, 1], of a direction of any positive length. At the poles u is 0.5.
 pub fn uv(up: Up, direction: DVec3) -> (f64, f64) {
     let [right, forward, above] = axes(up);
     let (x, y, z) = (direction.dot(right), direction.dot(forward), direction.dot(above));
@@ -44,7 +43,7 @@ pub fn pixel_solid_angle(width: usize, height: usize, y: usize) -> f64 {
     2.0 * PI / width as f64 * (edge(y) - edge(y + 1))
 }
 
-/// Turn about the up axis of a world given by its right, forward and up, counter-clockwise from above.
+/// Rotation about the up axis of a world given by its right, forward and up, counter-clockwise seen from above.
 pub fn yaw([right, forward, up]: [DVec3; 3], degrees: f64) -> DMat3 {
     let (s, c) = num::sin_cos_deg(degrees);
     let basis = DMat3::from_cols(right, forward, up);

@@ -55,8 +55,8 @@ pub fn ordered_sum(values: impl IntoIterator<Item = core::primitive::f32>) -> co
     values.into_iter().fold(0.0, |sum, v| sum + core::primitive::f64::from(v))
 }
 
-/// Whether numbers below the least normal one are kept. A library that was loaded may have told the processor to take them
-/// for 0, as `-ffast-math` does, for this thread and those that it starts.
+/// True if subnormal numbers are kept. A library that was loaded may have set the processor to flush them to 0, as
+/// `-ffast-math` does, for this thread and the threads that it starts.
 pub fn keeps_subnormals() -> bool {
     std::hint::black_box(core::primitive::f32::MIN_POSITIVE) * std::hint::black_box(0.5) > 0.0
 }
@@ -77,7 +77,7 @@ pub fn sin_cos_deg(degrees: core::primitive::f64) -> (core::primitive::f64, core
 mod tests {
     use super::*;
 
-    /// With a library loaded before the program that sets the flags by hand, `path-trace` is refused.
+    /// With a library loaded before the program that sets these flags, `path-trace` is refused (tried by hand).
     #[test]
     fn the_smallest_numbers_are_kept() {
         assert!(keeps_subnormals());

@@ -14,7 +14,7 @@ pub struct Environment {
     pub image: Image<Linear>,
     /// Which axis of the world points up; fixes the direction of every texel.
     pub up: Up,
-    /// The point it was captured at, where it has one. A file from elsewhere has none.
+    /// The point where it was captured, if known.
     pub origin: Option<DVec3>,
 }
 

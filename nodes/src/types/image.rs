@@ -4,7 +4,7 @@ use std::marker::PhantomData;
 
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
 
-/// What the numbers of an image mean.
+/// Meaning of the numbers of an image.
 pub trait Encoding: Copy + std::fmt::Debug + PartialEq + Send + Sync + 'static {
     /// Name in files and reports.
     const NAME: &'static str;
@@ -13,7 +13,7 @@ pub trait Encoding: Copy + std::fmt::Debug + PartialEq + Send + Sync + 'static {
 /// Scene-referred linear light, Rec.709 primaries, 1 = white at EV 0. May exceed 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Linear;
-/// Display encoding with the sRGB curve, Rec.709 primaries. May exceed 1 where a splat scene does.
+/// Display encoding with the sRGB curve, Rec.709 primaries. May exceed 1, as in splat scenes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Srgb;
 /// Not a colour: depth, normal, variance, mask.
@@ -30,15 +30,15 @@ impl Encoding for Data {
     const NAME: &'static str = "data";
 }
 
-/// A `width` x `height` image of `channels` interleaved f32 samples a pixel, row 0 at the top. Colour
-/// has 3 channels (RGB) or 4 (RGB premultiplied by alpha, alpha); `Image<Data>` may have any number.
+/// A `width` x `height` image of `channels` interleaved f32 samples per pixel, row 0 at the top. Colour has 3
+/// channels (RGB) or 4 (RGB premultiplied by alpha, alpha); `Image<Data>` may have any number.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image<E> {
     /// Columns, in pixels.
     pub width: usize,
     /// Rows, in pixels.
     pub height: usize,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub channels: usize,
     /// `width * height * channels` samples, row by row.
     pub samples: Vec<f32>,
@@ -67,7 +67,7 @@ impl<E: Encoding> Image<E> {
         &self.samples[at..at + self.channels]
     }
 
-    /// The samples of the pixel in column `x` of row `y`, to be changed.
+    /// The samples of the pixel in column `x` of row `y`, mutable.
     pub fn pixel_mut(&mut self, x: usize, y: usize) -> &mut [f32] {
         let at = (y * self.width + x) * self.channels;
         &mut self.samples[at..at + self.channels]
@@ -127,7 +127,7 @@ impl Picture {
         }
     }
 
-    /// (columns, rows, samples a pixel).
+    /// (columns, rows, samples per pixel).
     pub fn size(&self) -> (usize, usize, usize) {
         each_picture!(self, image => (image.width, image.height, image.channels))
     }
@@ -157,13 +157,13 @@ impl From<Image<Data>> for Picture {
 /// One picture of a set.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedImage {
-    /// Name of the view, as in the rig; stands for `{view}` in paths.
+    /// Name of the view, as in the rig; replaces `{view}` in paths.
     pub name: String,
     /// The picture.
     pub picture: Picture,
 }
 
-/// One picture for each camera of a rig, in the order of the rig. Port type `image`.
+/// One picture per camera of a rig, in the order of the rig. Port type `image`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Images(pub Vec<NamedImage>);
 
@@ -173,7 +173,7 @@ impl Images {
         Self(vec![NamedImage { name: name.into(), picture: picture.into() }])
     }
 
-    /// The picture of a view: the one of that name, or the only one there is.
+    /// The picture of a view: the one with that name, or the only one.
     pub fn view(&self, name: &str) -> Option<&Picture> {
         let named = self.0.iter().find(|image| image.name == name);
         named.or(if self.0.len() == 1 { self.0.first() } else { None }).map(|image| &image.picture)

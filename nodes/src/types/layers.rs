@@ -1,4 +1,4 @@
-//! Layers of one picture: finding the views that belong together, and their linear light.
+//! Layers of one picture: matching of views, and conversion to linear light.
 
 use std::borrow::Cow;
 
@@ -8,7 +8,7 @@ use crate::error::Error;
 use crate::math::color::linear_from_srgb;
 use crate::types::{Image, Images, Linear, Picture};
 
-/// The picture of view `name` in another set, which must have `size` (columns, rows).
+/// The picture of view `name` in another set; an error unless it has `size` (columns, rows).
 pub fn matching<'a>(
     images: &'a Images,
     port: &'static str,
@@ -30,8 +30,8 @@ pub fn matching<'a>(
     Ok(picture)
 }
 
-/// A picture of light whose one channel is luminance, as OpenEXR has it (Y, or Y and A), as three equal ones; any other
-/// as it is.
+/// A linear picture whose only colour channel is luminance (Y, or Y and A in OpenEXR), expanded to three equal
+/// channels; any other picture unchanged.
 pub fn coloured(picture: &Picture) -> Cow<'_, Picture> {
     let Picture::Linear(image) = picture else { return Cow::Borrowed(picture) };
     if !(1..=2).contains(&image.channels) {
@@ -43,13 +43,13 @@ pub fn coloured(picture: &Picture) -> Cow<'_, Picture> {
     Cow::Owned(colour.into())
 }
 
-/// The linear light of a display-encoded channel of a pixel, premultiplied as it is: 0 where alpha is.
+/// The linear light of a premultiplied display-encoded channel: 0 where alpha is 0.
 pub fn decoded(encoded: f32, alpha: f32) -> f32 {
     if alpha > 0.0 { linear_from_srgb(encoded / alpha) * alpha } else { 0.0 }
 }
 
-/// The linear light of a colour picture of 3 or 4 channels, still premultiplied; luminance alone is grey. Display-encoded
-/// values are un-premultiplied, decoded and premultiplied again.
+/// The linear light of a colour picture of 3 or 4 channels, still premultiplied; luminance is expanded to grey.
+/// Display-encoded values are un-premultiplied, decoded and premultiplied again.
 pub fn linear<'a>(picture: &'a Picture, port: &'static str) -> Result<Cow<'a, Image<Linear>>, NodeError> {
     if let Cow::Owned(Picture::Linear(grey)) = coloured(picture) {
         return Ok(Cow::Owned(grey));

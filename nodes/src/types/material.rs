@@ -1,4 +1,4 @@
-//! Materials of objects: glTF's metallic-roughness and the layers that its extensions add.
+//! Materials of objects: metallic-roughness of glTF, and the layers of its extensions.
 
 use engine::{Corrupt, Decoder, Encoder};
 
@@ -13,26 +13,26 @@ pub enum Wrap {
     Clamp,
 }
 
-/// How texels become a value between them.
+/// Filtering of a texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sampler {
     /// Along u.
     pub wrap_u: Wrap,
     /// Along v.
     pub wrap_v: Wrap,
-    /// The texel that the point lies in, instead of bilinear.
+    /// True to take the texel that contains the point, instead of bilinear interpolation.
     pub nearest: bool,
 }
 
-/// A decoded picture: 8-bit RGBA as stored, row 0 at v = 0. Whether it is sRGB-encoded depends on what
-/// refers to it: colours are, the others are not.
+/// A decoded picture: 8-bit RGBA as stored, row 0 at v = 0. Colour textures are sRGB-encoded, others are not,
+/// depending on the reference.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Texture {
     /// Columns.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Four bytes a texel, row by row.
+    /// Four bytes per texel, row by row.
     pub rgba: Vec<u8>,
 }
 
@@ -52,7 +52,7 @@ pub struct TextureTransform {
 pub struct TextureRef {
     /// Index into [`Object::textures`](super::Object::textures).
     pub texture: u32,
-    /// Which set of texture coordinates, 0 or 1.
+    /// Set of texture coordinates, 0 or 1.
     pub uv_set: u32,
     /// Wrapping and filtering.
     pub sampler: Sampler,
@@ -60,7 +60,7 @@ pub struct TextureRef {
     pub transform: Option<TextureTransform>,
 }
 
-/// A number and the texture that multiplies it by one of its channels.
+/// A number, multiplied by one channel of a texture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Map {
     /// The number.
@@ -76,7 +76,7 @@ impl Map {
     }
 }
 
-/// A linear colour and the texture that multiplies it.
+/// A linear colour, multiplied by a texture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColourMap {
     /// The colour, linear.
@@ -101,29 +101,29 @@ pub struct NormalMap {
     pub scale: f32,
 }
 
-/// What alpha does.
+/// Effect of alpha.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AlphaMode {
-    /// Nothing.
+    /// None.
     Opaque,
-    /// Cuts away what lies below the cut-off.
+    /// Removes texels with an alpha below the cut-off.
     Mask(f32),
-    /// Lets light through in proportion.
+    /// Transparency in proportion to 1 - alpha.
     Blend,
 }
 
-/// KHR_materials_clearcoat: a clear layer of index 1.5 over all others.
+/// KHR_materials_clearcoat: a clear layer of index 1.5 on top of all others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Clearcoat {
-    /// Its share, 0 to 1; red.
+    /// Strength, 0 to 1; red.
     pub strength: Map,
     /// Perceptual roughness, 0 to 1; green.
     pub roughness: Map,
-    /// Its own bumps; it does not follow those below.
+    /// Normal map of the layer, independent of that of the layers below.
     pub normal: Option<NormalMap>,
 }
 
-/// KHR_materials_sheen: fibres that shine at grazing angles.
+/// KHR_materials_sheen: fibres that reflect at grazing angles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sheen {
     /// Reflectance; black for none.
@@ -135,9 +135,9 @@ pub struct Sheen {
 /// KHR_materials_specular: the reflectance of the dielectric.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Specular {
-    /// Scales all of it, 0 to 1; alpha.
+    /// Scales the reflectance, 0 to 1; alpha.
     pub strength: Map,
-    /// Tints it at normal incidence; may exceed 1.
+    /// Tints the reflectance at normal incidence; may exceed 1.
     pub colour: ColourMap,
 }
 
@@ -155,20 +155,20 @@ pub struct Anisotropy {
 /// KHR_materials_iridescence: a thin film on the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Iridescence {
-    /// Its share, 0 to 1; red.
+    /// Strength, 0 to 1; red.
     pub strength: Map,
     /// Index of refraction of the film.
     pub ior: f32,
     /// Thickness in nanometres where the texture is 0 and where it is 1.
     pub thickness_nm: [f32; 2],
-    /// Thickness between the two; green. Without it the film has the second thickness.
+    /// Interpolates between the two; green. Without it the film has the second thickness.
     pub thickness_texture: Option<TextureRef>,
 }
 
-/// KHR_materials_diffuse_transmission: leaves, paper, cloth against the light.
+/// KHR_materials_diffuse_transmission: leaves, paper and cloth lit from behind.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiffuseTransmission {
-    /// The share of the matte light that leaves on the other side, 0 to 1; alpha.
+    /// Fraction of the diffuse light that leaves on the other side, 0 to 1; alpha.
     pub strength: Map,
     /// The colour of that light.
     pub colour: ColourMap,
@@ -183,30 +183,30 @@ pub struct Material {
     pub base_colour: [f32; 4],
     /// sRGB texture of base colour and alpha.
     pub base_colour_texture: Option<TextureRef>,
-    /// 0 dielectric to 1 metal.
+    /// From 0 (dielectric) to 1 (metal).
     pub metallic: f32,
     /// Perceptual roughness, 0 to 1.
     pub roughness: f32,
     /// Linear texture: green roughness, blue metallic.
     pub metallic_roughness_texture: Option<TextureRef>,
-    /// Bumps.
+    /// Normal map.
     pub normal: Option<NormalMap>,
     /// Linear emitted radiance, with KHR_materials_emissive_strength multiplied in.
     pub emissive: [f32; 3],
     /// sRGB texture of emission.
     pub emissive_texture: Option<TextureRef>,
-    /// What alpha does.
+    /// Effect of alpha.
     pub alpha_mode: AlphaMode,
-    /// Seen from both sides; else the back is culled for camera rays.
+    /// True if visible from both sides; otherwise back faces are culled for camera rays.
     pub double_sided: bool,
-    /// KHR_materials_unlit: shines with its base colour and reflects nothing.
+    /// KHR_materials_unlit: emits its base colour and reflects nothing.
     pub unlit: bool,
-    /// KHR_materials_ior: index of refraction, 1.5 by default; 1 for no interface at all.
+    /// KHR_materials_ior: index of refraction, 1.5 by default; 1 for no interface.
     pub ior: f32,
-    /// KHR_materials_transmission: the share of the light below the surface that passes it, 0 to 1; red.
+    /// KHR_materials_transmission: fraction of the light below the surface that passes through, 0 to 1; red.
     pub transmission: Map,
-    /// KHR_materials_volume: the surface bounds a body that bends light, and absorbs it by these
-    /// coefficients a metre. `None` for a thin wall.
+    /// KHR_materials_volume: the surface bounds a medium that refracts light and absorbs it with these coefficients
+    /// per metre. `None` for a thin wall.
     pub volume: Option<[f32; 3]>,
     /// See [`Specular`].
     pub specular: Specular,
@@ -257,14 +257,14 @@ impl Default for Material {
 }
 
 impl Material {
-    /// The set of texture coordinates that its tangents follow, where it has bumps or a brush.
+    /// The set of texture coordinates of its tangents, if it has a normal map or anisotropy.
     pub fn tangent_set(&self) -> Option<u32> {
         let bumps = self.normal.or(self.clearcoat.normal).map(|map| map.texture.uv_set);
         let brush = (self.anisotropy.strength > 0.0).then(|| self.anisotropy.texture.map_or(0, |t| t.uv_set));
         bumps.or(brush)
     }
 
-    /// Whether it gives light.
+    /// True if it emits light.
     pub fn shines(&self) -> bool {
         self.unlit || self.emissive != [0.0; 3]
     }
@@ -276,15 +276,14 @@ impl Material {
         self.clone().walk(&mut Write(to)).ok();
     }
 
-    /// Reads what [`encode`](Self::encode) wrote, for an object of so many textures.
+    /// Reads the encoding of [`encode`](Self::encode), for an object with this number of textures.
     pub(super) fn decode(from: &mut Decoder<'_>, textures: usize) -> Result<Self, Corrupt> {
         let mut material = Self { name: from.str()?, ..Self::default() };
         material.walk(&mut Read { from, textures })?;
         Ok(material)
     }
 
-    /// Visits every field in the order of the encoding. Reading and writing share this one walk, so they
-    /// cannot disagree.
+    /// Visits every field in the order of the encoding. Reading and writing share this walk, so they cannot differ.
     fn walk(&mut self, f: &mut impl Fields) -> Result<(), Corrupt> {
         f.numbers(&mut self.base_colour)?;
         f.texture(&mut self.base_colour_texture)?;
@@ -330,7 +329,7 @@ impl Material {
     }
 }
 
-/// What a walk does with each sort of field.
+/// Action of a walk for each type of field.
 trait Fields: Sized {
     fn numbers(&mut self, v: &mut [f32]) -> Result<(), Corrupt>;
     fn tag(&mut self, v: &mut u8, largest: u8) -> Result<(), Corrupt>;
@@ -400,7 +399,7 @@ trait Fields: Sized {
     }
 }
 
-/// What a reader starts a reference from.
+/// Initial value of a reference for a reader.
 const NOTHING: TextureRef = TextureRef {
     texture: 0,
     uv_set: 0,

@@ -3,22 +3,22 @@
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
 use glam::DVec3;
 
-/// A triangle mesh with vertex colours: the stand-in for the captured place.
+/// A triangle mesh with vertex colours: the proxy of the captured scene.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Mesh {
     /// Vertex positions in world units.
     pub positions: Vec<[f32; 3]>,
-    /// What f32 loses of the positions, to be added to them in f64; empty where the file holds f32. A mesh that
-    /// stands far from the origin, in a surveyed frame, needs it.
+    /// Part of the positions that f32 loses, to be added in f64; empty if the file has f32. Needed by a mesh far
+    /// from the origin, in a surveyed frame.
     pub positions_low: Vec<[f32; 3]>,
-    /// Linear Rec.709 albedo of each vertex, 0 to 1; empty where the file has no colours.
+    /// Linear Rec.709 albedo of each vertex, 0 to 1; empty if the file has no colours.
     pub colours: Vec<[f32; 3]>,
     /// Counter-clockwise triangles of vertex indices, each below the number of vertices.
     pub triangles: Vec<[u32; 3]>,
 }
 
 impl Mesh {
-    /// The place of a vertex, which must exist.
+    /// The position of a vertex, which must exist.
     #[inline]
     pub fn position(&self, index: u32) -> DVec3 {
         let high = DVec3::from(self.positions[index as usize].map(f64::from));
@@ -51,7 +51,7 @@ impl Artifact for Mesh {
         let fit = |len: usize| len == 0 || len == vertices;
         let all_fit = fit(mesh.colours.len()) && fit(mesh.positions_low.len());
         if !all_fit || mesh.triangles.as_flattened().iter().any(|&v| v as usize >= vertices) {
-            return Err(Corrupt("a mesh that names vertices it does not have".to_owned()));
+            return Err(Corrupt("a mesh that refers to vertices that do not exist".to_owned()));
         }
         Ok(mesh)
     }
@@ -75,12 +75,12 @@ impl Artifact for Mesh {
     }
 }
 
-/// Numbers in groups of `N`, all of them.
+/// The numbers in groups of `N`; an error if their count is not a multiple.
 pub(crate) fn grouped<T: Copy, const N: usize>(flat: Vec<T>) -> Result<Vec<[T; N]>, Corrupt> {
     let (whole, rest) = flat.as_chunks::<N>();
     if rest.is_empty() {
         Ok(whole.to_vec())
     } else {
-        Err(Corrupt(format!("a count that is no multiple of {N}")))
+        Err(Corrupt(format!("a count that is not a multiple of {N}")))
     }
 }

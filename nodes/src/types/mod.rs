@@ -1,4 +1,4 @@
-//! The artifacts of rendering: what travels along the wires.
+//! Types of the values that travel along wires.
 
 mod environment;
 pub mod frame;

@@ -9,8 +9,8 @@ use super::material::{Material, Texture};
 use super::mesh::grouped;
 use super::rig::exactly;
 
-/// A part of an object with one material. Node transforms are already applied. Attribute arrays are
-/// empty or have one entry a vertex.
+/// A part of an object with one material. Node transforms are already applied. Attribute arrays are empty or have
+/// one entry per vertex.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Primitive {
     /// Positions in metres, in the frame of the file (glTF: y up).
@@ -42,7 +42,7 @@ pub struct Object {
     pub textures: Vec<Texture>,
 }
 
-/// An object that stands somewhere. Port type `placed`.
+/// An object with its position in the world. Port type `placed`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placed {
     /// The object.
@@ -52,7 +52,7 @@ pub struct Placed {
 }
 
 impl Object {
-    /// The materials that a triangle has.
+    /// The materials that are used by a triangle.
     pub fn materials_in_use(&self) -> impl Iterator<Item = &Material> {
         let mut used = vec![false; self.materials.len()];
         for primitive in self.primitives.iter().filter(|primitive| !primitive.triangles.is_empty()) {
@@ -115,7 +115,7 @@ impl Artifact for Object {
                 material: from.u32()?,
             };
             if !primitive.is_consistent() || primitive.material as usize >= object.materials.len() {
-                return Err(Corrupt("a primitive that names what it does not have".to_owned()));
+                return Err(Corrupt("a primitive that refers to data that does not exist".to_owned()));
             }
             object.primitives.push(primitive);
         }
@@ -139,7 +139,7 @@ impl Artifact for Object {
 }
 
 impl Primitive {
-    /// True when every attribute array is empty or of one length and every index is in range.
+    /// True when every attribute array is empty or of equal length and every index is in range.
     pub fn is_consistent(&self) -> bool {
         let n = self.positions.len();
         let fits = |len: usize| len == 0 || len == n;

@@ -11,31 +11,31 @@ use super::report::Report;
 /// centres at (i + 0.5) / N. See [`crate::math::equirect`] for directions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Panorama {
-    /// RGB, not premultiplied, holes already filled.
+    /// RGB, not premultiplied, with filled holes.
     pub image: Picture,
-    /// How much of each pixel was seen, 0 to 1; one channel.
+    /// Coverage of each pixel, 0 to 1; one channel.
     pub alpha: Image<Data>,
     /// Which axis of the world points up; fixes the direction of every pixel.
     pub up: Up,
-    /// Where it was seen from, in world units, if that is known.
+    /// Point where it was taken, in world units, if known.
     pub origin: Option<DVec3>,
-    /// How far it was turned about the up axis when it was loaded, counter-clockwise seen from above, in degrees: other
-    /// photographs of the same place lie as far off.
+    /// Rotation about the up axis when it was loaded, counter-clockwise seen from above, in degrees: other
+    /// photographs of the same place need the same rotation.
     pub turned_deg: f64,
 }
 
-/// How the exposures of [`Brackets`] came about.
+/// Source of the exposures of [`Brackets`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Taken {
-    /// From the gain map: sRGB, clipped to 1.
+    /// Derived from the gain map: sRGB, clipped to 1.
     Derived,
-    /// By a camera, as display colours, clipped to 1: their codes follow the curve of the panorama's own.
+    /// Photographs with display colours, clipped to 1: their codes use the curve of the panorama.
     Display,
-    /// By a camera, as linear light, in sRGB codes: they go on above 1, and nothing in them is clipped.
+    /// Photographs with linear light, in sRGB codes: values above 1 are possible, and nothing is clipped.
     Linear,
 }
 
-/// A panorama with the light that its clipped pixels hide.
+/// A panorama's clipped pixels with the light that they hide.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Brackets {
     /// log2 of (true luminance / clipped luminance), 0 where nothing is clipped; one channel, of the
@@ -43,12 +43,12 @@ pub struct Brackets {
     pub log2_gain: Image<Data>,
     /// Exposure values, ascending (darkest first), of the pictures in `exposures`.
     pub evs: Vec<f64>,
-    /// What a camera would have taken at each of `evs`: display-encoded, one view each; clipped to 1, but for photographs
-    /// of linear light, which hold more.
+    /// The photograph of a camera at each of `evs`: display-encoded, one view each; clipped to 1, except for
+    /// photographs of linear light.
     pub exposures: Vec<Image<Srgb>>,
-    /// How the exposures came about.
+    /// Source of the exposures.
     pub taken: Taken,
-    /// Which method made it, and each region it found.
+    /// Method, and each region it found.
     pub report: Report,
 }
 

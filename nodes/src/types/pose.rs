@@ -1,12 +1,12 @@
-//! Poses: where an object stands.
+//! Poses: positions of objects.
 
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
 use glam::{DMat4, DVec3};
 
 use super::rig::exactly;
 
-/// Where an object stands: the affine transform from a local frame, whose axes are those of the world
-/// (up is up) and whose origin is the object's foot, to the world.
+/// The pose of an object: the affine transform from a local frame, whose axes are those of the world (up is up) and
+/// whose origin is the object's foot, to the world.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pose {
     /// Transform from the local frame to the world, in world units.

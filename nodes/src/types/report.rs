@@ -1,4 +1,4 @@
-//! Reports: typed tables of what a node found.
+//! Reports: typed tables of results.
 
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
 use serde::Serialize;
@@ -7,13 +7,13 @@ use serde::Serialize;
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Cell {
-    /// Words.
+    /// Text.
     Text(String),
     /// A count.
     Count(u64),
     /// A measurement, finite; unit and meaning are in the heading of the column.
     Number(f64),
-    /// Was not computed; printed as such, never as 0.
+    /// A value that was not computed; printed as such, never as 0.
     Missing,
 }
 
@@ -24,12 +24,12 @@ pub struct Table {
     pub name: String,
     /// Heading of each column, with its unit: `solid angle (sr)`.
     pub columns: Vec<String>,
-    /// Rows, each of as many cells as there are columns.
+    /// Rows, each with one cell per column.
     pub rows: Vec<Vec<Cell>>,
 }
 
 impl Table {
-    /// A table of that name, with these columns.
+    /// A table with this name and these columns.
     pub fn new(
         name: &str,
         columns: impl IntoIterator<Item = impl Into<String>>,
@@ -39,10 +39,10 @@ impl Table {
     }
 }
 
-/// What a node found, as tables. Port type `report`.
+/// Results of a node, as tables. Port type `report`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Report {
-    /// One line on what this is.
+    /// Title in one line.
     pub title: String,
     /// The tables, in order.
     pub tables: Vec<Table>,

@@ -27,7 +27,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// A camera with square pixels whose middle looks ahead, given its right, down and forward in the world.
+    /// A camera with square pixels and a centred principal point, given its right, down and forward in the world.
     pub fn centred(
         name: &str,
         [width_px, height_px]: [u32; 2],
@@ -62,7 +62,7 @@ impl Camera {
         DMat4::from_cols(r.x_axis.extend(0.0), r.y_axis.extend(0.0), r.z_axis.extend(0.0), t.extend(1.0))
     }
 
-    /// Where the camera stands, in world units.
+    /// Position of the camera, in world units.
     pub fn eye(&self) -> DVec3 {
         self.world_from_camera().w_axis.truncate()
     }
@@ -74,7 +74,7 @@ impl Camera {
     }
 }
 
-/// One or more cameras, each with a name of its own.
+/// One or more cameras, each with a unique name.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rig {
     /// The cameras, in order.

@@ -1,4 +1,4 @@
-//! Gaussian splats and what is seen of them.
+//! Gaussian splats, and views of them.
 
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
 
@@ -6,24 +6,24 @@ use super::image::{Data, Image, Images, Linear, NamedImage, Picture, Srgb, sampl
 use super::mesh::grouped;
 use super::rig::{Camera, Rig};
 
-/// The encoding that splat colours were trained in, which is the one they are blended in.
+/// Encoding that splat colours were trained in, and are blended in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SplatEncoding {
-    /// Display, sRGB-like: nearly every capture.
+    /// Display values, similar to sRGB: nearly every capture.
     Srgb,
-    /// Linear light, where the file says so.
+    /// Linear light, if the file says so.
     Linear,
 }
 
-/// A scene of 3D Gaussians, activated: scales, opacities and rotations are what they mean, not what
-/// the optimiser stored. All vectors have one entry a splat, in file order.
+/// A scene of 3D Gaussians with activated parameters: scales, opacities and rotations are the values used for
+/// rendering, not those stored by the optimiser. All vectors have one entry per splat, in file order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Splats {
     /// Centres, in world units.
     pub means: Vec<[f32; 3]>,
-    /// What f32 loses of the centres, to be added to them in f64; empty where the file holds f32. Files
-    /// with centres in f64 (surveyed frames) or quantised finely (SOG) need it: 16-bit SOG rendered
-    /// without it deviates from the file by -105 dB, with it by less than -120 dB.
+    /// Part of the centres that f32 loses, to be added in f64; empty if the file has f32. Files with centres in f64
+    /// (surveyed frames) or quantised finely (SOG) need it: 16-bit SOG rendered without it deviates from the file
+    /// by -105 dB, with it by less than -120 dB.
     pub means_low: Vec<[f32; 3]>,
     /// Unit quaternions (w, x, y, z): rotation from the axes of the Gaussian to the world.
     pub quats: Vec<[f32; 4]>,
@@ -33,8 +33,8 @@ pub struct Splats {
     pub opacities: Vec<f32>,
     /// Degree of the spherical harmonics, 0 to 4.
     pub sh_degree: u32,
-    /// Spherical harmonics coefficients: `(sh_degree + 1)^2` RGB triples a splat, degree 0 first, in
-    /// the basis and sign convention of the INRIA rasterizer.
+    /// Spherical harmonics coefficients: `(sh_degree + 1)^2` RGB triples per splat, degree 0 first, in the basis
+    /// and sign convention of the INRIA rasterizer.
     pub sh: Vec<[f32; 3]>,
     /// Encoding of the colours.
     pub encoding: SplatEncoding,
@@ -63,7 +63,7 @@ impl Splats {
         }
     }
 
-    /// RGB triples of spherical harmonics a splat.
+    /// Number of RGB triples of spherical harmonics per splat.
     pub fn sh_len(&self) -> usize {
         ((self.sh_degree + 1) * (self.sh_degree + 1)) as usize
     }
@@ -125,7 +125,7 @@ impl Artifact for Splats {
     }
 }
 
-/// What one camera sees of a splat scene.
+/// View of a splat scene from one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
     /// The camera.
@@ -137,7 +137,7 @@ pub struct View {
     pub depth: Image<Data>,
 }
 
-/// What each camera of a rig sees. Port type `views`.
+/// Views from each camera of a rig. Port type `views`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Views(pub Vec<View>);
 

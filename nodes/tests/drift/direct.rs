@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use engine::{Context, Kind, Scene, Up};
 use glam::{DMat4, DVec3};
-use nodes::kinds::path_trace::visibility::{EnvBlock, NearField};
+use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::math::{equirect, num};
 use nodes::types::{Camera, Environment, Image, Images, Material, Mesh, Object, Placed, Primitive, Rig};
@@ -34,8 +34,7 @@ impl Direct {
         let params = PathTrace {
             samples,
             max_bounces: 0,
-            env_block: EnvBlock::Solid,
-            near_field: NearField::Off,
+            surroundings: Surroundings::OPEN,
             contact_metres: Some(0.0),
             crop: 0.0,
             ..PathTrace::default()
@@ -46,7 +45,8 @@ impl Direct {
             rig: Arc::new(Rig { cameras: vec![camera.clone()] }),
             env: Arc::new(sky.clone()),
         };
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 5 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 5, exhaustive: false }, ".");
         let out = PathTrace::run(&params, inputs, &cx).unwrap().0;
         let picture = |images: &Images, channels: &[usize]| -> Vec<f64> {
             let picture = &images.0[0].picture;

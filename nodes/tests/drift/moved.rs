@@ -80,8 +80,10 @@ impl World {
 
     /// The pictures of every step, by name.
     fn inserted(&self) -> Vec<Step> {
-        let cx =
-            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: self.metres_per_unit, seed: 3 }, ".");
+        let cx = Context::detached(
+            Scene { up: Up::PlusZ, metres_per_unit: self.metres_per_unit, seed: 3, exhaustive: false },
+            ".",
+        );
         let samples = |images: &Images| images.0[0].picture.samples().to_vec();
         let (splats, rig, pose) =
             (Arc::new(self.splats.clone()), Arc::new(self.rig.clone()), Arc::new(self.pose.clone()));

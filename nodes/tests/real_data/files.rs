@@ -13,7 +13,7 @@ use nodes::types::{Environment, Mesh, Object};
 use super::data;
 
 fn cx() -> Context {
-    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, data("."))
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, data("."))
 }
 
 fn environment(path: &str) -> (Arc<Environment>, Notes) {
@@ -202,7 +202,10 @@ fn receivers_match_their_descriptions() {
 #[test]
 fn cut_and_flipped_objects_are_errors_or_objects() {
     let folder = tempfile::tempdir().unwrap();
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let cx = Context::detached(
+        Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+        folder.path(),
+    );
     let p = LoadObject { path: InputFile("a.glb".into()), scene: None };
     let bytes = std::fs::read(data("gltf/Duck.glb")).unwrap();
     let text = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize + 20;

@@ -11,7 +11,7 @@ use nodes::types::Splats;
 use super::data;
 
 fn cx() -> Context {
-    Context::detached(Scene { up: Up::MinusY, metres_per_unit: 1.0, seed: 7 }, data(""))
+    Context::detached(Scene { up: Up::MinusY, metres_per_unit: 1.0, seed: 7, exhaustive: false }, data(""))
 }
 
 fn load(path: &str, frame: Frame) -> (Arc<Splats>, Notes) {

@@ -11,7 +11,7 @@ use nodes::light::linear::Transfer;
 use nodes::types::{Brackets, Cell, Image, Panorama, Srgb};
 
 fn cx() -> Context {
-    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, ".")
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".")
 }
 
 /// A display picture of the probe of the bench case.
@@ -51,13 +51,8 @@ fn number(cell: &Cell) -> f64 {
 #[test]
 fn the_sun_of_the_bench_case_is_the_strongest_light() {
     let base = pano();
-    let params = PredictExposure {
-        evs: vec![-6.0, -3.0],
-        method: Method::Region,
-        white: 0.95,
-        weights: None,
-        force: false,
-    };
+    let params =
+        PredictExposure { evs: vec![-6.0, -3.0], method: Method::Region, white: 0.95, weights: None };
     let inputs = predict_exposure::In { pano: base.clone() };
     let (predicted, _) = PredictExposure::run(&params, inputs, &cx()).unwrap();
     let params = fusion(Gain::Direct);
@@ -120,13 +115,8 @@ fn errors(method: &Method) -> [[f64; 2]; 2] {
         };
         let (loaded, _) = LoadPanorama::run(&params, load_panorama::In {}, &cx()).unwrap();
         for (sums, method) in sums.iter_mut().zip([&Method::Skip, method]) {
-            let params = PredictExposure {
-                evs: Vec::new(),
-                method: method.clone(),
-                white: 0.95,
-                weights: None,
-                force: false,
-            };
+            let params =
+                PredictExposure { evs: Vec::new(), method: method.clone(), white: 0.95, weights: None };
             let inputs = predict_exposure::In { pano: loaded.pano.clone() };
             let brackets = PredictExposure::run(&params, inputs, &cx()).unwrap().0.brackets;
             let inputs = fuse_hdr::In { base: loaded.pano.clone(), brackets };

@@ -6,7 +6,7 @@ use engine::{Context, InputFile, Kind, Notes, Scene, Up};
 use glam::{DMat4, DVec3};
 use nodes::kinds::load_environment::{self, LoadEnvironment};
 use nodes::kinds::load_object::{self, LoadObject};
-use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock, SpecularSees};
+use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Mesh, Placed, Rig};
 
@@ -37,7 +37,10 @@ fn camera(eye: DVec3, target: DVec3, (width, height): (u32, u32), fov_y_deg: f64
 
 /// The object layer of a file of the shared data, on a floor of 8 m under the studio lamps.
 fn render(path: &str, scale: f64, at: DVec3, rig: Rig, samples: u32) -> (Vec<f32>, Notes) {
-    let cx = Context::detached(Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 7 }, data("."));
+    let cx = Context::detached(
+        Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 7, exhaustive: false },
+        data("."),
+    );
     let load = LoadObject { path: InputFile(format!("gltf/{path}")), scene: None };
     let (object, notes) = LoadObject::run(&load, load_object::In {}, &cx).unwrap();
     let world = DMat4::from_translation(at) * DMat4::from_scale(DVec3::splat(scale));
@@ -59,9 +62,7 @@ fn render(path: &str, scale: f64, at: DVec3, rig: Rig, samples: u32) -> (Vec<f32
     let params = PathTrace {
         samples,
         max_bounces: 12,
-        env_block: EnvBlock::Solid,
-        bounce: Bounce::Solid,
-        object_specular_sees: SpecularSees::Receiver,
+        surroundings: Surroundings::OPEN,
         contact_metres: Some(0.0),
         crop: 0.0,
         ..PathTrace::default()

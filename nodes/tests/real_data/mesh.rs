@@ -19,7 +19,7 @@ use super::splat::load;
 const FOOT: DVec3 = DVec3::new(0.4, 0.3, 0.0);
 
 fn context() -> Context {
-    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, data(""))
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, data(""))
 }
 
 fn rig(list: &str) -> Arc<Rig> {
@@ -53,7 +53,7 @@ impl Normal {
         radius * num::f64::cos(turn)
     }
 
-    /// Of a gamma distribution of a shape above 1 (Marsaglia and Tsang 2000).
+    /// A random number of a gamma distribution with a shape above 1 (Marsaglia and Tsang 2000).
     fn gamma(&mut self, shape: f64) -> f64 {
         let d = shape - 1.0 / 3.0;
         let c = 1.0 / (9.0 * d).sqrt();
@@ -167,9 +167,11 @@ fn the_depth_of_peaks_is_that_of_the_surface() {
     for depth in [DepthMode::Expected, DepthMode::Median, DepthMode::Transmittance, DepthMode::RayMedian] {
         let mut row = Vec::new();
         for camera in &rig("views").cameras {
-            let seen = render(&splats, camera, None, &Settings { depth, ..Settings::default() }, &context()).unwrap();
+            let seen = render(&splats, camera, None, &Settings { depth, ..Settings::default() }, &context())
+                .unwrap();
             let both = seen.depth.iter().zip(truth(&camera.name)).filter(|(a, b)| a.is_finite() && *b < 1e5);
-            let mut off: Vec<f64> = both.map(|(a, b)| 100.0 * (f64::from(*a) / f64::from(b) - 1.0).abs()).collect();
+            let mut off: Vec<f64> =
+                both.map(|(a, b)| 100.0 * (f64::from(*a) / f64::from(b) - 1.0).abs()).collect();
             off.sort_unstable_by(f64::total_cmp);
             let (median, most) = (off[off.len() / 2], off[off.len() * 9 / 10]);
             row.push(format!("{median:.3} ({most:.2})"));
@@ -181,7 +183,9 @@ fn the_depth_of_peaks_is_that_of_the_surface() {
 
 #[test]
 fn a_mesh_of_the_courtyard_is_nearer_to_the_truth_than_the_given_one() {
-    println!("| mesh | off within 1 m, mm, median (p90), three views | holes, % | backs, % | triangles |\n|---|---|---|---|---|");
+    println!(
+        "| mesh | off within 1 m, mm, median (p90), three views | holes, % | backs, % | triangles |\n|---|---|---|---|---|"
+    );
     let splats = load("bench-case/point_cloud.ply", &[]);
     let given = scores("the given one", &given());
     for ((tilt, jitter), bars) in [((0.0, 0.0), 0.3), ((5.0, 0.005), 1.0), ((10.0, 0.01), 1.1)] {

@@ -13,7 +13,7 @@ use nodes::types::{Cell, Environment, Images, Picture, Report};
 use super::data;
 
 fn cx() -> Context {
-    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, data("."))
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, data("."))
 }
 
 fn image(path: &str, encoding: FileEncoding) -> Arc<Images> {

@@ -14,7 +14,7 @@ use nodes::types::{Camera, Splats};
 use super::data;
 
 fn context() -> Context {
-    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, data(""))
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, data(""))
 }
 
 pub fn load(path: &str, more: &[&str]) -> Arc<Splats> {

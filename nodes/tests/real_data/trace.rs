@@ -11,7 +11,7 @@ use nodes::kinds::load_environment::{self, LoadEnvironment};
 use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::kinds::load_object::{self, LoadObject};
 use nodes::kinds::override_material::{self, OverrideMaterial, Surface};
-use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock};
+use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::math::color::luminance;
 use nodes::types::{Camera, Environment, Images, Mesh, Placed, Rig};
@@ -28,7 +28,7 @@ struct Case {
 }
 
 fn context() -> Context {
-    Context::detached(Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 7 }, data("."))
+    Context::detached(Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 7, exhaustive: false }, data("."))
 }
 
 fn rows(value: &serde_json::Value) -> [f64; 16] {
@@ -95,15 +95,9 @@ fn case(name: &str) -> Case {
 }
 
 impl Case {
-    fn trace(&self, samples: u32, env_block: EnvBlock, bounce: Bounce) -> path_trace::Out {
-        let params = PathTrace {
-            samples,
-            env_block,
-            bounce,
-            contact_metres: Some(0.0),
-            crop: 0.0,
-            ..PathTrace::default()
-        };
+    fn trace(&self, samples: u32, surroundings: Surroundings) -> path_trace::Out {
+        let params =
+            PathTrace { samples, surroundings, contact_metres: Some(0.0), crop: 0.0, ..PathTrace::default() };
         let inputs = path_trace::In {
             receiver: self.receiver.clone(),
             objects: vec![self.object.clone()],
@@ -194,7 +188,7 @@ fn block_scores(ours: &[f32], other: &[f32], width: usize) -> (f64, f64) {
 #[test]
 fn sunny_plane_agrees_with_mitsuba_and_cycles() {
     let case = case("sunny_plane");
-    let out = case.trace(64, EnvBlock::Solid, Bounce::Solid);
+    let out = case.trace(64, Surroundings::OPEN);
     let r0 = rgb(&out.without);
     let (ratio, relmse) = compare("R0 / Mitsuba", &r0, &case.reference("ref-mitsuba/R0.exr"));
     assert!((ratio - 1.0).abs() < 0.005 && relmse < 1.9e-4, "{ratio} {relmse}");
@@ -232,17 +226,16 @@ fn sunny_plane_agrees_with_mitsuba_and_cycles() {
 #[test]
 fn closed_room_agrees_with_the_prototype_in_every_mode() {
     let case = case("closed_room");
-    let front = EnvBlock::FrontFace { max_layers: 3 };
-    for (tag, block, bounce) in [
-        ("solid-solid", EnvBlock::Solid, Bounce::Solid),
-        ("pass-env", EnvBlock::Pass, Bounce::Env),
-        ("frontface-env", front, Bounce::Env),
-        ("pass-solid", EnvBlock::Pass, Bounce::Solid),
-        ("frontface-solid", front, Bounce::Solid),
+    for (tag, surroundings) in [
+        ("solid-solid", Surroundings::OPEN),
+        ("pass-env", Surroundings::TRANSPARENT),
+        ("frontface-env", Surroundings::ROOM),
+        ("pass-solid", Surroundings::Transparent { bounces: true }),
+        ("frontface-solid", Surroundings::Room { layers: 3, bounces: true }),
     ] {
         println!("{tag}");
-        let out = case.trace(16, block, bounce);
-        let noise = if bounce == Bounce::Env { 2.4e-3 } else { 9e-3 };
+        let out = case.trace(16, surroundings);
+        let noise = if tag.ends_with("env") { 2.4e-3 } else { 9e-3 };
         for (layer, images) in [("R0", &out.without), ("R1", &out.with), ("O", &out.object)] {
             let ours = rgb(images);
             let reference = case.reference(&format!("ref-proto/{layer}-{tag}.exr"));
@@ -288,7 +281,7 @@ fn the_ratio_raw_and_denoised_is_within_its_bars() {
     let reference = ["R0", "R1"].map(|layer| case.reference(&format!("ref-cycles/{layer}.exr")));
     let reference = [reference[0].as_slice(), reference[1].as_slice()];
     for (samples, bars) in [(4, [0.0103, 0.02]), (16, [0.0103, 0.02]), (64, [0.0075, 0.013])] {
-        let out = case.trace(samples, EnvBlock::Solid, Bounce::Solid);
+        let out = case.trace(samples, Surroundings::OPEN);
         let inputs = denoise::In {
             without: out.without.clone(),
             with: out.with.clone(),

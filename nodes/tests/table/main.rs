@@ -130,28 +130,6 @@ fn fixture_holds_every_kind_and_runs() {
 }
 
 #[test]
-fn a_compiled_graph_gives_what_its_text_gives() {
-    let fixture = shared();
-    let text = format!("// {}\n{FIXTURE}", "long enough to be compiled ".repeat(1000));
-    let store = engine::Store::in_memory();
-    let load = || {
-        let (source, root) = (Source::new("fixture.ron", &*text), SourceRoot::new(&fixture.folder));
-        Graph::parse_cached(source, &fixture.registry, root, &store).unwrap_or_else(|e| panic!("{e}"))
-    };
-    let parsed = load();
-    assert_eq!(store.record_keys().unwrap().len(), 1, "it was compiled");
-    let compiled = load();
-    assert_eq!(fixture.run(&compiled), fixture.run(&parsed));
-    // Its code runs on the values that were read from it.
-    let cold = Fixture {
-        engine: Engine::new(engine::Store::in_memory(), 2, 8 << 30),
-        registry: nodes::registry(),
-        folder: fixture.folder.clone(),
-    };
-    assert_eq!(cold.run(&compiled), fixture.run(&parsed));
-}
-
-#[test]
 fn values_outside_their_range_are_refused() {
     let fixture = shared();
     let graph = fixture.parse(FIXTURE, &[]).unwrap_or_else(|e| panic!("{e}"));

@@ -1,4 +1,4 @@
-//! `cache`: looks after the cache. Nothing here is ever needed for a run to be right.
+//! `cache`: maintains the cache. No run needs it to be correct.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use crate::session::{Error, GraphArgs, Loaded, cache_folder, size, time};
 use crate::terminal;
 use crate::terminal::print;
 
-/// Looks after the cache: what is in it, whether it is whole, what may go.
+/// Maintains the cache: contents, damage, size.
 #[derive(Debug, Args)]
 pub struct Cache {
     #[command(subcommand)]
@@ -22,32 +22,32 @@ pub struct Cache {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
-    /// Tells what is in the cache
+    /// Print the contents of the cache
     Stat,
-    /// Reads everything and tells what is damaged; changes nothing. Exit code 1 if something is
+    /// Read everything and report damage, without changing anything; exit code 1 if something is damaged
     Verify,
-    /// Does what runs do bit by bit: puts damaged results aside, so that they are made again
+    /// Move damaged results aside at once, as runs do when they meet them, so that they are recomputed
     Repair,
-    /// Removes what was used longest ago; waits until no run is at work
+    /// Remove the least recently used results; waits until no run is active
     Gc(Gc),
-    /// Keeps the known results of a graph, whatever `gc` is asked for
+    /// Protect the known results of a graph from `gc`
     Pin(Pin),
-    /// Copies results to another cache: everything, or what a graph needs
+    /// Copy all results, or those of a graph, to another cache
     Copy(Copy),
 }
 
 #[derive(Debug, Args)]
 struct Gc {
-    /// Size that the cache shall not exceed, such as 10G; 0 empties it
+    /// Maximum size of the cache, such as 10G; 0 empties it
     #[arg(long, value_name = "SIZE")]
     max_size: Option<String>,
-    /// How long a result is kept without being used, such as 30d, 12h or 5m
+    /// Maximum time since a result was last used, such as 30d, 12h or 5m
     #[arg(long, value_name = "TIME")]
     max_age: Option<String>,
-    /// Only tell what would be removed
+    /// Only print what would be removed
     #[arg(long)]
     dry_run: bool,
-    /// How long to wait for a run that is at work
+    /// Maximum time to wait for an active run
     #[arg(long, value_name = "TIME", default_value = "1m")]
     wait: String,
 }
@@ -57,7 +57,7 @@ struct Gc {
 struct Pin {
     #[command(flatten)]
     graph: Option<GraphArgs>,
-    /// Gives the pin of this graph up
+    /// Remove the pin of this graph
     #[arg(long)]
     remove: bool,
 }
@@ -76,6 +76,11 @@ impl Cache {
     /// Runs the verb; gives the exit code.
     pub fn run(self) -> Result<u8, Error> {
         let folder = cache_folder(self.cache.as_deref())?;
+        if matches!(self.verb, Verb::Gc(_)) && !folder.exists() {
+            // A nightly job on a new machine finds nothing to remove, which is not an error.
+            print(&format!("there is no cache in `{}` yet: nothing to remove\n", folder.display()))?;
+            return Ok(0);
+        }
         if !folder.is_dir() {
             return Err(Error::usage(format!("there is no cache in `{}`", folder.display())));
         }
@@ -111,10 +116,7 @@ fn stat(store: &Store, folder: &Path) -> Result<u8, Error> {
                 stat.small_blobs
             ),
         ),
-        (
-            "logs",
-            format!("{}, of which {} are dead", bytes_text(stat.log_bytes), bytes_text(stat.dead_bytes)),
-        ),
+        ("logs", format!("{}, {} of it unused", bytes_text(stat.log_bytes), bytes_text(stat.dead_bytes))),
         ("files", format!("{} digests remembered", stat.memos)),
         ("aside", bytes_text(stat.quarantine_bytes)),
     ];
@@ -137,9 +139,9 @@ fn check(store: &Store, repair: bool) -> Result<u8, Error> {
     found.incomplete.iter().for_each(|key| text.push_str(&format!("incomplete: result {key}\n")));
     text.push_str(match (found.is_whole(), repair) {
         (true, _) => "nothing is damaged\n",
-        (false, true) => "put aside; the next run that needs it makes it again\n",
+        (false, true) => "moved aside; the next run that needs it recomputes it\n",
         (false, false) => {
-            "a run that needs it makes it again; `lightharmony cache repair` puts it aside now\n"
+            "a run that needs it recomputes it; `lightharmony cache repair` moves it aside now\n"
         }
     });
     print(&text)?;
@@ -168,20 +170,20 @@ impl Gc {
         print(&text)?;
         let too_much = limits.max_size.is_some_and(|most| gone.after > most && most > 0);
         if too_much {
-            terminal::error("what is pinned is larger than the limit");
+            terminal::error("the pinned results are larger than the limit");
         }
         Ok(u8::from(too_much))
     }
 }
 
-/// The graph, its name for people, and the keys of what is known of it.
+/// The keys of the known results of a graph, the number of wanted nodes, and the engine.
 fn known(graph: &GraphArgs, store: Store) -> Result<(Vec<Digest>, usize, Engine), Error> {
     let Loaded { graph, only, .. } = graph.load()?;
     let engine = Engine::new(store, 1, 0);
     let plan = engine.plan(&graph, &only);
     let wanted = plan.iter().filter(|node| node.fate != Fate::Unwanted).count();
     let known = plan.iter().filter(|node| node.fate == Fate::Known);
-    // A manifest is what the key is the digest of.
+    // The key is the digest of the manifest.
     let keys: Vec<Digest> =
         known.filter_map(|node| node.manifest.as_ref()).map(|m| Digest::of(m.as_bytes())).collect();
     Ok((keys, wanted, engine))
@@ -199,16 +201,15 @@ impl Pin {
         let name = std::path::absolute(&graph.graph)?.display().to_string();
         if self.remove {
             let was = store.unpin(&name)?;
-            print(&format!("{name} {}\n", if was { "is pinned no more" } else { "was not pinned" }))?;
+            print(&format!("{name} {}\n", if was { "is no longer pinned" } else { "was not pinned" }))?;
             return Ok(u8::from(!was));
         }
         let (keys, wanted, engine) = known(&graph, store)?;
         let before = engine.store().pins().into_iter().find(|(pin, _)| *pin == name);
         engine.store().pin(&name, &keys)?;
-        let before =
-            before.map(|(_, records)| format!(", in place of {records} of an earlier pin of this graph"));
+        let before = before.map(|(_, records)| format!(", replacing an earlier pin of {records} results"));
         let before = before.unwrap_or_default();
-        print(&format!("{name}: {} of {wanted} results are known, and pinned{before}\n", keys.len()))?;
+        print(&format!("{name}: pinned {} known results of {wanted} nodes{before}\n", keys.len()))?;
         Ok(0)
     }
 }

@@ -1,4 +1,4 @@
-//! `graph`: a picture of a graph with the state of its results.
+//! `graph`: a drawing of a graph with the state of its results.
 
 mod svg;
 
@@ -18,7 +18,7 @@ pub struct Draw {
     graph: GraphArgs,
     #[command(flatten)]
     engine: EngineArgs,
-    /// How to draw
+    /// Output format
     #[arg(long, value_enum, default_value_t = Format::Dot)]
     format: Format,
 }
@@ -27,9 +27,9 @@ pub struct Draw {
 enum Format {
     /// Graphviz
     Dot,
-    /// A picture for a browser
+    /// An image for a browser
     Svg,
-    /// For Markdown pages
+    /// Mermaid, for Markdown pages
     Mermaid,
 }
 
@@ -103,7 +103,7 @@ fn dot(graph: &Graph, plan: &[Planned]) -> String {
 
 fn mermaid(graph: &Graph, plan: &[Planned]) -> String {
     let mut text = "flowchart LR\n".to_owned();
-    // The names of instances hold signs that have a meaning there.
+    // Names of instances contain characters that Mermaid interprets.
     for (index, node) in plan.iter().enumerate() {
         let (word, fill) = state(&node.fate);
         let _ = writeln!(text, "  n{index}[\"{}<br/>{}<br/>{word}\"]", node.id, node.kind);

@@ -1,10 +1,10 @@
-//! Graphs as pictures for a browser: a column a step of the longest way, wires around what lies between.
+//! Draws graphs as SVG: one column per step of the longest path, with wires led around the nodes between.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use engine::{Graph, Planned};
-use trade::html::escaped;
+use trade::escape::escaped;
 
 use super::state;
 
@@ -12,20 +12,20 @@ use super::state;
 const HEIGHT: usize = 52;
 const GAP: (usize, usize) = (60, 18);
 const MARGIN: usize = 20;
-/// Wider than nearly all letters at the size of the text.
+/// Width reserved per letter, more than nearly all letters take.
 const LETTER: usize = 8;
 
-/// What stands in a column: a node, or the wires of one that pass on to a later column.
+/// An entry of a column: a node, or the wires of a node that pass on to a later column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Entry {
     node: usize,
     passes: bool,
 }
 
-/// More than that nobody looks at, and the wires of a long chain that all end in one node would be millions.
+/// Maximum number of entries: a long chain whose wires all end in one node would have millions.
 const MOST_ENTRIES: usize = 50_000;
 
-/// The picture; `None` for a graph that is too large for one.
+/// The SVG text; `None` for a graph that is too large.
 pub fn svg(graph: &Graph, plan: &[Planned]) -> Option<String> {
     let columns = columns(graph)?;
     let texts = |node: &Planned| (node.id.clone(), format!("{} · {}", node.kind, state(&node.fate).0));
@@ -73,8 +73,8 @@ pub fn svg(graph: &Graph, plan: &[Planned]) -> Option<String> {
     Some(text + "</svg>\n")
 }
 
-/// What stands in each column, from top to bottom. A node stands right of all that it reads, as high as that
-/// on average; ties and the first column follow the file.
+/// The entries of each column, from top to bottom. A node is to the right of its inputs, at their average height;
+/// ties and the first column follow the file.
 fn columns(graph: &Graph) -> Option<Vec<Vec<Entry>>> {
     let mut column = vec![0; graph.nodes.len()];
     let mut last = vec![0; graph.nodes.len()];
@@ -90,39 +90,70 @@ fn columns(graph: &Graph) -> Option<Vec<Vec<Entry>>> {
     if entries > MOST_ENTRIES {
         return None;
     }
+    let mut starting: Vec<Vec<usize>> = vec![Vec::new(); count];
+    (0..graph.nodes.len()).for_each(|node| starting[column[node]].push(node));
     let mut columns: Vec<Vec<Entry>> = Vec::with_capacity(count);
-    for at in 0..count {
-        let nodes = (0..graph.nodes.len()).filter(|&node| column[node] == at);
-        let passing = (0..graph.nodes.len()).filter(|&node| column[node] < at && last[node] > at);
-        let entries = nodes.map(|node| Entry { node, passes: false });
+    let mut rows = Rows::new(graph);
+    let mut passing: BTreeSet<usize> = BTreeSet::new();
+    for (at, nodes) in starting.iter().enumerate() {
+        passing.retain(|&node| last[node] > at);
+        let own = nodes.iter().map(|&node| Entry { node, passes: false });
         let mut entries: Vec<Entry> =
-            entries.chain(passing.map(|node| Entry { node, passes: true })).collect();
+            own.chain(passing.iter().map(|&node| Entry { node, passes: true })).collect();
         if let Some(before) = columns.last() {
-            let row = |node: usize| before.iter().position(|entry| entry.node == node);
-            let height = |entry: &Entry| {
-                let own = [entry.node];
-                let above = if entry.passes { &own[..] } else { graph.reads(entry.node) };
-                let rows: Vec<usize> = above.iter().filter_map(|&node| row(node)).collect();
-                rows.iter().sum::<usize>() as f64 / rows.len().max(1) as f64
-            };
-            entries.sort_by(|a, b| height(a).total_cmp(&height(b)).then(a.node.cmp(&b.node)));
+            rows.set(before);
+            entries.sort_by_cached_key(|entry| {
+                let above = above(graph, entry);
+                let rows: Vec<usize> = above.iter().filter_map(|&node| rows.of(node)).collect();
+                // Not negative, so that the order of the bits is that of the numbers.
+                let height = rows.iter().sum::<usize>() as f64 / rows.len().max(1) as f64;
+                (height.to_bits(), entry.node)
+            });
         }
         columns.push(entries);
+        passing.extend(nodes);
     }
     Some(columns)
 }
 
-/// Lines from a row of a column to a row of the next one; wires of one node share them.
+/// The nodes whose entries in the column before have a wire to an entry.
+fn above<'g>(graph: &'g Graph, entry: &'g Entry) -> &'g [usize] {
+    if entry.passes { std::slice::from_ref(&entry.node) } else { graph.reads(entry.node) }
+}
+
+/// The row of each node in one column.
+struct Rows {
+    /// The number of the column that the row is of, and the row, by node.
+    of: Vec<(usize, usize)>,
+    column: usize,
+}
+
+impl Rows {
+    fn new(graph: &Graph) -> Self {
+        Self { of: vec![(0, 0); graph.nodes.len()], column: 0 }
+    }
+
+    /// Replaces the column, in time that depends only on its length.
+    fn set(&mut self, column: &[Entry]) {
+        self.column += 1;
+        column.iter().enumerate().for_each(|(row, entry)| self.of[entry.node] = (self.column, row));
+    }
+
+    fn of(&self, node: usize) -> Option<usize> {
+        let (column, row) = self.of[node];
+        (column == self.column).then_some(row)
+    }
+}
+
+/// Line segments from a row of a column to a row of the next one; wires of one node share them.
 fn segments(graph: &Graph, columns: &[Vec<Entry>]) -> BTreeSet<(usize, usize, usize)> {
     let mut segments = BTreeSet::new();
+    let mut rows = Rows::new(graph);
     for (column, pair) in columns.windows(2).enumerate() {
+        rows.set(&pair[0]);
         for (to, entry) in pair[1].iter().enumerate() {
-            for (from, before) in pair[0].iter().enumerate() {
-                let same = entry.passes && entry.node == before.node;
-                if same || (!entry.passes && graph.reads(entry.node).contains(&before.node)) {
-                    segments.insert((column, from, to));
-                }
-            }
+            let from = above(graph, entry).iter().filter_map(|&node| rows.of(node));
+            segments.extend(from.map(|from| (column, from, to)));
         }
     }
     segments

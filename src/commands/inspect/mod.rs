@@ -1,7 +1,8 @@
-//! `inspect`: what a scene of splats, or a mesh, is like.
+//! `inspect`: the properties of a scene of splats, a mesh or a picture.
 
 mod other;
 mod person;
+mod picture;
 
 use std::path::{Path, PathBuf};
 
@@ -13,43 +14,50 @@ use nodes::kinds::load_mesh::{self, LoadMesh};
 use serde::Serialize;
 
 use crate::session::Error;
-use crate::session::splats;
+use crate::session::splats::{self, MemoryArgs};
 use crate::terminal;
 
-/// Tells what a scene of splats, or a mesh, is like.
+/// Prints the properties of a scene of splats, a mesh or a picture: size, up axis, floor, brightness, what looks wrong.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF), or a mesh (PLY, glTF)
+    /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF), a mesh (PLY, glTF), or a
+    /// picture or panorama (PNG, JPEG, OpenEXR, Radiance HDR)
     file: PathBuf,
     /// One JSON object on standard output
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    memory: MemoryArgs,
 }
 
-/// The answer, as JSON has it.
+/// The output, as JSON.
 #[derive(Serialize)]
 struct Answer<'a> {
     file: String,
-    /// `splats` or `mesh`.
+    /// `splats`, `mesh` or `picture`.
     holds: &'static str,
     format: Option<&'static str>,
-    /// Up by the format, where it says so; coordinates below are as stored all the same.
+    /// The up axis that the format defines; the coordinates are as stored in any case.
     declared_up: Option<&'static str>,
     #[serde(flatten)]
     scene: Option<&'a Inspection>,
     #[serde(flatten)]
     mesh: Option<&'a mesh::Inspection>,
+    #[serde(flatten)]
+    picture: Option<&'a picture::Inspection>,
     notes: &'a Notes,
 }
 
 impl Inspect {
     /// Exit code 0, or 1 where the file cannot be read.
     pub fn run(self) -> Result<u8, Error> {
-        if let Err(error) = splats::check(&self.file) {
+        let memory = self.memory.bytes()?;
+        if let Err(error) = splats::check(&self.file).and_then(|()| splats::check_memory(&self.file, memory))
+        {
             return Ok(splats::failed(&error));
         }
         let cx = splats::context(Up::PlusY);
-        // A folder is a SOG scene, which says nothing about axes.
+        // A folder is a SOG scene, which defines no axes.
         let bytes = std::fs::read(&self.file).unwrap_or_default();
         let format = Format::of("", &bytes).ok();
         let mut answer = Answer {
@@ -59,40 +67,45 @@ impl Inspect {
             declared_up: format.and_then(Format::declared_up).map(Up::name),
             scene: None,
             mesh: None,
+            picture: None,
             notes: &Notes::none(),
         };
+        if let Some(found) = picture::inspect(&bytes) {
+            (answer.holds, answer.format, answer.picture) = ("picture", None, Some(&found));
+            return self.print(&answer);
+        }
         let inspected = splats::load(&self.file, Frame::AsStored, &cx)
             .and_then(|(scene, notes)| Ok((nodes::geometry::inspect::splats::inspect(&scene, &cx)?, notes)));
         let failed = match inspected {
             Ok((scene, notes)) => {
-                // That it is taken as stored is what `inspect` does, and no graph.
+                // `inspect` reads coordinates as stored, so this note about graphs does not apply.
                 let notes = notes.iter().filter(|note| note.id != "frame").cloned().collect();
                 (answer.scene, answer.notes) = (Some(&scene), &notes);
-                return self.tell(&answer);
+                return self.print(&answer);
             }
             Err(failed) => failed,
         };
-        // PLY, glTF and GLB hold splats or a mesh; what is neither is told as what it is nearer to.
+        // PLY, glTF and GLB hold splats or a mesh; the error for another file is that of the more likely one.
         let is_mesh = is_mesh(&bytes);
         match load_mesh(&self.file, &cx) {
             Ok((found, notes)) if !found.triangles.is_empty() => {
                 let found = mesh::inspect(&found);
                 (answer.holds, answer.mesh, answer.notes) = ("mesh", Some(&found), &notes);
-                return self.tell(&answer);
+                return self.print(&answer);
             }
             Err(of_mesh) if is_mesh => return Ok(splats::failed(&of_mesh)),
             _ => {}
         }
         let name = self.file.display();
         let failed = match other::other(&self.file, &bytes) {
-            Some(what) => NodeError::new(format!("`{name}` is neither splats nor a mesh but {what}")),
+            Some(what) => NodeError::new(format!("`{name}` holds neither splats nor a mesh; it is {what}")),
             None if is_mesh => NodeError::new(format!("`{name}` is a mesh without faces")),
             None => failed,
         };
         Ok(splats::failed(&failed))
     }
 
-    fn tell(&self, answer: &Answer<'_>) -> Result<u8, Error> {
+    fn print(&self, answer: &Answer<'_>) -> Result<u8, Error> {
         let text = if self.json {
             let json = serde_json::to_string(answer).map_err(std::io::Error::from)?;
             format!("{json}\n")

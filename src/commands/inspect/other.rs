@@ -1,38 +1,38 @@
-//! Files that hold neither splats nor a mesh: what they are, and what reads them.
+//! Files that hold neither splats nor a mesh: their sort, and the kinds that read them.
 
 use std::path::Path;
 
-/// What begins files of pictures.
+/// First bytes of image files.
 const PICTURES: [&[u8]; 6] =
     [b"#?", b"\x76\x2f\x31\x01", b"\x89PNG", b"\xff\xd8\xff", b"RIFF", b"\x00\x00\x00\x0cjP"];
 /// Keys of the camera files that `load-cameras` reads: of trainers, of nerfstudio and of Instant-NGP.
 const CAMERAS: [&str; 5] = ["\"fx\"", "\"rotation\"", "\"camera_angle_x\"", "\"frames\"", "\"fl_x\""];
 
-/// What a file is, where it is known and no scene, and what to do with it.
+/// The sort of a file that is not a scene, and what reads it; `None` where it is unknown.
 pub(super) fn other(path: &Path, bytes: &[u8]) -> Option<String> {
     let ends_with = |end: &str| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(end));
     if PICTURES.iter().any(|begin| bytes.starts_with(begin)) {
         return Some(
-            "a picture; `load-environment` and `load-panorama` read pictures of light, `load-image` others"
+            "a picture, which `load-image` reads; `load-environment` and `load-panorama` read panoramas"
                 .into(),
         );
     }
     if ends_with("ron") {
-        return Some("a graph; `lightharmony check` and `plan` tell of it".into());
+        return Some("a graph, for `lightharmony check` and `lightharmony plan`".into());
     }
     if ends_with("lhb") {
-        return Some("a bundle; `lightharmony verify` tells of it".into());
+        return Some("a bundle, for `lightharmony verify` and `lightharmony unpack`".into());
     }
     let text = std::str::from_utf8(bytes).ok()?;
     let opens = text.trim_start().starts_with(['{', '[']);
     if opens && !text.contains("\"asset\"") && CAMERAS.iter().filter(|key| text.contains(**key)).count() >= 2
     {
-        return Some("a file of cameras; `load-cameras` reads it".into());
+        return Some("a file of cameras, which `load-cameras` reads".into());
     }
     None
 }
 
-/// Whether a file, by its head, holds a mesh and no splats.
+/// Returns true if a file, by its header, holds a mesh and no splats.
 pub(in crate::commands) fn is_mesh(bytes: &[u8]) -> bool {
     let holds = |what: &[u8]| bytes.windows(what.len()).any(|at| at == what);
     if bytes.starts_with(b"ply") {
@@ -40,7 +40,9 @@ pub(in crate::commands) fn is_mesh(bytes: &[u8]) -> bool {
         let head = String::from_utf8_lossy(&bytes[..end]);
         return head.contains("element face") && !head.contains("scale_0");
     }
-    (bytes.starts_with(b"glTF") || holds(b"\"asset\"")) && !holds(b"KHR_gaussian_splatting")
+    // The metadata in a `.sog` has an asset as well.
+    let is_text = bytes.trim_ascii_start().starts_with(b"{");
+    (bytes.starts_with(b"glTF") || (is_text && holds(b"\"asset\""))) && !holds(b"KHR_gaussian_splatting")
 }
 
 #[cfg(test)]
@@ -49,22 +51,23 @@ mod tests {
 
     #[test]
     fn files_are_known_by_what_they_hold() {
-        let told = |name: &str, bytes: &[u8]| other(Path::new(name), bytes).unwrap_or_default();
-        assert!(told("a.hdr", b"#?RADIANCE\n").starts_with("a picture"));
-        assert!(told("a.RON", b"Graph(").starts_with("a graph"));
+        let found = |name: &str, bytes: &[u8]| other(Path::new(name), bytes).unwrap_or_default();
+        assert!(found("a.hdr", b"#?RADIANCE\n").starts_with("a picture"));
+        assert!(found("a.RON", b"Graph(").starts_with("a graph"));
         assert!(
-            told("a.json", br#" [{"id": 0, "rotation": [], "fx": 1.0}]"#).starts_with("a file of cameras")
+            found("a.json", br#" [{"id": 0, "rotation": [], "fx": 1.0}]"#).starts_with("a file of cameras")
         );
-        assert!(told("transforms.json", br#"{"fl_x": 1, "frames": []}"#).starts_with("a file of cameras"));
-        assert_eq!(told("a.gltf", br#"{"asset": {}, "frames": 1, "rotation": 2}"#), "");
-        assert_eq!(told("a.ply", b"ply\n"), "");
+        assert!(found("transforms.json", br#"{"fl_x": 1, "frames": []}"#).starts_with("a file of cameras"));
+        assert_eq!(found("a.gltf", br#"{"asset": {}, "frames": 1, "rotation": 2}"#), "");
+        assert_eq!(found("a.ply", b"ply\n"), "");
     }
 
     #[test]
-    fn heads_tell_meshes_from_splats() {
+    fn headers_distinguish_meshes_from_splats() {
         assert!(is_mesh(b"ply\nformat ascii 1.0\nelement vertex 3\nelement face 0\nend_header\n"));
         assert!(!is_mesh(b"ply\nelement vertex 3\nproperty float scale_0\nelement face 0\nend_header\n"));
         assert!(!is_mesh(b"ply\nelement vertex 3\nend_header\nelement face"));
+        assert!(!is_mesh(b"\0\0{\"asset\": {}}"), "a damaged archive");
         assert!(is_mesh(br#"{"asset": {}}"#) && !is_mesh(br#"{"asset": {}, "x": "KHR_gaussian_splatting"}"#));
     }
 }

@@ -1,27 +1,27 @@
-//! What `inspect` found, for a person to read.
+//! The output of `inspect` as text.
 
 use std::fmt::Write as _;
 
 use nodes::geometry::inspect::{Extent, Finding, FloorGuess, mesh, splats::Inspection};
 
-use super::Answer;
+use super::{Answer, picture};
 use crate::session::splats;
 
-/// Lengths of a scene, with as many digits as its size asks for.
+/// Formats lengths with the number of digits that the size of the scene needs.
 #[derive(Clone, Copy)]
 struct Ruler {
-    /// Digits behind the point; `None` where only powers of ten are short.
+    /// Digits after the decimal point; `None` for scientific notation.
     digits: Option<usize>,
 }
 
 impl Ruler {
-    /// At least three digits behind the point, and at least four of `size`.
+    /// At least three digits after the decimal point, and at least four significant digits of `size`.
     fn of(size: f64) -> Self {
         let (mut digits, mut scaled) = (0, size);
         while (0.0..1000.0).contains(&scaled) && digits < 10 {
             (digits, scaled) = (digits + 1, scaled * 10.0);
         }
-        // Beyond that, zeros would hide the number.
+        // For larger or smaller sizes zeros would hide the number.
         let plain = size == 0.0 || (digits < 10 && size < 1e9);
         Self { digits: plain.then_some(if size == 0.0 { 3 } else { digits.max(3) }) }
     }
@@ -43,7 +43,7 @@ impl Ruler {
     }
 }
 
-/// Lines of a name and a value.
+/// Lines with a name and a value.
 struct Lines(String);
 
 impl Lines {
@@ -56,14 +56,14 @@ impl Lines {
         let Some(floor) = floor else {
             return self.line(
                 "up, guessed",
-                "not found: no plane holds more of the surface than chance explains".to_owned(),
+                "not found: no plane holds more of the surface than expected by chance".to_owned(),
             );
         };
         let (axis, sign) = (&floor.up[1..], if floor.up.starts_with('-') { -1.0 } else { 1.0 });
         self.line(
             "up, guessed",
             format!(
-                "{}{} with confidence {:.2} (next: {}); floor at {axis} = {}, {:.0} % of the surface lies flat in it",
+                "{}{} with confidence {:.2} (next: {}); floor at {axis} = {}, {:.0} % of the surface lies in it",
                 if floor.is_clear() { "" } else { "not clear: " },
                 floor.up,
                 floor.confidence,
@@ -76,21 +76,39 @@ impl Lines {
 
     fn findings(&mut self, findings: &[Finding]) {
         for finding in findings {
-            self.line("look at this", format!("{} [{}]", finding.text, finding.id));
+            self.line("check", format!("{} [{}]", finding.text, finding.id));
         }
     }
 }
 
-/// All of it.
+/// The whole text.
 pub fn person(answer: &Answer<'_>) -> String {
     let mut text = Lines(String::new());
-    text.line("file", format!("{} ({})", answer.file, answer.format.unwrap_or("unknown")));
+    let format = answer.format.map(|format| format!(" ({format})")).unwrap_or_default();
+    text.line("file", format!("{}{format}", answer.file));
+    if let Some(picture) = answer.picture {
+        of_picture(&mut text, picture);
+    }
     match (answer.scene, answer.mesh) {
         (Some(scene), _) => of_splats(&mut text, scene, answer.declared_up),
         (None, Some(mesh)) => of_mesh(&mut text, mesh, answer.declared_up),
         (None, None) => {}
     }
     text.0 + &splats::lines(answer.notes)
+}
+
+fn of_picture(text: &mut Lines, picture: &picture::Inspection) {
+    let picture::Inspection { width, height, channels, encoding, peak, mean } = picture;
+    text.line("picture", format!("{width}x{height} pixels, {channels} channels, {encoding}"));
+    if let Some(peak) = peak {
+        let place = format!("at ({}, {})", peak.x, peak.y);
+        text.line("brightest", format!("{}, {place}", picture::brightness(peak.luminance)));
+    }
+    if let Some(mean) = mean {
+        text.line("mean", picture::brightness(*mean));
+    }
+    let kinds = if *width == 2 * height { "`load-environment`, `load-panorama`" } else { "`load-image`" };
+    text.line("read by", kinds.to_owned());
 }
 
 fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>) {
@@ -104,15 +122,18 @@ fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>)
     text.line(
         "closed",
         if mesh.is_closed() {
-            "yes: every edge has two triangles that agree".to_owned()
+            "yes: every edge has two consistently oriented triangles".to_owned()
         } else {
-            format!("no: {} open edges, {} odd ones", mesh.open_edges, mesh.odd_edges)
+            format!(
+                "no: {} open edges, {} edges with more than two or inconsistent triangles",
+                mesh.open_edges, mesh.odd_edges
+            )
         },
     );
     if let Some(up) = declared_up {
         text.line(
             "up",
-            format!("{up} by its format, from which `LoadMesh` turns it where `frame: Gltf` is set"),
+            format!("{up} by its format, from which `LoadMesh` rotates it where `frame: Gltf` is set"),
         );
     }
     text.floor(mesh.floor.as_ref(), ruler);
@@ -133,7 +154,7 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         text.line("median", ruler.vector(centre));
     }
     if let Some(up) = declared_up {
-        let turned = "from which `LoadSplats` turns it unless `frame: AsStored` is set";
+        let turned = "from which `LoadSplats` rotates it unless `frame: AsStored` is set";
         text.line("up", format!("{up} by its format, {turned}"));
     }
     text.floor(scene.floor.as_ref(), ruler);
@@ -154,7 +175,7 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         text.line(
             "opacities",
             format!(
-                "median {:.3}, {:.0} % above 0.95, {:.0} % never drawn",
+                "median {:.3}, {:.0} % above 0.95, {:.0} % too faint to be drawn",
                 opacities.median,
                 opacities.opaque * 100.0,
                 opacities.unseen * 100.0
@@ -165,7 +186,7 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         text.line(
             "overdraw",
             format!(
-                "about {:.0} splats a pixel from inside, {:.0} from outside, were none hidden",
+                "about {:.0} splats per pixel from inside, {:.0} from outside, if nothing is hidden",
                 overdraw.from_inside, overdraw.from_outside
             ),
         );

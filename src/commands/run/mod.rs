@@ -25,30 +25,34 @@ pub struct Run {
     graph: GraphArgs,
     #[command(flatten)]
     engine: EngineArgs,
-    /// Folder that sinks write to
+    /// Output folder of the sinks
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
-    /// Take samples until the standard error of the shadow and of the object is this, 0.01 say, at most as many as the
-    /// graph says, whatever a preset does: sets `max_error` of every node that has one
+    /// Take samples until the standard error of shadow and object is at most this, such as 0.01; at most as many
+    /// samples as the graph sets, whatever a preset sets. Sets `max_error` of every node that has one
     #[arg(long, value_name = "ERROR", conflicts_with = "time", allow_negative_numbers = true)]
     max_error: Option<f64>,
-    /// Take as many samples, at most as many as the graph says, as there is time for by the forecast, such as 10s or
-    /// 5m; the number is told and fixed before the run. Where no forecast is known 4 are taken first, and kept
+    /// Take as many samples as the forecast allows in this time, such as 10s or 5m, at most as many as the graph
+    /// sets; the number is printed and fixed before the run. Where there is no forecast, 4 samples are taken first
+    /// and kept
     #[arg(long, value_name = "TIME")]
     time: Option<String>,
-    /// Refuse inputs and kinds that are not those of the graph's lock, and fail where results are not
+    /// Refuse inputs and kinds that differ from the graph's lock, and fail where results differ
     #[arg(long)]
     locked: bool,
-    /// Write what each thread did when, for chrome://tracing or Perfetto
+    /// Write a trace of all threads, for chrome://tracing or Perfetto
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
-    /// One JSON object a line on standard output
+    /// One JSON object per line on standard output
     #[arg(long)]
     pub json: bool,
-    /// Also tell nodes whose result was known
+    /// Also print cached nodes, counts, and all notes of nodes
     #[arg(long, short)]
     verbose: bool,
 }
+
+/// Maximum number of nodes for which a forecast is worth the time of a plan.
+const MOST_PLANNED: usize = 2000;
 
 impl Run {
     /// Runs the graph; gives the exit code of the run.
@@ -68,18 +72,17 @@ impl Run {
         self.trace.as_deref().map_or(Ok(()), |trace| loaded.check_output(trace))?;
         let cancel = on_interrupt()?;
         if let Some(error) = self.max_error {
-            let says_so =
+            let sets_error =
                 |set: &&String| set.split('=').next().is_some_and(|f| f.trim().ends_with(".max_error"));
-            if let Some(set) = self.graph.set.iter().find(says_so) {
-                let text =
-                    format!("`--max-error` and `--set {set}` both say an error; leave one of them out");
+            if let Some(set) = self.graph.set.iter().find(sets_error) {
+                let text = format!("`--max-error` and `--set {set}` both set an error; remove one of them");
                 return Err(Error::usage(text));
             }
             let chosen;
             (loaded, chosen) = budget::to_error(loaded, error)?;
             if !chosen.is_empty() {
-                let why = "an error takes as many samples as the graph says, not as few as its preset";
-                self.tell_chosen(json!({"max_error": error}), &chosen, why);
+                let why = "with an error bound, the maximum is the number of samples of the graph, not of its preset";
+                self.print_chosen(json!({"max_error": error}), &chosen, why);
             }
         }
         if let Some(time) = time {
@@ -95,7 +98,7 @@ impl Run {
         }
         let mut report = self.report();
         if let Some(text) = terminal::no_file(graph, only) {
-            report.tell(&Event::Warning { id: "no-file", text });
+            report.show(&Event::Warning { id: "no-file", text });
         }
         let options = RunOptions {
             out: self.out,
@@ -105,14 +108,17 @@ impl Run {
             trace: self.trace.is_some(),
             ..RunOptions::default()
         };
+        if report.shows_forecast() && graph.nodes.len() <= MOST_PLANNED {
+            report.expect(&engine.plan(graph, only));
+        }
         let mut trace = Trace::default();
-        // What failed comes before the end, which is the last line of JSON.
+        // Failures are printed before the end, which is the last line of JSON.
         let mut end = None;
         let outcome = engine.run(graph, &options, |event| {
-            trace.tell(&event);
+            trace.add(&event);
             match event {
                 Event::Done(_) if self.json => end = Some(event),
-                event => report.tell(&event),
+                event => report.show(&event),
             }
         });
         if let Some(path) = &self.trace {
@@ -124,49 +130,49 @@ impl Run {
         if let Some(time) = time.filter(|time| begin.elapsed() > *time) {
             let [took, asked] =
                 [begin.elapsed(), time].map(|time| terminal::seconds_text(time.as_secs_f64()));
-            report.tell(&Event::Warning {
+            report.show(&Event::Warning {
                 id: "time-missed",
-                text: format!("the run took {took}, where {asked} was asked for"),
+                text: format!("the run took {took}, more than the {asked} of --time"),
             });
         }
-        end.iter().for_each(|end| report.tell(end));
+        end.iter().for_each(|end| report.show(end));
         if let Some(lock) = &locked {
             let now = engine.lock(graph, only)?;
             let results = lock.differences(&now).results;
             if !results.is_empty() {
-                terminal::error(&format!("the results are not those of the lock:\n{}", results.join("\n")));
+                terminal::error(&format!("the results differ from the lock:\n{}", results.join("\n")));
                 return Ok(1);
             }
         }
-        // The process ends: to take a large graph apart, piece by piece, would only take time.
+        // The process ends: freeing a large graph would only take time.
         std::mem::forget(loaded.graph);
         Ok(outcome.totals.exit_code())
     }
 
-    /// Tells what the last run told, where nothing is to be done; see [`run_unchanged`]. What asks more than that of
-    /// a run needs the graph.
+    /// Reports the last run again where there is nothing to do; see [`run_unchanged`]. Options that need more than
+    /// that need the graph.
     fn unchanged(&self, origin: &Origin) -> Result<Option<Outcome>, Error> {
         let asked = self.max_error.is_some() || self.time.is_some() || self.locked || self.trace.is_some();
-        if asked || !self.graph.only.is_empty() {
+        if asked || !self.graph.only.is_empty() || self.graph.frames.is_some() {
             return Ok(None);
         }
         self.engine.memory()?;
         let mut report = self.report();
         let (folder, kinds) = (cache_folder(self.engine.cache.as_deref())?, nodes::registry());
-        let tell = |event| report.tell(&event);
-        Ok(run_unchanged(&folder, &origin.source, &kinds, &origin.root, &self.out, tell))
+        let show = |event| report.show(&event);
+        Ok(run_unchanged(&folder, &origin.source, &kinds, &origin.root, &self.out, show))
     }
 
     fn report(&self) -> Report {
         if self.json { Report::json() } else { Report::lines(self.verbose) }
     }
 
-    /// Runs everything but the sinks with the fewest samples, where no forecast knows how long a sample takes. Gives an
-    /// exit code where that is all there is to do: it failed, or was stopped.
+    /// Runs everything but the sinks with the minimum number of samples, where there is no forecast for a sample.
+    /// Returns an exit code where it failed or was interrupted.
     fn pilot(&self, loaded: &Loaded, engine: &Engine, cancel: &Arc<AtomicBool>) -> Result<Option<u8>, Error> {
         let Some((graph, chosen)) = budget::pilot(loaded, engine)? else { return Ok(None) };
-        let why = "how long a sample takes is not known, so these come first; they are kept";
-        self.tell_chosen(json!({"pilot": true}), &chosen, why);
+        let why = "there is no forecast for a sample, so these are taken first and kept";
+        self.print_chosen(json!({"pilot": true}), &chosen, why);
         let targets = if loaded.only.is_empty() { graph.targets() } else { loaded.only.clone() };
         let wanted = graph.above(&targets);
         let only: Vec<usize> =
@@ -175,13 +181,13 @@ impl Run {
             RunOptions { rough: only.clone(), only, cancel: cancel.clone(), ..RunOptions::default() };
         let mut report = self.report();
         let outcome = engine.run(&graph, &options, |mut event| {
-            // The run itself tells what there is to say of its results.
+            // The run that follows reports the notes.
             if let Event::Node { notes, degraded, .. } = &mut event {
                 notes.clear();
                 *degraded = false;
             }
             if !matches!(event, Event::Done(_)) {
-                report.tell(&event);
+                report.show(&event);
             }
         });
         if let Some(failures) = &outcome.failures {
@@ -190,23 +196,23 @@ impl Run {
         Ok((outcome.totals.stopped || outcome.failures.is_some()).then(|| outcome.totals.exit_code()))
     }
 
-    /// The graph with the samples that there is time for, which are told.
+    /// The graph with the number of samples that fits the time, which is printed.
     fn in_time(&self, loaded: Loaded, engine: &Engine, time: Duration) -> Result<Loaded, Error> {
         let seconds = time.as_secs_f64();
         let (loaded, chosen, forecast) = budget::to_time(loaded, engine, seconds)?;
-        let told = json!({"forecast": forecast, "time": seconds});
-        self.tell_chosen(told, &chosen, &terminal::forecast_text(&forecast));
+        let object = json!({"forecast": forecast, "time": seconds});
+        self.print_chosen(object, &chosen, &terminal::forecast_text(&forecast));
         if forecast.seconds > seconds && !self.json {
-            terminal::remark("even the fewest samples are forecast to take longer than that");
+            terminal::remark("the forecast for the minimum number of samples is longer than --time");
         }
         Ok(loaded)
     }
 
-    /// Tells what was laid over the graph, and why: more of that to programs.
-    fn tell_chosen(&self, mut told: Value, chosen: &[String], why: &str) {
+    /// Prints the settings that were laid over the graph, and why.
+    fn print_chosen(&self, mut object: Value, chosen: &[String], why: &str) {
         if self.json {
-            (told["event"], told["settings"]) = (json!("chosen"), json!(chosen));
-            return terminal::json_line(&told);
+            (object["event"], object["settings"]) = (json!("chosen"), json!(chosen));
+            return terminal::json_line(&object);
         }
         let settings: Vec<String> = chosen.iter().map(|setting| format!("--set {setting}")).collect();
         terminal::remark(&format!("{}: {why}", settings.join(" ")));

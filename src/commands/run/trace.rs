@@ -5,18 +5,18 @@ use std::collections::BTreeMap;
 use engine::{Event, State};
 use serde_json::{Value, json};
 
-/// Collects what a run tells of its threads.
+/// Collects what the threads of a run did.
 #[derive(Default)]
 pub struct Trace {
     spans: Vec<Value>,
-    /// What is told of a node once it is done: its kind, its counts.
+    /// Kind and counts of each node that is done.
     nodes: BTreeMap<String, Value>,
     threads: usize,
 }
 
 impl Trace {
-    /// Takes what belongs into the trace.
-    pub fn tell(&mut self, event: &Event) {
+    /// Adds an event to the trace, where it belongs there.
+    pub fn add(&mut self, event: &Event) {
         match event {
             Event::Span { id, what, thread, start, seconds } => {
                 let name = if what == "code" { id.clone() } else { format!("{id} {what}") };
@@ -33,7 +33,7 @@ impl Trace {
         }
     }
 
-    /// The file.
+    /// The contents of the file.
     pub fn finish(mut self) -> Vec<u8> {
         for span in &mut self.spans {
             let node = span["args"]["node"].as_str().and_then(|id| self.nodes.get(id));

@@ -7,11 +7,11 @@ use clap::Args;
 use crate::session::Error;
 use crate::terminal;
 
-const LACKS: &str = "This build lacks the feature `learned`: `cargo build --release --features learned` makes one that has it, whose `--help` lists the options; docs/light.md and docs/kontext.md tell more.";
+const MISSING: &str = "This build lacks the feature `learned`: build with `cargo build --release --features learned`, whose `--help` lists the options; see docs/light.md and docs/kontext.md.";
 
-/// Says what is missing, whatever else is asked.
+/// Reports the missing feature, whatever the arguments.
 #[derive(Debug, Args)]
-#[command(after_help = LACKS)]
+#[command(after_help = MISSING)]
 pub struct TrainExposure {
     #[arg(hide = true, trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<OsString>,
@@ -23,7 +23,7 @@ impl TrainExposure {
     pub fn run(self) -> Result<u8, Error> {
         terminal::error(
             "`train-exposure` is not in this build, which lacks the feature `learned`\n  \
-             help: `cargo build --release --features learned` makes one that has it; docs/light.md and docs/kontext.md tell more",
+             help: build with `cargo build --release --features learned`; see docs/light.md and docs/kontext.md",
         );
         Ok(2)
     }

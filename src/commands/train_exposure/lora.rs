@@ -9,23 +9,23 @@ use nodes::kinds::predict_exposure::lora::{self, LoraPlan, LoraProgress};
 use crate::terminal;
 use crate::terminal::training::Follow;
 
-/// What a LoRA needs beside what every training needs.
+/// Arguments of the training of a LoRA.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "With --backend flux-kontext")]
 pub struct TrainLora {
-    /// Flux.1 Kontext: safetensors (or its first shard) or GGUF
+    /// The transformer of Flux.1 Kontext: safetensors (or its first shard) or GGUF
     #[arg(long, default_value = "flux1-kontext-dev.safetensors")]
     transformer: PathBuf,
-    /// Its autoencoder
+    /// The autoencoder of Flux.1 Kontext
     #[arg(long, default_value = "ae.safetensors")]
     vae: PathBuf,
     /// The encoded prompt: tensors `t5` and `clip`
     #[arg(long, default_value = "prompt.safetensors")]
     prompt: PathBuf,
-    /// Rank of the updates, which is their alpha too
+    /// Rank of the updates; alpha is equal to it
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u64).range(1..=1024))]
     rank: u64,
-    /// The most that a weight changes in a step
+    /// Maximum change of a weight per step
     #[arg(long, default_value_t = 1e-4)]
     rate: f64,
     /// Width of the panoramas it learns from, in pixels, a multiple of 32
@@ -34,7 +34,7 @@ pub struct TrainLora {
 }
 
 impl TrainLora {
-    /// Trains on `panoramas` and writes `out`; 130 when stopped.
+    /// Trains on `panoramas` and writes `out`; exit code 130 when interrupted.
     pub fn run(&self, panoramas: &[PathBuf], out: &Path, seed: u64, steps: u64) -> Result<u8, String> {
         if !(self.width.is_multiple_of(32) && self.rate > 0.0 && self.rate <= 1.0) {
             return Err("--width is a multiple of 32, and --rate above 0 and at most 1".to_owned());
@@ -51,9 +51,9 @@ impl TrainLora {
         };
         let mut follow = Follow::new();
         let stopped = follow.stopped();
-        // The mean of the last losses: one alone says little, since each has another noise level.
+        // The mean of the last losses: each has another noise level, so a single one means little.
         let mut smooth: Option<f32> = None;
-        let mut tell = |progress: LoraProgress| {
+        let mut show = |progress: LoraProgress| {
             let (text, at, of) = match progress {
                 LoraProgress::Pairs(at, of) => ("panoramas".to_owned(), at as u64, of as u64),
                 LoraProgress::Step(at, of, loss) => {
@@ -62,13 +62,13 @@ impl TrainLora {
                     (format!("loss {mean:.4}"), at, of)
                 }
             };
-            follow.tell(text, at, of);
+            follow.show(text, at, of);
         };
         let is_stopped = || stopped.load(Ordering::Relaxed);
-        let done = lora::train(panoramas, &plan, out, &is_stopped, &mut tell).map_err(|e| e.to_string())?;
+        let done = lora::train(panoramas, &plan, out, &is_stopped, &mut show).map_err(|e| e.to_string())?;
         follow.end();
         if !done {
-            terminal::error("stopped; the same command goes on from here");
+            terminal::error("interrupted; the same command continues from here");
             return Ok(130);
         }
         let loss = smooth.map_or(String::new(), |loss| format!(", loss {loss:.4}"));

@@ -1,4 +1,4 @@
-//! `train-exposure`: makes the weights of the learned exposure prediction anew.
+//! `train-exposure`: trains the weights of the learned exposure prediction.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -12,56 +12,57 @@ use lora::TrainLora;
 
 use crate::session::Error;
 use crate::terminal;
+use crate::terminal::training::Follow;
 
 /// Trains the learned exposure prediction on HDR panoramas.
 #[derive(Debug, Args)]
 pub struct TrainExposure {
     /// A folder of whole HDR panoramas, .exr or .hdr, at least 256x128
     panoramas: PathBuf,
-    /// The file of weights to write; networks that are done are kept beside it, so that a training that was
-    /// stopped goes on where it was
+    /// The file of weights to write; finished networks are kept next to it, so that an interrupted training
+    /// continues where it was
     #[arg(long, default_value = "exposure.safetensors")]
     out: PathBuf,
-    /// Seed of everything that is left to chance
+    /// Random seed
     #[arg(long, default_value_t = 7)]
     seed: u64,
     /// Networks whose predictions are averaged
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=64))]
     members: u64,
-    /// Parts that the places are divided into for cross-validation; 0 for none
+    /// Folds of the cross-validation by place; 0 for none
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u64).range(0..=64))]
     folds: u64,
-    /// Panoramas made by formula, beside those of the folder
+    /// Number of procedural panoramas in addition to those of the folder
     #[arg(long, default_value_t = 160, value_parser = clap::value_parser!(u32).range(0..=100_000))]
     procedural: u32,
-    /// Steps of training of each network
+    /// Training steps of each network
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     steps: u64,
-    /// A folder for what the networks of the cross-validation recover of panoramas they never saw, and for what
-    /// they tell of each region (`regions.csv`)
+    /// A folder for the light that the networks of the cross-validation recover of panoramas outside their training
+    /// set, and for their predictions per region (`regions.csv`)
     #[arg(long)]
     recovered: Option<PathBuf>,
-    /// A file for the numbers that the amount of hidden light was fitted to, as comma-separated values
+    /// A CSV file for the numbers that the amount of hidden light was fitted to
     #[arg(long)]
     numbers: Option<PathBuf>,
-    /// What is trained
+    /// The model to train
     #[arg(long, value_enum, default_value_t = Backend::Networks)]
     backend: Backend,
     #[command(flatten)]
     lora: TrainLora,
 }
 
-/// What is trained.
+/// The model to train.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Backend {
-    /// The networks that `predict-exposure` uses by itself
+    /// The networks that `predict-exposure` uses by default
     Networks,
     /// A LoRA for `method: FluxKontext(..)`, with weights of your own
     FluxKontext,
 }
 
 impl TrainExposure {
-    /// Exit code 0, 1 where a file cannot be read or written, or 130 when stopped.
+    /// Exit code 0, 1 where a file cannot be read or written, or 130 when interrupted.
     pub fn run(self) -> Result<u8, Error> {
         match self.train() {
             Ok(code) => Ok(code),
@@ -87,21 +88,21 @@ impl TrainExposure {
         };
         let mut follow = Follow::new();
         let stopped = follow.stopped();
-        let mut tell = |progress: Progress| {
+        let mut show = |progress: Progress| {
             match progress {
-                Progress::Examples(at, of) => follow.tell("photographs".to_owned(), at as u64, of as u64),
+                Progress::Examples(at, of) => follow.show("photographs".to_owned(), at as u64, of as u64),
                 Progress::Step { network, networks, step, steps, loss } => {
                     let text = format!("network {network} of {networks}, loss {loss:.3}");
-                    follow.tell(text, ((network - 1) * steps + step) as u64, (networks * steps) as u64);
+                    follow.show(text, ((network - 1) * steps + step) as u64, (networks * steps) as u64);
                 }
             }
             !stopped.load(Ordering::Relaxed)
         };
         let parts = self.out.with_extension("parts");
-        let trained = training::train(panoramas, &plan, &parts, &mut tell).map_err(|e| e.to_string())?;
+        let trained = training::train(panoramas, &plan, &parts, &mut show).map_err(|e| e.to_string())?;
         follow.end();
         let Some(trained) = trained else {
-            terminal::error("stopped; the same command goes on from here");
+            terminal::error("interrupted; the same command continues from here");
             return Ok(130);
         };
         cache::publish_file(&self.out, &trained.weights).map_err(|e| e.to_string())?;
@@ -129,10 +130,10 @@ impl TrainExposure {
 
 /// The HDR panoramas in a folder, by name.
 fn panoramas(folder: &Path) -> Result<Vec<PathBuf>, String> {
-    let told = |error: std::io::Error| format!("cannot read `{}`: {error}", folder.display());
+    let failed = |error: std::io::Error| format!("cannot read `{}`: {error}", folder.display());
     let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)
         .and_then(|entries| entries.map(|entry| entry.map(|e| e.path())).collect())
-        .map_err(told)?;
+        .map_err(failed)?;
     let is = |path: &PathBuf, end: &str| path.extension().is_some_and(|it| it.eq_ignore_ascii_case(end));
     paths.retain(|path| is(path, "exr") || is(path, "hdr"));
     paths.sort();
@@ -152,7 +153,8 @@ fn read_folder(folder: &Path) -> Result<Vec<(String, nodes::types::Image<nodes::
     panoramas(folder)?.iter().map(read).collect()
 }
 
-/// Mean and median of the errors of panoramas that took no part, in stops; `of` what photographs, for the names of the rows.
+/// Mean and median of the errors of panoramas outside the training set, in stops; `of` names the photographs in the
+/// rows.
 fn table(of: &str, scores: &[Score]) -> String {
     if scores.is_empty() {
         return String::new();

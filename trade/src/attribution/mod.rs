@@ -1,37 +1,37 @@
-//! Which node the error comes from: each set to the reference alone, and the reverse.
+//! Attribution of the error to nodes: each set to the reference alone, and the reverse.
 
 use crate::bench::Bench;
 use crate::metric::Metric;
 use crate::tunables::Assignment;
 
-/// What setting one node to the reference gains, and what leaving it as it is costs.
+/// The gain of setting one node to the reference, and the cost of leaving it as it is.
 #[derive(Debug)]
 pub struct Attribution {
     /// Name of the node.
     pub node: String,
     /// Error with this node alone at the reference.
     pub alone: Option<f64>,
-    /// Error with all at the reference but this one: what it does by itself. `None` where it was not measured.
+    /// Error with all at the reference but this one: its own error. `None` if it was not measured.
     pub all_but: Option<f64>,
     /// Work with this node alone at the reference.
     pub work_alone: f64,
 }
 
-/// The node that comes first, and what is to be said of it.
+/// The first node, and its blame.
 #[derive(Debug, PartialEq)]
 pub enum Blame<'a> {
-    /// By itself it makes this error.
+    /// Its own error.
     Makes(&'a str, f64),
-    /// Setting it to the reference helps most; what it makes by itself was not measured.
+    /// Setting it to the reference helps most; its own error was not measured.
     Helps(&'a str),
-    /// None makes an error, or none helps.
+    /// No node causes an error, or none helps.
     None,
     /// The error was not computed.
     Unknown,
 }
 
 impl<'a> Blame<'a> {
-    /// That of the worst, which comes first, beside the error of the graph as it is.
+    /// The blame of the worst node, which comes first, given the error of the graph as it is.
     pub fn of(attributions: &'a [Attribution], error: Option<f64>) -> Self {
         let Some(first) = attributions.first() else { return Self::Unknown };
         match (first.all_but, first.alone, error) {
@@ -44,32 +44,44 @@ impl<'a> Blame<'a> {
     }
 }
 
-/// Every node that has something to turn, the worst first: the one whose own error is largest, and of equal ones
-/// the one whose repair leaves least. `measure` gives the index of a point; its failure ends it all.
+/// For each node with knobs the settings that attribute error to it: with it alone at the reference, and with all other nodes
+/// there.
+pub fn attribution_settings(bench: &Bench<'_>) -> Vec<(String, Assignment, Assignment)> {
+    let (now, reference) = (bench.now(), bench.preset(3));
+    let with = |node: &str, of: &Assignment, others: &Assignment| -> Assignment {
+        let tunables = bench.tunables.iter().zip(of.iter().zip(others));
+        tunables.map(|(tunable, (of, others))| if tunable.node == node { *of } else { *others }).collect()
+    };
+    let nodes = bench.nodes_with_knobs().into_iter();
+    nodes
+        .map(|node| {
+            let (alone, all_but) = (with(&node, &reference, &now), with(&node, &now, &reference));
+            (node, alone, all_but)
+        })
+        .collect()
+}
+
+/// Every node with a tunable, the worst first: the one with the largest own error, and of equal ones the one whose
+/// repair leaves least. `measure` returns the index of a point, or `None` if the time is over, which ends the attribution
+/// with the nodes measured so far; its failure ends the attribution.
 pub fn attributions<E>(
     bench: &mut Bench<'_>,
     metric: &Metric,
     reverse: bool,
-    mut measure: impl FnMut(&mut Bench<'_>, Assignment) -> Result<usize, E>,
+    mut measure: impl FnMut(&mut Bench<'_>, Assignment) -> Result<Option<usize>, E>,
 ) -> Result<Vec<Attribution>, E> {
-    let (now, reference) = (bench.now(), bench.preset(3));
     let mut attributions = Vec::new();
-    for node in bench.nodes_with_knobs() {
-        let with = |bench: &Bench<'_>, of: &Assignment, others: &Assignment| -> Assignment {
-            let tunables = bench.tunables.iter().zip(of.iter().zip(others));
-            tunables.map(|(tunable, (of, others))| if tunable.node == node { *of } else { *others }).collect()
-        };
-        let assignment = with(bench, &reference, &now);
-        let alone = measure(bench, assignment)?;
-        let mut all_but = None;
-        if reverse {
-            let assignment = with(bench, &now, &reference);
-            let at = measure(bench, assignment)?;
-            all_but = metric.error(&bench.points[at].off);
-        }
-        let point = &bench.points[alone];
+    let settings = attribution_settings(bench);
+    for (node, alone, _) in &settings {
+        let Some(at) = measure(bench, alone.clone())? else { break };
+        let point = &bench.points[at];
         let (alone, work_alone) = (metric.error(&point.off), point.work);
-        attributions.push(Attribution { node, alone, all_but, work_alone });
+        attributions.push(Attribution { node: node.clone(), alone, all_but: None, work_alone });
+    }
+    // The expensive settings come last, so that each node has a first result if the time is short.
+    for ((_, _, all_but), attribution) in settings.iter().zip(&mut attributions).filter(|_| reverse) {
+        let Some(at) = measure(bench, all_but.clone())? else { break };
+        attribution.all_but = metric.error(&bench.points[at].off);
     }
     let key = |attribution: &Attribution| {
         (attribution.all_but.unwrap_or(0.0), attribution.alone.unwrap_or(f64::INFINITY))

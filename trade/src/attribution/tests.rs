@@ -16,7 +16,7 @@ use crate::tunables::Assignment;
 
 const GRAPH: &str = include_str!("../../../tests/tables/bad.ron");
 
-/// What is made bad, how, and the node that is then to blame.
+/// The bad setting, its overlay, and the node that is then to blame.
 const BAD: [(&str, &str, &str, &str); 5] = [
     ("probe of 8 px", "0.3, size_px: 64", "0.3, size_px: 8", "probe"),
     (
@@ -47,7 +47,7 @@ fn bench<'e>(engine: &'e Engine, text: &str) -> Bench<'e> {
 
 fn measured(bench: &mut Bench<'_>, assignment: Assignment) -> Result<usize, String> {
     bench.measure(&assignment).map_err(|miss| match miss {
-        Miss::Stopped => "stopped".to_owned(),
+        Miss::Stopped | Miss::Late => "stopped".to_owned(),
         Miss::Failed(why) => why,
     })
 }
@@ -67,7 +67,8 @@ fn the_bad_node_is_named_and_cheap_settings_are_found_all_the_same() {
         // The object without its shadow is nearer to the truth than no object.
         let baseline = |judged: &str| metric.worst(&bench.points[now].off, judged).unwrap();
         assert!(baseline("no shadow") > 0.0 && baseline("no shadow") < baseline("nothing inserted"));
-        let attributions = attributions(&mut bench, &metric, true, measured).unwrap();
+        let attributions =
+            attributions(&mut bench, &metric, true, |bench, at| measured(bench, at).map(Some)).unwrap();
         let [worst, second, ..] = attributions.as_slice() else { panic!("{attributions:?}") };
         // By itself it makes most of the error, and its repair takes away more than a quarter.
         assert_eq!(worst.node, node, "{attributions:#?}");
@@ -97,8 +98,8 @@ fn the_bad_node_is_named_and_cheap_settings_are_found_all_the_same() {
 
 /// Where a composite has another one for its background, what both put in counts, and the baselines miss both.
 fn objects_may_stand_on_one_another(engine: &Engine) {
-    let more = "side: Pose(translation: (-0.7, 0.3, 0.0)), beside: Place(object: \"demo.object\", pose: \"side\"),
-        first: PathTrace(receiver: \"floor\", objects: [\"beside\"], rig: \"demo.rig\", env: \"env\", samples: 4),
+    let more = "side: Pose(translation: (-0.7, 0.3, 0.0)), next: Place(object: \"demo.object\", pose: \"side\"),
+        first: PathTrace(receiver: \"floor\", objects: [\"next\"], rig: \"demo.rig\", env: \"env\", samples: 4),
         dusk: ShadowRatio(without: \"first.without\", with: \"first.with\"),
         below: Composite(background: \"view\", object: \"first.object\", shadow: \"dusk\"), final:";
     let final_of = |background: &str, object: &str, shadow: &str| {
@@ -145,26 +146,26 @@ fn none_is_to_blame_of_nothing() {
     assert_eq!(blamed(None, None, None), "unknown");
 }
 
-/// What docs/evidence/trade.md says of a node that was made bad.
+/// The row of docs/evidence/trade.md for a node that was made bad.
 fn row_of(what: &str) -> &'static str {
     let page = include_str!("../../../docs/evidence/trade.md");
     page.lines().find(|line| line.starts_with(&format!("| {what} |"))).unwrap()
 }
 
-/// The table of the page is of a program that does what this one does.
+/// The table of the page agrees with this program.
 fn the_page_says(what: &str, names: [&str; 2], errors: [f64; 4]) {
     let row = row_of(what);
     let mut said = row.split(['|', ' ']).filter_map(|word| word.trim().parse::<f64>().ok());
     for (of, is) in ["error", "its own", "the next one's", "left"].iter().zip(errors) {
         let said = said.find(|value| *value < 1.0).unwrap();
         let off = (said / is - 1.0).abs();
-        assert!(off < 0.1, "{of} is {is:.4}: make tests/tables/make.py bad anew: {row}");
+        assert!(off < 0.1, "{of} is {is:.4}: run tests/tables/make.py bad: {row}");
     }
     assert!(names.iter().all(|name| row.contains(&format!("`{name}`"))), "{names:?}: {row}");
 }
 
-/// A backdrop in the holes of the background is there without the object, too; what the object changes is what it covers
-/// and the rest.
+/// A backdrop in the holes of the background is there without the object, too; the object changes only its own
+/// pixels and the rest.
 fn holes_are_not_touched(engine: &Engine) {
     let measure = |backdrop: &str| {
         let with = format!("object: \"trace.object\", backdrop: {backdrop}");
@@ -181,12 +182,13 @@ fn holes_are_not_touched(engine: &Engine) {
     let ([black, object, shadow], [white, ..]) =
         (measure("Some((0.0, 0.0, 0.0))"), measure("Some((1.0, 1.0, 1.0))"));
     assert!(object.0 > 0 && shadow.0 > 0 && object.0 + shadow.0 == black.0);
-    // What is half seen through it may lie on either side of the bound.
+    // Half-transparent pixels may lie on either side of the bound.
     assert!(black.0.abs_diff(white.0) <= 3, "{black:?} {white:?}");
     assert!((black.1 - white.1).abs() < 0.1 * black.1, "{black:?} {white:?}");
 }
 
-/// A picture whose size a knob sets is judged no more once it has another; layers are judged where nothing else is.
+/// A picture whose size a knob sets is no longer judged once the size differs; layers are judged if nothing else
+/// is.
 fn what_is_judged(engine: &Engine) {
     let save = "save:   WriteImage(image: \"final\", path: \"final.png\")";
     let pano =
@@ -201,7 +203,7 @@ fn what_is_judged(engine: &Engine) {
         both.new_remarks()[0].contains("another size at other settings") && both.new_remarks().is_empty()
     );
     assert!(both.points.iter().flat_map(|point| &point.off).all(|row| row.output == "final"));
-    // A knob that reaches such a picture alone is not turned: it would be made worse, and nothing would tell.
+    // A knob that affects such a picture alone is not turned: it would get worse without a measured error.
     let around = "around: SplatPanorama(splats: \"demo.splats\", at: \"pose\", width_px: 32), \
                   round: WriteImage(image: \"around.image\", path: \"around.png\")";
     let text = GRAPH.replace(save, &format!("{save}, {around}"));
@@ -219,7 +221,7 @@ fn what_is_judged(engine: &Engine) {
     let mut layers = bench(engine, &layers);
     let assignment = layers.preset(3);
     let at = measured(&mut layers, assignment).unwrap();
-    // What goes to OpenEXR alone is judged in linear light.
+    // Pictures written to OpenEXR only are judged in linear light.
     let off = &layers.points[at].off;
     assert!(!off.is_empty() && off.iter().all(|row| row.value("flip mean") == row.value("hdr-flip mean")));
     assert!(layers.remarks.iter().any(|remark| remark.contains("linear light")));
@@ -237,7 +239,7 @@ fn what_is_judged(engine: &Engine) {
         measured(&mut bench, reference).map(|at| {
             let off = &bench.points[at].off;
             assert!(metric.error(off).is_some());
-            // What can be computed of the object is, whatever the metric.
+            // Other values of the object are computed, whatever the metric.
             assert!(off.iter().any(|row| row.output == "trace.object" && row.value("psnr (dB)").is_some()));
             (bench.unjudged.clone(), bench.remarks.join("; "))
         })
@@ -271,7 +273,7 @@ fn what_varies_stays(engine: &Engine) {
     }
 }
 
-/// What every node does at each preset is the same on every machine, so a change of it is seen here; renewed with
+/// The counts of every node at each preset are the same on every machine, so a change shows here; updated with
 /// `UPDATE_GOLDEN=1`.
 fn counts_are_known(mut bench: Bench<'_>) {
     let mut text = "preset\tnode\tcounts\n".to_owned();
@@ -293,7 +295,7 @@ fn counts_are_known(mut bench: Bench<'_>) {
 }
 
 /// `tune` to an error that `preview` reaches comfortably costs less than half of the cheapest preset that does.
-/// Gives the cost found, and its share of the preset's.
+/// Returns the cost found, and its share of the preset's.
 fn cheap_settings(bench: &mut Bench<'_>, metric: &Metric, node: &str) -> (f64, f64) {
     let goal = Goal::Error(0.02);
     let steps = bench.steps();
@@ -306,7 +308,10 @@ fn cheap_settings(bench: &mut Bench<'_>, metric: &Metric, node: &str) -> (f64, f
     });
     let found = &tried[best.unwrap()];
     let naive = tried[..4].iter().filter(|t| t.error <= 0.02).map(|t| t.cost).fold(f64::INFINITY, f64::min);
-    assert!(finished && found.error <= 0.02 && found.cost < 0.5 * naive, "{node}: {found:?} beside {naive}");
+    assert!(
+        finished && found.error <= 0.02 && found.cost < 0.5 * naive,
+        "{node}: {found:?} compared with {naive}"
+    );
     nothing_below_half(bench, metric, &steps, &tried);
     (found.cost, found.cost / naive)
 }

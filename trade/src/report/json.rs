@@ -1,4 +1,4 @@
-//! What `report` measured, as JSON.
+//! The measurements of `report` as JSON.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use crate::left_out::{LeftOut, left_out};
 use crate::metric::{Metric, number};
 
 /// Everything that was measured, for programs.
-pub fn told(bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attribution]) -> Value {
+pub fn as_json(bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attribution]) -> Value {
     let error = |error: Option<f64>| error.map(|error| metric.value(error));
     let values = |values: &BTreeMap<String, f64>| -> BTreeMap<String, Value> {
         values.iter().map(|(name, value)| (name.clone(), number(*value))).collect()

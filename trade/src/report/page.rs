@@ -6,6 +6,7 @@ use std::sync::Arc;
 use engine::{Level, PRESETS};
 use nodes::types::{Images, Picture};
 
+use super::measure::Measured;
 use crate::attribution::{Attribution, Blame};
 use crate::bench::{Bench, Miss, Point};
 use crate::html::Page;
@@ -16,36 +17,36 @@ use crate::plot::{self, Dot, tick_text};
 use crate::search::{Tried, pareto};
 
 /// The page of a measured graph.
-pub fn page(
-    bench: &Bench<'_>,
-    metric: &Metric,
-    presets: &[usize],
-    now: usize,
-    attributions: &[Attribution],
-) -> Result<Page, Miss> {
+pub fn page(bench: &Bench<'_>, metric: &Metric, measured: &Measured) -> Result<Page, Miss> {
+    let Measured { presets, now, attributions, .. } = measured;
+    let now = *now;
     let mut page = Page::default();
     facts(&mut page, bench, metric, now, attributions);
     page.words(&format!(
         "Errors are {} against the preset `reference`, the worst of all views. Work is in rays; other counts are \
          weighed as rays. Work and errors are the same in every run. CPU-s are the CPU seconds of the nodes' code on \
-         all threads when it ran: one measurement, which differs by some per cent from run to run, and which \
-         nothing here is decided by. Wall times are not told.",
+         all threads when it ran: one measurement, which differs by some per cent from run to run and \
+         decides nothing here. Wall times are not shown.",
         metric.name
     ));
     if !bench.remarks.is_empty() {
-        page.words(&format!("Of the pictures: {}.", bench.remarks.join("; ")));
+        page.words(&format!("About the pictures: {}.", bench.remarks.join("; ")));
     }
-    pictures(&mut page, bench, presets, now)?;
-    plots(&mut page, bench, metric, presets, now);
+    if measured.late {
+        page.words("The time was over before everything was measured; what is missing below was not.");
+    }
+    pictures(&mut page, bench, measured)?;
+    plots(&mut page, bench, metric, measured);
     page.heading("Presets");
     let mut rows = Vec::new();
-    for (name, &at) in PRESETS.iter().chain(&["as it is"]).zip(presets.iter().chain([&now])) {
-        let point = &bench.points[at];
+    for (name, at) in PRESETS.iter().chain(&["as it is"]).zip(presets.iter().chain([&Some(now)])) {
+        let Some(at) = at else { continue };
+        let point = &bench.points[*at];
         let mut row = vec![(*name).to_owned(), tick_text(point.work), tick_text(point.cpu_seconds)];
         for region in ["whole", "touched"] {
             for of in ["flip", "rmse"] {
                 let column = Metric::of(&format!("{region}.{of}"));
-                row.push(column.map(|m| m.told(m.error(&point.off))).unwrap_or_default());
+                row.push(column.map(|m| m.shown(m.error(&point.off))).unwrap_or_default());
             }
         }
         rows.push(row);
@@ -68,7 +69,7 @@ pub fn page(
     Ok(page)
 }
 
-/// What one asks first.
+/// The most important facts.
 fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attribution]) {
     let point = &bench.points[now];
     let worst = point.nodes.iter().flat_map(|node| &node.notes).map(|note| note.level).max();
@@ -83,7 +84,7 @@ fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, attrib
         Blame::Unknown => "not known".to_owned(),
     };
     page.facts(&[
-        ("error", format!("{} {}", metric.name, metric.told(metric.error(&point.off)))),
+        ("error", format!("{} {}", metric.name, metric.shown(metric.error(&point.off)))),
         ("work", format!("{} rays", tick_text(point.work))),
         ("code ran", format!("{} CPU-s", tick_text(point.cpu_seconds))),
         ("nodes", point.actions().to_string()),
@@ -92,12 +93,12 @@ fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, attrib
     ]);
 }
 
-fn pictures(page: &mut Page, bench: &Bench<'_>, presets: &[usize], now: usize) -> Result<(), Miss> {
-    let reference = bench.pictures_at(presets[3])?;
-    let pictures = bench.pictures_at(now)?;
+fn pictures(page: &mut Page, bench: &Bench<'_>, measured: &Measured) -> Result<(), Miss> {
+    let reference = bench.pictures_at(measured.reference)?;
+    let pictures = bench.pictures_at(measured.now)?;
     let maps = bench.flip_maps(&pictures);
     page.heading("Pictures");
-    page.words("As it is, the reference, and FLIP between them: black is 0, white 1, along the root.");
+    page.words("Current result, reference, and FLIP difference (square-root scale: black 0, white 1).");
     for (index, (name, images)) in pictures.iter().enumerate() {
         let map = maps.get(index).and_then(|map| map.as_ref().ok());
         if let Some(Err(why)) = maps.get(index) {
@@ -129,7 +130,9 @@ fn pictures(page: &mut Page, bench: &Bench<'_>, presets: &[usize], now: usize) -
     Ok(())
 }
 
-fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, presets: &[usize], now: usize) {
+fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, measured: &Measured) {
+    let now = measured.now;
+    let is_preset = |point: usize| measured.presets.contains(&Some(point));
     let mut outputs: Vec<&str> = bench.points[now].off.iter().map(|row| row.output.as_str()).collect();
     outputs.dedup();
     let mut plots = Vec::new();
@@ -153,17 +156,17 @@ fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, presets: &[usize],
             .map(|(at, (index, t))| Dot {
                 cost: t.cost,
                 error: t.error,
-                name: if *index == now && !presets.contains(index) {
+                name: if *index == now && !is_preset(*index) {
                     "as it is".to_owned()
                 } else {
                     bench.name(&t.assignment)
                 },
                 front: front.contains(&at),
-                named: presets.contains(index) || *index == now,
+                named: is_preset(*index) || *index == now,
             })
             .collect();
         let axis = format!("error ({})", metric.name);
-        let svg = plot::svg(&dots, "work (rays)", &axis, |error| metric.told(Some(error)), None);
+        let svg = plot::svg(&dots, "work (rays)", &axis, |error| metric.shown(Some(error)), None);
         plots.extend(svg.map(|svg| (output, svg)));
     }
     page.heading("Error over work");
@@ -180,29 +183,29 @@ fn attribution(
     page.heading("Which node is to blame");
     let error = metric.error(&bench.points[now].off);
     let both = attributions.iter().any(|b| b.all_but.is_some());
-    let mut text = format!("As it is the error is {}. ", metric.told(error));
-    text.push_str("First column: what it falls to when this node alone is set to the reference");
+    let mut text = format!("As it is the error is {}. ", metric.shown(error));
+    text.push_str("First column: the error with this node alone at the reference");
     text.push_str(if both {
-        "; second: what is left when all others are. What neither tells is interaction."
+        "; second: the error with all others at the reference. The rest is interaction."
     } else {
         "."
     });
     page.words(&text);
     page.words(&match Blame::of(attributions, error) {
         Blame::Makes(node, own) => {
-            let own = metric.told(Some(own));
-            format!("`{node}` is the bottleneck: by itself it makes an error of {own}.")
+            let own = metric.shown(Some(own));
+            format!("`{node}` is the bottleneck: its own error is {own}.")
         }
         Blame::Helps(node) => format!("Setting `{node}` to the reference helps most."),
-        Blame::None if both => "No node makes an error by itself.".to_owned(),
-        Blame::None => "Setting a node to the reference helps nowhere.".to_owned(),
+        Blame::None if both => "No node has an error of its own.".to_owned(),
+        Blame::None => "Setting any one node to the reference does not help.".to_owned(),
         Blame::Unknown => {
             format!("No node can be named: {} was not computed. It needs {}.", metric.name, metric.needs())
         }
     });
     let row = |b: &Attribution| {
-        let all_but = both.then(|| metric.told(b.all_but));
-        [b.node.clone(), metric.told(b.alone)].into_iter().chain(all_but).chain([tick_text(b.work_alone)])
+        let all_but = both.then(|| metric.shown(b.all_but));
+        [b.node.clone(), metric.shown(b.alone)].into_iter().chain(all_but).chain([tick_text(b.work_alone)])
     };
     let rows: Vec<Vec<String>> = attributions.iter().map(|b| row(b).collect()).collect();
     let mut columns = vec!["node", "it alone at the reference", "work with it alone"];
@@ -215,8 +218,8 @@ fn attribution(
 fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
     page.heading("Regions");
     page.words(
-        "As it is, beside two baselines against the same reference: nothing inserted, and the reference's object without \
-         its shadow. `touched` is what the object covers, shades or lights in the reference, `object` the part that it \
+        "The current result and two baselines against the same reference: nothing inserted, and the reference's object \
+         without its shadow. `touched` is the region that the object covers, shades or lights in the reference, `object` the part that it \
          covers by more than half, `shadow` the rest.",
     );
     let rows = &bench.points[now].off;
@@ -225,7 +228,7 @@ fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
     if !bare.is_empty() {
         let names: Vec<String> = bare.iter().map(|name| format!("`{name}`")).collect();
         page.words(&format!(
-            "Baselines and these regions are not computed of {}: no `composite` makes it.",
+            "Baselines and these regions are not computed for {}: it is not made by a `composite`.",
             names.join(", ")
         ));
     }
@@ -249,10 +252,9 @@ fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
 fn unmodelled(page: &mut Page, rows: &[LeftOut]) {
     page.heading("Left out, and the check behind it");
     page.words(
-        "What is modelled only where the scene needs it. Whatever a check leaves out can be had all the same, by the \
-         last column; `docs/trade.md` has the error of each.",
+        "Work that is done only if the scene needs it. The last column forces each piece of work; `docs/trade.md` has the error of each.",
     );
-    let told = |row: &LeftOut| {
+    let reported = |row: &LeftOut| {
         let nodes = match row.nodes.as_slice() {
             [first, second, third, rest @ ..] if !rest.is_empty() => {
                 format!("{first}, {second}, {third} and {} more", rest.len())
@@ -267,7 +269,7 @@ fn unmodelled(page: &mut Page, rows: &[LeftOut]) {
         [row.what, &nodes, left_out, &row.found, row.check, row.force].map(str::to_owned).to_vec()
     };
     let columns = ["what", "at", "here", "what was found", "left out where", "forced by"];
-    page.table(&columns, &rows.iter().map(told).collect::<Vec<_>>());
+    page.table(&columns, &rows.iter().map(reported).collect::<Vec<_>>());
 }
 
 fn costs(page: &mut Page, point: &Point) {
@@ -300,6 +302,6 @@ fn notes(page: &mut Page, point: &Point) {
             vec![node.id.clone(), levels(note.level).to_owned(), note.id.clone(), note.text.clone()]
         })
     });
-    page.words("What each node assumed, passed over or chose by itself, and what it saw that it did.");
+    page.words("Assumptions and choices of each node, parts that it skipped, and the reason.");
     page.table(&["node", "sort", "check", "what it found"], &notes.collect::<Vec<_>>());
 }

@@ -1,11 +1,11 @@
-//! What turns of knobs are forecast to do together, by what each did alone.
+//! Forecasts the combined effect of changes to knobs from the effect of each alone.
 
 use super::tried::Tried;
 
-/// Most combinations of turns that are kept while others are added to them.
+/// Maximum number of combinations kept while others are added to them.
 const COMBINATIONS: usize = 2000;
 
-/// What a turn does: costs are multiplied, and squares of errors add up, as those of independent causes do.
+/// Effect of a change: costs are multiplied, and squares of errors add up, as for independent causes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Effect {
     cost: f64,
@@ -29,25 +29,25 @@ impl Effect {
         Self { cost: 1.0 / self.cost, square: -self.square }
     }
 
-    /// What it makes of a position.
+    /// The position after the effect.
     fn on(self, from: &Tried, assignment: Vec<usize>) -> Tried {
         let error = (from.error * from.error + self.square).max(0.0).sqrt();
         Tried { assignment, cost: from.cost * self.cost, error }
     }
 }
 
-/// A turn of one knob that was measured.
+/// A measured change of one knob.
 #[derive(Debug, Clone)]
 struct Turn {
     from: usize,
     to: usize,
     effect: Effect,
-    /// How little it says of a turn elsewhere.
+    /// Distance of the measurement from the present position.
     way: usize,
 }
 
 impl Turn {
-    /// Where turns lead from a value, one after the other, by the shortest way.
+    /// Values reached from a value by successive changes, by the shortest way.
     fn all_from(at: usize, turns: &[Self]) -> Vec<(usize, Effect)> {
         let mut known = vec![(at, Effect::NONE, 0)];
         let place = |known: &[(usize, Effect, usize)], value| known.iter().position(|(to, ..)| *to == value);
@@ -65,8 +65,8 @@ impl Turn {
     }
 }
 
-/// For each knob the values it can be turned to from a position and what that does, its own value first: as measured
-/// by turns of it alone, the shortest and those where most other knobs stood as they do here.
+/// For each knob the values it can be changed to from a position and their effects, its own value first: as
+/// measured by changes of it alone, the shortest and those where most other knobs were as they are here.
 pub(super) fn effects(tried: &[Tried], here: &Tried) -> Vec<Vec<(usize, Effect)>> {
     let knobs = here.assignment.len();
     let mut turns: Vec<Vec<Turn>> = vec![Vec::new(); knobs];
@@ -86,7 +86,8 @@ pub(super) fn effects(tried: &[Tried], here: &Tried) -> Vec<Vec<(usize, Effect)>
     turns.iter().zip(&here.assignment).map(|(turns, &at)| Turn::all_from(at, turns)).collect()
 }
 
-/// Of all that turns from a position can be combined to, what no other combination is forecast to beat in both.
+/// The combinations of changes from a position that no other combination is forecast to beat in both cost and
+/// error.
 pub(super) fn combinations(here: &Tried, effects: &[Vec<(usize, Effect)>]) -> Vec<Tried> {
     let mut front = vec![(Vec::new(), Effect::NONE)];
     for values in effects {

@@ -1,4 +1,4 @@
-//! The search for settings: knobs turned one at a time, and together as those turns are forecast to add up.
+//! The search for settings: knobs changed one at a time, and together by forecast.
 
 mod forecast;
 mod tried;
@@ -7,36 +7,36 @@ use forecast::{combinations, effects};
 
 pub use tried::{Goal, Tried, best, pareto};
 
-/// What a search found.
+/// The result of a search.
 #[derive(Debug, PartialEq)]
 pub struct SearchResult {
-    /// Everything that was measured, in that order.
+    /// All measured settings, in order.
     pub tried: Vec<Tried>,
-    /// Which of it serves the goal best.
+    /// The index of the best setting for the goal.
     pub best: Option<usize>,
-    /// Whether it came to its end; false where measuring was.
+    /// True if the search finished; false if measuring ended first.
     pub finished: bool,
 }
 
-/// How far a knob can be turned.
+/// The range of a knob.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Steps {
-    /// How many values it has.
+    /// Number of values.
     pub values: usize,
-    /// How many values make a step.
+    /// Number of values per step.
     pub step: usize,
-    /// Whether values go from the least work to the most; else they are others, such as methods.
+    /// True if values go from the least work to the most; false for values without an order, such as methods.
     pub ordered: bool,
 }
 
 /// Searches from the given assignments. `knobs` has the number of values of each knob, `measure` gives cost and
-/// error of an assignment, `None` once there is to be no more measuring; an assignment is measured once.
+/// error of an assignment, or `None` to end measuring; an assignment is measured once.
 ///
-/// From the best start that fits every knob is turned alone, by one step. What turns do to cost and error is then
-/// forecast for all of them together, and the best of those is measured; from there the next, now that it is known how
-/// far the forecast was off; a few times, and all of it again from what is better. First what saves is turned, then what
-/// is bounded is made room for, then half steps are. A start may spend on knobs that do little, or on two that help
-/// together alone, so the same is done from the start that misses the goal by the least.
+/// From the best start that fits, every knob is changed alone, by one step. The effect on cost and error is then
+/// forecast for all combinations, and the best of those is measured; from there the next, with the forecast
+/// corrected by the measurement; a few times, and all of it again from a better position. First come changes that
+/// save, then those that make room for the bounded value, then half steps. A start may spend on knobs with little
+/// effect, or on two that help only together, so the same is done from the start that misses the goal by the least.
 pub fn search(
     starts: &[Vec<usize>],
     knobs: &[Steps],
@@ -48,11 +48,11 @@ pub fn search(
     SearchResult { best: search.best(), tried: search.tried, finished }
 }
 
-/// How often a forecast is followed from one position.
+/// Maximum number of forecasts followed from one position.
 const FOLLOWED: usize = 5;
-/// What is forecast to save less of the cost or the error is not worth measuring.
+/// Minimum forecast saving of the cost or the error that is worth measuring.
 const GAIN: f64 = 0.01;
-/// How many turns beyond the goal are tried to be made room for.
+/// Number of changes beyond the goal for which room is sought.
 const BEYOND: usize = 3;
 
 struct Search<'s, M> {
@@ -63,7 +63,7 @@ struct Search<'s, M> {
 }
 
 impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
-    /// `None` where measuring ended before the search.
+    /// `None` if measuring ended before the search.
     fn whole(&mut self, starts: &[Vec<usize>]) -> Option<()> {
         for start in starts {
             self.measured(start)?;
@@ -88,7 +88,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(())
     }
 
-    /// Where nothing is known to fit a cost, the position with every knob at its least, and from there to better ones.
+    /// If nothing is known to fit a cost, the position with every knob at its least, and from there to better ones.
     fn least_of_all(&mut self) -> Option<()> {
         let Some(nearest) = self.nearest() else { return Some(()) };
         let mut least = self.tried[nearest].assignment.clone();
@@ -99,12 +99,12 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         if self.tried[least].fits(self.goal) { self.improve(least) } else { Some(()) }
     }
 
-    /// What misses the goal by the least of all that was tried.
+    /// The tried position that misses the goal by the least.
     fn nearest(&self) -> Option<usize> {
         (0..self.tried.len()).reduce(|a, b| if self.bounded(b) < self.bounded(a) { b } else { a })
     }
 
-    /// What a single turn of a position led to that would save most, and does not fit.
+    /// Positions after a single change that would save most but do not fit.
     fn beyond(&self, from: usize) -> Vec<usize> {
         let here = &self.tried[from];
         let turned = |t: &Tried| t.assignment.iter().zip(&here.assignment).filter(|(a, b)| a != b).count();
@@ -120,12 +120,12 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         self.tried[at].bounded(self.goal)
     }
 
-    /// Whether a position pays less than the best that fits, as far as is known.
+    /// True if a position pays less than the best known that fits.
     fn saves(&self, at: usize) -> bool {
         self.best().is_none_or(|best| self.tried[at].paid(self.goal) < self.tried[best].paid(self.goal))
     }
 
-    /// The index of an assignment among what was tried.
+    /// The index of an assignment among the tried ones.
     fn measured(&mut self, assignment: &[usize]) -> Option<usize> {
         if let Some(known) = self.tried.iter().position(|t| t.assignment == assignment) {
             return Some(known);
@@ -139,7 +139,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         best(&self.tried, self.goal)
     }
 
-    /// Goes on from a position to better ones until nothing is forecast to be, and no single turn is.
+    /// Continues from a position to better ones until neither a forecast nor a single change is better.
     fn improve(&mut self, mut from: usize) -> Option<()> {
         let mut stage = 0;
         while stage < if self.tried[from].fits(self.goal) { 5 } else { 2 } {
@@ -155,8 +155,9 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(())
     }
 
-    /// Turns every knob alone of which it is not known what that does: of what fits in turn to save and to make room,
-    /// by whole steps and then by halves, and at last to save where it is known as well; else towards fitting.
+    /// Changes every knob with an unknown effect alone: for a position that fits alternately to save and to make
+    /// room, by whole steps and then by halves, and finally to save even if the effect is known; else towards
+    /// fitting.
     fn turn_each(&mut self, from: usize, stage: usize) -> Option<()> {
         let here = self.tried[from].clone();
         let fits = here.fits(self.goal);
@@ -175,8 +176,8 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(())
     }
 
-    /// Measures what is forecast to be best, and from there again, until it is. From what does not fit gives, where nothing
-    /// is forecast to, a position that is nearer to it.
+    /// Measures the position with the best forecast, and again from there, until it is the best. From a position
+    /// that does not fit, and without a forecast that does, returns a position nearer to the goal.
     fn follow(&mut self, from: usize) -> Option<Option<usize>> {
         let (before, mut at) = (self.best(), from);
         for _ in 0..FOLLOWED {
@@ -191,15 +192,16 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         }
         let next = match self.forecast(from, false) {
             Some(next) => Some(self.measured(&next)?),
-            // Turns alone may have led nearer, where there is nothing to combine: on from there, as long as nothing fits.
+            // Single changes may have led nearer if there is nothing to combine: continue from there while nothing
+            // fits.
             None if self.best().is_none() => self.nearest(),
             None => None,
         };
         Some(next.filter(|&next| self.bounded(next) < self.bounded(from)))
     }
 
-    /// The assignment not yet measured that is forecast to serve the goal best, and better than all that is known; else the one
-    /// to come nearest to fitting for less.
+    /// The unmeasured assignment with the best forecast for the goal, if better than all known; else the one
+    /// nearest to fitting for less.
     fn forecast(&self, from: usize, fitting: bool) -> Option<Vec<usize>> {
         let (here, goal) = (&self.tried[from], self.goal);
         let bar = self.best().map_or(f64::INFINITY, |best| (1.0 - GAIN) * self.tried[best].paid(goal));

@@ -39,7 +39,7 @@ fn steps<const N: usize>(values: [usize; N]) -> [Steps; N] {
     values.map(|values| Steps { values, step: 1, ordered: true })
 }
 
-// One knob is dear and does little: a preset turns it up all the same.
+// One knob is expensive and does little: a preset raises it all the same.
 const BAD: &[(f64, f64)] = &[(1.0, 1.0), (100.0, 0.01), (3.0, 0.5)];
 
 #[test]
@@ -67,8 +67,7 @@ fn the_least_error_within_a_cost() {
     assert!(best.cost <= 900.0 && best.error <= 1.2 * ideal.error, "{best:?} {ideal:?}");
 }
 
-// Two knobs help together alone, as samples and the pixels that they are taken of may: from the cheapest start
-// nothing is found.
+// Two knobs help only together, as samples and pixels may: from the cheapest start nothing is found.
 #[test]
 fn the_best_start_is_searched_from_as_well() {
     let measure = |assignment: &[usize]| {
@@ -80,8 +79,8 @@ fn the_best_start_is_searched_from_as_well() {
     assert!(finished && tried[best.unwrap()].assignment == [1, 1, 2], "{tried:?}");
 }
 
-// The best start that fits has two dear knobs that err where they are not turned alike, so no turn down from it
-// helps; from the start that misses the error what pays is turned up alone.
+// The best start that fits has two expensive knobs that add error unless changed alike, so lowering one does not
+// help; from the start that misses the error the useful knob is raised alone.
 #[test]
 fn the_start_that_misses_the_error_is_searched_from_as_well() {
     let measure = |assignment: &[usize]| {
@@ -94,7 +93,7 @@ fn the_start_that_misses_the_error_is_searched_from_as_well() {
     assert_eq!(tried[best.unwrap()].assignment, [0, 0, 3], "{tried:?}");
 }
 
-// No turn helps alone: the dear knob goes down where the cheap one goes up.
+// No single change helps: the expensive knob goes down while the cheap one goes up.
 #[test]
 fn a_dear_knob_is_exchanged_for_a_cheap_one() {
     let measure = |assignment: &[usize]| {
@@ -115,7 +114,7 @@ fn a_cost_below_all_starts_is_gone_down_to() {
     assert!(best.cost <= 250.0 && best.error <= 1.2 * ideal.error, "{best:?} {ideal:?}");
 }
 
-// One knob costs, and it takes more than one step to where that fits; and all of them must be at their least.
+// One knob costs, and it takes more than one step until it fits; and all of them must be at their least.
 #[test]
 fn a_cost_below_the_cheapest_start_is_walked_down_to() {
     let measure = |assignment: &[usize]| {
@@ -130,13 +129,13 @@ fn a_cost_below_the_cheapest_start_is_walked_down_to() {
     }
     let SearchResult { tried, best, finished } = search(&[vec![7, 2]], &halves, Goal::Cost(49.0), measure);
     assert!(finished && best.is_none() && tried.iter().any(|t| t.assignment == [0, 0]), "{tried:?}");
-    // No turn saves alone.
+    // No single change saves.
     let level = |a: &[usize]| Some((if a == [0, 0, 0] { 1.0 } else { 9.0 }, a[0] as f64));
     let SearchResult { tried, best, .. } = search(&[vec![3, 3, 3]], &steps([4; 3]), Goal::Cost(2.0), level);
     assert!(best.is_some_and(|best| tried[best].assignment == [0, 0, 0]), "{tried:?}");
 }
 
-// Two values make a step: one is tried where no step helps.
+// Two values make a step: one is tried if no step helps.
 #[test]
 fn halves_of_steps_come_last() {
     let measure = |assignment: &[usize]| Some((assignment[0] as f64, 8.0 - assignment[0] as f64));

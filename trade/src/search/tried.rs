@@ -1,6 +1,6 @@
-//! What was tried, and what a goal makes of it.
+//! Tried positions, and their order by a goal.
 
-/// What is wanted.
+/// The goal of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
     /// The least work whose error is at most this.
@@ -9,7 +9,7 @@ pub enum Goal {
     Cost(f64),
 }
 
-/// An assignment and what it was measured to cost and to be off.
+/// An assignment with its measured cost and error.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tried {
     /// For each knob the index of its value.
@@ -21,12 +21,12 @@ pub struct Tried {
 }
 
 impl Tried {
-    /// What the goal bounds.
+    /// The value that the goal bounds.
     pub(super) fn bounded(&self, goal: Goal) -> f64 {
         if matches!(goal, Goal::Error(_)) { self.error } else { self.cost }
     }
 
-    /// What is to be least.
+    /// The value to minimize.
     pub(super) fn paid(&self, goal: Goal) -> f64 {
         if matches!(goal, Goal::Error(_)) { self.cost } else { self.error }
     }
@@ -36,7 +36,7 @@ impl Tried {
         self.bounded(goal) <= most
     }
 
-    /// Whether it serves the goal better than another that fits, too.
+    /// True if it serves the goal better than another that fits.
     pub(super) fn beats(&self, other: &Self, goal: Goal) -> bool {
         let key = |t: &Self| [t.paid(goal), t.bounded(goal)];
         key(self) < key(other)
@@ -62,7 +62,7 @@ pub fn pareto(tried: &[Tried]) -> Vec<usize> {
     by_cost
 }
 
-/// What serves a goal best of all that fits; of equal ones the first.
+/// The best position for a goal of those that fit; of equal ones the first.
 pub fn best(tried: &[Tried], goal: Goal) -> Option<usize> {
     let fitting = (0..tried.len()).filter(|&at| tried[at].fits(goal));
     fitting.reduce(|a, b| if tried[b].beats(&tried[a], goal) { b } else { a })

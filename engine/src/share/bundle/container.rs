@@ -1,4 +1,4 @@
-//! The bytes of a bundle. All numbers are little-endian.
+//! The byte format of a bundle. All numbers are little-endian.
 //!
 //! ```text
 //!  0  8  "LHbundle"
@@ -12,12 +12,13 @@
 //!        count, then for each value: content                        ascending
 //! ..  m  the contents in order, with nothing between, before or after
 //! ```
-//! Counts and lengths are 8 bytes; a name is its length and UTF-8; a content is its place in the first list,
-//! 4 bytes. Nothing is compressed, so nothing can be larger than the bundle itself, and every byte is under
-//! a digest. The same parts give the same bytes.
+//! Counts and lengths have 8 bytes. A name is its length and UTF-8. A content is its 4-byte index in the first
+//! list. Nothing is compressed, so nothing can be larger than the bundle itself, and every byte is covered by a
+//! digest. Equal parts give equal bytes.
 
 use std::collections::BTreeMap;
-use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::io;
+use std::io::{Read, Seek, SeekFrom, Write};
 
 use cache::{Digest, DigestWriter};
 
@@ -30,35 +31,35 @@ const FORMAT: u32 = 1;
 const HEAD: usize = 52;
 const LONGEST_INDEX: u64 = 64 << 20;
 
-/// Why a bundle cannot be read or made.
+/// Why a bundle cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum BundleError {
-    /// It does not begin like one.
-    #[error("this is no bundle of lightharmony")]
+    /// The file is not a bundle.
+    #[error("not a lightharmony bundle")]
     NoBundle,
-    /// It is of another format.
-    #[error("this bundle is of format {0}, and this program reads {FORMAT}; take a newer program")]
+    /// The bundle has another format.
+    #[error("the bundle has format {0}, but this program reads format {FORMAT}; use a newer program")]
     Format(u32),
-    /// Its bytes do not hang together.
-    #[error("the bundle is damaged or not whole: {0}")]
+    /// The bundle is inconsistent.
+    #[error("the bundle is damaged or incomplete: {0}")]
     Damaged(String),
-    /// A name in it is refused.
+    /// A name in the bundle is not permitted.
     #[error("the bundle names a file `{}`: {why}", name.escape_debug())]
     Name {
         /// The name.
         name: String,
-        /// What is wrong with it.
+        /// Cause.
         why: &'static str,
     },
     /// A file cannot be read or written.
     #[error("{what}: {source}")]
     Io {
-        /// What was tried, with the path.
+        /// The operation, with the path.
         what: String,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
-    /// Something else that stops the packer.
+    /// Any other reason why the graph cannot be packed.
     #[error("{0}")]
     Refused(String),
 }
@@ -69,53 +70,53 @@ impl From<Corrupt> for BundleError {
     }
 }
 
-/// Where the bytes of a content come from.
+/// Origin of the bytes of a content.
 pub(crate) enum Bytes {
     Memory(Vec<u8>),
     File(std::path::PathBuf),
 }
 
-/// What goes into a bundle.
+/// The parts of a bundle to be written.
 #[derive(Default)]
-pub(crate) struct Parts {
+pub(crate) struct BundleParts {
     contents: BTreeMap<[u8; 32], (u64, Bytes)>,
     files: BTreeMap<String, Digest>,
     records: BTreeMap<[u8; 32], Digest>,
     values: BTreeMap<[u8; 32], ()>,
 }
 
-impl Parts {
+impl BundleParts {
     fn add(&mut self, bytes: Vec<u8>) -> Digest {
         let digest = Digest::of(&bytes);
         self.contents.entry(*digest.as_bytes()).or_insert((bytes.len() as u64, Bytes::Memory(bytes)));
         digest
     }
 
-    /// A file of the bundle with these bytes.
+    /// Adds a file with these bytes.
     pub fn file(&mut self, name: &str, bytes: Vec<u8>) {
         let digest = self.add(bytes);
         self.files.insert(name.to_owned(), digest);
     }
 
-    /// A file of the bundle that is read when the bundle is written.
+    /// Adds a file that is read when the bundle is written.
     pub fn source(&mut self, name: &str, path: std::path::PathBuf, digest: Digest, length: u64) {
         self.contents.entry(*digest.as_bytes()).or_insert((length, Bytes::File(path)));
         self.files.insert(name.to_owned(), digest);
     }
 
-    /// What a node of this key gave, and by which notes.
+    /// Adds the record of a key.
     pub fn record(&mut self, key: Digest, bytes: Vec<u8>) {
         let digest = self.add(bytes);
         self.records.insert(*key.as_bytes(), digest);
     }
 
-    /// A value that some record names.
+    /// Adds a value that a record names.
     pub fn value(&mut self, bytes: Vec<u8>) {
         let digest = self.add(bytes);
         self.values.insert(*digest.as_bytes(), ());
     }
 
-    /// The content of a file, for as long as the bundle is not written.
+    /// Names and digests of the files.
     pub fn names(&self) -> impl Iterator<Item = (&str, &Digest)> {
         self.files.iter().map(|(name, digest)| (name.as_str(), digest))
     }
@@ -128,7 +129,8 @@ impl Parts {
             }
         }
         if let Some(name) = clash(self.files.keys().map(String::as_str)) {
-            let what = format!("`{name}`, which the graph reads, cannot lie in a bundle: {CLASH}; rename it");
+            let what =
+                format!("`{name}`, which the graph reads, cannot be part of a bundle: {CLASH}; rename it");
             return Err(BundleError::Refused(what));
         }
         let place: BTreeMap<[u8; 32], u32> = self.contents.keys().copied().zip(0..).collect();
@@ -167,7 +169,9 @@ impl Parts {
                         std::fs::File::open(&path).map_err(failed(&format!("cannot read `{name}`")))?;
                     let found = copy(&mut file.take(length), to, length).map_err(failed(&name))?;
                     if *found.as_bytes() != key {
-                        return Err(BundleError::Refused(format!("`{name}` changed meanwhile; pack again")));
+                        return Err(BundleError::Refused(format!(
+                            "`{name}` changed while it was packed; pack again"
+                        )));
                     }
                 }
             }
@@ -177,7 +181,7 @@ impl Parts {
 }
 
 const CLASH: &str =
-    "another file has the same name or is a folder of it, on systems where case does not count";
+    "another file has the same name, or is a folder with that name, on systems that ignore case";
 
 fn head(index: &[u8]) -> Vec<u8> {
     let mut head = MAGIC.to_vec();
@@ -187,7 +191,7 @@ fn head(index: &[u8]) -> Vec<u8> {
     head
 }
 
-/// Copies so many bytes and digests them; fewer are an error.
+/// Copies `length` bytes and returns their digest; fewer are an error.
 fn copy(from: &mut impl Read, to: &mut impl Write, length: u64) -> io::Result<Digest> {
     let (mut digest, mut left, mut buffer) = (DigestWriter::new(), length, vec![0; 1 << 16]);
     while left > 0 {
@@ -203,12 +207,12 @@ fn copy(from: &mut impl Read, to: &mut impl Write, length: u64) -> io::Result<Di
     Ok(digest.finish())
 }
 
-/// A bundle that is open for reading: its index is read and sound, its contents are verified when read.
+/// A bundle open for reading. Its index is valid; its contents are verified when they are read.
 pub struct Bundle<R> {
     from: R,
-    /// Digest of the index, and so of everything.
+    /// Digest of the index, which covers everything.
     digest: Digest,
-    /// Offset, length, digest.
+    /// (offset, length, digest).
     contents: Vec<(u64, u64, Digest)>,
     files: Vec<(String, usize)>,
     records: Vec<(Digest, usize)>,
@@ -216,10 +220,10 @@ pub struct Bundle<R> {
 }
 
 impl<R: Read + Seek> Bundle<R> {
-    /// Reads the index. Nothing that it claims is believed before it is checked.
+    /// Reads and validates the index.
     ///
     /// # Errors
-    /// [`BundleError`], for anything that a bundle written by this program would not hold.
+    /// [`BundleError`] for anything that this program would not write.
     pub fn open(mut from: R) -> Result<Self, BundleError> {
         let failed = |source| BundleError::Io { what: "cannot read the bundle".to_owned(), source };
         let whole = from.seek(SeekFrom::End(0)).map_err(failed)?;
@@ -240,12 +244,12 @@ impl<R: Read + Seek> Bundle<R> {
         let (length, digest) = (fields.u64()?, read_digest(&mut fields)?);
         let damaged = |what: &str| BundleError::Damaged(what.to_owned());
         if length > LONGEST_INDEX || length > whole - HEAD as u64 {
-            return Err(damaged("its index is longer than it can be"));
+            return Err(damaged("its index is too long"));
         }
-        let mut index = vec![0; usize::try_from(length).map_err(|_| damaged("its index is very long"))?];
+        let mut index = vec![0; usize::try_from(length).map_err(|_| damaged("its index is too long"))?];
         from.read_exact(&mut index).map_err(failed)?;
         if Digest::of(&index) != digest {
-            return Err(damaged("its index has another digest"));
+            return Err(damaged("the digest of its index is wrong"));
         }
         let mut bundle = Self {
             from,
@@ -270,11 +274,11 @@ impl<R: Read + Seek> Bundle<R> {
                 offset.checked_add(length).ok_or_else(|| damaged("a content is longer than the bundle"))?;
         }
         if offset != whole {
-            return Err(damaged("it does not end where its last content does"));
+            return Err(damaged("it does not end after its last content"));
         }
         let place = |from: &mut Decoder<'_>| -> Result<usize, BundleError> {
             let place = from.u32()? as usize;
-            if place < count { Ok(place) } else { Err(damaged("it names a content that it does not hold")) }
+            if place < count { Ok(place) } else { Err(damaged("it refers to a content that is missing")) }
         };
         for _ in 0..from.length(12)? {
             let (name, content) = (from.str()?, place(&mut from)?);
@@ -297,7 +301,7 @@ impl<R: Read + Seek> Bundle<R> {
             && self.records.is_sorted_by(|a, b| bytes(&a.0) < bytes(&b.0))
             && self.values.is_sorted_by(|a, b| a < b);
         if !ordered {
-            return Err(damaged("its lists are not in order, or hold something twice"));
+            return Err(damaged("its lists are not sorted, or have duplicates"));
         }
         match clash(self.files.iter().map(|(name, _)| name.as_str())) {
             Some(name) => Err(BundleError::Name { name, why: CLASH }),
@@ -305,12 +309,12 @@ impl<R: Read + Seek> Bundle<R> {
         }
     }
 
-    /// Names the whole bundle.
+    /// Digest of the whole bundle.
     pub fn digest(&self) -> Digest {
         self.digest
     }
 
-    /// Name, length and digest of each file, in order of the name.
+    /// Name, length and digest of each file, in order of name.
     pub fn files(&self) -> impl Iterator<Item = (&str, u64, Digest)> {
         self.files.iter().map(|(name, content)| {
             let (_, length, digest) = self.contents[*content];
@@ -318,7 +322,7 @@ impl<R: Read + Seek> Bundle<R> {
         })
     }
 
-    /// How many results it tells of, and of how many it holds the values.
+    /// Number of results, and of results with values.
     pub fn results(&self) -> (usize, usize) {
         (self.records.len(), self.values.len())
     }
@@ -335,29 +339,29 @@ impl<R: Read + Seek> Bundle<R> {
         self.files.iter().find(|(name, _)| name == file).map(|(_, content)| *content)
     }
 
-    /// Copies a content, and says so where it is not what the index says.
+    /// Copies a content; an error if its digest is wrong.
     pub(crate) fn copy(&mut self, content: usize, to: &mut impl Write) -> Result<(), BundleError> {
         let (offset, length, digest) = self.contents[content];
-        let failed = |source| BundleError::Io { what: "cannot copy out of the bundle".to_owned(), source };
+        let failed = |source| BundleError::Io { what: "cannot copy from the bundle".to_owned(), source };
         self.from.seek(SeekFrom::Start(offset)).map_err(failed)?;
         if copy(&mut self.from, to, length).map_err(failed)? != digest {
-            let what = format!("the content {} has other bytes", digest.short());
+            let what = format!("the digest of the content {} is wrong", digest.short());
             return Err(BundleError::Damaged(what));
         }
         Ok(())
     }
 
-    /// A content in memory; it cannot be longer than the bundle.
+    /// Reads a content into memory; it cannot be longer than the bundle.
     pub(crate) fn read(&mut self, content: usize) -> Result<Vec<u8>, BundleError> {
         let mut bytes = Vec::new();
         self.copy(content, &mut bytes)?;
         Ok(bytes)
     }
 
-    /// Reads everything once.
+    /// Verifies all contents.
     ///
     /// # Errors
-    /// The first content that is not what the index says.
+    /// The first content with a wrong digest.
     pub fn check(&mut self) -> Result<(), BundleError> {
         (0..self.contents.len()).try_for_each(|content| self.copy(content, &mut io::sink()))
     }

@@ -1,9 +1,10 @@
-//! Bundles: a graph with everything it needs and what came of it, as one file for somebody else.
+//! Bundles: a graph with its source files and results as one file, to pass on to others.
 //!
-//! [`Engine::pack`](crate::Engine::pack) writes one, [`Bundle::open`](crate::Bundle::open) reads it, [`Bundle::unpack`](crate::Bundle::unpack) makes a folder
-//! of it and [`verify`](crate::verify()) computes some of it anew. The format is told in `container`. A stranger's bundle is
-//! taken for hostile: names that lead elsewhere are refused before anything is written, nothing is written that
-//! is not whole, and a graph that came out of one runs confined ([`SourceRoot::confined`](crate::SourceRoot)).
+//! [`Engine::pack`](crate::Engine::pack) writes a bundle, [`Bundle::open`](crate::Bundle::open) reads it,
+//! [`Bundle::unpack`](crate::Bundle::unpack) turns it into a folder, and [`verify`](crate::verify()) recomputes
+//! some of its results. The byte format is documented in `container`. Bundles are untrusted: names that lead
+//! elsewhere are rejected before anything is written, incomplete data is never written, and a graph from a bundle
+//! runs confined ([`SourceRoot::confined`](crate::SourceRoot)).
 
 pub(crate) mod container;
 pub(crate) mod names;

@@ -1,4 +1,4 @@
-//! Names of files inside a bundle: what every system can write, and nothing that leads elsewhere.
+//! Valid names of files in a bundle: writable on every system, and inside the folder of the bundle.
 
 use std::collections::BTreeSet;
 
@@ -9,21 +9,21 @@ pub(crate) const GRAPH: &str = "graph.ron";
 /// Its lock.
 pub(crate) const LOCK: &str = "graph.lock";
 
-/// Longest name, in bytes.
+/// Maximum length of a name in bytes.
 const LONGEST: usize = 1024;
-/// Longest part between slashes, in bytes; what file systems allow.
+/// Maximum length of a path component in bytes, as permitted by file systems.
 const LONGEST_PART: usize = 240;
-/// Names that some systems keep for devices.
+/// Names that some systems reserve for devices.
 const DEVICES: [&str; 4] = ["con", "prn", "aux", "nul"];
 
-/// Why a name cannot stand in a bundle; `None` for one that can.
+/// Why a name is not valid in a bundle; `None` if it is.
 pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
     if name.is_empty() || name.len() > LONGEST {
         return Some("it is empty or very long");
     }
-    // They would mean something else on another system.
+    // These characters have other meanings on other systems.
     if name.contains(['\\', ':', '*', '?', '"', '<', '>', '|']) || name.chars().any(char::is_control) {
-        return Some("it holds a character that some systems do not allow");
+        return Some("it contains a character that some systems do not allow");
     }
     name.split('/').find_map(|part| {
         let stem = part.split('.').next().unwrap_or_default().to_lowercase();
@@ -31,19 +31,18 @@ pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
         let device = DEVICES.contains(&stem.as_str())
             || numbered.is_some_and(|n| n.len() == 1 && n.starts_with(|c: char| c.is_ascii_digit()));
         match part {
-            "" => Some("it begins or ends with `/`, or holds two together"),
-            BUNDLE_MARK => Some("a folder with it counts as unpacked from a bundle"),
+            "" => Some("it begins or ends with `/`, or contains `//`"),
+            BUNDLE_MARK => Some("it marks folders of unpacked bundles"),
             "." | ".." => Some("`.` and `..` could lead elsewhere"),
             _ if part.len() > LONGEST_PART => Some("a part of it is very long"),
             _ if part.ends_with(['.', ' ']) => Some("a part of it ends with a dot or a space"),
-            _ if device => Some("some systems keep this name for a device"),
+            _ if device => Some("some systems reserve this name for a device"),
             _ => None,
         }
     })
 }
 
-/// The first name that cannot stand beside the others: equal to one where case does not count, or a folder
-/// of one.
+/// The first name that conflicts with another one: equal except for case, or a folder of it.
 pub(crate) fn clash<'n>(names: impl Iterator<Item = &'n str>) -> Option<String> {
     let (mut files, mut folders) = (BTreeSet::new(), BTreeSet::new());
     for name in names {

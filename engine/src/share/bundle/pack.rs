@@ -1,4 +1,4 @@
-//! Packing: a graph, the files it reads, its lock and chosen results become one file.
+//! Packs a graph, its source files, its lock and selected results into a bundle.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -10,45 +10,44 @@ use crate::plan::plan::{Fate, Outlook};
 use crate::record::action::prepare;
 use crate::record::record::{Record, Spent};
 use crate::run::engine::Engine;
-use crate::share::bundle::container::{BundleError, Parts};
-use crate::share::bundle::names::wrong_name;
-use crate::share::bundle::names::{GRAPH, LOCK};
+use crate::share::bundle::container::{BundleError, BundleParts};
+use crate::share::bundle::names::{GRAPH, LOCK, wrong_name};
 use crate::text::edit::replace_strings;
 use crate::text::source::folder_of;
 use crate::value::error::NodeError;
 
-/// Of which nodes a bundle holds the values, beside what every known node gave by digest.
+/// The nodes whose values are part of a bundle. Digests of all known results are always included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Results {
-    /// Of none: digests only.
+    /// No nodes.
     Digests,
-    /// Of the nodes that are wanted, which are the sinks if nothing else is said.
+    /// The targets, which are the sinks by default.
     Targets,
-    /// Of every node whose values are kept.
+    /// All nodes with stored values.
     All,
 }
 
-/// What was packed.
+/// Summary of a packed bundle.
 #[derive(Debug, Default, Clone, PartialEq, Eq)]
 pub struct Packed {
-    /// How many files the graph reads.
+    /// Number of source files.
     pub inputs: usize,
-    /// Nodes whose results are told by digest.
+    /// Number of nodes with a result.
     pub known: usize,
-    /// Nodes whose values are in the bundle.
+    /// Number of nodes with values in the bundle.
     pub values: usize,
-    /// Nodes that have no result yet.
+    /// Nodes without a result.
     pub unknown: Vec<String>,
-    /// Nodes whose values were asked for but are not kept.
+    /// Nodes whose values were requested but are not stored.
     pub gone: Vec<String>,
 }
 
 impl Engine {
-    /// Writes a graph and what it needs as one bundle. The same graph, inputs and results give the same
-    /// bytes: no times, no folders, no machine.
+    /// Writes a graph and everything that it needs as one bundle. Equal graphs, source files and results give equal
+    /// bytes: no times, folders or machine.
     ///
     /// # Errors
-    /// When a file cannot be read, or lies where a bundle cannot hold it.
+    /// If a file cannot be read, or its path is not possible in a bundle.
     pub fn pack(
         &self,
         graph: &Graph,
@@ -61,9 +60,9 @@ impl Engine {
         let wanted = graph.above(&targets);
         let mut outlook = Outlook::new(self, graph);
         let places = Places::new(graph);
-        let mut parts = Parts::default();
+        let mut parts = BundleParts::default();
         let mut packed = Packed::default();
-        // The sources by the names that they have in the bundle: names are in keys.
+        // With their names in the bundle, since names are part of keys.
         let mut sources: Vec<Vec<ReadSource>> = vec![Vec::new(); graph.nodes.len()];
         let mut lock = self.lock(graph, &(0..graph.nodes.len()).collect::<Vec<_>>()).map_err(refused)?;
         lock.inputs.clear();
@@ -74,12 +73,13 @@ impl Engine {
             for source in own {
                 let mut moved = source.clone();
                 moved.file.name = places.name(index, &source.file.name);
-                // A folder named by `.` stays one, so that recipes are the same; its files lie in it without the dot.
+                // A folder written as `.` stays one, so that recipes do not change; the files in it lose the dot.
                 let plain = moved.file.name.replace("/./", "/");
                 if let Some(why) = wrong_name(&plain) {
                     let (file, node) = (&source.file.name, &node.id);
-                    let what =
-                        format!("`{file}`, which `{node}` reads, cannot lie in a bundle: {why}; rename it");
+                    let what = format!(
+                        "`{file}`, which `{node}` reads, cannot be part of a bundle: {why}; rename it"
+                    );
                     return Err(BundleError::Refused(what));
                 }
                 parts.source(&plain, source.file.path, source.digest, source.bytes);
@@ -100,9 +100,9 @@ impl Engine {
             let action =
                 prepare(graph, index, sources[index].clone(), output, above, Vec::new()).map_err(refused)?;
             let manifest = action.key.as_ref().map(|key| &key.manifest).expect("a prepared action has a key");
-            // How long it took is nobody else's.
-            let told = Record { spent: Spent::default(), ..record.clone() };
-            parts.record(action.digest(), told.encode(manifest));
+            // Times are left out.
+            let timeless = Record { spent: Spent::default(), ..record.clone() };
+            parts.record(action.digest(), timeless.encode(manifest));
             packed.known += 1;
             let chosen = match results {
                 Results::Digests => false,
@@ -129,10 +129,10 @@ impl Engine {
     }
 }
 
-/// Where the files of a graph lie in its bundle: where they are if that is beside the graph, and in
-/// `inputs/N/` otherwise, one folder for each folder that the graph names.
+/// The paths of source files in the bundle: unchanged if they are next to the graph, otherwise in `inputs/N/`, one
+/// folder for each folder that the graph names.
 struct Places {
-    /// For each node, the folders that are moved: from, to.
+    /// For each node, the folders that move: from, to.
     moved: Vec<BTreeMap<String, String>>,
 }
 
@@ -167,7 +167,7 @@ impl Places {
         Self { moved: moved.collect() }
     }
 
-    /// The name of a source, which stands in or below a folder that the node names.
+    /// The new name of a source file in, or below, a folder that the node names.
     fn name(&self, node: usize, name: &str) -> String {
         let moved = self.moved[node].iter().filter_map(|(from, to)| {
             if is_dots(name) && folder(name) == from {
@@ -180,11 +180,11 @@ impl Places {
             };
             Some((from.len(), format!("{to}/{rest}")))
         });
-        // The innermost folder is the one that was meant.
+        // The innermost folder applies.
         moved.max().map_or_else(|| name.to_owned(), |(_, name)| name)
     }
 
-    /// The text of the graph with these names in it.
+    /// The text of the graph with the new names.
     fn text(&self, graph: &Graph) -> Result<String, BundleError> {
         let mut edits = Vec::new();
         for (index, node) in
@@ -193,43 +193,40 @@ impl Places {
             let mut params = node.kind.params.iter();
             node.step.visit(&mut |name, value| {
                 let is_input = params.next().is_some_and(|spec| spec.role == Role::Input);
-                let span = node.places.of(&node.kind, name);
+                let span = node.field_place(name);
                 if let (true, Some(span), Ok(text)) = (is_input, span, value.text()) {
                     edits.push((span, replace_strings(&text, |path| self.name(index, path))));
                 }
             });
         }
-        // Paths in an included file are relative to it, and where that lies nothing can lead to `inputs`.
-        let below = |span: &Range<usize>| !folder_of(&graph.source.piece(span.start)).is_empty();
+        // Paths in an included file are relative to its folder, from which `inputs` may be unreachable.
+        let below = |span: &Range<usize>| !folder_of(graph.source.piece(span.start)).is_empty();
         if let Some((span, _)) = edits.iter().find(|(span, _)| below(span)) {
-            let (field, file) = (&graph.source.text[span.clone()], graph.source.piece(span.start).name);
-            let what =
-                format!("`{field}` in `{file}` lies where a bundle cannot hold it; put it beside the graph");
+            let (field, file) = (&graph.source.text[span.clone()], &graph.source.piece(span.start).name);
+            let what = format!(
+                "`{field}` in `{file}` is at a path that a bundle cannot contain; move it next to the graph"
+            );
             return Err(BundleError::Refused(what));
         }
-        // A field stands once in the text, however many nodes axes make of it.
+        // A field occurs once in the text, however many instances the node has.
         edits.sort_by_key(|(span, _)| std::cmp::Reverse(span.start));
         edits.dedup();
         if let Some(pair) = edits.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             let field = &graph.source.text[pair[0].0.clone()];
-            let what = format!("`{field}` names files that lie elsewhere; put them beside the graph");
+            let what = format!("`{field}` names files elsewhere; move them next to the graph");
             return Err(BundleError::Refused(what));
         }
-        let mut text = graph.source.text.to_string();
-        for (span, with) in edits {
-            text.replace_range(span, &with);
-        }
-        Ok(text)
+        Ok(graph.source.pack(&edits))
     }
 }
 
-/// Whether a path names a folder by `.` or `..`.
+/// True if a path ends in `.` or `..`.
 fn is_dots(path: &str) -> bool {
     matches!(path.trim_end_matches('/').rsplit('/').next(), Some("." | ".."))
 }
 
-/// The folder of a path as written, without the slash; of a file in the root the slash itself. A folder that is named
-/// by `.` or `..` is its own, since nothing says what it is called.
+/// The folder of a path as written, without the slash; the slash itself for a file in the root. A folder written as
+/// `.` or `..` is its own folder, since its name is unknown.
 fn folder(path: &str) -> &str {
     let path = path.trim_end_matches('/');
     match path.rsplit_once('/') {

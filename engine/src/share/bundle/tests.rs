@@ -3,9 +3,9 @@ use std::time::{Duration, Instant};
 
 use super::*;
 
-/// A bundle of all sorts of parts.
+/// A bundle with all types of parts.
 fn bundle() -> Vec<u8> {
-    let mut parts = Parts::default();
+    let mut parts = BundleParts::default();
     parts.file("graph.ron", b"Graph()".to_vec());
     parts.file("graph.lock", b"Lock()".to_vec());
     parts.file("inputs/0/a.ply", vec![7; 300]);
@@ -18,7 +18,7 @@ fn bundle() -> Vec<u8> {
     bytes
 }
 
-/// Opens and unpacks; gives what there is afterwards. Whatever happens, nothing else may be left.
+/// Opens and unpacks a bundle; returns the files. Nothing else may remain, whatever happens.
 fn unpack(bytes: &[u8]) -> Result<Vec<String>, BundleError> {
     let place = tempfile::tempdir().expect("a folder");
     let target = place.path().join("target");
@@ -35,18 +35,18 @@ fn unpack(bytes: &[u8]) -> Result<Vec<String>, BundleError> {
     };
     match result {
         Ok(()) => assert_eq!(list(place.path()), ["target"]),
-        // A damaged value is found when it is read, and the graph is whole all the same.
+        // A damaged value is detected when it is read; the graph is complete.
         Err(_) => assert!(list(place.path()).is_empty() || list(place.path()) == ["target"]),
     }
     result.map(|()| list(&target))
 }
 
-/// A bundle with this index in front of these contents.
+/// A bundle of this index and these contents.
 fn sealed(index: &[u8], contents: &[u8]) -> Vec<u8> {
     [&head(index), index, contents].concat()
 }
 
-/// An index of one content and these names for it.
+/// An index with one content and these names for it.
 fn index(names: &[&str], content: &[u8]) -> Vec<u8> {
     let mut to = Encoder::default();
     to.u64(1);
@@ -120,7 +120,7 @@ fn sizes_are_not_believed() {
     assert!(Bundle::open(Cursor::new(long)).is_err());
 }
 
-/// Mutations of the index under a digest that fits, which the other tests never reach. A longer run:
+/// Mutations of the index with a matching digest, which the other tests never reach. For a longer run:
 /// `LIGHTHARMONY_FUZZ_SECONDS=600 cargo test --release -p lightharmony-engine mutations`.
 #[test]
 fn mutations_of_the_index_never_panic_and_leave_nothing() {
@@ -156,5 +156,5 @@ fn mutations_of_the_index_never_panic_and_leave_nothing() {
         }
         opened += usize::from(unpack(&sealed(&index, &bytes[end..])).is_ok());
     }
-    assert!(opened < rounds, "most of them are no bundles");
+    assert!(opened < rounds, "most of them are not bundles");
 }

@@ -1,7 +1,8 @@
-//! Unpacking: a folder with the files of a bundle, or nothing.
+//! Unpacks a bundle into a folder, completely or not at all.
 
 use std::collections::BTreeSet;
-use std::fs::{self, File, OpenOptions};
+use std::fs;
+use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, Write};
 use std::path::Path;
 
@@ -13,32 +14,32 @@ use crate::share::bundle::names::{GRAPH, LOCK};
 use crate::value::root::BUNDLE_MARK;
 
 impl<R: Read + Seek> Bundle<R> {
-    /// Makes the folder `target` with the graph, its lock and its inputs. All of it is written beside the
-    /// target and verified, and then renamed; where anything is wrong nothing stays. Links are never made.
+    /// Creates the folder `target` with the graph, its lock and its source files. Everything is written next to the
+    /// target, verified, and then renamed; after an error nothing remains. Links are never created.
     ///
     /// # Errors
-    /// When the bundle is not sound, the target is there and not empty, or the disk is full.
+    /// If the bundle is invalid, the target exists and is not empty, or the disk is full.
     pub fn unpack(&mut self, target: &Path) -> Result<(), BundleError> {
         let failed = |what: &str, path: &Path| {
             let what = format!("cannot {what} `{}`", path.display());
             move |source| BundleError::Io { what, source }
         };
         if fs::symlink_metadata(target).is_ok() && !is_empty_folder(target) {
-            let what = format!("`{}` is there already; name a new folder", target.display());
+            let what = format!("`{}` exists already; name a new folder", target.display());
             return Err(BundleError::Refused(what));
         }
         for needed in [GRAPH, LOCK] {
             if self.content_of(needed).is_none() {
-                return Err(BundleError::Damaged(format!("it holds no `{needed}`")));
+                return Err(BundleError::Damaged(format!("it contains no `{needed}`")));
             }
         }
         let parent =
             target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
         fs::create_dir_all(parent).map_err(failed("create", parent))?;
-        let passing = TempFolder::create_in(parent).map_err(|error| BundleError::Refused(told(error)))?;
+        let passing = TempFolder::create_in(parent).map_err(|error| BundleError::Refused(cause(error)))?;
         let files: Vec<String> = self.files().map(|(name, ..)| name.to_owned()).collect();
         for name in files {
-            // Checked when the bundle was opened: relative, and no part of it leads up.
+            // The name was checked when the bundle was opened: it is relative and does not lead upwards.
             let path = passing.path().join(&name);
             if let Some(folder) = path.parent() {
                 fs::create_dir_all(folder).map_err(failed("create", folder))?;
@@ -70,11 +71,11 @@ impl<R: Read + Seek> Bundle<R> {
         Ok(())
     }
 
-    /// Puts records and values into a store, which then knows what they claim. Only for a store that is
-    /// thrown away, or for somebody who trusts the packer.
+    /// Copies records and values into a store, which then trusts them. Only for temporary stores, or if the author
+    /// of the bundle is trusted.
     ///
     /// # Errors
-    /// When the bundle is not sound or the store cannot be written.
+    /// If the bundle is invalid or the store cannot be written.
     pub fn fill(&mut self, store: &Store) -> Result<(), BundleError> {
         let failed = |error: cache::Error| BundleError::Refused(error.to_string());
         for (digest, content) in self.values() {
@@ -88,7 +89,8 @@ impl<R: Read + Seek> Bundle<R> {
         Ok(())
     }
 
-    /// Puts a record into a store, with no value named as kept that is not in `kept`: its absence is no damage.
+    /// Copies a record into a store. Values that are not in `kept` are marked as not stored, so that their absence
+    /// is not taken for damage.
     pub(super) fn put_record(
         &mut self,
         store: &Store,
@@ -97,7 +99,7 @@ impl<R: Read + Seek> Bundle<R> {
         kept: &BTreeSet<Digest>,
     ) -> Result<(), BundleError> {
         let bytes = self.read(content)?;
-        // What is no record is refused by whoever looks it up.
+        // An invalid record is rejected when it is looked up.
         let record = Record::keeping(&bytes, |digest| kept.contains(digest)).unwrap_or(bytes);
         store.put_record(key, &record).map_err(|error| BundleError::Refused(error.to_string()))
     }
@@ -105,29 +107,29 @@ impl<R: Read + Seek> Bundle<R> {
     /// The text of the graph.
     ///
     /// # Errors
-    /// When there is none, or it is not text.
+    /// If it is missing or is not text.
     pub fn graph_text(&mut self) -> Result<String, BundleError> {
         self.text(GRAPH)
     }
 
-    /// The text of its lock.
+    /// The text of the lock.
     ///
     /// # Errors
-    /// When there is none, or it is not text.
+    /// If it is missing or is not text.
     pub fn lock_text(&mut self) -> Result<String, BundleError> {
         self.text(LOCK)
     }
 
     fn text(&mut self, name: &str) -> Result<String, BundleError> {
         let content = self.content_of(name);
-        let content = content.ok_or_else(|| BundleError::Damaged(format!("it holds no `{name}`")))?;
+        let content = content.ok_or_else(|| BundleError::Damaged(format!("it contains no `{name}`")))?;
         String::from_utf8(self.read(content)?)
             .map_err(|_| BundleError::Damaged(format!("`{name}` is not text")))
     }
 }
 
-/// What was tried on which path, and what the system said.
-pub(super) fn told(error: cache::Error) -> String {
+/// Operation, path and system error in one line.
+pub(super) fn cause(error: cache::Error) -> String {
     crate::value::error::NodeError::from(error).to_string()
 }
 

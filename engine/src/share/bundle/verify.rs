@@ -1,4 +1,4 @@
-//! Verifying: some nodes of a bundle are computed anew and compared.
+//! Verifies a bundle: recomputes some of its nodes and compares the results.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Seek};
@@ -19,71 +19,71 @@ use crate::run::job::stored_value;
 use crate::run::options::RunOptions;
 use crate::share::bundle::container::{Bundle, BundleError};
 use crate::share::bundle::names::{GRAPH, LOCK};
-use crate::share::bundle::unpack::told as cause;
+use crate::share::bundle::unpack::cause;
 use crate::text::diag::Diagnostics;
 use crate::text::source::Source;
 use crate::value::artifact::Difference;
 use crate::value::root::SourceRoot;
 
-/// How much of a bundle is computed anew, with what.
+/// Options of a verification.
 pub struct VerifyOptions<'a> {
-    /// How many nodes; all of them where there are no more.
+    /// Number of nodes to recompute.
     pub sample: usize,
-    /// Chooses them.
+    /// Seed of the random choice of nodes.
     pub seed: u64,
-    /// Threads and bytes of memory.
+    /// Number of threads.
     pub jobs: usize,
-    /// See `jobs`.
+    /// Memory budget in bytes.
     pub memory: u64,
-    /// Where the files are while it is verified; removed afterwards.
+    /// Folder for temporary files.
     pub folder: &'a Path,
-    /// Set from outside to stop.
+    /// Set from outside to cancel.
     pub cancel: Arc<AtomicBool>,
 }
 
-/// What became of one node that was computed anew.
+/// The outcome for a recomputed node.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Verdict {
-    /// Every output has the bytes that the bundle tells of.
+    /// All outputs are equal to those in the bundle.
     Equal,
-    /// An output has other bytes.
+    /// An output differs.
     Differs {
         /// Name of the output.
         output: String,
-        /// In the terms of its type, where the bundle holds the value.
+        /// The distance in the terms of its type, if the bundle has the value.
         difference: Option<Difference>,
     },
-    /// What it is made from came out otherwise, so it cannot be compared.
+    /// Its inputs differ, so it cannot be compared.
     OtherInputs,
-    /// It did not run.
+    /// The node did not run.
     Failed,
 }
 
-/// What verifying a bundle came to.
+/// The outcome of a verification.
 #[derive(Debug)]
 pub struct Verified {
-    /// The nodes that were computed anew, in the order of the graph.
+    /// The recomputed nodes, in the order of the graph.
     pub nodes: Vec<(String, Verdict)>,
-    /// How many nodes could have been.
+    /// Number of nodes that could have been chosen.
     pub known: usize,
-    /// Kinds and inputs that are not what the lock says.
+    /// Kinds and source files that differ from the lock.
     pub differences: Vec<String>,
-    /// What failed.
+    /// Failures of nodes.
     pub failures: Option<Diagnostics>,
 }
 
 impl Verified {
-    /// Whether everything that was asked is as the bundle says.
+    /// True if everything that was compared is equal.
     pub fn is_good(&self) -> bool {
         self.differences.is_empty() && self.nodes.iter().all(|(_, verdict)| *verdict == Verdict::Equal)
     }
 }
 
-/// Reads a whole bundle, computes some of its nodes anew from what it holds, and compares. Nothing in it is
-/// believed but what the other nodes gave, and that only where it was not chosen.
+/// Reads a whole bundle, recomputes some of its nodes and compares the results. Of the bundle, only the results of
+/// nodes that were not chosen are trusted.
 ///
 /// # Errors
-/// When the bundle is not sound, or its graph cannot run.
+/// If the bundle is invalid or its graph cannot run.
 pub fn verify<R: Read + Seek>(
     bundle: &mut Bundle<R>,
     registry: &Registry,
@@ -92,23 +92,23 @@ pub fn verify<R: Read + Seek>(
 ) -> Result<Verified, BundleError> {
     let refused = |error: &dyn std::fmt::Display| BundleError::Refused(error.to_string());
     bundle.check()?;
-    let failed = |source| BundleError::Io { what: "cannot make a folder to verify in".to_owned(), source };
+    let failed = |source| BundleError::Io { what: "cannot create a temporary folder".to_owned(), source };
     let place = TempFolder::create_in(options.folder).map_err(|error| BundleError::Refused(cause(error)))?;
     let folder = place.path().join("graph");
     bundle.unpack(&folder)?;
     let root = SourceRoot::confined(&folder, &[]).map_err(failed)?;
     let graph =
-        Graph::parse(Source::new(GRAPH, bundle.graph_text()?), registry, root).map_err(|e| refused(&e))?;
+        Graph::parse(Source::packed(GRAPH, bundle.graph_text()?), registry, root).map_err(|e| refused(&e))?;
     let lock = Lock::parse(&Source::new(LOCK, bundle.lock_text()?)).map_err(|e| refused(&e))?;
     let open = |name: &str| -> Result<Engine, BundleError> {
         let store = Store::open(&place.path().join(name), Options::default()).map_err(|e| refused(&e))?;
         Ok(Engine::new(store, options.jobs, options.memory))
     };
 
-    // What the bundle tells of each node, by the keys that this program makes.
-    let told = open("told")?;
-    bundle.fill(told.store())?;
-    let mut outlook = Outlook::new(&told, &graph);
+    // The results claimed by the bundle, by the keys of this program.
+    let claimed = open("claimed")?;
+    bundle.fill(claimed.store())?;
+    let mut outlook = Outlook::new(&claimed, &graph);
     let mut known: BTreeMap<usize, (Digest, Record)> = BTreeMap::new();
     for &index in graph.order() {
         let fate = outlook.fate(index);
@@ -117,17 +117,17 @@ pub fn verify<R: Read + Seek>(
             known.insert(index, (outlook.actions[index].digest(), record.clone()));
         }
     }
-    let now = told.lock(&graph, &(0..graph.nodes.len()).collect::<Vec<_>>()).map_err(|e| refused(&e))?;
+    let now = claimed.lock(&graph, &(0..graph.nodes.len()).collect::<Vec<_>>()).map_err(|e| refused(&e))?;
     let mut differences = lock.differences(&now).before;
-    // The same kinds and inputs, and yet the lock tells of a result that no record of the bundle has.
+    // Kinds and source files are equal, but the lock has a result without a record in the bundle.
     if differences.is_empty() {
         let missing = lock.results.keys().filter(|id| !now.results.contains_key(*id));
-        let text = |id| format!("the lock has a result of `{id}`, and the bundle has none that fits");
+        let text = |id| format!("the lock has a result of `{id}`, but the bundle has no record of it");
         differences.extend(missing.map(text));
     }
     differences.extend(lock.differences(&now).results);
 
-    // The chosen ones are those that the seed ranks first.
+    // The chosen nodes are those with the lowest hash of seed and name.
     let rank = |index: usize| {
         *Digest::of(format!("{} {}", options.seed, graph.nodes[index].id).as_bytes()).as_bytes()
     };
@@ -137,17 +137,17 @@ pub fn verify<R: Read + Seek>(
     let chosen: BTreeSet<usize> = chosen.into_iter().collect();
     let chosen_keys: BTreeSet<[u8; 32]> = chosen.iter().map(|index| *known[index].0.as_bytes()).collect();
 
-    // A store that knows everything but them. Values of theirs are left out too, in case they are wrong.
-    let anew = open("anew")?;
+    // A store with all results except theirs. Their values are left out as well, since they may be wrong.
+    let recomputed = open("recomputed")?;
     let kept = bundle.values().into_iter().map(|(digest, _)| digest).collect();
     for (key, content) in bundle.records() {
         if !chosen_keys.contains(key.as_bytes()) {
-            bundle.put_record(anew.store(), &key, content, &kept)?;
+            bundle.put_record(recomputed.store(), &key, content, &kept)?;
         }
     }
     for (digest, content) in bundle.values() {
         let bytes = bundle.read(content)?;
-        anew.store().put_blob_as(&digest, &bytes).map_err(|e| refused(&e))?;
+        recomputed.store().put_blob_as(&digest, &bytes).map_err(|e| refused(&e))?;
     }
     if chosen.is_empty() {
         return Ok(Verified { nodes: Vec::new(), known: known.len(), differences, failures: None });
@@ -155,9 +155,9 @@ pub fn verify<R: Read + Seek>(
     let only: Vec<usize> = chosen.iter().copied().collect();
     let (out, cancel) = (place.path().join("out"), options.cancel.clone());
     let run = RunOptions { out, only, cancel, ..RunOptions::default() };
-    let outcome = anew.run(&graph, &run, &mut tell);
+    let outcome = recomputed.run(&graph, &run, &mut tell);
 
-    let mut made = Outlook::new(&anew, &graph);
+    let mut made = Outlook::new(&recomputed, &graph);
     let mut nodes = Vec::new();
     for &index in graph.order() {
         let fate = made.fate(index);
@@ -175,7 +175,7 @@ pub fn verify<R: Read + Seek>(
                     let value = |engine: &Engine, digest: &Digest| {
                         stored_value(engine.store(), &port.artifact, digest)
                     };
-                    let pair = value(&told, &then.digest).zip(value(&anew, &now.digest));
+                    let pair = value(&claimed, &then.digest).zip(value(&recomputed, &now.digest));
                     let difference = pair.map(|(then, now)| port.artifact.difference(&then, &now));
                     Verdict::Differs { output: port.name.to_owned(), difference }
                 })

@@ -2,7 +2,7 @@
 //!
 //! Only the input of each block is kept on the way forward; on the way back each block is computed again. So memory
 //! is that of one block: of its intermediate values, and of the gradients of its frozen weights, which the tensor
-//! library makes whether asked or not and which would take 48 GB for the whole model.
+//! library always makes and which would take 48 GB for the whole model.
 
 use std::collections::HashMap;
 
@@ -16,7 +16,7 @@ use super::rope::Place;
 use super::transformer::{Begun, Transformer};
 use super::watch::Watch;
 
-/// What the transformer is given.
+/// Inputs of the transformer.
 pub struct Given<'a> {
     /// As in [`Transformer::forward`].
     pub tokens: &'a Tensor,
@@ -31,7 +31,7 @@ pub struct Given<'a> {
 }
 
 impl Transformer {
-    /// The loss, one number, that `loss` makes of the velocity, and its gradients with respect to `vars`, which
+    /// The loss, one number computed by `loss` from the velocity, and its gradients with respect to `vars`, which
     /// are in updates of layers of blocks.
     pub fn gradients(
         &self,
@@ -86,7 +86,7 @@ impl Transformer {
     }
 }
 
-/// The gradients of what `outputs` were made from, each with its own gradient.
+/// The gradients of the inputs of `outputs`, each output with its own gradient.
 fn back(outputs: &[(&Tensor, &Tensor)]) -> Result<GradStore> {
     let mut sum = Tensor::zeros((), outputs[0].0.dtype(), outputs[0].0.device())?;
     for (output, gradient) in outputs {
@@ -95,7 +95,7 @@ fn back(outputs: &[(&Tensor, &Tensor)]) -> Result<GradStore> {
     Ok(sum.backward()?)
 }
 
-/// Gradients of variables, as blocks give them.
+/// Gradients of variables, collected from blocks.
 struct Found<'a> {
     vars: &'a [Var],
     of: HashMap<TensorId, Tensor>,

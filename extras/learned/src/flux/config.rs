@@ -1,4 +1,4 @@
-//! The sizes of the transformer, as its file tells them.
+//! The sizes of the transformer, from its file.
 
 use std::path::Path;
 
@@ -25,9 +25,9 @@ pub struct Config {
     pub pooled: usize,
     /// Length of the embedding of a time.
     pub time: usize,
-    /// How a head's numbers are shared among frame, row and column of a token's place; all even.
+    /// Division of a head's numbers among frame, row and column of a token's position; all even.
     pub axes: [usize; 3],
-    /// Whether the strength of guidance is an input.
+    /// True if the strength of guidance is an input.
     pub guidance: bool,
     /// Blocks in which text and picture have weights of their own.
     pub double_blocks: usize,
@@ -49,7 +49,7 @@ struct File {
     pooled_projection_dim: usize,
 }
 
-/// A model with more blocks than this is taken for damage.
+/// Maximum number of blocks; more indicate damage.
 const MAX_BLOCKS: usize = 1000;
 
 impl Config {
@@ -75,9 +75,9 @@ impl Config {
         self.hidden / self.heads
     }
 
-    /// The layout and the sizes, from the shapes in the headers. How a head is shared among the axes
-    /// stands in no header: it is taken from `config.json` beside the file if there is one, which must then
-    /// agree with the headers, or is that of the published model if heads are as long as its.
+    /// The layout and the sizes, from the shapes in the headers. No header holds how a head is divided among the
+    /// axes: it is taken from `config.json` next to the file if there is one, which must then agree with the
+    /// headers, or from the published model if heads have the same length.
     pub fn of(source: &Source) -> Result<(Layout, Self)> {
         let layout = ["", "model.diffusion_model."]
             .into_iter()
@@ -93,7 +93,9 @@ impl Config {
             let name = format!("{}.weight", layout.pieces(module).modules[0]);
             match source.shape(&name) {
                 Some(&[rows, columns]) if rows > 0 && columns > 0 => Ok((rows, columns)),
-                Some(shape) => Err(source.wrong(format!("`{name}` has shape {shape:?}, which is no matrix"))),
+                Some(shape) => {
+                    Err(source.wrong(format!("`{name}` has shape {shape:?}, which is not a matrix")))
+                }
                 None => Err(source.wrong(format!("`{name}` is missing"))),
             }
         };
@@ -132,7 +134,7 @@ impl Config {
         {
             return Err(source.wrong(format!(
                 "its heads have {head} numbers, which do not divide as {:?}; put the `config.json` of the model \
-                 beside it, which says how they do",
+                 next to it, which says how they do",
                 config.axes
             )));
         }
@@ -147,7 +149,7 @@ impl Config {
         Ok(())
     }
 
-    /// The axes of `config.json` beside a file, if there is one that speaks of a transformer.
+    /// The axes of `config.json` next to a file, if there is one that describes a transformer.
     fn beside(&self, file: &Path) -> Result<Option<[usize; 3]>> {
         let path = file.with_file_name("config.json");
         let Ok(text) = std::fs::read(&path) else { return Ok(None) };
@@ -164,7 +166,7 @@ impl Config {
             ..self.clone()
         };
         if said != *self {
-            let what = format!("says {said:?}, but `{}` beside it has {self:?}", file.display());
+            let what = format!("says {said:?}, but `{}` next to it has {self:?}", file.display());
             return Err(Error::file(&path, what));
         }
         Ok(Some(json.axes_dims_rope))

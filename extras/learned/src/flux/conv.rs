@@ -1,21 +1,21 @@
-//! Convolutions over pictures that may go round.
+//! Convolutions over pictures that may wrap around.
 
 use candle_core::Tensor;
 
 use super::error::Result;
 use super::watch::Watch;
 
-/// What lies beside the left and right edges.
+/// Padding beyond the left and right edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Edge {
     /// Zeros.
     Zeros,
-    /// The other edge: a panorama goes round.
+    /// The other edge: a panorama wraps around.
     Wraps,
 }
 
-/// The most numbers in the matrix that a convolution is unrolled to: 268 MB in f32. The full-size decoder would
-/// need 4.8 GB for all of 1440 x 720 at once.
+/// Maximum size of the matrix that a convolution is unrolled to: 268 MB in f32. The full-size decoder would need
+/// 4.8 GB for all of 1440 x 720 at once.
 pub(crate) const MAX_UNROLLED: usize = 1 << 26;
 
 /// A convolution with a square kernel of 1 or 3.
@@ -27,7 +27,7 @@ pub struct Conv {
 }
 
 impl Conv {
-    /// `weight` is outputs x inputs x size x size, `bias` has a number an output.
+    /// `weight` is outputs x inputs x size x size, `bias` has one number per output.
     pub fn new(weight: Tensor, bias: Tensor, stride: usize) -> Result<Self> {
         let outputs = bias.elem_count();
         Ok(Self { weight, bias: bias.reshape((outputs, 1, 1))?, stride })

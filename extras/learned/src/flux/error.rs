@@ -1,16 +1,16 @@
-//! What can go wrong between a file of weights and a picture.
+//! Errors between a file of weights and a picture.
 
 use std::path::{Path, PathBuf};
 
 /// An error of the diffusion backend: what is wrong, with which file, and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A file that cannot be read, is damaged, or is not what it is taken for.
+    /// A file that cannot be read, is damaged, or has another format.
     #[error("`{}`: {what}", file.display())]
     File {
         /// The file.
         file: PathBuf,
-        /// What is wrong with it, and what to do.
+        /// The problem and the remedy.
         what: String,
     },
     /// Values that do not belong together: sizes, options.
@@ -19,7 +19,7 @@ pub enum Error {
     /// [`Watch::check`](super::Watch::check) asked to stop.
     #[error("stopped")]
     Stopped,
-    /// The tensor library refused: out of memory on a GPU, say.
+    /// The tensor library failed, for instance out of memory on a GPU.
     #[error("tensors: {0}")]
     Tensor(#[from] candle_core::Error),
 }
@@ -36,7 +36,7 @@ impl Error {
     }
 }
 
-/// What the functions here give.
+/// Result of the functions of this crate.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// The first few of many names, for a message.

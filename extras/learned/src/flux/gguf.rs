@@ -11,9 +11,9 @@ use candle_core::quantized::GgmlDType;
 use super::error::{Error, Result};
 use super::source::{Entry, Format};
 
-/// The longest name or text that is believed; names of tensors are at most 64 bytes by the format.
+/// Maximum length of a name or text; names of tensors are at most 64 bytes by the format.
 const MAX_TEXT: u64 = 1 << 20;
-/// The most tensors that are believed; the full-size model has 780.
+/// Maximum number of tensors; the full-size model has 780.
 const MAX_TENSORS: u64 = 1 << 20;
 
 /// The tensors of the file, which must be open at its start.
@@ -55,7 +55,7 @@ pub(crate) fn header(file: &mut File, path: &Path, index: usize) -> Result<BTree
     for (name, entry) in &mut entries {
         entry.start = entry.start.saturating_add(first);
         if entry.start.saturating_add(entry.bytes) > length {
-            return Err(header.wrong(format!("tensor `{name}` lies beyond its end; copy it anew")));
+            return Err(header.wrong(format!("tensor `{name}` lies beyond its end; copy it again")));
         }
     }
     Ok(entries)
@@ -68,7 +68,7 @@ struct Header<'a> {
 
 impl Header<'_> {
     fn wrong(&self, what: String) -> Error {
-        Error::file(self.path, format!("is no sound GGUF file: {what}"))
+        Error::file(self.path, format!("is not a valid GGUF file: {what}"))
     }
 
     fn take<const N: usize>(&mut self) -> Result<[u8; N]> {
@@ -95,7 +95,7 @@ impl Header<'_> {
         String::from_utf8(bytes).map_err(|_| self.wrong("a name is not UTF-8".to_owned()))
     }
 
-    /// Passes over a value. Arrays of arrays are refused: no file for this model has them.
+    /// Skips a value. Arrays of arrays are refused: no file for this model has them.
     fn skip(&mut self, kind: u32) -> Result<()> {
         const TEXT: u32 = 8;
         const ARRAY: u32 = 9;

@@ -1,4 +1,4 @@
-//! Editing a picture: encode it, take noise to a picture beside it step by step, decode that.
+//! Editing a picture: encode it, turn noise into a picture conditioned on it step by step, and decode that.
 
 use std::path::PathBuf;
 
@@ -30,18 +30,18 @@ pub struct Files {
     pub loras: Vec<(PathBuf, f64)>,
 }
 
-/// How a picture is made.
+/// Settings of an edit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// Steps from noise to picture.
     pub steps: usize,
     /// How strongly the model follows the prompt; it was trained with this number as an input.
     pub guidance: f32,
-    /// Of the noise.
+    /// Seed of the noise.
     pub seed: u64,
-    /// Left and right edge belong together. Convolutions then go round, and every step is done twice, once on the
-    /// picture turned by half a circle, since attention knows columns as far apart that are neighbours across the
-    /// edge: each half of the picture is taken from the pass in which it is in the middle.
+    /// Left and right edge belong together. Convolutions then wrap around, and every step is done twice, once on
+    /// the picture turned by half a circle, since for attention the columns at both edges are far apart: each half
+    /// of the picture is taken from the pass in which it is in the middle.
     pub seamless: bool,
 }
 
@@ -126,7 +126,7 @@ impl Kontext {
         Ok(made)
     }
 
-    /// The picture that latents stand for, in 0..1.
+    /// Decodes latents to a picture, in 0..1.
     pub fn decode(&self, latents: &Tensor, settings: &Settings, watch: &mut dyn Watch) -> Result<Tensor> {
         let made = self.vae.decode(latents, settings.edge(), watch)?;
         if !made.abs()?.sum_all()?.to_scalar::<f32>()?.is_finite() {
@@ -174,7 +174,7 @@ impl Kontext {
         unpack(&tokens, rows, columns)
     }
 
-    /// Ever darker pictures, each made from the one before: `passes` of them.
+    /// `passes` pictures, each darker and made from the one before.
     pub fn darker(
         &self,
         picture: &Tensor,

@@ -5,8 +5,8 @@ use candle_core::{DType, Tensor};
 
 use super::error::{Error, Result};
 
-/// The weights of a layer, in the type of the file: widened whole for each use, which costs little beside the
-/// product and is exact, where products of quantised numbers are not.
+/// The weights of a layer, in the type of the file: widened whole for each use, which costs little compared with
+/// the product and is exact, where products of quantised numbers are not.
 #[derive(Debug)]
 pub enum Matrix {
     /// Plain numbers.
@@ -50,9 +50,9 @@ pub struct Update {
     pub scale: f64,
 }
 
-/// A linear layer, and the low-rank updates on it. They are applied beside the weights rather than merged into
-/// them: it costs `rank / width` more work, loses nothing to the type of the weights, and is the same for quantised
-/// ones and in training.
+/// A linear layer, and the low-rank updates on it. They are applied separately rather than merged into the weights:
+/// it costs `rank / width` more work, loses nothing to the type of the weights, and is the same for quantised ones
+/// and in training.
 #[derive(Debug)]
 pub struct Linear {
     name: String,

@@ -9,7 +9,7 @@ use super::linear::{Linear, Matrix};
 use super::names::Layout;
 use super::source::{Format, Source, Stored};
 
-/// What a network takes in memory once it is loaded.
+/// Memory of a network once it is loaded.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Tensors read.
@@ -22,8 +22,8 @@ pub struct Tally {
     pub largest: u64,
 }
 
-/// Hands the tensors of a [`Source`] to a network that asks for them by its own names. What is missing, has
-/// another shape or is never asked for is an error in the end, with its name.
+/// Passes the tensors of a [`Source`] to a network that requests them by its own names. Tensors that are missing,
+/// have another shape or are never requested are an error at the end, with their names.
 pub struct Loader<'a> {
     source: &'a Source,
     layout: Layout,
@@ -100,7 +100,7 @@ impl<'a> Loader<'a> {
         Ok(Matrix::Plain(if parts.len() == 1 { parts.remove(0) } else { Tensor::cat(&parts, 0)? }))
     }
 
-    /// Whether there is a fitting tensor of that name, which is counted.
+    /// True if there is a fitting tensor of that name, which is counted.
     fn wants(&mut self, key: &str, fits: impl Fn(&[usize]) -> bool) -> bool {
         self.asked.insert(key.to_owned());
         let Some(entry) = self.source.entries().get(key) else {
@@ -114,14 +114,14 @@ impl<'a> Loader<'a> {
         let weights = entry.shape.iter().map(|n| *n as u64).product();
         self.tally.tensors += 1;
         self.tally.weights += weights;
-        // What is no matrix is kept in f32.
+        // Tensors other than matrices are kept in f32.
         let plain = entry.shape.len() != 2 && matches!(entry.format, Format::Plain(_));
         self.tally.resident += if plain { weights * 4 } else { entry.bytes };
         self.tally.largest = self.tally.largest.max(weights);
         fit
     }
 
-    /// The end: an error that names what was missing, what did not fit, and what is left over.
+    /// Ends loading: an error names the missing, unfitting and unused tensors.
     pub fn finish(self) -> Result<Tally> {
         if !self.wrong.is_empty() {
             let shown = self.wrong.iter().take(6).cloned().collect::<Vec<_>>().join("; ");

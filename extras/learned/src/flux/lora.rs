@@ -36,14 +36,14 @@ struct Found {
     alpha: Option<String>,
 }
 
-/// What may stand before the name of a module: `diffusers` and peft, other trainers, kohya.
+/// Prefixes of module names: `diffusers` and peft, other trainers, kohya.
 const PREFIXES: [&str; 5] =
     ["transformer.", "base_model.model.", "diffusion_model.", "lora_unet_", "lora_transformer_"];
 
 impl Lora {
     /// Reads a file in the layout of `diffusers` and peft (`transformer.<module>.lora_A.weight`), of kohya
     /// (`lora_unet_<module>.lora_down.weight`), or with the authors' names in either spelling. A key that belongs
-    /// to no layer of the model is an error: an update that is silently without effect helps nobody.
+    /// to no layer of the model is an error: otherwise an update could silently have no effect.
     ///
     /// alpha is the tensor `<module>.alpha`, else `lora_alpha` of the header, else the rank (which is a scale of 1).
     pub fn read(path: &Path, config: &Config, device: &Device) -> Result<Self> {
@@ -91,7 +91,7 @@ impl Lora {
         self.updates.get(module).cloned().unwrap_or_default()
     }
 
-    /// How many layers it changes.
+    /// Number of layers it changes.
     pub fn layers(&self) -> usize {
         self.updates.len()
     }
@@ -158,7 +158,7 @@ enum Ending {
     Alpha,
 }
 
-/// The name of a module without what trainers put around it, and which of its tensors a key is.
+/// The name of a module without the prefixes and suffixes of trainers, and the tensor that a key names.
 fn stem(key: &str) -> Option<(&str, Ending)> {
     const ENDINGS: [(&str, Ending); 5] = [
         (".lora_A.weight", Ending::Down),
@@ -197,7 +197,7 @@ fn targets(config: &Config) -> BTreeMap<String, Target> {
 fn header_alpha(source: &Source) -> Result<Option<f64>> {
     let Some(text) = source.metadata().get("lora_adapter_metadata") else { return Ok(None) };
     let json: serde_json::Value = serde_json::from_str(text).map_err(|error| {
-        source.wrong(format!("`lora_adapter_metadata` in its header is no JSON: {error}"))
+        source.wrong(format!("`lora_adapter_metadata` in its header is not JSON: {error}"))
     })?;
     let field = |name: &str| json.get(format!("transformer.{name}")).or_else(|| json.get(name));
     for (unsupported, what) in [("use_dora", "DoRA"), ("use_rslora", "a scale of alpha / sqrt(rank)")] {

@@ -1,4 +1,4 @@
-//! How much memory an edit takes, known before anything is read.
+//! Estimated memory of an edit, before anything is read.
 
 use super::attention::MAX_SCORES;
 use super::config::Config;
@@ -13,7 +13,7 @@ pub struct Memory {
     pub weights: u64,
     /// The largest matrix while it is widened for use.
     pub widened: u64,
-    /// What is computed, at its most.
+    /// Peak memory of the computation.
     pub activations: u64,
 }
 
@@ -42,7 +42,7 @@ impl Memory {
         }
     }
 
-    /// What an edit by the published model takes beside its files, before any is opened; 512 tokens of text.
+    /// Memory of an edit by the published model in addition to its files, before any is opened; 512 tokens of text.
     pub fn published(size: (usize, usize)) -> u64 {
         let config = Config::kontext();
         let largest = (config.hidden * (3 * config.hidden + config.mlp)) as u64;

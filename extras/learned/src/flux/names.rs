@@ -1,4 +1,4 @@
-//! What the parts of the transformer are called in files of weights.
+//! Names of the parts of the transformer in files of weights.
 //!
 //! Inside, a part has the name that the model's authors gave it (`double_blocks.0.img_attn.qkv`), as in their
 //! own files and in GGUF. The layout of `diffusers` calls it otherwise, and cuts some matrices in pieces.
@@ -20,7 +20,7 @@ pub struct Pieces {
 pub enum Layout {
     /// As the model's authors do, `prefix` before each name (`model.diffusion_model.` in some collections).
     Original {
-        /// What stands before each name.
+        /// Prefix of each name.
         prefix: &'static str,
     },
     /// As `diffusers` does.
@@ -28,7 +28,7 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// What stands in a file for a module of ours.
+    /// The tensors of a file that form a module of ours.
     pub fn pieces(self, module: &str) -> Pieces {
         match self {
             Self::Original { prefix } => {

@@ -8,8 +8,8 @@ use super::config::Config;
 use super::error::Result;
 use super::source::Source;
 
-/// What the transformer is told besides the picture. The prompt is always the same, so its encoders (9.8 GB) are
-/// run once, elsewhere, and only what they gave is kept (4 MB).
+/// Text input of the transformer. The prompt is always the same, so its encoders (9.8 GB) are run once, elsewhere,
+/// and only their output is kept (4 MB).
 #[derive(Debug, Clone)]
 pub struct Prompt {
     /// Tokens of text (of T5-XXL), tokens x context, f32.
@@ -23,7 +23,7 @@ const MAX_TOKENS: usize = 512;
 
 impl Prompt {
     /// Reads a safetensors file with `t5` (tokens x context) and `clip` (pooled), or with `prompt_embeds` and
-    /// `pooled_prompt_embeds` as `diffusers` names them; an axis of 1 before them is passed over.
+    /// `pooled_prompt_embeds` as `diffusers` names them; a leading axis of 1 is ignored.
     pub fn read(path: &Path, config: &Config, device: &Device) -> Result<Self> {
         let source = Source::open(path)?;
         let find = |names: [&'static str; 2]| names.into_iter().find(|name| source.shape(name).is_some());

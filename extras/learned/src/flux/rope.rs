@@ -1,4 +1,4 @@
-//! Where tokens are, and the rotations that tell attention so.
+//! Positions of tokens, and the rotations that encode them for attention.
 
 use candle_core::{DType, Device, Tensor};
 
@@ -13,18 +13,19 @@ pub fn grid(frame: f32, rows: usize, columns: usize) -> Vec<Place> {
     (0..rows).flat_map(|row| (0..columns).map(move |column| [frame, row as f32, column as f32])).collect()
 }
 
-/// Cosines and sines, tokens x (half a head), f32. Places stay f32 and angles are made in f64, whatever type
-/// the weights have: eight bits tell only 256 columns apart.
+/// Cosines and sines, tokens x (half a head), f32. Places stay f32 and angles are made in f64, whatever type the
+/// weights have: eight bits distinguish only 256 columns.
 #[derive(Debug, Clone)]
 pub struct Rotations {
-    /// Of the angle by which each pair of numbers is turned.
+    /// Cosine of the angle by which each pair of numbers is turned.
     pub cos: Tensor,
     /// As [`Rotations::cos`].
     pub sin: Tensor,
 }
 
 impl Rotations {
-    /// For tokens at these places; `axes` says how many numbers of a head each of the three coordinates turns.
+    /// For tokens at these places; `axes` has the number of values of a head that each of the three coordinates
+    /// rotates.
     pub fn new(places: &[Place], axes: [usize; 3], device: &Device) -> Result<Self> {
         const BASE: f64 = 10_000.0;
         let half = axes.iter().sum::<usize>() / 2;

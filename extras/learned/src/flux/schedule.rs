@@ -1,4 +1,4 @@
-//! How much noise is left at each step.
+//! Noise levels of the steps.
 
 /// Noise levels from 1 down to 0, one more than there are steps: evenly spaced from 1 to 1/n, shifted towards noise
 /// the more tokens the picture has (`tokens` counts those that are made, not those it is made from), and then 0.

@@ -153,7 +153,7 @@ pub fn shards(path: &Path) -> Vec<PathBuf> {
 type Header = (BTreeMap<String, Entry>, BTreeMap<String, String>);
 
 fn safetensors_header(file: &mut File, path: &Path, index: usize) -> Result<Header> {
-    let wrong = |what: String| Error::file(path, format!("is no sound safetensors file: {what}"));
+    let wrong = |what: String| Error::file(path, format!("is not a valid safetensors file: {what}"));
     let length = file.metadata().map_err(Error::io(path))?.len();
     let mut size = [0; 8];
     file.read_exact(&mut size).map_err(|_| wrong("it is cut off".to_owned()))?;
@@ -186,7 +186,7 @@ fn safetensors_header(file: &mut File, path: &Path, index: usize) -> Result<Head
         entries.insert(name, entry);
     }
     if end != length {
-        return Err(wrong(format!("its tensors end at byte {end}, the file at {length}; copy it anew")));
+        return Err(wrong(format!("its tensors end at byte {end}, the file at {length}; copy it again")));
     }
     let metadata = header.metadata().clone().unwrap_or_default().into_iter().collect();
     Ok((entries, metadata))

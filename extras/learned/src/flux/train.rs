@@ -18,22 +18,22 @@ use super::rope::grid;
 use super::source::Source;
 use super::watch::Watch;
 
-/// How a LoRA is trained.
+/// Settings of the training of a LoRA.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrainSettings {
     /// Rank of every update.
     pub rank: usize,
     /// The update is `alpha / rank * up * down`.
     pub alpha: f64,
-    /// The most that a weight changes in a step.
+    /// Maximum change of a weight per step.
     pub rate: f64,
     /// The strength of guidance during training; 1 for the published model.
     pub guidance: f32,
-    /// Of the first weights, the noise, and the order of pairs.
+    /// Seed of the first weights, the noise, and the order of pairs.
     pub seed: u64,
 }
 
-/// Latents of a picture and of what is to be made of it, each channels x height x width.
+/// Latents of a picture and of its target, each channels x height x width.
 #[derive(Debug, Clone)]
 pub struct Pair {
     from: Tensor,
@@ -42,7 +42,7 @@ pub struct Pair {
 
 /// An update that is being trained, and its two running means (Adam, Kingma and Ba 2015).
 struct Adapter {
-    /// Of `diffusers`, without `transformer.`.
+    /// Name in `diffusers`, without `transformer.`.
     module: String,
     rows: (usize, usize),
     layer: String,
@@ -59,7 +59,7 @@ pub struct Trainer {
     done: u64,
 }
 
-/// The layers that are trained: all of attention and of the perceptrons, but not what makes modulations.
+/// The layers that are trained: all of attention and of the perceptrons, but not those that make modulations.
 fn trained(module: &str) -> bool {
     (module.starts_with("transformer_blocks.") || module.starts_with("single_transformer_blocks."))
         && !module.contains(".norm")
@@ -126,8 +126,8 @@ impl Trainer {
         Ok(Pair { from: latents(from)?, to: latents(to)? })
     }
 
-    /// The loss at a noise level: how far the velocity is from that which leads straight from the noise to the
-    /// picture, in the mean of squares; and its gradients.
+    /// The loss at a noise level: the mean squared difference of the velocity from the straight path from the noise
+    /// to the picture; and its gradients.
     fn gradients(
         &self,
         pair: &Pair,
@@ -196,7 +196,7 @@ impl Trainer {
         self.done
     }
 
-    /// Which of `count` pairs the next step should take: each in turn, in an order of its own every round.
+    /// Index of the pair for the next step, of `count`: each in turn, in a different order every round.
     pub fn next(&self, count: usize) -> usize {
         let (round, turn) = (self.done / count as u64, self.done % count as u64);
         let mut order: Vec<usize> = (0..count).collect();
@@ -231,7 +231,7 @@ impl Trainer {
         write(path, tensors.collect(), &header)
     }
 
-    /// Writes what is needed to go on later. `learned_from` stands for the model and the pairs.
+    /// Writes the state needed to continue later. `learned_from` identifies the model and the pairs.
     pub fn save_state(&self, path: &Path, learned_from: &str) -> Result<()> {
         let mut tensors = Vec::new();
         for (i, adapter) in self.adapters.iter().enumerate() {
@@ -246,8 +246,8 @@ impl Trainer {
         write(path, tensors, &[("done", self.done.to_string()), ("settings", settings), ("from", from)])
     }
 
-    /// Goes on from what [`Trainer::save_state`] wrote, with the same settings and learning from the same; the outcome is
-    /// then that of a training that never stopped.
+    /// Continues from the state written by [`Trainer::save_state`], with the same settings and data; the outcome
+    /// equals that of a training that never stopped.
     pub fn load_state(&mut self, path: &Path, learned_from: &str) -> Result<()> {
         let source = Source::open(path)?;
         let said = source.metadata().get("settings");
@@ -255,10 +255,10 @@ impl Trainer {
         if said != Some(&settings) {
             let said = said.map_or("unknown settings", String::as_str);
             return Err(source
-                .wrong(format!("is of a training with {said}, not {settings}; remove it to begin anew")));
+                .wrong(format!("is of a training with {said}, not {settings}; remove it to begin again")));
         }
         if source.metadata().get("from").map(String::as_str) != Some(learned_from) {
-            return Err(source.wrong("is of a training with other panoramas, another width, prompt or model; remove it to begin anew"));
+            return Err(source.wrong("is of a training with other panoramas, another width, prompt or model; remove it to begin again"));
         }
         let done = source.metadata().get("done").and_then(|text| text.parse().ok());
         self.done = done.ok_or_else(|| source.wrong("does not say how many steps are done"))?;

@@ -1,4 +1,4 @@
-//! The network that tells which way a noisy picture should go (Flux.1 Kontext of Black Forest Labs, 2025).
+//! The network that predicts the velocity of a noisy picture (Flux.1 Kontext of Black Forest Labs, 2025).
 
 use candle_core::{DType, Device, Tensor};
 
@@ -160,7 +160,7 @@ impl Transformer {
         self.end(&both.narrow(0, texts, pictures)?, &shared, watch)
     }
 
-    /// What comes before the blocks.
+    /// The part before the blocks.
     pub(super) fn begin(
         &self,
         tokens: &Tensor,
@@ -194,7 +194,7 @@ impl Transformer {
         Ok(Begun { rotations, mood: silu(&mood)?, txt, img })
     }
 
-    /// What comes after the blocks.
+    /// The part after the blocks.
     pub(super) fn end(&self, img: &Tensor, shared: &Shared<'_>, watch: &mut dyn Watch) -> Result<Tensor> {
         let [shift, scale] = modulation(&self.last_modulation, &shared.mood)?;
         let img = modulated(img, &scale, &shift)?;
@@ -203,7 +203,7 @@ impl Transformer {
     }
 }
 
-/// What the blocks start from.
+/// Inputs of the first block.
 pub(super) struct Begun {
     pub rotations: Rotations,
     pub mood: Tensor,

@@ -15,7 +15,7 @@ use super::norm::group;
 use super::source::Source;
 use super::watch::Watch;
 
-/// The sizes of an autoencoder, as its file tells them.
+/// The sizes of an autoencoder, from its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VaeConfig {
     /// Channels at each size of picture, the largest first.
@@ -53,8 +53,8 @@ impl VaeConfig {
         }
     }
 
-    /// Sizes from the shapes in the header. The number of groups, scale and shift stand in no header: they come
-    /// from `config.json` beside the file if there is one, and else are those of Flux.1.
+    /// Sizes from the shapes in the header. No header holds the number of groups, scale and shift: they come from
+    /// `config.json` next to the file if there is one, and else are those of Flux.1.
     fn of(source: &Source) -> Result<(Names, Self)> {
         let original = source.shape("encoder.down.0.block.0.conv1.weight").is_some();
         let mut names = Names { original, levels: 0 };
@@ -95,7 +95,7 @@ impl VaeConfig {
 /// Sizes of picture: three halvings make an eighth.
 const LEVELS: usize = 4;
 
-/// What the parts are called in the file. Ours are the authors' names.
+/// Names of the parts in the file. Ours are the authors' names.
 struct Names {
     original: bool,
     levels: usize,

@@ -1,4 +1,4 @@
-//! How a long computation is followed and stopped.
+//! Progress and cancellation of long computations.
 
 use candle_core::Tensor;
 
@@ -18,5 +18,5 @@ pub trait Watch {
     fn value(&mut self, _name: &str, _value: &Tensor) {}
 }
 
-/// Nobody follows.
+/// Neither follows nor stops.
 impl Watch for () {}

@@ -1,4 +1,4 @@
-//! What users bring: shards, quantised files, wrong LoRAs, damaged headers.
+//! Files of users: shards, quantised files, wrong LoRAs, damaged headers.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -252,7 +252,7 @@ fn what_is_wrong_with_a_lora_is_named() {
     assert!(message.unwrap_err().contains("holds NaN"));
 }
 
-/// What overflows float32 on its way, or is no number from the start, makes no picture: an error says so.
+/// Values that overflow float32, or are NaN from the start, make no picture: an error reports it.
 /// Mutation: `is_finite` of `Kontext::decode` to `is_sign_positive`.
 #[test]
 fn a_model_that_overflows_makes_no_picture() {

@@ -9,7 +9,7 @@ use learned::flux::{Config, Error, Memory, Source, Tally, Transformer, VaeConfig
 
 use crate::fixture;
 
-/// What a number in a shape of the small model is in the large one.
+/// The number of the large model for a number in a shape of the small one.
 fn grown(key: &str, size: usize) -> usize {
     match size {
         32 => 3072,
@@ -180,5 +180,5 @@ fn a_key_too_many_or_too_few_is_named() {
     safetensors(&path, &keys);
     let length = std::fs::metadata(&path).unwrap().len();
     File::options().write(true).open(&path).unwrap().set_len(length - 1).unwrap();
-    assert!(Source::open(&path).unwrap_err().to_string().contains("copy it anew"));
+    assert!(Source::open(&path).unwrap_err().to_string().contains("copy it again"));
 }

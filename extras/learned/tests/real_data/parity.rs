@@ -10,7 +10,7 @@ use crate::{fixture, small_config};
 
 type Tensors = std::collections::HashMap<String, Tensor>;
 
-/// Keeps every value that it is told, the first of each name.
+/// Keeps every reported value, the first of each name.
 #[derive(Default)]
 struct Record(BTreeMap<String, Tensor>);
 
@@ -124,10 +124,10 @@ struct Worst(BTreeMap<String, Vec<f32>>);
 impl Worst {
     fn add(&mut self, record: &Record, run: &str, tensors: &Tensors) {
         for (name, value) in &record.0 {
-            // Values within the network are told of the run without a LoRA only; others are the same in all.
+            // Values within the network are reported for the run without a LoRA only; others are the same in all.
             let common = tensors.get(name).filter(|_| run == "base" || !name.starts_with("step0"));
             let Some(wanted) = tensors.get(&format!("{run}.{name}")).or(common) else { continue };
-            // Cosines are told once a pair here, twice there.
+            // Cosines are reported once per pair here, twice there.
             let wanted = if name.starts_with("step0.pos_embed") {
                 let (tokens, head) = wanted.dims2().unwrap();
                 wanted.reshape((tokens, head / 2, 2)).unwrap().narrow(2, 0, 1).unwrap()

@@ -1,4 +1,4 @@
-//! From triangles to the folded tree.
+//! Builds the folded tree from triangles.
 
 use glam::Vec3;
 use obvhs::aabb::Aabb;
@@ -9,12 +9,12 @@ use super::collapse::Collapse;
 use super::triangles::Packet;
 use super::{Bvh, LEAF, LEAF_SHIFT, Node, STACK, WIDE};
 
-/// So many triangles may have one centre. The builder joins one pair of them in each of its passes, which takes the
-/// square of their number.
+/// Largest number of triangles with the same centre. The builder joins one pair of them per pass, so its time is
+/// quadratic in their number.
 const CROWD: usize = 1024;
 
 impl Bvh {
-    /// A tree over triangles given by their corners.
+    /// Builds a tree over triangles given by their corners.
     pub fn build(corners: &[[Vec3; 3]]) -> Self {
         let mut bvh = Self::default();
         let mut kept = Vec::with_capacity(corners.len());
@@ -26,7 +26,7 @@ impl Bvh {
             }
             let area = (*b - *a).cross(*c - *a);
             if !(area.length_squared() > 0.0 && area.is_finite()) {
-                // The square of a tiny area may vanish though the triangle has one: judge in f64.
+                // The square of a tiny area may underflow although the triangle has one: tested in f64.
                 let (ab, ac) = ((*b - *a).as_dvec3(), (*c - *a).as_dvec3());
                 if ab.cross(ac).length_squared() == 0.0 {
                     bvh.degenerate += 1;
@@ -40,7 +40,7 @@ impl Bvh {
             return bvh;
         }
         let mut build = Fold { corners, kept: &kept, boxes: &boxes, out: bvh };
-        // Each level but the last leaves all children but one waiting.
+        // Each level except the last leaves all children but one waiting.
         if most_in_one_place(&boxes) > CROWD || (WIDE - 1) * build.build_tree() >= STACK {
             build.out.nodes.clear();
             build.out.packets.clear();
@@ -53,7 +53,7 @@ impl Bvh {
     }
 }
 
-/// The most boxes that share a centre.
+/// The largest number of boxes with the same centre.
 fn most_in_one_place(boxes: &[(Vec3, Vec3)]) -> usize {
     if boxes.len() <= CROWD {
         return 0;
@@ -64,16 +64,16 @@ fn most_in_one_place(boxes: &[(Vec3, Vec3)]) -> usize {
     centres.chunk_by(|a, b| a == b).map(<[_]>::len).max().unwrap_or(0)
 }
 
-/// Which child of a node is folded into it first.
+/// Choice of the children that are folded into a node.
 #[derive(Clone, Copy)]
 pub(super) enum Opens {
-    /// Those that leave the fewest nodes to rays: see [`Collapse`].
+    /// The set with the fewest nodes for rays: see [`Collapse`].
     Fewest,
-    /// The one with the most triangles, so that the folded tree is a third as deep.
+    /// The child with the most triangles first, which makes the folded tree a third as deep.
     Fullest,
 }
 
-/// A binary tree before folding: boxes come from the leaves, so only the topology is kept.
+/// A binary tree before folding: boxes come from the leaves, so only the topology is stored.
 #[derive(Clone, Copy)]
 pub(super) enum Branch {
     Inner(u32, u32),
@@ -91,8 +91,8 @@ impl Fold<'_> {
     /// Depth of the folded tree.
     fn build_tree(&mut self) -> usize {
         let large = self.kept.len() > 200_000;
-        // "Very slow" without splits; large meshes get the cheaper reinsertion. A search depth of 1 is
-        // what keeps meshes of mixed triangle sizes fast.
+        // "Very slow" without splits; large meshes get the cheaper reinsertion. A search depth of 1 keeps rays fast
+        // in meshes of mixed triangle sizes.
         let params = BvhBuildParams {
             pre_split: false,
             ploc_search_distance: PlocSearchDistance::Medium,
@@ -116,7 +116,7 @@ impl Fold<'_> {
         self.fold(&branches, &tree.primitive_indices, Opens::Fewest)
     }
 
-    /// Folds a binary tree whose root is its first branch; gives the depth.
+    /// Folds a binary tree whose root is its first branch; returns the depth.
     pub(super) fn fold(&mut self, tree: &[Branch], order: &[u32], opens: Opens) -> usize {
         // Boxes and triangles of every branch, children before parents by an explicit walk.
         let mut bounds = vec![(Vec3::INFINITY, Vec3::NEG_INFINITY); tree.len()];
@@ -202,8 +202,8 @@ impl Fold<'_> {
     }
 }
 
-/// The children of a node: of the branch itself the inner one with the most triangles is opened until there are no more
-/// places.
+/// The children of a node: starting with the branch, the inner child with the most triangles is opened until there
+/// are eight.
 fn fullest(tree: &[Branch], counts: &[u32], node: u32) -> Vec<u32> {
     let mut children = vec![node];
     while children.len() < WIDE {
@@ -217,8 +217,7 @@ fn fullest(tree: &[Branch], counts: &[u32], node: u32) -> Vec<u32> {
     children
 }
 
-/// A tree split at the median of the widest axis: not the fastest, but of logarithmic depth whatever the
-/// triangles are.
+/// A tree split at the median of the widest axis: not the fastest, but with logarithmic depth for any triangles.
 pub(super) fn balanced(boxes: &[(Vec3, Vec3)], order: &mut [u32], first: u32, tree: &mut Vec<Branch>) -> u32 {
     let at = tree.len() as u32;
     if order.len() <= 4 {

@@ -1,21 +1,22 @@
-//! Which branches of a binary tree become the children of nodes with eight.
+//! Selection of the branches of a binary tree that become children of eight-wide nodes.
 
 use super::WIDE;
 use super::build::Branch;
 
-/// How many of the places at most, from none to all, that a branch may take among the children of a node, it gives to its
-/// left side; 0 where it takes one itself.
+/// For each number of places, from none to all, that a branch may occupy among the children of a node: the number
+/// given to its left side; 0 if the branch occupies one place itself.
 type Shares = [u8; WIDE + 1];
 
-/// The choice by which rays meet the fewest nodes: of all ways to leave out inner branches of a binary tree, the one with
-/// the least surface of those that stay (Ylitie, Karras and Laine 2017, Efficient Incoherent Ray Traversal on GPUs Through
-/// Compressed Wide BVHs, section 3.1). To open the largest child first, as is usual, gave rays in a room a quarter more nodes.
+/// The selection with the fewest nodes visited by rays: of all ways to leave out inner branches of a binary tree,
+/// the one with the smallest surface of the remaining ones (Ylitie, Karras and Laine 2017, Efficient Incoherent Ray
+/// Traversal on GPUs Through Compressed Wide BVHs, section 3.1). The usual greedy choice, to open the largest child
+/// first, made rays in a room visit a quarter more nodes.
 pub(super) struct Collapse(Vec<Shares>);
 
 impl Collapse {
-    /// Of a tree whose root is its first branch, and the surfaces of its branches.
+    /// Computes the selection for a tree whose root is its first branch, with the surfaces of its branches.
     pub(super) fn of(tree: &[Branch], surface: impl Fn(u32) -> f32) -> Self {
-        // The least surface of nodes in each branch, if it takes so many places at most; leaves have none.
+        // The smallest surface of nodes in each branch for each number of places; 0 for leaves.
         let mut least = vec![[0.0_f32; WIDE + 1]; tree.len()];
         let mut shares = vec![[0; WIDE + 1]; tree.len()];
         let mut visit = vec![(0_u32, false)];
@@ -29,10 +30,10 @@ impl Collapse {
             let (own, shares) = (&mut least[at as usize], &mut shares[at as usize]);
             let divided = |places: usize| {
                 let each = (1..places).map(|share| (left[share] + right[places - share], share as u8));
-                // The first of equal ones.
+                // The first among equals.
                 each.fold((f32::INFINITY, 1), |best, next| if next.0 < best.0 { next } else { best })
             };
-            // As a node it has all the places for itself.
+            // As a node it has all the places.
             let (within, share) = divided(WIDE);
             shares[WIDE] = share;
             own[1] = surface(at) + within;
@@ -46,7 +47,7 @@ impl Collapse {
         Self(shares)
     }
 
-    /// The children of an inner branch that is a node.
+    /// The children of an inner branch that becomes a node.
     pub(super) fn children(&self, tree: &[Branch], node: u32) -> Vec<u32> {
         let (mut children, mut open) = (Vec::with_capacity(WIDE), vec![(node, WIDE)]);
         while let Some((at, places)) = open.pop() {

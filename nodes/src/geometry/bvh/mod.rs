@@ -1,9 +1,9 @@
 //! Ray casting against triangles.
 //!
-//! `obvhs` finds the tree; we fold it to eight children a node, walk it with conservative box tests and
-//! intersect with our own watertight test, so that a hit does not depend on the shape of the tree: the
-//! nearest t wins, then the smallest triangle index. Only lane-wise arithmetic is used on vectors, which
-//! gives the same bits on every platform, by whatever instructions it has.
+//! `obvhs` builds the tree. It is folded to eight children per node, traversed with conservative box tests, and
+//! intersected with a watertight test, so that a hit does not depend on the shape of the tree: the nearest t wins,
+//! then the smallest triangle index. Vectors use lane-wise arithmetic only, which gives the same bits on every
+//! platform with any instruction set.
 
 mod build;
 mod collapse;
@@ -21,7 +21,7 @@ use triangles::{Packet, Sheared};
 /// A half-line from `origin`, up to `t_max` lengths of `direction`.
 #[derive(Debug, Clone, Copy)]
 pub struct Ray {
-    /// Start, not itself part of the ray.
+    /// Start point, which is not part of the ray.
     pub origin: Vec3,
     /// Direction; distances are in units of its length.
     pub direction: Vec3,
@@ -36,7 +36,7 @@ impl Ray {
     }
 }
 
-/// Where a ray meets a triangle.
+/// Intersection of a ray with a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
     /// Distance in lengths of the ray's direction.
@@ -51,7 +51,7 @@ pub struct Hit {
     pub back: bool,
 }
 
-/// Boxes of a node.
+/// Number of children of a node.
 const WIDE: usize = 8;
 
 /// Eight boxes: `bounds[axis][0]` the lower faces, `[1]` the upper ones.
@@ -66,11 +66,11 @@ struct Node {
 const LEAF: u32 = 1 << 31;
 const LEAF_SHIFT: u32 = 26;
 const LEAF_FIRST: u32 = (1 << LEAF_SHIFT) - 1;
-/// Boxes are entered up to this much beyond the nearest hit, which covers the rounding of both.
+/// Boxes are entered up to this factor beyond the nearest hit, which covers the rounding of both.
 const SLACK: f32 = 1.0 + 1.0 / 65_536.0;
 
-/// Follows a ray by wide vector registers where the machine has them. No product is fused with a sum, so the bits are those
-/// of any other machine.
+/// Runs a traversal with wide vector registers if the machine has them. Products are not fused with sums, so all
+/// machines give the same bits.
 macro_rules! at_best {
     ($level:expr, $simd:ident => $walk:expr) => {{
         #[cfg(target_arch = "x86_64")]
@@ -94,17 +94,17 @@ macro_rules! at_best {
 pub struct Bvh {
     nodes: Vec<Node>,
     packets: Vec<Packet>,
-    /// The vector instructions that rays are followed by, each set with the same bits.
+    /// The set of vector instructions in use; all sets give the same bits.
     level: Level,
-    /// Triangles left out because a corner is not finite.
+    /// Number of triangles left out because a corner is not finite.
     pub broken: u64,
-    /// Triangles left out because they have no area.
+    /// Number of triangles left out because they have no area.
     pub degenerate: u64,
     bounds: Option<(Vec3, Vec3)>,
 }
 
 impl Default for Bvh {
-    /// Of no triangles.
+    /// A tree without triangles.
     fn default() -> Self {
         let (nodes, packets) = (Vec::new(), Vec::new());
         Self { nodes, packets, level: Level::new(), broken: 0, degenerate: 0, bounds: None }
@@ -112,7 +112,7 @@ impl Default for Bvh {
 }
 
 impl Bvh {
-    /// Memory held.
+    /// Memory in bytes.
     pub fn bytes(&self) -> u64 {
         (size_of_val(&*self.nodes) + size_of_val(&*self.packets)) as u64
     }
@@ -122,8 +122,8 @@ impl Bvh {
         self.bounds
     }
 
-    /// Looks at the tree from its root: `visit` gets the corners of a box, and says whether to look into that, or those of
-    /// a triangle.
+    /// Traverses the tree from its root: `look` receives the corners of a box and returns whether to descend into
+    /// it, or the corners of a triangle.
     pub fn visit(&self, mut look: impl FnMut(&[Vec3]) -> bool) {
         let corners = |bounds: &[[[f32; WIDE]; 2]; 3], lane: usize| -> [Vec3; 8] {
             std::array::from_fn(|i| Vec3::from_array([0, 1, 2].map(|axis| bounds[axis][i >> axis & 1][lane])))
@@ -132,7 +132,7 @@ impl Bvh {
         while let Some(at) = waiting.pop() {
             if at & LEAF == 0 {
                 let Node { bounds, children } = &self.nodes[at as usize];
-                // Lanes without a child have bounds that are empty.
+                // Lanes without a child have empty bounds.
                 let there = |lane: &usize| bounds[0][0][*lane] <= bounds[0][1][*lane];
                 let open = |lane: usize| look(&corners(bounds, lane)).then_some(children[lane]);
                 waiting.extend((0..WIDE).filter(there).filter_map(open));
@@ -147,10 +147,10 @@ impl Bvh {
         }
     }
 
-    /// The nearest hit that `accept` takes.
+    /// The nearest hit for which `accept` returns true.
     #[inline]
     pub fn closest(&self, ray: Ray, accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
-        // Most rays to a small object end here.
+        // Most rays towards a small object end here.
         let slope = self.enter(&ray)?;
         match Steps::are_counted() {
             false => at_best!(self.level, simd => self.nearest::<_, false>(simd, ray, slope, accept)),
@@ -158,7 +158,7 @@ impl Bvh {
         }
     }
 
-    /// True when there is a hit that `accept` takes.
+    /// True if there is a hit for which `accept` returns true.
     #[inline]
     pub fn any(&self, ray: Ray, accept: impl FnMut(&Hit) -> bool) -> bool {
         let Some(slope) = self.enter(&ray) else { return false };
@@ -168,8 +168,8 @@ impl Bvh {
         }
     }
 
-    /// One over the direction of a ray that may meet the box around all. A component of 0 becomes a slope so steep that the
-    /// ray never leaves its slab.
+    /// The reciprocal of the direction of a ray, if it may hit the box around all triangles. A component of 0
+    /// becomes a slope so steep that the ray never leaves its slab.
     #[inline(always)]
     fn enter(&self, ray: &Ray) -> Option<[f32; 3]> {
         let (low, high) = self.bounds?;
@@ -181,7 +181,7 @@ impl Bvh {
         for axis in 0..3 {
             let a = (low[axis] - ray.origin[axis]) * slope[axis];
             let b = (high[axis] - ray.origin[axis]) * slope[axis];
-            // Comparisons take fewer steps than `min` and `max`, which ask for what is no number.
+            // Comparisons take fewer instructions than `min` and `max`, which handle NaN.
             let (near, far) = if a < b { (a, b) } else { (b, a) };
             enter = if near > enter { near } else { enter };
             leave = if far < leave { far } else { leave };
@@ -189,7 +189,7 @@ impl Bvh {
         if enter > leave * SLACK { None } else { Some(slope) }
     }
 
-    // Out of the way of the walks that are not counted.
+    // Kept separate from the traversals that are not counted.
     #[cold]
     #[inline(never)]
     fn nearest_counted(&self, ray: Ray, slope: [f32; 3], accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
@@ -263,7 +263,7 @@ impl Bvh {
         )
     }
 
-    /// Visits leaves, `NEAR` ones first if asked, until `leaf` gives false; gives false then.
+    /// Visits leaves, nearest first with `NEAR`, until `leaf` returns false; then returns false.
     #[inline(always)]
     fn walk<S: Simd, const NEAR: bool, const COUNTED: bool>(
         &self,
@@ -314,7 +314,7 @@ impl Bvh {
                             continue;
                         }
                         if hits != 0 && !NEAR {
-                            // Any order does: the first of them is next.
+                            // Any order is valid: the first child is next.
                             at = children[hits.trailing_zeros() as usize % WIDE];
                             hits &= hits - 1;
                             while hits != 0 {
@@ -328,8 +328,8 @@ impl Bvh {
                             let mut entries = [0.0; WIDE];
                             enter.store_slice(&mut entries);
                             let base = depth;
-                            // The nearest child is next, and the others wait with nearer ones on top, equal ones in order of
-                            // lanes.
+                            // The nearest child is next; the others wait with nearer ones on top, equal ones in
+                            // order of lanes.
                             let lane = hits.trailing_zeros() as usize % WIDE;
                             hits &= hits - 1;
                             let mut next = (children[lane], entries[lane]);
@@ -352,7 +352,7 @@ impl Bvh {
                             continue;
                         }
                     }
-                    // The last that waits, unless what was found is nearer.
+                    // The last waiting child, unless the hit found is nearer.
                     loop {
                         if depth == 0 {
                             return true;

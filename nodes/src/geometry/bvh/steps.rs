@@ -1,36 +1,36 @@
-//! What walks through trees take, counted where it is asked for: always counting would cost a tenth of the rays.
+//! Step counts of traversals, on request: counting always would cost a tenth of the time of rays.
 
 use std::cell::Cell;
 
-/// Steps of walks: the same for the same rays, whoever runs them.
+/// Step counts of traversals: the same for the same rays on any thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Steps {
-    /// Nodes, each of up to eight boxes.
+    /// Number of nodes, each with up to eight boxes.
     pub nodes: u64,
-    /// Packets of up to four triangles, tested at once.
+    /// Number of packets of up to four triangles, tested at once.
     pub packets: u64,
 }
 
 thread_local! {
-    /// Of the walks of this thread, while they are counted.
+    /// Counts of this thread, while counting.
     static COUNTED: Cell<Option<Steps>> = const { Cell::new(None) };
 }
 
 impl Steps {
-    /// What `work` gives and what its walks took, all of which run on this thread.
+    /// The result of `work`, and the steps of its traversals, which must all run on this thread.
     pub fn of<R>(work: impl FnOnce() -> R) -> (R, Self) {
         let around = COUNTED.replace(Some(Self::default()));
         let done = work();
         (done, COUNTED.replace(around).unwrap_or_default())
     }
 
-    /// Whether walks of this thread are counted now.
+    /// True if traversals of this thread are counted.
     #[inline]
     pub(super) fn are_counted() -> bool {
         COUNTED.get().is_some()
     }
 
-    /// Adds to what is counted.
+    /// Adds to the counts.
     pub(super) fn add(nodes: u64, packets: u64) {
         let more = |steps: Self| Self { nodes: steps.nodes + nodes, packets: steps.packets + packets };
         COUNTED.set(COUNTED.get().map(more));

@@ -16,7 +16,7 @@ impl Random {
     }
 }
 
-/// Nearest hit in f64 by testing every triangle; the honest reference.
+/// Nearest hit in f64 by testing every triangle: the reference.
 fn brute(corners: &[[Vec3; 3]], ray: Ray) -> Option<(f64, usize)> {
     let mut best: Option<(f64, usize)> = None;
     for (i, t) in corners.iter().enumerate() {
@@ -38,7 +38,7 @@ fn brute(corners: &[[Vec3; 3]], ray: Ray) -> Option<(f64, usize)> {
     best
 }
 
-/// How many triangles a ray crosses off their edges, in f64.
+/// Number of triangles that a ray crosses away from their edges, in f64.
 fn crossed(corners: &[[Vec3; 3]], ray: Ray) -> u32 {
     let inside = |t: &&[Vec3; 3]| {
         let [a, b, c] = t.map(|p| p.as_dvec3() - ray.origin.as_dvec3());
@@ -50,8 +50,8 @@ fn crossed(corners: &[[Vec3; 3]], ray: Ray) -> u32 {
     corners.iter().filter(inside).count() as u32
 }
 
-/// Every set of vector instructions finds the same bits, by as many steps.
-/// Mutation: `mul_add` for the difference and product of boxes or corners, in what follows rays by AVX2 alone.
+/// Every set of vector instructions gives the same bits with the same number of steps. Mutation: `mul_add` for the
+/// difference and product of boxes or corners, with AVX2 alone.
 #[test]
 fn every_set_of_instructions_finds_the_same() {
     let corners = soup(3_000, 0.2, 5);
@@ -82,8 +82,8 @@ fn soup(n: usize, size: f32, seed: u32) -> Vec<[Vec3; 3]> {
         .collect()
 }
 
-/// Rays in the planes of boxes and triangles, from points of them: a slab that a ray lies in is 0 times infinity. All that
-/// they cross off an edge is met; an edge on the side of a box may belong to what is beyond.
+/// Rays in the planes of boxes and triangles, from points of them: a ray within a slab gives 0 times infinity. All
+/// triangles crossed away from their edges are hit; an edge on the side of a box may belong to its neighbour.
 /// Mutation: `1e30_f32.copysign(d)` to `0.0` in `Bvh::enter`.
 #[test]
 fn rays_in_the_planes_of_boxes_find_what_stands_across() {
@@ -147,7 +147,7 @@ fn rays_find_what_brute_force_finds() {
                     assert!((f64::from(hit.t) - t).abs() < 1e-3 * t.max(1e-2), "{hit:?} {t}");
                 }
                 (None, None) => {}
-                // A ray within rounding of an edge may go either way.
+                // A ray within rounding of an edge may hit either side.
                 _ => unequal += 1,
             }
         }
@@ -202,7 +202,7 @@ fn broken_triangles_are_left_out_and_counted() {
     let corners = [[Vec3::NAN, Vec3::X, Vec3::Y], line, good, good, [Vec3::ONE; 3]];
     let bvh = Bvh::build(&corners);
     assert_eq!((bvh.broken, bvh.degenerate), (1, 2));
-    // One whose area is 0 in single precision has an area.
+    // A triangle whose area underflows in single precision has an area.
     let tiny = Bvh::build(&[[Vec3::ZERO, Vec3::X * 1e-12, Vec3::Y * 1e-12]]);
     assert_eq!(tiny.degenerate, 0);
     let hit = bvh.closest(Ray::new(Vec3::new(0.2, 0.2, 1.0), Vec3::NEG_Z), |_| true).expect("hit");
@@ -211,8 +211,8 @@ fn broken_triangles_are_left_out_and_counted() {
     assert_eq!(behind.map(|h| (h.triangle, h.back)), Some((3, true)));
 }
 
-/// No triangle, one, half a million with equal centroids, and many each half as large as the one before, whose best tree may
-/// be too deep for the stack of a walk.
+/// No triangle, one, half a million with equal centroids, and many where each is half as large as the one before,
+/// whose best tree may be too deep for the stack.
 #[test]
 fn identical_triangles_stay_shallow() {
     let one = Bvh::build(&[[Vec3::ZERO, Vec3::X, Vec3::Y]]);
@@ -227,8 +227,8 @@ fn identical_triangles_stay_shallow() {
     let mut tree = Vec::new();
     balanced(&boxes, &mut order, 0, &mut tree);
     assert!(tree.len() < 5_000);
-    // In one place, of one size or of many, as many as a large mesh has: a tree whose walk does not overflow its stack, and
-    // which takes no square of their number to build.
+    // At one position, of one size or of many, as many as in a large mesh: the traversal does not overflow its
+    // stack, and building is not quadratic.
     for grows in [0.0, 1e-6] {
         let n = 1 << 19;
         let around = |k: u32| [Vec3::X, Vec3::Y, -Vec3::X - Vec3::Y].map(|p| p * (1.0 + grows * k as f32));
@@ -246,7 +246,7 @@ fn identical_triangles_stay_shallow() {
         let side = f32::from_bits((127 + 40 - k) << 23);
         [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| (Vec3::ONE + axis) * side)
     };
-    // Four of each, as many as a leaf takes.
+    // Four of each, as many as a leaf holds.
     let nested = Bvh::build(&(0..360).map(|k| halved(k / 4)).collect::<Vec<_>>());
     let mut met = 0;
     nested.any(Ray::new(Vec3::ZERO, Vec3::ONE), |_| {
@@ -257,7 +257,7 @@ fn identical_triangles_stay_shallow() {
     assert_eq!(nested.closest(Ray::new(Vec3::ZERO, Vec3::ONE), |_| true).map(|hit| hit.triangle), Some(356));
 }
 
-// The folded tree gives the same hits as a differently shaped one: results do not hang on the tree.
+// The folded tree gives the same hits as a differently shaped one: results do not depend on the tree.
 #[test]
 fn hits_do_not_depend_on_the_tree() {
     let corners = soup(3_000, 0.2, 3);
@@ -276,7 +276,7 @@ fn hits_do_not_depend_on_the_tree() {
     }
 }
 
-// What misses the box around all takes no step; counting changes no hit and ends where it is asked to.
+// A ray that misses the box around all triangles takes no step; counting changes no hit and ends as requested.
 #[test]
 fn steps_are_counted_where_asked() {
     let one = Bvh::build(&[[Vec3::ZERO, Vec3::X, Vec3::Y]]);

@@ -4,16 +4,16 @@ use glam::Vec4;
 
 use super::{Hit, Ray};
 
-/// Four triangles, one a lane.
+/// Four triangles, one per lane.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Packet {
     pub(super) corners: [[Vec4; 3]; 3],
     pub(super) ids: [u32; 4],
 }
 
-/// A ray as the triangle test wants it: axes permuted so that the last is the longest of the direction,
-/// and the shear that turns the direction into that axis (Woop, Benthin and Wald 2013, Watertight
-/// Ray/Triangle Intersection).
+/// A ray prepared for the triangle test: axes permuted so that the last one is the longest of the direction, and
+/// the shear that maps the direction to that axis (Woop, Benthin and Wald 2013, Watertight Ray/Triangle
+/// Intersection).
 pub(super) struct Sheared {
     axes: [usize; 3],
     origin: [Vec4; 3],
@@ -35,12 +35,12 @@ impl Sheared {
         Self { axes: [x, y, z], origin: [Vec4::splat(o[x]), Vec4::splat(o[y]), Vec4::splat(o[z])], shear }
     }
 
-    /// A corner of four triangles, seen along the ray: two places aside, and how far. To `map` all corners takes a call for each
-    /// and hands them on through memory.
+    /// Projects a corner of four triangles along the ray: two coordinates across, and the distance. (Mapping all
+    /// corners in one call would pass them through memory.)
     #[inline(always)]
     fn project(&self, corner: &[Vec4; 3]) -> [Vec4; 3] {
         let [kx, ky, kz] = self.axes;
-        // Told once, it is not asked for each.
+        // Checked once, so that indexing needs no further checks.
         assert!(kx < 3 && ky < 3 && kz < 3, "three axes");
         let z = corner[kz] - self.origin[2];
         let x = corner[kx] - self.origin[0] - self.shear[0] * z;
@@ -50,13 +50,13 @@ impl Sheared {
 }
 
 impl Packet {
-    /// Of no triangles: lanes of what is no number, which no test takes for inside or for an edge. A point, as which they
-    /// once stood, lies on its own edges, so that every packet with a lane to spare was tested to the end.
+    /// A packet without triangles: lanes of NaN, which no test accepts as inside or as an edge. With points
+    /// instead, every packet with an empty lane would be tested to the end, since a point lies on its own edges.
     pub(super) const EMPTY: Self = Self { corners: [[Vec4::NAN; 3]; 3], ids: [u32::MAX; 4] };
 
-    /// Tests four triangles. Corners are projected along the ray one by one, so that neighbours see the
-    /// same projected corners; the sign of an edge function of two of them is exact, for rounding is
-    /// monotone and a 0 is decided in f64. So no ray slips between neighbours, at corners neither.
+    /// Tests four triangles. Corners are projected along the ray one by one, so neighbours have the same projected
+    /// corners. The sign of an edge function of two corners is exact, because rounding is monotone and 0 is
+    /// resolved in f64. So no ray passes between neighbours, not even at corners.
     #[inline(always)]
     pub(super) fn intersect(&self, ray: &Sheared, limit: f32, mut hit: impl FnMut(Hit) -> bool) -> bool {
         let [a, b, c] = &self.corners;
@@ -84,7 +84,7 @@ impl Packet {
         }
         let det = u + v + w;
         let t = (u * az + v * bz + w * cz) / det;
-        // Comparisons are false for the NaN of a ray in the plane of a triangle.
+        // Comparisons with NaN, from a ray in the plane of a triangle, are false.
         let ahead = t.cmpgt(Vec4::ZERO) & t.cmple(Vec4::splat(limit));
         let mut lanes = (inside & ahead & det.cmpne(Vec4::ZERO)).bitmask();
         if lanes == 0 {

@@ -1,4 +1,4 @@
-//! What a triangle mesh is like: its size, which way is up, where the floor lies, and whether it is closed.
+//! Summary of a triangle mesh: its size, up axis, floor, and whether it is closed.
 
 use glam::DVec3;
 use serde::Serialize;
@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::{Extent, Finding, FloorGuess, Patch, floor_of, percentile};
 use crate::types::Mesh;
 
-/// What a mesh is like.
+/// Summary of a mesh.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Inspection {
     /// Vertices.
@@ -19,18 +19,18 @@ pub struct Inspection {
     pub bounds: Option<Extent>,
     /// Sum of the triangles' areas, in square units.
     pub area: f64,
-    /// Edges of one triangle only, vertices at one point taken as one: the rims of holes.
+    /// Number of edges with a single triangle (after merging vertices at the same point): the rims of holes.
     pub open_edges: usize,
-    /// Edges of three triangles or more, or of two that disagree on which side is out.
+    /// Number of edges with three triangles or more, or with two that disagree on which side is outside.
     pub odd_edges: usize,
     /// The floor.
     pub floor: Option<FloorGuess>,
-    /// What looks wrong.
+    /// Warnings.
     pub findings: Vec<Finding>,
 }
 
 impl Inspection {
-    /// True when every edge has two triangles that agree on which side is out.
+    /// True if every edge has two triangles that agree on which side is outside.
     pub fn is_closed(&self) -> bool {
         self.triangles > 0 && self.open_edges == 0 && self.odd_edges == 0
     }
@@ -44,7 +44,7 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
         };
         Extent { min: [0, 1, 2].map(|k| axis(k, f32::min)), max: [0, 1, 2].map(|k| axis(k, f32::max)) }
     });
-    // The middle 96 % of the vertices: a few far away must not stretch the search for the floor.
+    // The middle 96 % of the vertices: a few far away must not extend the search for the floor.
     let core = bounds.map(|_| {
         let at = |share| {
             [0, 1, 2].map(|k| percentile(&mut mesh.positions.iter().map(|p| p[k]).collect::<Vec<_>>(), share))
@@ -68,11 +68,11 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
         findings: Vec::new(),
     };
     for (id, holds, text) in [
-        ("no-triangles", found.triangles == 0, "nothing that light could meet".to_owned()),
+        ("no-triangles", found.triangles == 0, "no surface".to_owned()),
         (
             "no-colours",
             found.triangles > 0 && !found.coloured,
-            "no vertex colours: light that it bounces will be grey".to_owned(),
+            "no vertex colours: reflected light will be grey".to_owned(),
         ),
         (
             "odd-edges",
@@ -82,7 +82,7 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
         (
             "floor-unclear",
             found.triangles > 0 && found.floor.as_ref().is_none_or(|floor| !floor.is_clear()),
-            "which way is up cannot be told from the surface".to_owned(),
+            "the up axis cannot be determined from the surface".to_owned(),
         ),
     ] {
         if holds {
@@ -97,8 +97,8 @@ fn cross([a, b, c]: [DVec3; 3]) -> DVec3 {
     (b - a).cross(c - a)
 }
 
-/// A triangle as a piece of a surface of this area. It is no sample but the surface itself: each ten-thousandth of
-/// the whole counts as an observation.
+/// A triangle as a patch of surface with this area. It is not a random sample: each ten-thousandth of the whole
+/// counts as an observation.
 fn patch(corners: [DVec3; 3], whole: f64) -> Patch {
     let cross = cross(corners);
     let length = cross.length();
@@ -111,9 +111,9 @@ fn patch(corners: [DVec3; 3], whole: f64) -> Patch {
     }
 }
 
-/// How many edges are open, and how many odd.
+/// Number of open edges, and of odd ones.
 fn edges(mesh: &Mesh) -> (usize, usize) {
-    // Exporters give a vertex again wherever its normal or colour changes: the same point is the same vertex.
+    // Exporters repeat a vertex wherever its normal or colour changes: equal points are the same vertex.
     let mut order: Vec<u32> = (0..mesh.positions.len() as u32).collect();
     // -0 is 0.
     let point = |v: u32| mesh.position(v).to_array().map(|c| (c + 0.0).to_bits());
@@ -187,7 +187,7 @@ mod tests {
         assert!(!none.is_closed() && none.bounds.is_none() && none.findings[0].id == "no-triangles");
     }
 
-    // The lid taken off and walls that go on: the floor is what is left.
+    // Without its lid and with taller walls: the floor is the remaining face.
     #[test]
     fn the_floor_of_a_tray_is_found() {
         let mut tray = slab();

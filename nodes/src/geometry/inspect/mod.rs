@@ -1,4 +1,4 @@
-//! What a file holds, told before any graph uses it: for `lightharmony inspect`, no kinds.
+//! Summaries of the content of a file, for `lightharmony inspect`.
 
 pub mod mesh;
 pub mod splats;
@@ -22,18 +22,18 @@ impl Extent {
     }
 }
 
-/// The floor, as far as flat pieces of surface tell; there is none where no more lies flat than chance explains.
+/// The estimated floor. There is no estimate if the flat pieces of surface are as spread out as by chance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FloorGuess {
     /// The axis that seems to point up: `+z`.
     pub up: &'static str,
     /// Coordinate of the floor along that axis (so -1.2 along `-y` is y = 1.2), in world units.
     pub height: f64,
-    /// Of the area of all surface, the share that lies flat in the floor, 0 to 1.
+    /// Fraction of the surface area that lies flat in the floor, 0 to 1.
     pub share: f64,
-    /// By how many standard deviations more lies flat there than chance puts there.
+    /// Number of standard deviations by which the flat area exceeds chance.
     pub significance: f64,
-    /// How far the runner-up is behind, 0 (it may as well be that) to 1.
+    /// Margin to the runner-up, from 0 (equally likely) to 1.
     pub confidence: f64,
     /// The axis of the runner-up.
     pub second: &'static str,
@@ -43,22 +43,22 @@ impl FloorGuess {
     const NONE: Self =
         Self { up: "", height: 0.0, share: 0.0, significance: 0.0, confidence: 0.0, second: "" };
 
-    /// True where the runner-up is far enough behind for the guess to be relied on.
+    /// True if the margin to the runner-up is large enough to rely on the estimate.
     pub fn is_clear(&self) -> bool {
         self.confidence >= 0.25
     }
 }
 
-/// Something a person should look at.
+/// A warning for the user.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
     /// Stable name in kebab-case.
     pub id: &'static str,
-    /// One line.
+    /// Text in one line.
     pub text: String,
 }
 
-/// The value that a share of the values lies below.
+/// The percentile of the values at `share`.
 fn percentile(values: &mut [f32], share: f64) -> f64 {
     let at = ((values.len().saturating_sub(1)) as f64 * share).round() as usize;
     if values.is_empty() {
@@ -67,32 +67,32 @@ fn percentile(values: &mut [f32], share: f64) -> f64 {
     f64::from(*values.select_nth_unstable_by(at, f32::total_cmp).1)
 }
 
-/// Slabs of the core along an axis.
+/// Number of slabs of the core along an axis.
 const SLABS: usize = 128;
 const AXES: [[&str; 2]; 3] = [["-x", "+x"], ["-y", "+y"], ["-z", "+z"]];
 
 /// A piece of surface.
 struct Patch {
     middle: [f64; 3],
-    /// Of length 1, where it is flat.
+    /// Unit normal, if the piece is flat.
     normal: Option<[f64; 3]>,
     weight: f64,
-    /// What it adds to the variance of a sum of weights: the square of a weight that is one observation.
+    /// Its contribution to the variance of a sum of weights: the square of its weight, as one observation.
     variance: f64,
 }
 
-/// Standard deviations by which more must lie flat in a slab than chance puts there. The best of 384 slabs counts, and
-/// weights are far from equal: of noise, the best reached 4 in 200 tries.
+/// Number of standard deviations by which the flat area in a slab must exceed chance. The maximum over 384 slabs
+/// counts, and weights differ strongly: for noise, the maximum reached 4 in 200 tries.
 const SIGNIFICANT: f64 = 8.0;
 
-/// What lies in a slab, or in all.
+/// Sums over the patches in a slab, or over all patches.
 #[derive(Clone, Copy, Default)]
 struct Slab {
     /// Weight of all patches.
     all: f64,
-    /// Weight of those that lie flat in it.
+    /// Weight of the patches that lie flat in it.
     flat: f64,
-    /// Of all patches, and of those that lie flat.
+    /// Variance of the weights, for all patches and for the flat ones.
     variance: f64,
     flat_variance: f64,
 }
@@ -105,9 +105,9 @@ impl Slab {
         self.flat_variance += other.flat_variance;
     }
 
-    /// How much more lies flat here than if it were as much of the surface as elsewhere, and by how many standard
-    /// deviations: a patch here or elsewhere is flat by one chance. Where that is small, what was found is itself
-    /// a count of few, and its own deviation is the larger one.
+    /// The flat area beyond what it would be with the same flat fraction as elsewhere, and the number of standard
+    /// deviations: by the null hypothesis, a patch is flat with the same probability everywhere. If few patches are
+    /// flat, the deviation of the observed count itself is larger, and is used.
     fn excess(&self, total: &Self) -> (f64, f64) {
         let elsewhere = total.all - self.all;
         if elsewhere <= 0.0 {
@@ -122,8 +122,8 @@ impl Slab {
     }
 }
 
-/// Looks for the slab, in the lower half along one of the six directions, in which the most surface lies flat beyond
-/// what chance puts there, and which has most of the scene above it.
+/// Searches the slab, in the lower half along one of the six directions, whose flat area exceeds chance by the
+/// most, weighted by the part of the scene above it.
 fn floor_of(patches: impl Iterator<Item = Patch>, core: &Extent) -> Option<FloorGuess> {
     let mut slabs = [[Slab::default(); SLABS]; 3];
     for Patch { middle, normal, weight, variance } in patches {
@@ -151,7 +151,7 @@ fn floor_of(patches: impl Iterator<Item = Patch>, core: &Extent) -> Option<Floor
     for axis in 0..3 {
         let total = sum(&mut slabs[axis].iter().copied());
         for positive in [true, false] {
-            // Counted from the bottom of this direction.
+            // Counted from the bottom in this direction.
             let at = |slab: usize| if positive { slab } else { SLABS - 1 - slab };
             let mut best = (0.0, FloorGuess { up: AXES[axis][usize::from(positive)], ..FloorGuess::NONE });
             for slab in 0..SLABS / 2 {

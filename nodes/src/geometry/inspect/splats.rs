@@ -1,5 +1,4 @@
-//! What a scene of splats is like: its size, which way is up, where the floor lies, and whether its numbers
-//! are those of a capture.
+//! Summary of a splat scene: its size, up axis, floor, and whether its numbers are plausible for a capture.
 
 use engine::{Context, NodeError};
 use serde::Serialize;
@@ -17,9 +16,9 @@ pub struct Sizes {
     pub p99_longest: f64,
     /// The longest axis of all.
     pub longest: f64,
-    /// Share of needles: longest axis over 30 times the middle one.
+    /// Fraction of needles: longest axis over 30 times the middle one.
     pub needles: f64,
-    /// Share of flat ones: shortest axis under a third of the middle one.
+    /// Fraction of flat splats: shortest axis under a third of the middle one.
     pub flat: f64,
 }
 
@@ -28,14 +27,14 @@ pub struct Sizes {
 pub struct Opacities {
     /// Median.
     pub median: f64,
-    /// Share below 1/255, which no renderer draws.
+    /// Fraction below 1/255, which no renderer draws.
     pub unseen: f64,
-    /// Share above 0.95.
+    /// Fraction above 0.95.
     pub opaque: f64,
 }
 
-/// How many splats meet at a pixel, were none hidden: an estimate from sizes and opacities, with the cut at an
-/// alpha of 1/255.
+/// Number of splats per pixel without occlusion: an estimate from sizes and opacities, with the cut at an alpha of
+/// 1/255.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Overdraw {
     /// Mean over a panorama from the median of the centres.
@@ -44,10 +43,10 @@ pub struct Overdraw {
     pub from_outside: f64,
 }
 
-/// What a scene is like.
+/// Summary of a scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Inspection {
-    /// Splats that can be drawn.
+    /// Number of splats that can be drawn.
     pub splats: usize,
     /// Degree of the spherical harmonics.
     pub sh_degree: u32,
@@ -55,7 +54,7 @@ pub struct Inspection {
     pub encoding: &'static str,
     /// True when trained with a screen-space filter.
     pub antialiased: bool,
-    /// Box of all centres; `None` without splats, as what follows.
+    /// Box of all centres; `None` without splats, like the following fields.
     pub bounds: Option<Extent>,
     /// Box of the middle 96 % of the centres along each axis.
     pub core: Option<Extent>,
@@ -67,9 +66,9 @@ pub struct Inspection {
     pub sizes: Option<Sizes>,
     /// Opacities.
     pub opacities: Option<Opacities>,
-    /// Splats at a pixel.
+    /// Number of splats per pixel.
     pub overdraw: Option<Overdraw>,
-    /// What looks wrong.
+    /// Warnings.
     pub findings: Vec<Finding>,
 }
 
@@ -141,14 +140,14 @@ fn sizes(splats: &Splats) -> Sizes {
     }
 }
 
-/// Where a splat is cut: its axes in standard deviations times this reach an alpha of 1/255.
+/// The radius at which a splat is cut, in standard deviations: where its alpha is 1/255.
 fn reach(opacity: f32) -> f64 {
     let ratio = f64::from(opacity) * 255.0;
     if ratio > 1.0 { (2.0 * num::f64::ln(ratio)).sqrt() } else { 0.0 }
 }
 
 fn overdraw(splats: &Splats, centre: [f64; 3], core: &Extent) -> Overdraw {
-    // Mean area of the shadows of an ellipsoid: a quarter of its surface (Cauchy), by Thomsen's formula.
+    // Mean area of the projections of an ellipsoid: a quarter of its surface (Cauchy), by Thomsen's formula.
     const P: f64 = 1.6075;
     let (mut inside, mut outside) = (0.0, 0.0);
     for (i, scale) in splats.scales.iter().enumerate() {
@@ -156,7 +155,7 @@ fn overdraw(splats: &Splats, centre: [f64; 3], core: &Extent) -> Overdraw {
         let area = std::f64::consts::PI * num::pow((a * b + b * c + c * a) / 3.0, 1.0 / P);
         let mean = splats.means[i].map(f64::from);
         let distance: f64 = (0..3).map(|k| (mean[k] - centre[k]) * (mean[k] - centre[k])).sum();
-        // A splat around the eye covers half of what is seen.
+        // A splat around the eye covers half of the view.
         let near = area / std::f64::consts::TAU;
         inside += if area > 0.0 { area / (distance + near) } else { 0.0 };
         let within = (0..3).all(|k| (core.min[k]..=core.max[k]).contains(&mean[k]));
@@ -170,10 +169,10 @@ fn overdraw(splats: &Splats, centre: [f64; 3], core: &Extent) -> Overdraw {
     }
 }
 
-/// Looks for the floor among the flat splats.
+/// Searches the floor among the flat splats.
 fn floor(splats: &Splats, core: &Extent) -> Option<FloorGuess> {
     let mut areas: Vec<f32> = splats.scales.iter().map(|s| area(*s) as f32).collect();
-    // A few splats of the sky would outweigh all others.
+    // Clamped, or a few splats of the sky would outweigh all others.
     let largest = percentile(&mut areas, 0.95);
     let patches = (0..splats.len()).map(|i| {
         let weight = area(splats.scales[i]).min(largest) * f64::from(splats.opacities[i]);
@@ -187,13 +186,13 @@ fn floor(splats: &Splats, core: &Extent) -> Option<FloorGuess> {
     floor_of(patches, core)
 }
 
-/// Area of the flat side of a splat, up to a factor.
+/// Area of the flat side of a splat, up to a constant factor.
 fn area(scale: [f32; 3]) -> f64 {
     let [_, middle, longest] = sorted(scale);
     middle * longest
 }
 
-/// The direction of the shortest axis, where it is much shorter than the others.
+/// The direction of the shortest axis, if it is much shorter than the others.
 fn normal(scale: [f32; 3], [w, x, y, z]: [f32; 4]) -> Option<[f64; 3]> {
     let [shortest, middle, _] = sorted(scale);
     if shortest * 3.0 >= middle {
@@ -221,7 +220,7 @@ fn findings(
     let list = [
         (
             "scales-not-logarithms",
-            // Splats that all lie at one point say nothing of their size.
+            // The size of splats relative to the scene is undefined if all lie at one point.
             middle > 0.0 && relative > 0.05,
             format!(
                 "half of the splats are larger than {:.0} % of the scene: scales activated twice?",
@@ -231,7 +230,9 @@ fn findings(
         (
             "scales-tiny",
             middle > 0.0 && relative < 1e-6,
-            format!("half of the splats are smaller than {relative:.1e} of the scene: nothing would be seen"),
+            format!(
+                "half of the splats are smaller than {relative:.1e} of the scene: nothing would be visible"
+            ),
         ),
         (
             "needles",
@@ -269,7 +270,7 @@ fn findings(
         (
             "floor-unclear",
             found.floor.as_ref().is_none_or(|floor| !floor.is_clear()),
-            "which way is up cannot be told from the splats; look at a render".to_owned(),
+            "the up axis cannot be determined from the splats; look at a render".to_owned(),
         ),
     ];
     list.into_iter().filter(|(_, holds, _)| *holds).map(|(id, _, text)| Finding { id, text }).collect()
@@ -318,7 +319,7 @@ mod tests {
         }
     }
 
-    // However many splats: of noise nothing lies flat in one plane more than by chance, whatever its shape.
+    // With any number of splats: in noise of any shape, the flat area in a plane does not exceed chance.
     #[test]
     fn no_floor_is_found_in_noise() {
         let mut state = 1_u64;
@@ -333,7 +334,7 @@ mod tests {
                     // A box, or a ball that is denser in the middle.
                     let mut sum = || (0..if attempt % 2 == 0 { 1 } else { 4 }).map(|_| next() - 0.5).sum();
                     splats.means.push([sum(), sum(), sum()]);
-                    // Along the axes, or any way.
+                    // Aligned with the axes, or random.
                     let aligned = attempt % 4 < 2;
                     splats.quats.push(if aligned { [1.0, 0.0, 0.0, 0.0] } else { [0; 4].map(|_| sum()) });
                     splats.scales.push([0; 3].map(|_| num::f64::exp(f64::from(next() * 4.0 - 6.0)) as f32));
@@ -366,27 +367,27 @@ mod tests {
         assert!((overdraw.from_inside / expected - 1.0).abs() < 1e-3, "{overdraw:?} {expected}");
     }
 
-    /// No size is told in parts of a scene that has none.
-    /// Seen red without `middle > 0.0` before `relative > 0.05`.
+    /// Sizes are not reported relative to a scene without extent. Seen red without `middle > 0.0` before `relative
+    /// > 0.05`.
     #[test]
     fn scenes_without_extent_give_no_infinite_figures() {
-        let told = |change: fn(&mut Splats)| {
+        let reported = |change: fn(&mut Splats)| {
             let mut splats = room(2, 1.0);
             change(&mut splats);
             let found = inspect(&splats, &context()).unwrap();
             found.findings.into_iter().map(|finding| finding.text).collect::<String>()
         };
         for text in [
-            told(|s| s.means.fill([1.0; 3])),
-            told(|s| s.means[10..].fill([1.0; 3])),
-            told(|s| {
+            reported(|s| s.means.fill([1.0; 3])),
+            reported(|s| s.means[10..].fill([1.0; 3])),
+            reported(|s| {
                 s.means.truncate(1);
                 s.quats.truncate(1);
                 s.scales.truncate(1);
                 s.opacities.truncate(1);
                 s.sh.truncate(1);
             }),
-            told(|s| s.scales.fill([0.0; 3])),
+            reported(|s| s.scales.fill([0.0; 3])),
         ] {
             assert!(["inf", "NaN"].iter().all(|word| !text.contains(word)), "{text}");
         }

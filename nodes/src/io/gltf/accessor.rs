@@ -6,16 +6,16 @@ use gltf::accessor::{DataType, Dimensions};
 use super::File;
 use crate::error::Error;
 
-/// Numbers of an accessor, `width` to an element.
+/// Numbers of an accessor.
 pub struct Numbers {
-    /// Numbers to an element.
+    /// Numbers per element.
     pub width: usize,
-    /// All of them, in order; whole-number types normalised where the accessor says so.
+    /// All numbers in order; integers are normalised if the accessor says so.
     pub values: Vec<f64>,
 }
 
 impl Numbers {
-    /// Elements as arrays; `None` where the width is another.
+    /// Elements as arrays; `None` if the width differs.
     pub fn arrays<const N: usize>(&self) -> Option<&[[f64; N]]> {
         if self.width == N { Some(self.values.as_chunks::<N>().0) } else { None }
     }
@@ -58,7 +58,7 @@ impl File {
                 );
             }
         } else {
-            // Zeros that only a sparse part changes; no honest file has more of them than bytes.
+            // Zeros that only a sparse part changes; a valid file has at least a byte per element.
             if count > buffers.iter().map(Vec::len).sum() {
                 let text = format!("accessor {} has more elements than the file bytes", accessor.index());
                 return Err(self.bad(text));
@@ -85,7 +85,7 @@ impl File {
                 let at = number(index, index_type, false) as usize * width;
                 let slot = values
                     .get_mut(at..at + width)
-                    .ok_or_else(|| wrong("changes an element that there is not"))?;
+                    .ok_or_else(|| wrong("changes an element that does not exist"))?;
                 for (value, raw) in slot.iter_mut().zip(change.chunks_exact(data.size())) {
                     *value = number(raw, data, accessor.normalized());
                 }
@@ -95,7 +95,7 @@ impl File {
     }
 }
 
-/// One number, normalised as section 3.11 of the glTF specification says.
+/// One number, normalised as in section 3.11 of the glTF specification.
 fn number(raw: &[u8], data: DataType, normalized: bool) -> f64 {
     let (value, largest) = match (data, raw) {
         (DataType::I8, &[a]) => (f64::from(a as i8), 127.0),

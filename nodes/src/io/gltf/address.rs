@@ -1,14 +1,14 @@
-//! Addresses of buffers and pictures: data in the file itself, or paths beside it.
+//! Addresses of buffers and pictures: embedded data, or relative paths.
 
 use crate::error::Error;
 use crate::io::base64;
 
-/// The bytes of a `data:` address, or `None` for another kind of address.
+/// The bytes of a `data:` address, or `None` for another type of address.
 pub(super) fn inline(name: &str, uri: &str) -> Option<Result<Vec<u8>, Error>> {
     let data = uri.strip_prefix("data:")?;
     Some(match data.split_once(";base64,") {
         Some((_, text)) => {
-            let bytes = base64::decode(text).filter(|_| base64::is_whole(text));
+            let bytes = base64::decode(text);
             bytes.ok_or_else(|| Error::format(name, "a data URI is not base64"))
         }
         None => Err(Error::unsupported(name, "a data URI that is not base64")),
@@ -34,7 +34,9 @@ pub(super) fn path(name: &str, uri: &str) -> Result<String, Error> {
     if path.contains("://") || path.starts_with('/') || path.contains('\\') || path.contains('\0') {
         return Err(Error::unsupported(
             name,
-            format!("the address `{uri}`: only paths beside the file can be read"),
+            format!(
+                "the address `{uri}`: only relative paths are read, such as `textures/wood.png` or `../wood.png`"
+            ),
         ));
     }
     Ok(path)
@@ -50,5 +52,10 @@ mod tests {
         for refused in ["https://x/y.bin", "/etc/passwd", "a%2", "c:\\x"] {
             assert!(path("a", refused).is_err(), "{refused}");
         }
+        // Files of a parent folder are read, since exporters with a folder of textures refer to them. The message
+        // says so.
+        assert_eq!(path("a", "../wood.png").ok().as_deref(), Some("../wood.png"));
+        let text = path("a", "/etc/passwd").err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(text.contains("only relative paths are read") && text.contains("`../wood.png`"), "{text}");
     }
 }

@@ -19,7 +19,7 @@ use container::split;
 pub use accessor::Numbers;
 pub use container::{json_in, json_of};
 
-/// What of a file is wanted.
+/// Parts of a file to read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Want {
     /// Shapes only.
@@ -46,12 +46,12 @@ pub const SUPPORTED: [&str; 18] = [
     "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
-    // These change nothing that is drawn.
+    // These change nothing visible.
     "KHR_xmp_json_ld",
     "KHR_xmp",
 ];
 
-/// Why some extensions are not supported, and what to do instead.
+/// Advice about unsupported extensions.
 fn advice(extension: &str) -> &'static str {
     match extension {
         "KHR_draco_mesh_compression" => ": Draco compression; save the file without it",
@@ -104,16 +104,16 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     }
     check_accessors(name, &json)?;
     if let Some(top) = json.as_object_mut() {
-        // Checked above; the crate knows fewer of them than we do.
+        // Checked above; the crate knows fewer of them.
         top.remove("extensionsRequired");
     }
-    // A scene may be empty, which the crate does not know either.
+    // A scene may be empty, which the crate does not support.
     for scene in json.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
         if let Some(scene) = scene.as_object_mut() {
             scene.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
         }
     }
-    // A texture may have its picture in the extension alone, which the crate does not know.
+    // A texture may have its picture in the extension alone, which the crate does not support.
     for texture in json.get_mut("textures").and_then(Value::as_array_mut).into_iter().flatten() {
         let webp = texture["extensions"]["EXT_texture_webp"]["source"].clone();
         if let Some(texture) = texture.as_object_mut().filter(|texture| !texture.contains_key("source")) {
@@ -123,11 +123,12 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     let views = json["bufferViews"].as_array().is_some_and(|views| !views.is_empty());
     for accessor in json.get_mut("accessors").and_then(Value::as_array_mut).into_iter().flatten() {
         if let Some(accessor) = accessor.as_object_mut() {
-            // Bounds of positions, which the crate insists on, are often missing and never needed.
+            // Bounds of positions, which the crate requires, are often missing and never needed.
             for bound in ["min", "max"] {
                 accessor.entry(bound).or_insert_with(|| Value::from(vec![0.0; 3]));
             }
-            // Neither numbers nor changes of them: all are 0 (glTF 2.0, 3.6.2.3), which the crate takes for a mistake.
+            // An accessor without data and sparse values is all 0 (glTF 2.0, 3.6.2.3), which the crate treats as an
+            // error.
             if views && !accessor.contains_key("bufferView") {
                 accessor.entry("sparse").or_insert_with(|| {
                     json!({"count": 0, "indices": {"bufferView": 0, "componentType": 5125}, "values": {"bufferView": 0}})
@@ -145,7 +146,7 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     Ok(File { name: name.to_owned(), document, json, blob })
 }
 
-/// What a file is that holds no glTF, by its first bytes and by its name where these tell nothing.
+/// The format of a file that is not glTF, by its first bytes or, if these are not known, by its name.
 fn other_format(name: &str, bytes: &[u8]) -> Option<&'static str> {
     let starts: [(&[u8], &str); 6] = [
         (b"Kaydara FBX", "FBX"),
@@ -174,7 +175,7 @@ fn other_format(name: &str, bytes: &[u8]) -> Option<&'static str> {
     by_bytes.map(|(_, format)| *format).or_else(|| by_name().map(|(_, format)| *format))
 }
 
-/// The crate's own checks index the accessors of primitives before they look whether these exist.
+/// Checks the accessors of primitives, since the checks of the crate index them before testing that they exist.
 fn check_accessors(name: &str, json: &Value) -> Result<(), Error> {
     let count = json["accessors"].as_array().map_or(0, Vec::len) as u64;
     let known = |index: &Value| index.as_u64().is_none_or(|index| index < count);
@@ -198,7 +199,7 @@ impl File {
         Error::format(&self.name, what)
     }
 
-    /// Files beside this one that its buffers and, where wanted, pictures name; each once, in order.
+    /// Other files that its buffers and, if wanted, pictures refer to; each once, in order.
     pub fn beside(&self, want: Want) -> Result<Vec<String>, Error> {
         let lists: &[&str] = if want == Want::Geometry { &["buffers"] } else { &["buffers", "images"] };
         let mut paths = BTreeSet::new();
@@ -212,7 +213,7 @@ impl File {
         Ok(paths.into_iter().collect())
     }
 
-    /// The bytes of every buffer; `read` reads a file beside this one.
+    /// The bytes of every buffer; `read` reads another file by its relative path.
     pub fn buffers<E: From<Error>>(
         &self,
         mut read: impl FnMut(&str) -> Result<Vec<u8>, E>,
@@ -259,7 +260,7 @@ impl File {
         buffers: &[Vec<u8>],
         read: impl FnOnce(&str) -> Result<Vec<u8>, E>,
     ) -> Result<Raster, E> {
-        // From the JSON: the crate stops the process at a picture without address or type.
+        // From the JSON: the crate panics at a picture without address or type.
         let image = &self.json["images"][index];
         let (label, owned);
         let bytes = match (image["uri"].as_str(), image["bufferView"].as_u64()) {

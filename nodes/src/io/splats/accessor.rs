@@ -5,7 +5,7 @@ use serde::Deserialize;
 use super::bytes::{f32_at, u8_at, u16_at, u32_at};
 use crate::error::Error;
 
-/// An accessor as the file describes it.
+/// An accessor as stored in the file.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Accessor {
@@ -31,7 +31,7 @@ enum Component {
     F32,
 }
 
-/// A column whose bytes were checked to be there.
+/// A column whose bytes are known to exist.
 pub struct Reader<'a> {
     bytes: &'a [u8],
     count: usize,
@@ -75,7 +75,7 @@ impl Accessor {
             None => Some(0),
             Some(last) => last.checked_mul(stride).and_then(|n| n.checked_add(width * size)),
         };
-        // Rows must not overlap, or a small file could promise many.
+        // Rows must not overlap, or a small file could claim many.
         if stride < width * size || needed.is_none_or(|needed| needed > bytes.len()) {
             let (count, held) = (self.count, bytes.len());
             let what = format!("an accessor of {count} rows, {stride} bytes apart, in {held} bytes");
@@ -86,17 +86,17 @@ impl Accessor {
 }
 
 impl Reader<'_> {
-    /// Rows.
+    /// Number of rows.
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// Components of a row.
+    /// Components per row.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// One component of a row; normalised integers are spread over 0 to 1 or -1 to 1.
+    /// One component of a row; normalised integers map to 0 to 1 or -1 to 1.
     pub fn get(&self, row: usize, component: usize) -> f64 {
         let at = row * self.stride + component * self.size;
         let (value, largest) = match self.component {

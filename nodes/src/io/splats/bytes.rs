@@ -1,7 +1,7 @@
-//! Little-endian numbers out of a file.
+//! Little-endian numbers from a file.
 //!
-//! Every reader checks the size of what it is about to read first, in one place, with a message that
-//! tells the numbers. What is read here lies inside; should a check be wrong, these give 0 and no panic.
+//! Every reader checks the size of the data first, in one place, with a message that has the numbers. Reads are
+//! then in bounds; if a check were wrong, these functions return 0 and do not panic.
 
 use crate::error::Error;
 
@@ -54,7 +54,7 @@ pub fn f16_at(bytes: &[u8], at: usize) -> f64 {
     if bits >> 15 == 1 { -value } else { value }
 }
 
-/// `length` bytes from `start`, or an error that says what was looked for.
+/// `length` bytes from `start`, or an error that names the missing data.
 pub fn range<'a>(
     file: &str,
     bytes: &'a [u8],
@@ -69,16 +69,15 @@ pub fn range<'a>(
     })
 }
 
-/// A count of splats, refused where the bytes that are there cannot hold it. `densest` is the largest
-/// number of splats that one byte may stand for: 1 over the bytes of a row, or more where the file is
-/// compressed.
+/// A count of splats, an error if the available bytes cannot hold it. `densest` is the largest number of splats per
+/// byte: 1 over the bytes of a row, or more if the file is compressed.
 pub fn believed(file: &str, count: u64, held: usize, densest: f64) -> Result<usize, Error> {
     if count as f64 <= held as f64 * densest
         && let Ok(count) = usize::try_from(count)
     {
         return Ok(count);
     }
-    let what = format!("{count} splats are promised, which {held} bytes cannot hold");
+    let what = format!("the header claims {count} splats, which {held} bytes cannot hold");
     Err(Error::format(file, what))
 }
 

@@ -1,4 +1,4 @@
-//! From the frame of a file to the world of the graph.
+//! Conversion from the frame of a file to the world of the graph.
 
 use engine::Up;
 use glam::{DMat3, DVec3};
@@ -7,17 +7,17 @@ use super::rows::Row;
 use super::sh_turn::ShTurn;
 
 engine::choices! {
-    /// Which way is up in a file of splats.
+    /// Up axis of a file of splats.
     pub enum Frame {
-        /** What the format says: +y for SPZ and glTF, nothing for the others, which stay as stored. */
+        /// +y for SPZ and glTF, which define it; other formats are used as stored.
         ByFormat,
-        /** As stored, whatever the format says. */
+        /// As stored, for any format.
         AsStored,
-        /** +y is up. */
+        /// +y is up.
         YUp,
-        /** -y is up, as COLMAP often gives. */
+        /// -y is up, as in many COLMAP models.
         YDown,
-        /** +z is up. */
+        /// +z is up.
         ZUp,
     }
 }
@@ -32,7 +32,7 @@ pub fn from_y_up(up: Up) -> DMat3 {
 }
 
 impl Frame {
-    /// The axis that is up, where the file or the user says so.
+    /// The up axis, if the file or the user defines it.
     pub fn up(self, declared: Option<Up>) -> Option<Up> {
         match self {
             Self::ByFormat => declared,
@@ -44,14 +44,14 @@ impl Frame {
     }
 }
 
-/// A similarity: turns (or mirrors), scales evenly and moves.
+/// A similarity transform: rotation or mirror image, uniform scale and translation.
 #[derive(Debug, Clone)]
 pub struct Turn {
     matrix: DMat3,
     scale: f64,
     offset: DVec3,
-    /// Rotation part (w, x, y, z) of `matrix`, or of its negative where that mirrors: a Gaussian is its
-    /// own mirror image through its centre.
+    /// Rotation part (w, x, y, z) of `matrix`, or of its negative if it is a mirror image: a Gaussian is its own
+    /// mirror image through its centre.
     quat: [f64; 4],
     sh: ShTurn,
 }
@@ -63,7 +63,7 @@ impl Turn {
         Self { matrix, scale, offset, quat: quaternion(proper), sh: ShTurn::new(matrix) }
     }
 
-    /// Splits an affine map into a similarity; `None` where its axes are scaled unevenly or sheared.
+    /// Splits an affine map into a similarity; `None` if its axes are scaled unevenly or sheared.
     pub fn of_linear(linear: DMat3, offset: DVec3) -> Option<Self> {
         let scale = linear.x_axis.length();
         if !(scale > 0.0 && scale.is_finite() && offset.is_finite()) {
@@ -86,7 +86,7 @@ impl Turn {
         })
     }
 
-    /// Turns a splat and its colour.
+    /// Transforms a splat and its colour.
     pub fn apply(&self, row: &mut Row, sh: &mut [[f32; 3]]) {
         let mean = DVec3::from(row.mean.map(f64::from)) + DVec3::from(row.mean_low.map(f64::from));
         row.set_mean((self.matrix * mean * self.scale + self.offset).to_array());
@@ -104,8 +104,8 @@ impl Turn {
     }
 }
 
-/// The quaternion (w, x, y, z) of a rotation: the largest of four candidates, so that no root of a small
-/// difference is divided by.
+/// The quaternion (w, x, y, z) of a rotation: the largest of four candidates, which avoids dividing by the root of
+/// a small difference.
 fn quaternion(m: DMat3) -> [f64; 4] {
     let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
     let squares =
@@ -121,25 +121,25 @@ fn quaternion(m: DMat3) -> [f64; 4] {
     }
 }
 
-/// What decides how a file is brought into the world.
+/// Settings that determine the transform of a file into the world.
 #[derive(Debug, Clone, Copy)]
 pub struct Placing {
-    /// The user's word.
+    /// The frame chosen by the user.
     pub frame: Frame,
-    /// Up in the world.
+    /// Up axis of the world.
     pub up: Up,
-    /// Metres a world unit.
+    /// Metres per world unit.
     pub metres_per_unit: f64,
 }
 
 impl Placing {
-    /// The turn from a file whose format says that `declared` is up, in metres where `metres`. `None` where
-    /// nothing is to be done. The text says what was decided, `None` where there was nothing to decide.
+    /// The transform of a file whose format defines `declared` as up, in metres if `metres`; `None` for the
+    /// identity. The text describes the decision; `None` if there was no choice.
     pub fn turn(&self, declared: Option<Up>, metres: bool) -> (Option<(DMat3, f64)>, Option<String>) {
         let scale = if metres && self.frame != Frame::AsStored { 1.0 / self.metres_per_unit } else { 1.0 };
         let Some(up) = self.frame.up(declared) else {
             let text =
-                declared.map(|up| format!("is used as stored, though its format has {} up", up.name()));
+                declared.map(|up| format!("is used as stored, although its format has {} up", up.name()));
             return (None, text);
         };
         let matrix = from_y_up(self.up) * from_y_up(up).transpose();
@@ -195,7 +195,7 @@ mod tests {
         assert!(Turn::of_linear(DMat3::IDENTITY, DVec3::splat(f64::NAN)).is_none());
     }
 
-    // The rule of the design for everything that is Y-up.
+    // The rule of the design for all formats with Y up.
     #[test]
     fn up_stays_up_and_back_again() {
         let v = DVec3::new(1.0, 2.0, 3.0);

@@ -1,8 +1,8 @@
-//! glTF with `KHR_gaussian_splatting` (Khronos, 2025): splats as the points of mesh primitives, with the
-//! transforms of their nodes; GLB, or JSON with buffers beside it or inside of it. The compression extension
+//! glTF with `KHR_gaussian_splatting` (Khronos, 2025): splats as the points of mesh primitives, with the transforms
+//! of their nodes; GLB, or JSON with external or embedded buffers. The compression extension
 //! `KHR_gaussian_splatting_compression_spz_2` is an SPZ file in a buffer view.
 //!
-//! glTF is Y-up and in metres, so the splats are turned and scaled as objects are.
+//! glTF is Y-up and in metres, so the splats are rotated and scaled as objects are.
 
 use std::collections::BTreeMap;
 
@@ -23,7 +23,7 @@ use crate::types::SplatEncoding;
 const NAME: &str = "KHR_gaussian_splatting";
 const SPZ: [&str; 2] = ["KHR_gaussian_splatting_compression_spz_2", "KHR_gaussian_splatting_compression_spz"];
 
-/// What begins a GLB file.
+/// First bytes of a GLB file.
 pub(super) const MAGIC: &[u8; 4] = b"glTF";
 
 /// The parts of a glTF file that splats need.
@@ -128,16 +128,16 @@ struct Buffer {
 impl Document {
     /// Reads the JSON of a file.
     pub fn read(file: &str, json: &[u8]) -> Result<Self, Error> {
-        serde_json::from_slice(json).map_err(|e| Error::format(file, format!("no glTF: {e}")))
+        serde_json::from_slice(json).map_err(|e| Error::format(file, format!("not glTF: {e}")))
     }
 
-    /// The files beside it that its buffers lie in.
+    /// The files that contain its buffers.
     pub fn files(&self) -> impl Iterator<Item = &str> {
         self.buffers.iter().filter_map(|buffer| buffer.uri.as_deref()).filter(|uri| !uri.starts_with("data:"))
     }
 }
 
-/// The chunks of a GLB file (glTF 2.0, section 4.4): JSON, and binary where there is one.
+/// The chunks of a GLB file (glTF 2.0, section 4.4): JSON, and optionally binary.
 pub(super) fn chunks<'a>(file: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>), Error> {
     let head = range(file, bytes, 0, 20, "the header")?;
     if u32_at(head, 4) != 2 {
@@ -156,7 +156,7 @@ pub(super) fn chunks<'a>(file: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Optio
     Ok((json, (&head[4..8] == b"BIN\0").then_some(binary)))
 }
 
-/// One use of a primitive: which, and under which transform.
+/// One use of a primitive, with its transform.
 struct Use<'a> {
     primitive: &'a Primitive,
     splatting: Splatting,
@@ -217,7 +217,7 @@ impl Document {
     }
 }
 
-/// Loads a GLB file, or JSON with `fetch` for the files beside it.
+/// Loads a GLB file, or JSON with `fetch` for external files.
 pub(super) fn load(
     file: &str,
     bytes: &[u8],
@@ -280,13 +280,13 @@ pub(super) fn load(
     all.ok_or_else(|| Error::format(file, "no splats").into())
 }
 
-/// The encoding of the colours; what the file asks for beyond it must be what we do.
+/// The encoding of the colours; an error if the file requires other settings than ours.
 fn encoding(file: &str, splatting: &Splatting) -> Result<SplatEncoding, Error> {
-    for (what, told, done) in
+    for (what, reported, done) in
         [("kernel", &splatting.kernel, "ellipse"), ("projection", &splatting.projection, "perspective")]
     {
-        if let Some(told) = told.as_deref().filter(|told| *told != done) {
-            return Err(Error::unsupported(file, format!("the {what} `{told}` of {NAME}")));
+        if let Some(reported) = reported.as_deref().filter(|reported| *reported != done) {
+            return Err(Error::unsupported(file, format!("the {what} `{reported}` of {NAME}")));
         }
     }
     match splatting.color_space.as_deref() {
@@ -312,14 +312,14 @@ fn primitive(
     }
     if first == 0 {
         match one.splatting.sorting_method.as_deref() {
-            // What the extension means where nothing is written.
+            // The default of the extension.
             None | Some("cameraDistance") => {
                 let text =
-                    format!("`{file}` was made for sorting by distance: `SplatRender(sort: Distance)`");
+                    format!("`{file}` was made for sorting by distance: use `SplatRender(sort: Distance)`");
                 notes.decision("sorting-method", text);
             }
             Some(other) => {
-                let text = format!("`{file}` asks for the sorting method `{other}`, which is not known here");
+                let text = format!("`{file}` requires the sorting method `{other}`, which is unknown");
                 notes.warning("sorting-method", text);
             }
         }
@@ -350,7 +350,7 @@ fn primitive(
     let scales = need(&format!("{NAME}:SCALE"), 3)?;
     let opacities = need(&format!("{NAME}:OPACITY"), 1)?;
     let coefficient = |l: u32, n: u32| format!("{NAME}:SH_DEGREE_{l}_COEF_{n}");
-    // The spec stops at degree 3; a fourth is read where it is written in the same manner.
+    // The specification ends at degree 3; degree 4 is read if it is stored in the same way.
     let degree = (1..=4).take_while(|l| find(&coefficient(*l, 0)).is_some()).last().unwrap_or(0);
     let names = (0..=degree).flat_map(|l| (0..2 * l + 1).map(move |n| (l, n)));
     let harmonics = names.map(|(l, n)| need(&coefficient(l, n), 3)).collect::<Result<Vec<_>, _>>()?;
@@ -360,7 +360,7 @@ fn primitive(
     if others.clone().any(|reader| reader.count() != count) {
         return Err(Error::format(file, "the attributes of the splats have unequal counts").into());
     }
-    // Lengths are never negative; drafts of the extension had their logarithms here (KhronosGroup/glTF#2563).
+    // Lengths are never negative; drafts of the extension stored logarithms here (KhronosGroup/glTF#2563).
     let below = (0..count).filter(|&index| (0..3).any(|k| scales.get(index, k) < 0.0)).count();
     let logarithms = below > count / 20;
     if logarithms {

@@ -1,17 +1,16 @@
-//! Compressed streams, unpacked no further than what was promised.
+//! Decompression with limits.
 //!
-//! The output grows as data arrives and stops at a limit, so that a small hostile file cannot ask for
-//! much memory.
+//! The output grows as data arrives and stops at a limit, so that a small hostile file cannot allocate much memory.
 
 use std::io::Read;
 
 use crate::error::Error;
 
-/// Deflate turns at most 258 bytes into 2 bits, about 1032 to 1 (RFC 1951, section 3.2.5).
+/// Largest ratio of deflate: 258 bytes from 2 bits, about 1032 to 1 (RFC 1951, section 3.2.5).
 pub const DEFLATE_RATIO: usize = 1032;
 
-/// Unpacks a whole gzip stream of at most `limit(first 16 bytes)` bytes; its checksum is verified. Also how many bytes
-/// lie behind it.
+/// Unpacks a whole gzip stream of at most `limit(first 16 bytes)` bytes; its checksum is verified. Also returns the
+/// number of bytes after it.
 pub fn gunzip(
     file: &str,
     packed: &[u8],

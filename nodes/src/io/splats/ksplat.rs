@@ -1,6 +1,6 @@
-//! `.ksplat` (mkkellogg/GaussianSplats3D, `SplatBuffer.js`): a header of 4096 bytes, 1024 bytes a section,
-//! then the sections, each with its buckets and rows. Level 0 stores floats; levels 1 and 2 store centres as
-//! 16-bit offsets from the centre of their bucket and the rest as halves, level 2 the harmonics as bytes.
+//! `.ksplat` (mkkellogg/GaussianSplats3D, `SplatBuffer.js`): a header of 4096 bytes, 1024 bytes per section, then
+//! the sections, each with its buckets and rows. Level 0 stores floats; levels 1 and 2 store centres as 16-bit
+//! offsets from the centre of their bucket and the rest as halves, level 2 the harmonics as bytes.
 
 use engine::{NodeError, Notes};
 
@@ -11,10 +11,10 @@ use crate::error::Error;
 
 const HEADER: usize = 4096;
 const SECTION_HEADER: usize = 1024;
-/// Half the range of a harmonic stored as a byte, where the file does not tell (`Constants.js`).
+/// Half the range of a harmonic stored as a byte, if the file does not define it (`Constants.js`).
 const HALF_RANGE: f64 = 1.5;
 
-/// Where the parts of a row lie, for each level.
+/// Layout of a row for each level.
 struct Level {
     real: usize,
     harmonic: usize,
@@ -22,7 +22,7 @@ struct Level {
     rotation: usize,
     colour: usize,
     harmonics: usize,
-    /// Steps from the centre of a bucket to its side, where the section does not tell.
+    /// Number of steps from the centre of a bucket to its side, if the section does not define it.
     steps: u32,
 }
 
@@ -32,8 +32,8 @@ const LEVELS: [Level; 3] = [
     Level { real: 2, harmonic: 1, scale: 6, rotation: 12, colour: 20, harmonics: 24, steps: 32_767 },
 ];
 
-/// True where the bytes begin like such a file, be it cut off: version 0.1 and up, a known level, at least one section,
-/// no more in use than there are, the same of splats, of which some writers leave out how many there is room for.
+/// True if the bytes begin like such a file, even a truncated one: version 0.1 and up, a known level, at least one
+/// section, no more sections in use than there are, and the same for splats, whose maximum some writers leave out.
 pub(super) fn is_ksplat(bytes: &[u8]) -> bool {
     let [sections, used_sections, room, used] = [4, 8, 12, 16].map(|at| u32_at(bytes, at));
     bytes.len() >= 22
@@ -55,14 +55,14 @@ struct Section<'a> {
     centres: &'a [u8],
     bucket_size: usize,
     full: usize,
-    /// Rows before the end of each bucket that is not full.
+    /// Number of rows before the end of each partially filled bucket.
     ends: Vec<usize>,
     steps: f64,
     step: f64,
 }
 
 impl<'a> Section<'a> {
-    /// Reads the header at `head` and finds its data at `at`, which moves on.
+    /// Reads the header at `head` and finds its data at `at`, which is advanced.
     fn read(file: &str, bytes: &'a [u8], head: &[u8], level: &Level, at: &mut usize) -> Result<Self, Error> {
         let (count, room) = (u32_at(head, 0) as usize, u32_at(head, 4) as usize);
         let (bucket_size, buckets) = (u32_at(head, 8) as usize, u32_at(head, 12) as usize);
@@ -138,7 +138,7 @@ pub(super) fn load(
     };
     let limit = |at: usize, otherwise: f64| match f64::from(f32_at(head, at)) {
         0.0 => otherwise,
-        told => told,
+        reported => reported,
     };
     let (low, high) = (limit(36, -HALF_RANGE), limit(40, HALF_RANGE));
     let heads =

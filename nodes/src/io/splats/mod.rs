@@ -3,12 +3,12 @@
 
 mod accessor;
 mod bytes;
+mod fixed_rows;
 mod frame;
 mod gltf;
 mod inflate;
 mod ksplat;
 mod ply;
-mod ply_header;
 mod ply_packed;
 mod rows;
 pub mod save;
@@ -40,10 +40,10 @@ pub use sh_turn::ShTurn;
 pub use source::Format;
 pub(crate) use spz::{COLOUR_SCALE as SPZ_COLOUR_SCALE, rotation_10 as spz_rotation};
 
-/// Gives the bytes of a file beside the one that is read.
+/// Reads the bytes of another file that the current one refers to.
 pub(crate) type Fetch<'a> = dyn Fn(&str) -> Result<Vec<u8>, NodeError> + 'a;
 
-/// What every reader needs to know.
+/// Settings for all readers.
 pub(crate) struct Reading<'a> {
     pub(crate) cx: &'a Context,
     pub(crate) placing: Placing,
@@ -72,7 +72,7 @@ impl Reading<'_> {
         rows::read_rows(first, count, turn, self.cx, read)
     }
 
-    /// The turn and scale into the world, from what the format says; the decision is noted.
+    /// The rotation and scale into the world, by the format of the file; the decision is noted.
     fn world(
         &self,
         file: &str,
@@ -87,17 +87,17 @@ impl Reading<'_> {
         turn
     }
 
-    /// The same, ready to be applied.
+    /// The same as a transform of rows.
     fn turn(&self, file: &str, declared: Option<Up>, metres: bool, notes: &mut Notes) -> Option<Turn> {
         let (matrix, scale) = self.world(file, declared, metres, notes)?;
         Some(Turn::new(matrix, scale, DVec3::ZERO))
     }
 }
 
-/// One file: its rows and what they are.
+/// The content of one file: its rows and their properties.
 pub(crate) struct Loaded {
     parts: Vec<Part>,
-    /// Rows of the file, also those that were dropped.
+    /// Number of rows of the file, including dropped ones.
     count: usize,
     sh_degree: u32,
     antialiased: bool,
@@ -123,7 +123,7 @@ impl Loaded {
         Ok(self)
     }
 
-    /// Fills up with coefficients of 0 to a higher degree.
+    /// Extends to a higher degree with coefficients of 0.
     fn widen(&mut self, degree: u32) {
         if self.sh_degree == degree {
             return;
@@ -140,10 +140,10 @@ impl Loaded {
     }
 }
 
-/// Tells of bytes that the format has no place for.
+/// Warns about bytes after the end of the data.
 fn left_over(file: &str, bytes: usize, notes: &mut Notes) {
     if bytes > 0 {
-        let text = format!("`{file}` goes on for {bytes} bytes after its splats; they are passed over");
+        let text = format!("`{file}` has {bytes} bytes after its splats, which are ignored");
         notes.warning("bytes-left-over", text);
     }
 }
@@ -157,7 +157,7 @@ pub(crate) fn load(
 ) -> Result<Loaded, NodeError> {
     match Format::of(file, bytes)? {
         Format::Ply => {
-            let header = ply_header::Header::read(file, bytes)?;
+            let header = fixed_rows::FixedRows::read(file, bytes)?;
             let packed = ply_packed::is_packed(&header);
             let read = if packed { ply_packed::load } else { ply::load };
             let loaded = read(file, bytes, &header, reading, notes)?;
@@ -173,8 +173,8 @@ pub(crate) fn load(
     }
 }
 
-/// Reads splats of any format from memory, as the kind `load-splats` does with its other parameters at their
-/// defaults. A format that needs files beside it is an error.
+/// Reads splats of any format from memory, as the kind `load-splats` does with default parameters. A format that
+/// needs further files is an error.
 pub fn from_bytes(
     file: &str,
     bytes: &[u8],
@@ -184,7 +184,8 @@ pub fn from_bytes(
     let placing = Placing { frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
     let reading = Reading { cx, placing, max_extent: 1e6 };
     let mut notes = Notes::none();
-    let alone = |name: &str| Err(NodeError::new(format!("`{file}` needs the file `{name}` beside it")));
+    let alone =
+        |name: &str| Err(NodeError::new(format!("`{file}` needs the file `{name}` in the same folder")));
     let loaded = load(file, bytes, &alone, &reading, &mut notes)?;
     report(file, &loaded, false, &mut notes)?;
     Ok((assemble(vec![loaded], cx)?, notes))
@@ -201,7 +202,7 @@ pub(crate) fn assemble(mut files: Vec<Loaded>, cx: &Context) -> Result<Splats, N
     ] {
         if differs {
             let what = format!("some of the files say that they {what} and some do not");
-            return Err(NodeError::new(what).at("more").hint("load them as scenes of their own"));
+            return Err(NodeError::new(what).at("more").hint("load them as separate scenes"));
         }
     }
     files.iter_mut().for_each(|file| file.widen(sh_degree));
@@ -218,7 +219,7 @@ pub(crate) fn assemble(mut files: Vec<Loaded>, cx: &Context) -> Result<Splats, N
         encoding,
         antialiased,
     };
-    // Colours are by far the most, so they are moved in parallel: each job has its own piece.
+    // Colours are most of the data, so they are copied in parallel: each job has its own piece.
     let mut pieces = Vec::new();
     let mut left = splats.sh.as_mut_slice();
     for part in files.into_iter().flat_map(|file| file.parts) {
@@ -242,7 +243,7 @@ pub(crate) fn assemble(mut files: Vec<Loaded>, cx: &Context) -> Result<Splats, N
     Ok(splats)
 }
 
-/// Tells what was dropped, or stops at it.
+/// Reports dropped rows; with `strict`, the first one is an error.
 pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Notes) -> Result<(), NodeError> {
     if strict && let Some((row, fault)) = loaded.parts.iter().find_map(|part| part.first_fault) {
         let what = format!("`{file}`: splat {row} is one {}", fault.words());

@@ -1,25 +1,26 @@
-//! Splats as INRIA writes them: binary little-endian PLY, one row a splat, not yet activated.
+//! INRIA PLY: binary little-endian, one row per splat, before activation.
 //!
-//! Fields (gaussian-splatting, `scene/gaussian_model.py`, `save_ply`): `x y z`, `f_dc_0..2`, `f_rest_*`
-//! channel by channel, `opacity` (logit), `scale_0..2` (log), `rot_0..3` (w x y z). `filter_3D`, which
-//! Mip-Splatting and MILo add, is the standard deviation of a smoothing filter that the stored scales
-//! and opacities do not hold yet. Other fields are passed over.
+//! Fields (gaussian-splatting, `scene/gaussian_model.py`, `save_ply`): `x y z`, `f_dc_0..2`, `f_rest_*` channel by
+//! channel, `opacity` (logit), `scale_0..2` (log), `rot_0..3` (w x y z). `filter_3D`, which Mip-Splatting and MILo
+//! add, is the standard deviation of a smoothing filter that the stored scales and opacities do not include yet.
+//! Other fields are ignored.
 
 use engine::{NodeError, Notes};
 
-use super::ply_header::{Element, Field, Header, Number};
+use super::fixed_rows::{Element, Field, FixedRows};
 use super::rows::{Row, RowFault};
 use super::{Loaded, Reading};
 use crate::error::Error;
+use crate::io::ply::Scalar;
 
-/// Where the fields of a row lie.
+/// Positions of the fields of a row.
 struct Layout {
     sh_degree: u32,
     mean: [Field; 3],
     dc: [Field; 3],
     /// All of them, in the order of the file: channel by channel.
     rest: Vec<Field>,
-    /// Where they begin, if they are floats one behind the other.
+    /// Start of these fields, if they are consecutive floats.
     rest_run: Option<usize>,
     opacity: Field,
     scale: [Field; 3],
@@ -31,7 +32,8 @@ struct Layout {
 
 impl Layout {
     fn of(file: &str, vertex: &Element) -> Result<Self, Error> {
-        let find = |name: &str| vertex.find(name).filter(|field| field.number.is_real());
+        let find =
+            |name: &str| vertex.find(name).filter(|field| matches!(field.scalar, Scalar::F32 | Scalar::F64));
         let need = |name: &str| {
             find(name).ok_or_else(|| {
                 let hint = if name == "scale_2" {
@@ -56,8 +58,7 @@ impl Layout {
         };
         let rest = (0..rest_count).map(|i| need(&format!("f_rest_{i}"))).collect::<Result<Vec<_>, _>>()?;
         let first = rest.first().map_or(0, |field: &Field| field.at);
-        let in_line =
-            rest.iter().enumerate().all(|(i, f)| f.number == Number::Single && f.at == first + i * 4);
+        let in_line = rest.iter().enumerate().all(|(i, f)| f.scalar == Scalar::F32 && f.at == first + i * 4);
         let known = |name: &str| {
             ["x", "y", "z", "nx", "ny", "nz", "opacity", "filter_3D"].contains(&name)
                 || ["f_dc_", "f_rest_", "scale_", "rot_"].iter().any(|prefix| name.starts_with(prefix))
@@ -90,7 +91,7 @@ impl Layout {
         sh.push(self.dc.map(|f| f.get(row) as f32));
         let each = self.rest.len() / 3;
         if let Some(start) = self.rest_run {
-            // As everyone writes them: floats, one behind the other.
+            // The usual case: consecutive floats.
             let run = row.get(start..start + each * 12).unwrap_or_default();
             let (floats, _) = run.as_chunks::<4>();
             let (red, others) = floats.split_at(each.min(floats.len()));
@@ -111,7 +112,7 @@ impl Layout {
 pub(super) fn load(
     file: &str,
     bytes: &[u8],
-    header: &Header,
+    header: &FixedRows,
     reading: &Reading<'_>,
     notes: &mut Notes,
 ) -> Result<Loaded, NodeError> {
@@ -129,8 +130,7 @@ pub(super) fn load(
         notes.decision("filter-3d", format!("`filter_3D` of `{file}` is applied to scales and opacities"));
     }
     if !layout.unused.is_empty() {
-        let text =
-            format!("`{file}`: {} fields are passed over: {}", layout.unused.len(), some(&layout.unused));
+        let text = format!("`{file}`: {} fields are ignored: {}", layout.unused.len(), some(&layout.unused));
         notes.decision("fields-passed-over", text);
     }
     let turn = reading.turn(file, None, false, notes);

@@ -9,33 +9,34 @@
 use engine::{NodeError, Notes};
 
 use super::bytes::{u8_at, u32_at};
-use super::ply_header::{Element, Field, Header, Number};
+use super::fixed_rows::{Element, Field, FixedRows};
 use super::rows::{Row, SH_C0, largest_left_out};
 use super::{Loaded, Reading};
 use crate::error::Error;
+use crate::io::ply::Scalar;
 use crate::math::num;
 
-/// Splats of a chunk.
+/// Number of splats per chunk.
 const CHUNK: usize = 256;
 
 /// True for a header that has the packed fields.
-pub(super) fn is_packed(header: &Header) -> bool {
+pub(super) fn is_packed(header: &FixedRows) -> bool {
     header.find("vertex").is_some_and(|vertex| vertex.find("packed_position").is_some())
 }
 
 fn reals<const N: usize>(file: &str, element: &Element, names: [&str; N]) -> Result<[Field; N], Error> {
-    fields(file, element, names, Number::Single)
+    fields(file, element, names, Scalar::F32)
 }
 
 fn fields<const N: usize>(
     file: &str,
     element: &Element,
     names: [&str; N],
-    number: Number,
+    scalar: Scalar,
 ) -> Result<[Field; N], Error> {
-    let mut found = [Field { at: 0, number }; N];
+    let mut found = [Field { at: 0, scalar }; N];
     for (field, name) in found.iter_mut().zip(names) {
-        *field = element.find(name).filter(|field| field.number == number).ok_or_else(|| {
+        *field = element.find(name).filter(|field| field.scalar == scalar).ok_or_else(|| {
             Error::format(file, format!("the element `{}` has no field `{name}`", element.name))
         })?;
     }
@@ -66,7 +67,7 @@ fn harmonic(byte: u8) -> f32 {
 pub(super) fn load(
     file: &str,
     bytes: &[u8],
-    header: &Header,
+    header: &FixedRows,
     reading: &Reading<'_>,
     notes: &mut Notes,
 ) -> Result<Loaded, NodeError> {
@@ -79,7 +80,7 @@ pub(super) fn load(
         file,
         vertex,
         ["packed_position", "packed_rotation", "packed_scale", "packed_color"],
-        Number::Unsigned(4),
+        Scalar::U32,
     )?;
     let bounds = [
         (reals(file, chunk, ["min_x", "min_y", "min_z"])?, reals(file, chunk, ["max_x", "max_y", "max_z"])?),
@@ -144,7 +145,7 @@ type Harmonics<'a> = (&'a [u8], usize, Vec<usize>);
 fn harmonics<'a>(
     file: &str,
     bytes: &'a [u8],
-    header: &Header,
+    header: &FixedRows,
     count: usize,
 ) -> Result<Option<Harmonics<'a>>, Error> {
     let Some(element) = header.find("sh") else { return Ok(None) };
@@ -157,7 +158,7 @@ fn harmonics<'a>(
         return Err(wrong(format!("{fields} fields in `sh`; degree 1 to 3 have 9, 24 or 45")));
     }
     let places = (0..fields).map(|i| {
-        let field = element.find(&format!("f_rest_{i}")).filter(|f| f.number == Number::Unsigned(1));
+        let field = element.find(&format!("f_rest_{i}")).filter(|f| f.scalar == Scalar::U8);
         field.map(|f| f.at).ok_or_else(|| wrong(format!("the element `sh` has no byte `f_rest_{i}`")))
     });
     let places = places.collect::<Result<Vec<_>, _>>()?;

@@ -1,24 +1,24 @@
-//! What every format of splats shares: activation, the faults of single rows, and reading in parallel.
+//! Rows of splats, common to all formats: activation, errors of single rows, and parallel reading.
 
 use engine::{Context, NodeError};
 
 use super::frame::Turn;
 use crate::math::num;
 
-/// Why a row is dropped.
+/// Reason why a row is dropped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RowFault {
     /// A field is NaN or infinite.
     NotFinite,
-    /// The quaternion is zero: exports that failed halfway leave such rows.
+    /// The quaternion is zero: as in rows of incomplete exports.
     ZeroQuaternion,
     /// An axis is longer than `max_extent`.
     TooLarge,
-    /// A scale is below 0, where the format stores it as it is, or `filter_3D` is.
+    /// A scale is below 0 (in formats that store scales directly), or `filter_3D` is.
     NegativeScale,
-    /// An opacity is not between 0 and 1, where the format stores it as it is.
+    /// An opacity is not between 0 and 1 (in formats that store it directly).
     BadOpacity,
-    /// The row names an entry of a table that has fewer.
+    /// The row refers to an entry beyond the end of a table.
     NoSuchEntry,
 }
 
@@ -45,7 +45,7 @@ impl RowFault {
         }
     }
 
-    /// In words, after "splats" or "the splat".
+    /// The reason in words, after "splats" or "the splat".
     pub fn words(self) -> &'static str {
         match self {
             Self::NotFinite => "with a field that is NaN or infinite",
@@ -58,12 +58,12 @@ impl RowFault {
     }
 }
 
-/// A splat, activated, without its colour.
+/// A splat after activation, without its colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Row {
     /// Centre.
     pub mean: [f32; 3],
-    /// What f32 loses of it.
+    /// Part of the centre that f32 loses.
     pub mean_low: [f32; 3],
     /// Unit quaternion (w, x, y, z).
     pub quat: [f32; 4],
@@ -74,9 +74,9 @@ pub struct Row {
 }
 
 impl Row {
-    /// Activates what the optimiser stores: log scales, logit opacity, a quaternion of any length.
-    /// `filter` is `filter_3D` of Mip-Splatting (Yu et al. 2024, eq. 9; `get_scaling_with_3D_filter`):
-    /// it widens every axis and takes from the opacity what it adds to the volume.
+    /// Activates the parameters of the optimiser: log scales, logit opacity, a quaternion of any length. `filter`
+    /// is `filter_3D` of Mip-Splatting (Yu et al. 2024, eq. 9; `get_scaling_with_3D_filter`): it widens every axis
+    /// and reduces the opacity by the ratio of the volumes.
     pub fn activate(
         mean: [f64; 3],
         quat: [f64; 4],
@@ -98,7 +98,7 @@ impl Row {
             let mut kept = 1.0;
             for s in &mut scale {
                 let wide = (*s * *s + filter * filter).sqrt();
-                // 0 / 0 where both vanish: then the filter takes nothing.
+                // 0 / 0 if both are 0: then the opacity stays the same.
                 kept *= if wide > 0.0 { *s / wide } else { 1.0 };
                 *s = wide;
             }
@@ -107,7 +107,7 @@ impl Row {
         Self::checked(mean, quat, scale, opacity, max_extent)
     }
 
-    /// A row whose scales and opacity are what they mean already.
+    /// A row whose scales and opacity are already activated.
     pub fn checked(
         mean: [f64; 3],
         quat: [f64; 4],
@@ -126,7 +126,7 @@ impl Row {
         if scale.iter().any(|s| *s < 0.0) {
             return Err(RowFault::NegativeScale);
         }
-        // Rounding in the program that wrote the file may leave it a little outside.
+        // Rounding in the program that wrote the file may put it slightly outside.
         if !(-1e-6..=1.0 + 1e-6).contains(&opacity) {
             return Err(RowFault::BadOpacity);
         }
@@ -142,15 +142,15 @@ impl Row {
         if finite { Ok(row) } else { Err(RowFault::NotFinite) }
     }
 
-    /// Sets the centre and what f32 loses of it.
+    /// Sets the centre and the part of it that f32 loses.
     pub fn set_mean(&mut self, mean: [f64; 3]) {
         self.mean = mean.map(|c| c as f32);
         self.mean_low = mean.map(|c| (c - f64::from(c as f32)) as f32);
     }
 }
 
-/// The quaternion of which a file leaves out the largest component, which is positive: `which` counts in
-/// the order of the result.
+/// The quaternion from three components; the omitted one is the largest, and positive. `which` is its index in the
+/// result.
 pub fn largest_left_out(which: usize, [a, b, c]: [f64; 3]) -> [f64; 4] {
     let d = (1.0 - (a * a + b * b + c * c)).max(0.0).sqrt();
     match which {
@@ -161,9 +161,9 @@ pub fn largest_left_out(which: usize, [a, b, c]: [f64; 3]) -> [f64; 4] {
     }
 }
 
-/// The finite quaternion at length 1; none of one that is all zero.
+/// The quaternion normalised to length 1; `None` if it is all zero.
 pub fn unit(quat: [f64; 4]) -> Option<[f32; 4]> {
-    // Scaled by the largest first, so that neither 1e-200 nor 1e200 is lost in the squares.
+    // Scaled by the largest component first, so that neither 1e-200 nor 1e200 under- or overflows when squared.
     let largest = quat.iter().fold(0.0_f64, |m, q| m.max(q.abs()));
     let quat = quat.map(|q| q / largest);
     let length = quat.iter().map(|q| q * q).sum::<f64>().sqrt();
@@ -173,26 +173,26 @@ pub fn unit(quat: [f64; 4]) -> Option<[f32; 4]> {
 /// The factor of the constant function: colour = 0.5 + this times the coefficient.
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
-/// Coefficients of a degree beyond the constant one.
+/// Number of coefficients of a degree besides the constant one.
 pub fn sh_rest(degree: u32) -> usize {
     ((degree + 1) * (degree + 1) - 1) as usize
 }
 
-/// Rows a job.
+/// Number of rows per job.
 const CHUNK: usize = 16_384;
 
-/// A part of a scene: what one job has read.
+/// A part of a scene: the rows of one job.
 #[derive(Default)]
 pub struct Part {
     /// The splats that can be drawn.
     pub rows: Vec<Row>,
-    /// Their colours, as many triples each as the degree of the file asks for.
+    /// Their colours: triples per splat by the degree of the file.
     pub sh: Vec<[f32; 3]>,
-    /// How many were dropped, by fault.
+    /// Number of dropped rows, by reason.
     pub dropped: [u64; RowFault::ALL.len()],
-    /// The first that was, counted in the file.
+    /// Index in the file of the first dropped row, and its reason.
     pub first_fault: Option<(usize, RowFault)>,
-    /// True when a centre has more digits than f32 holds.
+    /// True if a centre has more digits than f32 holds.
     pub finer: bool,
 }
 
@@ -201,8 +201,8 @@ fn all_finite(values: &[f32]) -> bool {
     values.iter().fold(0, |most, value| (value.to_bits() & 0x7fff_ffff).max(most)) < 0x7f80_0000
 }
 
-/// Reads `count` rows in parallel with `read(index, sh)`, which appends the colour of a row; it need not
-/// take back the colour of a row it refuses. `first` is the number of the first row in the file.
+/// Reads `count` rows in parallel with `read(index, sh)`, which appends the colour of a row; for a row with an
+/// error it need not remove the colour. `first` is the index of the first row in the file.
 pub fn read_rows(
     first: usize,
     count: usize,
@@ -217,7 +217,7 @@ pub fn read_rows(
         for index in rows {
             let start = part.sh.len();
             if part.rows.len() == 1 && part.sh.capacity() < start * count {
-                // The first row has told how much colour each brings.
+                // The first row determines the size of the colour of each row.
                 part.sh.reserve_exact(start * count - start);
             }
             let row = read(index, &mut part.sh).and_then(|mut row| {

@@ -1,8 +1,8 @@
 //! Spherical harmonics under a rotation or reflection.
 //!
-//! A band of degree l maps onto itself: the coefficients c' of the turned function f(Q^T d) are D c with
-//! D_mn = integral of Y_m(Q d) Y_n(d) over the sphere. The integrand is a polynomial of degree 2l <= 8, so
-//! five Gauss-Legendre nodes in z and nine angles give it exactly, up to rounding.
+//! A band of degree l maps onto itself: the coefficients c' of the rotated function f(Q^T d) are D c with D_mn =
+//! integral of Y_m(Q d) Y_n(d) over the sphere. The integrand is a polynomial of degree 2l <= 8, so five
+//! Gauss-Legendre nodes in z and nine angles give it exactly, up to rounding.
 
 use glam::{DMat3, DVec3};
 
@@ -15,8 +15,8 @@ const WIDEST: usize = 9;
 #[derive(Debug, Clone)]
 pub struct ShTurn([[[f64; WIDEST]; WIDEST]; 4]);
 
-/// The functions of band `l` in the unit direction `d`: m = -l to l, with the Condon-Shortley phase, which is
-/// the convention of the INRIA rasterizer; the factor that a band has in common is left out.
+/// The functions of band `l` in the unit direction `d`: m = -l to l, with the Condon-Shortley phase, which is the
+/// convention of the INRIA rasterizer; the common factor of the band is left out.
 fn band(l: usize, d: DVec3) -> [f64; WIDEST] {
     let mut out = [0.0; WIDEST];
     // (x + iy)^m and, by the usual recurrences, P_l^m(z) over sin^m.
@@ -28,7 +28,7 @@ fn band(l: usize, d: DVec3) -> [f64; WIDEST] {
             let next = ((2 * k - 1) as f64 * d.z * p - (k + m - 1) as f64 * before) / (k - m) as f64;
             (before, p) = (p, next);
         }
-        // sqrt((l - m)! / (l + m)!), twice that under the root beside the middle.
+        // sqrt((l - m)! / (l + m)!), with a factor of 2 under the root except for m = 0.
         let norm: f64 = if m == 0 { 1.0 } else { (2.0 / factor).sqrt() };
         out[l + m] = norm * p * re;
         if m > 0 {
@@ -44,7 +44,7 @@ fn band(l: usize, d: DVec3) -> [f64; WIDEST] {
 }
 
 impl ShTurn {
-    /// For the orthogonal matrix `q`: what looked along d looks along `q d`.
+    /// For the orthogonal matrix `q`: a feature in direction d moves to direction `q d`.
     pub fn new(q: DMat3) -> Self {
         // Abramowitz and Stegun, table 25.4, n = 5, in closed form.
         let root = |sign: f64| (5.0 + sign * 2.0 * (10.0_f64 / 7.0).sqrt()).sqrt() / 3.0;
@@ -74,7 +74,7 @@ impl ShTurn {
                     }
                 }
             }
-            // Axes that swap or flip only move and negate coefficients: no bit may be lost there.
+            // Axes that are permuted or negated only move and negate coefficients, which must be exact.
             for cell in matrix.as_flattened_mut() {
                 let whole = cell.round();
                 if (*cell - whole).abs() < 1e-12 {
@@ -85,7 +85,7 @@ impl ShTurn {
         Self(bands)
     }
 
-    /// Turns the coefficients of one splat in place: RGB triples, degree 0 first.
+    /// Rotates the coefficients of one splat in place: RGB triples, degree 0 first.
     pub fn apply(&self, sh: &mut [[f32; 3]]) {
         let mut start = 1;
         for (l, matrix) in (1..).zip(&self.0) {
@@ -125,7 +125,7 @@ mod tests {
         (0..25).map(|i| [(i * 37 % 19) as f32 / 10.0 - 0.9, i as f32, -(i as f32)]).collect()
     }
 
-    // INRIA's own polynomials up to the factor of the band, one a degree and sign (forward.cu).
+    // The polynomials of the INRIA code up to the factor of the band, one per degree and sign (forward.cu).
     #[test]
     fn functions_are_those_of_the_inria_rasterizer() {
         let d = DVec3::new(0.36, 0.48, 0.8);
@@ -163,7 +163,7 @@ mod tests {
         }
     }
 
-    // Turning upside down only flips signs, so no coefficient may lose a bit.
+    // A half turn only changes signs, so coefficients must keep every bit.
     #[test]
     fn half_turns_are_exact() {
         let turn = ShTurn::new(DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)));

@@ -1,4 +1,4 @@
-//! How many splats a file holds, by its head: what a scene will take is known before it is read.
+//! Number of splats of a file by its header, to estimate memory before it is read.
 
 use std::io::Read;
 
@@ -10,15 +10,15 @@ use super::rows::{Row, sh_rest};
 use super::spz;
 use crate::io::head::ply_elements;
 
-/// Bytes of the rows that a file becomes, and of what it is unpacked to meanwhile. By the head where that has their
-/// number, else by the length and what a splat takes in such files.
+/// Bytes of the rows of a file, and of its decompressed data: by the number in the header if there is one,
+/// otherwise by the length and the usual size of a splat in such files.
 pub(crate) fn of(file: &FileHead<'_>) -> (u64, u64) {
     let mut head = Vec::new();
     let read = file.open().map(|reader| reader.take(64).read_to_end(&mut head));
     if read.is_none_or(|read| read.is_err()) {
         return (0, 0);
     }
-    // A whole scene of degree 3 where nothing tells.
+    // A scene of degree 3 if the degree is unknown.
     let of = |count: u64, degree: u32, packed: u64| {
         let row = (size_of::<Row>() + 12 * (1 + sh_rest(degree))) as u64;
         (count.saturating_mul(row), count.saturating_mul(packed))
@@ -28,7 +28,7 @@ pub(crate) fn of(file: &FileHead<'_>) -> (u64, u64) {
             let elements = file.open().map_or_else(Vec::new, |mut reader| ply_elements(&mut reader));
             let found = |wanted: &str| elements.iter().find(|(name, ..)| name == wanted);
             let vertices = found("vertex").map_or((0, 0), |(_, count, fields)| (*count, *fields));
-            // Nine to a degree 1, 24 to 2, 45 to 3, 72 to 4, among the fields or in an element of their own.
+            // Nine for degree 1, 24 for 2, 45 for 3, 72 for 4, among the fields or in a separate element.
             let fields = vertices.1 + found("sh").map_or(0, |(.., fields)| *fields);
             let degree = [72, 45, 24, 9].iter().position(|least| fields >= *least).map_or(0, |at| 4 - at);
             of(vertices.0, degree as u32, 0)
@@ -50,9 +50,9 @@ pub(crate) fn of(file: &FileHead<'_>) -> (u64, u64) {
             // The attributes in one piece, and split.
             of(u64::from(u32_at(&plain, 8)), degree, 2 * (20 + 3 * sh_rest(degree) as u64))
         }
-        // SOG in an archive: some 12 bytes a splat, pictures of four bytes a texel when unpacked.
+        // SOG in an archive: some 12 bytes per splat, and decoded pictures of four bytes per texel.
         [b'P', b'K', ..] => of(file.bytes / 12, 3, 80),
-        // Pictures of SOG, each with the share of 12 bytes a splat that it is.
+        // Pictures of SOG, each with its share of 12 bytes per splat.
         [b'R', b'I', b'F', b'F', ..] => of(file.bytes / 12, 3, 80),
         [b'g', b'l', b'T', b'F', ..] => of(file.bytes / 236, 3, 0),
         _ if file.name.to_ascii_lowercase().ends_with(".ksplat") => of(u64::from(u32_at(&head, 16)), 3, 0),

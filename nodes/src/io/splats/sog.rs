@@ -1,6 +1,6 @@
-//! SOG (PlayCanvas, splat-transform `write-sog.ts` and `read-sog-v1.ts`): `meta.json` and lossless WebP
-//! pictures, one pixel a splat, beside it or in one ZIP archive. Version 2 looks its numbers up in
-//! codebooks, version 1 spaces them evenly between bounds; both become tables of 256 here.
+//! SOG (PlayCanvas, splat-transform `write-sog.ts` and `read-sog-v1.ts`): `meta.json` and lossless WebP pictures,
+//! one pixel per splat, next to it or in one ZIP archive. Version 2 has codebooks, version 1 evenly spaced values
+//! between bounds; both become tables of 256 here.
 
 use std::path::{Component, Path};
 
@@ -90,14 +90,14 @@ type Table = [f64; 256];
 
 /// Colours beyond the constant one: a palette of sets of coefficients.
 struct Palette {
-    /// Sets; `None` where the file does not tell.
+    /// Number of sets; `None` if the file does not define it.
     count: Option<u64>,
-    /// Degree; `None` where the width of the picture tells.
+    /// Degree; `None` if it follows from the width of the picture.
     degree: Option<u32>,
     table: Table,
 }
 
-/// `meta.json` of either version, every number looked up by a byte.
+/// `meta.json` of either version, with every number as a table indexed by a byte.
 pub(super) struct Meta {
     count: u64,
     antialiased: bool,
@@ -129,7 +129,7 @@ impl Meta {
         struct Version {
             version: Option<u32>,
         }
-        let wrong = |e: serde_json::Error| Error::format(file, format!("no SOG `meta.json`: {e}"));
+        let wrong = |e: serde_json::Error| Error::format(file, format!("not a SOG `meta.json`: {e}"));
         let version: Version = serde_json::from_slice(bytes).map_err(wrong)?;
         let meta = match version.version {
             None | Some(1) => {
@@ -149,11 +149,11 @@ impl Meta {
         if !bounds.clone().all(|v| v.is_finite()) {
             return Err(Error::format(file, "the bounds of the centres are not finite"));
         }
-        // Pictures lie beside it: a scene from somebody else names no other file of this machine.
+        // Pictures lie in the same folder: an untrusted scene must not refer to other files of this machine.
         let inside =
             |name: &str| Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
         if let Some(name) = meta.files().find(|name| !inside(name)) {
-            return Err(Error::format(file, format!("names `{name}`, which does not lie beside it")));
+            return Err(Error::format(file, format!("refers to `{name}`, which is not in the same folder")));
         }
         Ok(meta)
     }
@@ -215,7 +215,7 @@ impl Meta {
         }
     }
 
-    /// The pictures beside it.
+    /// The files of the pictures.
     pub fn files(&self) -> impl Iterator<Item = &str> {
         self.files.iter().map(String::as_str)
     }
@@ -227,15 +227,15 @@ struct Pixels {
     rgba: Vec<u8>,
 }
 
-/// Pixels that a byte of a lossless picture may hold before we call it a bomb. Flat pictures have no
-/// limit in WebP; a side of 64 pixels is always allowed.
+/// Largest number of pixels per byte of a lossless picture. Flat pictures have no limit in WebP; a side of 64
+/// pixels is always allowed.
 const DENSEST: u64 = 4096;
 
 impl Pixels {
     fn read(name: &str, bytes: &[u8], at_least: u64) -> Result<Self, Error> {
         let wrong = |what: String| Error::format(name, what);
         let mut decoder = image_webp::WebPDecoder::new(std::io::Cursor::new(bytes))
-            .map_err(|e| wrong(format!("no WebP picture: {e}")))?;
+            .map_err(|e| wrong(format!("not a WebP picture: {e}")))?;
         let (width, height) = decoder.dimensions();
         let area = u64::from(width) * u64::from(height);
         if area < at_least {
@@ -244,7 +244,7 @@ impl Pixels {
             )));
         }
         if area > 64 * 64 + DENSEST * bytes.len() as u64 {
-            return Err(wrong(format!("{width}x{height} pixels in {} bytes are not believed", bytes.len())));
+            return Err(wrong(format!("{width}x{height} pixels are impossible in {} bytes", bytes.len())));
         }
         if decoder.is_lossy() || decoder.is_animated() {
             return Err(wrong("only still, lossless WebP holds the numbers of a SOG file".to_owned()));
@@ -264,16 +264,16 @@ impl Pixels {
         self.rgba.as_chunks::<4>().0.get(index).copied()
     }
 
-    /// A pixel of those that were checked to be there.
+    /// A pixel that is known to exist.
     fn own(&self, index: usize) -> [u8; 4] {
         self.get(index).unwrap_or_default()
     }
 }
 
-/// Most bytes of a `meta.json` that is packed; real ones have some ten thousand.
+/// Largest size of a compressed `meta.json`; real ones have some ten thousand bytes.
 const META_BYTES: usize = 16 << 20;
 
-/// Loads a ZIP archive that holds `meta.json` and its pictures.
+/// Loads a ZIP archive with `meta.json` and its pictures.
 pub(super) fn load_bundle(
     file: &str,
     bytes: &[u8],
@@ -308,7 +308,7 @@ pub(super) fn load(
         (5, _) => 1,
         _ => meta.count,
     };
-    // Two steps, so that a count that the files cannot hold is refused before anything is unpacked.
+    // Two steps, so that a count that the files cannot hold is refused before decoding.
     let raw = meta.files().map(fetch).collect::<Result<Vec<_>, _>>()?;
     let held = raw.iter().map(Vec::len).sum();
     let count = believed(file, meta.count, held, 64.0)?;
@@ -321,10 +321,10 @@ pub(super) fn load(
     };
     let palette = match (&meta.palette, rest) {
         (Some(palette), [centroids, labels]) => {
-            // 64 sets of coefficients lie side by side.
+            // 64 sets of coefficients per row.
             let degree = [1, 2, 3].into_iter().find(|l| centroids.width == 64 * sh_rest(*l));
             let degree =
-                degree.filter(|l| palette.degree.is_none_or(|told| told == *l)).ok_or_else(|| {
+                degree.filter(|l| palette.degree.is_none_or(|reported| reported == *l)).ok_or_else(|| {
                     Error::format(file, format!("a palette {} pixels wide fits no degree", centroids.width))
                 })?;
             Some((palette, centroids, labels, degree))
@@ -366,7 +366,7 @@ pub(super) fn load(
     Ok(loaded)
 }
 
-/// The three smaller components in 8 bits each, and in alpha, from 252, which one was left out: w, x, y, z.
+/// The three smaller components in 8 bits each; alpha, from 252 on, is the index of the omitted one: w, x, y, z.
 fn quaternion([a, b, c, tag]: [u8; 4]) -> Result<[f64; 4], RowFault> {
     let which = tag.checked_sub(252).ok_or(RowFault::NoSuchEntry)?;
     let smaller = [a, b, c].map(|v| (f64::from(v) / 255.0 - 0.5) * std::f64::consts::SQRT_2);

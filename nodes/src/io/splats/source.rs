@@ -1,4 +1,4 @@
-//! Which format a file has, by its content, and which other files belong to it.
+//! Detection of the format of a file by its content, and of the other files that belong to it.
 
 use std::io::Read;
 use std::path::Path;
@@ -10,13 +10,13 @@ use super::sog::Meta;
 use super::{ksplat, splat, spz};
 use crate::error::Error;
 
-/// Endings of files of splats.
+/// File extensions of splats.
 const ENDINGS: [&str; 8] = [".ply", ".spz", ".sog", ".json", ".glb", ".gltf", ".ksplat", ".splat"];
 
 /// A format of splats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
-    /// INRIA or compressed PLY; the header tells which.
+    /// INRIA or compressed PLY, depending on the header.
     Ply,
     /// SPZ of any version.
     Spz,
@@ -35,7 +35,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// Its name, for reports.
+    /// Name of the format, for reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Ply => "ply",
@@ -47,12 +47,12 @@ impl Format {
         }
     }
 
-    /// The axis that the format says is up.
+    /// The axis that the format defines as up.
     pub fn declared_up(self) -> Option<Up> {
         matches!(self, Self::Spz | Self::Glb | Self::Gltf).then_some(Up::PlusY)
     }
 
-    /// The format that the content has.
+    /// Detects the format by content.
     pub fn of(file: &str, bytes: &[u8]) -> Result<Self, Error> {
         let starts = |magic: &[u8]| bytes.starts_with(magic);
         if starts(b"ply\n") || starts(b"ply\r\n") || starts(b"ply ") {
@@ -94,9 +94,8 @@ impl Format {
                 "{} bytes that do not begin as a `{ending}` does, nor as splats of any format; is the file whole?",
                 bytes.len()
             ),
-            None => {
-                "no known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF)".to_owned()
-            }
+            None => "not a known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF)"
+                .to_owned(),
         };
         Err(Error::format(file, what))
     }
@@ -106,8 +105,8 @@ fn is_json(bytes: &[u8]) -> bool {
     bytes.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'{')
 }
 
-/// The files that a parameter stands for: itself, or what lies in the folder it names. A folder is a SOG
-/// scene with its `meta.json`, or holds such folders and bundles (`.sog`), joined in the order of their names.
+/// The files of a parameter: the file itself, or the files in the folder. A folder is a SOG scene with its
+/// `meta.json`, or holds such folders and bundles (`.sog`), joined in the order of their names.
 pub fn expand(file: &InputFile, path: &Path) -> Result<Vec<InputFile>, NodeError> {
     if !path.is_dir() {
         return Ok(vec![file.clone()]);
@@ -135,7 +134,7 @@ pub fn expand(file: &InputFile, path: &Path) -> Result<Vec<InputFile>, NodeError
     Ok(chunks.iter().map(|name| inside(name)).collect())
 }
 
-/// A file and those beside it that it names, found without reading more than JSON.
+/// A file and the files that it refers to, found by reading JSON only.
 pub fn with_companions(file: &InputFile, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
     let source = root.file(file);
     let failed = |e| NodeError::new(format!("cannot read `{}`: {e}", source.path.display()));

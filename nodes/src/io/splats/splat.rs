@@ -1,5 +1,5 @@
-//! `.splat` (antimatter15/splat, `convert.py`): no header, 32 bytes a splat: centre and scales as floats,
-//! red, green, blue, opacity and the quaternion w, x, y, z as bytes. No spherical harmonics.
+//! `.splat` (antimatter15/splat, `convert.py`): no header, 32 bytes per splat: centre and scales as floats, red,
+//! green, blue, opacity and the quaternion w, x, y, z as bytes. No spherical harmonics.
 
 use engine::{NodeError, Notes};
 
@@ -8,11 +8,12 @@ use super::rows::{Row, SH_C0};
 use super::{Loaded, Reading};
 use crate::error::Error;
 
-/// Bytes of a splat.
+/// Bytes per splat.
 const ROW: usize = 32;
 
-/// True where the bytes can be such a file, be it cut off: a row, and of the first ones at least half with finite
-/// numbers and sizes that are not negative. A first coordinate below 1e-38 is none, it is the head of another file.
+/// True if the bytes can be such a file, even a truncated one: at least a row, and at least half of the first rows
+/// have finite numbers and sizes that are not negative. A first coordinate below 1e-38 indicates the header of
+/// another format.
 pub(super) fn is_splat(bytes: &[u8]) -> bool {
     if f32_at(bytes, 0).is_subnormal() {
         return false;
@@ -51,7 +52,7 @@ pub(super) fn load(
         let real = |at: usize| f64::from(f32_at(row, at));
         let [r, g, b, opacity] = [24, 25, 26, 27].map(|at| f64::from(u8_at(row, at)) / 255.0);
         sh.push([r, g, b].map(|c| ((c - 0.5) / SH_C0) as f32));
-        // The writer stores 128 + 128 q, cut to 0..255.
+        // The writer stores 128 + 128 q, clamped to 0..255.
         let quat = [28, 29, 30, 31].map(|at| (f64::from(u8_at(row, at)) - 128.0) / 128.0);
         Row::checked([0, 4, 8].map(real), quat, [12, 16, 20].map(real), opacity, reading.max_extent)
     })?;

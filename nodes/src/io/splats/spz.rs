@@ -1,9 +1,10 @@
-//! SPZ (nianticlabs/spz, README and `load-spz.cc`), versions 1 to 4: 1 to 3 are one gzip stream, 4 has a plain
-//! header and a Zstandard stream for each attribute. A plain stream without gzip is read as well.
+//! SPZ (nianticlabs/spz, README and `load-spz.cc`), versions 1 to 4: 1 to 3 are one gzip stream, 4 has an
+//! uncompressed header and a Zstandard stream per attribute. An uncompressed stream is also read.
 //!
-//! Attributes lie one behind the other: centres (24-bit fixed point, halves in version 1), opacities,
-//! colours, log scales, rotations (three bytes up to version 2, from version 3 on the three smaller components in 10 bits
-//! each), harmonics. Axes are right, up, back unless the extension `SPZ_ADOBE_coordinate_system` names others.
+//! Attributes are stored one after the other: centres (24-bit fixed point, halves in version 1), opacities,
+//! colours, log scales, rotations (three bytes up to version 2, from version 3 on the three smaller components in
+//! 10 bits each), harmonics. Axes are right, up, back unless the extension `SPZ_ADOBE_coordinate_system` names
+//! others.
 
 use engine::{NodeError, Notes, Up};
 use glam::{DMat3, DVec3};
@@ -16,27 +17,27 @@ use super::{Loaded, Reading};
 use crate::error::Error;
 use crate::math::num;
 
-/// `NGSP`, which every version begins with once unpacked.
+/// `NGSP`, the first bytes of every version after decompression.
 pub(super) const MAGIC: &[u8; 4] = b"NGSP";
-/// What begins a gzip stream.
+/// First bytes of a gzip stream.
 pub(super) const GZIP: [u8; 2] = [0x1f, 0x8b];
 
 const HEADER: usize = 16;
 const HEADER_4: usize = 32;
 const ANTIALIASED: u8 = 1;
 const EXTENDED: u8 = 2;
-/// Room for extensions behind the attributes of versions 1 to 3.
+/// Space for extensions after the attributes of versions 1 to 3.
 const EXTENSIONS: usize = 1 << 20;
-/// Bytes that one byte of a version 4 file may unpack to before we call it a bomb. The reference uses the
-/// same number; captures reach 3.
+/// Largest number of bytes that one byte of a version 4 file may expand to. The reference has the same limit;
+/// captures reach 3.
 const ZSTD_RATIO: f64 = 1024.0;
 
-/// The factor between a colour's byte and its coefficient.
+/// Factor between the byte of a colour and its coefficient.
 pub(crate) const COLOUR_SCALE: f64 = 0.15;
-/// The type of the extension that names the axes.
+/// Type of the extension that defines the axes.
 const COORDINATE_SYSTEM: u32 = 0xadbe_0003;
 
-/// The first 16 bytes, alike in all versions.
+/// The first 16 bytes, the same in all versions.
 #[derive(Clone, Copy)]
 struct Header {
     version: u32,
@@ -72,7 +73,7 @@ impl Header {
         Ok(header)
     }
 
-    /// Bytes a splat of each attribute: centre, opacity, colour, scale, rotation, harmonics.
+    /// Bytes per splat of each attribute: centre, opacity, colour, scale, rotation, harmonics.
     fn sizes(&self) -> [usize; 6] {
         let centre = if self.version == 1 { 6 } else { 9 };
         let rotation = if self.version <= 2 { 3 } else { 4 };
@@ -80,18 +81,18 @@ impl Header {
     }
 }
 
-/// Unpacked attributes.
+/// Decompressed attributes.
 struct Attributes {
     header: Header,
     count: usize,
     /// In the order of [`Header::sizes`].
     streams: [Vec<u8>; 6],
     extensions: Vec<u8>,
-    /// Bytes of the file after the last of them.
+    /// Number of bytes of the file after the last of them.
     left_over: usize,
 }
 
-/// Unpacks a file of any version.
+/// Decompresses a file of any version.
 fn unpack(file: &str, bytes: &[u8]) -> Result<Attributes, Error> {
     if bytes.starts_with(MAGIC) {
         let header = Header::read(file, range(file, bytes, 0, HEADER, "the header")?)?;
@@ -165,12 +166,12 @@ fn unpack_4(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Erro
     Ok(Attributes { header, count, streams, extensions, left_over: bytes.len() - at })
 }
 
-/// The orthogonal map from the axes that an extension names to right, up, back; `None` without one.
+/// The orthogonal map from the axes defined by an extension to right, up, back; `None` without one.
 fn named_axes(file: &str, flags: u8, mut records: &[u8]) -> Result<Option<DMat3>, Error> {
     if flags & EXTENDED == 0 {
         return Ok(None);
     }
-    // Records of type, length and payload, one behind the other; unknown types are passed over.
+    // Records of type, length and payload, one after the other; unknown types are skipped.
     while records.len() >= 8 {
         let (kind, length) = (u32_at(records, 0), u32_at(records, 4) as usize);
         let payload = range(file, records, 8, length, "an extension")?;
@@ -184,10 +185,10 @@ fn named_axes(file: &str, flags: u8, mut records: &[u8]) -> Result<Option<DMat3>
             // Bit 0: x is right rather than left; 1: up rather than down; 2 and 3 as below.
             let (right, up) = (sign(1), sign(2));
             return Ok(Some(if code & 8 == 0 {
-                // z is forward where bit 2 is set.
+                // z is forward if bit 2 is set.
                 DMat3::from_diagonal(DVec3::new(right, up, -sign(4)))
             } else {
-                // y and z change places; y is back where bit 2 is set.
+                // y and z are exchanged; y is back if bit 2 is set.
                 DMat3::from_cols(DVec3::X * right, DVec3::Z * sign(4), DVec3::Y * up)
             }));
         }
@@ -196,8 +197,8 @@ fn named_axes(file: &str, flags: u8, mut records: &[u8]) -> Result<Option<DMat3>
     Ok(None)
 }
 
-/// The quaternion (w, x, y, z), not quite of length 1, of these bits: which component is left out of x, y, z, w, then
-/// sign and size of the others.
+/// The quaternion (w, x, y, z), with approximate length 1, of these bits: the index of the omitted component in x,
+/// y, z, w, then sign and magnitude of the others.
 pub fn rotation_10(word: u32) -> [f64; 4] {
     let part = |shift: u32| {
         let size = f64::from(word >> shift & 511) / 511.0 * std::f64::consts::FRAC_1_SQRT_2;
@@ -211,7 +212,7 @@ fn rotation_8(bytes: [u8; 3]) -> [f64; 4] {
     largest_left_out(0, bytes.map(|b| f64::from(b) / 127.5 - 1.0))
 }
 
-/// Loads a file. `local` is a further map, such as that of a glTF node, and replaces the rule for axes.
+/// Loads a file. `local` is an additional map, such as that of a glTF node, and replaces the rule for axes.
 pub(super) fn load(
     file: &str,
     bytes: &[u8],
@@ -250,7 +251,7 @@ pub(super) fn load(
             _ => {
                 let at = index * 9 + i * 3;
                 let bytes = [0, u8_at(centres, at), u8_at(centres, at + 1), u8_at(centres, at + 2)];
-                // The sign comes down with the shift.
+                // The shift extends the sign.
                 f64::from(i32::from_le_bytes(bytes) >> 8) * step
             }
         });

@@ -1,4 +1,4 @@
-//! Small files of every format, written here byte by byte, and what hostile hands make of them.
+//! Small files of every format, written here byte by byte, and damaged versions of them.
 
 mod build;
 mod hostile;
@@ -51,14 +51,14 @@ fn quaternions_of_any_length_become_units() {
         let off = quat.iter().zip([0.5, -0.5, 0.5, 0.5]).map(|(a, b)| f64::from((a - b).abs()));
         row(2, "component off that of the unit", off.fold(0.0, f64::max), 1e-7);
     }
-    // No component need be above 0.
+    // All components may be negative.
     let (splats, _) =
         read(&build::ply(&[PlyRow { rotation: [-2.0, 0.0, -2.0, 0.0], ..PlyRow::default() }], 0)).unwrap();
     let half = std::f32::consts::FRAC_1_SQRT_2;
     near(&splats.quats[0], &[-half, 0.0, -half, 0.0], 1e-7);
 }
 
-/// Every field of its own, dropped, or named when strict.
+/// Every field in turn: dropped, or named with `strict`.
 #[test]
 fn what_is_not_finite_is_dropped_or_named() {
     let fields = build::ply(&[PlyRow::default()], 3).len() - build::ply(&[], 3).len();
@@ -68,7 +68,7 @@ fn what_is_not_finite_is_dropped_or_named() {
             let at = bytes.len() - 2 * fields + field * 4;
             bytes[at..at + 4].copy_from_slice(&bad.to_le_bytes());
             let (splats, notes) = read(&bytes).unwrap();
-            // Normals are not used. An opacity or a scale of -inf would be 0, but is a sign of harm all the same.
+            // Normals are not used. An opacity or a scale of -inf would be 0, but indicates damage.
             let kept = if (3..6).contains(&field) { 3 } else { 2 };
             assert_eq!(splats.len(), kept, "field {field} {bad}");
             assert_eq!(counts(&notes).len(), 3 - kept);
@@ -78,7 +78,10 @@ fn what_is_not_finite_is_dropped_or_named() {
     let mut rows = vec![PlyRow::default(); 40_000];
     rows[33_333].opacity = f32::NAN;
     std::fs::write(folder.path().join("a.ply"), build::ply(&rows, 0)).unwrap();
-    let cx = Context::detached(engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let cx = Context::detached(
+        engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+        folder.path(),
+    );
     let mut params = LoadSplats {
         path: InputFile("a.ply".into()),
         more: Vec::new(),
@@ -92,7 +95,7 @@ fn what_is_not_finite_is_dropped_or_named() {
     assert_eq!(LoadSplats::run(&params, In {}, &cx).unwrap().0.splats.len(), 39_999);
 }
 
-/// Beyond `max_extent`, 1e6, a scale is no scale; what is within goes on to the renderer, whose rows 4 bound its work.
+/// A scale beyond `max_extent`, 1e6, is dropped; smaller ones go to the renderer, whose work is bounded by rows 4.
 #[test]
 fn scales_that_overflow_are_dropped_and_counted() {
     let row = |scale: f32| PlyRow { scale: [-1.0, scale, -1.0], ..PlyRow::default() };
@@ -171,7 +174,7 @@ trait ExpRef {
     fn powi_ref(self, n: i32) -> f64;
 }
 impl ExpRef for f64 {
-    /// The series of e^x, of 40 terms: a reference that shares nothing with the code.
+    /// The series of e^x with 40 terms: an independent reference.
     fn exp_ref(self) -> f64 {
         (1..40)
             .fold((1.0, 1.0), |(sum, term), n| (sum + term * self / f64::from(n), term * self / f64::from(n)))
@@ -309,7 +312,10 @@ fn sog_versions_and_wrappings_agree() {
     std::fs::write(folder.path().join("three.sog"), build::zip("inner/", &build::sog(2), false)).unwrap();
     std::fs::write(folder.path().join("zour.sog"), build::zip("", &build::sog(2), true)).unwrap();
     std::fs::write(folder.path().join("readme.txt"), "no splats").unwrap();
-    let cx = Context::detached(engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let cx = Context::detached(
+        engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+        folder.path(),
+    );
     let root = SourceRoot::new(folder.path());
     let load = |path: &str| {
         let params = LoadSplats {
@@ -344,23 +350,25 @@ fn sog_versions_and_wrappings_agree() {
     assert_eq!(all.opacities[..one.len()], one.opacities[..]);
 }
 
-// The smallest bytes: what is wrong is told, not that nothing is known of such a file.
+// For truncated files, the error describes the damage, not an unknown format.
 #[test]
 fn files_that_were_cut_off_are_reported_as_what_they_were() {
-    let told = |name: &str, bytes: &[u8]| {
+    let reported = |name: &str, bytes: &[u8]| {
         from_bytes(name, bytes, Frame::ByFormat, &context()).err().unwrap().message().to_owned()
     };
     let splat = build::splat(3);
-    assert!(told("a", &splat[..90]).contains("2 whole ones of 32 bytes and 26 bytes more"));
-    assert!(told("a.splat", &splat[..20]).contains("20 bytes that do not begin as a `.splat`"));
+    assert!(reported("a", &splat[..90]).contains("2 whole ones of 32 bytes and 26 bytes more"));
+    assert!(reported("a.splat", &splat[..20]).contains("20 bytes that do not begin as a `.splat`"));
     let mut ksplat = build::ksplat(1, 1);
-    // Some writers leave out what is in use and how much room there is.
+    // Some writers leave out the number in use and the capacity.
     ksplat[8..16].fill(0);
     assert_eq!(read(&ksplat).unwrap().0.len(), 5);
-    assert!(told("a", &ksplat[..30]).contains("the header: 4096 bytes at 0 are needed, the file holds 30"));
-    assert!(told("a", &ksplat[..5000]).contains("the headers of sections"));
-    assert!(told("a", &ksplat[..ksplat.len() - 1]).contains("the splats of a section"));
-    assert!(told("a.ksplat", &ksplat[..16]).contains("do not begin as a `.ksplat`"));
+    assert!(
+        reported("a", &ksplat[..30]).contains("the header: 4096 bytes at 0 are needed, the file holds 30")
+    );
+    assert!(reported("a", &ksplat[..5000]).contains("the headers of sections"));
+    assert!(reported("a", &ksplat[..ksplat.len() - 1]).contains("the splats of a section"));
+    assert!(reported("a.ksplat", &ksplat[..16]).contains("do not begin as a `.ksplat`"));
 }
 
 #[test]
@@ -375,8 +383,8 @@ fn what_follows_the_splats_is_reported() {
         assert!(notes.iter().all(|note| note.id != "bytes-left-over"), "{name}");
         bytes.extend_from_slice(b"more of it");
         let (splats, notes) = read(&bytes).unwrap();
-        let told = notes.iter().find(|note| note.id == "bytes-left-over").unwrap();
-        assert!(splats == whole && told.text.contains("10 bytes"), "{name}: {told:?}");
+        let reported = notes.iter().find(|note| note.id == "bytes-left-over").unwrap();
+        assert!(splats == whole && reported.text.contains("10 bytes"), "{name}: {reported:?}");
     }
 }
 
@@ -384,7 +392,7 @@ fn what_follows_the_splats_is_reported() {
 fn unknown_content_is_refused_in_words() {
     for (bytes, says) in [
         (&b""[..], "empty"),
-        (b"\x89PNG\r\n\x1a\n rest of a picture that is no scene at all", "no known format"),
+        (b"\x89PNG\r\n\x1a\n rest of a picture, not a scene", "no known format"),
         (b"{\"frames\": []}", "neither glTF nor"),
         (b"ply\nformat ascii 1.0\nend_header\n", "binary_little_endian"),
         (b"ply\nformat binary_little_endian 1.0\nelement face 0\nend_header\n", "no element `vertex`"),
@@ -406,7 +414,7 @@ fn unknown_content_is_refused_in_words() {
             b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nelement vertex 1\nend_header\n",
             "two elements `vertex`",
         ),
-        // A mesh is told as one, whatever way it is written.
+        // A mesh is reported as a mesh, in ASCII or binary.
         (
             b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
               element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
@@ -417,4 +425,32 @@ fn unknown_content_is_refused_in_words() {
         let error = read(bytes).err().unwrap();
         assert!(error.message().contains(says), "{error}");
     }
+}
+
+// A chunk that appears or disappears between the listing of the folder and the run.
+#[test]
+fn chunks_that_come_and_go_while_it_runs_ask_for_another_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let chunk = build::zip("", &build::sog(2), false);
+    let write = |name: &str| std::fs::write(folder.path().join(name), &chunk).unwrap();
+    write("one.sog");
+    write("two.sog");
+    let params = LoadSplats {
+        path: InputFile(".".to_owned()),
+        more: Vec::new(),
+        strict: true,
+        max_extent: 1e6,
+        frame: Frame::ByFormat,
+    };
+    let sources = LoadSplats::sources(&params, &SourceRoot::new(folder.path())).unwrap();
+    let scene = engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+    let cx = Context::detached(scene, folder.path()).having_listed(&sources);
+    let error = || LoadSplats::run(&params, In {}, &cx).err().map(|e| e.to_string()).unwrap_or_default();
+    assert_eq!(error(), "");
+    write("three.sog");
+    assert!(error().contains("three.sog` changed while the graph was running"), "{}", error());
+    for name in ["one.sog", "three.sog"] {
+        std::fs::remove_file(folder.path().join(name)).unwrap();
+    }
+    assert!(error().contains("one.sog` changed while the graph was running"), "{}", error());
 }

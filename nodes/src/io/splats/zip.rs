@@ -1,5 +1,5 @@
-//! ZIP archives held in memory, as SOG bundles are: stored and deflated entries (PKWARE APPNOTE 6.3.10,
-//! sections 4.3.7, 4.3.12 and 4.3.16). No encryption, no ZIP64.
+//! ZIP archives in memory, for SOG bundles: stored and deflated entries (PKWARE APPNOTE 6.3.10, sections 4.3.7,
+//! 4.3.12 and 4.3.16). No encryption, no ZIP64. Written here to bound memory by the length that an entry declares.
 
 use super::bytes::{range, u16_at, u32_at};
 use super::inflate::{DEFLATE_RATIO, inflate};
@@ -69,7 +69,7 @@ impl<'a> Archive<'a> {
         found.next().is_none().then_some(&first.name)
     }
 
-    /// How many bytes an entry says it unpacks to; 0 where there is none of that name.
+    /// Length of an entry after decompression, as declared; 0 if there is no entry of that name.
     pub fn length(&self, name: &str) -> usize {
         self.entries.iter().find(|entry| entry.name == name).map_or(0, |entry| entry.length)
     }

@@ -1,4 +1,4 @@
-//! `compare`: how far a picture lies from a reference, for each region.
+//! `compare`: differences between a picture and a reference, per region.
 
 mod pair;
 mod table;
@@ -14,82 +14,82 @@ use pair::Pair;
 use table::{cells, unknown};
 
 engine::choices! {
-    /// In which numbers pictures are compared.
+    /// Encoding in which pictures are compared.
     pub enum Space {
-        /// Display-encoded with the sRGB curve, cut off to 0 to 1; as papers do.
+        /// Display values with the sRGB curve, clamped to 0 to 1, as in papers.
         Display,
-        /// Linear light, not cut off; PSNR and SSIM still take white as 1, and in place of FLIP there is HDR-FLIP over the
-        /// exposures that the reference asks for, in columns of that name.
+        /// Linear light, not clamped. PSNR and SSIM still take white as 1. FLIP is replaced by HDR-FLIP over the
+        /// exposures that follow from the reference, in columns of that name.
         Linear,
     }
 }
 engine::params! {
-    /// Measures how far a picture lies from a reference.
+    /// Measures the difference between a picture and a reference.
     ///
-    /// One row for each view, picture and region, in a table `compare` for colours: PSNR; SSIM as the code
-    /// of 3D Gaussian splatting has it (`ssim_3dgs_zero_pad`) and without the border (`ssim_valid`, whole
-    /// pictures only); FLIP, the difference that a viewer sees when the two alternate, as mean and 95th
-    /// percentile; CIEDE2000; LPIPS where weights are given; mean and largest error; relative MSE in linear
-    /// light, `mean((a - b)^2 / (b^2 + 0.01))`. Data, such as the ratio of a shadow, has a table `ratio`:
-    /// the mean of `|ln a - ln b|`, where what is below 0.001 counts as that, and how far the two agree on what is
-    /// shadow (below 0.98) as intersection over union. What cannot be computed is left out of its row, never 0.
+    /// The table `compare` has one row per view, picture and region for colours: PSNR; SSIM as in the code of 3D
+    /// Gaussian splatting (`ssim_3dgs_zero_pad`) and without the border (`ssim_valid`, whole pictures only); FLIP,
+    /// the difference that a viewer sees when the two alternate, as mean and 95th percentile; CIEDE2000; LPIPS if
+    /// weights are given; mean and largest error; relative MSE in linear light, `mean((a - b)^2 / (b^2 + 0.01))`.
+    /// Data, such as a shadow ratio, has a table `ratio`: the mean of `|ln a - ln b|`, with values clamped to 0.001
+    /// from below, and the intersection over union of the shadow (below 0.98) in both. Values that cannot be
+    /// computed are left out of the row, never 0.
     ///
-    /// A region's SSIM and FLIP average the map over it. In `Linear` the columns of FLIP are of high dynamic range
-    /// (`hdr-flip mean`, `hdr-flip p95`), and CIEDE2000 and LPIPS are not computed, which is told. Judge an inserted object beside two baselines, since whole-picture numbers hardly move: wire
-    /// `background` for the row "nothing inserted" and `no_shadow` for "no shadow"; without its wire a
-    /// baseline is not computed.
+    /// SSIM and FLIP of a region average the map over it. With `Linear`, FLIP is HDR-FLIP (`hdr-flip mean`,
+    /// `hdr-flip p95`), and CIEDE2000 and LPIPS are not computed, which is reported. Judge an inserted object
+    /// against two baselines, since numbers of whole pictures hardly change: wire `background` for the row "nothing
+    /// inserted" and `no_shadow` for "no shadow". A baseline without a wire is not computed.
     ///
-    /// Alpha itself is not compared. What it leaves open is black, put there in the numbers of the picture: in
-    /// display values behind a view of splats, as its trainer's metrics have it, and in light behind what
-    /// `composite` gives. `Linear` puts it behind both in light, so that a composite of nothing is its background.
+    /// Alpha itself is not compared. Transparent parts are composited on black in the encoding of the picture: in
+    /// display values for a view of splats, as in the metrics of its trainer, and in light for the output of
+    /// `composite`. `Linear` composites both in light, so that a composite of nothing equals its background.
     pub struct Compare {
-        /// In which numbers to compare. Pictures of data are compared as they are.
+        /// Encoding in which to compare. Pictures of data are compared unchanged.
         space: Space = Space::Display, other("Linear");
-        /// Rounds display values to 8 bits first, as papers do that read PNG files.
+        /// True to round display values to 8 bits first, as in papers that compare PNG files.
         quantise: bool = true, other("false");
-        /// Names of the regions, in the order of the wires: each another one, and none `whole`.
+        /// Names of the regions, in the order of the wires: unique, and not `whole`.
         names: Vec<String> = Vec::new(), other("[\"shadow\"]"), inert("without regions there is nothing to name");
-        /// Multiplies the difference picture.
+        /// Factor applied to the difference picture.
         gain: f64 = 1.0, range(0, 1e6), other("4.0");
-        /// How densely the viewer sees pixels, for FLIP.
+        /// Resolution as seen by the viewer, for FLIP.
         pixels_per_degree: f64 = PIXELS_PER_DEGREE, range(1, 1000), unit("1/deg"), other("32.0");
-        /// Weights of LPIPS, a safetensors file of AlexNet or VGG16 and its five heads, named as torchvision
-        /// and the `lpips` package name them. None are shipped: the networks are not ours to give.
+        /// Weights of LPIPS, a safetensors file of AlexNet or VGG16 and its five heads, named as torchvision and
+        /// the `lpips` package name them. Not included, because of the licences of the networks.
         lpips: Option<InputFile> = None, other("\"lpips.safetensors\"");
-        /// Scores that another program gave pictures for what a text asks for and for what it forbids: (positive,
-        /// negative), from 0 up. A table `prompt` then has `positive / (positive + negative)` of each, the mean of
-        /// these, and that of the sums, which papers are not always clear about.
+        /// Scores that another program gave to pictures for a required text and a forbidden text: (positive,
+        /// negative), at least 0. The table `prompt` then has `positive / (positive + negative)` of each, the mean
+        /// of these, and that of the sums; papers differ in which one they print.
         scores: Vec<[f64; 2]> = Vec::new(), range(0, 1e9), other("[(0.6, 0.2)]");
-        /// Gives LPIPS its input from -1 to 1, as its networks expect. The code of 3D Gaussian splatting
-        /// gives 0 to 1, and prints smaller numbers.
+        /// True if the input of LPIPS is scaled to -1 to 1, as its networks expect. The code of 3D Gaussian
+        /// splatting uses 0 to 1 and prints smaller numbers.
         lpips_scaled: bool = true, other("false"), inert("without weights there is no LPIPS");
     }
 }
 engine::inputs! {
-    /// What to compare.
+    /// Pictures to compare.
     pub struct In {
-        /// The picture to judge.
+        /// Picture to judge.
         image: Arc<Images>,
-        /// The truth.
+        /// Reference picture.
         reference: Arc<Images>,
-        /// Only pixels where its first channel is above 0.5 count, for the row `whole` and every region.
+        /// Mask: only pixels where its first channel is above 0.5 count, for the row `whole` and every region.
         mask: Option<Arc<Images>>,
-        /// Regions to report on their own: masks whose first channel is above 0.5 inside.
+        /// Regions to report separately: masks whose first channel is above 0.5 inside.
         regions: Vec<Arc<Images>>,
-        /// The picture with nothing inserted, for that baseline.
+        /// Picture without the object, for the baseline "nothing inserted".
         background: Option<Arc<Images>>,
-        /// The picture with the object and no shadow, for that baseline.
+        /// Picture with the object and without its shadow, for the baseline "no shadow".
         no_shadow: Option<Arc<Images>>,
     }
 }
 engine::outputs! {
-    /// What was found.
+    /// Outputs of [`Compare`].
     pub struct Out {
-        /// Tables `compare` and `ratio`, where there are such pictures.
+        /// Tables `compare` for colours and `ratio` for data.
         report: Arc<Report>,
         /// Absolute difference of each sample, times `gain`, as data.
         difference: Arc<Images>,
-        /// FLIP of each pixel, 0 to 1, as data; only of pictures that are colours.
+        /// FLIP of each pixel, 0 to 1, as data; only for pictures of colours.
         flip: Arc<Images>,
     }
 }
@@ -129,7 +129,7 @@ impl Kind for Compare {
             cx.progress(index as f32 / views.len() as f32);
             let size = view.picture.size();
             let find = |images: &'_ Arc<Images>, port: &'static str| -> Result<Picture, NodeError> {
-                // One picture stands for the only view, but not for each of several.
+                // A single picture applies to a single view, but not to each of several.
                 if views.len() > 1 && !images.0.iter().any(|image| image.name == view.name) {
                     return Err(NodeError::new(format!("`{port}` has no view `{}`", view.name)).at(port));
                 }
@@ -139,11 +139,8 @@ impl Kind for Compare {
             let mask = inputs.mask.as_ref().map(|mask| find(mask, "mask").map(|m| inside(&m))).transpose()?;
             if let Some(mask) = &mask {
                 let shown = mask.iter().filter(|shown| **shown).count();
-                let text = format!("{shown} of {} pixels of `{}` are in the mask", mask.len(), view.name);
-                notes.decision(
-                    "masked",
-                    format!("{text}: `whole` is these, and every region is what it has of them"),
-                );
+                let text = format!("{shown} of {} pixels of `{}` are inside the mask", mask.len(), view.name);
+                notes.decision("masked", format!("{text}; `whole` and all regions are limited to them"));
             }
             let mut regions = vec![("whole".to_owned(), None)];
             for (k, region) in inputs.regions.iter().enumerate() {
@@ -163,7 +160,7 @@ impl Kind for Compare {
                 cx.check()?;
                 let table = if is_colour { &mut colour } else { &mut ratio };
                 let Some(picture) = picture else {
-                    // What is not wired is not computed, and says so.
+                    // A baseline without a wire is not computed, and its row says so.
                     table.extend(
                         regions.iter().map(|(region, _)| unknown([&view.name, name, region], is_colour)),
                     );
@@ -175,7 +172,7 @@ impl Kind for Compare {
                     let open = open(picture).max(open(&reference));
                     if open > 0 && pair.is_colour() {
                         let text = format!(
-                            "`{}`: {open} pixels are not opaque and are compared on black",
+                            "`{}`: {open} pixels are transparent and are compared on black",
                             view.name
                         );
                         notes
@@ -210,7 +207,7 @@ fn check_names(p: &Compare, regions: usize) -> Result<(), NodeError> {
     for (at, name) in p.names.iter().enumerate() {
         if name == "whole" || p.names[..at].contains(name) {
             let what = format!("two rows of each view would be called `{name}`");
-            return Err(NodeError::new(what).at("names").hint("give every region a name of its own"));
+            return Err(NodeError::new(what).at("names").hint("give every region a unique name"));
         }
     }
     if p.names.is_empty() || p.names.len() == regions {
@@ -220,7 +217,7 @@ fn check_names(p: &Compare, regions: usize) -> Result<(), NodeError> {
     Err(NodeError::new(what).at("names").hint("name every region, in the order of the wires"))
 }
 
-/// Pixels through which at least half a code of 8 bits of something white behind would show.
+/// Number of pixels that are so transparent that a white background would change them by half an 8-bit code.
 fn open(picture: &Picture) -> usize {
     let (_, _, channels) = picture.size();
     let pixels = picture.samples().chunks_exact(channels.max(1));

@@ -1,4 +1,4 @@
-//! One picture beside the reference.
+//! Comparison of one picture with the reference.
 
 use engine::{Context, NodeError};
 
@@ -12,11 +12,11 @@ use crate::math::num;
 use crate::types::layers::{coloured, linear};
 use crate::types::{Data, Image, Picture};
 
-/// Less light than this share is as good as none: what is below counts as this in the logarithm, so that a shadow which is
-/// pitch black, as `shadow-ratio` may give, is off by a number and not left out.
+/// Smallest ratio that the logarithm distinguishes: smaller values count as this, so that a pitch-black shadow,
+/// which `shadow-ratio` may produce, has a finite error and is not left out.
 const DARKEST: f64 = 0.001;
 
-/// Two pictures in the numbers to compare.
+/// Two pictures in the encoding of the comparison.
 pub struct Pair {
     a: Plane,
     b: Plane,
@@ -28,17 +28,17 @@ enum Of {
     Data,
 }
 
-/// What only colours have. Maps hold a value for each pixel.
+/// Measures that exist for colours only. Maps hold a value per pixel.
 struct Colours {
     light: (Plane, Plane),
     ssim: Vec<f64>,
-    /// `None` where HDR-FLIP finds no exposure, in a reference half of which is black.
+    /// `None` if HDR-FLIP finds no exposure, because half of the reference is black.
     flip: Option<Vec<f64>>,
     ciede2000: Option<Vec<f64>>,
     lpips: Option<f64>,
 }
 
-/// The numbers of one region.
+/// The measures of one region.
 pub struct Row {
     pub errors: Errors,
     pub ssim: Option<f64>,
@@ -109,18 +109,18 @@ impl Pair {
         matches!(self.kind, Of::Colours(_))
     }
 
-    /// What was asked for and could not be computed: ids and reasons of notes.
+    /// Requested measures that could not be computed: ids and texts of notes.
     pub fn not_computed(&self, p: &Compare, masked: bool) -> Vec<(&'static str, String)> {
         let mut missing = Vec::new();
         let broken = |plane: &Plane| plane.samples.iter().filter(|v| v.is_nan()).count();
         let broken = broken(&self.a).max(broken(&self.b));
         if broken > 0 && !self.is_colour() {
-            let text = "samples are no numbers, and a mean over any of them is not computed";
+            let text = "samples are NaN; means over them are not computed";
             missing.push(("not-a-number", format!("{broken} {text}")));
         }
         let colours = if let Of::Colours(colours) = &self.kind { Some(colours) } else { None };
         if colours.is_some_and(|c| c.flip.is_none()) {
-            let why = "half of the reference is black; HDR-FLIP has no exposure for it";
+            let why = "half of the reference is black, so HDR-FLIP has no exposure";
             missing.push(("no-flip", why.to_owned()));
         }
         if colours.is_some_and(|c| c.ciede2000.is_none()) {
@@ -128,10 +128,10 @@ impl Pair {
         }
         if p.lpips.is_some() && (masked || colours.is_none_or(|c| c.lpips.is_none())) {
             let why = match (colours, p.space) {
-                (None, _) => "LPIPS is not computed of data",
+                (None, _) => "LPIPS is not computed for data",
                 (_, Space::Linear) => "LPIPS is not computed in linear light",
-                _ if masked => "LPIPS is of whole pictures, and not computed where there is a `mask`",
-                _ => "the picture is too small for the network of LPIPS",
+                _ if masked => "LPIPS is computed for whole pictures only, not with a `mask`",
+                _ => "the picture is too small for the LPIPS network",
             };
             missing.push(("no-lpips", why.to_owned()));
         }
@@ -180,7 +180,7 @@ impl Pair {
         Some(row)
     }
 
-    /// For ratios: the mean of `|ln a - ln b|` over samples, of which none is below [`DARKEST`], and intersection over
+    /// For ratios: the mean of `|ln a - ln b|` over samples clamped to at least [`DARKEST`], and intersection over
     /// union of the pixels whose mean is below 0.98.
     fn ratio(&self, counts: impl Fn(usize) -> bool) -> (Option<f64>, Option<f64>) {
         let channels = self.a.channels.min(self.b.channels).max(1);
@@ -191,7 +191,7 @@ impl Pair {
                 continue;
             }
             for (a, b) in a.iter().zip(b).take(channels) {
-                // What is no number stays none, and then neither is the mean.
+                // NaN stays NaN, and then so is the mean.
                 let ln = |v: f64| if v < DARKEST { num::f64::ln(DARKEST) } else { num::f64::ln(v) };
                 sum += (ln(*a) - ln(*b)).abs();
                 samples += 1;
@@ -218,7 +218,7 @@ impl Pair {
             .flat_map(|(a, b)| {
                 a.iter().zip(b).take(channels).map(|(a, b)| {
                     let d = (a - b).abs() * gain;
-                    // Infinite depth against infinite depth is no difference.
+                    // Two infinite depths do not differ.
                     if d.is_nan() { 0.0 } else { d as f32 }
                 })
             })
@@ -227,8 +227,8 @@ impl Pair {
     }
 }
 
-/// What is infinite in both alike, as the depth of what is not there, is no difference: one number on the same side of
-/// every bound stands for both.
+/// Replaces values that are infinite in both pictures, such as the depth of the background, by one finite number on
+/// the same side of every bound, so that they do not differ.
 fn level_infinite(a: &mut Plane, b: &mut Plane) {
     for (a, b) in a.samples.iter_mut().zip(&mut b.samples) {
         if a.is_infinite() && a == b {
@@ -246,15 +246,15 @@ fn plain(picture: &Picture) -> Plane {
     Plane { width, height, channels, samples: picture.samples().iter().map(|v| f64::from(*v)).collect() }
 }
 
-/// The colour channels in linear light, premultiplied: what a picture leaves open is black.
+/// The colour channels in linear light, premultiplied: composited on black.
 fn light(picture: &Picture, port: &'static str) -> Result<Plane, NodeError> {
     let image = linear(picture, port)?;
     let samples = image.samples.chunks_exact(image.channels).flat_map(|p| [p[0], p[1], p[2]]).map(f64::from);
     Ok(Plane { width: image.width, height: image.height, channels: 3, samples: samples.collect() })
 }
 
-/// The colour channels as a display shows them, premultiplied in the numbers of the picture: what a picture of
-/// display values leaves open is black behind those, what one of light leaves open is black behind its light.
+/// The colour channels as display values, premultiplied in the encoding of the picture: display values are
+/// composited on black in display values, light in light.
 fn display(p: &Compare, picture: &Picture) -> Plane {
     let (width, height, channels) = picture.size();
     let is_linear = matches!(picture, Picture::Linear(_));
@@ -266,7 +266,7 @@ fn display(p: &Compare, picture: &Picture) -> Plane {
     Plane { width, height, channels: 3, samples: samples.collect() }
 }
 
-/// The light of display values, in f64.
+/// Linear light of display values, in f64.
 fn decoded(plane: &Plane) -> Plane {
     let decode = |v: &f64| if *v > 0.04045 { num::pow((v + 0.055) / 1.055, 2.4) } else { v / 12.92 };
     Plane { samples: plane.samples.iter().map(decode).collect(), ..*plane }

@@ -5,7 +5,7 @@ use crate::types::{Cell, Report, Table};
 use super::pair::Row;
 use super::{Compare, Space};
 
-/// Columns of both tables, then of each.
+/// Columns common to both tables, then the columns of each.
 pub(super) const COMMON: [&str; 5] = ["view", "picture", "region", "pixels", "share of picture"];
 const COLOUR: [&str; 10] = [
     "psnr (dB)",
@@ -19,7 +19,7 @@ const COLOUR: [&str; 10] = [
     "largest error",
     "relative mse (linear, eps 0.01)",
 ];
-/// Where the columns of FLIP begin, and what they are in `Linear`.
+/// Index of the first FLIP column, and the names of the FLIP columns in `Linear`.
 const FLIP: usize = 3;
 const HDR_FLIP: [&str; 2] = ["hdr-flip mean", "hdr-flip p95"];
 const RATIO: [&str; 5] = [
@@ -68,14 +68,14 @@ fn number(value: Option<f64>) -> Cell {
     }
 }
 
-/// A row of which nothing is known.
+/// A row without values.
 pub(super) fn unknown(names: [&str; 3], colour: bool) -> Vec<Cell> {
     let mut cells: Vec<Cell> = names.iter().map(|name| Cell::Text((*name).to_owned())).collect();
     cells.resize(COMMON.len() + if colour { COLOUR.len() } else { RATIO.len() }, Cell::Missing);
     cells
 }
 
-/// A row of a region; with no pixel in it nothing is known.
+/// The row of a region; without values if the region has no pixel.
 pub(super) fn cells(names: [&str; 3], row: Option<Row>, colour: bool, pixels: usize) -> Vec<Cell> {
     let mut cells: Vec<Cell> = names.iter().map(|name| Cell::Text((*name).to_owned())).collect();
     let count = row.as_ref().map_or(0, |row| row.errors.pixels);
@@ -108,7 +108,7 @@ pub(super) fn cells(names: [&str; 3], row: Option<Row>, colour: bool, pixels: us
     cells
 }
 
-/// Shares of the positive scores. Where both are 0 there is none, and no mean counts them.
+/// Shares of the positive scores. A picture whose two scores are 0 has no share and is left out of the means.
 fn prompt(scores: &[[f64; 2]]) -> Table {
     let share = |[positive, negative]: [f64; 2]| {
         (positive + negative > 0.0).then(|| positive / (positive + negative))

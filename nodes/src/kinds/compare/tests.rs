@@ -31,7 +31,7 @@ fn left_half() -> Arc<Images> {
     one(Image::<Data>::from_samples(16, 12, 1, (0..192).map(|i| f32::from(i % 16 < 8)).collect()))
 }
 
-// A view of which every pixel is half there, and the same with nothing inserted, which is light.
+// A view whose pixels are all half transparent, and the same view composited on nothing, in light.
 #[test]
 fn what_is_open_is_black_in_the_numbers_of_the_picture() {
     use crate::kinds::composite::{Composite, In as Layers};
@@ -44,13 +44,14 @@ fn what_is_open_is_black_in_the_numbers_of_the_picture() {
         front: None,
         variance: None,
     };
-    let (made, _) = Composite::run(&Composite { backdrop: None }, layers, &context()).expect("runs");
+    let (made, _) = Composite::run(&Composite { backdrop: None, ..Composite::default() }, layers, &context())
+        .expect("runs");
     let off = |space: Space| {
         let node = Compare { space, quantise: false, ..node() };
         let (out, notes) =
             Compare::run(&node, inputs(made.image.clone(), view.clone()), &context()).expect("runs");
-        let told = notes.iter().find(|note| note.id == "alpha-on-black").expect("told");
-        assert!(told.text.contains("192 pixels"), "{}", told.text);
+        let found = notes.iter().find(|note| note.id == "alpha-on-black").expect("a note");
+        assert!(found.text.contains("192 pixels"), "{}", found.text);
         out.difference.0[0].picture.samples()[0]
     };
     assert_eq!(off(Space::Linear), 0.0);
@@ -96,7 +97,7 @@ fn a_mask_restricts_everything_and_empty_regions_are_reported() {
         one(Image::<Srgb>::from_samples(16, 12, 3, (0..576).map(|i| f32::from(i % 48 < 24)).collect()));
     let masked = In { mask: Some(left_half()), ..inputs(half.clone(), flat(1.0)) };
     let (out, notes) = Compare::run(&node(), masked, &context()).expect("runs");
-    assert!(notes.iter().any(|note| note.id == "masked" && note.text.contains("`whole` is these")));
+    assert!(notes.iter().any(|note| note.id == "masked" && note.text.contains("`whole` and all regions")));
     assert_eq!(out.report.tables[0].rows[0][5], Cell::Text("inf".to_owned()));
     let nothing = one(Image::<Data>::new(16, 12, 1));
     let empty = In { regions: vec![nothing], ..inputs(half, flat(1.0)) };
@@ -118,7 +119,7 @@ fn spaces_and_rounding_differ_as_they_should() {
     };
     let linear = psnr(&Compare { space: Space::Linear, ..node() });
     assert!((linear + 20.0 * libm::log10(1.5)).abs() < 1e-9);
-    // The display cuts 2 off to 1, and 0.5 shows as 187.5 codes.
+    // The display clamps 2 to 1, and 0.5 is shown as code 187.5.
     let exact = psnr(&Compare { quantise: false, ..node() });
     assert!((exact + 20.0 * libm::log10(1.0 - 0.735_356_98)).abs() < 1e-5);
     assert!((psnr(&node()) + 20.0 * libm::log10(1.0 - 188.0 / 255.0)).abs() < 1e-9);
@@ -185,7 +186,7 @@ fn ratios_have_their_own_table() {
         let at = table.columns.iter().position(|column| column.starts_with(c));
         table.rows[0][at.expect("is a column")].clone()
     };
-    // Half of the pixels are off by a factor of two, and both call the same half a shadow.
+    // Half of the pixels are off by a factor of two, and both have the same half in shadow.
     assert!(matches!(value("mean |ln"), Cell::Number(v) if (v - 0.5 * num::f64::ln(2.0)).abs() < 1e-12));
     assert_eq!(value("shadow IoU"), Cell::Number(1.0));
     let (out, _) = Compare::run(&node(), inputs(map(1.0), map(0.5)), &context()).expect("runs");
@@ -193,7 +194,7 @@ fn ratios_have_their_own_table() {
     assert!(out.flip.0.is_empty());
 }
 
-// Half of the pixels are black where the truth is one half. And nothing equals what is infinitely far off.
+// Half of the pixels are black where the reference is one half. Infinite values differ from all finite ones.
 #[test]
 fn what_is_pitch_black_or_infinite_is_off() {
     let map = |dark: f32| one(Image::<Data>::from_samples(2, 1, 1, vec![dark, 1.0]));
@@ -212,7 +213,7 @@ fn what_is_pitch_black_or_infinite_is_off() {
     assert_eq!(row(f32::NAN)[1], Cell::Missing);
 }
 
-// A depth beside itself: what is not there is there in neither. Data of other channels are refused by them.
+// A depth compared with itself: the background is infinite in both. Data of other channel counts is refused.
 #[test]
 fn what_is_infinite_alike_is_no_difference() {
     let depth = |channels: usize, values: &[f32]| {
@@ -233,10 +234,10 @@ fn what_is_infinite_alike_is_no_difference() {
     assert_eq!(off[1], Cell::Number(0.125));
     assert_eq!(row(depth(1, &far), depth(1, &[2.0, 3.0, 4.0, 0.0])).0[1], text("inf"));
     let (_, notes) = row(depth(1, &[1.0, f32::NAN]), depth(1, &[1.0, 1.0]));
-    assert!(notes.contains("1 samples are no numbers"), "{notes}");
+    assert!(notes.contains("1 samples are NaN"), "{notes}");
     let other = inputs(depth(1, &[1.0]), depth(3, &[1.0; 3]));
-    let Err(told) = Compare::run(&node(), other, &context()) else { panic!("is compared") };
-    assert!(told.to_string().contains("data of 1 channels"), "{told}");
+    let Err(reported) = Compare::run(&node(), other, &context()) else { panic!("is compared") };
+    assert!(reported.to_string().contains("data of 1 channels"), "{reported}");
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! The splats of a demo place, as a capture of it would give them: one flat Gaussian a patch of surface,
-//! small where the camera looks closely; colours clipped to what a display holds before they are fitted.
+//! The splats of a demo scene, as a capture would give them: one flat Gaussian per patch of surface, smaller where
+//! the camera looks closely, with colours clipped to the range of a display before fitting.
 
 use engine::{Context, NodeError};
 use glam::{DMat3, DVec3};
@@ -13,11 +13,11 @@ use crate::math::color::srgb_from_linear;
 use crate::math::num;
 use crate::types::{SplatEncoding, Splats};
 
-/// Directions from which a reflecting splat is photographed.
+/// Number of directions from which a reflective splat is photographed.
 const DIRECTIONS: usize = 16;
-/// Coefficients of spherical harmonics of degree 2.
+/// Number of coefficients of spherical harmonics of degree 2.
 const SH: usize = 9;
-/// How strongly the fit prefers small coefficients, as a share of the photographs.
+/// Strength of the preference for small coefficients, as a fraction of the photographs.
 const RIDGE: f64 = 0.06;
 /// Standard deviation of a splat over the side of its patch: wide enough to leave no gaps.
 const WIDTH: f64 = 0.66;
@@ -63,7 +63,7 @@ pub(super) fn splats(
     let floaters = count / 1200;
     let dome = if layout.dome.is_some() { DOME * DOME / 4 } else { 0 };
     let wanted = count.saturating_sub(floaters + dome).max(1);
-    // A first, coarse cut tells which share of the patches any camera sees.
+    // A coarse first pass estimates the share of the patches that any camera sees.
     let coarse = patches(lit.quads, view, wanted / 8 + 1);
     let seen = cx.for_each_tile(coarse.len().div_ceil(256), |c| {
         let range = c * 256..((c + 1) * 256).min(coarse.len());
@@ -92,16 +92,16 @@ pub(super) fn splats(
     Ok((pack(&kept, world), Defects { unseen, floaters: floaters as u64 }))
 }
 
-/// What is wrong with the capture, on purpose.
+/// Intended defects of the capture.
 pub(super) struct Defects {
-    /// Patches that no camera of the capture saw.
+    /// Number of patches that no camera of the capture saw.
     pub unseen: u64,
-    /// Splats that float where nothing is.
+    /// Number of splats that float in empty space.
     pub floaters: u64,
 }
 
-/// Cuts the quads into patches that look about equally large to the camera, so many that there are about
-/// `count`: the target size is found by halving.
+/// Divides the quads into about `count` patches that look equally large to the camera; the target size is found by
+/// bisection.
 fn patches(quads: &[Quad], view: &View, count: usize) -> Vec<Patch> {
     let (mut small, mut large) = (0.2_f64, 200.0_f64);
     for _ in 0..22 {
@@ -113,7 +113,7 @@ fn patches(quads: &[Quad], view: &View, count: usize) -> Vec<Patch> {
     found
 }
 
-/// Counts the patches of at most `pixels` on a side, and lists them where a list is given.
+/// Counts the patches of at most `pixels` per side, and collects them if a list is given.
 fn cut(quads: &[Quad], view: &View, pixels: f64, mut list: Option<&mut Vec<Patch>>) -> usize {
     let mut count = 0;
     let mut work = Vec::new();
@@ -146,7 +146,7 @@ fn cut(quads: &[Quad], view: &View, pixels: f64, mut list: Option<&mut Vec<Patch
     count
 }
 
-/// The splat of a patch; none where no camera of the capture saw it.
+/// The splat of a patch; `None` if no camera of the capture saw it.
 fn splat(lit: &Lit<'_>, layout: &Layout, patch: Patch, key: u64, world: &WorldFrame) -> Option<Splat> {
     let quad = &lit.quads[patch.quad as usize];
     let [lu, lv] = quad.lengths();
@@ -163,7 +163,7 @@ fn splat(lit: &Lit<'_>, layout: &Layout, patch: Patch, key: u64, world: &WorldFr
     } else {
         colours(lit, quad, u, v, [hu, hv], toward, key, world)
     };
-    // The patch may be sheared; its sides give the axes, made square.
+    // The patch may be sheared; its sides give the axes, made orthogonal.
     let along =
         (quad.point((u + 1e-3).min(1.0), v) - quad.point((u - 1e-3).max(0.0), v)).normalize_or(DVec3::X);
     let facet = n;
@@ -197,14 +197,14 @@ fn display(rgb: Rgb) -> Rgb {
     rgb.map(|v| f64::from(srgb_from_linear(v.clamp(0.0, 1.0) as f32)))
 }
 
-/// Coefficients of a colour that is the same from everywhere.
+/// Coefficients of a colour that does not depend on direction.
 fn flat(colour: Rgb) -> [Rgb; SH] {
     let mut sh = [[0.0; 3]; SH];
     sh[0] = colour.map(|v| (v - 0.5) / basis(DVec3::Z)[0]);
     sh
 }
 
-#[allow(clippy::too_many_arguments, reason = "a patch is its numbers")]
+#[allow(clippy::too_many_arguments, reason = "a patch is defined by its numbers")]
 fn colours(
     lit: &Lit<'_>,
     quad: &Quad,
@@ -217,7 +217,7 @@ fn colours(
 ) -> [Rgb; SH] {
     let effort = Effort { sky: if lit.opening.is_some() { 16 } else { 25 }, sun: 4, lamp: 4 };
     let light = lit.received(quad, u, v, toward, key, effort);
-    // The texture is averaged over the patch, as a pixel of a camera would.
+    // The texture is averaged over the patch, as by a pixel of a camera.
     let mut albedo = [0.0; 3];
     let mut gloss = None;
     for (a, b) in [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)] {

@@ -4,12 +4,12 @@ use glam::DVec3;
 
 use super::shape::Quad;
 
-/// Where a ray met the place.
+/// Intersection of a ray with the scene.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Hit {
     pub distance: f64,
     pub quad: u32,
-    /// Place on the quad.
+    /// Position on the quad.
     pub u: f64,
     pub v: f64,
 }
@@ -41,7 +41,7 @@ const LEAF: usize = 4;
 const BINS: usize = 12;
 
 impl Caster {
-    /// Leaves out what lies outside of a window: rays see the sky there.
+    /// Leaves out surfaces outside of a window: rays see the sky there.
     pub(super) fn new(quads: &[Quad]) -> Self {
         let mut triangles = Vec::with_capacity(quads.len() * 2);
         for (i, quad) in quads.iter().enumerate().filter(|(_, quad)| quad.paint.is_solid()) {
@@ -90,7 +90,7 @@ impl Caster {
         (best.quad != u32::MAX).then_some(best)
     }
 
-    /// Whether anything lies within `reach`.
+    /// True if anything lies within `reach`.
     pub(super) fn blocked(&self, from: DVec3, toward: DVec3, reach: f64) -> bool {
         let mut best = Hit { distance: reach, quad: u32::MAX, u: 0.0, v: 0.0 };
         self.walk(from, toward, &mut best, true);
@@ -109,7 +109,7 @@ impl Caster {
             let node = &self.nodes[at];
             if enters(node, from, inverse, best.distance) {
                 if node.count == 0 {
-                    // The tree is built by halving at worst, so 64 levels are never reached.
+                    // The tree is at worst built by halving, so 64 levels are never reached.
                     if depth < stack.len() {
                         stack[depth] = node.next;
                         depth += 1;
@@ -169,8 +169,8 @@ fn hull(boxes: impl Iterator<Item = [DVec3; 2]>) -> [DVec3; 2] {
     boxes.fold(empty, |[low, high], [l, h]| [low.min(l), high.max(h)])
 }
 
-/// Sorts the range into two by the surface area heuristic; gives the size of the first. Halves at the
-/// middle of the order where no plane is better, so depth stays bounded.
+/// Partitions the range by the surface area heuristic; returns the size of the first part. Splits at the middle if
+/// no plane is better, which bounds the depth.
 fn split(order: &mut [u32], bounds: &[[DVec3; 2]]) -> Option<usize> {
     let centre = |i: u32| bounds[i as usize][0] + bounds[i as usize][1];
     let [low, high] = hull(order.iter().map(|&i| [centre(i), centre(i)]));

@@ -1,6 +1,5 @@
-//! Light in a demo place: sun, sky through an opening or overhead, a lamp, and what surfaces pass on.
-//! Direct light is sampled at every point that asks; what comes by way of other surfaces is kept at
-//! scattered points and interpolated.
+//! Light in a demo scene: sun, sky through an opening or overhead, a lamp, and interreflection. Direct light is
+//! sampled at every point; indirect light is cached at scattered points and interpolated.
 
 use std::f64::consts::PI;
 
@@ -40,7 +39,7 @@ pub(super) struct Lamp {
     pub radiance: Rgb,
 }
 
-/// What lies beyond the place.
+/// Sky and surroundings of the scene.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sky {
     pub zenith: Rgb,
@@ -52,7 +51,7 @@ pub(super) struct Sky {
     pub sun_irradiance: Rgb,
     /// Sine of the angular radius of the sun.
     pub sun_sine: f64,
-    /// How much brighter the sky is around the sun.
+    /// Additional brightness of the sky around the sun.
     pub glow: f64,
 }
 
@@ -80,7 +79,7 @@ impl Sky {
     }
 }
 
-/// How many rays each sort of light gets.
+/// Number of rays for each kind of light.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Effort {
     pub sky: usize,
@@ -88,7 +87,7 @@ pub(super) struct Effort {
     pub lamp: usize,
 }
 
-/// A place with its light.
+/// A scene with its light.
 pub(super) struct Lit<'a> {
     pub quads: &'a [Quad],
     pub caster: Caster,
@@ -99,14 +98,14 @@ pub(super) struct Lit<'a> {
     cache: Cache,
 }
 
-/// How far light may travel, in metres.
+/// Largest distance of light, in metres.
 const FAR: f64 = 200.0;
-/// Rays start this far off a surface, in metres: a bilinear quad is cast as two triangles, which lie a
-/// few millimetres beside it.
+/// Offset of ray origins from a surface, in metres: a bilinear quad is intersected as two triangles, which deviate
+/// from it by a few millimetres.
 const OFF: f64 = 4e-3;
 
 impl<'a> Lit<'a> {
-    /// Prepares the rays and the light that surfaces pass on.
+    /// Prepares the rays and the interreflected light.
     pub(super) fn new(
         quads: &'a [Quad],
         sky: Sky,
@@ -121,7 +120,7 @@ impl<'a> Lit<'a> {
         Ok(lit)
     }
 
-    /// Irradiance straight from sun, sky and lamp. `key` names the random numbers.
+    /// Irradiance directly from sun, sky and lamp. `key` is the key of the random numbers.
     pub(super) fn direct(&self, p: DVec3, n: DVec3, key: u64, effort: Effort) -> Rgb {
         let from = p + n * OFF;
         let mut sum = [0.0; 3];
@@ -186,12 +185,12 @@ impl<'a> Lit<'a> {
         sum
     }
 
-    /// Irradiance by way of other surfaces.
+    /// Irradiance from other surfaces.
     pub(super) fn indirect(&self, p: DVec3, n: DVec3) -> Rgb {
         self.cache.at(p, n, |point| point.indirect)
     }
 
-    /// Radiance that a ray brings, with all light at the hit taken from the cache.
+    /// Radiance along a ray, with all light at the hit taken from the cache.
     pub(super) fn rough_radiance(&self, from: DVec3, toward: DVec3) -> Rgb {
         let Some(hit) = self.caster.nearest(from, toward, FAR) else {
             return self.beyond(from, toward);
@@ -206,7 +205,7 @@ impl<'a> Lit<'a> {
         add(quad.paint.glow(), times(albedo, light), 1.0 / PI)
     }
 
-    /// Radiance that a ray brings, with direct light sampled at the hit.
+    /// Radiance along a ray, with direct light sampled at the hit.
     pub(super) fn radiance(&self, from: DVec3, toward: DVec3, key: u64, effort: Effort) -> Rgb {
         let Some(hit) = self.caster.nearest(from, toward, FAR) else {
             return self.beyond(from, toward);
@@ -215,7 +214,7 @@ impl<'a> Lit<'a> {
         self.surface(quad, hit.u, hit.v, toward, key, effort)
     }
 
-    /// Radiance of a point of a surface, without gloss.
+    /// Radiance of a point of a surface, without specular reflection.
     pub(super) fn surface(
         &self,
         quad: &Quad,
@@ -230,7 +229,7 @@ impl<'a> Lit<'a> {
         add(quad.paint.glow(), times(albedo, light), 1.0 / PI)
     }
 
-    /// Irradiance of a point of a surface, seen along `toward`; thin sheets pass light through.
+    /// Irradiance of a point of a surface, seen along `toward`; thin sheets transmit light.
     pub(super) fn received(
         &self,
         quad: &Quad,
@@ -253,10 +252,10 @@ impl<'a> Lit<'a> {
         }
     }
 
-    /// What lies beyond the place in a direction, without the disc of the sun.
+    /// Radiance from outside of the scene in a direction, without the disc of the sun.
     pub(super) fn beyond(&self, from: DVec3, toward: DVec3) -> Rgb {
         if let Some(Opening { corner, u, v }) = self.opening {
-            // A ray that slips between two triangles of a closed room is not light from outside.
+            // A ray that passes between two triangles of a closed room does not reach light from outside.
             let inward = u.cross(v);
             let t = (corner - from).dot(inward) / toward.dot(inward);
             let on = from + toward * t - corner;
@@ -268,7 +267,7 @@ impl<'a> Lit<'a> {
         self.sky.radiance(toward)
     }
 
-    /// Whether something stands between a point and the sky in a direction.
+    /// True if a surface blocks a direction from a point to the sky.
     pub(super) fn hidden(&self, from: DVec3, toward: DVec3) -> bool {
         self.caster.blocked(from, toward, FAR)
     }
@@ -312,9 +311,9 @@ struct Cache {
 /// Distance between points of the cache, and the radius within which they are averaged, in metres.
 const SPACING: f64 = 0.10;
 const RADIUS: f64 = 0.26;
-/// Rays that gather light at each point, along one side of the stratified square.
+/// Rays that gather light at each point, along one side of a stratified square.
 const GATHER: usize = 8;
-/// Times light is passed on.
+/// Number of bounces of light.
 const BOUNCES: usize = 4;
 
 impl Cache {
@@ -325,7 +324,7 @@ impl Cache {
             let (nu, nv) = ((a / SPACING).ceil().max(1.0) as usize, (b / SPACING).ceil().max(1.0) as usize);
             for i in 0..nu * nv {
                 let key = places.len() as u64;
-                // Of small quads only as many are kept as their area calls for.
+                // Small quads keep only as many points as their area requires.
                 let keep = a * b / (nu * nv) as f64 / (SPACING * SPACING);
                 if unit(lit.seed, 0x6b65, key + q as u64 * 7919, 0) < keep.max(0.05) * 1.5 {
                     let u = ((i % nu) as f64 + 0.2 + 0.6 * unit(lit.seed, 0x7075, key, i as u64)) / nu as f64;
@@ -408,7 +407,7 @@ impl Cache {
         }
     }
 
-    /// Mean over the points around `p` that face as `n` does and lie on the same surface.
+    /// Mean over the points around `p` with a similar normal on the same surface.
     fn at(&self, p: DVec3, n: DVec3, value: impl Fn(&Point) -> Rgb) -> Rgb {
         let (mut sum, mut weights) = ([0.0; 3], 0.0);
         self.near(p, |_, point| {
@@ -424,7 +423,7 @@ impl Cache {
     fn bounce(&mut self, lit: &Lit<'_>, cx: &Context) -> Result<(), NodeError> {
         let chunk = 64;
         let rays = GATHER * GATHER;
-        // The point of the cache that each gathering ray sees, none for those that leave the place.
+        // The point of the cache that each gathering ray hits; none for rays that leave the scene.
         let seen = cx.for_each_tile(self.points.len().div_ceil(chunk), |c| {
             let range = c * chunk..((c + 1) * chunk).min(self.points.len());
             let mut found = Vec::with_capacity(range.len() * rays);
@@ -475,14 +474,14 @@ impl Cache {
     }
 }
 
-/// How much a point of the cache says about the light at `p`.
+/// Weight of a point of the cache for the light at `p`.
 fn closeness(p: DVec3, n: DVec3, point: &Point) -> f64 {
     let way = p - point.p;
     let near = 1.0 - way.length_squared() / (2.0 * RADIUS * RADIUS);
     if near <= 0.0 {
         return 0.0;
     }
-    // Points that face another way or lie on another surface count only where there are no better ones.
+    // Points with another orientation or on another surface count only if there are no better ones.
     let alike = n.dot(point.n).max(0.03);
     let off = (1.0 - 4.0 * way.dot(n).abs() / RADIUS).max(0.02);
     let near = near * near;

@@ -1,4 +1,4 @@
-//! `demo-scene`: a captured place, an object to insert and the truth, made from a seed.
+//! `demo-scene`: a synthetic capture, an object to insert and the true light, made from a seed.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -26,27 +26,27 @@ use light::{Effort, Lit};
 use place::Layout;
 
 engine::choices! {
-    /// What the demo scene shows.
+    /// Setting of the demo scene.
     pub enum Setting {
-        /// A furnished living room with a window and a floor lamp; the object stands on the table.
+        /// A furnished living room with a window and a floor lamp; the object is placed on the table.
         Room,
-        /// A courtyard in the sun; the object stands on the paving.
+        /// A courtyard in the sun; the object is placed on the paving.
         Courtyard,
     }
 }
 
 engine::params! {
-    /// Makes a scene to try everything with: a captured place, an object to insert, and the truth.
-    /// The place is lit by real light transport and then captured as splats with the defects of a real
-    /// capture: light clipped to white, colours that depend on the view, blur, floaters, and holes where no
-    /// camera looked. The object is meant to stand at (0, 0, 0.44) metres in the room and (0, 0, 0) in the
-    /// courtyard, for `up: "+z"` (right, forward, up; the other axes follow `scene.up`), which is
-    /// where the truth was seen from: `truth_env` is what arrives at a point `probe_height` above that,
-    /// unclipped, to score recovered light with.
+    /// Makes a scene for trying everything: a captured place, an object to insert, and the true light.
+    ///
+    /// The place is lit by light transport and then captured as splats with the defects of a real capture: light
+    /// clipped to white, view-dependent colours, blur, floaters, and holes where no camera looked. The object is
+    /// meant to be placed at (0, 0, 0.44) metres in the room and at (0, 0, 0) in the courtyard, for `up: "+z"`
+    /// (right, forward, up; the other axes follow `scene.up`). `truth_env` is the unclipped light that arrives
+    /// `probe_height` above that point, as a reference for recovered light.
     pub struct DemoScene {
-        /// Which place.
+        /// Setting of the scene.
         place: Setting = Setting::Room, other("Courtyard");
-        /// About how many splats; they are small where the camera of `rig` looks closely.
+        /// Approximate number of splats; they are smaller where the camera of `rig` looks closely.
         splats: u32 = 260000, range(2000, 4000000), other("5000");
         /// Width of the camera of `rig`.
         width_px: u32 = 960, range(16, 8192), unit("px"), other("320");
@@ -54,13 +54,13 @@ engine::params! {
         height_px: u32 = 540, range(16, 8192), unit("px"), other("200");
         /// Width of the true environment; its height is half of it.
         truth_width_px: u32 = 512, range(16, 4096), unit("px"), other("64");
-        /// Height of the true environment's point above what the object stands on.
+        /// Height of the point of the true environment above the surface that the object stands on.
         probe_height: f64 = 0.3, range(0.01, 1.5), unit("m"), other("0.6");
     }
 }
 
 engine::inputs! {
-    /// Inputs of `demo-scene`: none.
+    /// No inputs.
     pub struct In {}
 }
 
@@ -69,7 +69,7 @@ engine::outputs! {
     pub struct Out {
         /// The captured place.
         splats: Arc<Splats>,
-        /// A closed mesh of the place, about 5 mm off, with the captured colours at its vertices.
+        /// A closed mesh of the place, with an error of about 5 mm, with the captured colours at its vertices.
         proxy: Arc<Mesh>,
         /// A vase, a brass ball and a clay ball on a wooden plinth, about half a metre tall.
         object: Arc<Object>,
@@ -80,7 +80,7 @@ engine::outputs! {
     }
 }
 
-/// From metres in the frame of the place to world units.
+/// Conversion from metres in the frame of the scene to world units.
 struct WorldFrame {
     axes: [DVec3; 3],
     per_metre: f64,
@@ -96,7 +96,7 @@ impl WorldFrame {
     }
 }
 
-/// The camera in the frame of the place.
+/// The camera in the frame of the scene.
 struct View {
     eye: DVec3,
     right: DVec3,
@@ -117,7 +117,7 @@ impl View {
         Self { eye: layout.eye, right, down: forward.cross(right), forward, focal, width, height }
     }
 
-    /// Distance of a point that lies in the frame or near it.
+    /// Distance of a point that lies in or near the frame.
     fn distance(&self, p: DVec3) -> Option<f64> {
         let way = p - self.eye;
         let depth = way.dot(self.forward);
@@ -127,8 +127,8 @@ impl View {
         inside.then(|| way.length())
     }
 
-    /// How large a patch of a surface may be, in metres, to look `pixels` large. Out of the frame, and
-    /// on the far side of things, larger.
+    /// How large a patch of a surface may be, in metres, to look `pixels` large. Larger outside of the frame and on
+    /// back sides.
     fn patch_size(&self, p: DVec3, n: DVec3, size: f64, pixels: f64) -> f64 {
         let way = self.eye - p;
         let close = pixels / self.focal;
@@ -204,7 +204,7 @@ impl Kind for DemoScene {
     }
 }
 
-/// What arrives at the point of the object, unclipped.
+/// The unclipped light that arrives at the point of the object.
 fn truth(
     lit: &Lit<'_>,
     layout: &Layout,
@@ -219,7 +219,7 @@ fn truth(
     let rows = cx.for_each_tile(height, |y| {
         let mut row = Vec::with_capacity(width * 3);
         for x in 0..width {
-            // Four rays a pixel: a lamp or a sun is a few pixels only.
+            // Four rays per pixel: a lamp or a sun covers only a few pixels.
             let mut sum = [0.0; 3];
             for k in 0..4_u32 {
                 let (a, b) = (0.25 + 0.5 * f64::from(k % 2), 0.25 + 0.5 * f64::from(k / 2));
@@ -237,11 +237,11 @@ fn truth(
     Ok(Environment { image, up: cx.up(), origin: Some(world.point(from)) })
 }
 
-/// Points of the disc of the sun, along one side of their square.
+/// Number of points along each side of a square over the disc of the sun.
 const SUN_POINTS: usize = 64;
 
-/// Adds the sun, which is smaller than a pixel may be: each point of its disc that is not hidden gives
-/// its share of the irradiance to the pixel it lies in.
+/// Adds the sun, which may be smaller than a pixel: each visible point of its disc adds its share of the irradiance
+/// to the pixel that contains it.
 fn add_sun(lit: &Lit<'_>, from: DVec3, image: &mut Image<Linear>) {
     let (width, height) = (image.width, image.height);
     let (a, b) = light::frame(lit.sky.sun);

@@ -126,7 +126,7 @@ fn turned(profile: &[[f64; 2]], foot: DVec3, turns: usize, material: u32) -> Pri
         along += if i == 0 { 0.0 } else { DVec3::new(r - before[0], y - before[1], 0.0).length() };
         for k in 0..=turns {
             let (sin, cos) = num::sin_cos(2.0 * PI * (k % turns) as f64 / turns as f64);
-            // Seen from above with y up, the turn runs from z to x, so that u grows to the right.
+            // Seen from above with y up, the rotation runs from z to x, so that u grows to the right.
             let out = DVec3::new(sin, 0.0, cos);
             p.positions.push(single(foot + out * r + DVec3::Y * y));
             p.normals.push(single((out * dy - DVec3::Y * dr).normalize_or(DVec3::Y)));
@@ -213,7 +213,7 @@ fn relief(strength: f64, height: impl Fn(f64, f64) -> f64) -> Texture {
     })
 }
 
-/// A value of `f` that repeats with u, since textures wrap around.
+/// A value of `f` that is periodic in u, since textures wrap around.
 fn wrapped(u: f64, f: impl Fn(f64) -> f64) -> f64 {
     let u = u - u.floor();
     f(u) * (1.0 - u) + f(u - 1.0) * u
@@ -267,8 +267,8 @@ mod tests {
         assert_eq!(lowest, 0.0);
     }
 
-    // The winding agrees with the shading normals, and normal maps bend the right way round: tangent,
-    // bitangent and normal are those of the texture coordinates.
+    // The winding agrees with the shading normals, and normal maps have the right orientation: tangent, bitangent
+    // and normal are those of the texture coordinates.
     #[test]
     fn winding_and_tangents_agree_with_normals() {
         for primitive in &still_life(7).primitives {

@@ -1,4 +1,4 @@
-//! What the surfaces of a demo place look like: procedural albedo, gloss and glow.
+//! Appearance of the surfaces of a demo scene: procedural albedo, gloss and emission.
 
 use super::random::{fractal, noise, unit};
 
@@ -29,9 +29,9 @@ pub(super) enum Paint {
     Curtain([f64; 3]),
     /// A lamp shade that glows with the given radiance.
     Glow([f64; 3]),
-    /// What lies outside of a window; drawn from the sky alone.
+    /// The view outside of a window; the sky alone.
     Outside,
-    /// Nothing: a surface that only the proxy has.
+    /// A surface that exists in the proxy only.
     Hidden,
     /// Stone slabs.
     Slabs,
@@ -50,7 +50,7 @@ pub(super) struct Gloss {
     pub spread: f64,
 }
 
-/// What a point of a surface looks like.
+/// Appearance of a point of a surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Appearance {
     pub albedo: [f64; 3],
@@ -85,17 +85,17 @@ impl Paint {
         matches!(self, Paint::Leaf(_) | Paint::Curtain(_))
     }
 
-    /// True for what rays meet.
+    /// True if rays hit the surface.
     pub(super) fn is_solid(self) -> bool {
         !matches!(self, Paint::Outside | Paint::Hidden)
     }
 
-    /// Radiance it gives off by itself.
+    /// Emitted radiance.
     pub(super) fn glow(self) -> [f64; 3] {
         if let Paint::Glow(radiance) = self { radiance } else { [0.0; 3] }
     }
 
-    /// The look at (u, v), in metres.
+    /// Appearance at (u, v), in metres.
     pub(super) fn look(self, seed: u64, [u, v]: [f64; 2]) -> Appearance {
         let matte = |albedo| Appearance { albedo, gloss: None };
         match self {

@@ -1,5 +1,5 @@
-//! The proxy of a demo place: closed solids, in a room within a closed shell, about as a capture would mesh it, with
-//! the colours a capture sees baked into its vertices.
+//! The proxy of a demo place: closed solids, in a room within a closed shell, similar to a mesh extracted from a
+//! capture, with captured colours at its vertices.
 
 use std::collections::BTreeMap;
 
@@ -20,7 +20,7 @@ const JITTER: f64 = 0.005;
 const FINE: f64 = 0.06;
 const COARSE: f64 = 0.14;
 const NEAR: f64 = 1.2;
-/// What is larger than this is cut coarsely though it comes near.
+/// Solids larger than this are divided coarsely even near the object.
 const LARGE: f64 = 4.0;
 
 /// Vertices welded by position within each solid.
@@ -53,7 +53,7 @@ impl Weld {
 
     fn quad(&mut self, solid: u32, quad: &Quad, spacing: f64) {
         let [lu, lv] = quad.lengths();
-        // Faces that share an edge must cut it alike, though its length differs in the last bit.
+        // Faces that share an edge must divide it equally, although its length differs in the last bit.
         let parts =
             |length: f64| if quad.divide { (length / spacing - 1e-6).ceil().max(1.0) as usize } else { 1 };
         let (nu, nv) = (parts(lu), parts(lv));
@@ -131,7 +131,7 @@ fn shell(layout: &Layout) -> Vec<Quad> {
     shapes.quads.into_iter().map(inward).collect()
 }
 
-/// What a capture sees at a vertex: the surface found along its normal, clipped, in 8 bits.
+/// The captured colour at a vertex: that of the surface found along its normal, clipped, in 8 bits.
 fn colour(lit: &Lit<'_>, (p, n): (DVec3, DVec3), key: u64) -> [f32; 3] {
     let n = n.normalize_or(DVec3::Z);
     let effort = Effort { sky: 9, sun: 2, lamp: 3 };

@@ -1,4 +1,4 @@
-//! Counter-based random numbers: every number is a hash of what it is for.
+//! Counter-based random numbers: every number is a hash of its purpose and index.
 
 /// A number in [0, 1) for (seed, purpose, index, dimension).
 pub(super) fn unit(seed: u64, purpose: u64, index: u64, dimension: u64) -> f64 {

@@ -1,5 +1,5 @@
-//! A furnished living room with a window on the left, in which the sun falls behind the table, and a
-//! floor lamp.
+//! A furnished living room with a window on the left, through which the sun shines behind the table, and a floor
+//! lamp.
 
 use std::f64::consts::PI;
 
@@ -127,7 +127,7 @@ fn window(s: &mut Shapes) {
     let third = z0 + (z1 - z0) * 0.66;
     bar([y0, third - 0.013], [y1, third + 0.013]);
     s.between([LEFT - 0.01, y0 - 0.06, z0 - 0.04], [LEFT + 0.13, y1 + 0.06, z0], WHITE, false);
-    // What the camera sees through it.
+    // The view through the window.
     let far = x - 0.35;
     let (low, high) = (DVec3::new(far, y0 - 1.6, z0 - 1.0), DVec3::new(far, y1 + 1.2, z1 + 0.8));
     s.flat(
@@ -161,7 +161,7 @@ fn table(s: &mut Shapes) {
         s.cuboid(place, DVec3::new(x, y, leg.z + 0.0135), leg, OAK, true);
     }
     s.cuboid(place, DVec3::new(0.0, 0.0, 0.17), DVec3::new(0.60, 0.31, 0.011), OAK, true);
-    // Books and a bowl at one end, magazines below.
+    // EnergyTable and a bowl at one end, magazines below.
     let stack = Place::new(0.47, 0.19, TABLE, -14.0);
     s.cuboid(stack, DVec3::new(0.0, 0.0, 0.016), DVec3::new(0.13, 0.095, 0.015), Paint::Book(3), true);
     s.cuboid(

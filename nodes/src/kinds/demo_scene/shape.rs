@@ -17,11 +17,11 @@ pub(super) struct Quad {
     pub n: [DVec3; 4],
     /// Texture coordinates at the corners, in metres.
     pub uv: [[f64; 2]; 4],
-    /// What it is painted with.
+    /// Material of the quad.
     pub paint: Paint,
-    /// Number of the closed solid it belongs to in the proxy; `None` keeps it out of the proxy.
+    /// Index of its closed solid in the proxy; `None` keeps it out of the proxy.
     pub solid: Option<u32>,
-    /// The proxy may cut it into smaller ones.
+    /// True if the proxy may divide it into smaller quads.
     pub divide: bool,
 }
 
@@ -52,7 +52,7 @@ impl Quad {
     }
 }
 
-/// A turn about the vertical axis, then a move.
+/// A rotation about the vertical axis, then a translation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Place {
     sin_cos: (f64, f64),
@@ -121,7 +121,7 @@ impl Shapes {
         }
     }
 
-    /// A box given by two corners, not turned.
+    /// A box given by two corners, without rotation.
     pub(super) fn between(&mut self, low: [f64; 3], high: [f64; 3], paint: Paint, proxy: bool) {
         let (low, high) = (DVec3::from(low), DVec3::from(high));
         let place = Place::new(0.0, 0.0, 0.0, 0.0);

@@ -7,7 +7,7 @@ fn params(place: Setting) -> DemoScene {
 }
 
 fn make(params: &DemoScene, seed: u64, up: Up, metres_per_unit: f64) -> Out {
-    let cx = Context::detached(Scene { up, metres_per_unit, seed }, ".");
+    let cx = Context::detached(Scene { up, metres_per_unit, seed, exhaustive: false }, ".");
     DemoScene::run(params, In {}, &cx).expect("runs").0
 }
 
@@ -40,7 +40,7 @@ fn check(out: &Out, stand: f64) {
     for q in &splats.quats {
         assert!((q.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-5);
     }
-    // A capture is clipped: seen from where it was fitted no colour is far above white.
+    // A capture is clipped: from the directions it was fitted to, no colour is far above white.
     let white = splats.sh.chunks_exact(splats.sh_len()).map(|sh| 0.5 + 0.2821 * sh[0][1]);
     let (mut bright, mut most) = (0, 0.0_f32);
     for value in white {
@@ -54,7 +54,7 @@ fn check(out: &Out, stand: f64) {
     assert_eq!(proxy.colours.len(), proxy.positions.len());
     assert!(proxy.colours.as_flattened().iter().all(|c| (0.0..=1.0).contains(c)));
 
-    // The truth holds what the capture lost, and lies where the doc says.
+    // The true light contains what the capture lost, and lies where the documentation says.
     let truth = &out.truth_env;
     assert_eq!(truth.origin, Some(DVec3::new(0.0, 0.0, stand + params.probe_height)));
     let peak = truth.image.samples.iter().fold(0.0_f32, |m, v| m.max(*v));
@@ -91,7 +91,7 @@ fn one_seed_one_scene_and_another_seed_another() {
     }
 }
 
-// The same room in another frame: every position turns with the axes and scales with the unit.
+// The same room in another frame: every position is rotated with the axes and scaled with the unit.
 #[test]
 fn frames_differ_by_a_turn_and_a_scale() {
     let (z, y) = (room_of_seed_7(), make(&params(Setting::Room), 7, Up::MinusY, 0.5));

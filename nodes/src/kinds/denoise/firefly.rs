@@ -1,21 +1,22 @@
-//! Single pixels that one lucky path has lit.
+//! Fireflies: single pixels lit by one improbable path.
 //!
-//! A path that meets a sun by way of an object may bring a pixel many times the light of its place. It is
-//! seldom, so that what is right on average stands in one pixel of hundreds. A mean over the pixels around
-//! does not dilute it enough: it would leave a bright patch in a thin shadow, and its variance would make
-//! everything near it look alike.
+//! A path that reaches a sun by way of an object may give a pixel many times the light of its surroundings. Such
+//! paths are rare, so light that is right on average ends up in one pixel of hundreds. Averaging over the
+//! surrounding pixels does not dilute it enough: it would leave a bright patch in a thin shadow, and its variance
+//! would make everything near it look alike.
 
 use super::means::Field;
 
-/// How many times brighter than all around it a firefly is.
+/// A firefly is this many times brighter than all pixels around it.
 const BRIGHTER: f32 = 2.0;
-/// A firefly has this many times the mean variance of the pixels around it: a highlight that is there in every
-/// chunk of samples has not.
+/// A firefly has this many times the mean variance of the pixels around it. A real highlight, which appears in
+/// every chunk of samples, has not.
 const LESS_SURE: f32 = 16.0;
 
 impl Field {
-    /// Gives fireflies the light of the pixels around them, and how sure that is. `least` is a signal below
-    /// which nothing is one; `relight` sets the values of a pixel by its new signal. Gives how many there were.
+    /// Replaces fireflies by the light of the pixels around them, and their variance. `least` is the signal below
+    /// which a pixel is not a firefly; `relight` sets the values of a pixel from its new signal. Returns the number
+    /// of fireflies.
     pub fn quench(&mut self, least: f32, relight: impl Fn(&mut [f32], [f32; 3])) -> u64 {
         let found: Vec<_> = (0..self.pixels.len())
             .filter_map(|i| self.around_firefly(i, least).map(|(signal, variance)| (i, signal, variance)))
@@ -28,7 +29,7 @@ impl Field {
         found.len() as u64
     }
 
-    /// The mean signal and variance of the pixels around a firefly; none where a pixel is not one.
+    /// The mean signal and variance of the pixels around a firefly; `None` for other pixels.
     fn around_firefly(&self, at: usize, least: f32) -> Option<([f32; 3], f32)> {
         let pixel = &self.pixels[at];
         let bright = |signal: &[f32; 3]| signal.iter().sum::<f32>() / 3.0;

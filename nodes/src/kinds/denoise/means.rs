@@ -1,10 +1,10 @@
-//! Non-local means: every pixel becomes the mean of those near it whose surroundings look the same, to the
-//! noise that they are known to have.
+//! Non-local means: every pixel becomes the mean of nearby pixels whose surroundings look the same within their
+//! known noise.
 //!
-//! The distance of two pixels is that of the patches around them, per sample and in units of its variance,
-//! less what noise alone would give (Rousselle, Knaus and Zwicker 2012, Adaptive rendering with non-local
-//! means filtering, section 4). So an edge stays that is stronger than the noise, and the filter fades as
-//! more samples leave less of it.
+//! The distance of two pixels is that of the patches around them, per sample and in units of its variance, minus
+//! the distance expected from noise alone (Rousselle, Knaus and Zwicker 2012, Adaptive rendering with non-local
+//! means filtering, section 4). So an edge stronger than the noise is kept, and the filter has less effect as more
+//! samples reduce the noise.
 
 use std::ops::Range;
 
@@ -14,54 +14,53 @@ use glam::Vec3;
 
 /// Side of the square tiles that are filtered at once, in pixels.
 const TILE: usize = 32;
-/// Patches reach so many pixels from their centre.
+/// Radius of a patch, in pixels.
 const PATCH: usize = 2;
-/// Rows, and columns, of a patch.
+/// Rows and columns of a patch.
 const PATCHES: usize = 2 * PATCH + 1;
-/// Pixels that go through a vector register together.
+/// Number of pixels per vector register.
 const LANES: usize = 8;
-/// Pixels of a row that are compared for the patches of a tile, in whole vectors.
+/// Number of pixels of a row that are compared for the patches of a tile, in whole vectors.
 const SIDE: usize = (TILE + 2 * PATCH).next_multiple_of(LANES);
-/// Variance below this is nothing, for signals near 1.
+/// Variance below this counts as zero, for signals near 1.
 const FLOOR: f32 = 1e-8;
-/// Off the plane of a pixel by this share of the depth is another surface.
+/// A pixel whose depth differs by this fraction from the plane of another belongs to another surface.
 const OFF: f32 = 0.05;
-/// A pixel so many times less sure than another and what is around that one is not averaged with it in full.
+/// A pixel with this many times the variance of another and its surroundings gets a reduced weight.
 const LESS_SURE: f32 = 16.0;
 /// Sums of values above this could overflow: their weights add up to less than 2^12.
 const ROOM: f32 = f32::MAX / 65536.0;
-/// Values that are averaged together.
+/// Number of values that are averaged together.
 pub const VALUES: usize = 6;
 
-/// What is known of a pixel.
+/// Data of a pixel.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Pixel {
-    /// What is compared.
+    /// Signal that is compared.
     pub signal: [f32; 3],
-    /// Variance of a channel of the signal, for each alike; 0 leaves the pixel as it is.
+    /// Variance of a channel of the signal, the same for each; 0 leaves the pixel unchanged.
     pub variance: f32,
-    /// One over its own variance, and the variance up to which it is averaged with others in full; what
-    /// [`Field::find_doubts`] fills in.
+    /// The reciprocal of its variance, and the largest variance that it is averaged with at full weight; set by
+    /// [`Field::find_doubts`].
     pub doubt: [f32; 2],
-    /// What is averaged.
+    /// Values that are averaged.
     pub values: [f32; VALUES],
-    /// Whether it is to be averaged at all.
+    /// True if the pixel takes part in averages.
     pub there: bool,
-    /// Normal of the surface, 0 where it does not matter which surface it is.
+    /// Normal of the surface; 0 where the surface does not matter.
     pub normal: Vec3,
-    /// One over the depth, which is linear over the pixels of a plane, and its change from column to column
-    /// and from row to row.
+    /// Reciprocal of the depth, which is linear over the pixels of a plane, and its change per column and per row.
     pub nearness: [f32; 3],
 }
 
-/// How alike is alike enough.
+/// Limits of similarity.
 #[derive(Debug, Clone, Copy)]
 pub struct Reach {
-    /// Pixels on each side, at most.
+    /// Radius of the search window, in pixels.
     pub radius: usize,
-    /// In standard deviations of the noise: how far patches may differ.
+    /// Allowed difference of patches, in standard deviations of the noise.
     pub strength: f32,
-    /// Normals may differ by this much of a cosine.
+    /// Allowed difference of normals, as 1 - cosine.
     pub bend: f32,
 }
 
@@ -74,21 +73,21 @@ pub struct Field {
     pub height: usize,
     /// Row by row.
     pub pixels: Vec<Pixel>,
-    /// Whether pixels that are much less sure than others are kept apart from them.
+    /// True if pixels with much larger variance than others get a reduced weight.
     pub doubts: bool,
 }
 
 impl Pixel {
-    /// Whether it takes an average.
+    /// True if the pixel is averaged.
     pub fn is_noisy(&self) -> bool {
         self.there && self.variance > 0.0
     }
 }
 
 impl Field {
-    /// Replaces each variance by the mean over the pixels up to `radius` away that are there, since the variance
-    /// of a few samples is itself noise; but no less than a tenth of its own, or a single pixel of very
-    /// uneven samples would count as an edge.
+    /// Replaces each variance by the mean over the pixels up to `radius` away that take part, since the variance of
+    /// a few samples is itself noisy; but at least a tenth of its own, or a single pixel of very uneven samples
+    /// would count as an edge.
     pub fn smooth_variance(&mut self, radius: usize) {
         let mean = |x: usize, y: usize| {
             let (mut sum, mut count) = (0.0, 0.0);
@@ -110,11 +109,11 @@ impl Field {
         }
     }
 
-    /// Learns how sure a pixel is against its eight neighbours, before variances are smoothed. The light of a lucky
-    /// path looks like that of all around it, to its own great variance. A mean would splash it over pixels that
-    /// are known well, and take it from where it belongs. So such pairs are averaged less, both ways, by the
-    /// ratio of one's variance to the mean around the other. The largest is left out of that mean, so that a lone
-    /// bright pixel does not vouch for itself.
+    /// Compares the variance of each pixel with that of its eight neighbours, before variances are smoothed. Within
+    /// its own large variance, the light of a firefly looks like that of everything around it. A mean would spread
+    /// it over pixels that are well known, and remove it from its place. So the weight of such pairs is reduced in
+    /// both directions, by the ratio of the variance of one to the mean around the other. The largest value is left
+    /// out of that mean, so that a single bright pixel does not confirm itself.
     pub fn find_doubts(&mut self) {
         let around = |x: usize, y: usize| {
             let (mut sum, mut largest, mut count) = (0.0, 0.0_f32, 0.0);
@@ -138,8 +137,8 @@ impl Field {
         self.doubts = true;
     }
 
-    /// Takes the slopes of nearness from the pixels on both sides: the smaller step of the two, none where
-    /// they disagree, so that edges do not count as slopes.
+    /// Computes the slopes of nearness from the pixels on both sides: the smaller of the two steps, or zero where
+    /// their signs differ, so that edges do not count as slopes.
     pub fn find_slopes(&mut self) {
         let step = |at: usize, back: Option<usize>, on: Option<usize>| {
             let near = |i: usize| self.pixels[i].nearness[0];
@@ -166,12 +165,12 @@ impl Field {
         }
     }
 
-    /// The averages of each pixel's values.
+    /// The averaged values of each pixel.
     pub fn average(&self, reach: Reach, cx: &Context) -> Result<Vec<[f32; VALUES]>, NodeError> {
         self.average_at(Level::new(), reach, cx)
     }
 
-    /// The same by a set of vector instructions, each of which gives the same bits.
+    /// The same with a given set of vector instructions; all sets give the same bits.
     pub(super) fn average_at(
         &self,
         level: Level,
@@ -179,7 +178,7 @@ impl Field {
         cx: &Context,
     ) -> Result<Vec<[f32; VALUES]>, NodeError> {
         let (across, down) = (self.width.div_ceil(TILE), self.height.div_ceil(TILE));
-        // A power of two, so it changes no bit but where sums would overflow.
+        // A power of two, which changes no bit unless sums would overflow.
         let scale = if self.brightest() > ROOM { 1.0 / 65536.0 } else { 1.0 };
         let tiles = cx.for_each_tile(across * down, |index| {
             let corner = [index % across * TILE, index / across * TILE];
@@ -209,25 +208,26 @@ impl Field {
     }
 }
 
-/// Numbers of a pixel, each a plane of a tile: what is compared, its variance, whether the pixel is there,
+/// Planes of a tile, one per number of a pixel: the signal, its variance, whether the pixel takes part,
 const SIGNAL: usize = 0;
 const VARIANCE: usize = 3;
 const THERE: usize = 4;
-/// its normal and the sum of that's absolute components, nearness and its slopes, one over the difference of
-/// nearness that makes another surface,
+/// its normal and the sum of the normal's absolute components, nearness and its slopes, the reciprocal of the
+/// difference of nearness that makes another surface,
 const NORMAL: usize = 5;
 const FACED: usize = 8;
 const NEARNESS: usize = 9;
 const LEVEL: usize = 12;
-/// what is averaged,
+/// the values to average,
 const AVERAGED: usize = 13;
-/// and, if pixels are kept apart, one over its own variance and up to which one it is averaged in full.
+/// and, if weights are reduced by variance, the reciprocal of its variance and the largest variance averaged at
+/// full weight.
 const DOUBT: usize = AVERAGED + VALUES;
 
-/// A tile and what surrounds it, one plane for each number, so that rows run through vector registers. No lane
-/// depends on another, so vectors of any width give the same bits.
+/// A tile and its surroundings, one plane per number, so that rows run through vector registers. No lane depends on
+/// another, so vectors of any width give the same bits.
 struct Tile {
-    /// Pixels around the tile.
+    /// Number of pixels around the tile.
     rim: usize,
     /// Length of a row.
     stride: usize,
@@ -249,7 +249,7 @@ fn lanes<S: Simd, const N: usize>(simd: S, row: &[f32; N], vector: usize) -> f32
     f32x8::from_slice(simd, &row[vector * LANES..(vector + 1) * LANES])
 }
 
-/// Between 0 and 1.
+/// Clamps to 0 to 1.
 #[inline(always)]
 fn share<S: Simd>(simd: S, v: f32x8<S>) -> f32x8<S> {
     v.max(f32x8::splat(simd, 0.0)).min(f32x8::splat(simd, 1.0))
@@ -258,7 +258,7 @@ fn share<S: Simd>(simd: S, v: f32x8<S>) -> f32x8<S> {
 impl Tile {
     fn cut(field: &Field, [left, top]: [usize; 2], rim: usize, scale: f32) -> Self {
         let stride = TILE + 2 * rim;
-        // The last row may be read beyond its end.
+        // Reads of the last row may extend beyond its end.
         let size = stride * stride + LANES;
         let mut planes = vec![0.0; size * if field.doubts { DOUBT + 2 } else { DOUBT }];
         let (columns, rows) =
@@ -266,7 +266,7 @@ impl Tile {
         for y in rows.take_while(|y| top + y - rim < field.height) {
             for x in columns.clone() {
                 let pixel = &field.pixels[(top + y - rim) * field.width + left + x - rim];
-                // What is left out may be infinite, which no weight of 0 takes away.
+                // A pixel that is left out may be infinite, which a weight of 0 does not remove.
                 if !pixel.there {
                     continue;
                 }
@@ -289,31 +289,31 @@ impl Tile {
         Self { rim, stride, size, planes, doubts: field.doubts }
     }
 
-    /// A piece of a row of a plane.
+    /// Part of a row of a plane.
     #[inline(always)]
     fn row<const N: usize>(&self, plane: usize, start: usize) -> &[f32; N] {
         self.planes[plane * self.size + start..].first_chunk().expect("a tile lies within its planes")
     }
 
-    /// The place of a pixel of the tile in the planes.
+    /// Index of a pixel of the tile in the planes.
     fn at(&self, x: usize, y: usize) -> usize {
         (y + self.rim) * self.stride + x + self.rim
     }
 
-    /// Whether a pixel of the tile takes an average.
+    /// True if a pixel of the tile is averaged.
     fn noisy(&self, x: usize, y: usize) -> bool {
         let at = self.at(x, y);
         self.row::<1>(THERE, at)[0] > 0.0 && self.row::<1>(VARIANCE, at)[0] > 0.0
     }
 
-    /// The rows of the tile from the first to the last in which any pixel does.
+    /// The rows of the tile from the first to the last with a pixel that is averaged.
     fn noisy_rows(&self) -> Range<usize> {
         let noisy = |y: &usize| (0..TILE).any(|x| self.noisy(x, *y));
         let first = (0..TILE).find(noisy).unwrap_or(TILE);
         first..(first..TILE).rfind(noisy).map_or(first, |last| last + 1)
     }
 
-    /// Averages of the tile's pixels, row by row.
+    /// Averages of the pixels of the tile, row by row.
     #[inline(always)]
     fn average<S: Simd>(&self, simd: S, reach: Reach, noisy: Range<usize>) -> Vec<[f32; VALUES]> {
         // The pixel itself counts once.
@@ -323,8 +323,8 @@ impl Tile {
         };
         let mut sums: Vec<Sums> = (0..TILE).map(own).collect();
         let radius = reach.radius as isize;
-        // Row by row, so that all that a row needs stays near: for each offset along it the distances of the last
-        // rows that patches reach over, summed along the row.
+        // Row by row, to keep the working set small: for each offset along the row, the distances of the last rows
+        // that patches cover, summed along the row.
         let mut along = vec![[[0.0_f32; TILE]; PATCHES]; 2 * reach.radius + 1];
         for dy in -radius..=radius {
             for y in noisy.start..noisy.end + 2 * PATCH {
@@ -385,8 +385,8 @@ impl Tile {
         }
     }
 
-    /// Adds to the sums of a row that starts at the pixel p the pixels of one that starts at q, by weights from the
-    /// rows of distances around it.
+    /// Adds pixels of a row that starts at q to the sums of a row that starts at p, with weights from the rows of
+    /// distances around it.
     #[inline(always)]
     fn add<S: Simd>(
         &self,
@@ -409,7 +409,7 @@ impl Tile {
         for i in 0..TILE / LANES {
             let at = |row: &[f32; TILE]| lanes(simd, row, i);
             let far = at(rows[0]) + at(rows[1]) + at(rows[2]) + at(rows[3]) + at(rows[4]);
-            // (1 - d/4)^4 falls like exp(-d), and to nothing at 4.
+            // (1 - d/4)^4 falls like exp(-d), and reaches 0 at 4.
             let alike = share(simd, one - far * (0.25 / (PATCHES * PATCHES) as f32));
             let alike = alike * alike;
             let cosine = at(a) * at(d) + at(b) * at(e) + at(c) * at(f);
@@ -420,7 +420,7 @@ impl Tile {
             let mut weight = at(there) * alike * alike * faced.select(turned * level, one);
             if self.doubts {
                 let of = |k: usize, start: usize| at(self.row(DOUBT + k, start));
-                // Less where one of the two is much less sure than the other.
+                // Reduced if one of the two has a much larger variance.
                 weight *= (of(1, p) * of(0, q)).min(of(1, q) * of(0, p)).min(one);
             }
             let more = |sum: &mut [f32; TILE], value: f32x8<S>| {

@@ -1,17 +1,18 @@
-//! Who filters, as a graph file says it.
+//! Denoising methods, as written in a graph file.
 
 use engine::{NodeError, Notes, ParamType, Role, SourceFile};
 use serde::{Deserialize, Serialize};
 
 use super::oidn;
 
-/// Who filters.
+/// Denoising method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Method {
-    /// This program: every pixel becomes the mean of those that look the same. The same bytes everywhere.
+    /// Non-local means, built in: every pixel becomes the mean of pixels that look the same. Gives the same bytes
+    /// on every machine.
     Means,
-    /// Open Image Denoise 2, of a build with the feature `oidn`, where it is installed. Its version counts as a file
-    /// that is read; another processor may give other bytes.
+    /// Open Image Denoise 2, if installed, in a build with the feature `oidn`. Its version is part of the key like
+    /// a source file; another processor may give other bytes.
     Oidn,
 }
 
@@ -20,7 +21,7 @@ impl Method {
         self.sources().map(|_| ())
     }
 
-    /// The library, which tells its version, is a file that the node reads.
+    /// The library, whose file identifies its version, counts as a source file of the node.
     pub(super) fn sources(self) -> Result<Vec<SourceFile>, NodeError> {
         match self {
             Self::Means => Ok(Vec::new()),
@@ -28,7 +29,7 @@ impl Method {
         }
     }
 
-    /// Memory beyond that of the layers.
+    /// Memory in bytes in addition to the layers.
     pub(super) fn bytes(self, pixels: usize) -> u64 {
         match self {
             Self::Means => 0,
@@ -45,10 +46,25 @@ impl Method {
 }
 
 impl ParamType for Method {
-    // `Oidn` reads a file, although no path names it.
+    // `Oidn` reads a file although no parameter names it.
     const ROLE: Role = Role::Input;
 
     fn describe() -> String {
         "Means | Oidn".to_owned()
+    }
+
+    fn choices() -> Vec<(&'static str, &'static str)> {
+        vec![
+            (
+                "Means",
+                "Non-local means, built in: every pixel becomes the mean of pixels that look the same. Gives the same \
+                 bytes on every machine.",
+            ),
+            (
+                "Oidn",
+                "Open Image Denoise 2, if installed, in a build with the feature `oidn`. Another processor may give other \
+                 bytes.",
+            ),
+        ]
     }
 }

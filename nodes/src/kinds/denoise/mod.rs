@@ -1,4 +1,4 @@
-//! `denoise`: less noise in the ratio of light and in the objects, from the same samples.
+//! `denoise`: removes noise from the ratio of light and from the objects.
 
 mod firefly;
 mod means;
@@ -16,24 +16,25 @@ pub use method::Method;
 use view::{View, known};
 
 engine::params! {
-    /// Takes noise out of what `path-trace` renders, between it and `shadow-ratio`.
+    /// Removes noise from the output of `path-trace`, before `shadow-ratio`.
     ///
-    /// Every pixel becomes the mean of those around it whose surroundings look the same, to the noise that
-    /// `variance` tells. `without` and `with` are averaged with the same weights, which come from their ratio
-    /// and its variance: the texture of the place does not matter, a pixel whose surroundings no object
-    /// touches stays as it is, bit for bit, and an edge of the shadow stays where it is stronger than
-    /// the noise. A single pixel that a lucky path has lit far beyond all around it takes their ratio, and is
-    /// counted. The object's colour is averaged within its alpha, which stays; a pixel of it that is much less sure
-    /// than others keeps its light and gives them none. With more samples the filter fades by itself.
+    /// Every pixel becomes the mean of nearby pixels whose surroundings look the same, within the noise given by
+    /// `variance`. `without` and `with` are averaged with the same weights, which come from their ratio and its
+    /// variance: the texture of the scene does not matter, a pixel whose surroundings no object affects stays the
+    /// same bit for bit, and an edge of the shadow is kept if it is stronger than the noise. A firefly, a single
+    /// pixel lit far beyond its surroundings by one improbable path, is replaced by the ratio around it, and
+    /// counted. The colour of the object is averaged within its alpha, which does not change; a pixel of it with
+    /// much larger variance than others keeps its light and does not contribute to them. The filter has less effect
+    /// as samples increase.
     ///
-    /// `Oidn` has Open Image Denoise filter the ratio and the object instead, where the same pixels are noisy.
+    /// `Oidn` filters the ratio and the object by Open Image Denoise instead, at the same noisy pixels.
     pub struct Denoise {
-        /// How far pixels may differ to be averaged, relative to their noise; 0 leaves all as it is. Of `Oidn` only
-        /// 0 is told from the rest.
+        /// Allowed difference of pixels that are averaged, relative to their noise; 0 switches the filter off.
+        /// `Oidn` only distinguishes 0 from other values.
         strength: f64 = 1.0, range(0.0, 4.0), other("0.0"), knob(Filter, "", "", "", "0.0");
-        /// How far away pixels are looked for; `Oidn` does not read it.
+        /// Radius of the search window; ignored by `Oidn`.
         radius_px: u32 = 7, range(1, 24), unit("px"), other("1"), knob(Depth, "3", "5", "7", "7");
-        /// Who filters.
+        /// Denoising method.
         method: Method = Method::Means;
     }
 }
@@ -46,18 +47,18 @@ engine::inputs! {
         with: Arc<Images>,
         /// The objects, premultiplied.
         object: Arc<Images>,
-        /// Depth of what is in front.
+        /// Depth of the visible surface.
         depth: Arc<Images>,
-        /// Normal of what is in front.
+        /// Normal of the visible surface.
         normal: Arc<Images>,
-        /// Variance of the other layers and, last, of the ratio.
+        /// Variance of the other layers and, in the last channel, of the ratio.
         variance: Arc<Images>,
     }
 }
 engine::outputs! {
     /// The same layers with less noise.
     pub struct Out {
-        /// R0, averaged as R1 is.
+        /// R0, averaged with the same weights as R1.
         without: Arc<Images>,
         /// R1.
         with: Arc<Images>,
@@ -66,13 +67,13 @@ engine::outputs! {
     }
 }
 
-/// Standard deviations at strength 1 for the ratio and the object; the best of a few tried on the case of
-/// `docs/evidence/bench.md`, flat within a factor of 1.5.
+/// Standard deviations at strength 1 for the ratio and the object: the best of several values on the case of
+/// `docs/evidence/bench.md`, nearly constant within a factor of 1.5.
 const STRENGTHS: [f64; 2] = [0.7, 0.5];
-/// Cosines that normals may differ by: the receiver's mesh is rough and its normals shade nothing but the
-/// ratio, the object's shade what is filtered.
+/// Allowed differences of normals, as 1 - cosine. The receiver's mesh is rough and its normals affect only the
+/// ratio; the normals of the object affect the shading that is filtered.
 const BENDS: [f32; 2] = [0.5, 0.05];
-/// Objects are averaged over half as far, for their textures and highlights.
+/// Objects are averaged over half the radius, because of their textures and highlights.
 const OBJECT_RADIUS: usize = 2;
 impl Denoise {
     fn reach(&self, layer: usize) -> Reach {
@@ -84,14 +85,13 @@ impl Denoise {
         }
     }
 
-    /// The layers with less noise, how many fireflies they had, and whether there is something to filter and no
-    /// variance to tell how.
+    /// The denoised layers, the number of fireflies, and whether there are samples to filter but no variance.
     fn view(&self, view: &View<'_>, cx: &Context) -> Result<([Image<Linear>; 3], u64, bool), NodeError> {
         let mut out = [view.without.clone(), view.with.clone(), view.object.clone()];
         if self.strength == 0.0 {
             return Ok((out, 0, false));
         }
-        // Where no variance is known, no pixel is like another and none is a firefly: all stay as they are.
+        // Without a variance, no pixel is similar to another and there are no fireflies: all pixels stay unchanged.
         if self.method == Method::Means && !view.variance.samples().iter().any(|v| known(*v) > 0.0) {
             let covered = |o: &[f32]| o[3] > 0.0 && o.iter().all(|v| v.is_finite());
             let inserted = view.object.samples.chunks_exact(4).any(covered);
@@ -116,7 +116,7 @@ impl Denoise {
         for (i, values) in inserted.iter().enumerate() {
             let pixel = &object.pixels[i];
             if pixel.is_noisy() {
-                // The mean of colours, each with the weight of its alpha, over this pixel's own.
+                // The mean of colours weighted by their alpha, divided by the alpha of this pixel.
                 let share = pixel.values[3] / values[3];
                 let colour = [0, 1, 2].map(|k| (values[k] * share).min(f32::MAX));
                 set(&mut out[2], i, &colour);
@@ -127,7 +127,7 @@ impl Denoise {
     }
 }
 
-/// A guide of the given number of channels.
+/// A guide layer with the given number of channels.
 fn guide<'a>(
     images: &'a Images,
     port: &'static str,
@@ -140,14 +140,18 @@ fn guide<'a>(
         return Ok(picture);
     }
     let what = format!("`{port}` has {} channels, not {channels}", picture.size().2);
-    Err(NodeError::new(what).at(port).hint("wire every input to the output of that name of one path-trace"))
+    Err(NodeError::new(what)
+        .at(port)
+        .hint("wire every input to the output of the same name of one path-trace"))
 }
 
 impl Kind for Denoise {
     const NAME: &'static str = "denoise";
     const VERSION: u32 = 6;
-    // The time grows with its square; a preview has so few samples that the nearest pixels show as much.
-    const ROUGH: &'static [(&'static str, &'static str)] = &[("radius_px", "2")];
+    // The time grows with the square of the radius; a preview has so few samples that the nearest pixels are
+    // enough.
+    const PREVIEW: engine::Preview =
+        engine::Preview { rough: &[("radius_px", "2")], ..engine::Preview::NONE };
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -155,8 +159,8 @@ impl Kind for Denoise {
     fn estimate(params: &Self, inputs: &In) -> Cost {
         let sizes = inputs.without.0.iter().map(|view| view.picture.size());
         let pixels: usize = sizes.map(|(width, height, _)| width * height).sum();
-        // Copies of three layers of every view; fields, averages and their copies of one at a time.
-        Cost { bytes: (pixels * (10 * 4 + 200)) as u64 + params.method.bytes(pixels) }
+        // Copies of three layers of every view; fields, averages and their copies for one view at a time.
+        Cost::of([(pixels as u64, 10 * 4 + 200), (params.method.bytes(pixels), 1)])
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {
@@ -189,7 +193,7 @@ impl Kind for Denoise {
             let (images, found, blind) = params.view(&layers, cx)?;
             fireflies += found;
             if blind {
-                let text = "`variance` is 0 everywhere, as after 1 sample, so the layers stay as they are";
+                let text = "`variance` is 0 everywhere, as after 1 sample, so nothing is filtered";
                 notes
                     .warning("no-variance", format!("`{name}`: {text}; give `path-trace` 2 samples or more"));
             }
@@ -200,7 +204,7 @@ impl Kind for Denoise {
         }
         let [without, with, object] = sets.map(|set| Arc::new(Images(set)));
         let what =
-            "pixels of `with` were lit by a lucky path alone; they take the ratio of those around them";
+            "fireflies in `with` (pixels lit by one improbable path) were replaced by the ratio around them";
         notes.count("fireflies", fireflies, what);
         Ok((Out { without, with, object }, notes))
     }

@@ -8,12 +8,13 @@ use crate::types::Data;
 const SIZE: usize = 48;
 const SAMPLES: u32 = 16;
 
-/// The share of light that is left in a column: none of the shadow, its edge over eight pixels, its core; at least 0.3, so that every pixel of it is noisy.
+/// The fraction of light left in a column: 1 outside the shadow, its edge over eight pixels, its core; at least
+/// 0.3, so that every pixel of it is noisy.
 fn truth(x: usize) -> f32 {
     1.0 - 0.5 * ((x as f32 - 20.0) / 8.0).clamp(0.0, 1.0)
 }
 
-/// What a path tracer would give with shared random numbers: of each sample's light all or a part arrives.
+/// Output of a path tracer with shared random numbers: of each sample's light, all or a part arrives.
 fn noisy(seed: u32) -> In {
     let [mut without, mut with] = [3, 3].map(|c| Image::<Linear>::new(SIZE, SIZE, c));
     let mut object = Image::<Linear>::new(SIZE, SIZE, 4);
@@ -98,8 +99,8 @@ fn noise_goes_and_the_edge_stays() {
     }
 }
 
-/// The light of a lamp in a dark place, many times what is there without it, keeps its slope, and noise in it goes.
-/// Before, all above 8 looked alike, so that a pool of light became a plateau with a rim.
+/// The light of a lamp in a dark place, many times brighter than without it, keeps its gradient and loses its
+/// noise. Earlier, all ratios above 8 counted as equal, so that a pool of light became a plateau with a rim.
 #[test]
 fn bright_ratios_are_distinguished() {
     let lit = |x: usize| crate::math::num::f32::exp(x as f32 * 0.15 - 1.0);
@@ -129,7 +130,7 @@ fn bright_ratios_are_distinguished() {
     }
 }
 
-// Where no object touches anything near, nothing changes, bit for bit.
+// Where no object affects anything nearby, nothing changes, bit for bit.
 #[test]
 fn what_no_object_touches_stays() {
     let (before, after) = (noisy(2), run(1.0, noisy(2)));
@@ -143,7 +144,7 @@ fn what_no_object_touches_stays() {
     assert_eq!(samples(&before.object), samples(&off.object));
 }
 
-// The sky behind a floor stays the sky, however noisy the floor is beside it.
+// The sky behind a floor stays the sky, however noisy the floor next to it is.
 #[test]
 fn the_sky_stays() {
     let mut inputs = noisy(7);
@@ -177,8 +178,8 @@ fn objects_are_averaged_within_their_alpha() {
     assert!(errors[1] * 4.0 < errors[0], "{errors:?}");
 }
 
-// One pixel that a lucky path has lit far beyond what is around it.
-// Mutation: `self.doubts` to `false` in `Tile::add` (seen red).
+// One pixel lit by an improbable path far beyond its surroundings. Mutation: `self.doubts` to `false` in
+// `Tile::add` (seen red).
 #[test]
 fn a_lucky_path_does_not_splash() {
     let lit = |light: f32, noise: f32| {
@@ -216,7 +217,7 @@ fn instruction_sets_do_not_show() {
     assert!(all.windows(2).all(|two| two[0] == two[1]));
 }
 
-// Broken pixels stay what they are and do not spread.
+// Non-finite pixels stay unchanged and do not spread.
 #[test]
 fn what_is_not_finite_does_not_spread() {
     let mut inputs = noisy(4);
@@ -229,8 +230,8 @@ fn what_is_not_finite_does_not_spread() {
     assert_eq!(samples(&out.with).iter().filter(|v| !v.is_finite()).count(), 2);
 }
 
-// One pixel with all the light of a lucky path leaves the shadow beside it as it is without; one that is as
-// bright in every chunk of samples stays.
+// One firefly leaves the shadow next to it as it is without the firefly; a pixel that is equally bright in every
+// chunk of samples stays.
 #[test]
 fn fireflies_are_taken_out_and_highlights_stay() {
     let at = 24 * SIZE + 32;
@@ -268,7 +269,7 @@ fn other_layers_are_refused() {
     assert!(error.expect("three channels").message().contains("4"));
 }
 
-/// Light of any strength is filtered alike: a power of two changes no bit but the exponents.
+/// Filtering does not depend on the unit of light: a power of two changes only the exponents.
 #[test]
 fn light_of_any_strength_is_filtered_alike() {
     let object = |exponent: i32| {
@@ -286,8 +287,8 @@ fn light_of_any_strength_is_filtered_alike() {
         let Picture::Data(variance) = &mut Arc::make_mut(&mut input.variance).0[0].picture else {
             panic!("is data")
         };
-        for told in variance.samples.chunks_exact_mut(4) {
-            (0..3).for_each(|k| told[k] *= scale * scale);
+        for reported in variance.samples.chunks_exact_mut(4) {
+            (0..3).for_each(|k| reported[k] *= scale * scale);
         }
         let (out, notes) =
             Denoise::run(&Denoise { strength: 1.0, radius_px: 5, method: Method::Means }, input, &context())
@@ -311,7 +312,7 @@ fn light_of_any_strength_is_filtered_alike() {
     }
 }
 
-// Without a variance nothing is filtered, which is told; with nothing inserted there is nothing to tell.
+// Without a variance nothing is filtered, which is reported; without an object there is nothing to report.
 #[test]
 fn a_variance_of_nothing_is_reported() {
     let mut input = noisy(1);
@@ -319,7 +320,7 @@ fn a_variance_of_nothing_is_reported() {
         panic!("is data")
     };
     variance.samples.fill(0.0);
-    let told = |input: In| {
+    let reported = |input: In| {
         let (_, notes) =
             Denoise::run(&Denoise { strength: 1.0, radius_px: 3, method: Method::Means }, input, &context())
                 .expect("runs");
@@ -335,11 +336,11 @@ fn a_variance_of_nothing_is_reported() {
         normal: input.normal.clone(),
         variance: input.variance.clone(),
     };
-    assert!(told(input) && !told(bare) && !told(noisy(1)));
+    assert!(reported(input) && !reported(bare) && !reported(noisy(1)));
 }
 
-/// Light near the largest number stays a number: sums of many pixels of it would not.
-/// Mutation: `scale` of 1 in `Field::average_at`.
+/// Light near the largest float stays finite, although sums of many such pixels would overflow. Mutation: `scale`
+/// of 1 in `Field::average_at`.
 #[test]
 fn the_brightest_light_stays_finite() {
     let bright = |scale: f32| {
@@ -350,7 +351,7 @@ fn the_brightest_light_stays_finite() {
         let alpha = |i: usize| i % 4 == 3;
         let object = samples_mut(&mut inputs.object).iter_mut().enumerate();
         object.filter(|(i, _)| !alpha(*i)).for_each(|(_, v)| *v *= scale);
-        samples_mut(&mut inputs.variance).chunks_exact_mut(4).for_each(|told| told[2] = f32::MAX);
+        samples_mut(&mut inputs.variance).chunks_exact_mut(4).for_each(|reported| reported[2] = f32::MAX);
         run(1.0, inputs)
     };
     // The largest of R0 is 1.05, that of the object 1.2.
@@ -370,17 +371,17 @@ fn oidn() -> Denoise {
 fn oidn_is_refused_where_it_cannot_run() {
     let refused = Denoise::check(&oidn()).err().map(|error| error.to_string());
     if cfg!(feature = "oidn") {
-        // It is installed, or what says that it is not tells where it was looked for.
+        // Either it is installed, or the error says where it was looked for.
         assert!(refused.is_none_or(|text| text.contains("there is no `libOpenImageDenoise.so.2` in `/")));
     } else {
         assert!(refused.expect("is not built in").contains("feature `oidn`"));
     }
 }
 
-/// What `noise_goes_and_the_edge_stays` and `what_no_object_touches_stays` ask, of the library.
+/// The conditions of `noise_goes_and_the_edge_stays` and `what_no_object_touches_stays`, for the library.
 #[cfg(feature = "oidn")]
 #[test]
-#[allow(clippy::print_stderr, reason = "what is left out is told")]
+#[allow(clippy::print_stderr, reason = "a skipped test is reported")]
 fn where_oidn_is_installed_it_filters_what_is_noisy() {
     if let Err(missing) = Denoise::check(&oidn()) {
         return eprintln!("where_oidn_is_installed_it_filters_what_is_noisy: left out, {missing}");

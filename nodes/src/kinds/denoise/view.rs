@@ -1,4 +1,4 @@
-//! The layers of one view, and what of them is filtered.
+//! The layers of one view, and the fields that are filtered.
 
 use glam::Vec3;
 
@@ -7,9 +7,9 @@ use crate::math::color::luminance;
 use crate::math::num;
 use crate::types::{Image, Linear, Picture};
 
-/// Ratios above this, in the light of an inserted lamp, are compared as they are to each other: by the logarithm.
+/// Ratios above this, as in the light of an inserted lamp, are compared by their logarithm.
 const BRIGHT: f32 = 8.0;
-/// Largest ratio, or light of the object relative to its mean, and largest variance: squares and sums have room to spare.
+/// Largest ratio, light of the object relative to its mean, or variance: squares and sums of these do not overflow.
 pub(super) const BRIGHTEST: f32 = 1e15;
 
 /// Layers of one view.
@@ -23,7 +23,7 @@ pub(super) struct View<'a> {
 }
 
 impl View<'_> {
-    /// A field with the surfaces of the guides filled in, and the rest by `fill` from pixel and alpha.
+    /// A field with the surfaces of the guide layers; `fill` sets the rest from pixel and alpha.
     fn field(&self, fill: impl Fn(usize, f32, &mut Pixel)) -> Field {
         let (width, height) = (self.without.width, self.without.height);
         let pixel = |i: usize| {
@@ -45,7 +45,7 @@ impl View<'_> {
         field
     }
 
-    /// R0 and R1, told apart by their ratio, and how many fireflies were taken out.
+    /// R0 and R1, compared by their ratio, and the number of fireflies removed.
     pub fn receiver(&self) -> (Field, u64) {
         let mut field = self.field(|i, alpha, pixel| {
             let colour = |image: &Image<Linear>| -> [f32; 3] {
@@ -55,7 +55,7 @@ impl View<'_> {
             let (r0, r1) = (colour(self.without), colour(self.with));
             pixel.values = [r0[0], r0[1], r0[2], r1[0], r1[1], r1[2]];
             let variance = self.variance.samples()[i * 4 + 3];
-            // Beyond the receiver there is nothing that objects change, whatever lies beside it.
+            // Objects change nothing outside of the receiver.
             let met = pixel.nearness[0] > 0.0;
             pixel.there = met && pixel.values.iter().all(|v| v.is_finite()) && luminance(r0) > 0.0;
             if pixel.there {
@@ -63,23 +63,23 @@ impl View<'_> {
                 pixel.signal = [ratio(0), ratio(1), ratio(2)];
                 pixel.variance = known(variance).min(BRIGHTEST * BRIGHTEST);
             }
-            // In front is the object; which part of the receiver lies behind is not known.
+            // The object is in front; which part of the receiver lies behind it is unknown.
             if alpha > 0.0 {
                 pixel.normal = Vec3::ZERO;
             }
         });
-        // Only what is brighter than it would be without objects: in a shadow few paths may bring all there is.
+        // Only pixels brighter than without objects: in a shadow, few paths may carry all the light there is.
         let fireflies = field.quench(1.0, |values, ratio| {
             (0..3).for_each(|k| values[3 + k] = values[k] * ratio[k]);
         });
-        field.pixels.iter_mut().for_each(tell_apart);
-        // A few chunks of samples tell a variance with few degrees of freedom.
+        field.pixels.iter_mut().for_each(scale_ratios);
+        // A variance from a few chunks of samples has few degrees of freedom.
         field.smooth_variance(3);
         (field, fireflies)
     }
 
-    /// A power of two that brings the mean light of the object near 1, so that what is too little to count is a share
-    /// of it, and light of any strength is filtered alike, bit for bit.
+    /// A power of two that brings the mean light of the object near 1, so that thresholds are relative to it and
+    /// filtering does not depend on the unit of light, bit for bit.
     pub fn exposure(&self) -> f32 {
         let (mut sum, mut cover) = (0.0, 0.0);
         for o in self.object.samples.chunks_exact(4).filter(|o| o[3] > 0.0 && o.iter().all(|v| v.is_finite()))
@@ -88,7 +88,7 @@ impl View<'_> {
             cover += f64::from(o[3]);
         }
         let mean = (sum / cover) as f32;
-        // The exponent alone, of what is a normal number.
+        // The exponent alone, for normal numbers.
         let exponent = mean.to_bits() >> 23;
         if mean.is_normal() && (1..=253).contains(&exponent) {
             f32::from_bits((254 - exponent) << 23)
@@ -97,7 +97,7 @@ impl View<'_> {
         }
     }
 
-    /// The object, by its colour.
+    /// The object, compared by its colour.
     pub fn inserted(&self) -> Field {
         let exposure = self.exposure();
         let mut field = self.field(|i, alpha, pixel| {
@@ -116,8 +116,8 @@ impl View<'_> {
     }
 }
 
-/// Brings ratios to the scale on which they are compared, and the variance of them.
-fn tell_apart(pixel: &mut Pixel) {
+/// Maps ratios to the scale on which they are compared, and scales their variance.
+fn scale_ratios(pixel: &mut Pixel) {
     let slope = |ratio: f32| if ratio > BRIGHT { BRIGHT / ratio } else { 1.0 };
     let scale: f32 = pixel.signal.iter().map(|&ratio| slope(ratio) * slope(ratio)).sum::<f32>() / 3.0;
     pixel.variance = (pixel.variance * scale).min(BRIGHTEST);
@@ -128,7 +128,7 @@ fn tell_apart(pixel: &mut Pixel) {
     }
 }
 
-/// A variance, or 0 where it is not known: what stands at the largest number may be more.
+/// A variance, or 0 where it is unknown: a value at the largest float may be clamped.
 pub fn known(variance: f32) -> f32 {
     if variance < f32::MAX { variance.max(0.0) } else { 0.0 }
 }

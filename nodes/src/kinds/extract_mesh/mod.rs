@@ -39,8 +39,9 @@ engine::params! {
         places: u32 = 28, range(1, 1000), other("3"), knob(Samples, "8", "14", "28", "56");
         /// Side of each of the six faces of what is seen from a place.
         size_px: u32 = 192, range(16, 2048), unit("px"), other("40"), knob(Resolution, "96", "128", "192", "320");
-        /// Error up to which triangles are joined, in cells.
-        error_cells: f64 = 0.25, range(0.0, 10.0), unit("cells"), other("0.0");
+        /// Error up to which triangles are joined, in the root mean square: 0.05 takes 30 of 31 triangles of a room and moves
+        /// it by less than noise does.
+        error_cells: f64 = 0.05, range(0.0, 10.0), unit("cells"), other("0.0");
         /// Pieces are left out that have less area than a square of this side.
         least_piece_metres: f64 = 0.15, range(0.0, 100.0), unit("m"), other("5.0");
     }
@@ -63,7 +64,7 @@ engine::outputs! {
     pub struct Out {
         /// The mesh.
         mesh: Arc<Mesh>,
-        /// What it was made from, and how well it fits.
+        /// Counts of its making, and how well it fits.
         report: Arc<Report>,
     }
 }
@@ -88,7 +89,10 @@ impl Kind for ExtractMesh {
     fn estimate(params: &Self, inputs: &In) -> Cost {
         let pixels = u64::from(params.size_px) * u64::from(params.size_px);
         let views = u64::from(params.places) * 6 + 16;
-        let drawn = crate::render::splat::most_bytes(inputs.splats.len() as u64, (params.size_px.into(), params.size_px.into()));
+        let drawn = crate::render::splat::most_bytes(
+            inputs.splats.len() as u64,
+            (params.size_px.into(), params.size_px.into()),
+        );
         let field = MOST_CUBES as u64 * field::BLOCK_BYTES;
         Cost { bytes: views * depth_view::DepthView::bytes(pixels) + drawn.max(field) }
     }
@@ -98,11 +102,16 @@ impl Kind for ExtractMesh {
         f64::from(params.places) * (sizes.of("splats") * 0.3 + 10.0 * pixels)
     }
 
-    fn run(params: &Self, In { splats, cameras, around }: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+    fn run(
+        params: &Self,
+        In { splats, cameras, around }: In,
+        cx: &Context,
+    ) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
         let metre = 1.0 / cx.metres_per_unit();
         let axes = equirect::axes(cx.up());
-        let eyes: Vec<DVec3> = cameras.iter().flat_map(|rig| rig.cameras.iter().map(|camera| camera.eye())).collect();
+        let eyes: Vec<DVec3> =
+            cameras.iter().flat_map(|rig| rig.cameras.iter().map(|camera| camera.eye())).collect();
         let at = around.as_deref().map(Pose::translation);
         let Some(origin) = at.or(eyes.first().copied()) else {
             return Err(NodeError::new("nothing says where the scene is empty")
@@ -136,8 +145,8 @@ impl Kind for ExtractMesh {
             );
             notes.warning("place-blocked", text);
         }
-        let [cell, radius, reach] =
-            [params.voxel_metres, params.radius_metres, params.reach_metres].map(|metres| (metres * metre) as f32);
+        let [cell, radius, reach] = [params.voxel_metres, params.radius_metres, params.reach_metres]
+            .map(|metres| (metres * metre) as f32);
         let levels = match focus {
             Some(focus) => Levels::new(cell, vec![focus], radius, reach),
             None => Levels::new(2.0 * cell, places.eyes[..places.given].to_vec(), 2.0 * radius, reach),
@@ -160,7 +169,8 @@ impl Kind for ExtractMesh {
         let raw = surface.triangles.len();
         let side = params.least_piece_metres * metre;
         let pieces = pieces::without_small(&mut surface, &|level| {
-            side.max(4.0 * f64::from(levels.cell_of(level))) * side.max(4.0 * f64::from(levels.cell_of(level)))
+            side.max(4.0 * f64::from(levels.cell_of(level)))
+                * side.max(4.0 * f64::from(levels.cell_of(level)))
         });
         let seen = tint::seen(&surface, &places.views, &levels, cx)?;
         let view_count = places.views.len();
@@ -179,7 +189,8 @@ impl Kind for ExtractMesh {
         let whole = |point: &Vec3| origin + point.as_dvec3();
         let high = |point: &Vec3| whole(point).as_vec3();
         // Where f32 would move a point by a hundredth of a cell.
-        let coarse = (origin.abs().max_element() + f64::from(far)) * f64::from(f32::EPSILON) > 0.01 * f64::from(cell);
+        let coarse =
+            (origin.abs().max_element() + f64::from(far)) * f64::from(f32::EPSILON) > 0.01 * f64::from(cell);
         let low = |point: &Vec3| (whole(point) - high(point).as_dvec3()).as_vec3().to_array();
         let mesh = Mesh {
             positions: surface.points.iter().map(|point| high(point).to_array()).collect(),

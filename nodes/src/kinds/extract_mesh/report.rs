@@ -1,4 +1,4 @@
-//! What `extract-mesh` reports: counts, the ground around the focus, and how the mesh fits each camera.
+//! The report of `extract-mesh`: counts, the ground around the focus, and how the mesh fits each camera.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -34,13 +34,7 @@ fn mm(units: Option<f64>, metre: f64) -> Cell {
 }
 
 /// Height, slope and roughness of the surface around a focus, and how well it is known.
-pub(super) fn ground(
-    surface: &Surface,
-    seen: &[Seen],
-    focus: Vec3,
-    axes: [DVec3; 3],
-    metre: f64,
-) -> Table {
+pub(super) fn ground(surface: &Surface, seen: &[Seen], focus: Vec3, axes: [DVec3; 3], metre: f64) -> Table {
     let (radius, height) = ((GROUND_METRES * metre) as f32, (HEIGHT_METRES * metre) as f32);
     let [right, forward, up] = axes.map(|axis| axis.as_vec3());
     let mut points = Vec::new();

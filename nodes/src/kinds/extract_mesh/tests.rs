@@ -13,6 +13,10 @@ fn noise(i: usize) -> [f32; 3] {
     [0, 1, 2].map(|axis| 2.0 * unit(hash(i as u32, axis)) - 1.0)
 }
 
+/// The room of [`Scene::room`].
+const MIDDLE: Vec3 = Vec3::new(0.0, 0.0, 1.3);
+const HALF: Vec3 = Vec3::new(2.0, 2.0, 1.3);
+
 /// A scene of flat splats.
 struct Scene {
     splats: Splats,
@@ -31,7 +35,10 @@ impl Scene {
         let (columns, rows) = ((u.length() / 0.025).round() as usize, (v.length() / 0.025).round() as usize);
         for y in 0..rows {
             for x in 0..columns {
-                let (a, b) = ((x as f32 + 0.5) / columns as f32 * 2.0 - 1.0, (y as f32 + 0.5) / rows as f32 * 2.0 - 1.0);
+                let (a, b) = (
+                    (x as f32 + 0.5) / columns as f32 * 2.0 - 1.0,
+                    (y as f32 + 0.5) / rows as f32 * 2.0 - 1.0,
+                );
                 let of = noise(self.splats.len());
                 let straight = u.cross(v).normalize();
                 let normal = straight + (u.normalize() * of[0] + v.normalize() * of[1]) * self.tilt;
@@ -65,7 +72,7 @@ impl Scene {
 
     /// A room of 4 by 4 by 2.6 m on the ground.
     fn room() -> Self {
-        Self::new().sides(Vec3::Z * 1.3, Vec3::new(2.0, 2.0, 1.3), [0.6, 0.5, 0.4])
+        Self::new().sides(MIDDLE, HALF, [0.6, 0.5, 0.4])
     }
 
     fn mesh(self, params: &ExtractMesh) -> (Out, Notes) {
@@ -83,11 +90,33 @@ fn corners(mesh: &Mesh) -> Vec<[Vec3; 3]> {
     mesh.triangles.iter().map(|t| t.map(|i| Vec3::from(mesh.positions[i as usize]))).collect()
 }
 
-/// Distances of vertices from a surface, from small to large, in millimetres.
-fn off(mesh: &Mesh, distance: impl Fn(Vec3) -> f32) -> Vec<f32> {
-    let mut all: Vec<f32> = mesh.positions.iter().map(|p| 1000.0 * distance(Vec3::from(*p)).abs()).collect();
+/// Points all over a mesh, one for each four square centimetres and one a triangle at least.
+fn points(mesh: &Mesh) -> Vec<Vec3> {
+    let mut points = Vec::new();
+    for [a, b, c] in corners(mesh) {
+        let count = (0.5 * (b - a).cross(c - a).length() / 4e-4).ceil() as usize;
+        for _ in 0..count.max(1) {
+            let [u, v, _] = noise(points.len()).map(|v| 0.5 * v + 0.5);
+            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+            points.push(a + (b - a) * u + (c - a) * v);
+        }
+    }
+    points
+}
+
+/// Distances of points from a surface, from small to large, in millimetres.
+fn off(points: &[Vec3], distance: impl Fn(Vec3) -> f32) -> Vec<f32> {
+    let mut all: Vec<f32> = points.iter().map(|p| 1000.0 * distance(*p).abs()).collect();
     all.sort_unstable_by(f32::total_cmp);
     all
+}
+
+/// True for a point of a room that lies 10 cm or more from where two of its sides meet: within that, a vertex is the middle of
+/// where the surface crosses the edges of its cell, which cuts the corner.
+fn on_a_side(p: Vec3) -> bool {
+    let mut apart = ((p - MIDDLE).abs() - HALF).abs().to_array();
+    apart.sort_unstable_by(f32::total_cmp);
+    apart[1] > 0.1
 }
 
 fn at(sorted: &[f32], share: f32) -> f32 {
@@ -112,21 +141,24 @@ fn counted(out: &Out, name: &str) -> u64 {
 fn a_room_is_closed_and_faces_inwards() {
     let (out, notes) = Scene::room().mesh(&coarse());
     assert_eq!(notes.iter().count(), 0);
-    let (middle, half) = (Vec3::Z * 1.3, Vec3::new(2.0, 2.0, 1.3));
-    // A wall is where its splats are; along the edges of the room a vertex is cut short by up to half the diagonal of a
-    // cell, 26 mm, of the finer two sizes here 30 and 60 mm.
-    let far = off(&out.mesh, |p| to_sides(p, middle, half));
-    assert!(at(&far, 0.5) < 1.0 && at(&far, 0.9) < 6.0 && at(&far, 1.0) < 45.0, "{} {} {}", at(&far, 0.5), at(&far, 0.9), at(&far, 1.0));
+    // Walls are where their splats are, which are 80 mm wide and seen by pixels of 10 to 50 mm. Where two sides meet, the mesh
+    // cuts the corner by half the diagonal of a cell at most: 52 mm of those of 60 mm.
+    let all = points(&out.mesh);
+    let sides: Vec<Vec3> = all.iter().copied().filter(|p| on_a_side(*p)).collect();
+    let far = off(&sides, |p| to_sides(p, MIDDLE, HALF));
+    assert!(at(&far, 0.5) < 2.0 && at(&far, 0.9) < 6.0, "{} {}", at(&far, 0.5), at(&far, 0.9));
+    let far = off(&all, |p| to_sides(p, MIDDLE, HALF));
+    assert!(at(&far, 0.99) < 40.0 && at(&far, 1.0) < 65.0, "{} {}", at(&far, 0.99), at(&far, 1.0));
     let corners = corners(&out.mesh);
     let tree = Bvh::build(&corners);
     let eye = Vec3::new(0.3, 0.2, 0.8);
     for i in 0..2000 {
         let ray = direction([unit(hash(i, 7)), unit(hash(i, 8))]);
         let hit = tree.closest(Ray::new(eye, ray), |_| true).expect("the room is closed");
-        assert!(!hit.back && to_sides(eye + ray * hit.t, middle, half) < 0.045);
+        assert!(!hit.back && to_sides(eye + ray * hit.t, MIDDLE, HALF) < 0.065);
     }
-    // Walls are flat, so few triangles do: at most one in five of those before.
-    assert!(counted(&out, "triangles") * 5 < counted(&out, "triangles before they were joined"));
+    // Walls are flat, so few triangles do: at most one in ten of those before.
+    assert!(counted(&out, "triangles") * 10 < counted(&out, "triangles before they were joined"));
     // The colour of the walls, in linear light.
     let expected = [0.6, 0.5, 0.4].map(crate::math::color::linear_from_srgb);
     for colour in &out.mesh.colours {
@@ -139,8 +171,11 @@ fn a_box_on_the_ground_is_a_box_on_the_ground() {
     let (middle, half) = (Vec3::new(0.9, 0.2, 0.2), Vec3::new(0.2, 0.2, 0.2));
     let ground = Scene::new().wall(Vec3::ZERO, Vec3::X * 2.5, Vec3::Y * 2.5, [0.5; 3]);
     let (out, _) = ground.sides(middle, half, [0.8, 0.2, 0.2]).mesh(&coarse());
-    let far = off(&out.mesh, |p| p.z.abs().min(to_sides(p, middle, half)));
-    assert!(at(&far, 0.5) < 1.0 && at(&far, 0.95) < 12.0, "{} {}", at(&far, 0.5), at(&far, 0.95));
+    // Away from the end of the ground, where what lies below it was neither seen nor seen through.
+    let inner: Vec<Vec3> =
+        points(&out.mesh).into_iter().filter(|p| p.abs().truncate().max_element() < 2.2).collect();
+    let far = off(&inner, |p| p.z.abs().min(to_sides(p, middle, half)));
+    assert!(at(&far, 0.5) < 3.0 && at(&far, 0.95) < 30.0, "{} {}", at(&far, 0.5), at(&far, 0.95));
     // Its top and its sides are there: rays from above and from aside meet them.
     let corners = corners(&out.mesh);
     let tree = Bvh::build(&corners);
@@ -149,7 +184,7 @@ fn a_box_on_the_ground_is_a_box_on_the_ground() {
     let side = tree.closest(Ray::new(Vec3::new(-1.0, 0.2, 0.2), Vec3::X), |_| true).expect("a side");
     assert!((side.t - 1.7).abs() < 0.005 && !side.back, "{}", side.t);
     // There is nothing under the ground: no second sheet behind what was seen.
-    assert!(out.mesh.positions.iter().all(|p| p[2] > -0.02));
+    assert!(inner.iter().all(|p| p.z > -0.01));
 }
 
 #[test]
@@ -159,18 +194,19 @@ fn what_is_seen_through_from_elsewhere_is_left_out() {
         scene.blob(Vec3::new(1.4 * of[0], 1.4 * of[1], 1.3 + 0.8 * of[2]), 0.01)
     });
     let (out, _) = floaters.mesh(&coarse());
-    let far = off(&out.mesh, |p| to_sides(p, Vec3::Z * 1.3, Vec3::new(2.0, 2.0, 1.3)));
-    assert!(at(&far, 1.0) < 60.0, "{}", at(&far, 1.0));
+    let far = off(&points(&out.mesh), |p| to_sides(p, MIDDLE, HALF));
+    assert!(at(&far, 1.0) < 65.0, "{}", at(&far, 1.0));
 }
 
-// What is off by 5 mm and 6 degrees at most comes out with less than the half of that: many views are averaged.
+// Splats that are off by 5 mm and 6 degrees at most, 2.9 mm in the root mean square, make sides that are off by less.
 #[test]
 fn noise_is_averaged() {
     let noisy = Scene { jitter: 0.005, tilt: 0.1, ..Scene::new() };
-    let scene = noisy.sides(Vec3::Z * 1.3, Vec3::new(2.0, 2.0, 1.3), [0.6, 0.5, 0.4]);
+    let scene = noisy.sides(MIDDLE, HALF, [0.6, 0.5, 0.4]);
     let (out, _) = scene.mesh(&coarse());
-    let far = off(&out.mesh, |p| to_sides(p, Vec3::Z * 1.3, Vec3::new(2.0, 2.0, 1.3)));
-    assert!(at(&far, 0.5) < 2.5 && at(&far, 0.9) < 10.0, "{} {}", at(&far, 0.5), at(&far, 0.9));
+    let sides: Vec<Vec3> = points(&out.mesh).into_iter().filter(|p| on_a_side(*p)).collect();
+    let far = off(&sides, |p| to_sides(p, MIDDLE, HALF));
+    assert!(at(&far, 0.5) < 2.5 && at(&far, 0.9) < 7.0, "{} {}", at(&far, 0.5), at(&far, 0.9));
 }
 
 #[test]
@@ -212,11 +248,16 @@ fn a_scene_far_from_the_origin_keeps_its_digits() {
     let inputs = In { splats: Arc::new(scene), cameras: None, around: Some(Arc::new(pose)) };
     let mesh = ExtractMesh::run(&coarse(), inputs, &context()).expect("runs").0.mesh;
     assert_eq!(mesh.positions_low.len(), mesh.positions.len());
-    let half = Vec3::new(2.0, 2.0, 1.3);
-    let distance = |i: u32| 1000.0 * to_sides((mesh.position(i) - far).as_vec3(), Vec3::Z * 1.3, half);
-    let mut all: Vec<f32> = (0..mesh.positions.len() as u32).map(distance).collect();
-    all.sort_unstable_by(f32::total_cmp);
-    assert!(at(&all, 0.5) < 1.0 && at(&all, 1.0) < 45.0, "{} {}", at(&all, 0.5), at(&all, 1.0));
+    let near = Mesh {
+        positions: (0..mesh.positions.len() as u32)
+            .map(|i| (mesh.position(i) - far).as_vec3().to_array())
+            .collect(),
+        positions_low: Vec::new(),
+        ..(*mesh).clone()
+    };
+    let sides: Vec<Vec3> = points(&near).into_iter().filter(|p| on_a_side(*p)).collect();
+    let off = off(&sides, |p| to_sides(p, MIDDLE, HALF));
+    assert!(at(&off, 0.5) < 2.0 && at(&off, 0.9) < 6.0, "{} {}", at(&off, 0.5), at(&off, 0.9));
 }
 
 #[test]
@@ -231,7 +272,8 @@ fn nothing_to_start_from_is_an_error_and_nothing_to_see_is_degraded() {
 #[test]
 fn a_stopped_run_ends() {
     let pose = Pose { world_from_local: DMat4::from_translation(DVec3::new(0.3, 0.2, 0.0)) };
-    let inputs = || In { splats: Arc::new(Scene::room().splats), cameras: None, around: Some(Arc::new(pose.clone())) };
+    let inputs =
+        || In { splats: Arc::new(Scene::room().splats), cameras: None, around: Some(Arc::new(pose.clone())) };
     for fraction in [0.1, 0.55, 0.75, 0.85] {
         let cx = context().stopping_at(fraction);
         assert!(ExtractMesh::run(&coarse(), inputs(), &cx).is_err(), "{fraction}");

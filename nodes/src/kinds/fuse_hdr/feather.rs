@@ -1,4 +1,5 @@
-//! Lights that rise gradually from their edge, over an angle that does not depend on the size of the picture.
+//! Feathering: lights that rise gradually from their edge, over an angle that does not depend on the size of the
+//! picture.
 
 use std::f64::consts::PI;
 
@@ -11,8 +12,9 @@ use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 
 impl Lights {
-    /// What fusion added grows from 0 at the edge of a light to its whole at `feather_deg` within, and the light is
-    /// scaled so that it gives as much as before. Angles are between centres of pixels; columns wrap.
+    /// Scales the light added by fusion from 0 at the edge of a light to its full value at `feather_deg` inside,
+    /// and then scales each light so that its total stays the same. Angles are between centres of pixels; columns
+    /// wrap.
     pub(super) fn feather(
         &self,
         feather_deg: f64,
@@ -52,17 +54,17 @@ impl Lights {
     }
 }
 
-/// Where the nearest pixels are that are not lit. Within a row the nearest by columns is the nearest by angle, so one
-/// look at each row within reach is enough.
+/// Finds the nearest unlit pixels. Within a row the nearest by columns is the nearest by angle, so one lookup per
+/// row within reach is enough.
 struct Edges {
     width: usize,
     /// The largest angle of interest, in radians.
     most: f64,
-    /// For each pixel the columns to the nearest one of its row that is not lit; `None` where the row is lit all round.
+    /// For each pixel, the number of columns to the nearest unlit pixel of its row; `None` if the whole row is lit.
     columns: Vec<Option<u32>>,
     /// Sine and cosine of the angle from the pole to each row.
     rows: Vec<(f64, f64)>,
-    /// Cosine of the turn by so many columns, up to half a turn.
+    /// Cosine of the rotation by a number of columns, up to half a turn.
     turns: Vec<f64>,
 }
 
@@ -80,7 +82,7 @@ impl Edges {
         }
     }
 
-    /// The angle from a pixel to the nearest one that is not lit, or `most` where there is none within it.
+    /// The angle from a pixel to the nearest unlit one, or `most` if there is none within it.
     fn angle(&self, at: usize) -> f64 {
         let (x, y, height) = (at % self.width, at / self.width, self.rows.len());
         let (sine, cosine) = self.rows[y];
@@ -95,13 +97,13 @@ impl Edges {
     }
 }
 
-/// For each pixel of a row, which is round, how many columns away the nearest one is that is not lit.
+/// For each pixel of a row, whose ends are joined, the number of columns to the nearest unlit one.
 fn columns_to_edge(lit: &[bool]) -> Vec<Option<u32>> {
     let width = lit.len();
     let mut nearest = vec![None; width];
     let mut pass = |column: &dyn Fn(usize) -> usize| {
         let mut since = None;
-        // Twice round, so that the first columns know of the last.
+        // Twice around, so that the first columns take the last ones into account.
         for x in (0..2 * width).map(|step| column(step % width)) {
             since = if lit[x] { since.map(|since: u32| since + 1) } else { Some(0) };
             nearest[x] = since.into_iter().chain(nearest[x]).min();
@@ -120,8 +122,8 @@ mod tests {
     use crate::geometry::sampling::{hash, unit};
     use crate::math::equirect::direction;
 
-    // Against the definition: all pixels that are not lit, tried one by one; at the poles, across the seam, with rows
-    // lit all round. Mutation: the second `pass` left out, or `width / 2` to `width / 4`.
+    // Compared with the definition, a search over all unlit pixels: at the poles, across the seam, and with rows
+    // that are lit completely. Mutation: the second `pass` left out, or `width / 2` to `width / 4`.
     #[test]
     fn the_nearest_edge_is_the_nearest_of_all_pixels() {
         let (width, height) = (48, 24);

@@ -1,4 +1,4 @@
-//! The lights that fusion recovered, and the energy before and after.
+//! The report of fusion: the recovered lights, and the energy before and after.
 
 use engine::{Notes, Up};
 use glam::DVec3;
@@ -12,23 +12,23 @@ use crate::math::equirect::{axes, direction, pixel_solid_angle};
 use crate::math::num;
 use crate::types::{Cell, Report, Table};
 
-/// Lights listed one by one; the rest are summed in a last row.
+/// Number of lights listed individually; the others are summed in a last row.
 pub(super) const LISTED: usize = 32;
-/// Less than this share of the predicted light may be left out, and of all light taken, without a word.
+/// Up to this share of the predicted light may be left out, and of all light removed, without a warning.
 const UNUSED: f64 = 0.01;
-/// The ramp may be made up for by at most this factor within a light.
+/// Largest factor by which a light is scaled to compensate for the ramp.
 const LARGEST_COMPENSATION: f64 = 8.0;
 
-/// Connected regions of pixels that fusion made brighter, and what each step of the fusion made of them.
+/// Connected regions of pixels that fusion made brighter, with their light after each step of the fusion.
 pub(super) struct Lights {
     pub members: Vec<Vec<usize>>,
-    /// Pixels that fusion made darker, which are no lights.
+    /// Pixels that fusion made darker; they are not lights.
     darker: Vec<usize>,
-    /// Pixels that it left as they are though light was predicted for them.
+    /// Pixels left unchanged although light was predicted for them.
     left: Vec<usize>,
     /// Name of a step, and luminance after it of each pixel of each light, of those made darker, and of those left.
     steps: Vec<(&'static str, Vec<Vec<f64>>)>,
-    /// The step from which on there is a sky that was not seen, its pixels and their luminance.
+    /// The first step with an added sky, its pixels and their luminance.
     sky: Option<(usize, Vec<(usize, f64)>)>,
 }
 
@@ -53,37 +53,37 @@ impl Lights {
         let kept = |&at: &usize| fused[at].luminance == own(at) && predicted(at) > own(at);
         let left = (0..fused.len()).filter(kept).collect();
         let mut lights = Self { members, darker, left, steps: Vec::new(), sky: None };
-        lights.enter("panorama", |at| luminance_of(pixels, at));
+        lights.record("panorama", |at| luminance_of(pixels, at));
         lights
     }
 
-    /// Enters a step into the books.
-    pub(super) fn enter(&mut self, step: &'static str, luminance: impl Fn(usize) -> f64) {
+    /// Records a step.
+    pub(super) fn record(&mut self, step: &'static str, luminance: impl Fn(usize) -> f64) {
         let of_light = |members: &Vec<usize>| members.iter().map(|&at| luminance(at)).collect();
         let values = self.groups().map(of_light).collect();
         self.steps.push((step, values));
     }
 
-    /// Enters a sky that was not seen, and what it made of the lights.
-    pub(super) fn enter_sky(&mut self, pixels: Vec<(usize, f64)>, luminance: impl Fn(usize) -> f64) {
+    /// Records an added sky, and the lights after it.
+    pub(super) fn record_sky(&mut self, pixels: Vec<(usize, f64)>, luminance: impl Fn(usize) -> f64) {
         self.sky = Some((self.steps.len(), pixels));
-        self.enter("sky", luminance);
+        self.record("sky", luminance);
     }
 
-    /// The lights, and the two groups of pixels that are none.
+    /// The lights, and the two groups of pixels that are not lights.
     fn groups(&self) -> impl Iterator<Item = &Vec<usize>> {
         self.members.iter().chain([&self.darker, &self.left])
     }
 
-    /// Warns where exposures that are darker than the panorama took light from it.
-    pub(super) fn tell_darker(&self, pixels: &LinearPixels, fused: &[Fused], notes: &mut Notes) {
+    /// Warns if exposures darker than the panorama removed light from it.
+    pub(super) fn report_darker(&self, pixels: &LinearPixels, fused: &[Fused], notes: &mut Notes) {
         let size = |at: usize| pixel_solid_angle(pixels.width, pixels.height, at / pixels.width);
         let own = |at: usize| luminance_of(pixels, at) * size(at);
         let lost: f64 = self.darker.iter().map(|&at| own(at) - fused[at].luminance * size(at)).sum();
         let all: f64 = (0..pixels.rgb.len()).map(own).sum();
         if lost > UNUSED * all {
             let text = format!(
-                "the exposures are darker than the panorama in {} pixels above `threshold`, which takes {:.1} % of its power; `blend: Ramp` takes none",
+                "the exposures are darker than the panorama in {} pixels above `threshold`, which removes {:.1} % of its power; `blend: Ramp` removes none",
                 self.darker.len(),
                 100.0 * lost / all
             );
@@ -91,8 +91,8 @@ impl Lights {
         }
     }
 
-    /// Warns where light was predicted for what does not count as clipped here.
-    pub(super) fn tell_unused(
+    /// Warns if light was predicted for pixels that do not count as clipped here.
+    pub(super) fn report_unused(
         &self,
         threshold: f32,
         pixels: &LinearPixels,
@@ -116,17 +116,17 @@ impl Lights {
             let without = match pixels.rgb.iter().zip(log2_gain).filter(clipped).count() {
                 0 => String::new(),
                 _ if !pixels.ceiling => String::new(),
-                n => format!("; {n} that are get none: is `base` the panorama that it was predicted for?"),
+                n => format!("; {n} clipped pixels get none: was the prediction made for `base`?"),
             };
             notes.warning(
                 "prediction-unused",
-                format!("{percent:.1} % of the predicted light is of {count} pixels that are not clipped above `threshold`, and is left out; where `white` of the prediction is lower, `threshold` should be below it{without}"),
+                format!("{percent:.1} % of the predicted light belongs to {count} pixels below `threshold` and is left out; `threshold` should be below `white` of the prediction{without}"),
             );
         }
     }
 
-    /// The ramp holds back part of what was predicted for pixels that are barely clipped; gives it back to
-    /// the clipped pixels of the same light, so that each light has the predicted flux.
+    /// Restores the predicted flux of each light: the ramp removes part of the prediction for barely clipped
+    /// pixels, and this adds it to the clipped pixels of the same light.
     pub(super) fn keep_flux(
         &self,
         pixels: &LinearPixels,
@@ -155,13 +155,13 @@ impl Lights {
         }
         if short > 0 {
             let text = format!(
-                "{short} lights are barely clipped and get less than was predicted; a lower `threshold` gives all"
+                "{short} lights are barely clipped and get less than the prediction; a lower `threshold` gives all of it"
             );
             notes.warning("flux-held-back", text);
         }
     }
 
-    /// How many lights the report lists together.
+    /// Number of lights that the report lists together.
     pub(super) fn unlisted(&self) -> u64 {
         self.members.len().saturating_sub(LISTED) as u64
     }
@@ -194,7 +194,7 @@ impl Lights {
         columns.push("share that is a lower bound".to_owned());
         let mut lights: Vec<Light> =
             (0..self.members.len()).map(|i| self.light(i, up, pixels, fused, sources.len())).collect();
-        // Brightest first; equal ones stay in the order of their first pixel.
+        // Brightest first; equal ones in the order of their first pixel.
         lights.sort_by(|a, b| b.after().total_cmp(&a.after()));
         let rows = lights.iter().take(LISTED).map(|light| light.row(up)).collect();
         let emitters = Table::new("emitters", columns, rows);
@@ -205,7 +205,7 @@ impl Lights {
         Report { title: "Recovered light".to_owned(), tables: vec![emitters, energy, steps] }
     }
 
-    /// The whole after a step. What is in no group is as it was.
+    /// The total after a step. Pixels in no group are unchanged.
     fn energy(&self, step: usize, up: Up, pixels: &LinearPixels) -> Energy {
         let mut luminance: Vec<f64> = (0..pixels.rgb.len()).map(|at| luminance_of(pixels, at)).collect();
         for (members, values) in self.groups().zip(&self.steps[step].1) {
@@ -216,7 +216,7 @@ impl Lights {
         Energy::of(up, pixels.width, &luminance)
     }
 
-    /// One column for each step: the whole, then each light that is listed, then the others together.
+    /// One column per step: the total, then each listed light, then the others together.
     fn table(&self, whole: &[Energy], lights: &[Light]) -> Table {
         let row = |name: String, values: Vec<f64>| {
             std::iter::once(Cell::Text(name)).chain(values.into_iter().map(Cell::Number)).collect()
@@ -280,18 +280,18 @@ impl Lights {
 struct Light {
     direction: DVec3,
     solid_angle: f64,
-    /// Of a plane that faces it, after each step.
+    /// Irradiance of a plane facing the light, after each step.
     irradiance: Vec<f64>,
     /// Luminance times solid angle, after each step.
     power: Vec<f64>,
     peak: f64,
-    /// Flux by source, the base last; then that of lower bounds.
+    /// Flux per source, the base last; then that of lower bounds.
     by_source: Vec<f64>,
     bound: f64,
 }
 
 impl Light {
-    /// Irradiance of a plane that faces it, before and after fusion.
+    /// Irradiance of a plane facing the light, before and after fusion.
     fn before(&self) -> f64 {
         self.irradiance.first().copied().unwrap_or(0.0)
     }

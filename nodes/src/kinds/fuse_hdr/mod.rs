@@ -1,4 +1,4 @@
-//! `fuse-hdr`: a panorama and its predicted exposures become an environment of light.
+//! `fuse-hdr`: fuses a panorama and its predicted exposures into an environment of light.
 
 use std::sync::Arc;
 
@@ -19,59 +19,61 @@ use self::ledger::Lights;
 use self::sky::Balance;
 
 engine::choices! {
-    /// How predicted light takes over from the panorama's own.
+    /// Transition from the light of the panorama to the predicted light.
     pub enum Blend {
-        /// Gradually while the brightest channel goes from the threshold to 1; a prediction may only
-        /// make a pixel brighter.
+        /// Gradual, while the brightest channel goes from the threshold to 1; a prediction can only make a pixel
+        /// brighter.
         Ramp,
-        /// At once where luminance exceeds the threshold, as the paper's equation has it.
+        /// Immediate where luminance exceeds the threshold, as in the equation of the paper.
         Hard,
     }
 }
 
 engine::choices! {
-    /// Which prediction is fused.
+    /// Which form of the prediction is fused.
     pub enum Gain {
-        /// The float gain map: no ceiling.
+        /// The gain map in floats, which has no upper limit.
         Direct,
-        /// The exposures, as in the paper; light ends at the white of the darkest one.
+        /// The exposures, as in the paper; light is limited by the white of the darkest one.
         Brackets,
     }
 }
 
 engine::choices! {
-    /// Where the colour of recovered light comes from.
+    /// Source of the colour of recovered light.
     pub enum Hue {
-        /// The panorama, as in the paper; where all channels are clipped that is white.
+        /// The panorama, as in the paper; white where all channels are clipped.
         Base,
-        /// The brightest exposure that is not clipped there, as far as the panorama is; where there is none, the
-        /// panorama. It matters for `Photographs`: other methods give exposures of the panorama's own colour.
+        /// The brightest exposure that is not clipped at a pixel, blended in as far as the panorama is clipped;
+        /// without one, the panorama. Matters for `Photographs` only: other methods give exposures with the colour
+        /// of the panorama.
         Exposures,
     }
 }
 
 engine::params! {
     /// Fuses a panorama and its predicted exposures into an environment of light.
-    /// Where the panorama is clipped the predicted light takes its place, with the panorama's own hue;
-    /// everywhere else the panorama is kept exactly. The report lists each recovered light: where it
-    /// is, how much it gives, where that energy came from, and what each step of the fusion made of it.
+    ///
+    /// Where the panorama is clipped it is replaced by the predicted light, with the hue of the panorama;
+    /// everywhere else it is kept exactly. The report lists each recovered light: its position and amount, the
+    /// source of that energy, and the effect of each step of the fusion.
     pub struct FuseHdr {
-        /// Where clipping begins, in linear light with white at 1.
+        /// Threshold of clipping, in linear light with white at 1.
         threshold: f32 = 0.9, range(0.05, 0.999), other("0.6");
-        /// How predicted light takes over from the panorama's own.
+        /// Transition from the light of the panorama to the predicted light.
         blend: Blend = Blend::Ramp, other("Hard");
-        /// How display values become linear light, of the base and of photographed exposures alike. Derived exposures
-        /// are always sRGB.
+        /// Transfer curve from display values to linear light, for the base and for photographed exposures. Derived
+        /// exposures are always sRGB.
         transfer: Transfer = Transfer::Srgb, other("Gamma24");
-        /// Whether the float gain map or the list of exposures is fused.
+        /// True if the float gain map or the list of exposures is fused.
         gain: Gain = Gain::Direct, other("Brackets");
-        /// Where the colour of recovered light comes from. Exposures that were predicted have the panorama's own.
+        /// Source of the colour of recovered light. Predicted exposures have the colour of the panorama.
         hue: Hue = Hue::Base, other("Exposures"), inert("exposures that were predicted have the panorama's colour");
-        /// Angle from its edge over which recovered light rises to its full strength. Each light keeps its total, so
-        /// its middle becomes brighter, with `Brackets` even than the white of the darkest exposure.
-        feather_deg: f64 = 0.0, range(0.0, 10.0), unit("deg"), other("9.0"), inert("a light no wider than a pixel stays as it is");
-        /// The albedo of the ground, for captures without a sky: what was not seen above the horizon becomes a white sky,
-        /// just bright enough that the ground, as bright as it is, has this albedo. `None` keeps what the holes were filled with.
+        /// Angle over which recovered light rises from its edge to full strength. Each light keeps its total, so
+        /// its middle becomes brighter; with `Brackets` it may exceed the white of the darkest exposure.
+        feather_deg: f64 = 0.0, range(0.0, 10.0), unit("deg"), other("9.0"), inert("a light no wider than a pixel does not change");
+        /// Albedo of the ground, for captures without a sky: unseen directions above the horizon become a white
+        /// sky, bright enough that the ground as photographed has this albedo. `None` keeps the filled holes.
         ground_albedo: Option<f64> = None, range(0.02, 1.0), other("0.3");
     }
 }
@@ -81,7 +83,7 @@ engine::inputs! {
     pub struct In {
         /// The panorama at EV 0.
         base: Arc<Panorama>,
-        /// What was predicted for it.
+        /// The prediction for it.
         brackets: Arc<Brackets>,
     }
 }
@@ -98,15 +100,15 @@ engine::outputs! {
     }
 }
 
-/// The least linear light of a derived exposure that is white, whatever the last bit of the transfer is.
+/// Smallest linear light of a derived exposure that is white, whatever the rounding of the transfer curve.
 const WHITE: f32 = 0.999;
 
-/// Where the luminance of one pixel came from after fusion.
+/// The luminance of one pixel after fusion, and its source.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Fused {
     /// Absolute luminance E'_N.
     luminance: f64,
-    /// Index of the exposure that gave most of it; the base is the number of exposures.
+    /// Index of the exposure that contributed most; the base has the number of exposures as index.
     source: usize,
     /// The darkest exposure is white here, so the light is a lower bound.
     saturated: bool,
@@ -120,8 +122,7 @@ impl Kind for FuseHdr {
     type Out = Out;
 
     fn estimate(_: &Self, inputs: &In) -> Cost {
-        let pixels = inputs.base.alpha.samples.len() as u64;
-        Cost { bytes: pixels * 96 }
+        Cost::of([(inputs.base.alpha.samples.len() as u64, 96)])
     }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
@@ -130,7 +131,7 @@ impl Kind for FuseHdr {
         let mut notes = Notes::none();
         let pixels = linear_pixels(&base.image, params.transfer);
         let brackets = by_own_curve(params, &pixels, brackets, cx)?;
-        tell_broken(&pixels, &mut notes);
+        report_broken(&pixels, &mut notes);
         if matches!(base.image, Picture::Linear(_)) && params.transfer == Transfer::Gamma24 {
             notes.decision("already-linear", "the panorama is linear, so `transfer` has no effect on it");
         }
@@ -142,32 +143,33 @@ impl Kind for FuseHdr {
         let (mut fused, shown): (Vec<Fused>, Vec<f64>) = rows.into_iter().flatten().unzip();
         let predicted = |at: usize| direct(&pixels, &brackets, at).luminance;
         let mut lights = Lights::find(&pixels, &fused, predicted);
-        lights.enter("predicted", predicted);
+        lights.record("predicted", predicted);
         if params.gain == Gain::Brackets {
-            lights.enter("exposures", |at| shown[at]);
+            lights.record("exposures", |at| shown[at]);
         }
         if params.gain == Gain::Brackets && brackets.evs.is_empty() {
-            let text = "there is no exposure to fuse, since the prediction's `evs` is empty: the panorama is kept; `gain: Direct` needs none";
+            let text = "the prediction has no exposures (`evs` is empty), so the panorama is kept; `gain: Direct` needs none";
             notes.warning("no-exposures", text);
         } else {
-            lights.tell_unused(params.threshold, &pixels, &brackets.log2_gain.samples, &mut notes);
+            lights.report_unused(params.threshold, &pixels, &brackets.log2_gain.samples, &mut notes);
         }
-        lights.tell_darker(&pixels, &fused, &mut notes);
-        lights.enter("blended", |at| fused[at].luminance);
+        lights.report_darker(&pixels, &fused, &mut notes);
+        lights.record("blended", |at| fused[at].luminance);
         drop(shown);
         if params.gain == Gain::Direct && params.blend == Blend::Ramp {
             lights.keep_flux(&pixels, &brackets.log2_gain.samples, &mut fused, &mut notes);
-            lights.enter("flux kept", |at| fused[at].luminance);
+            lights.record("flux kept", |at| fused[at].luminance);
         }
         if params.feather_deg > 0.0 {
             lights.feather(params.feather_deg, &pixels, &mut fused, cx)?;
-            lights.enter("feathered", |at| fused[at].luminance);
+            lights.record("feathered", |at| fused[at].luminance);
         }
         let mut image = Image::<Linear>::new(width, height, 3);
         for ((to, rgb), fused) in image.samples.chunks_exact_mut(3).zip(&pixels.rgb).zip(&fused) {
             to.copy_from_slice(&apply(*rgb, fused.luminance));
         }
-        // Derived exposures were made of the panorama by the sRGB curve; by another they would seem to have another colour.
+        // Derived exposures were made from the panorama with the sRGB curve; with another one they would seem to
+        // have another colour.
         if params.hue == Hue::Exposures && pixels.ceiling && brackets.taken != Taken::Derived {
             let coloured = cx.for_each_tile(height, |y| {
                 let row = &image.samples[3 * y * width..][..3 * width];
@@ -195,8 +197,12 @@ impl Kind for FuseHdr {
                 }
             }
         }
-        lights.enter("environment", |at| f64::from(luminance(image.rgb(at % width, at / width))));
-        notes.count("lights-not-listed", lights.unlisted(), "lights have no row of their own in the report");
+        lights.record("environment", |at| f64::from(luminance(image.rgb(at % width, at / width))));
+        notes.count(
+            "lights-not-listed",
+            lights.unlisted(),
+            "lights are not listed individually in the report",
+        );
         let report = lights.report(base.up, &pixels, &fused, &brackets.evs, params.gain);
         let env = Environment { image, up: base.up, origin: base.origin };
         let image = Arc::new(Images::single("env", env.image.clone()));
@@ -209,7 +215,7 @@ fn check_sizes(base: &Panorama, brackets: &Brackets) -> Result<(), NodeError> {
     let map = &brackets.log2_gain;
     let sized = |w: usize, h: usize| (w, h) == (width, height);
     if channels != 3 || matches!(base.image, Picture::Data(_)) || width == 0 || height == 0 {
-        return Err(NodeError::from(Error::Mismatch("the base is no RGB panorama".to_owned())).at("base"));
+        return Err(NodeError::from(Error::Mismatch("`base` is not an RGB panorama".to_owned())).at("base"));
     }
     let fits = sized(map.width, map.height)
         && map.channels == 1
@@ -224,7 +230,7 @@ fn check_sizes(base: &Panorama, brackets: &Brackets) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// The gain of photographs is measured by the sRGB curve; here it is measured again where theirs is another.
+/// Measures the gain of photographs again if their curve is not sRGB, with which it was measured.
 fn by_own_curve(
     params: &FuseHdr,
     pixels: &LinearPixels,
@@ -249,22 +255,22 @@ fn by_own_curve(
     Ok(Arc::new(Brackets { log2_gain, ..(*brackets).clone() }))
 }
 
-fn tell_broken(pixels: &LinearPixels, notes: &mut Notes) {
+fn report_broken(pixels: &LinearPixels, notes: &mut Notes) {
     if pixels.broken > 0 {
         notes.warning("not-finite", format!("{} samples are not finite and count as black", pixels.broken));
     }
     notes.count("below-zero", pixels.negative, "samples below 0 count as black");
 }
 
-/// What the gain map says of a pixel.
+/// The luminance of a pixel by the gain map.
 fn direct(pixels: &LinearPixels, brackets: &Brackets, at: usize) -> Fused {
     let held = f64::from(luminance(pixels.rgb[at].map(|v| v.min(1.0))));
     let gain = if pixels.ceiling { f64::from(brackets.log2_gain.samples[at]) } else { 0.0 };
     Fused { luminance: held * num::f64::exp2(gain), source: 0, saturated: false }
 }
 
-/// Fuses one pixel, from the darkest exposure upwards (the paper's section on HDR construction). The second number is
-/// what the gain map or the exposures say of it, before the panorama itself came in.
+/// Fuses one pixel, from the darkest exposure upwards (the paper's section on HDR construction). The second number
+/// is the luminance by the gain map or the exposures, before blending with the panorama.
 fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize) -> (Fused, f64) {
     let base = pixels.rgb[at];
     let n = brackets.evs.len();
@@ -279,11 +285,11 @@ fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize)
         }
         // The panorama itself is then the darkest exposure.
         Gain::Brackets if n == 0 => return kept(max3(base) >= WHITE),
-        // Derived exposures show the panorama itself there, but for rounding.
+        // Derived exposures show the panorama itself there, except for rounding.
         Gain::Brackets if brackets.taken == Taken::Derived && brackets.log2_gain.samples[at] == 0.0 => {
             return kept(false);
         }
-        // Linear light is nowhere clipped, so the brightest photograph shows all, and most finely.
+        // Linear light is not clipped, so the brightest photograph shows all of it, and with the finest steps.
         Gain::Brackets if brackets.taken == Taken::Linear => exposure(params, brackets, n - 1, at).1,
         Gain::Brackets => (1..n).fold(exposure(params, brackets, 0, at).1, |fused, i| {
             let (linear, step) = exposure(params, brackets, i, at);
@@ -313,14 +319,14 @@ fn exposure(params: &FuseHdr, brackets: &Brackets, i: usize, at: usize) -> ([f32
     (linear, Fused { luminance: scaled, source: i, saturated })
 }
 
-/// How far a picture is clipped, by its brightest channel: 0 at the threshold, 1 at white.
+/// Degree of clipping of a picture by its brightest channel: 0 at the threshold, 1 at white.
 fn ramp(params: &FuseHdr, rgb: [f32; 3]) -> f32 {
     ((max3(rgb) - params.threshold) / (1.0 - params.threshold)).clamp(0.0, 1.0)
 }
 
-/// One step of the merge: keeps the darker estimate where the brighter picture is clipped. Photographs show the same light
-/// up to where they clip, so what they `measured` needs no transition; and white in a JPEG is a code or two below white, in
-/// the middle of it.
+/// One step of the merge: keeps the darker estimate where the brighter picture is clipped. Photographs show the
+/// same light up to clipping, so `measured` values need no transition; and white in a JPEG may be a code or two
+/// below white.
 fn merge(params: &FuseHdr, darker: Fused, brighter: [f32; 3], own: Fused, measured: bool) -> Fused {
     match params.blend {
         Blend::Hard if luminance(brighter) > params.threshold => darker,
@@ -342,8 +348,8 @@ fn merge(params: &FuseHdr, darker: Fused, brighter: [f32; 3], own: Fused, measur
     }
 }
 
-/// The base colour scaled to the fused luminance: HDR = E'_N / L_N * I_N. Where fusion changed nothing
-/// the colour is returned as it is, so that black stays black and nothing is rounded.
+/// The base colour scaled to the fused luminance: HDR = E'_N / L_N * I_N. Where fusion changed nothing the colour
+/// is returned unchanged, so that black stays black and nothing is rounded.
 fn apply(rgb: [f32; 3], fused: f64) -> [f32; 3] {
     let own = f64::from(luminance(rgb));
     if fused == own {
@@ -352,15 +358,15 @@ fn apply(rgb: [f32; 3], fused: f64) -> [f32; 3] {
     rgb.map(|v| (f64::from(v) * (fused / own)).min(f64::from(f32::MAX)) as f32)
 }
 
-/// The colour of the brightest exposure that is not clipped at a pixel, at the luminance of `fused`, mixed in as far
-/// as the panorama is clipped. The brightest, since its codes are the least coarse.
+/// The colour of the brightest exposure that is not clipped at a pixel, at the luminance of `fused`, blended in as
+/// far as the panorama is clipped. The brightest is used because its codes are the finest.
 fn recolour(params: &FuseHdr, brackets: &Brackets, base: [f32; 3], fused: [f32; 3], at: usize) -> [f32; 3] {
     let clipped = match params.blend {
         Blend::Hard if luminance(base) > params.threshold => 1.0,
         Blend::Hard => 0.0,
         Blend::Ramp => ramp(params, base),
     };
-    // What fusion left as it is keeps its colour.
+    // Unchanged pixels keep their colour.
     if clipped == 0.0 || fused == base {
         return fused;
     }

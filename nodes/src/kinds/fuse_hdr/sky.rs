@@ -1,8 +1,9 @@
-//! The sky that a capture does not hold: what the ground sends back against the light that falls on it.
+//! A sky that the capture does not contain: the light that the ground reflects, compared with the light that falls
+//! on it.
 //!
-//! A surface of albedo a that sends back a radiance L receives pi L / a. Where the ground that was seen would have to send
-//! back nearly all light or more, and part of the upper half was not seen, light is missing there: captures out of doors
-//! seldom hold the sky, and what their holes were filled with are the trees around it.
+//! A surface of albedo a that reflects a radiance L receives pi L / a. If the visible ground would have to reflect
+//! nearly all light or more, and part of the upper half was not seen, light is missing there: outdoor captures
+//! seldom contain the sky, and their holes were filled from the trees around it.
 
 use std::f64::consts::PI;
 
@@ -15,34 +16,35 @@ use crate::math::color::luminance;
 use crate::math::equirect::{axes, direction, pixel_solid_angle};
 use crate::types::{Data, Image, Linear};
 
-/// More than this share of light no ground sends back, fresh snow apart.
+/// Largest albedo of ground, except fresh snow.
 const MOST_ALBEDO: f64 = 0.9;
-/// Of the upper half, weighted by cosine, more than this share must not have been seen for a sky to be missing.
+/// A sky can be missing only if more than this share of the upper half was not seen, weighted by cosine.
 const LEAST_OPEN: f64 = 0.02;
-/// Ground is what is lower than 20 degrees below the horizon: sine of that.
+/// Ground is what lies lower than 20 degrees below the horizon; this is the sine of that.
 const GROUND_SINE: f64 = 0.342_020_143_325_668_7;
-/// Ground that counts was seen by at least this alpha.
+/// Smallest alpha of ground pixels that count.
 const GROUND_ALPHA: f32 = 0.5;
-/// Of what is that low, weighted alike, at least this share must have been seen to be judged by.
+/// At least this share of the lower directions must have been seen, weighted by cosine.
 const LEAST_GROUND: f64 = 0.05;
 
-/// What a level ground sends back and receives. Luminances; irradiance is that of a plane that faces up, as in the books.
+/// Light that a level ground reflects and receives. Luminances; irradiance is that of a plane that faces up, as in
+/// the report.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Balance {
-    /// Mean radiance of the ground that was seen, each pixel by its solid angle times the cosine to straight down, as a
-    /// plane above it would receive it. `None` where too little was seen.
+    /// Mean radiance of the visible ground, weighted by solid angle times the cosine to straight down, as a plane
+    /// above it receives it. `None` if too little was seen.
     ground: Option<f64>,
-    /// Irradiance by the upper half.
+    /// Irradiance from the upper half.
     light: f64,
-    /// Irradiance by what was seen of it: each pixel counts by its alpha.
+    /// Irradiance from the visible part of it, each pixel weighted by its alpha.
     seen: f64,
     /// Integral of 1 - alpha times the cosine over the upper half, in steradians.
     open: f64,
-    /// That over the integral of the cosine, 0 to 1.
+    /// The same divided by the integral of the cosine, 0 to 1.
     share: f64,
 }
 
-/// How much of a pixel was seen, 0 to 1.
+/// Coverage of a pixel, 0 to 1.
 fn seen(alpha: f32) -> f64 {
     if alpha > 0.0 { f64::from(alpha.min(1.0)) } else { 0.0 }
 }
@@ -53,8 +55,9 @@ fn rise(up: Up, height: usize, y: usize) -> f64 {
 }
 
 impl Balance {
-    /// Of a panorama as it was photographed, and the light that was made of it. The ground is that of the photograph:
-    /// what clips there are glints and lamps, which tell nothing of what falls on the ground.
+    /// Computes the balance of a photographed panorama and the light recovered from it. The ground is that of the
+    /// photograph: clipped pixels there are glints and lamps, which say nothing about the light that falls on the
+    /// ground.
     pub(super) fn of(up: Up, photograph: &LinearPixels, alpha: &Image<Data>, env: &Image<Linear>) -> Self {
         let (width, height) = (env.width, env.height);
         let (mut ground, mut ground_seen, mut ground_all) = (0.0, 0.0, 0.0);
@@ -84,28 +87,28 @@ impl Balance {
         Self { ground: judged.then(|| ground / ground_seen), light, seen: kept, open, share }
     }
 
-    /// The albedo that the ground would have in the light found; infinite where none falls on what is not black.
+    /// The albedo of the ground in the recovered light; infinite if the ground is not black and receives no light.
     fn albedo(&self) -> Option<f64> {
         self.ground.filter(|ground| *ground > 0.0).map(|ground| PI * ground / self.light)
     }
 
-    /// Warns where the ground is brighter than the light allows and part of the upper half was not seen.
+    /// Warns if the ground is brighter than the light allows and part of the upper half was not seen.
     pub(super) fn tell(&self, notes: &mut Notes) {
         let Some(albedo) = self.albedo().filter(|albedo| *albedo > MOST_ALBEDO) else { return };
         if self.share > LEAST_OPEN {
             let text = format!(
-                "the ground is brighter than the light that falls on it allows: its albedo would be {albedo:.2}; {:.1} % of the upper half was not seen, and its light is missing: `ground_albedo` gives it (grass 0.2, stone or sand 0.3, concrete 0.4)",
+                "the ground is too bright for the light that falls on it: its albedo would be {albedo:.2}. Light is missing from the {:.1} % of the upper half that were not seen; set `ground_albedo` to add it (grass 0.2, stone or sand 0.3, concrete 0.4)",
                 100.0 * self.share
             );
             notes.warning("sky-missing", text);
         }
     }
 
-    /// The radiance of what was not seen above the horizon by which the ground has an albedo; tells it, or why there is none.
+    /// The radiance of the unseen sky that gives the ground the albedo; reports it, or why there is none.
     pub(super) fn sky(&self, albedo: f64, notes: &mut Notes) -> Option<f64> {
         let percent = 100.0 * self.share;
         let Some(ground) = self.ground else {
-            let text = "`ground_albedo` has no effect: next to nothing was seen more than 20 degrees below the horizon, so how bright the ground is is not known";
+            let text = "`ground_albedo` has no effect: almost nothing was seen more than 20 degrees below the horizon, so the brightness of the ground is unknown";
             notes.warning("ground-albedo-unused", text);
             return None;
         };
@@ -137,7 +140,8 @@ impl Balance {
     }
 }
 
-/// Puts a white sky of one radiance behind what was seen above the horizon, in the picture and in the books.
+/// Adds a white sky of uniform radiance behind the visible part above the horizon, in the picture and in the
+/// report.
 pub(super) fn add(
     radiance: f64,
     up: Up,
@@ -163,5 +167,5 @@ pub(super) fn add(
             }
         }
     }
-    lights.enter_sky(changed, |at| fused[at].luminance);
+    lights.record_sky(changed, |at| fused[at].luminance);
 }

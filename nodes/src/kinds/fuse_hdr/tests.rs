@@ -5,14 +5,14 @@ use crate::types::{Cell, Data, Srgb};
 use engine::{Kind, Scene, Up};
 use glam::DVec3;
 
-mod books;
+mod energy;
 mod sky;
 
 const W: usize = 64;
 const H: usize = 32;
 
 fn cx() -> Context {
-    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, ".")
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".")
 }
 
 fn params() -> FuseHdr {
@@ -38,7 +38,7 @@ fn encode(transfer: Transfer, linear: f32) -> f32 {
     }
 }
 
-/// True light, photographed at EV 0 and at `evs` by a camera of the given transfer, in `bits` a sample.
+/// Known light, photographed at EV 0 and at `evs` by a camera of the given transfer, with `bits` per sample.
 fn photograph(
     light: &dyn Fn(usize) -> [f32; 3],
     evs: &[f64],
@@ -84,7 +84,7 @@ fn ramp(at: usize) -> [f32; 3] {
     [v, v, v]
 }
 
-// The paper's equations written out for one pixel, in f64.
+// The paper's equations for one pixel, in f64.
 fn paper_pixel(codes: &[[f64; 3]], evs: &[f64]) -> [f64; 3] {
     let linear: Vec<[f64; 3]> = codes.iter().map(|c| c.map(|v| num::pow(v, 2.4))).collect();
     let lum = |c: [f64; 3]| 0.21267 * c[0] + 0.71516 * c[1] + 0.07217 * c[2];
@@ -170,7 +170,7 @@ fn black_is_black_and_broken_samples_are_reported() {
     assert!(notes.iter().any(|n| n.id == "not-finite") && notes.iter().any(|n| n.id == "below-zero"));
 }
 
-/// Near black nothing is divided by, so colour is kept to the bit whatever exposures or gains say.
+/// Near black there is no division, so colour is kept bit for bit whatever the exposures or gains.
 #[test]
 fn the_darkest_values_keep_their_colour() {
     let light = |at: usize| {
@@ -191,7 +191,7 @@ fn the_darkest_values_keep_their_colour() {
     }
 }
 
-/// White in every exposure is a lower bound, and said so.
+/// White in every exposure is a lower bound, and reported.
 #[test]
 fn saturation_at_the_darkest_exposure_is_reported() {
     let taken =
@@ -202,7 +202,7 @@ fn saturation_at_the_darkest_exposure_is_reported() {
     assert!(matches!(out.report.tables[0].rows[0].last(), Some(Cell::Number(share)) if *share > 0.9));
 }
 
-/// A darker picture that disagrees may not make a light darker, and never makes it negative.
+/// A darker picture that disagrees cannot make a light darker or negative.
 #[test]
 fn a_wrongly_dark_prediction_changes_nothing() {
     let (base, brackets) = photograph(&|_| [1.0; 3], &[-3.0], Transfer::Srgb, None);
@@ -210,7 +210,7 @@ fn a_wrongly_dark_prediction_changes_nothing() {
     wrong.exposures[0].samples.fill(0.0);
     let (out, _) = run(&FuseHdr { gain: Gain::Brackets, ..params() }, (base, Arc::new(wrong)));
     assert!(out.env.image.samples.iter().all(|&v| v == 1.0));
-    // Whatever exposures say, brighter or darker, at random: nothing is darker than the panorama is where it is not clipped.
+    // For random exposures, brighter or darker: no unclipped pixel becomes darker than the panorama.
     let (base, brackets) = photograph(&ramp, &[-6.0, -3.0], Transfer::Srgb, Some(255.0));
     let own = linear_pixels(&base.image, Transfer::Srgb);
     let mut random =
@@ -233,7 +233,7 @@ fn a_wrongly_dark_prediction_changes_nothing() {
     }
 }
 
-/// Continuous over the ramp, strict at the threshold where it is hard.
+/// Continuous over the ramp, strict at the threshold with `Hard`.
 #[test]
 fn the_ramp_is_continuous_and_the_step_is_strict() {
     let one = |value: f32, blend: Blend| {
@@ -273,41 +273,40 @@ fn energy_does_not_depend_on_how_many_pixels_hold_it() {
     row(33, "relative change of irradiance", (power(1) / power(5) - 1.0).abs(), 0.01);
 }
 
-// Without exposures the panorama is the darkest one, and what is white in it is a lower bound.
-// Mutation: `kept(false)` there.
+// Without exposures the panorama is the darkest one, and its white is a lower bound. Mutation: `kept(false)` there.
 #[test]
 fn a_bracket_of_no_exposures_is_reported() {
     let taken = photograph(&ramp, &[], Transfer::Srgb, Some(255.0));
     let (out, notes) = run(&FuseHdr { gain: Gain::Brackets, ..params() }, taken);
     let white = (0..W * H).filter(|&at| ramp(at)[0] >= 1.0).count();
-    let told =
+    let reported =
         notes.iter().find(|n| n.id == "saturated-at-darkest").map(|n| n.text.clone()).unwrap_or_default();
-    assert!(told.starts_with(&format!("{white} pixels")), "{told}");
+    assert!(reported.starts_with(&format!("{white} pixels")), "{reported}");
     assert_eq!(out.report.tables[1].rows[1][4], Cell::Count(0));
 }
 
-// A threshold above where a lamp clips leaves out what was predicted for it; so does a prediction for another panorama.
-// Mutation: `!used[at]` to `used[at]`.
+// A threshold above the value at which a lamp clips leaves out the light predicted for it; so does a prediction for
+// another panorama. Mutation: `!used[at]` to `used[at]`.
 #[test]
 fn predicted_light_that_is_left_out_is_reported() {
     let (base, brackets) =
         photograph(&|at| if at == 9 { [0.97; 3] } else { [0.2; 3] }, &[], Transfer::Srgb, None);
     let mut gain = (*brackets).clone();
     gain.log2_gain.samples[9] = 5.0;
-    for (threshold, told) in [(0.9, false), (0.98, true)] {
+    for (threshold, reported) in [(0.9, false), (0.98, true)] {
         let params = FuseHdr { threshold, ..params() };
         let (out, notes) = run(&params, (base.clone(), Arc::new(gain.clone())));
         let note = notes.iter().find(|n| n.id == "prediction-unused").map(|n| n.text.clone());
-        assert_eq!(note.is_some_and(|text| text.starts_with("100.0 %")), told);
-        // The books have it as predicted, and what the fusion left of it. Mutation: `&self.left` dropped in `groups`.
+        assert_eq!(note.is_some_and(|text| text.starts_with("100.0 %")), reported);
+        // The report has it as predicted, and the rest after fusion. Mutation: `&self.left` dropped in `groups`.
         let steps = &out.report.tables[2].rows[0];
         let power = |step: usize| if let Cell::Number(v) = steps[step] { v } else { panic!("a number") };
         assert!(power(2) > power(1), "{steps:?}");
-        assert_eq!(power(3) == power(1), told, "{steps:?}");
+        assert_eq!(power(3) == power(1), reported, "{steps:?}");
     }
 }
 
-// Where no light was predicted nothing changes, to the bit, though `threshold` lies below what counts as clipped.
+// Where no light was predicted nothing changes, bit for bit, even if `threshold` is below the clipping value.
 // Mutation: the arm of `Taken::Derived` dropped in `fuse`, or `fused == base` in `recolour`.
 #[test]
 fn what_got_no_light_is_kept_to_the_bit() {
@@ -326,8 +325,8 @@ fn what_got_no_light_is_kept_to_the_bit() {
     }
 }
 
-// Exposures that were predicted have the panorama's own colour, by whichever curve it is read: taking it from them changes
-// no bit. Mutation: `Taken::Derived` not asked where `hue` is.
+// Predicted exposures have the colour of the panorama, with any transfer curve: taking it from them changes no bit.
+// Mutation: `Taken::Derived` not checked for `hue`.
 #[test]
 fn the_hue_of_derived_exposures_changes_no_bit() {
     let light = |at: usize| match at {
@@ -352,7 +351,7 @@ fn the_hue_of_derived_exposures_changes_no_bit() {
     }
 }
 
-// What photographs hold no more of is a lower bound by either gain. Mutation: `bound` false.
+// Light that is white in all photographs is a lower bound with either gain. Mutation: `bound` false.
 #[test]
 fn light_that_is_white_in_the_darkest_photograph_is_a_lower_bound() {
     let lit = |at: usize| if at == 500 { [4000.0; 3] } else { [0.2; 3] };
@@ -368,8 +367,8 @@ fn light_that_is_white_in_the_darkest_photograph_is_a_lower_bound() {
     }
 }
 
-// Exposures that were derived are sRGB whatever the panorama is taken for, so a light is the same by either gain.
-// Mutation: `brackets.taken` not asked.
+// Derived exposures are sRGB whatever the curve of the panorama, so a light is the same with either gain. Mutation:
+// `brackets.taken` not checked.
 #[test]
 fn derived_exposures_are_decoded_as_they_were_encoded() {
     let (base, brackets) = photograph(&ramp, &[-6.0], Transfer::Srgb, None);
@@ -383,8 +382,8 @@ fn derived_exposures_are_decoded_as_they_were_encoded() {
     );
 }
 
-// The gain of photographs is measured by the sRGB curve, and again by their own.
-// Mutation: `by_own_curve` not asked.
+// The gain of photographs is measured with the sRGB curve, and again with their own. Mutation: `by_own_curve` not
+// called.
 #[test]
 fn photographs_of_another_curve_give_the_same_light_by_either_gain() {
     let (base, brackets) = photograph(&ramp, &[-6.0], Transfer::Gamma24, None);
@@ -398,8 +397,8 @@ fn photographs_of_another_curve_give_the_same_light_by_either_gain() {
     assert!((peak(Gain::Brackets) / 40.0 - 1.0).abs() < 1e-3, "{}", peak(Gain::Brackets));
 }
 
-// White in a JPEG is a code or two below white: what is white in one photograph is what the next darker one shows, by either
-// gain. Mutation: `measured` false in the fold of `fuse`.
+// White in a JPEG may be a code or two below white: a pixel white in one photograph is taken from the next darker
+// one, with either gain. Mutation: `measured` false in the fold of `fuse`.
 #[test]
 fn whites_of_a_jpeg_hide_what_the_next_photograph_shows() {
     let (base, brackets) = photograph(&ramp, &[-9.0, -6.0, -3.0], Transfer::Srgb, None);
@@ -408,7 +407,7 @@ fn whites_of_a_jpeg_hide_what_the_next_photograph_shows() {
     let Picture::Srgb(shown) = &mut base.image else { panic!("display colours") };
     held(&mut shown.samples);
     brackets.exposures.iter_mut().for_each(|exposure| held(&mut exposure.samples));
-    // The gain is over what the panorama shows.
+    // The gain is relative to the panorama.
     let shown = Transfer::Srgb.linear(250.0 / 255.0);
     for at in 0..W * H {
         brackets.log2_gain.samples[at] =
@@ -424,8 +423,8 @@ fn whites_of_a_jpeg_hide_what_the_next_photograph_shows() {
     }
 }
 
-// A photograph of linear light holds what a lamp is, and its colour, below white, at it and above.
-// Mutation: `Taken::Linear` not asked in `fuse`, `exposure` or `recolour`.
+// A photograph in linear light holds the light and colour of a lamp below, at and above white. Mutation:
+// `Taken::Linear` not checked in `fuse`, `exposure` or `recolour`.
 #[test]
 fn a_photograph_of_linear_light_has_no_ceiling() {
     for lamp in [[24.0, 15.0, 6.0], [8.0, 4.0, 1.6], [7.6, 4.0, 1.6]] {
@@ -446,8 +445,8 @@ fn a_photograph_of_linear_light_has_no_ceiling() {
     }
 }
 
-// Linear light that goes on above white has no ceiling, so it is kept to the bit, whatever was predicted for it.
-// Mutation: `pixels.ceiling` not asked in `fuse`.
+// Linear light with values above white is not clipped, so it is kept bit for bit, whatever was predicted for it.
+// Mutation: `pixels.ceiling` not checked in `fuse`.
 #[test]
 fn light_above_white_is_kept_to_the_bit() {
     let (base, brackets) = photograph(&ramp, &[-6.0, -3.0], Transfer::Srgb, None);
@@ -462,13 +461,13 @@ fn light_above_white_is_kept_to_the_bit() {
             let (out, notes) =
                 run(&FuseHdr { gain, hue, blend, ..params() }, (pano.clone(), brackets.clone()));
             assert_eq!(out.env.image, light);
-            // The prediction was made for the photograph, and is of no use here.
+            // The prediction was made for the photograph, and cannot be used here.
             assert!(notes.iter().all(|n| n.id == "prediction-unused"));
         }
     }
 }
 
-/// One exposure is no bracket: what it shows is the light, to the bit, whatever EVs were asked for.
+/// A single exposure is the light itself, bit for bit, whatever EVs were requested.
 #[test]
 fn one_exposure_is_the_light() {
     let dim = |at: usize| ramp(at).map(|v| v.min(0.89));
@@ -482,7 +481,7 @@ fn one_exposure_is_the_light() {
     }
 }
 
-/// Code 0.5 is 0.189 by the pure power and 0.214 by sRGB.
+/// A display value of 0.5 is 0.189 with the pure power and 0.214 by sRGB.
 #[test]
 fn transfers_differ_as_published() {
     assert!((Transfer::Gamma24.linear(0.5) - 0.1895).abs() < 1e-4);
@@ -500,9 +499,9 @@ fn a_prediction_of_another_size_is_refused() {
     assert!(error.message().contains("8x4"));
 }
 
-// A warm lamp whose channels are all clipped is white in the panorama; its colour is that of the exposure which
-// still shows it, at the same luminance. Where nothing is clipped nothing changes, to the bit.
-// Mutation: `wanted / own` to 1 in `recolour`.
+// A warm lamp whose channels are all clipped is white in the panorama; its colour comes from the exposure that
+// still shows it, at the same luminance. Unclipped pixels do not change a bit. Mutation: `wanted / own` to 1 in
+// `recolour`.
 #[test]
 fn the_hue_of_a_clipped_lamp_comes_from_its_exposure() {
     let light = |at: usize| if at == 700 { [40.0, 20.0, 5.0] } else { [0.3, 0.5 + 1e-4 * at as f32, 0.1] };
@@ -528,8 +527,8 @@ fn the_hue_of_a_clipped_lamp_comes_from_its_exposure() {
     }
 }
 
-// Turning panorama and prediction turns the light: every pixel moves, none changes.
-// Mutation: a column left out of `keep_flux` at the seam.
+// Rotating panorama and prediction rotates the light: pixels move, and none changes. Mutation: a column left out of
+// `keep_flux` at the seam.
 #[test]
 fn turning_the_panorama_turns_the_light() {
     let (shift, light) = (23, |at: usize| {

@@ -42,7 +42,7 @@ fn lens(model: &str, width: u64, height: u64, params: &[f64]) -> Option<Lens> {
         (false, [fx, fy, cx, cy, rest @ ..]) => ([*fx, *fy, *cx, *cy], rest),
         _ => return None,
     };
-    // Fisheye models bend rays even when all their coefficients are 0.
+    // Fisheye models distort even when all their coefficients are 0.
     let bends = model.contains("FISHEYE") || model == "FOV" || rest.iter().any(|k| *k != 0.0);
     Some(Lens { width, height, lens, distortion: bends.then(|| format!("{model} {rest:?}")) })
 }
@@ -56,10 +56,10 @@ fn camera(
     t: [f64; 3],
 ) -> Result<Raw, Error> {
     let lens = lenses.get(&id).ok_or_else(|| {
-        Error::format(file, format!("image `{picture}` names camera {id}, which is not there"))
+        Error::format(file, format!("image `{picture}` refers to camera {id}, which does not exist"))
     })?;
     let world_from_camera = from_colmap(q, t)
-        .ok_or_else(|| Error::format(file, format!("image `{picture}` has a quaternion of no length")))?;
+        .ok_or_else(|| Error::format(file, format!("image `{picture}` has a quaternion of length 0")))?;
     let Lens { width, height, lens, distortion } = lens;
     Ok(Raw {
         picture,
@@ -71,7 +71,7 @@ fn camera(
     })
 }
 
-/// By name, as INRIA's and most other readers sort them, so that every-eighth splits agree.
+/// Sorts by name, as the INRIA code and most other readers do, so that splits by every eighth camera agree.
 fn sorted(mut cameras: Vec<Raw>) -> Vec<Raw> {
     cameras.sort_by(|a, b| a.picture.cmp(&b.picture));
     cameras
@@ -94,25 +94,36 @@ pub fn text(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error
     }
     let mut found = Vec::new();
     for (number, line) in as_text(images)?.lines().enumerate() {
-        // Between the cameras lie lines with the points they see, where no writer left them out: threes of
-        // numbers, or nothing.
+        // Lines between the cameras list the points that they see, unless the writer left them out: triples of
+        // numbers, or empty.
         if line.trim().is_empty() || line.starts_with('#') || is_points(line) {
             continue;
         }
         let odd = || Error::format(file, format!("line {} of images.txt is not understood", number + 1));
-        // The name comes last and may hold spaces.
-        let words: Vec<&str> = line.trim().splitn(10, ' ').collect();
-        let [image, pose @ .., id, name] = words.as_slice() else { return Err(odd()) };
+        // The name is last and may contain spaces.
+        let (words, name) = first_words::<9>(line).ok_or_else(odd)?;
+        let [image, pose @ .., id] = words.as_slice() else { return Err(odd()) };
         image.parse::<u64>().map_err(|_| odd())?;
         let pose = pose.iter().map(|w| w.parse().ok()).collect::<Option<Vec<f64>>>().ok_or_else(odd)?;
         let [w, x, y, z, t0, t1, t2] = pose[..] else { return Err(odd()) };
         let id = id.parse().map_err(|_| odd())?;
-        found.push(camera(file, &lenses, id, (*name).trim().to_owned(), [w, x, y, z], [t0, t1, t2])?);
+        found.push(camera(file, &lenses, id, name.to_owned(), [w, x, y, z], [t0, t1, t2])?);
     }
     Ok(sorted(found))
 }
 
-/// True for points of images.txt: x, y and the number of a point in space, -1 where it has none, over and over.
+/// The first `N` words of a line, and the rest, which is not empty.
+fn first_words<const N: usize>(line: &str) -> Option<([&str; N], &str)> {
+    let mut rest = line.trim();
+    let mut words = [""; N];
+    for word in &mut words {
+        (*word, rest) = rest.split_once(|c: char| c.is_ascii_whitespace())?;
+        rest = rest.trim_start();
+    }
+    (!rest.is_empty()).then_some((words, rest))
+}
+
+/// True if a line lists points of images.txt: repeated x, y and the index of a 3D point, or -1.
 fn is_points(line: &str) -> bool {
     let words: Vec<&str> = line.split_ascii_whitespace().collect();
     words.len().is_multiple_of(3)
@@ -122,7 +133,7 @@ fn is_points(line: &str) -> bool {
         })
 }
 
-/// Takes numbers off the front of a binary file.
+/// Reads numbers from the front of a binary file.
 struct Reader<'a> {
     file: &'a str,
     rest: &'a [u8],

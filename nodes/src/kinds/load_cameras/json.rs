@@ -8,7 +8,7 @@ use super::Raw;
 use crate::error::Error;
 use crate::math::num;
 
-/// Reads any of the three, told by content.
+/// Reads any of the three formats, detected by content.
 pub fn read(file: &str, bytes: &[u8], list: &str, notes: &mut Notes) -> Result<Vec<Raw>, Error> {
     let json: Value = serde_json::from_slice(bytes)
         .map_err(|e| Error::format(file, format!("its JSON does not parse: {e}")))?;
@@ -24,7 +24,7 @@ pub fn read(file: &str, bytes: &[u8], list: &str, notes: &mut Notes) -> Result<V
         if json.get("applied_transform").is_some() {
             notes.decision(
                 "applied-transform",
-                "poses are taken as written, with nerfstudio's applied_transform in them",
+                "poses are used as stored, including nerfstudio's applied_transform",
             );
         }
         return all(frames, &|frame| nerfstudio(&json, frame));
@@ -97,7 +97,7 @@ fn own(v: &Value) -> Result<Raw, String> {
     })
 }
 
-/// See nerfstudio's page on its data format: what a frame lacks, the top of the file has.
+/// See nerfstudio's page on its data format: values missing in a frame are taken from the top level of the file.
 fn nerfstudio(top: &Value, frame: &Value) -> Result<Raw, String> {
     let holder = |key: &str| if frame.get(key).is_some() { frame } else { top };
     let (width, height) = (pixels(holder("w"), "w")?, pixels(holder("h"), "h")?);
@@ -116,13 +116,13 @@ fn nerfstudio(top: &Value, frame: &Value) -> Result<Raw, String> {
         .into_iter()
         .filter_map(|key| holder(key)[key].as_f64().filter(|k| *k != 0.0).map(|k| format!("{key} {k}")))
         .collect();
-    // Fisheye models bend rays even when all their coefficients are 0.
+    // Fisheye models distort even when all their coefficients are 0.
     let bent = match model {
         "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "perspective" => !bends.is_empty(),
         "SIMPLE_RADIAL" | "RADIAL" | "FULL_OPENCV" => true,
         model if model.contains("FISHEYE") => true,
         other => {
-            return Err(format!("has the camera model `{other}`, which no pinhole camera stands in for"));
+            return Err(format!("has the camera model `{other}`, which is not a pinhole camera"));
         }
     };
     let picture = frame["file_path"].as_str().ok_or("has no `file_path`")?.to_owned();
@@ -136,7 +136,7 @@ fn nerfstudio(top: &Value, frame: &Value) -> Result<Raw, String> {
     })
 }
 
-/// As `camera_to_JSON` of the INRIA code writes them: position and rotation of world from camera.
+/// As written by `camera_to_JSON` of the INRIA code: position and rotation of world from camera.
 fn inria(v: &Value) -> Result<Raw, String> {
     let mut rows = matrix(v, "rotation", 3)?;
     for (axis, row) in rows.iter_mut().enumerate() {

@@ -1,4 +1,4 @@
-//! `load-cameras`: the cameras of a capture, or of anything else that wrote them down.
+//! `load-cameras`: the cameras of a capture or of another program.
 
 mod colmap;
 mod json;
@@ -17,66 +17,66 @@ use crate::error::Error;
 use crate::types::{Camera, Rig};
 
 engine::choices! {
-    /// What becomes of lens distortion, which a pinhole camera cannot have.
+    /// Treatment of lens distortion, which a pinhole camera cannot represent.
     pub enum Distortion {
         /// A camera with distortion is an error.
         Refuse,
-        /// It is left out, and the result is marked as degraded.
+        /// Distortion is ignored, and the result is marked as degraded.
         Ignore,
     }
 }
 engine::params! {
     /// Loads cameras: our own JSON, COLMAP, nerfstudio or INRIA files.
     ///
-    /// Told by content: (1) our own JSON, `{"views": [{"name": "view_0", "w": 512, "h": 384, "fx": 491.8,
-    /// "fy": 491.8, "cx": 256.0, "cy": 192.0, "c2w_opencv": [[..4], [..4], [..4], [..4]]}]}` with the
-    /// rows of the matrix from camera to world, camera x right, y down, z forward; or `c2w_opengl`, y up
-    /// and z backward. (2) A COLMAP model, text or binary: its folder, or a folder that holds `sparse/0`.
-    /// (3) nerfstudio's `transforms.json`. (4) INRIA's `cameras.json`. Pixel centres lie at +0.5 in all
-    /// of them. A view is named after its picture, without folder and ending, but with as many folders as tell pictures
-    /// of the same name apart: `day1_IMG_0001`.
+    /// The format is detected by content: (1) our own JSON, `{"views": [{"name": "view_0", "w": 512, "h": 384,
+    /// "fx": 491.8, "fy": 491.8, "cx": 256.0, "cy": 192.0, "c2w_opencv": [[..4], [..4], [..4], [..4]]}]}` with the
+    /// rows of the matrix from camera to world, camera x right, y down, z forward; or `c2w_opengl`, y up and z
+    /// backward. (2) A COLMAP model, text or binary: its folder, or a folder that holds `sparse/0`. (3)
+    /// nerfstudio's `transforms.json`. (4) INRIA's `cameras.json`. Pixel centres lie at +0.5 in all of them. A view
+    /// is named after its picture, without folder and extension, but with as many folders as needed to distinguish
+    /// pictures of the same name: `day1_IMG_0001`.
     pub struct LoadCameras {
         /// The file, or the folder of a COLMAP model.
         path: InputFile, other("\"b.json\"");
-        /// Which cameras, in this order: names or paths of pictures, also with `*` and `?`, or ranges of numbers from 0
-        /// such as `2..5` and, every eighth, `0..400..8`. All of them by default.
+        /// Cameras to load, in this order: names or paths of pictures, with wildcards `*` and `?`, or ranges of
+        /// indices from 0 such as `2..5`, or `0..400..8` for every eighth. The default is all cameras.
         pick: Vec<String> = Vec::new(), other("[\"0..1\"]");
-        /// The list to take from our own JSON.
+        /// Name of the list in our own JSON format.
         list: String = "views".to_owned(), other("\"cube_faces\""), inert("only our own JSON has lists");
-        /// Multiplies width and height of the pictures.
+        /// Factor applied to width and height of the pictures.
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
-        /// What becomes of lens distortion.
+        /// Treatment of lens distortion.
         distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have none");
     }
 }
 engine::inputs! {
-    /// None.
+    /// No inputs.
     pub struct In {}
 }
 engine::outputs! {
-    /// The cameras.
+    /// Outputs of [`LoadCameras`].
     pub struct Out {
         /// The cameras in the order of the file, or of `pick`.
         rig: Arc<Rig>,
     }
 }
 
-/// A camera as a file has it.
+/// A camera as stored in a file.
 #[derive(Debug, Clone)]
 struct Raw {
-    /// Name of its picture, maybe with folder and ending.
+    /// Name of its picture, possibly with folder and extension.
     picture: String,
     width: u64,
     height: u64,
     /// fx, fy, cx, cy in pixels.
     lens: [f64; 4],
-    /// Whatever bends rays: its model and numbers that are not 0.
+    /// The distortion model and its nonzero parameters.
     distortion: Option<String>,
     /// Camera x right, y down, z forward.
     world_from_camera: DMat4,
 }
 
-/// Most cameras of a file.
+/// Largest number of cameras in a file.
 const CAMERA_LIMIT: usize = 1_000_000;
 
 impl Kind for LoadCameras {
@@ -92,22 +92,16 @@ impl Kind for LoadCameras {
         if is_json(&p.path) {
             return Ok(vec![root.file(&p.path)]);
         }
-        for files in candidates(&p.path) {
-            let sources: Vec<SourceFile> = files.iter().map(|file| root.file(file)).collect();
-            if sources.iter().all(|source| source.path.is_file()) {
-                return Ok(sources);
-            }
-        }
-        Err(unknown(&p.path))
+        Ok(files(&p.path, root)?.iter().map(|file| root.file(file)).collect())
     }
 
     fn views(p: &Self, root: &SourceRoot) -> ViewCount {
-        // A large model takes longer to read than a check of the graph may.
+        // Reading a large model would take too long for a check of the graph.
         const MOST_BYTES: u64 = 4 << 20;
         let size = |file: &SourceFile| std::fs::metadata(&file.path).map_or(u64::MAX, |data| data.len());
         let small =
             Self::sources(p, root).is_ok_and(|files| files.iter().all(|file| size(file) <= MOST_BYTES));
-        let scene = Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 0 };
+        let scene = Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 0, exhaustive: false };
         let read = || Self::run(p, In {}, &Context::detached(scene, root.folder())).ok();
         match small.then(read).flatten() {
             Some((Out { rig }, _)) => ViewCount::Known(rig.cameras.len()),
@@ -148,7 +142,7 @@ fn is_json(path: &InputFile) -> bool {
     path.0.to_lowercase().ends_with(".json")
 }
 
-/// The files that a path other than `.json` may mean, the likeliest first.
+/// The files that a path other than `.json` may refer to, in order of preference.
 fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     let folder = match path.0.rsplit_once('/') {
         Some((folder, file)) if is_part(file) => folder,
@@ -169,6 +163,12 @@ fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     candidates
 }
 
+/// The files of the first candidate whose files all exist.
+fn files(path: &InputFile, root: &SourceRoot) -> Result<Vec<InputFile>, NodeError> {
+    let there = |files: &Vec<InputFile>| files.iter().all(|file| root.file(file).path.is_file());
+    candidates(path).into_iter().find(there).ok_or_else(|| unknown(path))
+}
+
 fn is_part(file: &str) -> bool {
     matches!(file, "cameras.bin" | "images.bin" | "cameras.txt" | "images.txt")
 }
@@ -184,26 +184,20 @@ fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, No
     if is_json(&p.path) {
         return Ok(json::read(name, &cx.read(&p.path)?, &p.list, notes)?);
     }
-    for files in candidates(&p.path) {
-        // A file that is not there is tried in another place; `sources` found the same one.
-        let Ok(first) = cx.read(&files[0]) else { continue };
-        let Some(second) = files.get(1) else {
-            return Ok(json::read(&files[0].0, &first, &p.list, notes)?);
-        };
-        let Ok(second) = cx.read(second) else { continue };
-        cx.check()?;
-        let binary = files[0].0.ends_with(".bin");
-        return Ok(if binary {
-            colmap::binary(name, &first, &second)?
-        } else {
-            colmap::text(name, &first, &second)?
-        });
-    }
-    Err(unknown(&p.path))
+    let files = files(&p.path, cx.root())?;
+    cx.check_listed(&files.iter().map(|file| cx.source(file)).collect::<Vec<_>>())?;
+    let first = cx.read(&files[0])?;
+    let Some(second) = files.get(1) else {
+        return Ok(json::read(&files[0].0, &first, &p.list, notes)?);
+    };
+    let second = cx.read(second)?;
+    cx.check()?;
+    let binary = files[0].0.ends_with(".bin");
+    Ok(if binary { colmap::binary(name, &first, &second)? } else { colmap::text(name, &first, &second)? })
 }
 
-/// Names of pictures without folder and ending; those that would be the same keep as many of their folders as tell them
-/// apart.
+/// Names of pictures without folder and ending; equal names keep as many of their folders as needed to distinguish
+/// them.
 fn view_names(pictures: &[&str]) -> Vec<String> {
     let mut names: Vec<String> = pictures.iter().map(|picture| view_name(picture, 0)).collect();
     let deepest = pictures.iter().map(|picture| picture.matches(['/', '\\']).count()).max().unwrap_or(0);
@@ -219,7 +213,7 @@ fn view_names(pictures: &[&str]) -> Vec<String> {
     names
 }
 
-/// The path of a picture without ending.
+/// The path of a picture without extension.
 fn stem(picture: &str) -> &str {
     match picture.rsplit_once('.') {
         Some((stem, ending))
@@ -235,7 +229,8 @@ fn stem(picture: &str) -> &str {
     }
 }
 
-/// The name of a picture without ending and with so many of its folders, with what a path cannot hold replaced.
+/// The name of a picture without extension and with this many of its folders; characters that a path cannot contain
+/// are replaced.
 fn view_name(picture: &str, folders: usize) -> String {
     let mut parts: Vec<&str> = stem(picture).rsplit(['/', '\\']).take(folders + 1).collect();
     parts.reverse();
@@ -244,12 +239,12 @@ fn view_name(picture: &str, folders: usize) -> String {
     if name.is_empty() || name == ".." { "camera".to_owned() } else { name }
 }
 
-/// Indices of the chosen cameras, each once, in the order of the wishes.
+/// Indices of the chosen cameras, each once, in the order of the patterns.
 fn pick(wishes: &[String], names: &[String], pictures: &[&str]) -> Result<Vec<usize>, NodeError> {
     if wishes.is_empty() {
         return Ok((0..names.len()).collect());
     }
-    let mut chosen: Vec<usize> = Vec::new();
+    let (mut chosen, mut taken) = (Vec::new(), vec![false; names.len()]);
     for wish in wishes {
         let found: Vec<usize> = match range(wish) {
             Some((start, end, step)) => (start..end.min(names.len())).step_by(step).collect(),
@@ -265,16 +260,12 @@ fn pick(wishes: &[String], names: &[String], pictures: &[&str]) -> Result<Vec<us
             return Err(NodeError::new(format!("`{wish}` picks none of the {} cameras", names.len()))
                 .hint(format!("the first ones are {some}")));
         }
-        for index in found {
-            if !chosen.contains(&index) {
-                chosen.push(index);
-            }
-        }
+        chosen.extend(found.into_iter().filter(|index| !std::mem::replace(&mut taken[*index], true)));
     }
     Ok(chosen)
 }
 
-/// `2..5`, `2..` and `0..400..8`.
+/// Parses `2..5`, `2..` and `0..400..8`.
 fn range(wish: &str) -> Option<(usize, usize, usize)> {
     let parts: Vec<&str> = wish.split("..").collect();
     let (start, end, step) = match parts[..] {
@@ -286,7 +277,7 @@ fn range(wish: &str) -> Option<(usize, usize, usize)> {
     Some((start.parse().ok()?, end, step.parse().ok().filter(|step| *step > 0)?))
 }
 
-/// Whether a name fits a pattern of letters, `*` for any and `?` for one.
+/// True if a name matches a pattern with the wildcards `*` and `?`.
 fn matches(pattern: &str, name: &str) -> bool {
     let (pattern, name): (Vec<char>, Vec<char>) = (pattern.chars().collect(), name.chars().collect());
     let (mut p, mut n, mut retry) = (0, 0, None);
@@ -307,7 +298,7 @@ fn matches(pattern: &str, name: &str) -> bool {
     pattern[p..].iter().all(|c| *c == '*')
 }
 
-/// Checks a camera, and brings it to the wished resolution.
+/// Checks a camera, and scales it to the requested resolution.
 fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result<Camera, NodeError> {
     let bad = |what: String| NodeError::from(Error::format(&p.path.0, format!("camera `{name}`: {what}")));
     if let Some(distortion) = &raw.distortion {
@@ -327,7 +318,9 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     }
     let [fx, fy, cx, cy] = raw.lens;
     if !raw.lens.iter().all(|v| v.is_finite()) || fx <= 0.0 || fy <= 0.0 {
-        return Err(bad(format!("focal lengths {fx}, {fy} and principal point {cx}, {cy} make no camera")));
+        return Err(bad(format!(
+            "focal lengths {fx}, {fy} and principal point {cx}, {cy} are not valid for a camera"
+        )));
     }
     let size = |pixels: u64| {
         let scaled = (pixels as f64 * p.resolution).round();
@@ -338,11 +331,11 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
         }
     };
     let (width_px, height_px) = (size(raw.width)?, size(raw.height)?);
-    // Each side by what it really changed, so that the field of view stays.
+    // Each side by its own factor after rounding, so that the field of view stays the same.
     let (sx, sy) = (f64::from(width_px) / raw.width as f64, f64::from(height_px) / raw.height as f64);
     let eye = raw.world_from_camera.w_axis.truncate();
     let turn = orthonormal(DMat3::from_mat4(raw.world_from_camera)).ok_or_else(|| {
-        bad("its matrix is no rotation".to_owned()).hint("a scaled or mirrored pose cannot be used")
+        bad("its matrix is not a rotation".to_owned()).hint("a scaled or mirrored pose cannot be used")
     })?;
     if !eye.is_finite() {
         return Err(bad("its position is not finite".to_owned()));
@@ -365,11 +358,11 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     })
 }
 
-/// The rotation nearest to a matrix that is one but for rounding: Newton's iteration for the polar
+/// The rotation nearest to a matrix that is a rotation except for rounding: Newton's iteration for the polar
 /// factor, which squares the error each time.
 fn orthonormal(mut m: DMat3) -> Option<DMat3> {
     let off = m.transpose() * m - DMat3::IDENTITY;
-    // Files write at least 5 digits; a scale or a mirror is far beyond.
+    // Files have at least 5 digits; a scale or a mirror image is far beyond this.
     let near = off.to_cols_array().iter().all(|v| v.abs() < 1e-3);
     if !near || m.determinant() <= 0.0 {
         return None;
@@ -380,7 +373,7 @@ fn orthonormal(mut m: DMat3) -> Option<DMat3> {
     Some(m)
 }
 
-/// From rotation and translation of camera from world, as COLMAP has them.
+/// The camera pose from rotation and translation of camera from world, as in COLMAP.
 fn from_colmap(q: [f64; 4], t: [f64; 3]) -> Option<DMat4> {
     let [w, x, y, z] = q;
     let length = (w * w + x * x + y * y + z * z).sqrt();

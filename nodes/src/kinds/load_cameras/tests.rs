@@ -19,7 +19,10 @@ fn load(files: &[(&str, &[u8])], p: &LoadCameras) -> Result<(Vec<Camera>, Notes)
         std::fs::write(path, bytes).unwrap_or_else(|e| panic!("{e}"));
     }
     LoadCameras::sources(p, &SourceRoot::new(folder.path()))?;
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let cx = Context::detached(
+        Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+        folder.path(),
+    );
     LoadCameras::run(p, In {}, &cx).map(|(out, notes)| (out.rig.cameras.clone(), notes))
 }
 
@@ -34,7 +37,7 @@ const INRIA: &str = r#"[{"id": 0, "img_name": "a", "width": 40, "height": 30, "f
     "position": [1, 2, 3], "rotation": [[0, -1, 0], [1, 0, 0], [0, 0, 1]]}]"#;
 const CAMERAS: &str = "# id\n7 PINHOLE 40 30 50 51 20.5 14\n";
 
-/// Camera from world of the same camera: a turn by -90 degrees, and -R (1, 2, 3) = (-2, 1, -3).
+/// Camera from world of the same camera: a rotation by -90 degrees, and -R (1, 2, 3) = (-2, 1, -3).
 fn images() -> String {
     let h = 0.5_f64.sqrt();
     format!("# id\n3 {h} 0 0 -{h} -2 1 -3 7 set/a.png\n1 2 -1 3 4 -1\n4 1 0 0 0 0 0 0 7 a b.png\n\n")
@@ -108,7 +111,7 @@ fn distortion_is_refused_or_reported() {
     assert!(colmap(straight).is_ok());
     assert!(colmap(&fish).is_err(), "a fisheye bends even with zeros");
     assert!(colmap("7 SIMPLE_RADIAL 40 30 50 20 15 0.01\n").is_err());
-    // A model that is no perspective view at all is refused by name, whatever is to be ignored.
+    // A model that is not a perspective camera is refused by name, even with `Ignore`.
     let model = |name: &str, p: &LoadCameras| {
         let text = STUDIO.replace("\"k1\": 0.0", &format!("\"camera_model\": \"{name}\""));
         load(&[("t.json", text.as_bytes())], p)
@@ -120,7 +123,7 @@ fn distortion_is_refused_or_reported() {
     assert!(model("OPENCV_FISHEYE", &ignore).is_ok_and(|(_, notes)| notes.is_degraded()));
 }
 
-// COLMAP writes a line of points behind each camera, also where it is empty; others leave such lines out.
+// COLMAP writes a line of points after each camera, even if it is empty; other programs leave such lines out.
 #[test]
 fn cameras_without_lines_of_points_are_all_there() {
     let pose = "1 0 0 0 0 0 0 7";
@@ -178,13 +181,13 @@ fn names_become_view_names() {
     ] {
         assert_eq!(view_names(&[picture]), [name]);
     }
-    // As many folders as tell them apart, and none where none is needed. Mutation: `..=deepest` to `..deepest`.
+    // As many folders as needed to distinguish them, and none otherwise. Mutation: `..=deepest` to `..deepest`.
     let clash = ["a/x/1.png", "b/x/1.png", "b\\y\\1.png", "b/2.png"];
     assert_eq!(view_names(&clash), ["a_x_1", "b_x_1", "y_1", "2"]);
     assert_eq!(view_names(&["s/1.png", "s/1.jpg"]), ["s_1", "s_1"]);
 }
 
-/// Pictures of the same name in two folders, and the same picture twice, which cannot be told apart but by number.
+/// Pictures of the same name in two folders, and the same picture twice, which only its index distinguishes.
 #[test]
 fn pictures_of_one_name_keep_their_folders() {
     let set = |paths: [&str; 2]| {
@@ -200,8 +203,8 @@ fn pictures_of_one_name_keep_their_folders() {
     let days = ["day1/IMG_1.jpg", "day2/IMG_1.jpg"];
     assert_eq!(of(days, &[]).unwrap_or_default(), ["day1_IMG_1", "day2_IMG_1"]);
     assert_eq!(of(days, &["day2/IMG_1"]).unwrap_or_default(), ["day2_IMG_1"]);
-    let told = of(["a.jpg"; 2], &[]).expect_err("are alike");
-    assert!(format!("{told:?}").contains("3..4"), "{told:?}");
+    let reported = of(["a.jpg"; 2], &[]).expect_err("are alike");
+    assert!(format!("{reported:?}").contains("3..4"), "{reported:?}");
     assert_eq!(of(["a.jpg"; 2], &["1..2"]).unwrap_or_default(), ["a"]);
 }
 
@@ -235,4 +238,55 @@ fn hostile_files_are_errors() {
     }
     assert!(load(&[("c.json", b"{\"other\": 3}")], &node("c.json")).is_err());
     assert!(load(&[], &node("nowhere")).is_err());
+}
+
+// Some exporters write tabs or two spaces between words. Once refused as "not understood".
+#[test]
+fn words_of_colmap_texts_are_separated_by_any_white_space() {
+    let (wide, spaced) = (images().replace("0 0 -", "0\t 0  -"), CAMERAS.replace(' ', "\t"));
+    assert_ne!(wide, images());
+    let of = |cameras: &str, images: &str| {
+        load(&[("m/cameras.txt", cameras.as_bytes()), ("m/images.txt", images.as_bytes())], &node("m"))
+            .unwrap_or_else(|e| panic!("{e}"))
+            .0
+    };
+    let cameras = of(&spaced, &wide);
+    assert_eq!(cameras, of(CAMERAS, &images()));
+    assert_eq!(cameras[0].name, "a b", "a name may hold spaces");
+}
+
+// 200,000 cameras and a pattern that picks all of them twice took minutes when each was looked up in a list.
+#[test]
+fn picking_many_cameras_takes_no_longer_than_reading_them() {
+    let names: Vec<String> = (0..200_000).map(|i| format!("c{i}")).collect();
+    let pictures: Vec<&str> = names.iter().map(String::as_str).collect();
+    let start = std::time::Instant::now();
+    let wishes = ["5..6", "*", "c*"].map(str::to_owned);
+    let chosen = pick(&wishes, &names, &pictures).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!((chosen.len(), chosen[0], chosen[1], chosen[6]), (200_000, 5, 0, 6));
+    assert!(start.elapsed().as_secs() < 10, "{:?}", start.elapsed());
+}
+
+// A model as text that becomes one in binary while the graph runs.
+#[test]
+fn files_that_appear_while_it_runs_ask_for_another_run() {
+    let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+    let write = |name: &str, bytes: &[u8]| {
+        std::fs::write(folder.path().join(name), bytes).unwrap_or_else(|e| panic!("{e}"));
+    };
+    write("cameras.txt", CAMERAS.as_bytes());
+    write("images.txt", images().as_bytes());
+    let sources =
+        LoadCameras::sources(&node("."), &SourceRoot::new(folder.path())).unwrap_or_else(|e| panic!("{e}"));
+    let cx = Context::detached(
+        Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false },
+        folder.path(),
+    );
+    let cx = cx.having_listed(&sources);
+    assert!(LoadCameras::run(&node("."), In {}, &cx).is_ok());
+    let (cameras, images) = binary_files();
+    write("cameras.bin", &cameras);
+    write("images.bin", &images);
+    let error = LoadCameras::run(&node("."), In {}, &cx).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(error.contains("changed while the graph was running"), "{error}");
 }

@@ -1,4 +1,4 @@
-//! `load-mesh`: the receiver, the stand-in mesh of the captured place.
+//! `load-mesh`: the receiver, a proxy mesh of the captured scene.
 
 mod of_ply;
 
@@ -19,9 +19,9 @@ use crate::types::{Mesh, Primitive};
 use of_ply::from_ply;
 
 engine::choices! {
-    /// How vertex colours are encoded.
+    /// Encoding of vertex colours.
     pub enum ColourEncoding {
-        /// As they are usually written: sRGB in PLY and in what trimesh writes, else linear in glTF.
+        /// The usual encoding: sRGB in PLY and in files written by trimesh, otherwise linear in glTF.
         Auto,
         /// Display-encoded with the sRGB curve.
         Srgb,
@@ -30,53 +30,54 @@ engine::choices! {
     }
 }
 engine::choices! {
-    /// The frame of a mesh file.
+    /// Frame of reference of a mesh file.
     pub enum MeshFrame {
-        /// The world of the scene, in world units: as mesh extraction writes it.
+        /// The world of the scene, in world units, as mesh extraction writes it.
         World,
-        /// glTF's: y up and in metres; turned and scaled by the scene block.
+        /// The frame of glTF: y up and in metres; rotated and scaled by `up` and `metres_per_unit` of the scene.
         Gltf,
     }
 }
 engine::params! {
     /// Loads a triangle mesh: PLY (ASCII or binary), glTF or GLB.
     ///
-    /// The mesh stands in for the captured place: it receives shadows and gives bounce light. Faces of
-    /// more than three corners are cut into fans, vertex colours (of glTF, by `baseColorFactor`; of a PLY file without them,
-    /// those of its faces) become linear albedo, and what a tracer cannot use (vertices that are not numbers, faces without area) is dropped and counted.
+    /// The mesh represents the captured scene: it receives shadows and reflects light. Faces of more than three
+    /// corners are split into fans, vertex colours (of glTF, by `baseColorFactor`; of a PLY file without them,
+    /// those of its faces) become linear albedo, and unusable parts (vertices that are not finite, faces without
+    /// area) are dropped and counted.
     pub struct LoadMesh {
         /// The file: `.ply`, `.glb` or `.gltf`.
         path: InputFile, other("\"b.ply\"");
-        /// How vertex colours are encoded.
+        /// Encoding of vertex colours.
         colours: ColourEncoding = ColourEncoding::Auto, other("Linear");
-        /// Which frame the coordinates are in.
+        /// Frame of reference of the coordinates.
         frame: MeshFrame = MeshFrame::World, other("Gltf");
     }
 }
 engine::inputs! {
-    /// None.
+    /// No inputs.
     pub struct In {}
 }
 engine::outputs! {
-    /// The mesh.
+    /// Outputs of [`LoadMesh`].
     pub struct Out {
         /// The mesh in world units.
         mesh: Arc<Mesh>,
     }
 }
 
-/// A mesh as a file has it: colours not yet linear, faces not yet checked.
+/// A mesh as stored in a file: colours are not linear yet, and faces are not checked yet.
 #[derive(Default)]
 struct RawMesh {
     positions: Vec<[f64; 3]>,
-    /// Whether the file holds them as f64.
+    /// True if the file stores positions as f64.
     finer: bool,
     colours: Vec<[f64; 3]>,
-    /// Linear, multiplied into the colours: glTF's `baseColorFactor`; none where all are white.
+    /// Linear factors of the colours (`baseColorFactor` of glTF); empty if all are white.
     tints: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
     fanned: u64,
-    /// Written by trimesh, which stores display colours in glTF too, as mesh extraction uses it.
+    /// True if the file was written by trimesh, which stores display colours in glTF too.
     by_trimesh: bool,
 }
 
@@ -102,12 +103,12 @@ impl Kind for LoadMesh {
             found.map_or((0, 0), |(_, count, fields)| (*count, *fields))
         };
         let ((vertices, fields), (faces, face_fields)) = (of("vertex"), of("face"));
-        // In f64 as they are read, then in f32, and a new number of each vertex.
+        // In f64 when read, then in f32, and a new index per vertex.
         let vertex = if fields > 3 { 2 * 24 + 2 * 12 + 4 } else { 24 + 12 + 4 };
         // Faces with colours may have vertices of their own.
         let face = if fields == 3 && face_fields > 3 { 2 * 12 + 3 * (24 + 24 + 2 * 12 + 4) } else { 2 * 12 };
         let bytes = vertices.saturating_mul(vertex).saturating_add(faces.saturating_mul(face));
-        // glTF has floats and indices as they are; they are read to an object first.
+        // glTF stores floats and indices directly; it is first read to an object.
         let bytes = if vertices == 0 { all.saturating_mul(5) } else { bytes };
         Cost { bytes: all.saturating_add(bytes) }
     }
@@ -125,7 +126,7 @@ impl Kind for LoadMesh {
         };
         cx.progress(0.7);
         if of_gltf && p.frame == MeshFrame::World && cx.up() != Up::PlusY {
-            let text = "the coordinates of the file are taken for those of the world; `frame: Gltf` takes them as glTF has them, \
+            let text = "the coordinates of the file are used as world coordinates; `frame: Gltf` converts them from glTF, \
                         y up and in metres";
             notes.decision("mesh-frame", text);
         }
@@ -164,7 +165,7 @@ fn from_gltf(p: &LoadMesh, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Res
         let factor = object.materials.get(part.material as usize).map_or([1.0; 4], |m| m.base_colour);
         [factor[0], factor[1], factor[2]].map(f64::from)
     };
-    // Beside a texture that is left out, the factor alone says nothing.
+    // With an ignored texture, the factor alone is not the colour.
     let plain = |part: &Primitive| {
         object.materials.get(part.material as usize).is_none_or(|m| m.base_colour_texture.is_none())
     };
@@ -196,11 +197,11 @@ fn from_gltf(p: &LoadMesh, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Res
 
 const WHITE: [f64; 3] = [1.0; 3];
 
-/// Drops what cannot be traced, and makes colours linear. Row 41 of the table of extremes.
+/// Drops parts that cannot be traced, and makes colours linear. Row 41 of the table of extremes.
 fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) -> Result<Mesh, NodeError> {
     let n = raw.positions.len();
     if let Some(bad) = raw.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
-        let what = format!("triangle {bad} names a vertex beyond the {n} there are");
+        let what = format!("triangle {bad} refers to a vertex beyond the {n} vertices");
         return Err(Error::format(name, what).into());
     }
     let (mut mesh, mut renamed) = (Mesh::default(), Vec::with_capacity(n));
@@ -225,7 +226,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
             let (colour, tint) = (colour.unwrap_or(&WHITE), tint.unwrap_or(&WHITE));
             let legal = colour.iter().chain(tint).all(|c| (0.0..=1.0).contains(c));
             clamped += u64::from(!legal);
-            // The comparison turns what is not a number into 0.
+            // The comparison maps NaN to 0.
             let legal = |c: f64| if c > 0.0 { c.min(1.0) as f32 } else { 0.0 };
             mesh.colours.push([0, 1, 2].map(|k| {
                 let c = legal(colour[k]);
@@ -250,7 +251,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
         ("faces-of-dropped-vertices", dangling, "triangles of such vertices were dropped"),
         ("triangles-without-area", flat, "triangles without area were dropped"),
         ("colours-clamped", clamped, "vertex colours outside of 0 to 1 were clamped"),
-        ("faces-fanned", raw.fanned, "faces of more than three corners were cut into fans"),
+        ("faces-fanned", raw.fanned, "faces of more than three corners were split into fans"),
     ] {
         notes.count(id, count, what);
     }

@@ -1,4 +1,4 @@
-//! A mesh as a PLY file has it.
+//! Meshes of PLY files.
 
 use std::collections::HashMap;
 
@@ -8,7 +8,7 @@ use super::{RawMesh, WHITE};
 use crate::error::Error;
 use crate::io::ply;
 
-/// The mesh of a PLY file.
+/// Reads the mesh of a PLY file.
 pub(super) fn from_ply(
     name: &str,
     bytes: &[u8],
@@ -38,17 +38,17 @@ pub(super) fn from_ply(
             }
         }
     }
-    // A vertex that does not exist is told later.
+    // A vertex that does not exist is reported later.
     let exist = raw.triangles.iter().flatten().all(|&vertex| (vertex as usize) < raw.positions.len());
     if raw.colours.is_empty() && !of_faces.is_empty() && exist {
-        let text = "faces have colours and vertices none: each corner has the colour of its face";
+        let text = "only faces have colours: each corner gets the colour of its face";
         notes.decision("face-colours", text);
         colour_corners(&mut raw, &of_faces);
     }
     Ok(raw)
 }
 
-/// Gives the corners of each triangle its colour. Where triangles of several colours meet in a vertex it is there once for
+/// Gives the corners of each triangle its colour. A vertex shared by triangles of several colours is duplicated for
 /// each colour.
 fn colour_corners(raw: &mut RawMesh, of_triangles: &[[f64; 3]]) {
     let mut first: Vec<Option<[f64; 3]>> = vec![None; raw.positions.len()];
@@ -68,7 +68,7 @@ fn colour_corners(raw: &mut RawMesh, of_triangles: &[[f64; 3]]) {
     raw.colours = first.into_iter().map(|colour| colour.unwrap_or(WHITE)).chain(more).collect();
 }
 
-/// Where an element has colours, and what makes 1 of the largest.
+/// The indices of the colour properties of an element, and the factor that maps the largest value to 1.
 fn colours(element: &ply::Element) -> Option<([usize; 3], f64)> {
     let names = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
     let found = names.iter().find_map(|names| {
@@ -76,7 +76,7 @@ fn colours(element: &ply::Element) -> Option<([usize; 3], f64)> {
         <[usize; 3]>::try_from(found).ok()
     })?;
     let largest = match element.properties[found[0]].scalar {
-        // Programs that write all whole numbers alike mean the same codes as of 8 bits.
+        // Programs that write all integers with one type use the same codes as with 8 bits.
         ply::Scalar::I32 | ply::Scalar::U32 => 255.0,
         scalar => scalar.whole_range().map_or(1.0, |(_, high)| high),
     };
@@ -121,7 +121,7 @@ fn vertices(
     Ok(())
 }
 
-/// Reads the faces, and gives the colour of each triangle that is made of them, if they have any.
+/// Reads the faces, and returns the colour of each resulting triangle, if faces have colours.
 fn faces(
     name: &str,
     element: &ply::Element,
@@ -164,7 +164,7 @@ fn faces(
             }
         })?;
         if !whole {
-            return Err(Error::format(name, format!("face {row} names a vertex that cannot exist")).into());
+            return Err(Error::format(name, format!("face {row} refers to an impossible vertex")).into());
         }
         if colours.is_some() {
             of_triangles.resize(raw.triangles.len(), colour);

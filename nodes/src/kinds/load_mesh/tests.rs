@@ -6,7 +6,10 @@ const BODY: &str = "element vertex 4\nproperty float x\nproperty float y\nproper
 fn load(bytes: &[u8], p: &LoadMesh) -> Result<(Arc<Mesh>, Notes), NodeError> {
     let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
     std::fs::write(folder.path().join(&p.path.0), bytes).unwrap_or_else(|e| panic!("{e}"));
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 0.5, seed: 0 }, folder.path());
+    let cx = Context::detached(
+        Scene { up: Up::PlusZ, metres_per_unit: 0.5, seed: 0, exhaustive: false },
+        folder.path(),
+    );
     LoadMesh::run(p, In {}, &cx).map(|(out, notes)| (out.mesh, notes))
 }
 fn plain() -> LoadMesh {
@@ -38,7 +41,7 @@ fn binary(big: bool) -> Vec<u8> {
     bytes
 }
 
-/// A triangle with this material, and with vertex colours where there are any.
+/// A triangle with this material, and optionally with vertex colours.
 fn triangle(material: &str, colours: Option<[f32; 3]>) -> Vec<u8> {
     let mut floats = vec![0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     floats.extend(colours.iter().flat_map(|c| [*c; 3]).flatten());
@@ -68,8 +71,8 @@ fn triangle(material: &str, colours: Option<[f32; 3]>) -> Vec<u8> {
     glb
 }
 
-// Whole numbers of 32 bits hold codes of 8, as programs write them that have no other type; of 16 bits, the largest is 1.
-// Mutation: the largest of 32 bits taken for 1, so that all is black.
+// Integers of 32 bits hold 8-bit codes, as programs without another integer type write them; with 16 bits, the
+// largest value is 1. Mutation: the largest 32-bit value mapped to 1, so that all colours are black.
 #[test]
 fn colours_of_wide_numbers_are_codes() {
     let text = String::from_utf8(ascii()).unwrap_or_default();
@@ -84,8 +87,8 @@ fn colours_of_wide_numbers_are_codes() {
     assert_eq!(mesh.colours[1], [1.0; 3]);
 }
 
-// glTF's factor is linear and multiplies; alone it is the colour, and white is no statement.
-// Mutation: `raw.tints` left empty; the tint decoded as sRGB.
+// The factor of glTF is linear and multiplies the colours; without them it is the colour, and white means no
+// colour. Mutation: `raw.tints` left empty; the tint decoded as sRGB.
 #[test]
 fn the_factor_of_a_gltf_material_colours_its_vertices() {
     let factor = r#"{"pbrMetallicRoughness":{"baseColorFactor":[0.5,0.25,1.0,1.0]}}"#;
@@ -101,7 +104,7 @@ fn the_factor_of_a_gltf_material_colours_its_vertices() {
     assert_eq!(colours(factor, Some([0.5; 3]), ColourEncoding::Srgb), [[0.5 * half, 0.25 * half, half]; 3]);
 }
 
-/// Faces with colours of their own have them to their edges; vertices that have colours keep those.
+/// Faces with colours keep sharp colour edges; existing vertex colours take precedence.
 #[test]
 fn colours_of_faces_are_those_of_their_corners() {
     let text = String::from_utf8(ascii()).unwrap_or_default();
@@ -130,13 +133,14 @@ fn colours_of_faces_are_those_of_their_corners() {
     assert!(mesh.positions.len() == 4 && notes.iter().all(|note| note.id != "face-colours"));
 }
 
-/// A glTF file is y up by its specification, and as a rule a mesh of a capture is in axes of the world: it is told which.
+/// A glTF file is y up by its specification, while meshes of captures are usually in axes of the world: the
+/// decision is reported.
 #[test]
 fn axes_of_gltf_are_reported() {
-    for (frame, told) in [(MeshFrame::World, true), (MeshFrame::Gltf, false)] {
+    for (frame, reported) in [(MeshFrame::World, true), (MeshFrame::Gltf, false)] {
         let p = LoadMesh { path: InputFile("a.glb".into()), colours: ColourEncoding::Auto, frame };
         let notes = load(&triangle("{}", None), &p).unwrap_or_else(|e| panic!("{e}")).1;
-        assert_eq!(notes.iter().any(|note| note.id == "mesh-frame"), told);
+        assert_eq!(notes.iter().any(|note| note.id == "mesh-frame"), reported);
     }
     assert!(good(&ascii()).1.iter().all(|note| note.id != "mesh-frame"));
 }
@@ -153,7 +157,7 @@ fn three_ways_to_write_one_mesh() {
 }
 
 // A surveyed frame: millimetres at a distance of a thousand kilometres, which f32 rounds to sixteenths of a metre.
-// Seen red with `area_is_zero` of the rounded corners, and without the low parts.
+// Seen red with `area_is_zero` of rounded corners, and without the low parts.
 #[test]
 fn doubles_far_from_the_origin_keep_their_millimetres() {
     let at = [1_048_576.001, -524_288.5, 262_144.004];
@@ -189,7 +193,7 @@ fn parameters_change_what_they_say() {
     assert_eq!(turned.map(|m| m.0.positions[3]).ok(), Some([0.0, -0.5, 2.0]), "(x, -z, y) / 0.5");
 }
 
-/// Unusable vertices and faces go, and are counted.
+/// Unusable vertices and faces are dropped and counted.
 #[test]
 fn unusable_parts_are_dropped_and_counted() {
     let text = String::from_utf8(ascii()).unwrap_or_default();
@@ -205,13 +209,14 @@ fn unusable_parts_are_dropped_and_counted() {
 
 #[test]
 fn no_cut_or_flip_panics_and_every_cut_is_an_error() {
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+    let cx =
+        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
     let read = |bytes: &[u8]| {
         from_ply("a.ply", bytes, &cx, &mut Notes::none())
             .and_then(|raw| clean("a.ply", raw, true, &cx, &mut Notes::none()))
     };
     for bytes in [ascii(), binary(false), binary(true)] {
-        // The last bytes of ASCII are a digit and a line end, which may go.
+        // The last bytes of ASCII are a digit and a line end, which may be missing.
         for end in 0..bytes.len() - 3 {
             assert!(read(&bytes[..end]).is_err(), "cut at {end}");
         }

@@ -1,200 +1,226 @@
-//! What `Auto` becomes, and what the user should know of it.
+//! The decision that `surroundings: Auto` stands for, and its report.
 
 use engine::Notes;
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
-use super::visibility::{Bounce, EnvBlock, NearField, SpecularSees};
-use super::{In, PathTrace};
-use crate::geometry::sampling::Points;
-use crate::math::color::luminance;
-use crate::math::num;
-use crate::render::transport::ground::capture_point::{CapturePoint, stand_in};
-use crate::render::transport::ground::light_share::share_past;
+use super::surroundings::Surroundings;
 use crate::render::transport::ground::probe::Probe;
-use crate::render::transport::path::integrator::{Integrator, Scene};
-use crate::render::transport::path::path::Vertex;
 use crate::render::transport::path::visibility::Rules;
-use crate::render::transport::picture::prepared::PreparedScene;
-use crate::render::transport::scene::block::Block;
-use crate::render::transport::scene::block::EVERYWHERE;
-use crate::render::transport::scene::frame::{in_scene_frame, scene_units};
-use crate::render::transport::scene::objects::Objects;
+use crate::render::transport::scene::block::{Block, EVERYWHERE};
+use crate::render::transport::scene::frame::scene_units;
 
-/// Share of what the point of capture sees that the receiver must be for `near_field: Auto`: half of a ground. It is
-/// judgement. With less, most of what the panorama shows near by is missing in the receiver.
+/// Minimum share of the probe rays that must hit the mesh for `Auto` to become `Projected`: half of a ground plane.
+/// The bound is judgement. With less, most of the nearby surfaces that the panorama shows are missing in the mesh.
 const LEAST_HELD: f64 = 0.25;
 
-/// What was decided, and what it was decided by.
-pub(crate) struct Decided {
-    pub(crate) rules: Rules,
-    pub(crate) probe: Option<Probe>,
-    /// What walls counted twice add, or would add; none where the receiver is a solid body anyway.
-    pub(crate) twice: Option<f64>,
+/// The facts that a decision is based on.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Facts {
+    /// Hits of probe rays from the point of capture, if `surroundings` needs them.
+    pub(super) probe: Option<Probe>,
+    /// The point of capture, or of the camera that stands in for it, in the frame of the scene.
+    pub(super) from: Vec3,
+    /// True if the environment carries its point of capture.
+    pub(super) captured: bool,
+    /// Metres per world unit.
+    pub(super) metres_per_unit: f64,
 }
 
-impl PathTrace {
-    /// Decides what was left to `Auto`, and tells.
-    pub(crate) fn decide(
-        &self,
-        inputs: &In,
-        prepared: &PreparedScene<'_>,
-        centre: DVec3,
-        (up, metres_per_unit): (DVec3, f64),
-        notes: &mut Notes,
-    ) -> Decided {
-        let from = in_scene_frame(centre, prepared.origin);
-        let needs_probe = matches!(self.env_block, EnvBlock::Auto | EnvBlock::FrontFace { .. });
-        let probe = needs_probe.then(|| Probe::send(prepared.receiver(), from));
-        let (from, probe) = match probe {
-            Some(probe) if inputs.env.origin.is_some() => {
-                let mends = self.near_field != NearField::Off;
-                let point = CapturePoint { at: from, probe };
-                let camera = stand_in(prepared.receiver(), &inputs.rig.cameras, prepared.origin);
-                let camera = in_scene_frame(camera.eye(), prepared.origin);
-                let scene = (prepared.receiver(), camera);
-                let CapturePoint { at, probe } = point.checked(scene, (up, metres_per_unit), mends, notes);
-                (at, Some(probe))
+/// Why the panorama is infinitely far away, or projected onto the mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Reason {
+    /// The graph asks for it.
+    AsSet,
+    /// The environment has no point of capture.
+    NoCapture,
+    /// Less than [`LEAST_HELD`] of the probe rays met the mesh.
+    TooOpen,
+    /// The environment was captured inside the mesh.
+    CapturedInside,
+}
+
+/// The decision.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Decision {
+    /// How the mesh blocks light of a distant panorama.
+    pub(super) block: Block,
+    /// True if the mesh reflects light.
+    pub(super) bounces: bool,
+    /// True if reflections in objects pass the mesh and show the panorama.
+    pub(super) reflections_pass: bool,
+    /// True if it is the visibility printed in the paper.
+    pub(super) printed: bool,
+    /// True if the panorama is projected onto the mesh, and why.
+    pub(super) projected: (bool, Reason),
+    /// Share of the light that a solid mesh would let in, if it was computed.
+    pub(super) solid_light: Option<f64>,
+}
+
+impl Decision {
+    /// Makes the decision. `solid_light` computes the share of the light that a solid mesh would let in to the
+    /// point of capture.
+    pub(super) fn of(surroundings: Surroundings, facts: &Facts, solid_light: impl FnOnce() -> f64) -> Self {
+        let probe = facts.probe.unwrap_or_default();
+        let mut light = None;
+        let (block, bounces) = match surroundings {
+            Surroundings::Open { bounces } => (Block::Solid, Some(bounces)),
+            Surroundings::Transparent { bounces } => (Block::Pass, Some(bounces)),
+            Surroundings::Room { layers, bounces } => {
+                (Block::FrontFace { max_layers: layers, flip: false, within: EVERYWHERE }, Some(bounces))
             }
-            probe => (from, probe),
-        };
-        let seen = |p: &Probe| {
-            format!(
-                "{:.1} % of {} probe rays leave, {:.1} % of the others meet a front face",
-                100.0 * p.escaped_share(),
-                p.rays,
-                100.0 * p.front_share()
-            )
-        };
-        let block = match (self.env_block, probe) {
-            (EnvBlock::Solid, _) => Block::Solid,
-            (EnvBlock::Pass, _) => Block::Pass,
-            (EnvBlock::Paper, _) => Block::Solid,
-            (EnvBlock::PassBeyond { metres }, _) => {
-                Block::PassBeyond { centre: from.to_array(), radius: scene_units(metres, metres_per_unit) }
+            Surroundings::Within { metres, bounces } => {
+                let radius = scene_units(metres, facts.metres_per_unit);
+                (Block::PassBeyond { centre: facts.from.to_array(), radius }, Some(bounces))
             }
-            (EnvBlock::FrontFace { max_layers }, probe) => {
-                if let Some(p) = probe.filter(|p| p.escaped < p.rays && p.front_share() <= 0.1) {
-                    let text = format!("the normals seem to point out of the room: {}", seen(&p));
-                    notes.warning("normals-outward", text);
-                }
-                Block::FrontFace { max_layers, flip: false, within: EVERYWHERE }
-            }
-            (EnvBlock::Auto, probe) => {
-                let probe = probe.unwrap_or_default();
-                let mut solid_light = None;
-                let block = probe.decide(|| {
-                    let sky = prepared.sky();
-                    *solid_light.insert(share_past(sky, prepared.receiver(), from, &Block::Solid))
-                });
-                let name = match block {
-                    Block::Solid => "Solid",
-                    Block::FrontFace { flip: true, .. } => "FrontFace with normals turned round",
-                    Block::FrontFace { .. } => "FrontFace",
-                    _ => "Pass",
-                };
-                let mut text = format!("{name}: {}", seen(&probe));
-                if let Some(share) = solid_light {
-                    text += &format!("; a solid receiver lets in {:.1} % of the light", 100.0 * share);
-                }
-                if block != Block::Solid && probe.one_side() {
-                    let lit = 100.0 * probe.lit_share();
-                    text += &format!(
-                        "; by FrontFace light comes to {lit:.1} % of them, past what stands in the room"
-                    );
-                }
-                notes.decision("env-block", text);
-                block
+            Surroundings::Paper => (Block::Solid, Some(true)),
+            Surroundings::Auto | Surroundings::Distant | Surroundings::Projected => {
+                (probe.decide(|| *light.insert(solid_light())), None)
             }
         };
         let solid = block == Block::Solid;
-        let left_to_us = self.env_block == EnvBlock::Auto
-            && self.bounce == Bounce::Auto
-            && self.object_specular_sees == SpecularSees::Auto;
-        let held = probe.unwrap_or_default().held_share();
-        let (near, why) = match (self.near_field, inputs.env.origin) {
-            (NearField::On, _) if left_to_us => (true, "as set".to_owned()),
-            (NearField::On, _) => (
-                true,
-                "as set, so that `env_block`, `bounce` and `object_specular_sees` have no say".to_owned(),
-            ),
-            (NearField::Off, _) => (false, "as set".to_owned()),
-            (_, None) => (false, "the environment has no point of capture".to_owned()),
-            (_, Some(_)) if !left_to_us => {
-                (false, "the graph sets `env_block`, `bounce` or `object_specular_sees` itself".to_owned())
-            }
-            (_, Some(_)) if held < LEAST_HELD => {
-                let held = 100.0 * held;
-                (
-                    false,
-                    format!("the scene is open, and the receiver is {held:.1} % of what is seen from there"),
-                )
-            }
-            (_, Some(_)) => {
-                let held = 100.0 * held;
-                (
-                    true,
-                    format!(
-                        "the environment was captured in this place, of which the receiver is {held:.1} %"
-                    ),
-                )
-            }
+        let printed = surroundings == Surroundings::Paper;
+        let projected = match surroundings {
+            Surroundings::Projected => (true, Reason::AsSet),
+            Surroundings::Auto if !facts.captured => (false, Reason::NoCapture),
+            Surroundings::Auto if probe.held_share() < LEAST_HELD => (false, Reason::TooOpen),
+            Surroundings::Auto => (true, Reason::CapturedInside),
+            _ => (false, Reason::AsSet),
         };
-        let text = if near {
-            format!("On: {why}; a ray that meets the receiver finds what the panorama shows of that place")
-        } else {
-            format!("Off: {why}; light of the panorama comes from infinitely far")
-        };
-        notes.decision("near-field", text);
-        let printed = self.env_block == EnvBlock::Paper;
-        let rules = Rules {
+        Self {
             block,
-            bounce_solid: match self.bounce {
-                _ if printed => true,
-                Bounce::Auto => solid,
-                Bounce::Env => false,
-                Bounce::Solid => true,
-            },
-            specular_env: match self.object_specular_sees {
-                _ if printed => true,
-                SpecularSees::Auto => !solid || inputs.env.origin.is_some(),
-                SpecularSees::Env => true,
-                SpecularSees::Receiver => false,
-            },
+            bounces: bounces.unwrap_or(solid),
+            reflections_pass: printed || !solid || facts.captured,
             printed,
-            near: near.then(|| from.to_array()),
-            max_bounces: self.max_bounces,
-            // The key takes no infinity.
-            clamp: if self.clamp_indirect > 0.0 { self.clamp_indirect as f32 } else { f32::MAX },
-        };
-        let twice = (!solid).then(|| counted_twice(prepared, from, &rules));
-        if let Some(twice) = twice.filter(|_| rules.bounce_solid && !near) {
-            let text = "light of the room counts twice, in the environment and off its walls:";
-            notes.warning("double-count", format!("{text} {:.0} % too much", 100.0 * twice));
+            projected,
+            solid_light: light,
         }
-        Decided { rules, probe, twice }
+    }
+
+    /// The choice of `surroundings` that it is equivalent to.
+    pub(super) fn name(&self) -> String {
+        let extra = |usual: bool| match self.bounces {
+            bounces if bounces == usual => "",
+            true => ", with bounces",
+            false => ", without bounces",
+        };
+        match &self.block {
+            _ if self.projected.0 => "Projected".to_owned(),
+            _ if self.printed => "Paper".to_owned(),
+            Block::Solid => format!("Open{}", extra(true)),
+            Block::Pass => format!("Transparent{}", extra(false)),
+            Block::FrontFace { max_layers, flip, .. } => {
+                let side = if *flip { ", normals reversed" } else { "" };
+                format!("Room, {max_layers} layers{side}{}", extra(false))
+            }
+            Block::PassBeyond { radius, .. } => {
+                format!("Within {radius} units of the point of capture{}", extra(false))
+            }
+        }
+    }
+
+    /// The rules for rays.
+    pub(super) fn rules(&self, from: Vec3, max_bounces: u32, clamp_indirect: f64) -> Rules {
+        Rules {
+            block: self.block,
+            bounce_solid: self.bounces,
+            specular_env: self.reflections_pass,
+            printed: self.printed,
+            near: self.projected.0.then(|| from.to_array()),
+            max_bounces,
+            // Keys cannot hold infinity.
+            clamp: if clamp_indirect > 0.0 { clamp_indirect as f32 } else { f32::MAX },
+        }
+    }
+
+    /// Reports the decision and the facts.
+    pub(super) fn report(&self, surroundings: Surroundings, probe: Option<&Probe>, notes: &mut Notes) {
+        if let (Surroundings::Room { .. }, Some(probe)) = (surroundings, probe) {
+            if probe.escaped < probe.rays && probe.front_share() <= 0.1 {
+                let hint =
+                    "the mesh normals point out of the room; reverse them, or use `surroundings: Auto`";
+                notes.warning("normals-outward", format!("{}: {hint}", seen(probe)));
+            }
+            return;
+        }
+        let decided =
+            matches!(surroundings, Surroundings::Auto | Surroundings::Distant | Surroundings::Projected);
+        let Some(probe) = probe.filter(|_| decided) else { return };
+        let mut text = format!("{}: {}", self.name(), seen(probe));
+        if let Some(share) = self.solid_light {
+            text += &format!("; a solid mesh lets in {:.1} % of the light", 100.0 * share);
+        }
+        if !self.projected.0 && self.block != Block::Solid && probe.one_side() {
+            text += &format!("; as a Room {:.1} % of the rays are lit", 100.0 * probe.lit_share());
+        }
+        text += match self.projected {
+            (_, Reason::AsSet) => "",
+            (_, Reason::NoCapture) => "; not Projected, since the environment has no point of capture",
+            (_, Reason::TooOpen) => "; not Projected, since too few probe rays meet the mesh",
+            (_, Reason::CapturedInside) => "; the environment was captured inside this mesh",
+        };
+        notes.decision("surroundings", text);
     }
 }
 
-/// What is added to the light of the receiver, as the point of capture sees it, where its walls reflect the
-/// environment that already shows them: a share of what there is without.
-fn counted_twice(prepared: &PreparedScene<'_>, from: Vec3, rules: &Rules) -> f64 {
-    let Ok(objects) = Objects::new(None, &[], prepared.origin) else { return 0.0 };
-    let light = |bounce_solid| {
-        let rules = Rules { bounce_solid, near: None, ..*rules };
-        let scene = Scene {
-            receiver: prepared.receiver(),
-            objects: &objects,
-            sky: prepared.sky(),
-            rules: &rules,
-            light_points: None,
-        };
-        let seen = Probe::rays(from).zip(0..).filter_map(|(ray, i)| {
-            let hit = scene.receiver.bvh.closest(ray, |_| true)?;
-            let mut integrator = Integrator::new(scene, Points::new(1, i), i, false);
-            Some(luminance(integrator.radiance(Vertex::Receiver(hit), ray).to_array()))
-        });
-        num::ordered_sum(seen)
-    };
-    let once = light(false);
-    if once > 0.0 { light(true) / once - 1.0 } else { 0.0 }
+/// The facts in words.
+fn seen(probe: &Probe) -> String {
+    format!(
+        "{:.1} % of {} probe rays miss the mesh, {:.1} % of the others hit a front face",
+        100.0 * probe.escaped_share(),
+        probe.rays,
+        100.0 * probe.front_share()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Probe rays of which `escaped` miss, `front` hit front faces, and `lit` would be lit in a room.
+    fn probe(escaped: u32, front: u32, lit: u32) -> Probe {
+        Probe { rays: 256, escaped, front, lit, room: EVERYWHERE }
+    }
+
+    /// Each row of the decision. Mutation: `LEAST_HELD` 0.0; `captured` ignored; the bounds in `Probe::decide`
+    /// (each seen red).
+    #[test]
+    fn each_place_is_decided() {
+        use Surroundings::{Auto, Distant, Paper, Projected};
+        let (room, outdoors, garden, mixed, dark) = (
+            probe(0, 256, 256),
+            probe(250, 6, 250),
+            probe(128, 128, 128),
+            probe(0, 128, 0),
+            probe(0, 256, 10),
+        );
+        for (surroundings, probe, captured, light, expected) in [
+            (Auto, room, true, 0.0, "Projected"),
+            (Auto, room, false, 0.0, "Room, 3 layers"),
+            (Distant, room, true, 0.0, "Room, 3 layers"),
+            (Projected, outdoors, true, 1.0, "Projected"),
+            (Auto, outdoors, true, 1.0, "Open"),
+            (Auto, garden, true, 1.0, "Projected"),
+            (Distant, garden, true, 1.0, "Open"),
+            (Auto, garden, false, 0.1, "Room, 3 layers"),
+            (Auto, mixed, false, 0.0, "Transparent"),
+            (Auto, dark, false, 0.0, "Transparent"),
+            (Auto, probe(0, 0, 256), false, 0.0, "Room, 3 layers, normals reversed"),
+            (Surroundings::OPEN, room, true, 0.0, "Open"),
+            (Surroundings::Open { bounces: false }, room, true, 0.0, "Open, without bounces"),
+            (Surroundings::ROOM, outdoors, true, 0.0, "Room, 3 layers"),
+            (Surroundings::Transparent { bounces: true }, room, true, 0.0, "Transparent, with bounces"),
+            (
+                Surroundings::Within { metres: 2.0, bounces: false },
+                room,
+                true,
+                0.0,
+                "Within 4 units of the point of capture",
+            ),
+            (Paper, room, true, 0.0, "Paper"),
+        ] {
+            let facts = Facts { probe: Some(probe), from: Vec3::ZERO, captured, metres_per_unit: 0.5 };
+            let decision = Decision::of(surroundings, &facts, || light);
+            assert_eq!(decision.name(), expected, "{surroundings:?}, {probe:?}");
+        }
+    }
 }

@@ -1,10 +1,10 @@
-//! Which lobes no material of the objects has: they are neither evaluated nor chosen, and cost nothing.
+//! Lobes that no material of the objects has; they are neither evaluated nor sampled.
 
 use std::sync::Arc;
 
 use crate::types::{Material, Placed};
 
-/// A lobe by name, and whether a material has it somewhere: a texture only takes away from its factor.
+/// A lobe by name, and whether a material has it: textures can only reduce its factor.
 type NamedLobe = (&'static str, fn(&Material) -> bool);
 
 const LOBES: [NamedLobe; 7] = [
@@ -17,7 +17,7 @@ const LOBES: [NamedLobe; 7] = [
     ("thin film", |m| m.iridescence.strength.factor > 0.0),
 ];
 
-/// The names of the lobes that no material of a triangle of the objects has, with commas between.
+/// The names of the lobes that no material in use has, separated by commas.
 pub(crate) fn absent(objects: &[Arc<Placed>]) -> String {
     let materials =
         || objects.iter().flat_map(|placed| placed.object.materials_in_use()).filter(|m| !m.unlit);
@@ -48,7 +48,7 @@ mod tests {
         let matte = Material { metallic: 0.0, ior: 1.0, ..Material::default() };
         let glass = Material { metallic: 0.0, transmission: Map::of(0.5), ..Material::default() };
         assert_eq!(absent(&placed(vec![matte.clone()])), all);
-        // A material that no triangle has counts as none.
+        // A material without triangles does not count.
         assert_eq!(absent(&with(vec![matte.clone(), glass.clone()], 1)), all);
         let two = absent(&placed(vec![matte, glass.clone()]));
         assert_eq!(two, "diffuse transmission, clear coat, sheen, brush, thin film");

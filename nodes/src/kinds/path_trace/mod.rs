@@ -1,98 +1,98 @@
-//! `path-trace`: the receiver with and without the objects, and the objects, by path tracing.
+//! `path-trace`: path tracing of the receiver without and with the objects, and of the objects.
 
 mod auto;
+mod former;
 mod lobes;
 mod output;
 mod reporting;
 mod scale;
+pub mod surroundings;
 mod unseen;
-pub mod visibility;
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes, ViewCount};
+use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, Sizes, ViewCount};
 use glam::{DVec3, Vec3};
 
 use crate::error::Error;
 use crate::light::env_resolution::EnvResolution;
-use crate::render::transport::ground::capture_point;
+use crate::render::transport::ground::capture_point::{CapturePoint, stand_in};
+use crate::render::transport::ground::light_share::share_past;
+use crate::render::transport::ground::probe::Probe;
 use crate::render::transport::ground::standing::find_ground;
+use crate::render::transport::path::double_count::counted_twice;
+use crate::render::transport::path::visibility::Rules;
 use crate::render::transport::picture::accumulator::FinishedView;
 use crate::render::transport::picture::film::{self, CROSS, FIRST_HIT, PAIR, R0};
 use crate::render::transport::picture::prepared::PreparedScene;
 use crate::render::transport::picture::tracing::{Settings, Tracing};
+use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::frame::in_scene_frame;
 use crate::render::transport::scene::objects::Objects;
 use crate::types::{Camera, Environment, Images, Mesh, Placed, Report, Rig};
+use auto::{Decision, Facts};
 use output::assemble;
 use reporting::{
-    report_coarse_coordinates, report_first_samples, report_inputs, report_standing, report_unseen,
-    report_unseen_places, report_views,
+    report_capture, report_coarse_coordinates, report_first_samples, report_inputs, report_standing,
+    report_unseen, report_unseen_places, report_views,
 };
-use visibility::{Bounce, EnvBlock, NearField, SpecularSees};
+use surroundings::Surroundings;
 
 engine::params! {
-    /// Renders the receiver without and with the objects, and the objects themselves.
+    /// Path-traces the receiver without and with the objects, and the objects themselves.
     ///
-    /// `with` is `without` plus what the objects change of it, so their ratio is exactly 1 where they change
-    /// nothing. In `with` the objects are hidden from the camera but from no other ray. `object` is premultiplied; its
-    /// alpha is the share of the pixel that it covers, less where the receiver stands in front. In a closed
-    /// room the receiver would keep out the light that the panorama already shows; `env_block`, `bounce` and
-    /// `object_specular_sees` say how it treats each sort of ray, and by default the scene decides.
+    /// `with` is `without` plus the change by the objects, so their ratio is exactly 1 where nothing changes. In
+    /// `with` the objects are hidden from the camera only. `object` is premultiplied; its alpha is the share of the
+    /// pixel that it covers, less where the receiver is in front. In a closed room the mesh would keep out the
+    /// light that the panorama already shows: `surroundings` sets how mesh and panorama go together, by default
+    /// automatically.
     pub struct PathTrace {
-        /// Paths per pixel, or with `max_error` the most of them, which is 4 at least.
+        /// Paths per pixel; with `max_error`, the maximum number, at least 4.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
-        /// Standard error to reach in every tile of 8 by 8 pixels, as root mean square over the pixels that have one: of
-        /// the ratio `with / without` where it is seen (relative to it where it is surely above 1, and left out where
-        /// `without` is below a thousandth of its median), and of `object` relative to its mean. 4 samples of the
-        /// whole picture show which blocks of 32 by 32 pixels need more; each takes them, in chunks, until the error
-        /// or `samples` is reached, which is reported. None takes `samples` everywhere.
+        /// Target standard error per tile of 8 by 8 pixels, as root mean square over its pixels with error: of the
+        /// ratio `with / without` where it is visible (relative to it where it is certainly above 1; pixels of
+        /// `without` below a thousandth of the median are ignored), and of `object` relative to its mean. Blocks of
+        /// 32 by 32 pixels take more chunks of samples, after the first 4, until they reach the target or
+        /// `samples`, which is reported. `None` takes `samples` everywhere.
         max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
-        /// How often light may be scattered after the first time.
+        /// Maximum number of bounces after the first; 0 is direct light only.
         max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");
-        /// How the receiver blocks light of the environment.
-        env_block: EnvBlock = EnvBlock::Auto, other("Pass");
-        /// What scattered rays find where they meet the receiver.
-        bounce: Bounce = Bounce::Auto, other("Env");
-        /// What reflections in objects show where they meet the receiver.
-        object_specular_sees: SpecularSees = SpecularSees::Auto, other("Env");
-        /// Whether the receiver is the light that the environment shows of it, so that a lamp on a wall lights
-        /// each point from where it is.
-        near_field: NearField = NearField::Auto, other("Off");
-        /// Largest radiance that one path may bring after its first vertex, 0 for no limit. Removes the bright
-        /// dots of light that a glossy object throws, and some of that light with them.
+        /// How the receiver mesh and the panorama together model the place around the objects. `bounces` sets
+        /// whether the mesh reflects light; where the panorama already shows the reflected light, it would count
+        /// twice. Reflections in objects show the panorama if it carries its point of capture or the mesh lets its
+        /// light pass, otherwise the mesh.
+        surroundings: Surroundings = Surroundings::Auto, other("Transparent");
+        /// Maximum radiance of a contribution after the first vertex of a path; 0 for no limit. Removes bright
+        /// outliers of glossy reflections, and some of their light.
         clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01"), knob(Limit, "", "", "", "0.0");
-        /// How far the receiver may be wrong where an object stands or hangs: where the camera sees the receiver within
-        /// this distance of the height of the object's base, or of a flat side that rests on a wall, it is taken to be level
-        /// with that. Otherwise a mesh that lies too low would show a black gap under the object, and one too high would
-        /// hide its foot, or a picture on the wall. `None` measures the mesh's roughness at each object and takes a smooth
-        /// one as it is; 0 takes any as it is.
+        /// Error of the mesh in metres where objects rest: camera hits on the mesh within this distance of the base
+        /// of an object, or of a flat side on a wall, count as level with it. Otherwise a mesh that is too low
+        /// shows a black gap under the object, and one that is too high hides its foot. `None` measures the
+        /// roughness of the mesh at each object and leaves smooth meshes unchanged; 0 leaves any mesh unchanged.
         contact_metres: Option<f64> = None, range(0.0, 10.0), unit("m"), other("0.5");
-        /// Whether to trace only what the objects change of the receiver: for a graph that wants only the shadow, and takes
-        /// the objects from elsewhere or not at all. `object` stays empty; depth and normals are those of the receiver.
+        /// Traces only the change of the receiver, for graphs that need only the shadow. `object` is empty; depth
+        /// and normals are those of the receiver.
         shadow_only: bool = false, other("true");
-        /// Side of the blocks of which one pixel is traced and shown for all: the preview that `watch` shows before
-        /// all pixels are traced. 1 traces every pixel.
+        /// Side of the blocks of which one pixel is traced and shown for all: the first preview of `watch`. 1
+        /// traces every pixel.
         coarse_px: u32 = 1, range(1, 64), unit("px"), other("2");
-        /// Where the objects provably change no more than this share of the light of a tile of 8 by 8 pixels, `with` is
-        /// `without` and no ray is traced for it. The change is bounded, not estimated, so nothing is left out in
-        /// shadow, near bright things, or wherever a wall may reflect their light. 0 traces everywhere.
+        /// Maximum relative change of the light of a tile of 8 by 8 pixels below which no ray is traced for the
+        /// objects and `with` equals `without`. The change is an upper bound, not an estimate, so shadows, surfaces
+        /// near bright objects and reflections off walls are kept. 0 traces everywhere.
         crop: f64 = 0.001, range(0.0, 0.1), other("0.1"), knob(Cutoff, "0.004", "0.002", "0.001", "0.0");
-        /// Whether to leave out lobes that a material does not have; evaluating them anyway gives the same bits.
-        skip_lobes: bool = true, inert("what is left out has no strength: only work is saved");
     }
 }
 
 engine::inputs! {
     /// Inputs of [`PathTrace`].
     pub struct In {
-        /// The mesh that stands for the place; matte, of its vertex colours.
+        /// The mesh of the captured place; matte, with its vertex colours as albedo.
         receiver: Arc<Mesh>,
-        /// The objects.
+        /// The inserted objects.
         objects: Vec<Arc<Placed>>,
         /// The cameras.
         rig: Arc<Rig>,
-        /// The light.
+        /// The environment light.
         env: Arc<Environment>,
     }
 }
@@ -100,37 +100,47 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`PathTrace`].
     pub struct Out {
-        /// The receiver without the objects (R0); where the camera sees none, the environment.
+        /// The receiver without objects (R0); the environment where there is no receiver.
         without: Arc<Images>,
-        /// The receiver in the presence of the objects, which the camera does not see (R1).
+        /// The receiver with the objects, which are hidden from the camera (R1).
         with: Arc<Images>,
-        /// The objects: linear, premultiplied, alpha.
+        /// The objects: linear RGB, premultiplied, and alpha.
         object: Arc<Images>,
-        /// Planar depth of what is in front, object or receiver, at the centre of each pixel; +inf for none. Of
-        /// what is blended, where it covers more than half.
+        /// Planar depth of the front surface, object or receiver, at the centre of each pixel; +inf where there is
+        /// none. Blended surfaces count where they cover more than half.
         depth: Arc<Images>,
-        /// Planar depth of the nearest of the objects that is seen anywhere in the pixel, however little it covers; where
-        /// there is none, `depth`. For `splat-render(limit:)`: what lies before it is in front of the objects.
+        /// Planar depth of the nearest object visible anywhere in the pixel, however little it covers; `depth`
+        /// where there is none. For `splat-render(limit:)`: splats before it are in front of the objects.
         nearest: Arc<Images>,
-        /// Unit normal of the same point in world axes, towards the camera; 0 for none.
+        /// Unit normal of the front surface in world axes, towards the camera; 0 where there is none.
         normal: Arc<Images>,
-        /// Variance of the mean over samples: of the luminance of `without`, `with` and `object`, and of the ratio
-        /// of luminance `with / without`. As if samples were independent: stratified points do better, so these are
-        /// upper estimates. One sample tells none: then all are 0.
+        /// Variance of the mean over samples, of the luminance of `without`, `with` and `object` and of the ratio
+        /// of luminance `with / without`. Computed as for independent samples, so an upper estimate for stratified
+        /// ones; 0 for a single sample.
         variance: Arc<Images>,
-        /// Decisions, means, standard errors, rays.
+        /// Decisions, means, standard errors and ray counts.
         report: Arc<Report>,
     }
 }
 
+/// The decision about the surroundings, and the facts that it is based on.
+struct Decided {
+    /// The choice of `surroundings` that it is equivalent to.
+    name: String,
+    rules: Rules,
+    probe: Option<Probe>,
+    /// Share of light that bounces of the mesh count twice, or would; `None` for a solid mesh.
+    twice: Option<f64>,
+}
+
 impl PathTrace {
-    /// The most samples of a pixel: an error is judged by a first chunk, whatever `samples` says.
+    /// Maximum samples per pixel: errors are estimated from a first chunk, even if `samples` is less.
     fn most(&self) -> u32 {
         if self.max_error.is_some() { self.samples.max(film::FIRST) } else { self.samples }
     }
 
-    /// What tracing goes by.
-    fn settings(&self) -> Settings {
+    /// The settings of tracing.
+    fn settings(&self, every_lobe: bool) -> Settings {
         Settings {
             most: self.most(),
             max_error: self.max_error,
@@ -138,36 +148,80 @@ impl PathTrace {
             crop: self.crop,
             contact_metres: self.contact_metres,
             shadow_only: self.shadow_only,
-            every_lobe: !self.skip_lobes,
+            every_lobe,
         }
     }
 
-    /// Refuses what no picture can be traced of.
+    /// Rejects inputs that cannot be traced.
     fn check_inputs(&self, inputs: &In) -> Result<(), NodeError> {
         if !crate::math::num::keeps_subnormals() {
-            let hint = "start the program without the library that asks for it, perhaps one in LD_PRELOAD";
-            let text = "this process takes the smallest numbers for 0, so that its pictures would be those of no other";
+            let hint = "run without the library that sets this mode (check LD_PRELOAD)";
+            let text = "this process flushes subnormal numbers to zero, which would change the output";
             return Err(NodeError::new(text).hint(hint));
         }
         if inputs.rig.cameras.is_empty() {
             return Err(NodeError::from(Error::Mismatch("the rig has no camera".to_owned())).at("rig"));
         }
-        if self.near_field == NearField::On && inputs.env.origin.is_none() {
-            let hint = "give `load-environment` its `origin`, or leave `near_field` to `Auto`";
-            let text = "near_field needs an environment with a point of capture";
-            return Err(NodeError::new(text).at("near_field").hint(hint));
+        if self.surroundings == Surroundings::Projected && inputs.env.origin.is_none() {
+            let hint = "set `origin` of `load-environment`, or leave `surroundings` at `Auto`";
+            let text = "`Projected` needs an environment that carries its point of capture";
+            return Err(NodeError::new(text).at("surroundings").hint(hint));
         }
         Ok(())
     }
 
-    /// Where the environment was captured, or the camera that stands for it, which is told where it matters.
+    /// Decides about the surroundings and reports it. `from` is the point of capture in the frame of the scene.
+    fn decide(
+        &self,
+        inputs: &In,
+        prepared: &PreparedScene<'_>,
+        from: Vec3,
+        (up, metres_per_unit): (DVec3, f64),
+        notes: &mut Notes,
+    ) -> Decided {
+        let (receiver, captured) = (prepared.receiver(), inputs.env.origin.is_some());
+        let mut point = self.surroundings.probes().then(|| CapturePoint::at(receiver, from));
+        if captured && let Some(found) = &mut point {
+            let moves = self.surroundings != Surroundings::Distant;
+            let camera = stand_in(receiver, &inputs.rig.cameras, prepared.origin);
+            let camera = in_scene_frame(camera.eye(), prepared.origin);
+            let (checked, fault) = found.checked((receiver, camera), (up, metres_per_unit), moves);
+            report_capture(fault, metres_per_unit, notes);
+            *found = checked;
+        }
+        let (from, probe) = (point.map_or(from, |point| point.at), point.map(|point| point.probe));
+        let facts = Facts { probe, from, captured, metres_per_unit };
+        let solid_light = || share_past(prepared.sky(), receiver, from, &Block::Solid);
+        let decision = Decision::of(self.surroundings, &facts, solid_light);
+        decision.report(self.surroundings, probe.as_ref(), notes);
+        let rules = decision.rules(from, self.max_bounces, self.clamp_indirect);
+        let twice = (rules.block != Block::Solid)
+            .then(|| counted_twice(receiver, prepared.sky(), prepared.origin, from, &rules));
+        if let Some(twice) = twice.filter(|_| rules.bounce_solid && rules.near.is_none()) {
+            let text = "light reflected by the mesh is already in the panorama and counts twice:";
+            let hint = "set `bounces: false` in `surroundings`";
+            notes.warning("double-count", format!("{text} {:.0} % too bright; {hint}", 100.0 * twice));
+        }
+        Decided { name: decision.name(), rules, probe, twice }
+    }
+
+    /// The point of capture of the environment, or of the camera that stands in for it, which is reported where it
+    /// matters.
     fn point_of_capture(&self, inputs: &In, camera: &Camera, notes: &mut Notes) -> DVec3 {
         if let Some(origin) = inputs.env.origin {
             return origin;
         }
-        if matches!(self.env_block, EnvBlock::Auto | EnvBlock::PassBeyond { .. }) {
-            let text =
-                format!("the environment has no point of capture; camera `{}` stands for it", camera.name);
+        if matches!(
+            self.surroundings,
+            Surroundings::Auto
+                | Surroundings::Distant
+                | Surroundings::Projected
+                | Surroundings::Within { .. }
+        ) {
+            let text = format!(
+                "the environment carries no point of capture; camera `{}` is used instead",
+                camera.name
+            );
             notes.decision("probe-origin", text);
         }
         camera.eye()
@@ -176,11 +230,11 @@ impl PathTrace {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 19;
+    const VERSION: u32 = 20;
     const READS: &'static [ContextField] =
-        &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
-    const REFINES: Option<&'static str> = Some("samples");
-    const COARSE: Option<&'static str> = Some("coarse_px");
+        &[ContextField::Exhaustive, ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
+    const PREVIEW: engine::Preview =
+        engine::Preview { refines: Some("samples"), coarse: Some("coarse_px"), ..engine::Preview::NONE };
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -190,7 +244,7 @@ impl Kind for PathTrace {
             inputs.rig.cameras.iter().map(|c| u64::from(c.width_px) * u64::from(c.height_px)).sum();
         let triangles: usize =
             inputs.objects.iter().flat_map(|o| &o.object.primitives).map(|p| p.triangles.len()).sum();
-        // Running sums in f64, one chunk and its tiles in f32, and the finished pictures.
+        // Running sums in f64, one chunk and its tiles in f32, and the finished images.
         let pixel_bytes = ((R0 + PAIR + CROSS) * 8 + (R0 + PAIR + FIRST_HIT) * 4 * 2 + 20 * 4) as u64;
         let scene = (inputs.receiver.triangles.len() * 300 + triangles * 300) as u64;
         let sky = inputs.env.image.samples.len() as u64 * 12;
@@ -199,21 +253,19 @@ impl Kind for PathTrace {
 
     fn work(params: &Self, sizes: &Sizes) -> f64 {
         let samples = f64::from(params.most());
-        // A guess: at the edge of a shadow one sample is off by 0.2, and such tiles are a tenth of the picture.
+        // A guess: at the edge of a shadow one sample has an error of 0.2, and such tiles are a tenth of the image.
         let all = params.max_error.map_or(samples, |error| 4.0 + 0.1 * (0.2 / error) * (0.2 / error));
         let coarse = f64::from(params.coarse_px);
         sizes.of("rig") * all.min(samples) / (coarse * coarse)
     }
 
+    fn former(name: &str, fields: &[(&str, &str)]) -> Option<Former> {
+        former::former(name, fields)
+    }
+
     fn check(params: &Self) -> Result<(), NodeError> {
-        if params.near_field == NearField::On && params.env_block == EnvBlock::Paper {
-            let text = "the printed visibility has no near field: the camera does not see the receiver";
-            return Err(NodeError::new(text)
-                .at("near_field")
-                .hint("leave `near_field` to `Auto`, or `env_block`"));
-        }
-        match params.env_block.out_of_range() {
-            Some(text) => Err(NodeError::new(text).at("env_block")),
+        match params.surroundings.out_of_range() {
+            Some(text) => Err(NodeError::new(text).at("surroundings")),
             None => Ok(()),
         }
     }
@@ -226,18 +278,18 @@ impl Kind for PathTrace {
         params.check_inputs(&inputs)?;
         let mut notes = Notes::none();
         let cameras = &inputs.rig.cameras;
-        // Coordinates start at the first camera: what single precision loses grows with the distance from it, as
-        // what a pixel covers does. No stray triangle moves it, nor the pose of an object.
+        // The origin is the first camera: the loss of single precision grows with the distance from it, as pixel
+        // footprints do. It does not depend on stray triangles or on the poses of objects.
         let origin = cameras[0].eye();
         let prepared = PreparedScene::new(&inputs.receiver, &inputs.env, origin, cx)?;
-        let camera = capture_point::stand_in(prepared.receiver(), cameras, origin);
+        let camera = stand_in(prepared.receiver(), cameras, origin);
         let centre = params.point_of_capture(&inputs, camera, &mut notes);
         let [_, _, up] = crate::math::equirect::axes(cx.up());
         let space = (up, cx.metres_per_unit());
-        let decided = params.decide(&inputs, &prepared, centre, space, &mut notes);
+        let decided = params.decide(&inputs, &prepared, in_scene_frame(centre, origin), space, &mut notes);
         let rules = &decided.rules;
         let mut objects = Objects::new(Some(prepared.receiver()), &inputs.objects, origin)?;
-        objects.every_lobe = !params.skip_lobes;
+        objects.every_lobe = cx.exhaustive();
         objects.shown = !params.shadow_only;
         report_inputs(&inputs.receiver, &prepared, &objects, &mut notes);
         if !objects.is_empty() {
@@ -256,19 +308,20 @@ impl Kind for PathTrace {
         report_standing(&standing, (cx.metres_per_unit(), params.contact_metres), &mut notes);
         report_first_samples(params.samples, params.most(), &mut notes);
 
-        let tracing = Tracing::new(params.settings(), cx, (&prepared, cameras), &objects, rules)?;
+        let tracing =
+            Tracing::new(params.settings(cx.exhaustive()), cx, (&prepared, cameras), &objects, rules)?;
         let traced = |(number, camera)| tracing.picture(number, camera);
         let views = cameras.iter().enumerate().map(traced).collect::<Result<Vec<_>, _>>()?;
         let boxes = objects.boxes();
         report_views(params, cameras, &prepared, rules, (&views, &boxes), &mut notes);
-        // A coarse look may miss what is there.
+        // A coarse preview may miss small objects.
         let looks = params.coarse_px == 1 && !params.shadow_only;
         if looks && inputs.objects.len() > 1 && views.iter().any(FinishedView::shows_objects) {
             report_unseen(&unseen::of(&tracing, &views)?, &mut notes);
         }
         let crop = match tracing.crop() {
-            Ok(_) => format!("what changes at most {} of the light", params.crop),
-            Err(why) => format!("nothing: {why}"),
+            Ok(_) => format!("tiles where at most {} of the light changes", params.crop),
+            Err(why) => format!("off: {why}"),
         };
         Ok((assemble(&inputs, views, &decided, centre, crop), notes))
     }

@@ -1,35 +1,20 @@
-//! The outputs: the pictures of all cameras, and the report.
+//! The outputs: the images of all cameras, and the report.
 
 use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::auto::Decided;
 use super::lobes;
-use super::{In, Out};
+use super::{Decided, In, Out};
 use crate::render::transport::path::rays::Rays;
 use crate::render::transport::picture::accumulator::FinishedView;
 use crate::render::transport::picture::accumulator::ReachedError;
-use crate::render::transport::scene::block::Block;
 use crate::types::{Cell, Images, NamedImage, Report, Table};
 
-/// How the receiver blocks the environment, in words.
-fn block_text(block: &Block) -> String {
-    match block {
-        Block::Solid => "Solid".to_owned(),
-        Block::Pass => "Pass".to_owned(),
-        Block::FrontFace { max_layers, flip, .. } => {
-            let side = if *flip { ", normals turned round" } else { "" };
-            format!("FrontFace, {max_layers} layers{side}")
-        }
-        Block::PassBeyond { radius, .. } => format!("PassBeyond {radius} units from the point of capture"),
-    }
-}
-
-/// The rows of what was decided, and what it took.
+/// Rows of decisions and ray counts.
 fn decisions(
     inputs: &In,
-    Decided { rules, probe, twice }: &Decided,
+    Decided { name, rules, probe, twice }: &Decided,
     centre: DVec3,
     crop: &str,
     rays: &Rays,
@@ -39,31 +24,34 @@ fn decisions(
     let text = |what: &str, value: &str| row(what, Cell::Text(value.to_owned()));
     let capture = format!("{}, {}, {}", centre.x, centre.y, centre.z);
     let mut decisions = vec![
-        text("env_block", &block_text(&rules.block)),
-        text("bounce", if rules.bounce_solid { "Solid" } else { "Env" }),
-        text("object_specular_sees", if rules.specular_env { "Env" } else { "Receiver" }),
-        text("near_field", if rules.near.is_some() { "On" } else { "Off" }),
+        text("surroundings", name),
         text("crop", crop),
         text("point of capture", &capture),
         row("camera rays", Cell::Count(rays.camera)),
         row("shadow rays", Cell::Count(rays.shadow)),
         row("scattered rays", Cell::Count(rays.scattered)),
         row("rays", Cell::Count(rays.all())),
-        row("nodes of trees that a ray meets", Cell::Number(nodes)),
-        row("triangles that a ray is tested with", Cell::Number(triangles)),
+        row("BVH nodes visited per ray", Cell::Number(nodes)),
+        row("triangles tested per ray", Cell::Number(triangles)),
         text("lobes that no material has", &lobes::absent(&inputs.objects)),
     ];
+    if rules.near.is_none() {
+        decisions
+            .push(text("the mesh reflects scattered light", if rules.bounce_solid { "yes" } else { "no" }));
+        decisions
+            .push(text("reflections show", if rules.specular_env { "the panorama" } else { "the mesh" }));
+    }
     if let Some(twice) = twice {
-        decisions.push(row("light that walls counted twice add", Cell::Number(*twice)));
+        decisions.push(row("light counted twice by mesh bounces", Cell::Number(*twice)));
     }
     if let Some(probe) = probe {
-        decisions.push(row("probe rays that leave", Cell::Number(probe.escaped_share())));
-        decisions.push(row("front faces among the others", Cell::Number(probe.front_share())));
+        decisions.push(row("probe rays that miss the mesh", Cell::Number(probe.escaped_share())));
+        decisions.push(row("front faces among the hits", Cell::Number(probe.front_share())));
     }
     decisions
 }
 
-/// The outputs, of finished pictures; `crop` tells what was cropped.
+/// Assembles the outputs from finished images; `crop` describes the cropping.
 pub(crate) fn assemble(
     inputs: &In,
     views: Vec<FinishedView>,
@@ -111,14 +99,14 @@ pub(crate) fn assemble(
                 [
                     "view",
                     "mean luminance of without",
-                    "standard error of a pixel of without",
+                    "standard error per pixel of without",
                     "mean luminance of with",
-                    "standard error of a pixel of with",
+                    "standard error per pixel of with",
                     "mean luminance of object",
-                    "standard error of a pixel of object",
+                    "standard error per pixel of object",
                     "rays",
-                    "share of chunks that no object touches",
-                    "share of chunks that objects are too far from",
+                    "share of chunks that no object changes",
+                    "share of chunks cropped",
                 ],
                 rows,
             ),
@@ -129,13 +117,13 @@ pub(crate) fn assemble(
             "samples",
             [
                 "view",
-                "error asked for",
-                "error that the first samples promise",
+                "target error",
+                "error predicted from the first samples",
                 "error reached",
                 "blocks",
                 "blocks with more than the first samples",
-                "blocks short of the error",
-                "samples a pixel",
+                "blocks above the target",
+                "samples per pixel",
             ],
             plans,
         ));

@@ -1,4 +1,4 @@
-//! What is told beside the pictures, in notes.
+//! Notes about inputs and results.
 
 use engine::Notes;
 use glam::Vec3;
@@ -8,10 +8,11 @@ use super::scale::{short, why_not_seen};
 use super::unseen::Unseen;
 use crate::geometry::bvh::Ray;
 use crate::geometry::support::Level;
+use crate::render::transport::ground::capture_point::{CaptureFault, NEAREST};
+use crate::render::transport::ground::embedded::Embedded;
 use crate::render::transport::ground::limits::LARGEST;
-use crate::render::transport::ground::side::Lost;
+use crate::render::transport::ground::side::Unsupported;
 use crate::render::transport::ground::standing::Standing;
-use crate::render::transport::ground::sunk::Sunk;
 use crate::render::transport::path::visibility::Rules;
 use crate::render::transport::picture::accumulator::FinishedView;
 use crate::render::transport::picture::accumulator::ReachedError;
@@ -26,26 +27,38 @@ use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::types::{Camera, Image, Linear, Mesh};
 
-/// Rays may leave surfaces from this share of the size of an object off without a word.
+/// Ray offset, as a share of the size of an object, up to which no warning is given.
 const COARSE: f32 = 1.0 / 512.0;
 
-/// An object that stands deeper in the ground than this share of its height was hardly put there on purpose.
+/// An object deeper in the ground than this share of its height was hardly placed there on purpose.
 const DEEP: f64 = 0.2;
 
-/// Tells what the inputs made the node leave out or assume.
+/// Reports parts of the inputs that were ignored, changed or assumed.
 pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
     if mesh.colours.is_empty() && !mesh.triangles.is_empty() {
-        notes.decision("grey-receiver", "the receiver has no vertex colours and is grey, albedo 0.5");
+        notes.decision("grey-receiver", "the receiver mesh has no vertex colours, so its albedo is 0.5");
     }
     let receiver = prepared.receiver();
     let counts = [
-        ("clamped-albedo", receiver.clamped, "vertex colours outside of 0 to 1 were clamped"),
-        ("raised-albedo", receiver.raised, "vertex colours have a channel below 0.01, which counts as 0.01"),
-        ("receiver-not-finite", receiver.bvh.broken, "triangles of the receiver are not finite"),
-        ("receiver-degenerate", receiver.bvh.degenerate, "triangles of the receiver have no area"),
-        ("object-not-finite", objects.bvh.broken, "triangles of the objects are not finite"),
-        ("object-degenerate", objects.bvh.degenerate, "triangles of the objects have no area"),
-        ("dark-texels", prepared.sky().broken, "samples of the environment were negative or not finite"),
+        ("clamped-albedo", receiver.clamped, "vertex colours outside 0 to 1 were clamped"),
+        (
+            "raised-albedo",
+            receiver.raised,
+            "vertex colours have a channel below 0.01 and were raised to 0.01",
+        ),
+        (
+            "receiver-not-finite",
+            receiver.bvh.broken,
+            "receiver triangles with non-finite positions were ignored",
+        ),
+        ("receiver-degenerate", receiver.bvh.degenerate, "receiver triangles without area were ignored"),
+        ("object-not-finite", objects.bvh.broken, "object triangles with non-finite positions were ignored"),
+        ("object-degenerate", objects.bvh.degenerate, "object triangles without area were ignored"),
+        (
+            "dark-texels",
+            prepared.sky().broken,
+            "environment pixels were negative or not finite and count as black",
+        ),
     ];
     for (id, n, text) in counts {
         if n > 0 {
@@ -54,25 +67,25 @@ pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: 
     }
     if let Some(deepest) = objects.nested_too_deep() {
         let text = format!(
-            "{deepest} bodies lie in one another, of which a path knows the innermost {}",
+            "{deepest} transparent bodies are nested, and a path tracks only the innermost {}",
             media::MOST
         );
         notes.warning(
             "nested-bodies",
-            format!("{text}: where it leaves them, it may take the outer ones for air"),
+            format!("{text}; light leaving them may treat the outer ones as air; reduce the nesting"),
         );
     }
 }
 
-/// Tells which objects, by the boxes around them, stand where a point of capture does not see, for what light they have
-/// there the panorama does not show.
+/// Warns of objects whose bounding box cannot be seen from the point of capture, so that the panorama does not show
+/// their light.
 pub(crate) fn report_unseen_places(receiver: &Receiver, eye: Vec3, boxes: &[Aabb], notes: &mut Notes) {
     let hidden = |one: &Aabb| {
         !one.is_empty()
             && (0..27).all(|i| {
                 let share = [i % 3, i / 3 % 3, i / 9].map(|k| [0.05, 0.5, 0.95][k]);
                 let way = one.low + (one.high - one.low) * Vec3::from_array(share) - eye;
-                // A mesh may be in its own way.
+                // Meshes may occlude their own surface.
                 let reach = 0.95 * way.length();
                 receiver.bvh.any(Ray { t_max: reach, ..Ray::new(eye, way.normalize_or_zero()) }, |_| true)
             })
@@ -82,17 +95,44 @@ pub(crate) fn report_unseen_places(receiver: &Receiver, eye: Vec3, boxes: &[Aabb
     if !found.is_empty() {
         let word = if found.len() == 1 { "object" } else { "objects" };
         let text = format!(
-            "the point of capture does not see where {word} {} stands, so its light is what comes there off what it sees",
+            "{word} {} cannot be seen from the point of capture, so the panorama does not show its direct light",
             found.join(", ")
         );
-        notes.warning(
-            "capture-elsewhere",
-            format!("{text}; a panorama that was captured there would show it"),
-        );
+        notes.warning("capture-elsewhere", format!("{text}; capture the panorama near it"));
     }
 }
 
-/// Tells what is to be known of the pictures.
+/// Reports problems of the point of capture.
+pub(crate) fn report_capture(fault: Option<CaptureFault>, metres_per_unit: f64, notes: &mut Notes) {
+    let hint =
+        "check that `origin` (or `at` of `cube-rig`) is where the panorama was captured, in world units";
+    match fault {
+        None => {}
+        Some(CaptureFault::Raised(raised)) => {
+            let millimetres = f64::from(raised) * metres_per_unit * 1e3;
+            let text = "the point of capture lies on or under the mesh and sees back faces or nothing; it was moved up by";
+            notes.warning("capture-under-ground", format!("{text} {millimetres:.0} mm"));
+        }
+        Some(CaptureFault::SeesNothing(held)) => {
+            let text = "the point of capture sees nothing of the mesh, which fills";
+            notes.warning(
+                "capture-far-off",
+                format!("{text} {:.0} % of the view of a camera; {hint}", 100.0 * held),
+            );
+        }
+        Some(CaptureFault::SeesBacks(backs)) => {
+            let text = "of the surfaces that the point of capture sees are back faces, so it is inside an object, under \
+                        the ground or outside the room";
+            notes.warning("capture-behind-surfaces", format!("{:.0} % {text}; {hint}", 100.0 * backs));
+        }
+        Some(CaptureFault::TooNear) => {
+            let text = format!("the point of capture is less than {:.0} mm from the mesh", NEAREST * 1e3);
+            notes.warning("capture-on-surface", format!("{text}; {hint}"));
+        }
+    }
+}
+
+/// Reports problems of the images.
 pub(crate) fn report_views(
     params: &PathTrace,
     cameras: &[Camera],
@@ -107,7 +147,7 @@ pub(crate) fn report_views(
         notes.warning("not-finite", format!("{broken} samples were not finite and count as black"));
     }
     report_variance(most, views.iter().map(|view| view.beyond).sum(), notes);
-    // A coarse look may miss what is there.
+    // A coarse preview may miss small objects.
     let looks = params.coarse_px == 1 && !params.shadow_only;
     for (camera, view) in cameras.iter().zip(views) {
         if let Some(reached) = &view.reached {
@@ -118,11 +158,9 @@ pub(crate) fn report_views(
         if looks && view.shows_objects() {
             let found = holes(&view.depth);
             let share = 100.0 * found as f64 / view.depth.samples.len().max(1) as f64;
-            let text = format!(
-                "pixels of `{}` ({share:.1} %) meet none of the receiver that surrounds them",
-                camera.name
-            );
-            notes.count("holes", found, format_args!("{text}: its holes and windows carry no shadow"));
+            let text =
+                format!("pixels of `{}` ({share:.1} %) see through holes of the receiver mesh", camera.name);
+            notes.count("holes", found, format_args!("{text}, where no shadow can fall"));
         }
         report_darkness(view, &camera.name, prepared.sky().power, rules, notes);
         if !boxes.is_empty() && looks && !view.shows_objects() {
@@ -132,7 +170,7 @@ pub(crate) fn report_views(
     }
 }
 
-/// Tells of a picture that is all black, and why.
+/// Warns of an image that is all black, with the reason.
 fn report_darkness(view: &FinishedView, name: &str, power: [f64; 3], rules: &Rules, notes: &mut Notes) {
     let black = |image: &Image<Linear>| {
         image.samples.chunks_exact(image.channels).all(|pixel| pixel[..3].iter().all(|v| *v == 0.0))
@@ -141,17 +179,17 @@ fn report_darkness(view: &FinishedView, name: &str, power: [f64; 3], rules: &Rul
         let why = match rules.block {
             _ if power == [0.0; 3] => "the environment is black",
             Block::Solid if rules.near.is_none() => {
-                "the receiver lets no light of the environment in; `env_block: FrontFace` lets it into a closed \
-                             mesh, and `near_field: On` makes the mesh the light"
+                "the mesh keeps out all light of the environment; `surroundings: Room` lets it into a closed mesh, \
+                             and `Projected` makes the mesh emit it"
             }
-            _ => "no light of the environment comes to what the camera sees",
+            _ => "no light of the environment reaches the surfaces in view",
         };
         notes.warning("no-light", format!("`{name}` is black: {why}"));
     }
 }
 
-/// Tells where single precision is too coarse for an object, by where it stands: a shadow that starts so far off a
-/// surface has lost what lies nearer.
+/// Warns where single precision is too coarse for an object at its distance: shadows and detail below the ray
+/// offset are lost.
 pub(crate) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
     for (index, Aabb { low, high }) in objects.boxes().into_iter().enumerate() {
         let (size, distance) = ((high - low).max_element(), ((low + high) * 0.5).length());
@@ -160,45 +198,48 @@ pub(crate) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &
         if size > 0.0 && margin > COARSE * size {
             let [size, distance, margin] = [size, distance, margin].map(short);
             let text = format!(
-                "object {index} is {size} units large and {distance} from the first camera, where coordinates start: rays \
-                 leave surfaces there from {margin} off, and contact shadows and detail below that are lost"
+                "object {index} ({size} units large) is {distance} units from the first camera, so single precision loses contact \
+                 shadows and detail below {margin} units"
             );
-            notes.warning("coarse-coordinates", format!("{text}; bring the first camera of the rig nearer"));
+            notes.warning("coarse-coordinates", format!("{text}; move the first camera of the rig closer"));
         }
     }
 }
 
-/// Tells how the objects stand, and which of them miss the receiver.
+/// Reports how the objects stand, and which of them miss the receiver.
 pub(crate) fn report_standing(
     standing: &Standing,
     (metres_per_unit, contact_metres): (f64, Option<f64>),
     notes: &mut Notes,
 ) {
-    let Standing { ground, sides, carried, tall, lost, sunk } = standing;
+    let Standing { ground, sides, carried, tall, unsupported, embedded } = standing;
     report_contact(ground, carried, tall, (metres_per_unit, contact_metres), notes);
-    for why in [Lost::OverNothing, Lost::Buried] {
-        report_lost((0..lost.len()).filter(|index| lost[*index] == Some(why)), why, notes);
+    for why in [Unsupported::OverNothing, Unsupported::Buried] {
+        report_unsupported(
+            (0..unsupported.len()).filter(|index| unsupported[*index] == Some(why)),
+            why,
+            notes,
+        );
     }
     report_sides(sides.iter().map(|sides| &sides[..]), metres_per_unit, notes);
-    report_sunk(sunk, metres_per_unit, notes);
+    report_embedded(embedded, metres_per_unit, notes);
 }
 
-/// Tells of objects that lie in the receiver and do not stand on it.
-fn report_sunk(sunk: &[Option<Sunk>], metres_per_unit: f64, notes: &mut Notes) {
-    for (index, sunk) in sunk.iter().enumerate() {
-        let Some(Sunk { share, depth }) = *sunk else { continue };
+/// Warns of objects partly embedded in a surface that they do not stand on.
+fn report_embedded(embedded: &[Option<Embedded>], metres_per_unit: f64, notes: &mut Notes) {
+    for (index, embedded) in embedded.iter().enumerate() {
+        let Some(Embedded { share, depth }) = *embedded else { continue };
         let millimetres = (f64::from(depth) * metres_per_unit * 1e3).ceil();
         let text = format!(
-            "object {index} lies in a surface of the receiver, which hides {:.0} % of what faces the first camera",
+            "object {index} is partly embedded in the receiver mesh, which hides {:.0} % of its side facing the first camera",
             100.0 * share
         );
-        notes.warning("in-a-surface", format!("{text}; {millimetres:.0} mm farther out it is whole"));
+        notes.warning("in-a-surface", format!("{text}; move it out by {millimetres:.0} mm"));
     }
 }
 
-/// Tells how far the mesh misses the bases of objects that stand on it, and of those that do not how far they are off, or how
-/// deep they stand in it. Objects reach so far up from their bases, in world units. Where the user says how far the mesh may be wrong,
-/// what is within that needs no word.
+/// Reports the offset of the mesh from the bases of objects on it, and warns of objects above or below it. `tall`
+/// has the heights of the objects in world units. Offsets within `contact_metres` are not reported.
 fn report_contact(
     measured: &[Option<Level>],
     carried: &[bool],
@@ -206,25 +247,26 @@ fn report_contact(
     (metres_per_unit, contact_metres): (f64, Option<f64>),
     notes: &mut Notes,
 ) {
-    // A tenth is shown, and never less than nothing of one.
+    // Rounded to a tenth, without negative zero.
     let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
     let mut on_it = Vec::new();
     for (index, level) in measured.iter().enumerate() {
         let Some(Level { height, roughness, .. }) = *level else { continue };
         if height.abs() * metres_per_unit <= contact_metres.unwrap_or(0.0).max(LARGEST) {
             let (offset, roughness) = (millimetres(height), millimetres(roughness));
-            on_it
-                .push(format!("{roughness:.1} mm rough and {offset:+.1} mm over the base of object {index}"));
+            on_it.push(format!(
+                "{roughness:.1} mm rough and {offset:+.1} mm above the base of object {index}"
+            ));
         } else if !carried[index] {
             report_off_the_ground(index, height, tall[index], millimetres(height.abs()), notes);
         }
     }
     if !on_it.is_empty() && contact_metres.is_none() {
-        notes.decision("contact", format!("the receiver is {}", on_it.join("; ")));
+        notes.decision("contact", format!("the receiver mesh is {}", on_it.join("; ")));
     }
 }
 
-/// Tells which objects rest on the receiver by a side that is no foot.
+/// Reports objects that rest on the receiver by a side other than the foot.
 fn report_sides<'a>(sides: impl Iterator<Item = &'a [Level]>, metres_per_unit: f64, notes: &mut Notes) {
     let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
     let named: Vec<String> = sides
@@ -232,16 +274,16 @@ fn report_sides<'a>(sides: impl Iterator<Item = &'a [Level]>, metres_per_unit: f
         .flat_map(|(index, sides)| sides.iter().map(move |level| (index, level)))
         .map(|(index, level)| {
             let (rough, over) = (millimetres(level.roughness), millimetres(level.height));
-            format!("{rough:.1} mm rough and {over:+.1} mm over a side of object {index} that rests on it")
+            format!("{rough:.1} mm rough and {over:+.1} mm beyond a side of object {index} that rests on it")
         })
         .collect();
     if !named.is_empty() {
-        notes.decision("contact-side", format!("the receiver is {}", named.join("; ")));
+        notes.decision("contact-side", format!("the receiver mesh is {}", named.join("; ")));
     }
 }
 
-/// Tells of objects under which the receiver has nothing at all, and why.
-fn report_lost(objects: impl Iterator<Item = usize>, why: Lost, notes: &mut Notes) {
+/// Warns of objects without any receiver below them.
+fn report_unsupported(objects: impl Iterator<Item = usize>, why: Unsupported, notes: &mut Notes) {
     let named: Vec<String> = objects.map(|index| index.to_string()).collect();
     if named.is_empty() {
         return;
@@ -250,23 +292,24 @@ fn report_lost(objects: impl Iterator<Item = usize>, why: Lost, notes: &mut Note
     let (word, stand, lie) = if one { ("object", "stands", "lies") } else { ("objects", "stand", "lie") };
     let named = named.join(", ");
     match why {
-        Lost::OverNothing => {
-            let text = format!("{word} {named} {stand} over a hole of the receiver, or beyond its edge");
+        Unsupported::OverNothing => {
+            let text = format!("{word} {named} {stand} over a hole or beyond the edge of the receiver mesh");
             let hint = "close the hole in the mesh, or move the pose";
-            notes.warning("no-ground", format!("{text}, where no shadow falls; {hint}"));
+            notes.warning("no-ground", format!("{text}, where no shadow can fall; {hint}"));
         }
-        Lost::Buried => {
-            let text = format!("{word} {named} {lie} under the ground, be it in part");
-            notes.warning("under-the-ground", format!("{text}; `snap` puts what is near it on the mesh"));
+        Unsupported::Buried => {
+            let text = format!("{word} {named} {lie} wholly or partly below the ground");
+            notes
+                .warning("under-the-ground", format!("{text}; `snap` moves objects near the ground onto it"));
         }
     }
 }
 
-/// Tells of an object of some height that the ground over or under its base is far from.
+/// Warns of an object whose base is far from the ground.
 fn report_off_the_ground(index: usize, ground: f64, tall: f64, millimetres: f64, notes: &mut Notes) {
     if ground > 0.0 && ground < tall {
-        let text = format!("object {index} reaches {millimetres:.0} mm into the receiver");
-        let text = format!("{text}; `snap` puts it on the mesh");
+        let text = format!("object {index} reaches {millimetres:.0} mm into the receiver mesh");
+        let text = format!("{text}; `snap` moves it onto the mesh");
         if ground > DEEP * tall {
             notes.warning("in-the-ground", text);
         } else {
@@ -276,63 +319,63 @@ fn report_off_the_ground(index: usize, ground: f64, tall: f64, millimetres: f64,
     }
     let side = if ground > 0.0 { "below" } else { "above" };
     let text = format!(
-        "object {index} stands {millimetres:.0} mm {side} the receiver, so its shadow does not meet it"
+        "object {index} is {millimetres:.0} mm {side} the receiver mesh, so its shadow is detached from it"
     );
-    let hint = "`snap` puts it on the mesh; `contact_metres` tells that the mesh is wrong by as much";
+    let hint = "use `snap`, or set `contact_metres` to the error of the mesh";
     notes.warning("off-the-ground", format!("{text}; {hint}"));
 }
 
-/// Tells where `variance` is not what it should be.
+/// Warns where `variance` is unavailable or out of range.
 fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
     if samples == 1 {
-        let text = "1 sample tells no variance: `variance` is 0, standard errors are not computed, and `denoise` \
-                    leaves the pictures as they are; take 2 or more";
+        let text = "variance needs 2 samples: with 1, `variance` is 0, standard errors are not computed and `denoise` does nothing; \
+                    raise `samples`";
         notes.warning("no-variance", text);
     }
     if beyond > 0 {
-        let text = "values of `variance` are beyond the largest or the smallest number of single precision and stand at it \
-                    or at 0; scale the light of the environment nearer to 1";
+        let text = "values of `variance` exceed the range of single precision and were clamped; scale the environment closer to 1";
         notes.warning("variance-range", format!("{beyond} {text}"));
     }
 }
 
-/// Tells that an error that was asked for takes more samples than `samples` says.
+/// Reports that `max_error` needs more samples than `samples`.
 pub(crate) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
     if most > samples {
-        let text =
-            format!("`samples` is {samples}, and `max_error` is judged by a first {most}, which are taken");
+        let text = format!(
+            "`samples` is {samples}; {most} are taken, since `max_error` is estimated from the first {most}"
+        );
         notes.decision("first-samples", text);
     }
 }
 
-/// Tells how many samples an error that was asked for took.
+/// Reports the samples taken for a target error.
 pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: &mut Notes) {
     let ReachedError { asked, worst, blocks: [all, more, short], samples, .. } = *reached;
     let text = format!(
-        "`{view}`: {more} of {all} blocks take more than the first samples, {samples:.1} a pixel on average"
+        "`{view}`: {more} of {all} blocks took more than the first samples, {samples:.1} per pixel on average"
     );
-    notes.decision("sample-plan", format!("{text}; the error is {worst:.4} where {asked} was asked for"));
+    notes.decision("sample-plan", format!("{text}; the largest error is {worst:.4} (`max_error` {asked})"));
     if short > 0 {
         let text = format!(
-            "`{view}`: {most} samples a pixel leave {short} of {all} blocks of pixels with a standard error above the {asked} \
-             asked for, up to {worst:.4}"
+            "`{view}`: after {most} samples per pixel, {short} of {all} blocks have a standard error above {asked}, up to \
+             {worst:.4}"
         );
-        // Errors fall with the root of the samples.
+        // Errors fall with the square root of the samples.
         let ratio = worst / asked;
         let mut hint = match round_up(f64::from(most) * ratio * ratio) {
-            needed if needed <= MOST_SAMPLES => format!("about {needed} `samples` would reach it"),
-            _ => "by this noise it takes more `samples` than may be asked for".to_owned(),
+            needed if needed <= MOST_SAMPLES => format!("set `samples` to about {needed}"),
+            _ => "it would take more `samples` than the maximum".to_owned(),
         };
         if worst <= LARGEST_ERROR {
-            hint.push_str(&format!(", these a `max_error` of {worst:.2e}"));
+            hint.push_str(&format!(", or `max_error` to {worst:.2e}"));
         }
         notes.degraded("error-not-reached", format!("{text}; {hint}"));
     }
 }
 
-/// The largest error that may be asked for: see the range of `max_error`.
+/// Maximum of the range of `max_error`.
 const LARGEST_ERROR: f64 = 1.0;
-/// The most samples that may be asked for: see the range of `samples`.
+/// Maximum of the range of `samples`.
 const MOST_SAMPLES: u64 = 1 << 20;
 
 /// A number of samples rounded up to two digits.
@@ -345,12 +388,12 @@ fn round_up(samples: f64) -> u64 {
     samples.div_ceil(step).saturating_mul(step)
 }
 
-/// Tells that paths through objects were too long.
+/// Warns of paths cut by `max_bounces`.
 fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes) {
     if share > 0.01 {
         let text = format!(
-            "`{view}`: {:.0} % of the samples of the objects meet more than {} surfaces one after the other, and what light \
-             comes from beyond is lost: glass behind glass, mirrors in mirrors and bright hollows are too dark",
+            "`{view}`: {:.0} % of the paths through objects end after {} surfaces with most of their light to come, so stacked \
+             glass, facing mirrors and bright cavities are too dark",
             100.0 * share,
             max_bounces + 1
         );
@@ -358,7 +401,7 @@ fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes)
     }
 }
 
-/// Tells which of several objects no picture shows, where others are seen.
+/// Reports which of several objects no view shows, while others are visible.
 pub(crate) fn report_unseen(unseen: &[Option<Unseen>], notes: &mut Notes) {
     let of = |wanted: Unseen| {
         let found = unseen.iter().enumerate().filter(move |(_, one)| **one == Some(wanted));
@@ -370,37 +413,31 @@ pub(crate) fn report_unseen(unseen: &[Option<Unseen>], notes: &mut Notes) {
         format!("{word} {}", indices.join(", "))
     };
     if !hidden.is_empty() {
-        let text = format!("the receiver hides {} from every camera", named(&hidden));
+        let text = format!("the receiver mesh hides {} from every camera", named(&hidden));
         notes.warning(
             "object-hidden",
-            format!("{text}; behind a wall or under the ground? `snap` puts it on the mesh"),
+            format!("{text}; check that it is not behind a wall or below the ground (`snap` moves it onto the mesh)"),
         );
     }
     if !outside.is_empty() {
-        let text = format!("no picture shows {}", named(&outside));
-        notes.decision(
-            "object-outside",
-            format!("{text}; what it changes of the receiver is traced all the same"),
-        );
+        let text = format!("no view shows {}", named(&outside));
+        notes.decision("object-outside", format!("{text}; its shadow and reflected light are still traced"));
     }
 }
 
-/// A share as people read it.
+/// A share for display.
 fn percent(share: f64) -> String {
     if share < 0.01 { "less than 1 %".to_owned() } else { format!("{:.0} %", 100.0 * share) }
 }
 
-/// Tells where objects were not asked what they change.
+/// Reports where objects were cropped.
 fn report_cropped(view: &str, (share, bound): (f64, f64), notes: &mut Notes) {
     if share > 0.0 {
         let text = format!(
-            "`{view}`: objects change at most {:.2} % of the light of {} of the chunks of pixels",
+            "`{view}`: skipped {1} of the pixel chunks, where objects change at most {0:.2} % of the light",
             100.0 * bound,
             percent(share)
         );
-        notes.decision(
-            "cropped",
-            format!("{text}, where no ray asks what they do; `crop: 0` asks everywhere"),
-        );
+        notes.decision("cropped", format!("{text}; `crop: 0` traces everywhere"));
     }
 }

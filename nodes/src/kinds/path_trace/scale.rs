@@ -1,5 +1,4 @@
-//! Whether the objects are as large as the place asks and where a camera looks: a wrong `metres_per_unit`, `scale` or frame shows
-//! here first.
+//! Plausibility of sizes and views: a wrong `metres_per_unit`, `scale` or axis shows here first.
 
 use engine::Notes;
 use glam::Vec3;
@@ -7,10 +6,10 @@ use glam::Vec3;
 use crate::render::transport::scene::aabb::Aabb;
 use crate::render::transport::scene::receiver::Receiver;
 
-/// An object this many times larger than the whole receiver does not belong in it.
+/// Ratio of object size to receiver size above which a warning is given.
 const TOO_LARGE: f32 = 2.0;
 
-/// Tells which objects, by the boxes around them, are larger than the receiver.
+/// Warns of objects larger than the receiver, by their bounding boxes.
 pub(crate) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: f64, notes: &mut Notes) {
     let Some((low, high)) = receiver.bvh.bounds() else { return };
     let place = (high - low).length();
@@ -19,23 +18,23 @@ pub(crate) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: 
         if size > TOO_LARGE * place {
             let metres = f64::from(size) * metres_per_unit;
             let text = format!(
-                "object {index} is {} units ({} m) large and the whole receiver {}",
+                "object {index} is {} units ({} m) large, and the whole receiver mesh {} units",
                 short(size),
                 short(metres as f32),
                 short(place)
             );
-            let hint = "`metres_per_unit` of the scene says how long a unit is, `scale` of the pose how large the object is";
+            let hint = "check `metres_per_unit` of the scene and `scale` of the pose";
             notes.warning("object-too-large", format!("{text}; {hint}"));
         }
     }
 }
 
-/// Why a camera of some eye may see none of the objects, of which these are the boxes.
+/// Why a camera may see none of the objects, by their bounding boxes.
 pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
     if let Some(around) = boxes.iter().position(|one| one.holds(eye)) {
         return format!(
-            "`{camera}` is within the box around object {around} and sees no object, since single-sided surfaces are not seen from \
-             behind; is the object too large, or the camera too near?"
+            "`{camera}` is inside the bounding box of object {around} and sees no object, since single-sided surfaces are invisible \
+             from behind; check the size of the object and the position of the camera"
         );
     }
     let mut all: Vec<_> = boxes
@@ -47,15 +46,15 @@ pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
     all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let near = all.first().map_or(String::new(), |&(distance, index)| {
         format!(
-            "; object {index}, {} units large, is {} units away",
+            "; object {index} ({} units large) is {} units away",
             short(boxes[index].size()),
             short(distance)
         )
     });
-    format!("`{camera}` sees no object{near}: do pose, rig and mesh share a frame and a scale?")
+    format!("`{camera}` sees no object{near}; check that pose, rig and mesh share axes and scale")
 }
 
-/// A length as people read it.
+/// A length for display.
 pub(crate) fn short(length: f32) -> String {
     if (0.01..100_000.0).contains(&length) { format!("{length:.2}") } else { format!("{length:.1e}") }
 }
@@ -88,7 +87,9 @@ mod tests {
         assert_eq!(told(&receiver, 4.0), [""; 0]);
         let text = &told(&receiver, 50.0)[0];
         assert!(
-            text.starts_with("object 2 is 173.21 units (1.73 m) large and the whole receiver 8.49;"),
+            text.starts_with(
+                "object 2 is 173.21 units (1.73 m) large, and the whole receiver mesh 8.49 units;"
+            ),
             "{text}"
         );
         assert_eq!(told(&Receiver::default(), 50.0), [""; 0]);
@@ -99,11 +100,11 @@ mod tests {
         let boxes = [cube(9.0, 1.0), Aabb::EMPTY, cube(5.0, 1.0)];
         let text = why_not_seen("a", Vec3::new(5.0, 5.0, 2.0), &boxes);
         assert!(
-            text.starts_with("`a` sees no object; object 2, 3.46 units large, is 2.00 units away:"),
+            text.starts_with("`a` sees no object; object 2 (3.46 units large) is 2.00 units away;"),
             "{text}"
         );
         let text = why_not_seen("a", Vec3::splat(8.5), &boxes);
-        assert!(text.starts_with("`a` is within the box around object 0"), "{text}");
-        assert!(why_not_seen("a", Vec3::ZERO, &[Aabb::EMPTY]).starts_with("`a` sees no object: do"));
+        assert!(text.starts_with("`a` is inside the bounding box of object 0"), "{text}");
+        assert!(why_not_seen("a", Vec3::ZERO, &[Aabb::EMPTY]).starts_with("`a` sees no object; check"));
     }
 }

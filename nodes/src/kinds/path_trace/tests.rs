@@ -1,5 +1,4 @@
-//! Expected values of light transport, from closed forms and from relations between renders. Here is what
-//! the tests of this folder are made of.
+//! Light transport tested against closed forms and relations between renders; shared scenes of the tests.
 
 use engine::{Scene, Up};
 use glam::{DMat4, DVec3, Vec3};
@@ -28,7 +27,7 @@ mod sampling;
 mod touching;
 mod visibility;
 
-/// The triangles of a box whose normals point outwards, or inwards.
+/// A box with normals pointing outwards, or inwards.
 fn box_mesh(low: [f32; 3], high: [f32; 3], inward: bool) -> Mesh {
     let corner = |i: u32| std::array::from_fn(|k| if i >> k & 1 == 1 { high[k] } else { low[k] });
     let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
@@ -82,7 +81,7 @@ fn ball(radius: f32, material: Material, at: DVec3) -> Arc<Placed> {
     fine_ball(radius, 24, material, at)
 }
 
-/// The same of so many rings of facets.
+/// The same with a number of rings of facets.
 fn fine_ball(radius: f32, rings: i32, material: Material, at: DVec3) -> Arc<Placed> {
     let mut primitive = Primitive::default();
     for i in 0..=rings {
@@ -125,8 +124,8 @@ fn rig(eye: DVec3, target: DVec3, size: u32, focal: f64) -> Arc<Rig> {
     })
 }
 
-fn params(samples: u32, env_block: EnvBlock) -> PathTrace {
-    PathTrace { samples, env_block, contact_metres: Some(0.0), crop: 0.0, ..PathTrace::default() }
+fn params(samples: u32, surroundings: Surroundings) -> PathTrace {
+    PathTrace { samples, surroundings, contact_metres: Some(0.0), crop: 0.0, ..PathTrace::default() }
 }
 
 fn render(
@@ -165,7 +164,7 @@ fn mean(images: &Images) -> f64 {
     crate::math::num::ordered_sum(s.iter().copied()) / s.len() as f64
 }
 
-/// Mean colour of the pixels that the object covers wholly.
+/// Mean colour of fully covered pixels.
 fn covered(images: &Images) -> f64 {
     let solid = samples(images).chunks(4).filter(|p| p[3] == 1.0);
     let (sum, n) = solid.fold((0.0, 0.0), |(s, n), p| (s + f64::from(p[0] + p[1] + p[2]) / 3.0, n + 1.0));

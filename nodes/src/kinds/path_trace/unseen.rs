@@ -1,4 +1,4 @@
-//! Which of several objects no picture shows.
+//! Objects that no view shows.
 
 use engine::{Context, NodeError};
 
@@ -10,16 +10,16 @@ use crate::render::transport::picture::camera_rays::CameraRays;
 use crate::render::transport::picture::film::{Area, TILE};
 use crate::render::transport::picture::first_hit::is_before;
 
-/// Why no picture shows an object.
+/// Why no view shows an object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unseen {
-    /// The receiver is before it wherever a camera looks at it.
+    /// The receiver hides it from every camera.
     Hidden,
-    /// No camera looks at it, or nothing of it shows itself to one.
+    /// It is outside every view, or only back faces are visible.
     Outside,
 }
 
-/// Which objects none of the pictures shows. Objects before one another hide nothing here, as they may be of glass.
+/// For each object, why no view shows it, if so. Objects do not hide each other here, as they may be transparent.
 pub(crate) fn of(tracing: &Tracing<'_>, views: &[FinishedView]) -> Result<Vec<Option<Unseen>>, NodeError> {
     let cameras = tracing.cameras.iter().map(|camera| tracing.camera_rays(camera, 1));
     let pictures: Vec<_> = cameras.zip(views).collect();
@@ -28,7 +28,7 @@ pub(crate) fn of(tracing: &Tracing<'_>, views: &[FinishedView]) -> Result<Vec<Op
     (0..count).map(|index| unseen(scene, &pictures, tracing.places(), index, tracing.cx)).collect()
 }
 
-/// Whether and why no picture shows one object.
+/// Why no view shows one object, if so.
 fn unseen(
     scene: Scene<'_>,
     pictures: &[(CameraRays<'_>, &FinishedView)],
@@ -38,13 +38,13 @@ fn unseen(
 ) -> Result<Option<Unseen>, NodeError> {
     let objects = scene.objects;
     let mut met = false;
-    // Most objects show themselves in the first sample of some pixel.
+    // Most objects are visible in the first sample of some pixel.
     for places in [0..1, 1..places] {
         for (camera_rays, view) in pictures {
             for piece in Area::whole(camera_rays.camera).pieces(TILE) {
                 cx.check()?;
                 for pixel in piece.each().filter(|&pixel| camera_rays.may_show(objects, pixel)) {
-                    // Where no object is seen, one ray tells whether the receiver hides this one.
+                    // Where no object is seen, one ray decides whether the receiver hides this one.
                     let shows = view.shows_objects_at(pixel);
                     let places = if shows || (!met && places.start == 0) { places.clone() } else { 0..0 };
                     for number in places {

@@ -1,11 +1,12 @@
-//! Where the whites of a panorama end.
+//! The white level of a panorama.
 
 use super::CLIPPED;
 use crate::light::linear::{LinearPixels, max3};
 use crate::math::equirect::pixel_solid_angle;
 
-/// Where the whites of the panorama end. What was learned from had them at 1, so a `white` as low as [`CLIPPED`] leaves them
-/// there; a lower one says that they end lower: at the median of the brightest channel of what is clipped, by solid angle.
+/// The white level of the panorama. The training data had it at 1, so a `white` down to [`CLIPPED`] keeps 1; a
+/// lower `white` means a lower level: the median of the brightest channel of the clipped pixels, weighted by solid
+/// angle.
 pub(super) fn ceiling(pixels: &LinearPixels, mask: &[bool], white: f32) -> f64 {
     if white >= CLIPPED {
         return 1.0;
@@ -54,15 +55,16 @@ mod tests {
     }
 
     fn gains(pano: Arc<Panorama>, method: &Method, white: f32) -> Vec<f32> {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, ".");
-        let params =
-            PredictExposure { evs: vec![-3.0], method: method.clone(), white, weights: None, force: false };
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".");
+        let params = PredictExposure { evs: vec![-3.0], method: method.clone(), white, weights: None };
         let (out, _) = PredictExposure::run(&params, In { pano }, &cx).expect("runs");
         out.brackets.log2_gain.samples.clone()
     }
 
-    // The same picture with whites at 0.75 hides the same light, if `white` says so: every gain is what it was, by rounding
-    // of single precision. Mutation: `ceiling` 1 in `Scene::new` of the networks, or in `features` of the regions.
+    // The same picture with a white level of 0.75 hides the same light, if `white` is set accordingly: every gain
+    // is equal within single precision. Mutation: `ceiling` 1 in `Scene::new` of the networks, or in `features` of
+    // the regions.
     #[test]
     fn whites_that_end_early_hide_the_same_light() {
         for method in [Method::Learned, Method::Region] {
@@ -74,7 +76,7 @@ mod tests {
         }
     }
 
-    // Codes of noise above the whites do not make them end there. Mutation: the largest for the median.
+    // Noise above the white level does not raise it. Mutation: the maximum in place of the median.
     #[test]
     fn whites_end_where_most_of_them_do() {
         let pixels = |bright: usize| LinearPixels {

@@ -1,13 +1,13 @@
-//! A panorama with fewer columns than the grid, each pixel as many times as cells are wanted.
+//! Enlarged panoramas: a panorama with fewer columns than the grid, with each pixel repeated.
 //!
-//! The networks learned from cells of one size, so a coarser panorama is not judged by a coarser grid.
+//! The networks were trained on cells of one size, so a coarser panorama is not evaluated on a coarser grid.
 
 use super::grid::WIDTH;
 use crate::light::linear::LinearPixels;
 use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 
-/// A panorama of at least [`WIDTH`] columns in which each pixel of another stands so many times in a row and in a column.
+/// A panorama of at least [`WIDTH`] columns in which each pixel of another one is repeated along rows and columns.
 pub(super) struct Enlarged {
     pub pixels: LinearPixels,
     pub mask: Vec<bool>,
@@ -16,7 +16,7 @@ pub(super) struct Enlarged {
 }
 
 impl Enlarged {
-    /// `None` where the panorama has as many columns as the grid, or is higher than wide and so none.
+    /// `None` if the panorama has as many columns as the grid, or is higher than wide.
     pub fn new(pixels: &LinearPixels, mask: &[bool], alpha: &[f32]) -> Option<Self> {
         let times = WIDTH.div_ceil(pixels.width);
         let (width, height) = (pixels.width * times, pixels.height * times);
@@ -35,7 +35,7 @@ impl Enlarged {
         })
     }
 
-    /// The log2 gain of each pixel as it was, so that it gives as much light as its parts.
+    /// The log2 gain of each original pixel, with the light of its parts.
     pub fn gathered(&self, log2_gain: &[f32]) -> Vec<f32> {
         let (width, height) = (self.pixels.width / self.times, self.pixels.height / self.times);
         let mut sums = vec![[0.0; 2]; width * height];
@@ -53,7 +53,7 @@ impl Enlarged {
 mod tests {
     use super::*;
 
-    // A gain of a part of a pixel is one of the pixel's light: of rows by their solid angle. Mutation: `size` 1.
+    // The gain of a pixel gives the light of its parts, weighted by their solid angles. Mutation: `size` 1.
     #[test]
     fn light_of_parts_is_light_of_the_pixel() {
         let pixels = LinearPixels {

@@ -1,4 +1,4 @@
-//! The panorama on the grid that light is judged on.
+//! The grid of cells on which light is estimated.
 
 use engine::Up;
 use glam::DVec3;
@@ -15,20 +15,21 @@ pub(super) struct Grid {
     pub width: usize,
     /// Rows, at most 128.
     pub height: usize,
-    /// Mean linear light of what is seen of each cell, or was filled in where nothing is.
+    /// Mean linear light of the visible part of each cell, or of the filled part where nothing is visible.
     pub rgb: Vec<[f64; 3]>,
-    /// Mean linear light of what is seen of each cell and not clipped, of what is clipped; 0 where there is none.
+    /// Mean linear light of the visible unclipped part of each cell, and of the clipped part; 0 where there is
+    /// none.
     pub open_rgb: Vec<[f64; 3]>,
     pub clipped_rgb: Vec<[f64; 3]>,
-    /// Whether any pixel of the cell is clipped, so that a sun smaller than a cell is found.
+    /// True if any pixel of the cell is clipped, which finds a sun smaller than a cell.
     pub clipped: Vec<bool>,
-    /// The share of what is seen of each cell that is clipped, by solid angle.
+    /// The fraction of the visible part of each cell that is clipped, by solid angle.
     pub share: Vec<f64>,
-    /// Whether any pixel of the cell was seen.
+    /// True if any pixel of the cell is visible.
     pub seen: Vec<bool>,
     /// The cell of each pixel.
     pub cell_of: Vec<u32>,
-    /// The column of pixels that the first cells begin at, of how many.
+    /// The column of pixels where the first cell begins, and the number of columns.
     pub start: (usize, usize),
 }
 
@@ -38,7 +39,7 @@ impl Grid {
         let (width, height) = (WIDTH.min(w), (WIDTH / 2).min(h));
         let n = width * height;
         let start = if w > WIDTH { first_column(pixels, alpha) } else { 0 };
-        // Of each cell: light and solid angle of what is seen and not clipped, of what is clipped, and of what was filled in.
+        // Light and solid angle of each cell: visible and unclipped, clipped, and filled.
         let mut sums = vec![[[0.0_f64; 4]; 3]; n];
         let mut cell_of = Vec::with_capacity(w * h);
         for y in 0..h {
@@ -61,7 +62,7 @@ impl Grid {
             }
         }
         let mean = |[r, g, b, size]: [f64; 4]| [r, g, b].map(|v| v / size.max(f64::MIN_POSITIVE));
-        // What was filled in is not the same when the panorama is turned, so it counts only where nothing was seen.
+        // Filled pixels differ when the panorama is rotated, so they count only where nothing is visible.
         let all = |[open, clipped, filled]: &[[f64; 4]; 3]| {
             let seen: [f64; 4] = std::array::from_fn(|i| open[i] + clipped[i]);
             mean(if seen[3] > 0.0 { seen } else { *filled })
@@ -83,7 +84,7 @@ impl Grid {
         }
     }
 
-    /// Where the centre of a pixel lies, in cells.
+    /// Position of the centre of a pixel, in cells.
     pub fn place(&self, x: usize, y: usize, height: usize) -> [f64; 2] {
         let (start, w) = self.start;
         let from_start = (x + w - start) % w;
@@ -91,7 +92,7 @@ impl Grid {
             .map(|(i, n, cells)| (i as f64 + 0.5) * cells as f64 / n as f64)
     }
 
-    /// Whether any cell shows light that is not clipped.
+    /// True if any cell has visible unclipped light.
     pub fn anything_visible(&self) -> bool {
         self.open_rgb.iter().any(|rgb| rgb.iter().any(|v| *v > 0.0))
     }
@@ -106,19 +107,20 @@ impl Grid {
         pixel_solid_angle(self.width, self.height, cell / self.width)
     }
 
-    /// Solid angle of what is clipped of a cell.
+    /// Solid angle of the clipped part of a cell.
     pub fn clipped_angle(&self, cell: usize) -> f64 {
         self.share[cell] * self.solid_angle(cell)
     }
 
-    /// Solid angle of what is seen of a cell and not clipped. What is not seen of it counts as what is.
+    /// Solid angle of the unclipped part of a cell, including the part that is not visible.
     pub fn open_angle(&self, cell: usize) -> f64 {
         if self.seen[cell] { (1.0 - self.share[cell]) * self.solid_angle(cell) } else { 0.0 }
     }
 }
 
-/// The edge at which the sums of columns, read to the right or to the left and round, come last in order, as the column to
-/// the right of it. Cells that begin there lie the same on a panorama that was turned by any number of pixels or mirrored.
+/// The column where cells begin: the edge at which the sequence of column sums, read in either direction, comes
+/// last in order. The cells of a panorama that was rotated by any number of pixels, or mirrored, then lie in the
+/// same places.
 fn first_column(pixels: &LinearPixels, alpha: &[f32]) -> usize {
     let width = pixels.width;
     let mut sums = vec![0.0_f64; width];

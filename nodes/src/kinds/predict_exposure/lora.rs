@@ -1,5 +1,5 @@
-//! Training of the LoRA that makes a panorama three stops darker, as the paper does: pairs of exposures made from
-//! HDR panoramas, one fixed prompt, the base frozen.
+//! Training of the LoRA that makes a panorama three stops darker, as in the paper: pairs of exposures made from HDR
+//! panoramas, one fixed prompt, and a frozen base model.
 
 use std::path::{Path, PathBuf};
 
@@ -16,42 +16,42 @@ use crate::light::whole_sphere::light;
 use crate::math::color::{linear_from_srgb, luminance};
 use crate::math::equirect::pixel_solid_angle;
 
-/// What a training is made of.
+/// Inputs and settings of a training run.
 #[derive(Debug, Clone)]
 pub struct LoraPlan {
-    /// Flux.1 Kontext.
+    /// File of the Flux.1 Kontext transformer.
     pub transformer: PathBuf,
-    /// Its autoencoder.
+    /// File of its autoencoder.
     pub vae: PathBuf,
-    /// The encoded prompt.
+    /// File of the encoded prompt.
     pub prompt: PathBuf,
     /// Rank and alpha of the updates.
     pub rank: usize,
-    /// The most that a weight changes in a step.
+    /// Learning rate: the largest change of a weight per step.
     pub rate: f64,
-    /// Of everything that is left to chance.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Steps in all.
+    /// Total number of steps.
     pub steps: u64,
     /// Width of the pictures, a multiple of 32.
     pub width: usize,
 }
 
-/// How far a training is.
+/// Progress of a training run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LoraProgress {
-    /// Panoramas encoded, of how many.
+    /// Number of panoramas encoded, and the total.
     Pairs(usize, usize),
-    /// Steps done, of how many, and the loss of the last.
+    /// Number of steps done, the total, and the loss of the last step.
     Step(u64, u64, f32),
 }
 
-/// Exposures below EV 0 from which a pair starts.
+/// Exposures from which a pair starts, in stops relative to EV 0.
 const FROM: [f64; 2] = [0.0, -STOPS];
-/// After so many steps, what is known is kept.
+/// Number of steps between checkpoints.
 const KEPT: u64 = 50;
-/// EV 0 is where the median luminance is encoded as a half, and at most this share of the sphere is clipped: the rule
-/// of the evaluation in `docs`.
+/// At EV 0 the median luminance is encoded as a half, and at most this share of the sphere is clipped: the rule of
+/// the evaluation in `docs`.
 const MEDIAN: f32 = 0.5;
 const MOST_CLIPPED: f64 = 0.15;
 
@@ -62,14 +62,14 @@ fn read(path: &Path) -> Result<LinearPixels, Error> {
         std::fs::read(path).map_err(|error| Error::format(&name, format!("cannot be read: {error}")))?;
     let (width, height, rgb) = light(&name, &bytes, &mut Notes::none())?;
     if width != 2 * height || height == 0 {
-        return Err(Error::format(&name, format!("is {width} x {height}; a whole panorama is wanted")));
+        return Err(Error::format(&name, format!("is {width} x {height}, not twice as wide as high")));
     }
     let sound = |v: f32| if v.is_finite() { v.max(0.0) } else { 0.0 };
     let rgb = rgb.as_chunks::<3>().0.iter().map(|rgb| rgb.map(sound)).collect();
     Ok(LinearPixels { width, height, rgb, broken: 0, negative: 0, ceiling: true })
 }
 
-/// What luminance is multiplied by to be at EV 0.
+/// The factor that scales luminance to EV 0.
 fn exposure(pixels: &LinearPixels) -> f32 {
     // (value, solid angle), in rising order; equal values stay in the order of pixels.
     let sorted = |value: &dyn Fn([f32; 3]) -> f32| {
@@ -80,7 +80,7 @@ fn exposure(pixels: &LinearPixels) -> f32 {
         list.sort_by(|a, b| a.0.total_cmp(&b.0));
         list
     };
-    // The value below which a share of the solid angle lies.
+    // The value below which a given share of the solid angle lies.
     let quantile = |list: &[(f32, f64)], share: f64| {
         let total: f64 = list.iter().map(|(_, size)| size).sum();
         let mut below = 0.0;
@@ -94,13 +94,13 @@ fn exposure(pixels: &LinearPixels) -> f32 {
     wanted.min(1.0 / quantile(&sorted(&max3), 1.0 - MOST_CLIPPED))
 }
 
-/// What a camera takes `stops` away from EV 0: display-encoded planes, clipped to white.
+/// The photograph of a camera at `stops` below EV 0: display-encoded planes, clipped to white.
 fn shot(pixels: &LinearPixels, scale: f32, (width, height): (usize, usize)) -> Vec<f32> {
     let rgb = pixels.rgb.iter().map(|rgb| rgb.map(|v| (v * scale).min(1.0))).collect();
     shrunk(&LinearPixels { rgb, ..*pixels }, width, height)
 }
 
-/// A digest of all that is learned from: the panoramas in their order, the model, the prompt, and the size of the pictures.
+/// A digest of the training data: the panoramas in order, the model, the prompt, and the size of the pictures.
 fn learned_from(panoramas: &[PathBuf], files: &Files, width: usize) -> Result<String, Error> {
     let mut all = format!("{width}");
     for path in [&files.transformer, &files.vae, &files.prompt].into_iter().chain(panoramas) {
@@ -120,12 +120,13 @@ impl Watch for Stoppable<'_> {
     }
 }
 
-/// Trains a LoRA and writes it to `out`, in the layout of `diffusers`; true when it is done, false when it was
-/// stopped. What a stopped training knows lies beside `out` (`.state`), and the same call goes on from there, with the
-/// outcome of one that never stopped.
+/// Trains a LoRA and writes it to `out`, in the layout of `diffusers`. Returns true when it is finished, false when
+/// it was stopped. The state of a stopped run is stored next to `out` (`.state`); the same call continues from
+/// there, with the same result as an uninterrupted run.
 ///
 /// # Errors
-/// What [`learned::flux`] says of the model's files, a panorama that cannot be read, an `out` that cannot be written.
+/// Errors of [`learned::flux`] for the model's files, a panorama that cannot be read, an `out` that cannot be
+/// written.
 pub fn train(
     panoramas: &[PathBuf],
     plan: &LoraPlan,
@@ -153,7 +154,7 @@ pub fn train(
         guidance: 1.0,
         seed: plan.seed,
     };
-    // Found out now, not after hours.
+    // Checked now rather than after hours.
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder)
         .map_err(|error| Error::format(folder.display().to_string(), format!("cannot be made: {error}")))?;
@@ -166,7 +167,7 @@ pub fn train(
         trainer.load_state(&state, &learned_from).map_err(flux)?;
         if trainer.done() > plan.steps {
             let what = format!(
-                "is of {} steps, more than the {} that are asked for; remove it to begin anew",
+                "has {} steps, more than the {} requested; remove it to start again",
                 trainer.done(),
                 plan.steps
             );
@@ -222,7 +223,7 @@ mod tests {
         };
         let half = linear_from_srgb(0.5);
         assert!((exposure(&panorama(&|_| 3.0)) - half / 3.0).abs() < 1e-6);
-        // A quarter of the sphere is a hundred times as bright: that stays at white.
+        // A quarter of the sphere is a hundred times brighter: it stays at white.
         let bright = panorama(&|x| if x < 16 { 100.0 } else { 1.0 });
         assert!((exposure(&bright) - 0.01).abs() < 1e-6);
         let dark = shot(&bright, exposure(&bright) * 0.125, (32, 16));

@@ -1,4 +1,4 @@
-//! Lights that the user states.
+//! Lights given by the user.
 
 use engine::{Context, NodeError, Notes, Up};
 
@@ -6,20 +6,20 @@ use crate::light::linear::LinearPixels;
 use crate::math::equirect::direction;
 use crate::math::num;
 
-/// Largest gain that may be stated, in stops.
+/// Largest gain of a light, in stops.
 const STOPS: f64 = 24.0;
 
-/// Refuses what is no light.
+/// Checks the ranges of the lights.
 pub(super) fn check(emitters: &[[f64; 4]]) -> Result<(), NodeError> {
     for (i, &[azimuth, elevation, radius, stops]) in emitters.iter().enumerate() {
         let wrong = if azimuth.abs() > 360.0 {
-            format!("an azimuth of {azimuth}; it lies between -360 and 360 degrees, clockwise from forward")
+            format!("an azimuth of {azimuth}, outside of -360 to 360 degrees (clockwise from forward)")
         } else if elevation.abs() > 90.0 {
-            format!("an elevation of {elevation}; it lies between -90 and 90 degrees above the horizon")
+            format!("an elevation of {elevation}, outside of -90 to 90 degrees above the horizon")
         } else if radius <= 0.0 || radius > 180.0 {
-            format!("a radius of {radius}; it lies above 0 and up to 180 degrees")
+            format!("a radius of {radius}, outside of 0 (exclusive) to 180 degrees")
         } else if !(0.0..=STOPS).contains(&stops) {
-            format!("a gain of {stops}; it lies between 0 and {STOPS} stops brighter than what shows")
+            format!("a gain of {stops}, outside of 0 to {STOPS} stops")
         } else {
             continue;
         };
@@ -30,7 +30,7 @@ pub(super) fn check(emitters: &[[f64; 4]]) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// The log2 gain of every pixel: that of the narrowest emitter that reaches it (of equal ones the nearest), 0
+/// The log2 gain of every pixel: that of the narrowest emitter that covers it (the nearest among equal ones), 0
 /// elsewhere.
 pub(super) fn predict(
     emitters: &[[f64; 4]],
@@ -49,7 +49,7 @@ pub(super) fn predict(
             let d = direction(up, (x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64);
             let cosines = lights.iter().map(|(light, _)| d.dot(*light)).enumerate();
             let within = cosines.filter(|(i, cosine)| *cosine >= lights[*i].1);
-            // The larger its cosine the narrower is an emitter, and the nearer; the first of equal ones.
+            // The larger its cosine, the narrower or nearer is an emitter; the first among equal ones.
             let rank = |&(i, cosine): &(usize, f64)| (lights[i].1, cosine);
             within.reduce(|a, b| if rank(&b) > rank(&a) { b } else { a }).map(|(i, _)| i)
         };
@@ -67,7 +67,7 @@ pub(super) fn predict(
         (1..).zip(&used).filter(|(_, used)| !**used).map(|(i, _)| i.to_string()).collect();
     if !idle.is_empty() {
         let text = format!(
-            "emitters that reach no clipped pixel, or only what narrower ones reach, and do nothing: {}",
+            "emitters without effect, because they cover no clipped pixel or only pixels of narrower ones: {}",
             idle.join(", ")
         );
         notes.warning("nothing-to-light", text);

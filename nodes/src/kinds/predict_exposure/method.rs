@@ -1,4 +1,4 @@
-//! How hidden light is estimated, as a graph file says it.
+//! Methods of estimating hidden light, as written in a graph file.
 
 use std::fmt::Formatter;
 
@@ -10,64 +10,66 @@ use super::kontext::Kontext;
 use super::photographs::Photographs;
 use crate::types::Panorama;
 
-/// How hidden light is estimated.
+/// Method of estimating hidden light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Method {
-    /// By a regression of how much light is hidden in all, judged by what is visible, and small networks
-    /// that share it out among what is clipped.
+    /// A regression on the visible light estimates the total amount of hidden light, and small networks distribute
+    /// it over the clipped pixels.
     Learned,
-    /// For each connected clipped region, its mean brightness by a regression on nine numbers (its
-    /// size, height, surroundings, shape).
+    /// A regression on nine numbers (size, height, surroundings, shape) estimates the mean brightness of each
+    /// connected clipped region.
     Region,
-    /// As the user says; what is clipped elsewhere stays clipped.
+    /// Lights given by the user; other clipped pixels stay clipped.
     Manual {
-        /// Lights, each by azimuth (clockwise from forward, seen from above, -360 to 360), elevation (above the horizon,
-        /// -90 to 90) and radius of the disc of clipped pixels it acts on (above 0 to 180), in degrees, and how many
-        /// stops brighter these are than they show (0 to 24). The narrowest that reaches a pixel counts.
+        /// Lights, each given by azimuth (clockwise from forward, seen from above, -360 to 360), elevation (above
+        /// the horizon, -90 to 90) and radius of the disc of clipped pixels it acts on (above 0 to 180), in
+        /// degrees, and the number of stops by which these are brighter than they appear (0 to 24). The narrowest
+        /// light that covers a pixel is used.
         #[serde(deserialize_with = "emitters")]
         emitters: Vec<[f64; 4]>,
     },
-    /// As darker photographs of the same panorama show it; `evs` then says at which exposures they were taken.
+    /// Measured from darker photographs of the same panorama; `evs` then gives the exposures at which they were
+    /// taken.
     Photographs {
-        /// The files, one for each of `evs` in the same order, of the panorama's size; turned with it. What OpenEXR and
-        /// Radiance files hold is never clipped.
+        /// Files, one for each of `evs` in the same order, of the size of the panorama; rotated with it. OpenEXR
+        /// and Radiance files are never clipped.
         files: Vec<InputFile>,
     },
-    /// Not at all: what is clipped stays clipped.
+    /// No estimate: clipped pixels stay clipped.
     Skip,
-    /// As the paper does: by Flux.1 Kontext, a diffusion model, and a LoRA that takes three stops off the exposure,
-    /// again and again. Needs the feature `learned`, and weights that the user supplies.
+    /// The method of the paper: Flux.1 Kontext, a diffusion model, with a LoRA that repeatedly reduces the exposure
+    /// by three stops. Needs the feature `learned`, and weights that the user supplies.
     FluxKontext {
         /// Flux.1 Kontext: safetensors in the layout of its authors or of `diffusers` (or its first shard), or GGUF.
         transformer: InputFile,
-        /// Its autoencoder: `ae.safetensors`, or that of `diffusers`.
+        /// Autoencoder: `ae.safetensors`, or that of `diffusers`.
         vae: InputFile,
-        /// The encoded prompt: tensors `t5` and `clip`.
+        /// Encoded prompt: tensors `t5` and `clip`.
         prompt: InputFile,
-        /// The LoRA.
+        /// LoRA for the exposure.
         lora: InputFile,
-        /// How much of the LoRA, from 0 to 4; 1 is as it was trained.
+        /// Strength of the LoRA, from 0 to 4; 1 is the strength it was trained with.
         #[serde(default = "strength")]
         strength: f64,
-        /// Steps from noise to picture, from 1 to 200, for each exposure.
+        /// Number of denoising steps for each exposure, from 1 to 200.
         #[serde(default = "steps")]
         steps: u32,
-        /// How strongly the model follows its prompt, from 0 to 20.
+        /// Guidance scale: how strongly the model follows its prompt, from 0 to 20.
         #[serde(default = "guidance")]
         guidance: f64,
-        /// The most width at which the model works, from 64 to 4096 pixels, rounded down to a multiple of 32.
+        /// Largest width at which the model works, from 64 to 4096 pixels, rounded down to a multiple of 32.
         #[serde(default = "width_px")]
         width_px: u32,
-        /// Each step is done twice, once on the panorama turned by half, so that no seam shows.
+        /// True if each step is done twice, once on the panorama rotated by half a turn, so that no seam shows.
         #[serde(default = "seamless")]
         seamless: bool,
-        /// Of the noise that it starts from.
+        /// Seed of the initial noise.
         #[serde(default)]
         seed: u64,
     },
 }
 
-/// Lists of four numbers; of another list it is said what is wrong with it.
+/// Lists of four numbers, with an error that says what is wrong with another list.
 fn emitters<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<[f64; 4]>, D::Error> {
     let emitters = Vec::<Emitter>::deserialize(from)?;
     Ok(emitters.into_iter().map(|Emitter(numbers)| numbers).collect())
@@ -90,7 +92,7 @@ impl<'de> Deserialize<'de> for Emitter {
                 while let Some(number) = list.next_element::<f64>().map_err(|_| {
                     let which =
                         ["azimuth", "elevation", "radius", "stops"].get(count).unwrap_or(&"fifth value");
-                    A::Error::custom(format_args!("the {which} of an emitter is no number"))
+                    A::Error::custom(format_args!("the {which} of an emitter is not a number"))
                 })? {
                     if let Some(place) = numbers.get_mut(count) {
                         *place = number;
@@ -125,7 +127,7 @@ fn seamless() -> bool {
 }
 
 impl Method {
-    /// The photographs, if it is by these.
+    /// The photographs, for `Photographs`.
     pub(super) fn photographs(
         &self,
         evs: &[f64],
@@ -137,7 +139,7 @@ impl Method {
         Photographs::read(files, evs, pano, notes, cx).map(Some)
     }
 
-    /// The diffusion model, if it is that.
+    /// The diffusion model, for `FluxKontext`.
     pub(super) fn kontext(&self) -> Option<Kontext<'_>> {
         let Self::FluxKontext {
             transformer,
@@ -178,8 +180,41 @@ impl ParamType for Method {
             .to_owned()
     }
 
-    /// Files count by their content, which the engine adds. What the tensor library computes is not the same on
-    /// every machine, so its name is part of the method.
+    fn choices() -> Vec<(&'static str, &'static str)> {
+        vec![
+            (
+                "Learned",
+                "A regression on the visible light estimates the total amount of hidden light, and small networks \
+                 distribute it over the clipped pixels.",
+            ),
+            (
+                "Region",
+                "A regression on nine numbers (size, height, surroundings, shape) estimates the mean brightness of each \
+                 connected clipped region.",
+            ),
+            (
+                "Manual",
+                "Lights given by the user, each by azimuth (degrees clockwise from forward, seen from above; -360 to 360), \
+                 elevation (degrees above the horizon; -90 to 90), radius of the disc of clipped pixels it acts on \
+                 (degrees; above 0 to 180), and stops by which these are brighter than they appear (0 to 24). The narrowest \
+                 light that covers a pixel is used; pixels without one stay clipped.",
+            ),
+            (
+                "Photographs",
+                "Measured from darker photographs of the same scene and size, one file for each of `evs`, which are rotated \
+                 with the panorama. OpenEXR and Radiance files are not clipped.",
+            ),
+            ("Skip", "No estimate: clipped pixels stay clipped."),
+            (
+                "FluxKontext",
+                "A diffusion model with weights of your own, as in the paper (feature `learned`): `strength` of the LoRA 0 to \
+                 4, `steps` 1 to 200 for each exposure, `guidance` 0 to 20, `width_px` at most 64 to 4096.",
+            ),
+        ]
+    }
+
+    /// Files are identified by their content, which the engine adds. The tensor library does not compute the same
+    /// bits on every machine, so its name is part of the key.
     fn key_text(&self) -> Result<Option<String>, NotCanonical> {
         match self.kontext() {
             None if matches!(self, Self::Photographs { .. }) => Ok(Some("Photographs".to_owned())),
@@ -206,7 +241,7 @@ mod tests {
     use serde::de::IntoDeserializer;
     use serde::de::value::{Error, SeqDeserializer};
 
-    // Mutation: the length not asked, or the name of the wrong number.
+    // Mutation: the length not checked, or the name of the wrong number.
     #[test]
     fn a_list_that_is_no_emitter_is_reported_what_it_lacks() {
         fn read<T: IntoDeserializer<'static, Error>>(list: Vec<T>) -> Result<[f64; 4], String> {
@@ -215,11 +250,11 @@ mod tests {
         }
         assert_eq!(read(vec![1.0, 2.0, 3.5, 4.0]), Ok([1.0, 2.0, 3.5, 4.0]));
         for count in [0, 3, 5] {
-            let why = read(vec![1.0; count]).expect_err("is none");
+            let why = read(vec![1.0; count]).expect_err("an error");
             let wanted =
                 format!("invalid length {count}, expected an emitter (azimuth, elevation, radius, stops)");
             assert_eq!(why, wanted);
         }
-        assert_eq!(read(vec!["nan"]).expect_err("is none"), "the azimuth of an emitter is no number");
+        assert_eq!(read(vec!["nan"]).expect_err("an error"), "the azimuth of an emitter is not a number");
     }
 }

@@ -1,18 +1,19 @@
-//! `predict-exposure`: how bright the clipped parts of a panorama really are.
+//! `predict-exposure`: estimates the brightness of the clipped parts of a panorama.
 
 use std::sync::Arc;
 
-use engine::{Context, Cost, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, Up};
+use engine::{
+    Context, ContextField, Cost, Former, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, Up,
+};
 use glam::DVec3;
 
-use self::ceiling::ceiling;
-use self::enlarged::Enlarged;
+use self::clipping::{Clipping, Prediction};
 use self::grid::Grid;
 use self::photographs::Photographs;
 use self::spread::Given;
 
 use crate::error::Error;
-use crate::light::books::Books;
+use crate::light::energy_table::EnergyTable;
 use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
 use crate::light::measure;
 use crate::light::regions::{self, Regions};
@@ -24,6 +25,7 @@ use crate::types::{
 };
 
 mod ceiling;
+mod clipping;
 mod enlarged;
 mod grid;
 mod kontext;
@@ -41,42 +43,29 @@ pub mod training;
 pub use method::Method;
 
 engine::params! {
-    /// Predicts how bright the clipped parts of a panorama really are.
-    /// A capture cannot hold the sun, a lamp or a window: they clip to white. This estimates the light
-    /// that clipping hid, as a gain for every pixel, and from it what a camera would have taken at any
-    /// darker exposure. Where nothing is clipped nothing is changed.
+    /// Estimates the true brightness of the clipped parts of a panorama.
+    ///
+    /// A capture clips the sun, lamps and windows to white. This node estimates the hidden light as a gain per
+    /// pixel, and derives the photographs that a camera would take at darker exposures. Unclipped pixels are not
+    /// changed.
     pub struct PredictExposure {
-        /// Exposures to derive, in stops below the panorama (which is EV 0), in any order; for `Photographs`
-        /// those at which the files were taken, in the order of the files.
+        /// Exposures to derive, in stops below the panorama (which is EV 0), in any order; for `Photographs`, the
+        /// exposures of the files, in their order.
         evs: Vec<f64> = vec![-6.0, -3.0], range(-24.0, -0.1), unit("EV"), other("[-9.0, -4.0]");
-        /// How hidden light is estimated.
-        /// `Learned`: how much in all by a regression on what is visible, and where by small networks.
-        /// `Region`: for each connected clipped region by a regression on nine numbers.
-        /// `Manual`: as stated, each light by azimuth (degrees clockwise from forward, seen from above; -360 to 360),
-        /// elevation (degrees above the horizon; -90 to 90), radius of the disc of clipped pixels that it acts on
-        /// (degrees; above 0 to 180), and stops that these are brighter than they show (0 to 24). Of
-        /// several lights that cover a pixel the narrowest counts; what none covers stays clipped.
-        /// `Photographs`: as darker photographs show it, one file for each of `evs`, of the panorama's place and size. They
-        /// are turned with it. OpenEXR and Radiance have no ceiling.
-        /// `Skip`: what is clipped stays clipped.
-        /// `FluxKontext`: by a diffusion model and weights of your own (feature `learned`): `strength` of the LoRA 0 to 4,
-        /// `steps` 1 to 200 for each exposure, `guidance` 0 to 20, `width_px` at which it works at most 64 to 4096.
+        /// Method of estimating hidden light.
         method: Method = Method::Learned, other("Skip");
-        /// The value from which a channel counts as clipped, in linear light of which 1 is white. Lower it for pictures
-        /// whose whites end below that, as those of splats and of video may.
+        /// Value from which a channel counts as clipped, in linear light with white at 1. Lower it for pictures
+        /// whose whites end below 1, as those of splats and of video may.
         white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
-        /// Weights for `Learned` in place of those that ship: a file that `train-exposure` wrote.
+        /// Weights for `Learned` that replace the built-in ones: a file written by `train-exposure`.
         weights: Option<InputFile> = None, other("\"exposure.safetensors\"");
-        /// Whether to run the method even where no pixel is clipped. Only clipped pixels take a gain, so this changes no
-        /// light: it shows that leaving the method out changes nothing, and what that saves.
-        force: bool = false, inert("where no pixel is clipped none takes a gain, whatever is predicted");
     }
 }
 
 engine::inputs! {
     /// Inputs of `predict-exposure`.
     pub struct In {
-        /// The panorama, in which light may be clipped.
+        /// Panorama whose lights may be clipped.
         pano: Arc<Panorama>,
     }
 }
@@ -84,29 +73,31 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of `predict-exposure`.
     pub struct Out {
-        /// The log2 gain of every pixel, the exposures derived from it, and each region found.
+        /// The log2 gain per pixel, the exposures derived from it, and the regions.
         brackets: Arc<Brackets>,
         /// The exposures as pictures, one view each: `ev_-6`.
         exposures: Arc<Images>,
-        /// The regions, and the light of the panorama before and after, in all and of each light.
+        /// The regions, and the light of the panorama before and after: in total and for each light.
         report: Arc<Report>,
     }
 }
 
 /// The middle of the ramp from 0.9 to 1 on which the regression was fitted.
 pub const CLIPPED: f32 = 0.95;
-/// Exposures cost memory, and beyond a few say nothing new.
+/// Exposures take memory, and more than a few add no information.
 const MOST_EXPOSURES: usize = 64;
-/// A light is spread by at most this, in radians: two cells of the grid.
+/// A light is spread by at most this angle, in radians: two cells of the grid.
 const SPREAD: f64 = 0.05;
-/// Pixels seen less than this were filled in, so they say nothing about clipping.
+/// Pixels with a smaller alpha were filled, so they say nothing about clipping.
 const SEEN: f32 = 0.5;
-/// In a panorama of fewer columns, 5.6 degrees each, many lamps are averaged with what is around them and clip nowhere.
+/// In a panorama of fewer columns, 5.6 degrees each, many lamps are averaged with their surroundings and do not
+/// clip.
 const COARSE: usize = 64;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 10;
+    const VERSION: u32 = 12;
+    const READS: &'static [ContextField] = &[ContextField::Exhaustive];
     const DATA: &'static [u8] = network::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
     type Params = Self;
@@ -115,15 +106,15 @@ impl Kind for PredictExposure {
 
     fn estimate(params: &Self, inputs: &In) -> Cost {
         let pano = &inputs.pano.alpha;
-        let own = pano.samples.len() * (136 + 12 * params.evs.len());
+        let pixels = pano.samples.len() as u64;
         let model = params.method.kontext().map_or(0, |kontext| kontext.memory(pano.width));
         let read = match &params.method {
-            Method::Photographs { files } => pano.samples.len() * (48 + 16 * files.len()),
+            Method::Photographs { files } => (pixels, 48 + 16 * files.len() as u64),
             // Enlarged, at most 510 columns by as many rows.
-            Method::Learned if pano.width < grid::WIDTH => 136 * 510 * 510,
-            _ => 0,
+            Method::Learned if pano.width < grid::WIDTH => (136, 510 * 510),
+            _ => (0, 0),
         };
-        Cost { bytes: (own + read) as u64 + model }
+        Cost::of([(pixels, 136 + 12 * params.evs.len() as u64), read, (model, 1)])
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {
@@ -132,7 +123,7 @@ impl Kind for PredictExposure {
             let text = format!("{} exposures are more than {MOST_EXPOSURES}", evs.len());
             return Err(NodeError::new(text)
                 .at("evs")
-                .hint("list fewer; the gain map holds the light of all"));
+                .hint("list fewer exposures; the gain map contains all of the light"));
         }
         if evs.windows(2).any(|pair| pair[0] >= pair[1]) {
             return Err(NodeError::new("an exposure is listed twice").at("evs").hint("name each one once"));
@@ -158,110 +149,34 @@ impl Kind for PredictExposure {
         }
     }
 
+    fn former(name: &str, _: &[(&str, &str)]) -> Option<Former> {
+        (name == "force").then(|| Former::exhaustive(&["force"], 11))
+    }
+
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
-        let pano = &inputs.pano;
         let mut notes = Notes::none();
-        let pixels = clipped_light(pano, &mut notes)?;
-        let network = learned(params, &mut notes, cx)?;
-        let mut mask = clip_mask(pano, &pixels, params.white);
-        let photographs = params.method.photographs(&params.evs, pano, &mut notes, cx)?;
-        if let Some(photographs) = &photographs {
-            photographs.compare((&pixels, &pano.alpha.samples), params.white, &mut notes, cx)?;
-            photographs.add_clipped(&pixels, &mut mask, &mut notes, cx)?;
-        }
-        let clipped = mask.iter().filter(|&&m| m).count() as u64;
-        cx.check()?;
-        cx.count("pixels", mask.len() as u64);
-        tell_unseen(&pixels, &pano.alpha.samples, params.white, &mut notes);
-        tell_coarse(pixels.width, &mut notes);
-        if clipped == 0 {
-            tell_nothing_clipped(&pixels, &pano.alpha.samples, params, &mut notes);
-        }
-        let nothing = || (vec![0.0; mask.len()], Vec::new());
-        let unseen = |notes: &mut Notes| {
-            let text =
-                "nothing but clipped pixels and black: there is no visible light to judge hidden light by";
-            notes.warning("nothing-visible", text);
-            nothing()
-        };
-        let ceiling = ceiling(&pixels, &mask, params.white);
-        let on_grid = || Clipped::new(pano.up, &pano.alpha.samples, (&pixels, &mask, ceiling));
-        let own: Vec<f64> = pixels.rgb.iter().map(|rgb| f64::from(luminance(*rgb))).collect();
-        let mut books = Books::new(pano.up, pixels.width, &own, SPREAD);
-        books.enter_panorama("panorama", pixels.width, &own, cx)?;
-        let (log2_gain, regions) = match &params.method {
-            _ if clipped == 0 && !params.force => nothing(),
-            Method::Learned | Method::Region => match on_grid() {
-                clipped if !clipped.grid.anything_visible() => unseen(&mut notes),
-                clipped => {
-                    sun::tell_doubtful(&clipped.grid, clipped.up, &clipped.members, &mut notes);
-                    match &network {
-                        None => region::predict(&clipped, cx)?,
-                        Some(network) => match Enlarged::new(&pixels, &mask, &pano.alpha.samples) {
-                            None => network::predict(network, &clipped, &mut books, cx)?,
-                            Some(large) => {
-                                let clipped = Clipped::new(
-                                    pano.up,
-                                    &large.alpha,
-                                    (&large.pixels, &large.mask, ceiling),
-                                );
-                                let (gain, regions) = network::predict(network, &clipped, &mut books, cx)?;
-                                (large.gathered(&gain), regions)
-                            }
-                        },
-                    }
-                }
-            },
-            Method::Manual { emitters } => {
-                (manual::predict(emitters, (&pixels, &mask), pano.up, &mut notes, cx)?, Vec::new())
-            }
-            Method::Photographs { .. } => {
-                let gain = photographs.as_ref().map(|taken| taken.gains((&pixels, &mask), &mut notes, cx));
-                (gain.transpose()?.unwrap_or_default(), Vec::new())
-            }
-            Method::Skip => nothing(),
-            Method::FluxKontext { .. } => {
-                let darkest = params.evs.iter().copied().fold(0.0, f64::min);
-                let kontext = params.method.kontext();
-                let gain = kontext
-                    .map(|kontext| kontext.predict(&pixels, &mask, darkest, &mut books, &mut notes, cx));
-                (gain.transpose()?.unwrap_or_default(), Vec::new())
-            }
-        };
+        let clipping = Clipping::find(params, &inputs.pano, &mut notes, cx)?;
+        let (width, height) = (clipping.pixels.width, clipping.pixels.height);
+        let own: Vec<f64> = clipping.pixels.rgb.iter().map(|rgb| f64::from(luminance(*rgb))).collect();
+        let mut table = EnergyTable::new(inputs.pano.up, width, &own, SPREAD);
+        table.record_panorama("panorama", width, &own, cx)?;
+        let Prediction { log2_gain, regions } = clipping.predict(&mut table, &mut notes, cx)?;
         let light = |(own, gain): (&f64, &f32)| own * num::f64::exp2(f64::from(*gain));
         let predicted: Vec<f64> = own.iter().zip(&log2_gain).map(light).collect();
-        books.enter_panorama("predicted", pixels.width, &predicted, cx)?;
+        table.record_panorama("predicted", width, &predicted, cx)?;
         drop(predicted);
-        if clipped > 0 && matches!(pano.image, Picture::Linear(_)) {
-            let text = "the panorama holds linear light and none above white, so what is white counts as clipped; if that is all the light there is, use `method: Skip`";
-            notes.warning("linear-white", text);
-        }
-        let kept = mask.iter().zip(&log2_gain).filter(|(clipped, gain)| **clipped && **gain == 0.0).count();
-        if kept > 0 && matches!(params.method, Method::Skip | Method::Manual { .. }) {
-            notes.warning("clipping-kept", format!("{kept} of {clipped} clipped pixels stay as they are"));
-        }
-        // Whatever the method, the report is of the regions that are there.
-        let regions = if clipped > 0 && regions.is_empty() { on_grid().told(&log2_gain) } else { regions };
-        if regions.iter().any(|region| region.sun) {
-            notes.decision(
-                "sun",
-                "a small clipped region above the horizon, in a sky bluer than the ground, is taken for the sun",
-            );
-        }
-        notes.count("clipped-regions", regions.len() as u64, "clipped regions");
-        let (width, height) = (pixels.width, pixels.height);
+        let regions = clipping.report(regions, &log2_gain, &mut notes);
         let evs = sorted(&params.evs);
-        let taken = photographs.as_ref().map_or(Taken::Derived, Photographs::taken);
-        let exposures = match &photographs {
-            Some(taken) => taken.pictures(&pixels, &log2_gain, cx)?,
+        let taken = clipping.photographs.as_ref().map_or(Taken::Derived, Photographs::taken);
+        let exposures = match &clipping.photographs {
+            Some(taken) => taken.pictures(&clipping.pixels, &log2_gain, cx)?,
             None => cx.for_each_tile(evs.len(), |i| {
-                Image::from_samples(width, height, 3, expose(&pixels, &log2_gain, evs[i]))
+                Image::from_samples(width, height, 3, expose(&clipping.pixels, &log2_gain, evs[i]))
             })?,
         };
         let log2_gain = Image::<Data>::from_samples(width, height, 1, log2_gain);
-        let chosen = if clipped == 0 && !params.force { &Method::Skip } else { &params.method };
-        let mut report = report(chosen, clipped, mask.len() as u64, &regions);
-        report.tables.extend(books.tables());
+        let mut report = report(clipping.method(), clipping.clipped, clipping.mask.len() as u64, &regions);
+        report.tables.extend(table.tables());
         let named = evs
             .iter()
             .zip(&exposures)
@@ -273,32 +188,12 @@ impl Kind for PredictExposure {
     }
 }
 
-/// The networks of `Learned`, those that ship or of the user; also where nothing is clipped, so that a wrong file is found.
-fn learned(
-    params: &PredictExposure,
-    notes: &mut Notes,
-    cx: &Context,
-) -> Result<Option<network::Network>, NodeError> {
-    if !matches!(params.method, Method::Learned) {
-        if let Some(file) = &params.weights {
-            let text = format!("`{}` is not read: `weights` are of `method: Learned`", file.0);
-            notes.warning("weights-unused", text);
-        }
-        return Ok(None);
-    }
-    let parsed = match &params.weights {
-        Some(file) => network::parse(&file.0, &cx.read(file)?),
-        None => network::parse(network::FILE, network::WEIGHTS),
-    };
-    Ok(Some(parsed.map_err(|error| NodeError::from(error).at("weights"))?))
-}
-
-/// What is clipped of a panorama, on the grid that light is judged on.
+/// The clipped parts of a panorama, on the grid.
 struct Clipped<'a> {
     up: Up,
     pixels: &'a LinearPixels,
     mask: &'a [bool],
-    /// Where the whites of the panorama end, above 0 to 1.
+    /// White level of the panorama, above 0 to 1.
     ceiling: f64,
     grid: Grid,
     labels: Regions,
@@ -306,7 +201,7 @@ struct Clipped<'a> {
     members: Vec<Vec<usize>>,
 }
 
-/// What was found about one region.
+/// Estimate for one region.
 struct RegionLight {
     sun: bool,
     azimuth_deg: f64,
@@ -314,7 +209,7 @@ struct RegionLight {
     solid_angle: f64,
     mean_log2_gain: f64,
     peak_log2_gain: f64,
-    /// How far off the mean gain may be, in stops, one standard deviation; `None` where it is not known.
+    /// Standard deviation of the mean gain, in stops; `None` if unknown.
     uncertainty: Option<f64>,
 }
 
@@ -331,8 +226,8 @@ impl<'a> Clipped<'a> {
         Self { up, pixels, mask, ceiling, grid, labels, members }
     }
 
-    /// The regions, with the gain that was predicted pixel by pixel.
-    fn told(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
+    /// The regions, with the predicted gain.
+    fn with_gain(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
         let n = self.labels.count;
         let (mut size, mut before, mut after) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
         let mut peak = vec![0.0_f64; n];
@@ -375,7 +270,7 @@ fn sorted(evs: &[f64]) -> Vec<f64> {
     evs
 }
 
-/// Linear light as a camera holds it: no more than white where the panorama is display-encoded.
+/// Linear light as a camera records it: limited to white if the panorama is display-encoded.
 fn clipped_light(pano: &Panorama, notes: &mut Notes) -> Result<LinearPixels, NodeError> {
     if matches!(pano.image, Picture::Data(_)) {
         return Err(Error::Mismatch("the panorama holds data, not colour".to_owned()).into());
@@ -401,35 +296,41 @@ fn clip_mask(pano: &Panorama, pixels: &LinearPixels, white: f32) -> Vec<bool> {
     pixels.rgb.iter().zip(&pano.alpha.samples).map(|(rgb, alpha)| *alpha >= SEEN && clipped(*rgb)).collect()
 }
 
-/// White that was mostly filled in is not taken for clipped, and gets no light.
-fn tell_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Notes) {
+/// Reports white pixels that were mostly filled: they do not count as clipped and get no light.
+fn report_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Notes) {
     let unseen = |(rgb, alpha): &(&[f32; 3], &f32)| **alpha < SEEN && **alpha > 0.0 && max3(**rgb) > white;
     let count = pixels.rgb.iter().zip(alpha).filter(unseen).count();
     if pixels.ceiling && count > 0 {
         let text = format!(
-            "{count} white pixels are more than half transparent; they are not taken for clipped, and stay as they are"
+            "{count} white pixels are more than half transparent; they do not count as clipped and are not changed"
         );
         notes.decision("white-unseen", text);
     }
 }
 
-/// A lamp that is smaller than a pixel may clip nowhere, and another light then seems to be the strongest.
-fn tell_coarse(width: usize, notes: &mut Notes) {
+/// Warns about a coarse panorama: a lamp smaller than a pixel may not clip, and another light then seems to be the
+/// strongest.
+fn report_coarse(width: usize, notes: &mut Notes) {
     if width < COARSE {
         let text = format!(
-            "a pixel of the panorama is {:.1} degrees wide; a smaller light may clip nowhere, and is then not found: {COARSE} columns or more show most",
+            "a pixel of the panorama is {:.1} degrees wide; smaller lights may not clip and are then missed: use {COARSE} columns or more",
             360.0 / width as f64
         );
         notes.decision("coarse", text);
     }
 }
 
-fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictExposure, notes: &mut Notes) {
+fn report_nothing_clipped(
+    pixels: &LinearPixels,
+    alpha: &[f32],
+    (params, exhaustive): (&PredictExposure, bool),
+    notes: &mut Notes,
+) {
     let seen = pixels.rgb.iter().zip(alpha).filter(|(_, alpha)| **alpha >= SEEN);
     let brightest = seen.map(|(rgb, _)| max3(*rgb)).fold(0.0, f32::max);
     let why = if pixels.ceiling {
         format!(
-            "no pixel is clipped: the brightest reaches {brightest:.3} of white, and clipping is told from `white`, {}, on",
+            "no pixel is clipped: the brightest has {brightest:.3} of white, and pixels count as clipped from `white`, {}",
             params.white
         )
     } else {
@@ -440,9 +341,9 @@ fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictEx
     };
     if let Method::Manual { emitters } = &params.method
         && !emitters.is_empty()
-        && !params.force
+        && !exhaustive
     {
-        let text = format!("none of the {} stated lights acts: {why}", emitters.len());
+        let text = format!("none of the {} given lights has an effect: {why}", emitters.len());
         notes.warning(
             "nothing-to-light",
             format!("{text}; a lower `white` lets more pixels count as clipped"),
@@ -450,16 +351,16 @@ fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictEx
         return;
     }
     let then =
-        if params.force { "the method is asked all the same, by `force`" } else { "nothing is predicted" };
+        if exhaustive { "the method runs anyway, because of `--exhaustive`" } else { "nothing is predicted" };
     notes.decision("nothing-clipped", format!("{why}; {then}"));
 }
 
-/// What a camera would take at `ev`: display-encoded, no more than white.
+/// The photograph of a camera at `ev`: display-encoded, limited to white.
 fn expose(pixels: &LinearPixels, log2_gain: &[f32], ev: f64) -> Vec<f32> {
     pixels.rgb.iter().zip(log2_gain).flat_map(|(rgb, gain)| exposed(*rgb, *gain, ev, 1.0)).collect()
 }
 
-/// The same of one pixel, no more than `white`.
+/// The same for one pixel, limited to `white`.
 fn exposed(rgb: [f32; 3], log2_gain: f32, ev: f64, white: f32) -> [f32; 3] {
     let scale = num::f64::exp2(f64::from(log2_gain) + ev);
     rgb.map(|v| srgb_from_linear(((f64::from(v) * scale) as f32).min(white)))

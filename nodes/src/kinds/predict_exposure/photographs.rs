@@ -1,11 +1,11 @@
-//! Exposures that a camera took of the same panorama: what they show is measured, not estimated.
+//! Darker photographs of the same panorama: hidden light is measured, not estimated.
 
 use engine::{Context, InputFile, NodeError, Notes};
 
 use super::SEEN;
 use crate::error::Error;
 use crate::io::picture::{FileEncoding, decode};
-use crate::io::stretch::Stretch;
+use crate::io::progress::Progress;
 use crate::light::exposure::{DARKEST, Shown, WHITE, measured};
 use crate::light::linear::{LinearPixels, Transfer, max3};
 use crate::light::whole_sphere::{premultiplied, straight};
@@ -14,26 +14,29 @@ use crate::math::color::srgb_from_linear;
 use crate::math::num;
 use crate::types::{Image, Panorama, Picture, Srgb, Taken};
 
-/// Stops by which a photograph must show more of what may be white: half a code of 8 bits, ten stops down.
+/// Number of stops by which a photograph must be brighter at a possibly white pixel: half an 8-bit code, ten stops
+/// down.
 const BRIGHTER: f32 = 0.25;
-/// A photograph is judged by pixels that it should show at this luminance or more, the fourth code of 8 bits.
+/// Smallest luminance of pixels that a photograph is checked with: the fourth 8-bit code.
 const SHOWN: f64 = 1.2e-3;
-/// It is judged by no fewer pixels.
+/// Smallest number of such pixels.
 const FEWEST: usize = 16;
-/// Stops that the light of a photograph may be off by, in the middle, and that half of its pixels may lie apart from that.
+/// Largest accepted median difference of the light of a photograph, in stops, and largest spread of half of its
+/// pixels around that.
 const APART: [f32; 2] = [0.5, 1.0];
-/// Share of the pixels that are white elsewhere that may be so many stops short of it. Over the 74 panoramas of hdri-train it
-/// is 0 for their own photographs, above this for 99 of 100 that are of another place, mirrored or turned by 56 degrees, for
-/// two of three that are turned by 4, and for one of three that are turned by one.
+/// Largest accepted share of pixels that are white elsewhere and darker by this many stops in the photograph. For
+/// the 74 panoramas of hdri-train it is 0 with their own photographs; it exceeds this for 99 of 100 photographs of
+/// another place, mirrored or rotated by 56 degrees, for two of three rotated by 4 degrees, and for one of three
+/// rotated by one degree.
 const SHORT: f64 = 0.1;
 
-/// Refuses files that are not one for each exposure.
+/// Checks that there is one file per exposure.
 pub(super) fn check(files: &[InputFile], evs: &[f64]) -> Result<(), NodeError> {
     if files.len() == evs.len() && !files.is_empty() {
         return Ok(());
     }
     let text = format!("{} photographs for {} exposures", files.len(), evs.len());
-    Err(NodeError::new(text).at("method").hint("list in `evs` the exposure of each file, in the same order"))
+    Err(NodeError::new(text).at("method").hint("list the exposure of each file in `evs`, in the same order"))
 }
 
 struct Photograph {
@@ -42,12 +45,12 @@ struct Photograph {
     /// Linear light.
     rgb: Vec<[f32; 3]>,
     alpha: Vec<f32>,
-    /// Linear light has no ceiling: what a file holds above white it holds.
+    /// True if the file holds linear light, which is not clipped at white.
     linear: bool,
 }
 
 impl Photograph {
-    /// What it shows of a pixel; `None` of a hole.
+    /// The light of a pixel in the photograph; `None` in a hole.
     fn shown(&self, at: usize) -> Option<Shown> {
         let (ev, rgb) = (self.ev, self.rgb[at]);
         let shown = if self.linear { Shown { ev, rgb, clipped: false } } else { Shown::display(ev, rgb) };
@@ -55,20 +58,20 @@ impl Photograph {
     }
 }
 
-/// By how many stops a photograph shows more of a pixel than others do.
+/// Number of stops by which a photograph shows more light at a pixel than others.
 #[derive(Clone, Copy)]
 struct Off {
     stops: f32,
-    /// All others are clipped there, so it must show as much or more.
+    /// All others are clipped there, so the photograph must show at least as much.
     white: bool,
 }
 
 impl Photograph {
-    /// A pixel against what brighter pictures show of it, brightest first; `None` where nothing can be said.
+    /// Compares a pixel with brighter pictures, brightest first; `None` if there is nothing to compare.
     fn off(&self, at: usize, others: impl Iterator<Item = Shown>) -> Option<Off> {
         let (mut light, mut white) = (0.0_f64, true);
         for other in others {
-            // Clipped light is at least what each of them shows.
+            // Clipped light is at least the light of each of them.
             light = if other.clipped { light.max(other.light()) } else { other.light() };
             white = other.clipped;
             if !white {
@@ -83,7 +86,7 @@ impl Photograph {
         Some(Off { stops, white })
     }
 
-    /// Warns where what it shows contradicts the others.
+    /// Warns if the photograph contradicts the others.
     fn tell(&self, shown: &[Off], white: &[Off], notes: &mut Notes) {
         let taken = format!("`{}`, taken at EV {}, shows", self.name, self.ev);
         let mut off: Vec<f32> = shown.iter().map(|off| off.stops).collect();
@@ -114,11 +117,11 @@ impl Photograph {
     }
 }
 
-/// The photographs of a panorama, darkest first, turned as it was.
+/// The photographs of a panorama, darkest first, rotated with it.
 pub(super) struct Photographs(Vec<Photograph>);
 
 impl Photographs {
-    /// Reads them as `load-panorama` reads theirs.
+    /// Reads the files as `load-panorama` does.
     pub fn read(
         files: &[InputFile],
         evs: &[f64],
@@ -128,8 +131,8 @@ impl Photographs {
     ) -> Result<Self, NodeError> {
         let mut taken = Vec::with_capacity(files.len());
         for (i, (file, &ev)) in files.iter().zip(evs).enumerate() {
-            let stretch = Stretch::of(cx, 0.0, 0.5).piece(i, files.len());
-            taken.push(read(file, ev, pano, notes, stretch, cx).map_err(|error| error.at("method"))?);
+            let progress = Progress::of(cx, 0.0, 0.5).piece(i, files.len());
+            taken.push(read(file, ev, pano, notes, progress, cx).map_err(|error| error.at("method"))?);
         }
         if let Some(other) = taken.iter().find(|other| other.linear != taken[0].linear) {
             let kind = |linear| if linear { "linear light" } else { "display colours" };
@@ -141,20 +144,20 @@ impl Photographs {
         }
         let columns = pano.turned_deg / 360.0 * pano.alpha.width as f64;
         if (columns - columns.round()).abs() > 1e-6 {
-            let text = "the panorama was turned by part of a column and its photographs by whole ones, so they lie up to half a pixel apart";
+            let text = "the panorama was rotated by a fraction of a column and its photographs by whole columns, so they differ by up to half a pixel";
             notes.warning("photographs-between-pixels", text);
         }
         taken.sort_by(|a, b| a.ev.total_cmp(&b.ev));
         Ok(Self(taken))
     }
 
-    /// What they hold; all hold the same.
+    /// The encoding of the photographs, which is the same for all.
     pub fn taken(&self) -> Taken {
         if self.0.iter().any(|photograph| photograph.linear) { Taken::Linear } else { Taken::Display }
     }
 
-    /// Warns of photographs whose light is not that of the panorama, or of a brighter photograph, where these show it, or
-    /// less than their white where they do not.
+    /// Warns about photographs whose light differs from that of the panorama or a brighter photograph, or is less
+    /// than white where those are white.
     pub fn compare(
         &self,
         (pixels, alpha): (&LinearPixels, &[f32]),
@@ -182,8 +185,8 @@ impl Photographs {
         Ok(())
     }
 
-    /// Adds to the mask what may be white of a panorama whose white ends a little early, and is brighter in a photograph by
-    /// more than its codes leave open.
+    /// Adds pixels to the mask that may be clipped: those slightly below the white level that are brighter in a
+    /// photograph by more than the rounding of codes.
     pub fn add_clipped(
         &self,
         pixels: &LinearPixels,
@@ -230,16 +233,16 @@ impl Photographs {
             (y * pixels.width..(y + 1) * pixels.width).map(gain).collect::<Vec<_>>()
         })?;
         let still = rows.iter().flatten().filter(|gain| matches!(gain, Some((_, true)))).count();
-        tell_still(still, notes);
+        report_still(still, notes);
         let unseen = rows.iter().flatten().filter(|gain| gain.is_none()).count();
         if unseen > 0 {
-            let text = format!("{unseen} clipped pixels are holes in every photograph and stay as they are");
+            let text = format!("{unseen} clipped pixels are holes in every photograph and are not changed");
             notes.warning("photographs-have-holes", text);
         }
         Ok(rows.iter().flatten().map(|gain| gain.map_or(0.0, |(gain, _)| gain)).collect())
     }
 
-    /// Their codes; above 1 where linear light is above white. A hole shows what the gain says.
+    /// The photographs as pictures; above 1 where linear light is above white. A hole is filled by the gain.
     pub fn pictures(
         &self,
         pixels: &LinearPixels,
@@ -266,11 +269,11 @@ fn read(
     ev: f64,
     pano: &Panorama,
     notes: &mut Notes,
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
     cx: &Context,
 ) -> Result<Photograph, NodeError> {
     let bytes = cx.read(file)?;
-    let picture = decode(FileEncoding::Auto, "", &file.0, &bytes, notes, stretch)?;
+    let picture = decode(FileEncoding::Auto, "", &file.0, &bytes, notes, progress)?;
     let picture = whole(&file.0, &bytes, picture, notes)?;
     let (width, height, _) = picture.size();
     let (wanted, tall) = (pano.alpha.width, pano.alpha.height);
@@ -281,7 +284,7 @@ fn read(
     let linear = matches!(picture, Picture::Linear(_));
     let pixels = premultiplied(&picture, notes)?;
     drop(picture);
-    // By whole columns, so that what is white stays white.
+    // By whole columns, so that white pixels stay white.
     let column = 360.0 / width as f64;
     let turned_deg = (pano.turned_deg / column).round() * column;
     let (samples, alpha) = straight(turn(&pixels, width, turned_deg, cx)?);
@@ -290,18 +293,18 @@ fn read(
     Ok(Photograph { ev, name: file.0.clone(), rgb, alpha, linear })
 }
 
-/// The lower of the two in the middle; of at least one number.
+/// The lower median; of at least one number.
 fn median(of: &mut [f32]) -> f32 {
     let middle = (of.len() - 1) / 2;
     *of.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
-/// Warns of pixels that even the darkest exposure does not show.
-pub(super) fn tell_still(pixels: usize, notes: &mut Notes) {
+/// Warns about pixels that are clipped even in the darkest exposure.
+pub(super) fn report_still(pixels: usize, notes: &mut Notes) {
     if pixels > 0 {
         notes.warning(
             "still-clipped",
-            format!("{pixels} pixels are clipped even in the darkest exposure that shows them, so their gain is a lower bound; a darker one in `evs` would tell more"),
+            format!("{pixels} pixels are clipped even in the darkest exposure that shows them, so their gain is a lower bound; add a darker one to `evs`"),
         );
     }
 }

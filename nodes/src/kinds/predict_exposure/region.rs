@@ -1,4 +1,4 @@
-//! The regression by region: one gain for each connected clipped region, spread by a fixed profile.
+//! The regression by region: one gain for each connected clipped region, distributed by a fixed profile.
 
 use engine::{Context, NodeError, Up};
 use glam::DVec3;
@@ -16,7 +16,7 @@ use crate::math::num;
 const MEAN: [f64; 9] = [0.0, -7.542, 6.265, 0.229, 0.357, 0.993, 0.619, 0.032, 0.232];
 const SPREAD: [f64; 9] = [1.0, 2.404, 3.169, 0.534, 0.151, 0.032, 1.193, 0.118, 0.092];
 const WEIGHT: [f64; 9] = [1.012, 0.411, -0.149, 0.362, -0.269, -0.008, -0.235, -0.064, 0.082];
-/// Gains are kept in this range of stops, as in the fit.
+/// Gains are clamped to this range of stops, as in the fit.
 const STOPS: (f64, f64) = (0.0, 14.0);
 /// The gain within a region grows as (distance to the edge / largest distance)^4, as in the fit.
 const PROFILE_POWER: i32 = 4;
@@ -57,7 +57,7 @@ pub(super) fn predict(
     let mut log2_gain = vec![0.0_f32; mask.len()];
     let mut found = Vec::with_capacity(labels.count);
     for (i, (&stops, &sun)) in regression.iter().zip(&suns).enumerate() {
-        // The fit took whole cells for clipped, so its gain acts on their area.
+        // The fit used whole cells as clipped area, so its gain acts on that area.
         let flux = spread.cell_flux[i];
         let least = sun * sun::FLUX * unclipped;
         let least = if least > 0.0 && flux > 0.0 { num::f64::log2(least / flux) } else { 0.0 };
@@ -68,10 +68,9 @@ pub(super) fn predict(
     Ok((log2_gain, found))
 }
 
-/// The nine numbers of a region: 1, log2 solid angle, a tenth of its square, mean sine of elevation,
-/// mean brightness of its ring, length of the mean direction (1 when compact), log2 of all clipped
-/// solid angle, share of it, and the mean of everything unclipped. Brightness is of a panorama whose whites end at
-/// `ceiling` as if they ended at 1.
+/// The nine numbers of a region: 1, log2 solid angle, a tenth of its square, mean sine of elevation, mean
+/// brightness of its ring, length of the mean direction (1 when compact), log2 of all clipped solid angle, share of
+/// it, and the mean of everything unclipped. Brightness is relative to the white level `ceiling`.
 fn features(grid: &Grid, up: Up, cells: &[usize], (total, rest): (f64, f64), ceiling: f64) -> [f64; 9] {
     let above = crate::math::equirect::axes(up)[2];
     let (mut size, mut sine, mut sum) = (0.0, 0.0, DVec3::ZERO);
@@ -89,7 +88,7 @@ fn features(grid: &Grid, up: Up, cells: &[usize], (total, rest): (f64, f64), cei
     [1.0, log, log * log / 10.0, sine / size, ring, compact, num::f64::log2(total), share, rest]
 }
 
-/// Mean of the channels of some cells; half of white where there is nothing to average, as in the fit.
+/// Mean of the channels of some cells; half of white if there is no cell, as in the fit.
 fn mean_of(grid: &Grid, cells: impl Iterator<Item = usize>) -> f64 {
     let (mut sum, mut n) = (0.0, 0.0);
     for cell in cells {

@@ -1,4 +1,4 @@
-//! How the hidden light of a region is shared out among its clipped pixels.
+//! Distribution of the hidden light of a region over its clipped pixels.
 
 use engine::{Context, NodeError};
 
@@ -9,11 +9,11 @@ use crate::math::color::luminance;
 use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 
-/// A grid cell is clipped when any pixel in it is. A gain that was fitted on whole cells acts on at most so
-/// many times the area of the clipped pixels.
+/// A grid cell is clipped if any pixel in it is. A gain fitted on whole cells acts on at most this many times the
+/// area of the clipped pixels.
 const LARGEST_DILUTION: f64 = 16.0;
 
-/// The clipped pixels of each region, and how its light is shared out among them.
+/// The clipped pixels of each region, and the profile of its light.
 pub(super) struct Spread {
     /// Per region: clipped pixels, their profile and solid angle.
     pixels: Vec<Vec<(u32, f64, f64)>>,
@@ -25,7 +25,7 @@ pub(super) struct Spread {
     pub cell_flux: Vec<f64>,
 }
 
-/// What a region was given.
+/// The light added to a region.
 pub(super) struct Given {
     /// log2 of its flux after over before.
     pub mean_log2_gain: f64,
@@ -34,7 +34,7 @@ pub(super) struct Given {
 }
 
 impl Spread {
-    /// `profile` gives, for a clipped pixel of a region, its gain less 1, up to a factor of the region's own.
+    /// `profile` returns, for a clipped pixel of a region, its gain minus 1 up to a factor per region.
     pub fn new(
         image: &LinearPixels,
         mask: &[bool],

@@ -1,6 +1,7 @@
-//! Which clipped region is the sun of a clear sky, and the least light that it then gives.
+//! Detection of the sun in a clear sky, and a lower bound of its light.
 //!
-//! A regression over many places, whose clipped regions are mostly windows, glints and clouds, is too timid there.
+//! A regression over many places, whose clipped regions are mostly windows, glints and clouds, underestimates the
+//! sun.
 
 use engine::{Notes, Up};
 
@@ -9,41 +10,45 @@ use crate::light::regions;
 use crate::math::equirect::axes;
 use crate::math::num;
 
-/// Cells around a region that count as its surroundings.
+/// Radius in cells of the surroundings of a region.
 pub(super) const RING: usize = 3;
-/// The sun is smaller than this, in log2 sr.
+/// Largest size of the sun, in log2 sr.
 const LARGEST: f64 = -2.5;
-/// It stands higher than this, as the sine of its mean elevation; the ground lies as far below the horizon.
+/// Smallest sine of the sun's mean elevation; the ground lies equally far below the horizon.
 const LOWEST: f64 = 0.03;
-/// It holds at least this share of all that is clipped above the horizon. What is clipped below is lit by it, snow or glints.
+/// Smallest share of the sun in all that is clipped above the horizon. Clipped pixels below it are lit by the sun:
+/// snow or glints.
 const SHARE: f64 = 0.35;
-/// It stands in a sky that is bluer than the ground, which sun and sky light together, whatever the white balance. By how
-/// many times as blue, as B over R, it is told to be the sun from, and for certain.
+/// The sun stands in a sky that is bluer than the ground, which sun and sky light together, whatever the white
+/// balance. These are the ratios of blueness (B over R) from which a region may be the sun, and from which it
+/// certainly is.
 const BLUER: [f64; 2] = [1.02, 1.1];
-/// The sun gives at least so much of the flux of everything unclipped. A physical sun gives about 1.7 times as much. The
-/// thresholds and this number were chosen on the panoramas of hdri-train (docs/light.md), so those are no test of them.
+/// Smallest flux of the sun relative to that of everything unclipped. A physical sun gives about 1.7 times as much.
+/// The thresholds and this number were chosen on the panoramas of hdri-train (docs/light.md), so those cannot test
+/// them.
 pub(super) const FLUX: f64 = 0.5;
 
-/// The sky is clear where it is so many times as blue as the ground, as B over R, and so blue in itself: rooms with brown floors
-/// and captures under clouds reach the one or the other. From how much of the solid angle above [`HORIZON`] on it is told to
-/// be clear, and for certain: walls and trees may hide the rest.
+/// The sky is clear where its blueness (B over R) is this many times that of the ground, and at least this value:
+/// rooms with brown floors and captures under clouds satisfy only one of the two. The other numbers are the shares
+/// of the solid angle above [`HORIZON`] from which it may be clear, and from which it certainly is: walls and trees
+/// may hide the rest.
 const CLEAR: [f64; 2] = [2.0, 1.1];
 const SEEN_SKY: [f64; 2] = [0.1, 0.25];
-/// Sine of the elevation from which on there is sky.
+/// Sine of the elevation from which the sky begins.
 const HORIZON: f64 = 0.1;
 
-/// The sky around a region is blue in itself from here on, as B over R: then it may be the sun though the ground is as blue.
+/// Blueness (B over R) of the sky around a region from which it may be the sun even if the ground is as blue.
 const BLUE: f64 = 1.25;
 
-/// How certain it is that each region, given by its cells, is the sun of a clear sky: 0 to 1, and the part of [`FLUX`] that it
-/// gives. There is one at most: of several the largest.
+/// The probability from 0 to 1 that each region, given by its cells, is the sun of a clear sky, and the fraction of
+/// [`FLUX`] that it gives. At most one region qualifies: the largest.
 pub(super) fn suns(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<f64> {
     let clear = ramp(clear_sky(grid, up), SEEN_SKY);
     let part = |[bluer, _]: [f64; 2]| clear * ramp(bluer, BLUER);
     let mut suns: Vec<f64> = hues(grid, up, regions).into_iter().map(|hues| hues.map_or(0.0, part)).collect();
     let size = |i: usize| regions[i].iter().map(|&c| grid.clipped_angle(c)).sum::<f64>();
-    let told = (0..suns.len()).filter(|&i| suns[i] > 0.0);
-    let largest = told.max_by(|&a, &b| size(a).total_cmp(&size(b)).then(b.cmp(&a)));
+    let reported = (0..suns.len()).filter(|&i| suns[i] > 0.0);
+    let largest = reported.max_by(|&a, &b| size(a).total_cmp(&size(b)).then(b.cmp(&a)));
     suns.iter_mut().enumerate().filter(|(i, _)| Some(*i) != largest).for_each(|(_, sun)| *sun = 0.0);
     suns
 }
@@ -52,7 +57,7 @@ fn ramp(value: f64, [from, to]: [f64; 2]) -> f64 {
     ((value - from) / (to - from)).clamp(0.0, 1.0)
 }
 
-/// The share of what is above the horizon, by solid angle, that is clear sky.
+/// The fraction of the solid angle above the horizon that is clear sky.
 fn clear_sky(grid: &Grid, up: Up) -> f64 {
     let above = axes(up)[2];
     let height = |cell: usize| grid.direction(up, cell).dot(above);
@@ -68,17 +73,18 @@ fn clear_sky(grid: &Grid, up: Up) -> f64 {
     clear / all
 }
 
-/// Tells of a light that is like the sun in a blue sky but for the ground, which is as blue: over water, say.
-pub(super) fn tell_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes: &mut Notes) {
+/// Reports a light that looks like the sun in a blue sky except that the ground is as blue: over water, for
+/// example.
+pub(super) fn report_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes: &mut Notes) {
     let doubtful = |[bluer, blue]: &[f64; 2]| *bluer <= BLUER[0] && *blue > BLUE;
     if hues(grid, up, regions).iter().flatten().any(doubtful) {
-        let text = "a small clipped region above the horizon, in blue surroundings, is not taken for the sun, since the ground is as blue; if it is the sun, over water say, state it by `method: Manual`";
+        let text = "a small clipped region above the horizon, in blue surroundings, does not count as the sun, since the ground is as blue; if it is the sun (over water, for example), give it by `method: Manual`";
         notes.decision("sun-doubtful", text);
     }
 }
 
-/// Of each region that may be the sun by its size, height and share of what is clipped: how many times as blue as the
-/// ground its surroundings are, and how blue.
+/// For each region that qualifies by size, height and share: the blueness of its surroundings relative to the
+/// ground, and in itself.
 fn hues(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<Option<[f64; 2]>> {
     let above = axes(up)[2];
     let height = |cell: usize| grid.direction(up, cell).dot(above);
@@ -99,14 +105,14 @@ fn hues(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<Option<[f64; 2]>> {
     regions.iter().map(hues).collect()
 }
 
-/// The red and the blue light of what is open of some cells.
+/// The red and the blue light of the unclipped parts of cells.
 fn red_blue(grid: &Grid, cells: impl Iterator<Item = usize>) -> [f64; 2] {
     cells.fold([0.0; 2], |[red, blue], c| {
         [red + grid.open_angle(c) * grid.open_rgb[c][0], blue + grid.open_angle(c) * grid.open_rgb[c][2]]
     })
 }
 
-/// The cells around a region of which something is open, and its own, in order.
+/// The cells of a region and around it that have an unclipped part, in order.
 pub(super) fn surroundings(grid: &Grid, cells: &[usize]) -> impl Iterator<Item = usize> {
     let around = regions::around(cells, (grid.width, grid.clipped.len()), RING);
     around.into_iter().filter(move |&c| grid.open_angle(c) > 0.0)

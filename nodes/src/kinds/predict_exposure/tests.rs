@@ -12,7 +12,7 @@ use crate::types::Srgb;
 use engine::{Kind, Scene, Up};
 
 fn cx() -> Context {
-    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, ".")
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".")
 }
 
 fn pano(width: usize, colour: impl Fn(usize, usize) -> [f32; 3]) -> Arc<Panorama> {
@@ -34,22 +34,16 @@ fn run(pano: Arc<Panorama>, evs: &[f64]) -> (Arc<Brackets>, Notes) {
 const METHODS: [Method; 2] = [Method::Region, Method::Learned];
 
 fn run_by(method: Method, pano: Arc<Panorama>, evs: &[f64]) -> (Arc<Brackets>, Notes) {
-    let params = PredictExposure { evs: evs.to_vec(), method, white: CLIPPED, weights: None, force: false };
+    let params = PredictExposure { evs: evs.to_vec(), method, white: CLIPPED, weights: None };
     let (out, notes) = PredictExposure::run(&params, In { pano }, &cx()).expect("runs");
     (out.brackets, notes)
 }
 
-// Neither the grid nor sharing out what is found on it changes the light of the whole or of a lamp by more than rounding
-// and the edges of pixels. Mutation: hidden light entered without `/ grid.solid_angle(..)`.
+// Neither the grid nor the distribution of light changes the total light or that of a lamp by more than rounding
+// and the edges of pixels. Mutation: hidden light recorded without `/ grid.solid_angle(..)`.
 #[test]
 fn the_books_of_a_prediction_agree() {
-    let params = PredictExposure {
-        evs: vec![-3.0],
-        method: Method::Learned,
-        white: CLIPPED,
-        weights: None,
-        force: false,
-    };
+    let params = PredictExposure { evs: vec![-3.0], method: Method::Learned, white: CLIPPED, weights: None };
     let (out, _) = PredictExposure::run(&params, In { pano: room(512) }, &cx()).expect("runs");
     let steps = out.report.tables.iter().find(|table| table.name == "steps").expect("has books");
     assert_eq!(steps.columns, ["", "panorama", "on the grid", "predicted on the grid", "predicted"]);
@@ -82,8 +76,8 @@ fn flux(brackets: &Brackets, pano: &Panorama, of: impl Fn(usize) -> bool) -> f64
     (0..w * h).filter(|&at| of(at)).map(light).sum()
 }
 
-// The stops are those of the published formula, evaluated by a separate program on the nine numbers of
-// the two regions; the flux of each region must then have grown by as much.
+// The stops are those of the published formula, evaluated by a separate program on the nine numbers of the two
+// regions; the flux of each region must then have increased by that.
 #[test]
 fn the_flux_of_a_region_is_what_the_regression_says() {
     let pano = room(256);
@@ -97,7 +91,8 @@ fn the_flux_of_a_region_is_what_the_regression_says() {
     assert!((stops(&lamp) - 2.203).abs() < 1e-3, "{}", stops(&lamp));
 }
 
-/// Each exposure is darker than the next and than the panorama, black alone is black, extremes stay finite, and white is the most that an exposure holds.
+/// Each exposure is darker than the next one and than the panorama, only black is black, extremes stay finite, and
+/// white is the largest value of an exposure.
 #[test]
 fn flat_panoramas_stay_monotone_and_finite() {
     for method in METHODS {
@@ -130,7 +125,7 @@ fn flat_panoramas_stay_monotone_and_finite() {
     assert_eq!(expose(&white, &[9.0], -3.0), [1.0; 3], "a light that outshines an exposure is white in it");
 }
 
-/// How far the gain of a turned panorama is off the gain turned by as many columns.
+/// The difference between the gain of a rotated panorama and the rotated gain.
 fn off_turned(plain: &Brackets, turned: &Brackets, shift: usize) -> f64 {
     let width = plain.log2_gain.width;
     let from = |at: usize| plain.log2_gain.pixel((at % width + shift) % width, at / width)[0];
@@ -139,7 +134,7 @@ fn off_turned(plain: &Brackets, turned: &Brackets, shift: usize) -> f64 {
     off.fold(0.0, f64::max)
 }
 
-/// A horizontal roll rolls the prediction, also of one pixel and of a sun on the seam.
+/// Rolling the panorama horizontally rolls the prediction, also for one pixel and for a sun on the seam.
 #[test]
 fn rolling_the_panorama_rolls_the_gain() {
     let dot = |x: usize, y: usize| if (x, y) == (0, 40) { [1.0; 3] } else { [0.4, 0.5, 0.6] };
@@ -155,7 +150,7 @@ fn rolling_the_panorama_rolls_the_gain() {
     }
 }
 
-/// Also of a panorama finer than the grid, by less than a cell.
+/// Also for a panorama finer than the grid, by less than a cell.
 #[test]
 fn turning_by_part_of_a_cell_turns_the_gain() {
     let width = 300;
@@ -175,8 +170,8 @@ fn turning_by_part_of_a_cell_turns_the_gain() {
     }
 }
 
-// The learned light of a panorama is what the network says, whatever pixels it is shared out among; and the
-// report tells how sure it is.
+// The learned light of a panorama is the output of the network, whatever pixels it is distributed over, and the
+// report gives its uncertainty.
 #[test]
 fn learned_flux_is_what_the_network_says() {
     for width in [256, 1024] {
@@ -205,24 +200,17 @@ fn exposures_are_sorted_and_listed_once() {
         method: Method::Region,
         white: CLIPPED,
         weights: None,
-        force: false,
     };
     assert!(PredictExposure::check(&params).is_err());
     let many = PredictExposure { evs: (1..=65).map(|ev| -0.1 * f64::from(ev)).collect(), ..params };
     assert!(PredictExposure::check(&many).expect_err("are too many").to_string().contains("65 exposures"));
 }
 
-// A file of weights is for the method that has any. Mutation: the warning dropped.
+// A file of weights is reported for a method that has none. Mutation: the warning dropped.
 #[test]
 fn weights_that_no_method_reads_are_reported() {
     let weights = Some(InputFile("own.safetensors".to_owned()));
-    let params = |method| PredictExposure {
-        evs: vec![],
-        method,
-        white: CLIPPED,
-        weights: weights.clone(),
-        force: false,
-    };
+    let params = |method| PredictExposure { evs: vec![], method, white: CLIPPED, weights: weights.clone() };
     let run = |method| PredictExposure::run(&params(method), In { pano: room(64) }, &cx());
     let (_, notes) = run(Method::Region).expect("runs");
     assert!(notes.iter().any(|note| note.id == "weights-unused" && note.text.contains("own.safetensors")));
@@ -240,7 +228,6 @@ fn emitters_act_where_the_user_states_them() {
             method: Method::Manual { emitters },
             white: CLIPPED,
             weights: None,
-            force: false,
         };
         PredictExposure::check(&params)?;
         PredictExposure::run(&params, In { pano: source.clone() }, &cx())
@@ -250,7 +237,7 @@ fn emitters_act_where_the_user_states_them() {
         let lamp = (30..34).contains(&(at / 256)) && (100..104).contains(&(at % 256));
         assert_eq!(*gain, if lamp { 5.0 } else { 0.0 });
     }
-    // A sun within a bright sky: the narrower one is stated of what both reach, whichever comes first.
+    // A sun within a bright sky: the narrower light is used where both cover a pixel, whichever comes first.
     for order in [[0, 1], [1, 0]] {
         let both = [[azimuth, elevation, 180.0, 2.0], [azimuth - 1.0, elevation, 4.0, 8.0]];
         let (out, notes) = stated(order.map(|i| both[i]).to_vec()).expect("runs");
@@ -260,19 +247,19 @@ fn emitters_act_where_the_user_states_them() {
     }
     let (out, notes) =
         stated(vec![[azimuth, elevation, 4.0, 3.0], [azimuth + 180.0, -80.0, 3.0, 5.0]]).expect("runs");
-    let idle = notes.iter().find(|note| note.id == "nothing-to-light").expect("is told");
+    let idle = notes.iter().find(|note| note.id == "nothing-to-light").expect("a note");
     assert!(idle.text.ends_with("do nothing: 2"), "{}", idle.text);
-    // The report is of the window and the lamp that are there, whatever was stated.
+    // The report lists the window and the lamp of the panorama, whatever lights were given.
     let report = &out.brackets.report;
     assert_eq!(report.tables[0].rows[0][3], Cell::Count(2));
     let gains: Vec<_> = report.tables[1].rows.iter().map(|row| [row[3].clone(), row[4].clone()]).collect();
     assert!(gains.contains(&[3.0, 3.0].map(Cell::Number)) && gains.contains(&[0.0, 0.0].map(Cell::Number)));
-    // What no emitter reaches is told, as it is of `Skip`. Mutation: `Method::Manual` left out there.
+    // Pixels that no emitter covers are reported, as with `Skip`. Mutation: `Method::Manual` left out there.
     let mask = clip_mask(&source, &linear_pixels(&source.image, Transfer::Srgb), CLIPPED);
     let all = mask.iter().filter(|clipped| **clipped).count();
     let kept = |notes: &Notes| notes.iter().find(|n| n.id == "clipping-kept").map(|n| n.text.clone());
     let (_, none) = stated(Vec::new()).expect("runs");
-    assert_eq!(kept(&none), Some(format!("{all} of {all} clipped pixels stay as they are")));
+    assert_eq!(kept(&none), Some(format!("{all} of {all} clipped pixels are not changed")));
     assert_eq!(kept(&stated(vec![[0.0, 0.0, 180.0, 5.0]]).expect("runs").1), None);
     assert!(stated(vec![[1e300, 5.0, 3.0, 5.0]]).is_err());
     assert!(stated(vec![[0.0, 95.0, 3.0, 5.0]]).is_err() && stated(vec![[0.0, 5.0, 0.0, 5.0]]).is_err());

@@ -1,38 +1,38 @@
-//! How two renders become a ratio, and light to add.
+//! The formulas that turn two renders into a ratio and light to add.
 
 use super::ShadowRatio;
 use super::tally::{SEEN, SHONE_ON, Tally};
 
 engine::choices! {
-    /// How the two renders become a ratio.
+    /// Formula that turns the two renders into a ratio.
     pub enum RatioForm {
-        /// (R1 + e) / (R0 + e) where e and the energy bound are fractions of the picture's median R0, the
-        /// mask judged on a 3x3 mean: exactly 1 where nothing changed, the same at any exposure.
+        /// `(R1 + e) / (R0 + e)`, where e and the energy bound are fractions of the median of R0, and the bound is
+        /// tested on a 3x3 mean. Exactly 1 where nothing changed, and independent of exposure.
         Stable,
-        /// R1 / (R0 + epsilon) with absolute bounds judged pixel by pixel, as the paper prints it.
+        /// `R1 / (R0 + epsilon)`, with absolute bounds tested per pixel, as printed in the paper.
         Paper,
-        /// No ratio: the light that the objects take or give, R1 - R0, is `added` (Debevec 1998). Right only
-        /// where the receiver's albedo is that of the place; keeps light where R0 is too dark for a ratio.
+        /// No ratio: the difference `R1 - R0` is added to the background, as `added` (Debevec 1998). Correct only
+        /// if the albedo of the receiver is that of the scene; keeps light where R0 is too dark for a ratio.
         Difference,
-        /// `Stable` where light is taken, and what is given is `added`.
+        /// `Stable` where the objects remove light; light that they add is in `added`.
         Hybrid,
     }
 }
 
 engine::choices! {
-    /// Of what the ratio is taken.
+    /// Quantity whose ratio is taken.
     pub enum Channels {
-        /// Of each colour channel: shadows take the colour of the light that is left.
+        /// Each colour channel: shadows have the colour of the remaining light.
         Each,
-        /// Of luminance: grey shadows, for comparison and for renders too noisy in colour.
+        /// Luminance: grey shadows, for comparison and for renders with much colour noise.
         Luminance,
     }
 }
 
 impl RatioForm {
-    /// The raw ratio of a channel, 1 where there is too little light for one. `a` is without the objects and `b` with
-    /// them, `energy` the light around that the bound is for, `shone_on` whether what is around is much brighter with the
-    /// objects, too, and `unit` that of the bounds.
+    /// The raw ratio of a channel, 1 where there is too little light for one. `a` is the light without the objects
+    /// and `b` with them, `energy` the surrounding light that is compared with the bound, `shone_on` whether the
+    /// surroundings are also much brighter with the objects, and `unit` the unit of the bounds.
     pub(super) fn ratio(
         self,
         params: &ShadowRatio,
@@ -57,7 +57,7 @@ impl RatioForm {
         if trust == 0.0 {
             return 1.0;
         }
-        // What is brighter with the objects is no ratio of `Hybrid`, which adds it.
+        // Light added by the objects is not part of the ratio of `Hybrid`, which adds it.
         let (ratio, most) = match self {
             Self::Hybrid => (ratio.min(1.0), params.s_max.min(1.0)),
             _ => (ratio, params.s_max),
@@ -71,7 +71,7 @@ impl RatioForm {
         1.0 + trust * (ratio.clamp(0.0, most) - 1.0)
     }
 
-    /// How much of a ratio counts where the light is at least what it must be: all of it from twice as much on.
+    /// The weight of a ratio near the energy bound: 0 at the bound, 1 from twice the bound.
     fn trust(self, energy: f64, least: f64) -> f64 {
         if self == Self::Paper || least <= 0.0 { 1.0 } else { (energy / least - 1.0).clamp(0.0, 1.0) }
     }

@@ -1,4 +1,4 @@
-//! `shadow-ratio`: how much of the receiver's light the inserted objects leave.
+//! `shadow-ratio`: the fraction of the receiver's light that the inserted objects leave.
 
 mod form;
 mod shaping;
@@ -19,27 +19,27 @@ pub use form::{Channels, RatioForm};
 engine::params! {
     /// The ratio of the receiver's light with and without the objects, per colour channel.
     ///
-    /// Multiplied onto a photograph of the same place it darkens what lies in the object's shadow. Pixels
-    /// with too little light for a ratio to mean anything are left alone (1). `gamma`, `s_min` and
-    /// `lambda` shape the shadow: `1 - lambda * (1 - max(S^gamma, s_min))`.
+    /// Multiplied with a photograph of the same scene, it darkens the shadow of the objects. Pixels with too little
+    /// light for a meaningful ratio keep a factor of 1. `gamma`, `s_min` and `lambda` shape the shadow: `1 - lambda
+    /// * (1 - max(S^gamma, s_min))`.
     pub struct ShadowRatio {
-        /// Which formula.
+        /// Formula of the ratio.
         form: RatioForm = RatioForm::Stable, other("Paper");
-        /// One ratio for each channel, or one for all.
+        /// One ratio per channel, or one ratio of luminance.
         channels: Channels = Channels::Each, other("Luminance");
-        /// Added to the denominator; a fraction of the median of `without` for `Stable`, a radiance for `Paper`.
+        /// Offset of the denominator: a fraction of the median of `without` for `Stable`, a radiance for `Paper`.
         epsilon: f64 = 1e-4, range(0.0, 1.0), other("0.05");
-        /// Pixels with less light than this keep their brightness; in the unit of `epsilon`. Up to twice as much the
-        /// ratio fades in, so that the bound draws no line (not with `Paper`).
+        /// Pixels with less light than this keep their brightness, in the unit of `epsilon`. The ratio fades in up
+        /// to twice this value, so that no edge shows (except with `Paper`).
         min_energy: f64 = 1e-3, range(0.0, 1e6), other("0.9");
-        /// Largest ratio; above 1 keeps light that the object adds by reflection, below 1 darkens the whole picture.
-        /// `Hybrid` takes 1 at most.
+        /// Largest ratio. Values above 1 keep light that the object adds by reflection; values below 1 darken the
+        /// whole picture. `Hybrid` limits it to 1.
         s_max: f64 = 1.0, range(0.0, 100.0), other("0.6");
         /// Exponent of the ratio; smaller is softer.
         gamma: f64 = 1.0, range(1e-3, 1.0), other("0.5");
-        /// Darkest shadow that is let through.
+        /// Smallest factor, that of the darkest shadow.
         s_min: f64 = 0.0, range(0.0, 1.0), other("0.8");
-        /// Strength of the shadow; 0 leaves the background as it is.
+        /// Strength of the shadow; 0 leaves the background unchanged.
         lambda: f64 = 1.0, range(0.0, 1.0), other("0.5");
     }
 }
@@ -59,7 +59,7 @@ engine::outputs! {
     pub struct Out {
         /// Factor of the background for each channel, 1 where there is no shadow.
         shadow: Arc<Images>,
-        /// Linear light to add to the background after that, for `composite`; 0 where the form has none.
+        /// Linear light to add to the background after the shadow, for `composite`; 0 if the form adds none.
         added: Arc<Images>,
     }
 }
@@ -117,7 +117,7 @@ impl ShadowRatio {
         Ok([shadow, added].map(|samples| Image::from_samples(width, height, 3, samples)))
     }
 
-    /// What the ratio of a channel is taken of.
+    /// The light of a channel, or the luminance, that the ratio is taken of.
     fn of(&self, rgb: [f64; 3], c: usize) -> f64 {
         match self.channels {
             Channels::Each => rgb[c],
@@ -125,7 +125,7 @@ impl ShadowRatio {
         }
     }
 
-    /// Whether objects shine on most of the pixels around one, and it is not lit by a lucky path alone.
+    /// True if the objects brighten most of the pixels around one, as opposed to a single firefly.
     fn is_shone_on(
         &self,
         without: &Image<Linear>,
@@ -143,7 +143,7 @@ impl ShadowRatio {
         2 * bright > count
     }
 
-    /// Mean of the finite values around a pixel: the mask must not be decided by the noise of one pixel.
+    /// Mean of the finite values around a pixel, so that the noise of one pixel does not decide the mask.
     fn neighbourhood(&self, image: &Image<Linear>, x: usize, y: usize, c: usize) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for (i, j) in around(image, x, y) {
@@ -157,7 +157,7 @@ impl ShadowRatio {
     }
 }
 
-/// A pixel and those around it, row by row.
+/// A pixel and its neighbours, row by row.
 fn around(image: &Image<Linear>, x: usize, y: usize) -> impl Iterator<Item = (usize, usize)> {
     let columns = x.saturating_sub(1)..=(x + 1).min(image.width - 1);
     let rows = y.saturating_sub(1)..=(y + 1).min(image.height - 1);
@@ -177,7 +177,7 @@ impl Kind for ShadowRatio {
 
     fn check(params: &Self) -> Result<(), NodeError> {
         if params.s_min > params.powered(params.s_max) {
-            let text = "`s_min` is above all that `s_max` lets through, so every pixel would be alike";
+            let text = "`s_min` exceeds the largest ratio that `s_max` allows, so every pixel would be equal";
             return Err(NodeError::new(text).at("s_min").hint("set `s_min` below `s_max`"));
         }
         Ok(())
@@ -197,11 +197,11 @@ impl Kind for ShadowRatio {
         }
         let mut notes = Notes::none();
         if params.form != RatioForm::Difference && params.shape(params.s_max) < 1.0 {
-            let text = "`s_max` is below 1, so all of the picture is darkened, also where no object is near";
+            let text = "`s_max` is below 1, which darkens the whole picture, even far from objects";
             notes.warning("darkened", text);
         }
         if let Some(idle) = params.idle() {
-            let text = format!("`form: Difference` takes no ratio, so {idle} has no say; `lambda` has");
+            let text = format!("`form: Difference` has no ratio and ignores {idle}; use `lambda`");
             notes.warning("no-ratio", text);
         }
         tally.tell(params.s_max, &mut notes);

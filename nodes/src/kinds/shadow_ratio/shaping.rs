@@ -11,11 +11,11 @@ impl ShadowRatio {
 
     /// The ratio to the power of `gamma`.
     pub(super) fn powered(&self, ratio: f64) -> f64 {
-        // Most of a picture is 1, as is every power of it.
+        // Most pixels are 1, as is every power of it.
         if self.gamma == 1.0 || ratio == 1.0 { ratio } else { num::pow(ratio, self.gamma) }
     }
 
-    /// The parameters that are set and shape a ratio where none is taken.
+    /// The names of parameters that are set but have no effect, because no ratio is taken.
     pub(super) fn idle(&self) -> Option<String> {
         let unset = Self::default();
         let set = [

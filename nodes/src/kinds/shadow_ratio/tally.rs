@@ -1,25 +1,26 @@
-//! What became of the samples, to be told.
+//! Counts of samples that were clipped or left out, for notes.
 
 use engine::Notes;
 
-/// How many times brighter than it may be a sample is counted: less is noise, and not seen.
+/// A sample counts as clipped if it is this many times brighter than allowed; less is invisible noise.
 pub(super) const SEEN: f64 = 1.01;
-/// From how many times on objects shine on a place, or throw light onto it: matte ones hardly brighten what is beside them.
+/// Objects add visible light from this factor on; matte objects hardly brighten what is next to them.
 pub(super) const SHONE_ON: f64 = 1.5;
-/// A largest ratio that lets through what most lamps do: where it does not, the place is next to dark without them.
+/// A value of `s_max` that lets the light of most lamps through; where it does not, the place is almost dark
+/// without them.
 const LARGE: f64 = 8.0;
-/// Share of all samples from which on that is more than fireflies.
+/// Share of all samples above which bright samples are more than fireflies.
 const MANY: f64 = 1e-3;
 
-/// What became of the samples of one view.
+/// Counts for the samples of one view.
 #[derive(Default)]
 pub(super) struct Tally {
     pub(super) samples: u64,
     pub(super) dark: u64,
     pub(super) clipped: u64,
-    /// Of these those of places that objects shine on.
+    /// Those of them in places that objects brighten.
     pub(super) shone_on: u64,
-    /// Of the ratios that are clipped the sums of what they are made of: with the objects and without.
+    /// Sums of the clipped ratios' terms: with the objects and without.
     pub(super) bright: [f64; 2],
     pub(super) broken: u64,
 }
@@ -36,20 +37,20 @@ impl Tally {
         self.broken += other.broken;
     }
 
-    /// Notes of what was left out, and of how much of all it is.
+    /// Adds notes on samples that were left out, with their share of all.
     pub(super) fn tell(&self, s_max: f64, notes: &mut Notes) {
         if self.broken > 0 {
             notes.warning("not-finite", format!("{} samples are not finite and cast no shadow", self.broken));
         }
         if self.samples > 0 && self.dark == self.samples {
-            let text = "no sample has light enough for a ratio, so the picture gets no shadow";
+            let text = "no sample has enough light for a ratio, so there is no shadow";
             notes.warning("all-dark", text);
         }
         let share = |n: u64| 100.0 * n as f64 / self.samples.max(1) as f64;
         notes.count(
             "too-dark",
             self.dark,
-            format_args!("samples ({:.2} %) are too dark for a ratio, or for all of it", share(self.dark)),
+            format_args!("samples ({:.2} %) are too dark for a full ratio", share(self.dark)),
         );
         notes.count(
             "clipped",
@@ -62,13 +63,13 @@ impl Tally {
         );
         if self.shone_on as f64 > MANY * self.samples as f64 {
             let text = format!(
-                "the objects shine on the place, or throw light onto it, and `s_max` = {s_max} keeps that from the picture: {:.2} % of the samples \
-                 would be more than half as bright again",
+                "the objects light their surroundings, and `s_max` = {s_max} removes that: {:.2} % of the samples \
+                 would be brighter by more than half",
                 share(self.shone_on)
             );
             let hint = match s_max < LARGE {
-                true => "raise `s_max` to let it through (8, say)",
-                false => "`form: Hybrid` adds what is brighter in place of multiplying by it",
+                true => "raise `s_max` to keep it (for example to 8)",
+                false => "`form: Hybrid` adds this light instead of multiplying by it",
             };
             notes.warning("light-clipped", format!("{text}; {hint}"));
         }

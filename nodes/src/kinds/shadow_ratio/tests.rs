@@ -13,7 +13,7 @@ fn ratios(params: &ShadowRatio, r0: &[f32], r1: &[f32]) -> Vec<f32> {
     out.shadow.0[0].picture.samples().chunks(3).map(|p| p[0]).collect()
 }
 
-// What the camera sees of the sun says nothing of how dark a shadow is, and what is held back of a ratio is counted.
+// The sun in the picture does not affect how dark a shadow is, and clipped ratios are counted.
 #[test]
 fn the_sun_in_the_picture_puts_no_shadow_out() {
     let with_sun = |radiance: f32| {
@@ -25,11 +25,12 @@ fn the_sun_in_the_picture_puts_no_shadow_out() {
     assert!((with_sun(1e6)[0] - 0.4).abs() < 1e-3);
     let p = ShadowRatio { min_energy: 0.8, ..ShadowRatio::default() };
     let run = ShadowRatio::run(&p, In { without: image(&[1.0; 2]), with: image(&[0.5, 1.0]) }, &context());
-    let told = run.expect("runs").1.iter().find(|note| note.id == "too-dark").map(|note| note.text.clone());
-    assert!(told.is_some_and(|text| text.starts_with("6 samples (100.00 %)")));
+    let reported =
+        run.expect("runs").1.iter().find(|note| note.id == "too-dark").map(|note| note.text.clone());
+    assert!(reported.is_some_and(|text| text.starts_with("6 samples (100.00 %)")));
 }
 
-/// A difference has no use for what shapes a ratio, and says so of what is set.
+/// `Difference` ignores the parameters that shape a ratio, and reports those that are set.
 #[test]
 fn what_shapes_no_difference_is_reported() {
     let difference = || ShadowRatio { form: RatioForm::Difference, ..ShadowRatio::default() };
@@ -39,16 +40,16 @@ fn what_shapes_no_difference_is_reported() {
         (difference(), None),
         (lambda, None),
         (ShadowRatio { form: RatioForm::Stable, ..set.clone() }, None),
-        (set, Some("`form: Difference` takes no ratio, so `s_max`, `gamma` has no say; `lambda` has")),
+        (set, Some("`form: Difference` has no ratio and ignores `s_max`, `gamma`; use `lambda`")),
     ] {
         let inputs = In { without: image(&[0.5; 4]), with: image(&[0.4; 4]) };
         let (_, notes) = ShadowRatio::run(&params, inputs, &context()).expect("runs");
-        let told = notes.iter().find(|note| note.id == "no-ratio").map(|note| note.text.as_str());
-        assert_eq!(told, expected);
+        let reported = notes.iter().find(|note| note.id == "no-ratio").map(|note| note.text.as_str());
+        assert_eq!(reported, expected);
     }
 }
 
-/// A few samples on black do not rule how much brighter the others are.
+/// A few samples on black do not dominate the reported brightness.
 #[test]
 fn how_much_brighter_is_reported_by_sums() {
     let (mut r0, mut r1) = ([1.0; 100], [1.2; 100]);
@@ -56,16 +57,15 @@ fn how_much_brighter_is_reported_by_sums() {
     let inputs = In { without: image(&r0), with: image(&r1) };
     let params = ShadowRatio { min_energy: 0.0, ..ShadowRatio::default() };
     let (_, notes) = ShadowRatio::run(&params, inputs, &context()).expect("runs");
-    let told = notes.iter().find(|note| note.id == "clipped").expect("told");
-    assert!(told.text.contains("1.210 times"), "{}", told.text);
+    let found = notes.iter().find(|note| note.id == "clipped").expect("a note");
+    assert!(found.text.contains("1.210 times"), "{}", found.text);
 }
 
-/// The light of an inserted lamp that `s_max` keeps from the picture is a warning with its remedy; what a matte object throws back beside
-/// it, noise and a firefly are none.
-/// Mutation: `SHONE_ON` 1, `SEEN` 1, `is_shone_on` always true.
+/// Light of an inserted lamp that `s_max` clips is a warning with a remedy; the reflection of a matte object, noise
+/// and a firefly are not. Mutation: `SHONE_ON` 1, `SEEN` 1, `is_shone_on` always true.
 #[test]
 fn light_that_is_kept_from_the_picture_is_reported() {
-    let told = |s_max: f64, bright: &[f32]| {
+    let reported = |s_max: f64, bright: &[f32]| {
         let mut r1 = vec![1.002; 1000];
         r1[..bright.len()].copy_from_slice(bright);
         let p = ShadowRatio { s_max, ..ShadowRatio::default() };
@@ -74,16 +74,16 @@ fn light_that_is_kept_from_the_picture_is_reported() {
         notes.iter().map(|note| note.id.clone()).collect::<Vec<_>>()
     };
     let lamp = [3.0; 50];
-    assert!(told(1.0, &lamp).iter().any(|id| id == "light-clipped"));
-    assert!(!told(8.0, &lamp).iter().any(|id| id == "light-clipped"));
-    assert!(!told(1.0, &[1.1; 50]).iter().any(|id| id == "light-clipped"));
+    assert!(reported(1.0, &lamp).iter().any(|id| id == "light-clipped"));
+    assert!(!reported(8.0, &lamp).iter().any(|id| id == "light-clipped"));
+    assert!(!reported(1.0, &[1.1; 50]).iter().any(|id| id == "light-clipped"));
     let fireflies: Vec<f32> = (0..50).map(|i| if i % 3 == 1 { 9.0 } else { 1.0 }).collect();
-    assert!(!told(1.0, &fireflies).iter().any(|id| id == "light-clipped"));
-    assert!(told(8.0, &[90.0; 50]).iter().any(|id| id == "light-clipped"));
-    assert!(!told(1.0, &[]).iter().any(|id| id == "clipped"), "noise");
+    assert!(!reported(1.0, &fireflies).iter().any(|id| id == "light-clipped"));
+    assert!(reported(8.0, &[90.0; 50]).iter().any(|id| id == "light-clipped"));
+    assert!(!reported(1.0, &[]).iter().any(|id| id == "clipped"), "noise");
 }
 
-// `Hybrid` adds what is brighter, so that nothing is clipped.
+// `Hybrid` adds light, so nothing is clipped.
 #[test]
 fn what_is_added_is_not_reported_as_clipped() {
     let clipped = |form, s_max| {
@@ -95,7 +95,7 @@ fn what_is_added_is_not_reported_as_clipped() {
     assert!(!clipped(RatioForm::Hybrid, 100.0) && clipped(RatioForm::Hybrid, 0.5));
 }
 
-/// A shadow that is one grey everywhere is refused, and a picture that is darkened everywhere is told.
+/// Bounds that give the same factor everywhere are refused, and bounds that darken the whole picture are reported.
 /// Mutation: `powered` left out of `check`.
 #[test]
 fn bounds_that_leave_no_shadow_are_reported() {
@@ -106,12 +106,14 @@ fn bounds_that_leave_no_shadow_are_reported() {
         let checked = ShadowRatio::check(&of(s_min, s_max, gamma));
         assert_eq!(checked.is_ok(), good, "{s_min} of {s_max}^{gamma}");
     }
-    let told = |p: &ShadowRatio| {
+    let reported = |p: &ShadowRatio| {
         let run = ShadowRatio::run(p, In { without: image(&[1.0]), with: image(&[1.0]) }, &context());
         run.expect("runs").1.iter().any(|note| note.id == "darkened")
     };
-    assert!(told(&of(0.0, 0.5, 1.0)) && !told(&ShadowRatio::default()) && !told(&of(0.0, 2.0, 1.0)));
-    assert!(!told(&ShadowRatio { form: RatioForm::Difference, ..of(0.0, 0.5, 1.0) }));
+    assert!(
+        reported(&of(0.0, 0.5, 1.0)) && !reported(&ShadowRatio::default()) && !reported(&of(0.0, 2.0, 1.0))
+    );
+    assert!(!reported(&ShadowRatio { form: RatioForm::Difference, ..of(0.0, 0.5, 1.0) }));
 }
 
 #[test]
@@ -122,7 +124,7 @@ fn nothing_over_nothing_is_one() {
         let run = ShadowRatio::run(&p, In { without: image(&[0.0]), with: image(&[0.0]) }, &context());
         assert!(run.expect("runs").1.iter().any(|note| note.id == "all-dark"));
         assert_eq!(ratios(&p, &[0.0, 1.0], &[0.0, 1.0])[0], 1.0);
-        // The noise of what is next to black, beside what is lit.
+        // The noise of an almost dark area, next to a lit one.
         let (r0, r1) = ([1.0, 1e-8, 1e-8, 1e-8_f32], [0.5, 1e-3, 1e-3, 1e-3_f32]);
         assert_eq!(ratios(&ShadowRatio { s_max: 100.0, ..p }, &r0, &r1)[2..], [1.0; 2]);
     }
@@ -141,7 +143,7 @@ fn exposure_does_not_change_the_ratio() {
     row(52, "change of the ratio at 1e-6 and 1e6 of the light", change(1e-6).max(change(1e6)), 1e-6);
 }
 
-/// They are counted, and add no light.
+/// Such samples are counted, and add no light.
 #[test]
 fn dark_and_broken_samples_cast_no_shadow() {
     let r0 = [1.0, 1e-8, f32::NAN, f32::INFINITY, 1.0];
@@ -157,7 +159,8 @@ fn dark_and_broken_samples_cast_no_shadow() {
             .expect("runs");
     assert!(notes.iter().any(|n| n.id == "not-finite" && n.text.starts_with("9 ")));
     assert_eq!(out.added.0[0].picture.samples()[6..], [0.0; 9]);
-    // What surrounds a broken pixel is what it is without it, though neighbours decide together what is too dark.
+    // The neighbours of a broken pixel are the same as without it, though neighbours decide together what is too
+    // dark.
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         for (r0, r1) in [(bad, 0.5), (0.5, bad), (bad, bad)] {
             let (mut without, mut with) = ([0.5; 7], [0.2; 7]);
@@ -194,16 +197,16 @@ fn shaping_follows_the_paper() {
     }
 }
 
-/// Without it, it is cut, and the share of it told.
+/// Without `s_max`, added light is clipped, and its share reported.
 #[test]
 fn added_light_needs_s_max() {
     let inputs = In { without: image(&[1.0; 4]), with: image(&[1.3, 0.5, 1.0, 0.9]) };
     let (out, notes) = ShadowRatio::run(&ShadowRatio::default(), inputs, &context()).expect("runs");
     assert_eq!(out.shadow.0[0].picture.samples()[..3], [1.0; 3]);
-    let told = notes.iter().find(|note| note.id == "clipped").map(|note| note.text.as_str());
+    let reported = notes.iter().find(|note| note.id == "clipped").map(|note| note.text.as_str());
     assert!(
-        told.is_some_and(|text| text.starts_with("3 samples (25.00 %)") && text.contains("1.300")),
-        "{told:?}"
+        reported.is_some_and(|text| text.starts_with("3 samples (25.00 %)") && text.contains("1.300")),
+        "{reported:?}"
     );
     let more = ratios(&ShadowRatio { s_max: 2.0, epsilon: 0.0, ..ShadowRatio::default() }, &[1.0], &[1.3]);
     row(51, "error of a ratio above 1", f64::from((more[0] - 1.3).abs()), 1e-6);
@@ -227,13 +230,16 @@ fn parameters_out_of_range_are_named() {
             );
             let source = engine::Source::new("graph.ron", &*graph);
             let parsed = engine::Graph::parse(source, &crate::registry(), engine::SourceRoot::new("."));
-            let told = parsed.err().map(|errors| errors.to_string()).unwrap_or_default();
-            assert!(told.contains(field) && told.contains("graph.ron:3"), "{field}: {value} gives {told:?}");
+            let reported = parsed.err().map(|errors| errors.to_string()).unwrap_or_default();
+            assert!(
+                reported.contains(field) && reported.contains("graph.ron:3"),
+                "{field}: {value} gives {reported:?}"
+            );
         }
     }
 }
 
-/// As the bound of energy is swept no ratio jumps by more than a part of the sweep.
+/// As the energy bound is swept, no ratio jumps by more than a fraction of the sweep.
 #[test]
 fn the_mask_has_no_edge() {
     let at = |least: f64| {
@@ -244,7 +250,7 @@ fn the_mask_has_no_edge() {
     assert!(sweep.windows(2).all(|w| w[1] >= w[0]), "{sweep:?}");
     let jump = sweep.windows(2).map(|w| f64::from(w[1] - w[0])).fold(0.0, f64::max);
     row(50, "largest step of the ratio over 200 bounds of energy", jump, 0.04);
-    // Nor does the noise of one pixel decide: among lit ones it has their ratio.
+    // Nor does the noise of one pixel decide: a pixel among lit ones has their ratio.
     let lit = ShadowRatio { epsilon: 0.0, ..ShadowRatio::default() };
     for ratio in ratios(&lit, &[0.5, 1e-5, 0.5], &[0.25, 5e-6, 0.25]) {
         assert!((ratio - 0.5).abs() < 1e-6, "{ratio}");
@@ -273,7 +279,7 @@ fn difference_and_hybrid_add_light() {
     assert!(added[0] == 0.0 && (added[1] - 0.4).abs() < 1e-6 && (added[2] - 0.3).abs() < 1e-6);
 }
 
-// A luminance ratio loses the colour of what is left and keeps its amount.
+// A luminance ratio drops the colour of the remaining light and keeps its amount.
 #[test]
 fn luminance_is_grey() {
     let colour =

@@ -1,4 +1,4 @@
-//! Which of the levels around an object's foot bears it.
+//! Search for the level around an object's foot that supports it.
 
 use engine::{Context, NodeError};
 use glam::DVec3;
@@ -6,26 +6,27 @@ use glam::DVec3;
 use super::STEEPEST;
 use crate::geometry::sampling::hash;
 
-/// Planes that are tried, each level or through three points.
+/// Number of planes that are tried, each horizontal or through three points.
 const TRIED: u32 = 400;
-/// Fewer points under the foot itself tell no level there.
+/// With fewer points below the foot itself, they do not determine a level there.
 const FEW: usize = 8;
 
-/// A plane and what it holds.
+/// A plane and the number of points on it.
 #[derive(Clone, Copy)]
 struct Candidate {
-    /// Its height over (0, 0) and its rise along both axes.
+    /// Height over (0, 0), and slope along both axes.
     plane: [f64; 3],
-    /// Points that it holds.
+    /// Number of points on the plane.
     held: usize,
-    /// Those of them under the foot itself.
+    /// Number of those below the foot itself.
     under: usize,
 }
 
-/// The points of the level that bears a foot, which reaches `half` along both axes about (0, 0): all those within `near`
-/// of a plane. Of levels with at least half as many points under the foot as any has there it is the nearest to 0, and
-/// of its planes the one that holds most points; where hardly any point is under the foot, the one of all that does. Of
-/// planes that hold as many it is the nearest, and of those the first that is tried.
+/// The points of the level that supports a foot, which extends `half` along both axes around (0, 0): all points
+/// within `near` of a plane. Of the levels with at least half as many points below the foot as the fullest one, the
+/// level nearest to 0 is taken, and of its planes the one with most points; with hardly any points below the foot,
+/// all points count. Among planes with equally many points, the nearest is taken, and among those the first that
+/// was tried.
 pub(super) fn bearing(
     points: &[[f64; 3]],
     half: [f64; 2],
@@ -37,7 +38,7 @@ pub(super) fn bearing(
         cx.check()?;
         let some = |i| points.get(((u64::from(hash(k, i)) * points.len() as u64) >> 32) as usize).copied();
         let [Some(a), Some(b), Some(c)] = [some(0), some(1), some(2)] else { break };
-        // Every other plane is level, which is what most ground is.
+        // Every other plane is horizontal, as most ground is.
         let plane =
             if k % 2 == 0 { [a[2], 0.0, 0.0] } else { through([a, b, c]).unwrap_or([a[2], 0.0, 0.0]) };
         let (mut held, mut under) = (0, 0);
@@ -57,7 +58,7 @@ pub(super) fn bearing(
     let nearer = |a: Candidate, b: Candidate| if height(&b).abs() < height(&a).abs() { b } else { a };
     let mut best = candidates.iter().copied().reduce(nearer);
     let reach = if most < FEW { f64::INFINITY } else { 2.0 * near };
-    // Other planes near by hold more of the same rough surface, up to its middle.
+    // Other planes nearby contain more of the same rough surface, up to its middle.
     while let Some(last) = best {
         let of_level = |next: &&Candidate| (height(next) - height(&last)).abs() <= reach;
         best = candidates.iter().filter(of_level).copied().reduce(better);
@@ -69,7 +70,7 @@ pub(super) fn bearing(
     Ok(points.iter().filter(|point| off(&best.plane, point).abs() <= near).copied().collect())
 }
 
-/// The plane through three points; none where it is steep.
+/// The plane through three points; `None` if it is steep.
 fn through(points: [[f64; 3]; 3]) -> Option<[f64; 3]> {
     let [a, b, c] = points.map(DVec3::from_array);
     let normal = (b - a).cross(c - a).try_normalize().filter(|n| n.z.abs() >= STEEPEST)?;
@@ -77,7 +78,7 @@ fn through(points: [[f64; 3]; 3]) -> Option<[f64; 3]> {
     Some([a.z - rise.dot(a.truncate()), rise.x, rise.y])
 }
 
-/// Height of a point over a plane.
+/// Height of a point above a plane.
 fn off(plane: &[f64; 3], point: &[f64; 3]) -> f64 {
     point[2] - plane[0] - plane[1] * point[0] - plane[2] * point[1]
 }

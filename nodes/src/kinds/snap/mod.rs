@@ -1,6 +1,6 @@
-//! `snap`: an object put on what lies under it.
+//! `snap`: puts an object on the ground below it.
 
-mod felt;
+mod ground;
 mod level_search;
 
 use std::sync::Arc;
@@ -13,57 +13,57 @@ use crate::geometry::support::{Foot, Level, triangles};
 use crate::math::equirect::axes;
 use crate::types::frame::world_from_gltf;
 use crate::types::{Cell, Mesh, Object, Placed, Pose, Report, Splats, Table};
-use felt::Felt;
+use ground::Ground;
 use level_search::bearing;
 
 engine::params! {
-    /// Moves a pose up or down so that the object stands on the mesh of the place, or on its splats.
+    /// Moves a pose up or down so that the object stands on the mesh of the scene, or on its splats.
     ///
-    /// Looks under the object's foot and somewhat around it, as far up and down as `reach_metres`, and takes the nearest
-    /// of the levels that lie under at least half as much of the foot as any level does. So what stands on a table stays
-    /// there. The middle of the foot is put on the plane that holds most of it, at the mean height of a rough mesh. Where
-    /// a mesh lies more than 2 cm off that plane under the foot, on a mound, in a hollow or over a kerb, the object is put
-    /// on what it touches, which is reported.
+    /// Searches below and slightly around the object's foot, up and down by `reach_metres`, and takes the nearest
+    /// of the levels that cover at least half as much of the foot as the level with the largest coverage. So an
+    /// object on a table stays there. The middle of the foot is put on the plane through most of the level, at the
+    /// mean height of a rough mesh. If the mesh deviates more than 2 cm from that plane below the foot (a mound, a
+    /// hollow, a kerb), the object is put on its contact points, which is reported.
     ///
-    /// Ground faces up and is no steeper than 45 degrees. In a mesh of which nothing there faces up, what faces down is
-    /// taken, which is reported; but never the underside of a shell less than 2 m thick, whose upper side is named
-    /// instead. Wire the new pose where the old one went: to `place` and the probe.
+    /// Ground faces up and is not steeper than 45 degrees. If no surface of a mesh faces up there, surfaces that
+    /// face down are used, which is reported, but never the underside of a shell less than 2 m thick: the error
+    /// then names its upper side. Wire the new pose in place of the old one, to `place` and to the probe.
     pub struct Snap {
-        /// How far the ground may lie above or below the object's foot.
+        /// Largest distance of the ground above or below the object's foot.
         reach_metres: f64 = 0.5, range(0.001, 100.0), unit("m"), other("0.005");
-        /// Turns the object's up to the normal of the ground, about its foot; on ground that is no plane, until it lies
-        /// on three contacts around its middle.
+        /// True to rotate the object about its foot so that its up axis is the normal of the ground; on uneven
+        /// ground, until it rests on three contacts around its middle.
         align: bool = false, other("true");
     }
 }
 engine::inputs! {
-    /// What to put on what.
+    /// Object, pose and ground.
     pub struct In {
         /// The object.
         object: Arc<Object>,
-        /// Where it stands, roughly.
+        /// Approximate pose of the object.
         pose: Arc<Pose>,
-        /// The mesh of the place; or `splats`.
+        /// Mesh of the scene; give this or `splats`.
         mesh: Option<Arc<Mesh>>,
-        /// The splats of the place; their centres are taken.
+        /// Splats of the scene, by their centres; give this or `mesh`.
         splats: Option<Arc<Splats>>,
     }
 }
 engine::outputs! {
-    /// Where it stands now.
+    /// Outputs of [`Snap`].
     pub struct Out {
         /// The pose on the ground.
         pose: Arc<Pose>,
-        /// What was found: a table `ground`.
+        /// Table `ground` with the measured ground.
         report: Arc<Report>,
     }
 }
 
-/// Points within such a height of a plane are of it, in metres.
+/// Points within this height of a plane belong to it, in metres.
 const NEAR: f64 = 0.02;
-/// Splats more transparent than this are no ground.
+/// Splats with an opacity below this are not ground.
 const OPAQUE: f32 = 0.3;
-/// How far ground is looked for to tell where it is, in metres: as far as `reach_metres` goes.
+/// How far ground is searched to report where it is, in metres; the largest `reach_metres`.
 const FAR: f64 = 100.0;
 /// Cosine of the steepest ground.
 const STEEPEST: f64 = 0.7;
@@ -86,25 +86,25 @@ impl Kind for Snap {
         };
         let pose = inputs.pose.world_from_local;
         let Some(foot) = Foot::of(&placed(&pose), up) else {
-            return Err(NodeError::new("the object has no triangle that could stand").at("object"));
+            return Err(NodeError::new("the object has no usable triangle").at("object"));
         };
         let reach = params.reach_metres * metre;
         let mut notes = Notes::none();
-        let felt = inputs.mesh.as_deref().map(|mesh| Felt::new(mesh, &foot, up));
+        let felt = inputs.mesh.as_deref().map(|mesh| Ground::new(mesh, &foot, up));
         let points = match (&felt, &inputs.splats) {
             (Some(felt), None) => felt.ground(&foot, up, reach, cx, &mut notes)?,
             (None, Some(splats)) => on_splats(splats, &foot, up, reach),
             _ => {
-                let what = "the ground is either `mesh` or `splats`";
+                let what = "the ground needs either `mesh` or `splats`";
                 return Err(NodeError::new(what).at("mesh").hint("wire one of the two"));
             }
         };
-        // The foot itself, of what is looked at around it.
+        // The foot itself, without the margin around it.
         let half = Foot::axes(up).map(|axis| foot.half.dot(axis.abs()) / 1.5);
         let Some(level) = Level::of(&bearing(&points, half, NEAR * metre, cx)?) else {
             let far = FAR * metre;
             let points = match (&felt, &inputs.splats) {
-                // What is too steep there is none.
+                // Steep surfaces are not ground.
                 (Some(felt), _) => {
                     let columns = felt.columns(&foot, up, far, cx)?;
                     if columns.up.is_empty() { columns.down } else { columns.up }
@@ -143,7 +143,7 @@ impl Kind for Snap {
             moved = DMat4::from_translation(up * height) * turn * pose;
             normal = if params.align { rest.turn * up } else { normal };
             let text = format!(
-                "the ground under the foot lies {:.0} mm off a plane, so the object is put on what it touches",
+                "the ground below the foot deviates {:.0} mm from a plane, so the object is put on its contact points",
                 departure * cx.metres_per_unit() * 1e3
             );
             notes.decision("curved-ground", text);
@@ -170,8 +170,8 @@ impl Kind for Snap {
     }
 }
 
-/// No ground is near the foot of an object, which is so far below the origin of its pose: how far over the foot the
-/// nearest is, if there is any. In metres.
+/// Error that no ground is near the foot of an object, which is `below` under the origin of its pose; `nearest` is
+/// the height of the nearest ground above the foot, if there is any. In metres.
 fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
     let side = |height: f64, [over, under]: [&'static str; 2]| if height > 0.0 { over } else { under };
     let foot = match below.abs() {
@@ -184,7 +184,7 @@ fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
     let (what, hint) = match nearest {
         Some(height) => {
             let (by, up) = (height.abs(), side(height, ["up", "down"]));
-            // A whole centimetre above it.
+            // One centimetre more, rounded to centimetres.
             let enough = ((by * 100.0).round() + 1.0) / 100.0;
             let side = side(height, ["above", "below"]);
             (
@@ -193,7 +193,7 @@ fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
             )
         }
         None => (
-            format!("nor is there any within {FAR} m"),
+            format!("there is none within {FAR} m either"),
             "move the pose to where there is ground above or below it".to_owned(),
         ),
     };
@@ -202,7 +202,7 @@ fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
         .hint(hint)
 }
 
-/// Centres of opaque splats over and under the foot, likewise.
+/// Centres of opaque splats above and below the foot, in the same coordinates.
 fn on_splats(splats: &Splats, foot: &Foot, up: DVec3, reach: f64) -> Vec<[f64; 3]> {
     let axes = Foot::axes(up);
     let point = |i: usize| {

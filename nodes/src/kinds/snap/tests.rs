@@ -2,7 +2,7 @@ use super::*;
 use crate::testing::context;
 use crate::types::Primitive;
 
-/// A pyramid of 0.4 by 0.4 by 1 that stands on its square, y up as glTF has it.
+/// A pyramid of 0.4 by 0.4 by 1 that stands on its square, y up as in glTF.
 fn object() -> Arc<Object> {
     let primitive = Primitive {
         positions: vec![
@@ -18,7 +18,7 @@ fn object() -> Arc<Object> {
     Arc::new(Object { primitives: vec![primitive], ..Object::default() })
 }
 
-/// A quad of 4 by 4 at a height, with a rise along x.
+/// A quad of 4 by 4 at a height, with a slope along x.
 fn plane(height: f32, rise: f32) -> Mesh {
     let corner = |x: f32, y: f32| [x, y, height + rise * x];
     Mesh {
@@ -44,15 +44,15 @@ fn objects_come_to_stand_from_above_and_below() {
     }
     let error = run(Some(plane(0.75, 0.0)), None, 2.0, false).map(|_| ()).expect_err("too far");
     assert!(error.message().contains("0.5 m"), "{error}");
-    let told = format!("{error:?}");
-    assert!(told.contains("the nearest is 1.25 m below the foot"), "{told}");
-    assert!(told.contains("down by 1.25 m, or raise `reach_metres` to 1.26"), "{told}");
+    let reported = format!("{error:?}");
+    assert!(reported.contains("the nearest is 1.25 m below the foot"), "{reported}");
+    assert!(reported.contains("down by 1.25 m, or raise `reach_metres` to 1.26"), "{reported}");
     let error = run(Some(plane(0.0, 1.2)), None, 0.2, false).map(|_| ()).expect_err("too steep");
     assert!(error.message().contains("steeper than 45 degrees"), "{error}");
     assert!(run(None, None, 0.0, false).is_err());
 }
 
-/// An object whose origin is its middle, as of many models: its foot is far under a pose that is near the ground.
+/// An object whose origin is its middle, as in many models: its foot is far below a pose that is near the ground.
 #[test]
 fn what_is_too_far_is_reported_by_the_foot() {
     let mut object = (*object()).clone();
@@ -68,15 +68,15 @@ fn what_is_too_far_is_reported_by_the_foot() {
         Snap::run(&Snap { reach_metres, align: false }, inputs, &context())
     };
     let error = go(plane(0.0, 0.0), 0.5).map(|_| ()).expect_err("0.8 m");
-    let told = format!("{error:?}");
+    let reported = format!("{error:?}");
     for part in ["0.90 m below the origin", "nearest is 0.80 m above", "up by 0.80 m", "to 0.81"] {
-        assert!(told.contains(part), "{part}: {told}");
+        assert!(reported.contains(part), "{part}: {reported}");
     }
     assert!(go(plane(0.0, 0.0), 0.81).is_ok(), "as it says");
     let aside = Mesh { positions: vec![[5.0; 3], [6.0, 5.0, 5.0], [5.0, 6.0, 5.0]], ..plane(0.0, 0.0) };
     let aside = Mesh { triangles: vec![[0, 1, 2]], ..aside };
-    let told = go(aside, 0.5).map(|_| ()).expect_err("none").message().to_owned();
-    assert!(told.contains("nor is there any within 100 m"), "{told}");
+    let reported = go(aside, 0.5).map(|_| ()).expect_err("none").message().to_owned();
+    assert!(reported.contains("there is none within 100 m either"), "{reported}");
 }
 
 #[test]
@@ -99,7 +99,7 @@ fn block() -> Arc<Object> {
     Arc::new(Object { primitives: vec![primitive], ..Object::default() })
 }
 
-/// Ground of 80 by 80 cells, 2 wide, at heights given by a function of the place.
+/// Ground of 80 by 80 cells, 2 wide, at heights given by a function of the position.
 fn relief(height: impl Fn(f64, f64) -> f64) -> Mesh {
     let side = 81_u32;
     let mut mesh = Mesh::default();
@@ -113,8 +113,8 @@ fn relief(height: impl Fn(f64, f64) -> f64) -> Mesh {
     mesh
 }
 
-/// On a mound a block stands on the top of it, in a hollow on its rim, on a rounded kerb on the kerb's edge and, if
-/// turned, on the street too: nothing of the ground is in it and it touches. Before, the mound stood 43 mm into it.
+/// A block stands on top of a mound, on the rim of a hollow, and on the edge of a rounded kerb and, if rotated,
+/// also on the street: it touches the ground and does not intersect it. Earlier, the mound intersected it by 43 mm.
 #[test]
 fn on_curved_ground_objects_stand_on_what_they_touch() {
     let exp = |v: f64| f64::from(crate::math::num::f32::exp(v as f32));
@@ -153,7 +153,7 @@ fn on_curved_ground_objects_stand_on_what_they_touch() {
             let tilt = pose.transform_vector3(DVec3::Z).truncate().length();
             assert_eq!(tilt > 0.05, align && tilts, "{name}: {tilt}");
             if align && tilts {
-                // Three contacts: the middle is as low as it can be, so contacts lie on both sides of it.
+                // Three contacts: the middle is as low as possible, so contacts lie on both sides of it.
                 let near = |side: f64| {
                     let at = |i: usize| f64::from((i % 41) as u32) * 0.01 - 0.2;
                     gaps.iter().enumerate().any(|(i, gap)| at(i) * side > 0.0 && *gap < 4e-3)
@@ -164,7 +164,7 @@ fn on_curved_ground_objects_stand_on_what_they_touch() {
     }
 }
 
-// On a slope the middle of the foot comes to stand, however large the foot is.
+// On a slope the middle of the foot stands on the ground, however large the foot.
 /// Mutation: level planes alone in `bearing` (seen red).
 #[test]
 fn slopes_hold_the_middle_of_the_foot() {
@@ -177,8 +177,8 @@ fn slopes_hold_the_middle_of_the_foot() {
     }
 }
 
-/// A table top has an underside, on which nothing stands; where all looks down it is the ground, and told.
-/// Mutation: `facing` taken without its sign in `Felt::columns` (seen red).
+/// Nothing stands on the underside of a table top; if all surfaces face down they are the ground, which is
+/// reported. Mutation: `facing` taken without its sign in `Ground::columns` (seen red).
 #[test]
 fn nothing_stands_on_what_looks_down() {
     let mut slab = plane(0.45, 0.0);
@@ -186,23 +186,23 @@ fn nothing_stands_on_what_looks_down() {
     slab.positions.extend(below.positions);
     slab.triangles.extend([[4, 6, 5], [4, 7, 6]]);
     let turned = Mesh { triangles: slab.triangles[2..].to_vec(), ..slab.clone() };
-    for (mesh, expected, told) in [(slab, 0.45, false), (turned, 0.4, true)] {
+    for (mesh, expected, reported) in [(slab, 0.45, false), (turned, 0.4, true)] {
         let pose = Pose { world_from_local: DMat4::from_translation(DVec3::new(0.3, 0.1, 0.38)) };
         let inputs = In { object: object(), pose: Arc::new(pose), mesh: Some(Arc::new(mesh)), splats: None };
         let how = Snap { reach_metres: 0.5, align: false };
         let (out, notes) = Snap::run(&how, inputs, &context()).unwrap_or_else(|e| panic!("{e}"));
         assert!((out.pose.world_from_local.w_axis.z - expected).abs() < 1e-6, "{expected}");
-        assert_eq!(notes.iter().any(|note| note.id == "ground-looks-down"), told);
+        assert_eq!(notes.iter().any(|note| note.id == "ground-looks-down"), reported);
         assert!(notes.iter().any(|note| note.text.contains("0.0 mm rough")));
     }
 }
 
-/// What stands on a table near its edge, or on a stool that is hardly larger than it, stays there: the floor goes on
-/// beneath it and beside it. Beyond the edge it goes to the floor.
-/// Mutation: an infinite `reach` in `bearing` (seen red).
+/// An object on a table near the edge, or on a stool hardly larger than the object, stays there although the floor
+/// extends below and around it. Beyond the edge it moves to the floor. Mutation: an infinite `reach` in `bearing`
+/// (seen red).
 #[test]
 fn what_stands_at_an_edge_stays() {
-    // A block of 0.4 at x = 0.3 over a top that ends so far beside its middle.
+    // A block of 0.4 at x = 0.3 on a top that ends at this distance from its middle.
     for (ends, splats, expected) in
         [(0.21, false, 0.44), (0.2, false, 0.44), (0.1, false, 0.44), (-0.1, false, 0.0), (0.21, true, 0.44)]
     {
@@ -236,9 +236,9 @@ fn what_stands_at_an_edge_stays() {
     }
 }
 
-/// From under a closed shell of ground its underside alone is within reach. It bears nothing, and the message leads to the
-/// ground. A room whose normals point out of it is no shell: its floor looks down, and its ceiling up.
-/// Mutation: without `shell` in `Felt::ground` (seen red).
+/// From below a closed shell of ground only its underside is within reach. It supports nothing, and the message
+/// says where the ground is. A room whose normals point out of it is not a shell: its floor faces down, and its
+/// ceiling up. Mutation: without `shell` in `Ground::ground` (seen red).
 #[test]
 fn the_underside_of_a_shell_bears_nothing() {
     let closed = |top: f32| {
@@ -249,11 +249,11 @@ fn the_underside_of_a_shell_bears_nothing() {
     };
     for z in [-0.2, 0.1] {
         let error = run(Some(closed(0.65)), None, z, false).map(|_| ()).expect_err("a shell");
-        let told = format!("{error:?}");
+        let reported = format!("{error:?}");
         let side = if z < 0.0 { "0.20 m above it" } else { "0.10 m below it" };
         let up = 0.65 - z;
         for part in [side, "underside of a shell", &format!("up by {up:.2} m")] {
-            assert!(told.contains(part), "{part}: {told}");
+            assert!(reported.contains(part), "{part}: {reported}");
         }
         for (z, reach_metres) in [(z + up, 0.5), (z, up + 0.01)] {
             let pose = Pose { world_from_local: DMat4::from_translation(DVec3::new(0.3, 0.1, z)) };
@@ -268,7 +268,7 @@ fn the_underside_of_a_shell_bears_nothing() {
     assert!(pose.w_axis.z.abs() < 1e-6, "{pose}");
 }
 
-// A table over a floor: the object goes to what it was near.
+// A table above a floor: the object moves to the nearer one.
 #[test]
 fn of_two_levels_the_nearer_one_holds() {
     let mut both = plane(0.0, 0.0);

@@ -9,9 +9,9 @@ use std::sync::Arc;
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes, Up};
 use glam::DVec3;
 
-use crate::light::books::Books;
+use crate::light::energy_table::EnergyTable;
 use crate::light::linear::{Transfer, linear_pixels};
-use crate::light::panorama::{COLUMNS_A_PIXEL, Found, check_width, finish, linear_row};
+use crate::light::panorama::{COLUMNS_A_PIXEL, Unfilled, check_width, finish, linear_row};
 use crate::math::{color, equirect, num};
 use crate::types::{Images, Panorama, Picture, Report, View, Views};
 
@@ -20,26 +20,26 @@ pub use crate::light::panorama::Holes;
 engine::params! {
     /// Resamples views around a point into an equirectangular panorama.
     ///
-    /// Each pixel is the mean over its solid angle, in linear light and weighted by alpha; the result goes
-    /// back to the encoding of the views. Where views overlap they are blended, each with more weight the farther
-    /// from its border, so no seam shows.
+    /// Each pixel is the mean over its solid angle, in linear light and weighted by alpha; the result goes back to
+    /// the encoding of the views. Overlapping views are blended with weights that rise with the distance from their
+    /// borders, so that no seam shows.
     pub struct Stitch {
         /// Width of the panorama, even; the height is half of it.
         width_px: u32 = 2048, range(2, 16384), unit("px"), other("64"),
             knob(Resolution, "256", "512", "1024", "2048");
-        /// Whether to make at most twice as many columns as the largest view has pixels to a side, which is what the
-        /// views of a cube are worth: for views whose size `fit-probe` chose.
+        /// True to limit the width to twice the side of the largest view in pixels, which is the resolution of
+        /// the views of a cube: for views whose size `fit-probe` chose.
         as_views: bool = false, other("true");
-        /// What shows where nothing was seen. Alpha tells where that is, whatever fills it.
+        /// Content of pixels where nothing was seen. Alpha marks these pixels however they are filled.
         holes: Holes = Holes::PushPull, other("Black");
-        /// Below this alpha a pixel counts as a hole in part: it is mixed with what surrounds it.
+        /// Below this alpha a pixel is partly a hole: it is blended with its surroundings.
         hole_alpha: f64 = 0.25, range(1e-6, 1.0), other("0.9");
     }
 }
 engine::inputs! {
     /// Inputs of [`Stitch`].
     pub struct In {
-        /// What the cameras see; all must stand at one point.
+        /// Views of cameras that all stand at one point.
         views: Arc<Views>,
     }
 }
@@ -50,18 +50,19 @@ engine::outputs! {
         pano: Arc<Panorama>,
         /// Its colours, for `write-image`.
         image: Arc<Images>,
-        /// How much of each pixel was seen, 0 to 1.
+        /// Coverage of each pixel, 0 to 1.
         alpha: Arc<Images>,
-        /// The light of the views, of the panorama, and with its holes filled: of the whole and of each light.
+        /// The light of the views, of the panorama, and of the panorama with filled holes: in total and for each
+        /// light.
         report: Arc<Report>,
     }
 }
 
-/// Share of a view's shorter side over which it fades towards its border.
+/// Fraction of a view's shorter side over which it fades towards its border.
 const FADE: f64 = 0.08;
-/// Weight at the very border, so that a view alone is not lost there.
+/// Weight at the very border, so that directions seen by a single view are not lost there.
 const LEAST: f64 = 1e-6;
-/// Samples a face pixel along each axis, at the centre of a view.
+/// Samples per pixel of a face along each axis, at the centre of a view.
 const SAMPLES_PER_PIXEL: f64 = 2.0;
 
 /// A view ready to be sampled: linear light, premultiplied.
@@ -101,7 +102,7 @@ impl Source {
         })
     }
 
-    /// Where the view shows `direction`, in pixels, and what it counts there; `None` where it shows nothing of it.
+    /// Where the view shows `direction`, in pixels, and its weight there; `None` if it does not show it.
     #[inline]
     fn place(&self, direction: DVec3) -> Option<([f64; 2], f64)> {
         let z = self.axes[2].dot(direction);
@@ -118,11 +119,11 @@ impl Source {
         Some(([x, y], (t * t * (3.0 - 2.0 * t)).max(LEAST)))
     }
 
-    /// Adds what the view shows in `direction`, times its weight there; gives the weight.
+    /// Adds the view's value in `direction`, times its weight there; returns the weight.
     #[inline]
     fn add(&self, direction: DVec3, sum: &mut [f64; 4]) -> f64 {
         let Some(([x, y], weight)) = self.place(direction) else { return 0.0 };
-        // Bilinear between pixel centres, held at the outermost ones.
+        // Bilinear between pixel centres, clamped to the outermost ones.
         let place = |p: f64, n: usize| {
             let at = (p - 0.5).clamp(0.0, (n - 1) as f64);
             let first = at as usize;
@@ -176,7 +177,7 @@ fn resample(sources: &[Source], up: Up, width: usize, cx: &Context) -> Result<Ve
             let theta = PI * (y as f64 + (sub as f64 + 0.5) / across as f64) / height as f64;
             let (sin_theta, cos_theta) = num::sin_cos(theta);
             let flat = above * cos_theta;
-            // Fewer samples where the row is shorter; always a divisor's worth, evenly placed.
+            // Fewer samples in shorter rows, evenly spaced.
             let wanted = ((across as f64 * sin_theta).ceil() as usize).clamp(1, across);
             directions += (wanted * width) as u64;
             for (x, sum) in sums.iter_mut().enumerate() {
@@ -204,12 +205,12 @@ fn resample(sources: &[Source], up: Up, width: usize, cx: &Context) -> Result<Ve
     Ok(rows.concat())
 }
 
-/// A light is spread by so many pixels of a view and of the panorama.
+/// A light is spread by this many pixels of a view and of the panorama.
 const MARGIN: f64 = 2.0;
 
-/// The light in the views, where each direction counts as the panorama blends them, after they were resampled, and
-/// with holes filled; both are luminance, row by row, the first as seen.
-fn books(
+/// The light in the views (each direction with its weight in the panorama), after resampling, and with holes
+/// filled. Both slices are luminance, row by row, the first without filled holes.
+fn energy_report(
     sources: &[Source],
     (up, width): (Up, usize),
     resampled: &[f64],
@@ -218,10 +219,10 @@ fn books(
 ) -> Result<Report, NodeError> {
     let coarsest = sources.iter().flat_map(|source| source.focal).fold(f64::INFINITY, f64::min);
     let margin = MARGIN * (2.0 * PI / width as f64 + 1.0 / coarsest);
-    let mut books = Books::new(up, width, resampled, margin);
+    let mut table = EnergyTable::new(up, width, resampled, margin);
     let rows: Vec<(&Source, usize)> =
         sources.iter().flat_map(|source| (0..source.height).map(move |y| (source, y))).collect();
-    books.enter("views", rows.len(), cx, |i| {
+    table.record("views", rows.len(), cx, |i| {
         let (source, y) = rows[i];
         source.row(y).map(move |(toward, size, luminance)| {
             let weight = |source: &Source| source.place(toward).map_or(0.0, |(_, weight)| weight);
@@ -229,13 +230,13 @@ fn books(
             (toward, size * weight(source) / all.max(f64::MIN_POSITIVE), luminance)
         })
     })?;
-    books.enter_panorama("resampled", width, resampled, cx)?;
-    books.enter_panorama("holes filled", width, filled, cx)?;
-    Ok(Report { title: "Light of a panorama".to_owned(), tables: books.tables().into() })
+    table.record_panorama("resampled", width, resampled, cx)?;
+    table.record_panorama("holes filled", width, filled, cx)?;
+    Ok(Report { title: "Light of a panorama".to_owned(), tables: table.tables().into() })
 }
 
 impl Stitch {
-    /// Width of a panorama of some views.
+    /// Width of the panorama of the given views.
     fn columns(&self, views: &Views) -> usize {
         let sides = views.0.iter().map(|view| view.camera.width_px.max(view.camera.height_px));
         let worth = sides.max().map_or(self.width_px, |side| side.saturating_mul(COLUMNS_A_PIXEL));
@@ -254,7 +255,7 @@ impl Kind for Stitch {
     fn estimate(params: &Self, inputs: &In) -> Cost {
         let pixels = u64::from(params.width_px) * u64::from(params.width_px) / 2;
         let faces: usize = inputs.views.0.iter().map(|view| view.colour.samples().len()).sum();
-        Cost { bytes: pixels * 80 + faces as u64 * 4 }
+        Cost::of([(pixels, 80), (faces as u64, 4)])
     }
 
     fn work(params: &Self, sizes: &Sizes) -> f64 {
@@ -276,12 +277,12 @@ impl Kind for Stitch {
             let apart = (view.camera.eye() - origin).length();
             if apart > 1e-6 * (1.0 + origin.length()) {
                 let what = format!(
-                    "views `{}` and `{}` are seen from points {apart:.4} apart",
+                    "views `{}` and `{}` have positions {apart:.4} apart",
                     first.camera.name, view.camera.name
                 );
                 return Err(NodeError::new(what)
                     .at("views")
-                    .hint("a panorama is seen from one point: use `CubeRig`"));
+                    .hint("all views of a panorama need the same position: use `CubeRig`"));
             }
             if view.colour.encoding() != first.colour.encoding() {
                 return Err(NodeError::new("the views differ in encoding").at("views"));
@@ -297,12 +298,12 @@ impl Kind for Stitch {
         let light = |rgb: [f32; 3]| f64::from(color::luminance(rgb));
         let resampled: Vec<f64> = premultiplied.iter().map(|&[r, g, b, _]| light([r, g, b])).collect();
 
-        let found = Found { premultiplied, width, encoded, up, origin };
+        let found = Unfilled { premultiplied, width, encoded, up, origin };
         let pano = finish(found, params.holes, params.hole_alpha, &mut notes, cx)?;
         cx.progress(0.8);
         let filled: Vec<f64> =
             linear_pixels(&pano.image, Transfer::Srgb).rgb.into_iter().map(light).collect();
-        let report = books(&sources, (up, width), &resampled, &filled, cx)?;
+        let report = energy_report(&sources, (up, width), &resampled, &filled, cx)?;
         let out = Out {
             image: Arc::new(Images::single("pano", pano.image.clone())),
             alpha: Arc::new(Images::single("pano", pano.alpha.clone())),

@@ -25,7 +25,7 @@ fn stitched(views: Arc<Views>, width_px: u32) -> Arc<Panorama> {
     Stitch::run(&params, In { views }, &context()).expect("stitches").0.pano
 }
 
-/// Over face sizes down to a pixel, with and without a guard band.
+/// For face sizes down to a pixel, with and without a guard band.
 #[test]
 fn constant_faces_stay_constant() {
     let mut largest = 0.0_f64;
@@ -102,7 +102,7 @@ fn a_smooth_sky_is_reproduced() {
     }
 }
 
-// A hole keeps alpha 0 and shows what surrounds it, not black, also across the wrap.
+// A hole keeps alpha 0 and is filled from its surroundings, not black, also across the wrap.
 #[test]
 fn holes_take_the_colour_around_them() {
     let hole = DVec3::new(0.05, -1.0, 0.1).normalize();
@@ -125,7 +125,7 @@ fn holes_take_the_colour_around_them() {
     }
 }
 
-// Little is not nothing.
+// A very small alpha is not the same as none.
 #[test]
 fn a_panorama_of_next_to_nothing_is_reported_from_one_of_nothing() {
     for (alpha, id) in [(0.0, "nothing-seen"), (0.155, "little-seen")] {
@@ -135,8 +135,8 @@ fn a_panorama_of_next_to_nothing_is_reported_from_one_of_nothing() {
         });
         let params = Stitch { width_px: 32, holes: Holes::PushPull, hole_alpha: 0.25, as_views: false };
         let (_, notes) = Stitch::run(&params, In { views: scene }, &context()).expect("stitches");
-        let told: Vec<_> = notes.iter().map(|note| note.id.to_string()).collect();
-        assert_eq!(told, [id]);
+        let reported: Vec<_> = notes.iter().map(|note| note.id.to_string()).collect();
+        assert_eq!(reported, [id]);
     }
 }
 
@@ -149,8 +149,8 @@ fn views_from_two_points_are_refused() {
     assert!(refused.is_err_and(|e| e.message().contains("apart")));
 }
 
-/// A strip of 4096 pixels, one of a single pixel, one of a single column, and a face of 4096 x 4096 among such of one
-/// pixel: every direction of a fine grid is defined, those beyond the views as holes.
+/// A strip of 4096 pixels, one of a single pixel, one of a single column, and a face of 4096 x 4096 among faces of
+/// one pixel: every direction of a fine grid is defined, and those outside of the views are holes.
 #[test]
 fn faces_of_any_shape_are_sampled_within_their_edges() {
     for (width, height, focal) in
@@ -211,8 +211,8 @@ fn the_wrap_is_smooth_and_poles_grow_constant() {
     }
 }
 
-/// No point of a panorama has a direction that is not a unit vector, and no direction, however
-/// short, long or close to an axis, a point outside.
+/// Every point of a panorama maps to a unit direction, and every direction, however short, long or close to an
+/// axis, to a point inside.
 #[test]
 fn directions_are_never_degenerate() {
     let mut state = 3_u64;
@@ -233,7 +233,7 @@ fn directions_are_never_degenerate() {
     }
 }
 
-/// The books of a row of the table `steps`: in the views, resampled, with holes filled.
+/// The energies of a row of the table `steps`: in the views, resampled, with holes filled.
 fn steps(report: &Report, row: usize) -> [f64; 3] {
     let table = report.tables.iter().find(|table| table.name == "steps").expect("is there");
     [1, 2, 3].map(|column| match table.rows[row][column] {
@@ -242,8 +242,9 @@ fn steps(report: &Report, row: usize) -> [f64; 3] {
     })
 }
 
-// Where views overlap each direction counts once, and a light has the same irradiance before and after, however the
-// faces stand and however wide they overlap. Mutation: `/ all` dropped, `length` twice instead of thrice, or a margin of 0.
+// Each direction counts once where views overlap, and a light has the same irradiance before and after, for any
+// orientation and overlap of the faces. Mutation: `/ all` dropped, `length` twice instead of thrice, or a margin of
+// 0.
 #[test]
 fn the_books_of_a_light_agree() {
     let sun = DVec3::new(0.6, 0.5, 0.62).normalize();
@@ -267,7 +268,7 @@ fn the_books_of_a_light_agree() {
     }
 }
 
-// What fills a hole is light that no view holds; black adds none. Mutation: `filled` from before the holes.
+// The fill of a hole is light that no view contains; black adds none. Mutation: `filled` from before the holes.
 #[test]
 fn the_books_tell_what_fills_holes() {
     for (holes, more) in [(Holes::PushPull, 2.0), (Holes::Black, 1.0)] {

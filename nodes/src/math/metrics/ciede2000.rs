@@ -18,8 +18,8 @@ pub fn ciede2000_map(a: &Plane, b: &Plane, cx: &Context) -> Result<Vec<f64>, Nod
     Ok(rows.concat())
 }
 
-/// CIELAB of an sRGB-encoded colour. Matrix and white as scikit-image rounds them, whose values papers
-/// print.
+/// CIELAB of an sRGB-encoded colour. Matrix and white are rounded as in scikit-image, whose values are printed in
+/// papers.
 fn lab(srgb: [f64; 3]) -> [f64; 3] {
     const XYZ: [[f64; 3]; 3] =
         [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]];
@@ -38,7 +38,7 @@ fn difference(one: [f64; 3], two: [f64; 3]) -> f64 {
         let x2 = x * x;
         x2 * x2 * x2 * x
     };
-    // 2 to 7: less grey is given less weight.
+    // 2 to 7: near grey, less weight.
     let chroma = |c: [f64; 3]| (c[1] * c[1] + c[2] * c[2]).sqrt();
     let mean7 = pow7(0.5 * (chroma(one) + chroma(two)));
     let g = 0.5 * (1.0 - (mean7 / (mean7 + pow7(25.0))).sqrt());

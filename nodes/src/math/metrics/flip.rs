@@ -1,25 +1,25 @@
-//! FLIP, the difference that a viewer sees when two pictures alternate (Andersson et al. 2020), and its
-//! form for scene-referred light, HDR-FLIP (Andersson et al. 2021). Named LDR- and HDR-FLIP there.
+//! FLIP, the difference that a viewer sees when two pictures alternate (Andersson et al. 2020), and its form for
+//! scene-referred light, HDR-FLIP (Andersson et al. 2021). The papers call the two LDR-FLIP and HDR-FLIP.
 
 use engine::{Context, NodeError};
 
 use super::Plane;
 use crate::math::num;
 
-/// Pixels in a degree of sight by default: a display 0.7 m wide of 3840 pixels, seen from 0.7 m.
+/// Default pixels per degree of visual angle: a display of 3840 pixels and 0.7 m width, seen from 0.7 m.
 pub const PIXELS_PER_DEGREE: f64 = 67.020_643_276_582_25;
 
-/// What the eye gets of a picture in linear light of three channels; what a display cannot show is cut off
-/// at 0 and 1 first.
+/// Features of a picture as seen by the eye, from linear light of three channels; values outside of the range of a
+/// display are clamped to 0 to 1 first.
 pub struct Sight(Vec<Features>);
 
 impl Sight {
-    /// Looks at a picture.
+    /// Computes the features of a picture.
     pub fn of(plane: &Plane, pixels_per_degree: f64, cx: &Context) -> Result<Self, NodeError> {
         seen(plane, &Kernels::new(pixels_per_degree), cx).map(Self)
     }
 
-    /// The FLIP of every pixel, 0 (equal) to 1, of two pictures of one size; symmetric.
+    /// FLIP of every pixel, 0 (equal) to 1, for two pictures of equal size; symmetric.
     pub fn flip(&self, other: &Self, cx: &Context) -> Result<Vec<f64>, NodeError> {
         const TILE: usize = 4096;
         let tiles = cx.for_each_tile(self.0.len().div_ceil(TILE), |tile| {
@@ -39,20 +39,20 @@ fn difference(a: &Features, b: &Features) -> f64 {
     if colour > 0.0 { num::pow(colour, 1.0 - feature) } else { f64::from(feature >= 1.0) }
 }
 
-/// Which exposures HDR-FLIP looks at.
+/// Exposures of HDR-FLIP.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Exposures {
-    /// The darkest, in stops.
+    /// Darkest exposure, in stops.
     pub start_ev: f64,
-    /// The brightest, in stops.
+    /// Brightest exposure, in stops.
     pub stop_ev: f64,
-    /// How many, evenly spaced, both ends included; at least 2.
+    /// Number of exposures, evenly spaced, both ends included; at least 2.
     pub count: usize,
 }
 
 impl Exposures {
-    /// Those of the paper: from where the brightest pixel of the reference is tone-mapped to 0.85, to
-    /// where the median is, a stop apart. `None` where the reference is black or its median is.
+    /// The exposures of the paper: from the one that tone-maps the brightest pixel of the reference to 0.85, to the
+    /// one that does so for the median, a stop apart. `None` if the reference or its median is black.
     pub fn of(reference: &Plane) -> Option<Self> {
         let pixels = reference.samples.chunks_exact(reference.channels);
         let mut luminance: Vec<f64> = pixels.map(|p| dot(XYZ[1], [p[0], p[1], p[2]])).collect();
@@ -61,7 +61,7 @@ impl Exposures {
         if !(median > 0.0 && largest.is_finite()) {
             return None;
         }
-        // Where the tone curve reaches 0.85: the larger root of a x^2 + b x + c = 0.
+        // The tone curve reaches 0.85 at the larger root of a x^2 + b x + c = 0.
         const LEVEL: f64 = 0.85;
         let [a, b, c] = [0, 1, 2].map(|i| ACES[i] - LEVEL * ACES[i + 3]);
         let middle = -0.5 * b / a;
@@ -75,10 +75,10 @@ impl Exposures {
     }
 }
 
-/// Two parabolas over each other, the filmic curve of Narkowicz that stands for ACES.
+/// A quotient of two parabolas: the filmic curve of Narkowicz that approximates ACES.
 const ACES: [f64; 6] = [0.6 * 0.6 * 2.51, 0.6 * 0.03, 0.0, 0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
 
-/// The HDR-FLIP of every pixel: the largest FLIP over the exposures, each tone-mapped with the ACES curve.
+/// HDR-FLIP of every pixel: the largest FLIP over the exposures, each tone-mapped with the ACES curve.
 pub fn hdr_flip_map(
     reference: &Plane,
     test: &Plane,
@@ -91,7 +91,7 @@ pub fn hdr_flip_map(
         let gain = num::f64::exp2(exposures.ev(i));
         let shown = |plane: &Plane| {
             let curve = |v: &f64| {
-                // Beyond 1e12 the curve is flat; squaring more could overflow.
+                // Beyond 1e12 the curve is constant; squares of larger values could overflow.
                 let x = (v * gain).clamp(0.0, 1e12);
                 let [k0, k1, k2, k3, k4, k5] = ACES;
                 ((k0 * x * x + k1 * x + k2) / (k3 * x * x + k4 * x + k5)).clamp(0.0, 1.0)
@@ -151,7 +151,7 @@ fn inverse(m: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
     std::array::from_fn(|r| std::array::from_fn(|c| columns[c][r] / determinant))
 }
 
-/// CIELAB, its chroma scaled by lightness: dark colours seem less colourful (the Hunt effect).
+/// CIELAB with chroma scaled by lightness, since dark colours appear less colourful (the Hunt effect).
 fn hunt_lab(rgb: [f64; 3]) -> [f64; 3] {
     const DELTA: f64 = 6.0 / 29.0;
     let [x, y, z] = relative_xyz(rgb).map(|t| {
@@ -168,10 +168,10 @@ fn hyab(a: [f64; 3], b: [f64; 3]) -> f64 {
     if distance > 0.0 { num::pow(distance, 0.7) } else { 0.0 }
 }
 
-/// Colour distances to 0..1: the lower 40 % take 95 % of the range (equation 12).
+/// Maps colour distances to 0..1: the lower 40 % get 95 % of the range (equation 12).
 fn redistribute(distance: f64) -> f64 {
     const SHARE: f64 = 0.95;
-    // Green to blue is the largest distance there is.
+    // The distance from green to blue is the largest one.
     let largest = hyab(hunt_lab([0.0, 1.0, 0.0]), hunt_lab([0.0, 0.0, 1.0]));
     let knee = 0.4 * largest;
     if distance < knee {
@@ -181,7 +181,7 @@ fn redistribute(distance: f64) -> f64 {
     }
 }
 
-/// What the eye gets of a pixel.
+/// Features of a pixel as seen by the eye.
 struct Features {
     colour: [f64; 3],
     edge: f64,
@@ -227,7 +227,7 @@ fn seen(plane: &Plane, kernels: &Kernels, cx: &Context) -> Result<Vec<Features>,
     Ok(rows.into_iter().flatten().collect())
 }
 
-/// Filters a channel along rows with `x` and along columns with `y`; the border goes on outside.
+/// Filters a channel along rows with `x` and along columns with `y`; pixels of the border are repeated outside.
 fn separable(
     channel: &[f64],
     width: usize,
@@ -258,7 +258,7 @@ fn separable(
     Ok(columns.concat())
 }
 
-/// The filters for one density of pixels, as factors along one axis.
+/// The filters for a number of pixels per degree, as factors along one axis.
 struct Kernels {
     /// Contrast sensitivity of lightness, red-green and blue-yellow: weighted Gaussians.
     sensitivity: [Vec<(f64, Vec<f64>)>; 3],
@@ -266,7 +266,7 @@ struct Kernels {
     edge: Vec<f64>,
     /// Its second derivative: the parts of either sign sum to 1.
     point: Vec<f64>,
-    /// The Gaussian across.
+    /// The Gaussian in the perpendicular direction.
     across: Vec<f64>,
 }
 
@@ -275,7 +275,7 @@ impl Kernels {
         use std::f64::consts::PI;
         // Table 1: a and b of a sqrt(pi / b) exp(-pi^2 (x^2 + y^2) / b) in degrees.
         let table: [&[(f64, f64)]; 3] = [&[(1.0, 0.0047)], &[(1.0, 0.0053)], &[(34.1, 0.04), (13.5, 0.025)]];
-        // All reach as far as three standard deviations of the widest.
+        // All extend to three standard deviations of the widest.
         let reach = (3.0 * (0.04 / (2.0 * PI * PI)).sqrt() * pixels_per_degree).ceil() as i64;
         let sensitivity = table.map(|gaussians| {
             let mut parts: Vec<(f64, Vec<f64>)> = gaussians
@@ -293,7 +293,7 @@ impl Kernels {
             parts.iter_mut().for_each(|(weight, _)| *weight /= whole);
             parts
         });
-        // Features as wide as 0.082 degrees.
+        // Features have a width of 0.082 degrees.
         let sigma = 0.5 * 0.082 * pixels_per_degree;
         let reach = (3.0 * sigma).ceil() as i64;
         let gaussian = |x: f64| num::f64::exp(-x * x / (2.0 * sigma * sigma));

@@ -8,11 +8,11 @@ use crate::math::nn::{Conv, Tensor, Weights, max_pool, relu};
 
 /// AlexNet or VGG16 up to its last convolution, and the weights of its five layers of features.
 ///
-/// Names of tensors: those of torchvision and the `lpips` package (`features.0.weight`,
-/// `lin0.model.1.weight`), or short ones (AlexNet `conv0` to `conv4`, VGG `s0.conv0` to `s4.conv2`,
-/// `lin0.weight`). Channels may be fewer than in the published networks.
+/// Tensor names are those of torchvision and the `lpips` package (`features.0.weight`, `lin0.model.1.weight`), or
+/// short ones (AlexNet `conv0` to `conv4`, VGG `s0.conv0` to `s4.conv2`, `lin0.weight`). Channels may be fewer than
+/// in the published networks.
 pub struct Lpips {
-    /// Between two stages lies a pooling.
+    /// Stages of convolutions, separated by pooling.
     stages: Vec<Stage>,
     /// Window and step of the poolings.
     pool: (usize, usize),
@@ -26,7 +26,7 @@ struct Stage {
 }
 
 impl Lpips {
-    /// Reads the weights, and by their names tells which network it is. `file` is the name for messages.
+    /// Reads the weights; their names determine the network. `file` is the name for messages.
     pub fn parse(file: &str, bytes: &[u8]) -> Result<Self, Error> {
         let weights = Weights::parse(file, bytes)?;
         let vgg = weights.has("s0.conv0.weight") || weights.has("features.2.weight");
@@ -65,7 +65,7 @@ impl Lpips {
             let name = if weights.has(&published) { published } else { format!("lin{k}.weight") };
             let (shape, heads) = weights.tensor(&name)?;
             if heads.len() != inputs {
-                let what = format!("tensor `{name}` has shape {shape:?}; {inputs} channels are wanted");
+                let what = format!("tensor `{name}` has shape {shape:?}; {inputs} channels are expected");
                 return Err(Error::format(file, what));
             }
             stages.push(Stage { pooled, convs, heads });
@@ -73,9 +73,9 @@ impl Lpips {
         Ok(Self { stages, pool: if vgg { (2, 2) } else { (3, 2) } })
     }
 
-    /// The distance of two display-encoded pictures (0 to 1, three channels) of equal size. `None` where
-    /// they are too small for the network. `scaled` maps the input to -1..1 as the network expects; the
-    /// code of 3D Gaussian splatting does not, and prints smaller numbers.
+    /// The distance of two display-encoded pictures (0 to 1, three channels) of equal size. `None` if they are too
+    /// small for the network. `scaled` maps the input to -1..1 as the network expects; the code of 3D Gaussian
+    /// splatting does not, and prints smaller numbers.
     pub fn distance(
         &self,
         a: &Plane,
@@ -104,7 +104,7 @@ impl Lpips {
     }
 }
 
-/// The picture as the networks were trained to see it.
+/// The picture, normalised as in the training of the networks.
 fn input(plane: &Plane, scaled: bool) -> Tensor {
     const SHIFT: [f64; 3] = [-0.030, -0.088, -0.188];
     const SCALE: [f64; 3] = [0.458, 0.448, 0.450];

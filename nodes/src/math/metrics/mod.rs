@@ -1,5 +1,5 @@
-//! Distances between two pictures, in f64 and in the variants that papers print. Every number is a sum in
-//! the order of rows, so it does not depend on threads.
+//! Distances between two pictures, in f64 and in the variants printed in papers. Every number is summed in row
+//! order, so it does not depend on threads.
 
 mod ciede2000;
 mod flip;
@@ -13,22 +13,22 @@ pub use ssim::{SSIM_RADIUS, ssim_map};
 
 use crate::math::num;
 
-/// A picture as numbers to compare: interleaved channels, row by row.
+/// Samples of a picture to compare: interleaved channels, row by row.
 pub struct Plane {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub channels: usize,
     /// All samples.
     pub samples: Vec<f64>,
 }
 
-/// Sums over some pixels of two pictures.
+/// Error sums over some pixels of two pictures.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Errors {
-    /// Pixels summed.
+    /// Number of pixels.
     pub pixels: u64,
     /// Mean of squared differences over pixels and channels.
     pub mean_square: f64,
@@ -43,12 +43,12 @@ pub struct Errors {
 impl Errors {
     /// Peak signal to noise ratio in dB for a peak of 1; infinite for equal pictures.
     pub fn psnr(&self) -> f64 {
-        // Less than nothing would be -0.
+        // Subtracted from 0, so that 0 is not -0.
         0.0 - 10.0 * num::f64::log10(self.mean_square)
     }
 }
 
-/// Compares the pixels for which `inside` holds; the mean over channels comes first, then over pixels.
+/// Compares the pixels for which `inside` returns true; the mean over channels comes first, then over pixels.
 pub fn errors(a: &Plane, b: &Plane, inside: impl Fn(usize) -> bool) -> Errors {
     let channels = a.channels.min(b.channels).max(1);
     let mut out = Errors::default();
@@ -74,7 +74,7 @@ pub fn errors(a: &Plane, b: &Plane, inside: impl Fn(usize) -> bool) -> Errors {
     out
 }
 
-/// Mean of a map over the pixels for which `inside` holds; `None` where there is none.
+/// Mean of a map over the pixels for which `inside` returns true; `None` if there are none.
 pub fn mean_over(map: &[f64], inside: impl Fn(usize) -> bool) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0_u64);
     for (pixel, value) in map.iter().enumerate() {
@@ -86,8 +86,8 @@ pub fn mean_over(map: &[f64], inside: impl Fn(usize) -> bool) -> Option<f64> {
     (count > 0).then(|| sum / count as f64)
 }
 
-/// The value below which `share` (0 to 1) of the chosen values of a map lie, between neighbours in
-/// proportion; `None` where none is chosen.
+/// Quantile of the chosen values of a map at `share` (0 to 1), interpolated between neighbours; `None` if no value
+/// is chosen.
 pub fn quantile_over(map: &[f64], share: f64, inside: impl Fn(usize) -> bool) -> Option<f64> {
     let mut chosen: Vec<f64> = (0..map.len()).filter(|i| inside(*i)).map(|i| map[i]).collect();
     chosen.sort_by(f64::total_cmp);

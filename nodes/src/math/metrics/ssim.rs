@@ -1,16 +1,16 @@
-//! Structural similarity, in the variants that papers print.
+//! Structural similarity, in the variants printed in papers.
 
 use engine::{Context, NodeError};
 
 use super::Plane;
 use crate::math::num;
 
-/// Half of the window of SSIM: 11 pixels across.
+/// Radius of the SSIM window, which is 11 pixels wide.
 pub const SSIM_RADIUS: usize = 5;
 
-/// The SSIM of every pixel, averaged over channels: Gaussian window of 11 pixels and sigma 1.5, biased
-/// variances, C1 = 0.01^2, C2 = 0.03^2, zeros beyond the border. Its mean is what the code of 3D Gaussian
-/// splatting prints; over pixels [`SSIM_RADIUS`] from the border, it is the SSIM of the original paper.
+/// The SSIM of every pixel, averaged over channels: Gaussian window of 11 pixels and sigma 1.5, biased variances,
+/// C1 = 0.01^2, C2 = 0.03^2, zeros beyond the border. Its mean is the value printed by the code of 3D Gaussian
+/// splatting; the mean over pixels at least [`SSIM_RADIUS`] from the border is the SSIM of the original paper.
 pub fn ssim_map(a: &Plane, b: &Plane, cx: &Context) -> Result<Vec<f64>, NodeError> {
     const C1: f64 = 1e-4;
     const C2: f64 = 9e-4;

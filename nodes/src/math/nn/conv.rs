@@ -1,4 +1,4 @@
-//! Convolution, and what stands between convolutions.
+//! Convolution, activation and pooling.
 
 use engine::{Context, NodeError};
 
@@ -25,8 +25,8 @@ impl Conv {
         (size + 2 * self.padding).checked_sub(kernel).map_or(0, |room| room / self.stride + 1)
     }
 
-    /// Convolves. Every output is the bias and then one product after the other, by input channel, row and
-    /// column of the kernel.
+    /// Convolves. Every output is the bias plus one product after the other, by input channel, row and column of
+    /// the kernel.
     pub fn apply(&self, input: &Tensor, cx: &Context) -> Result<Tensor, NodeError> {
         let [outputs, inputs, rows, columns] = self.shape;
         let (height, width) = (self.output_size(input.height, rows), self.output_size(input.width, columns));
@@ -54,7 +54,7 @@ impl Conv {
         Ok(result)
     }
 
-    /// Adds one row of the input under one row of the kernel.
+    /// Adds one row of the input, multiplied by one row of the kernel.
     fn add_row(&self, line: &mut [f32], input: &[f32], kernel: &[f32]) {
         for (kx, weight) in kernel.iter().enumerate() {
             // Outputs whose input column x * stride + kx - padding exists.
@@ -74,7 +74,7 @@ impl Conv {
     }
 }
 
-/// Cuts off below 0.
+/// Clamps to at least 0.
 pub fn relu(tensor: &mut Tensor) {
     for v in &mut tensor.data {
         *v = v.max(0.0);

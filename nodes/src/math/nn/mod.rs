@@ -1,5 +1,5 @@
-//! The forward pass of small convolutional networks: the same bits on every machine and for any number of
-//! threads, since every sum has one order.
+//! Forward pass of small convolutional networks. Every sum has a fixed order, so it gives the same bits on every
+//! machine and for any number of threads.
 
 mod conv;
 mod weights;
@@ -10,7 +10,7 @@ pub use weights::Weights;
 /// Feature maps in f32: channel by channel, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tensor {
-    /// Maps.
+    /// Number of maps.
     pub channels: usize,
     /// Rows.
     pub height: usize,
@@ -21,7 +21,7 @@ pub struct Tensor {
 }
 
 impl Tensor {
-    /// Zeros.
+    /// A tensor of zeros.
     pub fn new(channels: usize, height: usize, width: usize) -> Self {
         Self { channels, height, width, data: vec![0.0; channels * height * width] }
     }

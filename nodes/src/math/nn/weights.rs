@@ -16,11 +16,11 @@ impl<'a> Weights<'a> {
     /// Reads the header. `file` is the name for messages.
     pub fn parse(file: &'a str, bytes: &'a [u8]) -> Result<Self, Error> {
         let tensors = SafeTensors::deserialize(bytes)
-            .map_err(|error| Error::format(file, format!("is no sound safetensors file: {error}")))?;
+            .map_err(|error| Error::format(file, format!("is not a valid safetensors file: {error}")))?;
         Ok(Self { file, tensors })
     }
 
-    /// Whether there is a tensor of that name.
+    /// True if there is a tensor with this name.
     pub fn has(&self, name: &str) -> bool {
         self.tensors.tensor(name).is_ok()
     }
@@ -42,8 +42,7 @@ impl<'a> Weights<'a> {
         Ok((view.shape().to_vec(), values))
     }
 
-    /// A convolution: `name.weight` of four axes, of `inputs` channels where that is known, and
-    /// `name.bias` where it is there.
+    /// A convolution: `name.weight` with four axes and `inputs` channels, if given, and `name.bias` if it exists.
     pub fn conv(
         &self,
         name: &str,
@@ -59,7 +58,7 @@ impl<'a> Weights<'a> {
         let shape: [usize; 4] = shape.clone().try_into().map_err(|_| wrong(", not four axes".to_owned()))?;
         if shape.contains(&0) || inputs.is_some_and(|inputs| inputs != shape[1]) {
             let wanted = inputs.map_or(String::new(), |n| format!(" with {n} input channels"));
-            return Err(wrong(format!("; a convolution{wanted} is wanted")));
+            return Err(wrong(format!("; a convolution{wanted} is expected")));
         }
         let bias_name = format!("{name}.bias");
         let bias = if self.has(&bias_name) { self.tensor(&bias_name)?.1 } else { Vec::new() };
@@ -91,7 +90,7 @@ mod tests {
         let said = |result: Result<Conv, Error>| result.map(|_| ()).expect_err("is wrong").to_string();
         assert_eq!(said(weights.conv("b", None, 1, 0)), "`w`: tensor `b.weight` is missing");
         let what =
-            "`w`: tensor `a.weight` has shape [2, 1, 1, 1]; a convolution with 3 input channels is wanted";
+            "`w`: tensor `a.weight` has shape [2, 1, 1, 1]; a convolution with 3 input channels is expected";
         assert_eq!(said(weights.conv("a", Some(3), 1, 0)), what);
         let bytes = file(Dtype::F32, vec![1], &f32::NAN.to_le_bytes());
         let weights = Weights::parse("w", &bytes).expect("parses");

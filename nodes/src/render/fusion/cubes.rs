@@ -56,12 +56,18 @@ fn of_view(view: &DepthView, levels: &Levels) -> Vec<Cube> {
                     continue;
                 };
                 let (a, b) = (view.inverse[at], view.inverse[other.1 * view.width + other.0]);
-                let Some(cube) = levels.cube_at(view.eye + point).filter(|_| (a - b).abs() <= EDGE * a.max(b)) else {
+                let Some(cube) =
+                    levels.cube_at(view.eye + point).filter(|_| (a - b).abs() <= EDGE * a.max(b))
+                else {
                     continue;
                 };
                 let steps = (next - point).length() / (levels.cell_of(cube.level) * 0.5 * SIDE as f32);
                 for step in 1..=(steps.min(64.0) as usize) {
-                    add(levels, view.eye + point + (next - point) * (step as f32 / (steps + 1.0)), &mut found);
+                    add(
+                        levels,
+                        view.eye + point + (next - point) * (step as f32 / (steps + 1.0)),
+                        &mut found,
+                    );
                 }
             }
         }
@@ -91,7 +97,8 @@ pub fn wanted(
         all.chunk_by(|a, b| a == b).filter(|same| same.len() >= VIEWS).map(|same| same[0]).collect();
     let too_many = cubes.len() > most;
     if too_many {
-        let mut by_distance: Vec<(f32, Cube)> = cubes.iter().map(|cube| (levels.distance_to(*cube), *cube)).collect();
+        let mut by_distance: Vec<(f32, Cube)> =
+            cubes.iter().map(|cube| (levels.distance_to(*cube), *cube)).collect();
         by_distance.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         cubes = by_distance[..most].iter().map(|(_, cube)| *cube).collect();
         cubes.sort_unstable();

@@ -1,5 +1,5 @@
-//! What a camera sees of a scene, packed for fusion: of each pixel one over its depth, how much it is to be trusted, how
-//! slanting the surface lies, and its colour.
+//! A camera's view of a scene, packed for fusion: per pixel the inverse depth, its confidence, the slant of the
+//! surface, and its colour.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -18,7 +18,7 @@ pub const EDGE: f32 = 0.1;
 /// Pixels along the side of a square of [`DepthView::hides`].
 const SQUARE: usize = 8;
 
-/// What a camera sees. Places are relative to an origin in the scene, in world units.
+/// A camera's view. Positions are relative to an origin in the scene, in world units.
 pub struct DepthView {
     /// Where it stands.
     pub eye: Vec3,
@@ -102,7 +102,11 @@ impl DepthView {
             view.marks.push([trust, cosine].map(byte));
             let shown = |c: f32| {
                 let c = c / alpha.max(1e-6);
-                byte(if encoding == SplatEncoding::Linear { crate::math::color::srgb_from_linear(c) } else { c })
+                byte(if encoding == SplatEncoding::Linear {
+                    crate::math::color::srgb_from_linear(c)
+                } else {
+                    c
+                })
             };
             view.colours.push([shown(pixel[0]), shown(pixel[1]), shown(pixel[2])]);
         }
@@ -205,7 +209,7 @@ impl DepthView {
             && (top..=bottom).all(|y| (left..=right).all(|x| self.farthest[y * columns + x] > least))
     }
 
-    /// Bytes of a view of so many pixels.
+    /// Memory of a view of `pixels` pixels, in bytes.
     pub const fn bytes(pixels: u64) -> u64 {
         pixels * 9
     }

@@ -13,15 +13,15 @@ pub const CORNERS: usize = SIDE as usize + 1;
 /// Corners of a cube.
 const ALL: usize = CORNERS * CORNERS * CORNERS;
 
-/// How far from the surface distances are told apart, in cells.
+/// How far from the surface distances are reported apart, in cells.
 const BAND: f32 = 3.0;
 /// How far behind a surface along a slanting ray it is still taken to be, in bands.
 const BEHIND: f32 = 3.0;
 /// Least cosine between ray and normal of a surface that is taken for one.
 const FLATTEST: f32 = 0.1;
-/// What a view that sees through a corner counts, of one that sees a surface there head on.
+/// Weight of a view that sees through a corner, relative to one that sees a surface there head on.
 const THROUGH: f32 = 0.25;
-/// What a pixel at the edge of two surfaces counts.
+/// Weight of a pixel at the edge of two surfaces.
 const AT_EDGE: f32 = 0.25;
 /// Views that must have seen the surface from a corner behind it.
 const VIEWS: u8 = 2;
@@ -51,7 +51,10 @@ impl Block {
     /// Whether the surface passes between two of its corners, the one behind it having been seen often enough.
     pub fn crosses(&self, from: usize, to: usize) -> bool {
         let ((a, a_views), (b, b_views)) = (self.at(from), self.at(to));
-        a_views > 0 && b_views > 0 && (a < 0.0) != (b < 0.0) && (if a < 0.0 { a_views } else { b_views }) >= VIEWS
+        a_views > 0
+            && b_views > 0
+            && (a < 0.0) != (b < 0.0)
+            && (if a < 0.0 { a_views } else { b_views }) >= VIEWS
     }
 
     /// Whether all corners of a cell have a distance.
@@ -65,7 +68,8 @@ impl Block {
         for (z, bits) in self.whole.iter_mut().enumerate() {
             for y in 0..side {
                 for x in 0..side {
-                    let known = |k: usize| self.views[corner(x + (k & 1), y + (k >> 1 & 1), z + (k >> 2))] > 0;
+                    let known =
+                        |k: usize| self.views[corner(x + (k & 1), y + (k >> 1 & 1), z + (k >> 2))] > 0;
                     *bits |= u64::from((0..8).all(known)) << (y * side + x);
                 }
             }
@@ -138,8 +142,11 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
                     let near = 1.0 / (1.0 + row.depth[x] * row.depth[x] * far);
                     let mut weight = trust * near * if one_surface { 1.0 } else { AT_EDGE };
                     // How far it lies before the surface, along the ray and at a right angle to the surface.
-                    let before =
-                        if inverse > 0.0 { (1.0 / inverse - row.depth[x]) * row.stretch[x] } else { f32::INFINITY };
+                    let before = if inverse > 0.0 {
+                        (1.0 / inverse - row.depth[x]) * row.stretch[x]
+                    } else {
+                        f32::INFINITY
+                    };
                     let mut distance = before * cosine;
                     if distance >= band || cosine < FLATTEST && before > BEHIND * band {
                         weight *= THROUGH;
@@ -156,12 +163,8 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
             }
         }
     }
-    let mut block = Block {
-        cube,
-        distance: Box::new([0.0; ALL]),
-        views: Box::new([0; ALL]),
-        whole: [0; SIDE as usize],
-    };
+    let mut block =
+        Block { cube, distance: Box::new([0.0; ALL]), views: Box::new([0; ALL]), whole: [0; SIDE as usize] };
     for at in 0..ALL {
         if weights[at] > 0.0 {
             block.distance[at] = sums[at] / weights[at];
@@ -244,7 +247,8 @@ impl<'a> Field<'a> {
                 (0..self.blocks.len()).filter(|i| self.blocks[*i].cube.level == level).collect();
             let field = &*self;
             let changes = cx.for_each_tile(blocks.len(), |i| field.from_finer(&field.blocks[blocks[i]]))?;
-            for (block, changes) in blocks.into_iter().zip(changes).filter(|(_, changes)| !changes.is_empty()) {
+            for (block, changes) in blocks.into_iter().zip(changes).filter(|(_, changes)| !changes.is_empty())
+            {
                 let block = &mut self.blocks[block];
                 for (corner, distance, views) in changes {
                     block.distance[corner] = distance;

@@ -2,7 +2,7 @@
 
 use super::surface::Surface;
 
-/// What was left out.
+/// The pieces left out.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Pieces {
     /// Pieces that are kept.

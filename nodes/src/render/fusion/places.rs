@@ -29,7 +29,7 @@ const STEEP_DEG: f64 = 70.0;
 /// Where they stand: metres above the ground and aside, tried from the first to the last.
 const STEEP: [[f64; 2]; 4] = [[1.8, 0.7], [1.2, 0.5], [0.7, 0.35], [0.35, 0.2]];
 
-/// What growing needs to know.
+/// Inputs of the growth of places.
 pub struct Ground<'a> {
     pub splats: &'a Splats,
     pub blocks: &'a Blocks,
@@ -49,7 +49,7 @@ pub struct Places {
     pub views: Vec<DepthView>,
     /// The eyes of the places, relative to the origin.
     pub eyes: Vec<Vec3>,
-    /// The first so many of which were given.
+    /// Number of given places, which come first.
     pub given: usize,
     /// Given places that stand in something, and were left out.
     pub blocked: usize,
@@ -79,8 +79,14 @@ impl Ground<'_> {
         let (forward, up) = (forward * cos + up * sin, up * cos - forward * sin);
         let half = 0.5 * f64::from(self.size_px);
         let focal = half / num::f64::tan((45.0 + GUARD_DEG).to_radians());
-        let faces =
-            [(right, forward), (-forward, right), (-right, -forward), (forward, -right), (right, up), (right, -up)];
+        let faces = [
+            (right, forward),
+            (-forward, right),
+            (-right, -forward),
+            (forward, -right),
+            (right, up),
+            (right, -up),
+        ];
         let see = |(x, z): (DVec3, DVec3)| {
             self.view(&Camera::centred("face", [self.size_px; 2], focal, [x, z.cross(x), z], eye), cx)
         };
@@ -122,7 +128,7 @@ fn room(faces: &[DepthView], ahead: Vec3, clearance: f32) -> f32 {
 }
 
 impl Places {
-    /// Grows up to so many places from given ones, the views from above a focus included.
+    /// Grows up to `most` places from given ones, including the views from above a focus.
     pub fn grown(
         ground: &Ground<'_>,
         seeds: &[Vec3],
@@ -209,7 +215,8 @@ impl Places {
                         let turns = azimuth as f32 / AZIMUTHS as f32 + 0.618_034 * (place * 3 + i) as f32;
                         let (sin, cos) = crate::geometry::sampling::circle(turns.fract());
                         for rise in RISES {
-                            let ahead = (right * cos + forward * sin) * (step * clearance) + up * (rise * clearance);
+                            let ahead =
+                                (right * cos + forward * sin) * (step * clearance) + up * (rise * clearance);
                             let height = (eye + ahead).dot(up);
                             if (low..=high).contains(&height)
                                 && room(self.faces(place), ahead, clearance) >= ahead.length()
@@ -258,7 +265,13 @@ impl Places {
     }
 
     /// Adds views from above a focus, from all around: at a slant, depth is biased whatever is blended.
-    fn look_down(&mut self, ground: &Ground<'_>, focus: Vec3, up: Vec3, cx: &Context) -> Result<(), NodeError> {
+    fn look_down(
+        &mut self,
+        ground: &Ground<'_>,
+        focus: Vec3,
+        up: Vec3,
+        cx: &Context,
+    ) -> Result<(), NodeError> {
         let [right, forward] = [ground.axes[0].as_vec3(), ground.axes[1].as_vec3()];
         let room = 0.3 * self.clearance;
         let size = ground.size_px * 4 / 3;
@@ -281,12 +294,15 @@ impl Places {
     }
 }
 
-/// At most so many of some points, each as far from those before it as can be.
+/// At most `most` of some points, each as far as possible from those before it.
 fn farthest_first(points: &[Vec3], most: usize) -> Vec<Vec3> {
     let mut kept: Vec<Vec3> = points.first().copied().into_iter().collect();
     let mut apart: Vec<f32> = points.iter().map(|point| (*point - kept[0]).length_squared()).collect();
     while kept.len() < most.max(1) {
-        let best = apart.iter().enumerate().fold((0, 0.0), |best, (i, far)| if *far > best.1 { (i, *far) } else { best });
+        let best = apart
+            .iter()
+            .enumerate()
+            .fold((0, 0.0), |best, (i, far)| if *far > best.1 { (i, *far) } else { best });
         if best.1 == 0.0 {
             break;
         }

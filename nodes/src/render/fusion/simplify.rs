@@ -11,7 +11,7 @@ use super::tint::Seen;
 
 /// How much a point is drawn to the middle of an edge where planes leave it free.
 const TIDY: f64 = 1e-3;
-/// What the end of the surface counts, by the square of its length.
+/// Weight of the border of the surface, by the square of its length.
 const BORDER: f64 = 10.0;
 /// Least cosine between the normals of a triangle before and after.
 const TURNED: f64 = 0.3;
@@ -138,7 +138,10 @@ impl Mesh<'_> {
         // Points of a border have a neighbour with which they share but one triangle.
         let on_border = |around: &[u32]| around.chunk_by(|x, y| x == y).any(|same| same.len() == 1);
         let manifold = |around: &[u32]| around.chunk_by(|x, y| x == y).all(|same| same.len() <= 2);
-        if !manifold(around_a) || !manifold(around_b) || shared == 2 && on_border(around_a) && on_border(around_b) {
+        if !manifold(around_a)
+            || !manifold(around_b)
+            || shared == 2 && on_border(around_a) && on_border(around_b)
+        {
             return false;
         }
         around_a.dedup();
@@ -199,7 +202,7 @@ impl Mesh<'_> {
     }
 }
 
-/// What is said of two points together, the second of which has such a share.
+/// The mix of two points, the second with weight `share`.
 fn mixed(a: &Seen, b: &Seen, share: f32) -> Seen {
     let mix = |a: f32, b: f32| a + (b - a) * share;
     Seen {
@@ -248,7 +251,8 @@ pub fn simplified(
         let along = mesh.points[b as usize] - mesh.points[a as usize];
         let side = along.cross(mesh.normal(mesh.triangles[t as usize]));
         if side.length() > 0.0 {
-            let mut wall = Quadric::plane(side.normalize(), mesh.points[a as usize], BORDER * along.length_squared());
+            let mut wall =
+                Quadric::plane(side.normalize(), mesh.points[a as usize], BORDER * along.length_squared());
             wall.weight = 0.0;
             mesh.quadrics[a as usize].add(&wall);
             mesh.quadrics[b as usize].add(&wall);

@@ -52,7 +52,9 @@ fn crossings(field: &Field<'_>, index: usize) -> Vec<Crossing> {
                         let mut at: [i32; 3] = std::array::from_fn(|k| first[k] + start[k] as i32 * step);
                         at[across] -= i;
                         at[along] -= j;
-                        let inside = |k: usize, back: i32| start[k] >= back as usize && start[k] < side + back as usize;
+                        let inside = |k: usize, back: i32| {
+                            start[k] >= back as usize && start[k] < side + back as usize
+                        };
                         let here = inside(across, i) && inside(along, j);
                         let located = if here {
                             let mut cell = start;
@@ -138,7 +140,8 @@ impl Surface {
         let mut triangles = Vec::with_capacity(2 * quadrangles.len());
         for [a, b, c, d] in quadrangles {
             let length = |p: u32, q: u32| (points[p as usize] - points[q as usize]).length_squared();
-            let halves = if length(a, c) <= length(b, d) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
+            let halves =
+                if length(a, c) <= length(b, d) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
             triangles.extend(halves.into_iter().filter(|[p, q, r]| p != q && q != r && r != p));
         }
         Ok(Self { points, levels, triangles })

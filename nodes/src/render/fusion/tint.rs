@@ -8,7 +8,7 @@ use super::levels::Levels;
 use super::surface::Surface;
 use crate::math::color::linear_from_srgb8;
 
-/// What the views say of a point.
+/// The evidence of the views for a point.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Seen {
     /// Linear colour.
@@ -19,8 +19,13 @@ pub struct Seen {
     pub deviation: f32,
 }
 
-/// What the views say of each point of a surface.
-pub fn seen(surface: &Surface, views: &[DepthView], levels: &Levels, cx: &Context) -> Result<Vec<Seen>, NodeError> {
+/// The evidence of the views for each point of a surface.
+pub fn seen(
+    surface: &Surface,
+    views: &[DepthView],
+    levels: &Levels,
+    cx: &Context,
+) -> Result<Vec<Seen>, NodeError> {
     const GROUP: usize = 1024;
     let linear = linear_from_srgb8();
     let count = surface.points.len();

@@ -1,5 +1,5 @@
-//! Groups of tiles whose lists are held together; of each group a stable sort of the footprints of each row of tiles,
-//! then their lists by tile.
+//! Groups of tiles whose lists are in memory together. For each group: a stable sort of the footprints of each row
+//! of tiles, then their lists by tile.
 
 use std::ops::Range;
 
@@ -11,22 +11,24 @@ use super::project::{Entry, Footprint, Projected};
 use super::settings::LIST_BYTES;
 use super::{Bounds, Settings};
 
-/// Side of a tile, in pixels; the INRIA rasterizer's, whose bounds depend on it.
+/// Side of a tile in pixels; that of the INRIA rasterizer, whose bounds depend on it.
 pub const TILE: usize = 16;
 
-/// Values listed by slot, such as rows or columns of tiles: those of slot `i` at `starts[i]..starts[i + 1]`.
+/// Values listed by slot, such as rows or columns of tiles: those of slot `i` are at `starts[i]..starts[i + 1]`.
 pub(super) struct Listed<T> {
     starts: Vec<u32>,
     values: Vec<T>,
 }
 
 impl<T: Copy + Default> Listed<T> {
-    /// Lists what `of` makes of each entry and its number, in each slot of two ranges, in the order of the entries.
+    /// Lists the value of `of` for each entry and its index, in each slot of two ranges, in the order of the
+    /// entries.
     #[inline(always)]
     pub(super) fn by<E>(slots: usize, entries: &[E], of: impl Fn(usize, &E) -> (T, [Range<u16>; 2])) -> Self {
         let within =
             |range: Range<u16>, off: usize| usize::from(range.start) + off..usize::from(range.end) + off;
-        // Counted two further on, so that the next one holds where a slot's next value goes, and in the end its end.
+        // Counted two further on, so that the next element holds the position of a slot's next value, and finally
+        // its end.
         let mut starts = vec![0_u32; slots + 2];
         for (number, entry) in entries.iter().enumerate() {
             for range in of(number, entry).1 {
@@ -52,13 +54,13 @@ impl<T: Copy + Default> Listed<T> {
         Self { starts, values }
     }
 
-    /// What is listed in a slot.
+    /// The values of a slot.
     pub(super) fn of(&self, slot: usize) -> &[T] {
         &self.values[self.starts[slot] as usize..self.starts[slot + 1] as usize]
     }
 }
 
-/// What of a range lies within another one, counted from where that begins.
+/// The part of a range within another one, relative to its start.
 #[inline(always)]
 pub(super) fn clip(range: Range<u16>, within: &Range<usize>) -> Range<u16> {
     let (first, end) = (within.start as u16, within.end as u16);
@@ -66,33 +68,32 @@ pub(super) fn clip(range: Range<u16>, within: &Range<usize>) -> Range<u16> {
     start - first..range.end.clamp(start, end) - first
 }
 
-/// Tiles whose lists are held together: a rectangle of rows and columns of them.
+/// Tiles whose lists are in memory together: a rectangle of rows and columns of tiles.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Group {
     rows: Range<usize>,
     columns: Range<usize>,
 }
 
-/// What a footprint takes in the lists of a row of tiles, at most: while it is sorted, as it was listed, as it stood
-/// and as it goes.
+/// Largest number of bytes of a footprint in the lists of a row of tiles: while sorting, it is held three times.
 const ENTRY_BYTES: u64 = 3 * size_of::<Entry>() as u64;
-/// What it takes in the list of a tile.
+/// Bytes of a footprint in the list of a tile.
 const PAIR_BYTES: u64 = size_of::<u32>() as u64;
 
-/// What is held at most to render a picture of so many pixels of this many splats, beyond the pictures: footprints,
-/// keys and reaches, and the lists of one group.
+/// Largest memory for rendering a picture of this size with this number of splats, in addition to the pictures:
+/// footprints, keys and ranges, and the lists of one group.
 pub(crate) fn most_bytes(splats: u64, (width, height): (u64, u64)) -> u64 {
     let tile = TILE as u64;
     let (columns, rows) = (width.div_ceil(tile), height.div_ceil(tile));
     let held = (size_of::<Footprint>() + size_of::<(u64, TileRange)>()) as u64;
-    // A group of one row may hold each splat once, and that of one tile as well.
+    // A group of one row, or of one tile, may contain each splat once.
     let lists = (rows * (ENTRY_BYTES + columns * PAIR_BYTES)).saturating_mul(splats);
     let bounded = (ENTRY_BYTES + PAIR_BYTES).saturating_mul(splats).saturating_add(LIST_BYTES);
     lists.min(bounded).saturating_add(held.saturating_mul(splats))
 }
 
-/// The groups of a picture of so many columns and rows of tiles: as many rows as the lists may take, or of one row as
-/// many columns, at least one. An ordinary picture is one group.
+/// The groups of a picture with this number of columns and rows of tiles: as many rows as the limit of the lists
+/// allows, or as many columns of one row, at least one. An ordinary picture is one group.
 pub(super) fn groups(
     projected: &Projected,
     (columns, rows): (usize, usize),
@@ -107,7 +108,7 @@ pub(super) fn groups(
     for (row, [entries, pairs]) in projected.in_rows(rows).into_iter().enumerate() {
         let bytes = entries * ENTRY_BYTES + pairs * PAIR_BYTES;
         if pairs * PAIR_BYTES > most {
-            // As if each of them touched every column: so each part holds no more, wherever they lie.
+            // As if each of them touched every column: so no part exceeds the limit, wherever they lie.
             let each = (most / (entries * PAIR_BYTES)).max(1) as usize;
             let part = |first: usize| first..(first + each).min(columns);
             let parts = (0..columns).step_by(each).map(part);
@@ -124,11 +125,11 @@ pub(super) fn groups(
     groups
 }
 
-/// Bits of a digit of the sort, at most.
+/// Largest number of bits per digit of the sort.
 const DIGIT_BITS: u32 = 12;
 
-/// Sorts by ascending keys; equal keys stay in their order, which is that of the file. A radix sort from the lowest
-/// digit on, which ends early once the run is stopped.
+/// Sorts by ascending keys; equal keys keep the order of the file. A radix sort from the lowest digit, which ends
+/// early when the run is cancelled.
 fn sorted(mut from: Vec<Entry>, cx: &Context) -> Vec<Entry> {
     let least = from.iter().fold(u64::MAX, |least, entry| least.min(entry.key));
     let most = from.iter().fold(least, |most, entry| most.max(entry.key));
@@ -159,7 +160,7 @@ fn sorted(mut from: Vec<Entry>, cx: &Context) -> Vec<Entry> {
     from
 }
 
-/// What touches each row of a group, front to back; the only row has all where bounds are none.
+/// The footprints that touch each row of a group, front to back; without bounds, the single row has all.
 pub(super) fn sort(
     projected: &Projected,
     group: &Group,
@@ -183,9 +184,9 @@ pub(super) struct Lists<'a> {
 }
 
 enum ListsOf {
-    /// Every tile has all footprints.
+    /// All footprints, for every tile.
     All(Vec<u32>),
-    /// By column, one a row of tiles.
+    /// By column, one list per row of tiles.
     Rows(Vec<Listed<u32>>),
 }
 
@@ -206,7 +207,7 @@ impl Lists<'_> {
         (list, columns.start + column, rows.start + row)
     }
 
-    /// Pairs of a splat and a tile.
+    /// Number of pairs of a splat and a tile.
     pub(super) fn pairs(&self) -> u64 {
         match &self.of {
             ListsOf::All(list) => (list.len() * self.tiles()) as u64,
@@ -215,8 +216,7 @@ impl Lists<'_> {
     }
 }
 
-/// Lists the footprints by tile of a group, in the order in which they are given for each row, of a picture of so many
-/// columns of tiles.
+/// Lists the footprints of a group by tile, in their order in each row.
 pub(super) fn bin<'a>(
     projected: &Projected,
     sorted: &[Vec<Entry>],
@@ -234,7 +234,7 @@ pub(super) fn bin<'a>(
         let mut entries = Vec::with_capacity(sorted[row].len());
         for &Entry { index, x0, x1, .. } in &sorted[row] {
             let mut span = (x0, x1);
-            // Below four columns the blend's own row test is as cheap as this one.
+            // Below four columns, the row test of the blend is as cheap as this one.
             if exact && x1 - x0 > 3 {
                 let (left, right) =
                     projected.footprint(index).extent_in((group.rows.start + row) * TILE, projected.log2_cut);
@@ -243,7 +243,7 @@ pub(super) fn bin<'a>(
             entries.push((index, span));
         }
         let last = columns as u16;
-        // Columns beyond the last are the first ones again.
+        // Columns beyond the last wrap around.
         Listed::by(group.columns.len(), &entries, |_, &(index, (first, end))| {
             let ranges = [first..end.min(last), 0..end.saturating_sub(last)];
             (index, ranges.map(|range| clip(range, &group.columns)))

@@ -1,6 +1,6 @@
-//! The blend in f32, eight pixels of a row at once. Every lane does the same IEEE operations whatever
-//! the width of the machine's vectors, and a row is left out only where no pixel of it can reach the
-//! cut, so every instruction set gives the same bits.
+//! The blend in f32, eight pixels of a row at once. Every lane does the same IEEE operations whatever the width of
+//! the machine's vectors, and a row is skipped only if no pixel of it can reach the cut, so every instruction set
+//! gives the same bits.
 
 use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*, u32x8};
 
@@ -12,15 +12,15 @@ use super::{DepthMode, Sort};
 use crate::math::num;
 
 const LANES: usize = 8;
-/// Vectors of a row of a tile.
+/// Vectors per row of a tile.
 const HALVES: usize = TILE / LANES;
-/// Footprints copied together ahead of their use, so that their cache misses overlap.
+/// Number of footprints copied ahead of their use, so that their cache misses overlap.
 const BATCH: usize = 32;
 
-/// 2^f for f in [-1/2, 1/2], the polynomial of degree 5 of least relative error (Remez): 7.5e-8 before
+/// 2^f for f in [-1/2, 1/2], the polynomial of degree 5 with the smallest relative error (Remez): 7.5e-8 before
 /// rounding, 2e-7 measured with it.
 const EXP2: [f32; 6] = [1.000_000_1, 0.693_146_97, 0.240_221_2, 0.055_507_13, 0.009_675_541, 0.001_327_647_2];
-/// 1.5 * 2^23: adding it leaves the nearest whole number in the low bits of the mantissa.
+/// 1.5 * 2^23: adding it leaves the nearest integer in the low bits of the mantissa.
 const ROUND: f32 = 12_582_912.0;
 /// 2^-126 is the smallest normal f32; nothing below it is blended.
 const LOG2_SMALLEST: f32 = -126.0;
@@ -57,8 +57,7 @@ pub(super) fn blend(level: Level, task: &Task<'_, '_>) -> Blended {
     }
 }
 
-/// Sums of a tile, one array a channel. A pixel is finished when its transmittance is negative; its
-/// magnitude stays what it was.
+/// Sums of a tile, one array per channel. A finished pixel has a negative transmittance with unchanged magnitude.
 #[derive(Clone, Copy)]
 struct Pixels {
     transmittance: [[f32; LANES]; TILE * HALVES],
@@ -66,19 +65,19 @@ struct Pixels {
     green: [[f32; LANES]; TILE * HALVES],
     blue: [[f32; LANES]; TILE * HALVES],
     depth: [[f32; LANES]; TILE * HALVES],
-    /// What `depth` is to be divided by, of `Transmittance`; the sum of inverse depths by weight, of `RayMedian`.
+    /// Divisor of `depth` with `Transmittance`; the weighted sum of inverse depths with `RayMedian`.
     depth_weight: [[f32; LANES]; TILE * HALVES],
     /// Sums of the front sheet: inverse depths by weight, and weights; of `RayMedian`.
     sheet: [[f32; LANES]; TILE * HALVES],
     sheet_weight: [[f32; LANES]; TILE * HALVES],
-    /// Blends, where they are counted.
+    /// Number of blends, if they are counted.
     count: [[f32; LANES]; TILE * HALVES],
-    /// Depth at which the blend ends, where there is one.
+    /// Depth at which the blend ends, with a limit.
     limit: [[f32; LANES]; TILE * HALVES],
 }
 
-/// How much closer than the limit a splat behind it must be for the pixel to be left at once: equal keys
-/// of the sort stay in file order, and may differ by 2^-32.
+/// Factor by which the limit must be closer than a splat for the pixel to end at once: equal sort keys stay in file
+/// order, and may differ by 2^-32.
 const BEHIND: f32 = 1.000_001;
 
 #[inline(always)]
@@ -103,7 +102,7 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
             pixels.limit[at % TILE / LANES * TILE + at / TILE][at % LANES] = *limit;
         }
     }
-    // One bit a vector: those of the left half of the tile, row by row, then those of the right.
+    // One bit per vector: the left half of the tile, row by row, then the right half.
     let mut live = 0_u32;
     for row in 0..TILE {
         for half in 0..HALVES {
@@ -151,11 +150,11 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
             }
         }
         for ((f, margin), peak) in batch[..indices.len()].iter().zip(&margins).zip(&peaks) {
-            // Offsets from the tile's first pixel in f64, so that f32 only sees what is near.
+            // Offsets from the tile's first pixel, computed in f64 so that f32 has small numbers only.
             let (mut dx, dy) = (left - f.u, top - f.v);
             let mut along = [lanes * f.l11 as f32; HALVES];
             let mut columns = [lanes, lanes + LANES as f32];
-            // In a panorama the copy of the splat counts that is nearest to the pixel.
+            // In a panorama, the copy of the splat nearest to the pixel is used.
             let mut split = false;
             if let Some(period) = period {
                 let centre = dx + 0.5 * (TILE - 1) as f64;
@@ -188,7 +187,7 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
             let t = rows * l21 + (f.l11 * dx + f.l21 * dy) as f32;
             let s = (rows + dy as f32) * l22;
             let exponents = f32x16::splat(simd, f.log2_opacity) - s * s;
-            // How far t may be from 0; a little more, since rounding must not lose a pixel.
+            // Largest |t|, with a margin so that rounding loses no pixel.
             let reach = (exponents - (log2_cut - 1e-4)).max(0.0).sqrt();
             let seen = exponents.simd_ge(log2_cut - 1e-4);
             let in_left = seen & t.simd_le(reach) & (t + 7.0 * l11).simd_ge(-reach);

@@ -1,4 +1,4 @@
-//! The blend in f64, one pixel after another: the reference that the fast one is measured against.
+//! The blend in f64, one pixel after another: the reference for the fast one.
 
 use super::DepthMode;
 use super::bin::TILE;
@@ -29,7 +29,7 @@ pub(super) fn blend(task: &Task<'_, '_>) -> Blended {
         let margin = projected.margin(*index);
         let peak = projected.peak(*index);
         let opacity = f64::from(f.opacity);
-        // Looser than the test on alpha below by far more than rounding; it only saves time.
+        // Weaker than the test on alpha below by far more than rounding; it only saves time.
         let reach = num::f64::log2(opacity / settings.alpha_cut) + 1e-6;
         for row in 0..height {
             let dy = (y0 + row) as f64 + 0.5 - f.v;
@@ -86,7 +86,8 @@ pub(super) fn blend(task: &Task<'_, '_>) -> Blended {
                         depth_weight[at] += weight * inverse;
                         let counted = alpha * (transmittance[at] * (1.0 / COUNTS_DOWN_TO)).min(1.0);
                         let [sum, all] = &mut sheet[at];
-                        let (near, open) = ((inverse * *all - *sum).abs() <= SHEET * *sum, transmittance[at] > 0.5);
+                        let (near, open) =
+                            ((inverse * *all - *sum).abs() <= SHEET * *sum, transmittance[at] > 0.5);
                         if near {
                             (*sum, *all) = (*sum + counted * inverse, *all + counted);
                         } else if open {

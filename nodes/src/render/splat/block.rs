@@ -1,5 +1,5 @@
-//! Blocks of splats that lie one after the other in the file, and what none of them can reach. Captures are mostly
-//! stored along a space-filling curve, so that a block is small; of another order the blocks are large and save nothing.
+//! Blocks of consecutive splats in the file, with bounds. Captures are mostly stored along a space-filling curve,
+//! so that a block is small; with another order the blocks are large and save nothing.
 
 use std::ops::Range;
 
@@ -8,18 +8,18 @@ use glam::DVec3;
 
 use crate::types::Splats;
 
-/// Splats of a block.
+/// Number of splats per block.
 pub(super) const BLOCK: usize = 64;
 
-/// Blocks a job.
+/// Number of blocks per job.
 const CHUNK: usize = 256;
 
-/// The blocks of a scene, in file order: for several pictures of it, since finding them takes as long as what they
-/// spare a single one.
+/// The blocks of a scene in file order, for rendering several pictures: computing them takes as long as they save
+/// in a single one.
 pub struct Blocks(Vec<Block>);
 
 impl Blocks {
-    /// Of all splats.
+    /// Computes the blocks of all splats.
     pub fn of(splats: &Splats, cx: &Context) -> Result<Self, NodeError> {
         let count = splats.len().div_ceil(BLOCK);
         let block = |index: usize| Block::of(splats, index * BLOCK..((index + 1) * BLOCK).min(splats.len()));
@@ -29,7 +29,7 @@ impl Blocks {
         Ok(Self(chunks.concat()))
     }
 
-    /// The block that holds a splat, as it lies from an eye.
+    /// The block that contains a splat, relative to an eye.
     #[inline(always)]
     pub(super) fn around(&self, splat: usize, eye: DVec3) -> Block {
         self.0[splat / BLOCK].seen_from(eye)
@@ -39,15 +39,15 @@ impl Blocks {
 /// The box around the centres of some splats, and the longest of their axes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Block {
-    /// Middle and half the sides.
+    /// Middle, and half of the sides.
     middle: DVec3,
     half: DVec3,
     /// Longest standard deviation, in world units.
     pub longest: f64,
 }
 
-/// A share by which bounds are widened: far more than an f64 loses over a dozen operations, far less than what a
-/// block would gain.
+/// Relative margin of bounds: far more than the rounding of a dozen f64 operations, far less than the benefit of a
+/// block.
 const SLACK: f64 = 1e-12;
 
 impl Block {
@@ -68,13 +68,13 @@ impl Block {
         }
     }
 
-    /// The same, from an eye.
+    /// The same relative to an eye.
     #[inline(always)]
     pub(super) fn seen_from(&self, eye: DVec3) -> Self {
         Self { middle: self.middle - eye, half: self.half + eye.abs() * SLACK, ..*self }
     }
 
-    /// No less than `along . d + constant` for any centre at `d` from the eye, however that is rounded.
+    /// An upper bound of `along . d + constant` for any centre at `d` from the eye, including rounding.
     #[inline(always)]
     pub(super) fn most(&self, along: DVec3, constant: f64) -> f64 {
         let (size, slack) = (along.abs(), DVec3::splat(SLACK));

@@ -1,4 +1,4 @@
-//! Lenses: how the world lands on a picture, and which tiles a footprint touches there.
+//! Camera models: projection of the world to a picture, and the tiles that a footprint touches.
 
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -11,20 +11,20 @@ use super::block::Block;
 use crate::math::{equirect, num};
 use crate::types::Camera;
 
-/// How far beyond the edges of the image the slopes of the projection follow the splat, as a share of
-/// the half image: beyond, the linear approximation explodes (INRIA forward.cu: 1.3 times the tangent).
+/// Distance beyond the edges of the image up to which the derivative of the projection is evaluated at the splat,
+/// as a fraction of half the image: beyond it, the linear approximation diverges (INRIA forward.cu: 1.3 times the
+/// tangent).
 const GUARD: f64 = 0.3;
 
-/// What a pixel of slack may cost nothing: bounds are widened by this much, in pixels, so that rounding
-/// never loses a pixel whose alpha reaches the cut.
+/// Margin of bounds in pixels, so that rounding never loses a pixel whose alpha reaches the cut.
 pub(super) const SLACK_PX: f64 = 0.01;
 
-/// Least distance from the axis through the poles, as a share of the distance from the eye, at which the
-/// derivative of a panorama is taken: at a pole itself it is infinite (splat-transform #247: the same).
+/// Smallest distance from the axis through the poles, as a fraction of the distance from the eye, at which the
+/// derivative of a panorama is evaluated: at a pole it is infinite (splat-transform #247 does the same).
 const POLE: f64 = 0.005;
 
-/// The tiles a footprint touches, half open. In a panorama `x1` may lie beyond the last column: those
-/// columns are the first ones again, and no tile is meant twice.
+/// The tiles of a footprint, half open. In a panorama `x1` may exceed the last column: those columns wrap around,
+/// and no tile occurs twice.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TileRange {
     pub x0: u16,
@@ -35,48 +35,48 @@ pub(super) struct TileRange {
 
 /// The centre of a splat on the picture.
 pub(super) struct ProjectedCentre {
-    /// Where, in pixels.
+    /// Position in pixels.
     pub u: f64,
     pub v: f64,
-    /// Derivatives of u and v by the world.
+    /// Derivatives of u and v by world coordinates.
     pub row_x: DVec3,
     pub row_y: DVec3,
-    /// What the depth of the picture means, in world units.
+    /// Depth as defined by the picture, in world units.
     pub depth: f64,
 }
 
-/// How the world lands on a picture.
+/// Projection of the world to a picture.
 pub(super) trait CameraModel: Sync {
-    /// Where it stands, in world units.
+    /// Position of the camera, in world units.
     fn eye(&self) -> DVec3;
     /// Columns and rows, in pixels.
     fn size(&self) -> (usize, usize);
-    /// Columns after which the picture repeats.
+    /// Number of columns after which the picture repeats.
     fn period(&self) -> Option<u32>;
     /// True for a point at `d` from the eye that is at or below the near depth.
     fn is_behind(&self, d: DVec3, near: f64) -> bool;
-    /// True for a point at `d`, not behind, so far beside the picture that nothing of a splat there is seen that
-    /// spreads over at most so many world units, and pixels beyond that.
+    /// True if a splat at `d`, not behind, that extends over at most `world` world units plus `pixels` pixels
+    /// cannot be visible in the picture.
     fn is_aside(&self, d: DVec3, world: f64, pixels: f64) -> bool;
-    /// The point at `d`, which is neither.
+    /// Projects a point at `d` that is neither behind nor aside.
     fn project_centre(&self, d: DVec3) -> ProjectedCentre;
     /// Derivatives of the ray through a point at `d`, scaled to depth 1, by pixels to the right and down, and the direction in
-    /// which depth grows.
+    /// which depth increases.
     fn ray_slopes(&self, d: DVec3) -> ([DVec3; 2], DVec3);
-    /// True where every splat of the block is behind or aside, each of which spreads over at most `sigmas` times its
-    /// longest axis and so many pixels beyond that.
+    /// True if every splat of the block is behind or aside; each extends over at most `sigmas` times its longest
+    /// axis plus `pixels` pixels.
     fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool;
-    /// Tiles with a pixel centre inside a box, its edge included.
+    /// Tiles with a pixel centre inside a box, including its edge.
     fn exact_reach(&self, u: f64, v: f64, half_x: f64, half_y: f64) -> Option<TileRange>;
     /// Tiles as the INRIA rasterizer counts them: a square of 3 standard deviations of the longer axis
-    /// (auxiliary.h, `getRect`; forward.cu, `preprocessCUDA`), of a covariance and its determinant.
+    /// (auxiliary.h, `getRect`; forward.cu, `preprocessCUDA`), for a covariance and its determinant.
     fn inria_reach(&self, u: f64, v: f64, xx: f64, yy: f64, det: f64) -> Option<TileRange>;
     /// All tiles.
     fn everywhere(&self) -> TileRange;
 }
 
-/// The next whole number not below `x`, held within what an i32 can be. Without SSE4.1, which the
-/// portable build cannot assume, the method of f64 is a call.
+/// The smallest integer not below `x`, clamped to the range of i32. Without SSE4.1, which the portable build cannot
+/// assume, the method of f64 is a function call.
 #[inline(always)]
 fn ceil(x: f64) -> i32 {
     let x = x.clamp(-1e9, 1e9);
@@ -84,7 +84,7 @@ fn ceil(x: f64) -> i32 {
     whole + i32::from(f64::from(whole) < x)
 }
 
-/// First and last pixel with its centre in an interval.
+/// First and last pixel whose centre lies in an interval.
 #[inline(always)]
 fn pixels(left: f64, right: f64) -> (i32, i32) {
     (ceil(left - 0.5), ceil(right + 0.5) - 2)
@@ -98,7 +98,7 @@ fn tiles(left: f64, right: f64, size: f64) -> Option<(u16, u16)> {
     (first <= last).then(|| ((first as usize / TILE) as u16, (last as usize / TILE) as u16 + 1))
 }
 
-/// [`tiles`] of a picture that repeats after `period` pixels, as [`TileRange`] has them.
+/// [`tiles`] of a picture that repeats after `period` pixels, as in [`TileRange`].
 #[inline(always)]
 fn tiles_around(left: f64, right: f64, period: u32) -> Option<(u16, u16)> {
     let (first, last) = pixels(left, right);
@@ -115,7 +115,7 @@ fn tiles_around(left: f64, right: f64, period: u32) -> Option<(u16, u16)> {
     Some((x0, if wraps { (columns + x1).min(x0 + columns) } else { x1 }))
 }
 
-/// The tiles of an interval of columns, within `span` or around the `period`; none as an empty range.
+/// The tiles of an interval of columns, within `span` or wrapped by `period`; an empty range if there are none.
 pub(super) fn columns(left: f64, right: f64, span: (u16, u16), period: Option<u32>) -> (u16, u16) {
     let found = match period {
         None => tiles(left, right, (usize::from(span.1) * TILE) as f64).map(|(a, b)| (a.max(span.0), b)),
@@ -145,24 +145,24 @@ pub(super) struct Pinhole {
     cy: f64,
     width: f64,
     height: f64,
-    /// Slopes x/z and y/z at which the projection's derivative is held.
+    /// Slopes x/z and y/z to which the derivative of the projection is clamped.
     slope_x: [f64; 2],
     slope_y: [f64; 2],
-    /// Most pixels that a world unit at a depth of 1 spans.
+    /// Largest number of pixels per world unit at a depth of 1.
     steepest: f64,
     columns: u16,
     rows: u16,
-    /// Of a picture that is part of a panorama: near and depth are distances from the eye, and splats at more
-    /// than [`ASIDE`] from where it looks are left out.
+    /// For a picture that is part of a panorama: near and depth are distances from the eye, and splats at more than
+    /// [`ASIDE`] from the viewing direction are left out.
     by_distance: bool,
 }
 
-/// Cosine of the angle between where the picture of a cap looks and the outermost splat that is drawn: at the
-/// plane of the camera, which no near plane keeps them from, the projection explodes.
+/// Cosine of the angle between the viewing direction of a cap and the outermost splat that is drawn: near the plane
+/// of the camera, where the near plane does not apply, the projection diverges.
 const ASIDE: f64 = 0.1;
 
 impl Pinhole {
-    /// For a part of a panorama.
+    /// A camera for a part of a panorama.
     pub(super) fn by_distance(camera: &Camera) -> Self {
         Self { by_distance: true, ..Self::new(camera) }
     }
@@ -218,8 +218,9 @@ impl CameraModel for Pinhole {
         z <= near
     }
 
-    /// The four edges, all times z: most of what is beside a picture is left without a division. A splat spreads over
-    /// at most the first, over z, and the second. Without branches, so that the tests of several splats are one.
+    /// Tests all four edges multiplied by z, so that most splats outside of the picture need no division. A splat
+    /// extends over at most the first term divided by z plus the second. Without branches, so that several splats
+    /// are tested together.
     #[inline(always)]
     fn is_aside(&self, d: DVec3, world: f64, pixels: f64) -> bool {
         let (x, y, z) = (self.right.dot(d), self.down.dot(d), self.forward.dot(d));
@@ -236,13 +237,13 @@ impl CameraModel for Pinhole {
         let (x, y, z) = (self.right.dot(d), self.down.dot(d), self.forward.dot(d));
         let inverse_z = 1.0 / z;
         let (slope_x, slope_y) = (x * inverse_z, y * inverse_z);
-        // No `clamp`, whose check of its bounds would keep the compiler from vector code.
+        // Not `clamp`, whose check of its bounds prevents vectorised code.
         let held_x = slope_x.max(self.slope_x[0]).min(self.slope_x[1]);
         let held_y = slope_y.max(self.slope_y[0]).min(self.slope_y[1]);
         ProjectedCentre {
             u: self.fx * slope_x + self.cx,
             v: self.fy * slope_y + self.cy,
-            // Rows of the derivative of (u, v) by the world, eq. 26 of the EWA paper.
+            // Rows of the derivative of (u, v) by world coordinates, eq. 26 of the EWA paper.
             row_x: (self.right - self.forward * held_x) * (self.fx * inverse_z),
             row_y: (self.down - self.forward * held_y) * (self.fy * inverse_z),
             depth: if self.by_distance { d.length() } else { z },
@@ -256,10 +257,10 @@ impl CameraModel for Pinhole {
         ([self.right / self.fx, self.down / self.fy], self.forward)
     }
 
-    /// The tests of one splat are linear in its centre, so over a box they are largest at a corner.
+    /// The tests of one splat are linear in its centre, so their maximum over a box is at a corner.
     #[inline(always)]
     fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool {
-        // By distance, what is behind the plane of the camera is at or below any near depth.
+        // With distances, points behind the plane of the camera may be at or below any near depth.
         let nearest = if self.by_distance { 0.0 } else { near };
         if block.most(self.forward, -nearest) < 0.0 {
             return true;
@@ -284,7 +285,7 @@ impl CameraModel for Pinhole {
         let middle = 0.5 * (xx + yy);
         let radius = (3.0 * (middle + (middle * middle - det).max(0.1).sqrt()).sqrt()).ceil();
         let tile = TILE as f64;
-        // Its pixel centres are whole numbers, ours lie half a pixel further.
+        // Its pixel centres are integers; ours are half a pixel further.
         let tiles = |centre: f64, count: u16| {
             let clamp = |t: f64| t.clamp(0.0, f64::from(count)) as u16;
             let (first, end) =
@@ -301,7 +302,7 @@ impl CameraModel for Pinhole {
     }
 }
 
-/// Rows of everything around a point, in the layout of [`crate::math::equirect`].
+/// Rows of a panorama, in the layout of [`crate::math::equirect`].
 pub(super) struct Sphere {
     eye: DVec3,
     right: DVec3,
@@ -312,7 +313,7 @@ pub(super) struct Sphere {
 }
 
 impl Sphere {
-    /// Of these rows of the layout.
+    /// A camera for these rows of the layout.
     pub(super) fn new(eye: DVec3, up: Up, width_px: u32, rows: Range<u32>) -> Self {
         let [right, forward, above] = equirect::axes(up);
         Self { eye, right, forward, above, width: width_px, rows }
@@ -341,7 +342,7 @@ impl CameraModel for Sphere {
         d.length() <= near
     }
 
-    /// It looks everywhere.
+    /// A panorama covers all directions.
     #[inline(always)]
     fn is_aside(&self, _d: DVec3, _world: f64, _pixels: f64) -> bool {
         false
@@ -374,7 +375,7 @@ impl CameraModel for Sphere {
         ray_slopes_by_distance(d, &self.project_centre(d))
     }
 
-    /// It looks everywhere.
+    /// A panorama covers all directions.
     #[inline(always)]
     fn misses(&self, _block: &Block, _near: f64, _sigmas: f64, _pixels: f64) -> bool {
         false
@@ -388,7 +389,7 @@ impl CameraModel for Sphere {
         Some(TileRange { x0, x1, y0, y1 })
     }
 
-    /// Its tiles are of a pinhole picture; here the square is cut at the poles and goes around.
+    /// The INRIA rasterizer has pinhole pictures only; here the square is clamped at the poles and wraps around.
     fn inria_reach(&self, u: f64, v: f64, xx: f64, yy: f64, det: f64) -> Option<TileRange> {
         let middle = 0.5 * (xx + yy);
         let radius = (3.0 * (middle + (middle * middle - det).max(0.1).sqrt()).sqrt()).ceil();

@@ -1,11 +1,10 @@
 //! EWA splatting on the CPU: project, sort, bin, blend.
 //!
-//! One picture at a time. `project` turns every splat that can matter into a `Footprint` (f64
-//! throughout, so that needles and far-off worlds keep their digits), `bin` sorts the footprints once
-//! (stable; equal keys stay in file order) and lists them by tile, and `blend32` or `blend64`
-//! composites each tile front to back. Where the lists would be too long, the last two take a group of tiles after the
-//! other. Every stage gives the same bits for any number of threads and
-//! any instruction set.
+//! One picture at a time. `project` computes a `Footprint` for every splat that can be visible (in f64, so that
+//! needles and distant worlds keep their digits), `bin` sorts the footprints once (stable; equal keys stay in file
+//! order) and lists them by tile, and `blend32` or `blend64` composites each tile front to back. If the lists would
+//! be too long, the last two stages process one group of tiles after the other. Every stage gives the same bits for
+//! any number of threads and any instruction set.
 
 mod bin;
 mod blend32;
@@ -34,36 +33,37 @@ pub use block::Blocks;
 use camera_model::{CameraModel, Pinhole};
 pub use panorama::{PanoramaCamera, panorama, panorama_at};
 use project::{Footprint, Projected};
+pub(crate) use settings::former;
 pub use settings::{Bounds, Compensation, DepthMode, Drawing, Precision, Settings, Sort};
 pub use surface::Surface;
 use tile::{Strip, Task};
 
 use crate::types::{Camera, Data, Image, Splats};
 
-/// Work of one view; the same on every machine.
+/// Work counts of one view; the same on every machine.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Work {
-    /// Splats that were looked at one by one.
+    /// Splats that were tested individually.
     pub visited: u64,
-    /// Splats that were left out by blocks, since none of the block can be in the picture.
+    /// Splats in blocks that were skipped, since no splat of the block can be in the picture.
     pub skipped: u64,
     /// Splats that were coloured and sorted.
     pub projected: u64,
-    /// Of these, the ones whose harmonics were summed up in a direction; none of a scene of degree 0.
+    /// Projected splats whose harmonics were evaluated in a direction; 0 for a scene of degree 0.
     pub directed: u64,
-    /// Splats whose opacity is below the cut; counted where next to nothing is seen, and 0 otherwise.
+    /// Splats with an opacity below the cut; counted only if almost nothing is visible.
     pub faint: u64,
-    /// Others at or below the near plane; counted where next to nothing is seen, and 0 otherwise.
+    /// Other splats at or below the near plane; counted only if almost nothing is visible.
     pub behind: u64,
     /// Splats whose footprint is not a finite ellipse.
     pub degenerate: u64,
-    /// Splats whose colour was held at the largest there is.
+    /// Splats whose colour was clamped to the largest value.
     pub held: u64,
-    /// Pairs of a splat and a tile.
+    /// Number of pairs of a splat and a tile.
     pub tile_pairs: u64,
-    /// Pixels at which a splat was evaluated.
+    /// Number of evaluations of a splat at a pixel.
     pub evaluations: u64,
-    /// Pixels to which a splat was added.
+    /// Number of blends of a splat into a pixel.
     pub blends: u64,
 }
 
@@ -84,7 +84,7 @@ impl AddAssign for Work {
 }
 
 impl Work {
-    /// Counts it, and notes what was left out of a scene of so many splats.
+    /// Adds the counts, and notes on splats left out of a scene with this number of splats.
     pub(crate) fn report(&self, splats: usize, settings: &Settings, cx: &Context, notes: &mut Notes) {
         let near = settings.near;
         cx.count("splats_visited", self.visited);
@@ -97,9 +97,13 @@ impl Work {
             cx.count("splat_evaluations_f64", self.evaluations);
         }
         cx.count("splat_blends", self.blends);
-        notes.count("degenerate-splats", self.degenerate, "footprints are no finite ellipse; left out");
+        notes.count(
+            "degenerate-splats",
+            self.degenerate,
+            "footprints are not finite ellipses and were left out",
+        );
         let text =
-            format!("colours are above {:e}, where white is 1, or overflow; held at that", sh::LARGEST);
+            format!("colours exceed {:e} (white is 1) or overflow and were clamped to it", sh::LARGEST);
         notes.count("colours-held", self.held, text);
         // A scene and an eye in different frames give an empty picture, not an error.
         if self.projected * 100 < splats as u64 {
@@ -108,12 +112,12 @@ impl Work {
                 format!("most have an opacity of 0 or below `alpha_cut`, {:.6}", settings.alpha_cut)
             } else if most(self.behind) {
                 format!(
-                    "most lie behind or nearer than `near`, {near} world units: is that too far for this scene, or does \
+                    "most lie behind the eye or nearer than `near`, {near} world units: is `near` too large for this scene, or does \
                      the eye look away from it?"
                 )
             } else if self.degenerate > self.projected {
                 format!(
-                    "the footprints of {} are no finite ellipse: are their scales meant?",
+                    "the footprints of {} are not finite ellipses: are their scales correct?",
                     self.degenerate
                 )
             } else {
@@ -125,28 +129,27 @@ impl Work {
     }
 }
 
-/// What one camera sees.
+/// View of one camera.
 pub struct Rendered {
     /// RGB premultiplied, and alpha; row by row.
     pub rgba: Vec<f32>,
-    /// Planar depth in world units (of a panorama the distance), +inf where nothing was seen.
+    /// Planar depth in world units (for a panorama the distance), +inf where nothing is seen.
     pub depth: Vec<f32>,
-    /// Splats added to each pixel; empty unless they were counted.
+    /// Number of splats blended into each pixel; empty unless they are counted.
     pub blends: Vec<f32>,
     /// The mean depth of the sheet of splats that is seen first: less noisy than that of one splat, and not nearer than the
     /// sheet. Of `RayMedian` alone; else empty, and of panoramas.
     pub front: Vec<f32>,
-    /// How far the mean of what was blended lies from the depth, as a share of it: near 0 where one surface is seen, large
-    /// where several are. Of `RayMedian` alone; else empty, and of panoramas.
+    /// Relative difference between the mean depth of the blended splats and the depth: near 0 where one surface is visible,
+    /// large where several are. With `RayMedian` only; otherwise empty, as for panoramas.
     pub spread: Vec<f32>,
-    /// What it took.
+    /// Work counts.
     pub work: Work,
-    /// Seconds in project, sort, bin and blend by the clock that was given, 0 without; for benches, never part
-    /// of a result.
+    /// Seconds in project, sort, bin and blend by the given clock, 0 without; for benches, never part of a result.
     pub seconds: [f64; 4],
 }
 
-/// Tells seconds.
+/// Returns the time in seconds.
 pub type Clock<'a> = &'a (dyn Fn() -> f64 + Sync);
 
 /// The largest picture that is rendered, in pixels.
@@ -158,18 +161,18 @@ const MAX_SIDE: u32 = 1 << 19;
 /// A surface in front of a camera: splats at or beyond it are left out of a pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Limit<'a> {
-    /// Planar depth in world units, one channel, of the size of the picture; 0 or +inf is no surface.
+    /// Planar depth in world units, one channel, of the size of the picture; 0 or +inf means no surface.
     pub depth: &'a Image<Data>,
-    /// How far before the surface the centre of a splat must lie, in standard deviations along its middle axis, at
-    /// least 0. The splats of a surface lie about it by less than they are wide.
+    /// How far in front of the surface the centre of a splat must lie, in standard deviations along its middle
+    /// axis, at least 0. The centres of the splats of a surface scatter around it by less than their width.
     pub sigmas: f64,
 }
 
-/// What a camera sees, on the threads of `cx`, at the best instruction set of the machine; with a `limit` only what
-/// lies before that.
+/// Renders the view of a camera, on the threads of `cx`, with the best instruction set of the machine; with a
+/// `limit`, only splats in front of it.
 ///
-/// The faces of a cube are rendered one by one: a splat is seen by 1.14 of them, so a pass for all six spares
-/// next to nothing of the projection, and sorts and holds six times as much; measured, it took longer.
+/// The faces of a cube are rendered one by one: a splat is visible in 1.14 of them on average, so a pass for all
+/// six saves little of the projection, and sorts and holds six times as much data; measured, it took longer.
 pub fn render(
     splats: &Splats,
     camera: &Camera,
@@ -180,7 +183,7 @@ pub fn render(
     render_with(splats, None, camera, limit, settings, cx)
 }
 
-/// [`render`] where blocks that cannot be seen are not looked at: for several pictures of a scene.
+/// [`render`] with blocks that are skipped if they are not visible: for several pictures of a scene.
 pub fn render_with(
     splats: &Splats,
     blocks: Option<&Blocks>,
@@ -193,8 +196,8 @@ pub fn render_with(
     draw(splats, blocks, &Pinhole::new(camera), limit, settings, cx, (Level::new(), &|| 0.0))
 }
 
-/// [`render`] at a given instruction set, which never changes the result, with the stages timed by a clock that
-/// tells seconds: for tests and benches.
+/// [`render`] with a given instruction set, which never changes the result, and a clock for the time of each stage:
+/// for tests and benches.
 #[doc(hidden)]
 pub fn render_at(
     splats: &Splats,
@@ -208,7 +211,7 @@ pub fn render_at(
     draw(splats, None, &Pinhole::new(camera), limit, settings, cx, how)
 }
 
-/// An error for a picture that is too large, or a surface of another size.
+/// Checks the size of the picture, and of the limit.
 fn check(camera: &Camera, limit: Option<Limit<'_>>) -> Result<(), NodeError> {
     checked(camera)?;
     let size = (camera.width_px as usize, camera.height_px as usize, 1);
@@ -223,8 +226,8 @@ fn check(camera: &Camera, limit: Option<Limit<'_>>) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Evaluations a second of the blend's arithmetic, by a clock that tells seconds: one tile that stays in the
-/// first cache, every splat covering it, no pixel ever finished. A yardstick for benches.
+/// Evaluations per second of the arithmetic of the blend: one tile that stays in the first-level cache, every splat
+/// covering it, no pixel ever finished. For comparison in benches.
 #[doc(hidden)]
 pub fn calibrate(splats: usize, level: Level, clock: Clock<'_>, cx: &Context) -> f64 {
     let wide = Footprint {
@@ -316,7 +319,7 @@ fn draw<L: CameraModel>(
                 Precision::F64 => blend64::blend(&task),
             }
         })?;
-        // A tile may take seconds where bounds are `None`, so a blend ends early once the run is stopped.
+        // A tile may take seconds with `bounds: None`, so a blend ends early when the run is cancelled.
         cx.check()?;
         work.tile_pairs += lists.pairs();
         for tile in tiles {

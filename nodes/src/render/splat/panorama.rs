@@ -1,10 +1,11 @@
-//! Panoramas: splats straight into the equirectangular layout, and its two caps by way of pictures.
+//! Panoramas: splats drawn directly into the equirectangular layout, and the two caps around the poles by pinhole
+//! pictures.
 //!
-//! A footprint is drawn where the layout is linear over it, and near a pole it is not: a splat there is a ring
-//! or a disc across all columns, and its ellipse is neither. So what lies within [`CAP`] of a pole is drawn by
-//! a camera that looks at the pole and read from there; between [`FADE`] and [`CAP`] one gives way to the other.
-//! The layout has a third of its samples in the caps, and such pictures not quite as many pixels although
-//! theirs are finer: the detour is no more work.
+//! A footprint is drawn where the layout is approximately linear over it, which it is not near a pole: a splat
+//! there is a ring or a disc across all columns, not an ellipse. So directions within [`CAP`] of a pole are drawn
+//! by a camera that looks at the pole and resampled; between [`FADE`] and [`CAP`] the two are blended. The layout
+//! has a third of its samples in the caps, and the pinhole pictures have slightly fewer pixels although they are
+//! finer, so this costs no additional work.
 
 use std::f64::consts::{FRAC_PI_6, TAU};
 
@@ -19,27 +20,27 @@ use crate::types::{Camera, Data, Image, Splats};
 
 /// Angle from the pole within which there is a cap.
 const CAP: f64 = FRAC_PI_6;
-/// Angle from the pole up to which the cap alone counts.
+/// Angle from the pole up to which only the cap is used.
 const FADE: f64 = 5.0 / 6.0 * CAP;
 
-/// Pixels of a cap's picture by those of the layout along a great circle, in its middle: reading between
-/// pixel centres blurs by about a pixel.
+/// Pixels of a cap's picture per pixel of the layout along a great circle, at its centre: resampling between pixel
+/// centres blurs by about a pixel.
 const DENSITY: f64 = 1.5;
 
-/// What a panorama is of.
+/// Position, orientation and size of a panorama.
 #[derive(Debug, Clone, Copy)]
 pub struct PanoramaCamera {
-    /// Where it is taken, in world units.
+    /// Position, in world units.
     pub eye: DVec3,
     /// The axis whose end is row 0.
     pub up: Up,
-    /// Columns, an even number; there are half as many rows.
+    /// Number of columns, even; there are half as many rows.
     pub width_px: u32,
 }
 
-/// Everything around a point as an equirectangular picture (see [`crate::math::equirect`]). Splats are ordered by
-/// distance, which is also what `near` and the depth mean. What lies at or beyond `limit`, a surface seen from the
-/// same point, is left out.
+/// Renders everything around a point as an equirectangular picture (see [`crate::math::equirect`]). Splats are
+/// sorted by distance, which is also the meaning of `near` and depth. Splats at or beyond `limit`, a surface as
+/// seen from the same point, are left out.
 pub fn panorama(
     splats: &Splats,
     around: &PanoramaCamera,
@@ -50,7 +51,7 @@ pub fn panorama(
     panorama_at(splats, around, limit, settings, cx, Level::new())
 }
 
-/// [`panorama`] at a given instruction set, which never changes the result.
+/// [`panorama`] with a given instruction set, which never changes the result.
 pub fn panorama_at(
     splats: &Splats,
     &PanoramaCamera { eye, up, width_px }: &PanoramaCamera,
@@ -62,7 +63,7 @@ pub fn panorama_at(
     let settings = Settings { sort: Sort::Distance, ..*settings };
     let how = (level, &(|| 0.0) as Clock<'_>);
     let height = width_px / 2;
-    // Rows that the caps alone show, at either end.
+    // Rows that are covered by the caps only, at either end.
     let left_out = (FADE / (TAU / f64::from(width_px))) as u32;
     let left_out = left_out.min(height.saturating_sub(1) / 2);
     let seen_from_belt = |surface: &Surface| {
@@ -72,7 +73,7 @@ pub fn panorama_at(
         };
         surface.distances(width_px as usize, (height - 2 * left_out) as usize, direction, cx)
     };
-    // Of the mesh that the light meets everything before it counts, centre by centre.
+    // The light uses every splat in front of the mesh, by its centre.
     fn at_centres(depth: &Image<Data>) -> Limit<'_> {
         Limit { depth, sigmas: 0.0 }
     }
@@ -82,7 +83,7 @@ pub fn panorama_at(
     drop(before);
     cx.progress(0.5);
 
-    // The belt sees nearly all, a cap next to nothing.
+    // The belt shows nearly everything, a cap very little.
     let blocks = settings.skip_unseen.then(|| Blocks::of(splats, cx)).transpose()?;
     let seen_by = |camera: &Camera| {
         let side = camera.width_px as usize;
@@ -146,9 +147,9 @@ pub fn panorama_at(
 fn cap(eye: DVec3, up: Up, side: f64, width_px: u32) -> Camera {
     let [right, forward, above] = equirect::axes(up);
     let focal = DENSITY * f64::from(width_px) / TAU;
-    // Half a pixel and one more, so that what is read between pixel centres lies within.
+    // One pixel and a half more, so that resampling between pixel centres stays inside.
     let half = (focal * num::f64::tan(CAP) + 1.5).ceil();
-    // Right, down, and where it looks, right-handed.
+    // Right, down, and viewing direction, right-handed.
     Camera::centred("cap", [2 * half as u32; 2], focal, [right, -forward * side, above * side], eye)
 }
 
@@ -166,15 +167,15 @@ struct PanoramaPixel {
     blends: Option<f32>,
 }
 
-/// What is seen around a pole.
+/// The picture around a pole.
 struct Cap<'a> {
     camera: &'a Camera,
     seen: &'a Rendered,
 }
 
 impl Cap<'_> {
-    /// Adds a share of what lies in a direction: colours between four pixel centres, depth and count of the
-    /// nearest pixel, since a mean of two depths may lie where nothing is.
+    /// Adds a share of the picture in a direction: colours interpolated between four pixel centres, depth and count
+    /// of the nearest pixel, since the mean of two depths may be in empty space.
     fn add(&self, direction: DVec3, share: f64, pixel: &mut PanoramaPixel) {
         let m = self.camera.world_from_camera();
         let along = |axis: glam::DVec4| axis.truncate().dot(direction);

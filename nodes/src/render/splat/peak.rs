@@ -1,11 +1,11 @@
 //! Where splats are densest along the rays of a picture.
 //!
-//! The depth of a splat's centre is not that of the surface at a pixel beside the centre: a floor seen at a slant has its
-//! near half nearer than its centres. Along the ray `r` through a pixel, scaled to depth 1, a Gaussian of centre `c` and
-//! inverse covariance `A` is densest at the depth `(r.A c) / (r.A r)` (RaDe-GS, arXiv 2406.01467, eq. 10 to 15, which
-//! linearizes it; PGSR, arXiv 2406.06521, for flat splats). With `r = r0 + dr`, where `r0` is the ray through the
-//! centre at depth `z`, its inverse is `(1 + 2 e + q) / (1 + e) / z` of `e = dr.A r0 / r0.A r0` and
-//! `q = dr.A dr / r0.A r0`. For a flat splat `q = e^2`, and the inverse is linear in the pixel.
+//! The depth of a splat's centre is not that of the surface at a pixel off the centre: a floor seen at a slant has
+//! its near half nearer than its centres. Along the ray `r` through a pixel, scaled to depth 1, a Gaussian of
+//! centre `c` and inverse covariance `A` is densest at the depth `(r.A c) / (r.A r)` (RaDe-GS, arXiv 2406.01467,
+//! eq. 10 to 15, which linearizes it; PGSR, arXiv 2406.06521, for flat splats). With `r = r0 + dr`, where `r0` is
+//! the ray through the centre at depth `z`, its inverse is `(1 + 2 e + q) / (1 + e) / z` of `e = dr.A r0 / r0.A r0`
+//! and `q = dr.A dr / r0.A r0`. For a flat splat `q = e^2`, and the inverse is linear in the pixel.
 
 use glam::DVec3;
 

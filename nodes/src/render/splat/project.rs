@@ -1,5 +1,5 @@
-//! From splats to footprints on the image plane: EWA splatting (Zwicker et al. 2001, "EWA Splatting",
-//! eq. 24 to 26) with the constants of the INRIA rasterizer. All in f64.
+//! Projection of splats to footprints on the image plane: EWA splatting (Zwicker et al. 2001, "EWA Splatting", eq.
+//! 24 to 26) with the constants of the INRIA rasterizer, in f64.
 
 use std::ops::Range;
 
@@ -10,21 +10,21 @@ use glam::DVec3;
 use super::bin::{Listed, TILE, clip};
 use super::block::{BLOCK, Blocks};
 use super::camera_model::{CameraModel, SLACK_PX, TileRange};
-use super::shape::{BATCH, Batch, Shape};
 use super::peak::Peak;
+use super::shape::{BATCH, Batch, Shape};
 use super::{Bounds, DepthMode, Precision, Settings, Sort, Work, sh};
 use crate::math::num;
 use crate::types::Splats;
 
-/// Splats a job, as a power of two; fixed, so that the order of footprints does not depend on the number
-/// of threads.
+/// Number of splats per job, as a power of two; fixed, so that the order of footprints does not depend on the
+/// number of threads.
 const CHUNK_BITS: u32 = 13;
 const CHUNK: usize = 1 << CHUNK_BITS;
 
-/// A splat on the image plane. Its alpha at the pixel centre (x, y) is
-/// `opacity * 2^-(t^2 + s^2)` with `t = l11 (x - u) + l21 (y - v)` and `s = l22 (y - v)`: the Cholesky
-/// factor of the inverse covariance, which keeps needles exact where `a dx^2 + 2 b dx dy + c dy^2` cancels.
-/// One line of the cache: tiles look footprints up in an order that is not theirs.
+/// A splat on the image plane. Its alpha at the pixel centre (x, y) is `opacity * 2^-(t^2 + s^2)` with `t = l11 (x
+/// - u) + l21 (y - v)` and `s = l22 (y - v)`: the Cholesky factor of the inverse covariance, which keeps needles
+/// exact where `a dx^2 + 2 b dx dy + c dy^2` cancels. Fits one cache line, since tiles access footprints in random
+/// order.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(crate) struct Footprint {
@@ -45,17 +45,17 @@ pub(super) struct Entry {
     /// Ascends from front to back.
     pub key: u64,
     pub index: u32,
-    /// Columns of tiles, as [`TileRange`] has them.
+    /// Columns of tiles, as in [`TileRange`].
     pub x0: u16,
     pub x1: u16,
 }
 
-/// The footprints of one job, in file order, their keys and the tiles that they touch.
+/// The footprints of one job in file order, their keys and the tiles that they touch.
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,
-    /// How far before a limit each centre must lie, in world units; none where there is no limit, or nothing is
-    /// asked for.
+    /// How far in front of a limit each centre must lie, in world units; empty without a limit, or with 0
+    /// deviations.
     margins: Vec<f32>,
     /// Where each is densest along rays, of `RayMedian`.
     peaks: Vec<Peak>,
@@ -66,30 +66,30 @@ struct Chunk {
     held: u64,
 }
 
-/// The footprints of a view, in file order. They stay in the chunks they were made in: joining them would take
-/// longer than all that looks them up.
+/// The footprints of a view in file order. They stay in the chunks of their jobs: joining them would take longer
+/// than all lookups.
 pub(crate) struct Projected {
     chunks: Vec<Chunk>,
-    /// Splats of the scene.
+    /// Number of splats of the scene.
     splats: u64,
-    /// Of these, the ones whose opacity is below the cut, and others at or below the near plane; 0 unless next to
-    /// nothing is seen.
+    /// Numbers of splats with an opacity below the cut, and of others at or below the near plane; 0 unless almost
+    /// nothing is visible.
     faint: u64,
     behind: u64,
     /// log2 of the smallest alpha blended.
     pub log2_cut: f64,
-    /// Columns after which the picture repeats, of a panorama.
+    /// Number of columns after which the picture repeats, for a panorama.
     pub period: Option<u32>,
 }
 
 impl Projected {
-    /// Of one chunk, for calibration.
+    /// A single chunk, for calibration.
     pub(super) fn of(footprints: Vec<Footprint>) -> Self {
         let chunks = vec![Chunk { footprints, ..Chunk::default() }];
         Self { chunks, splats: 0, faint: 0, behind: 0, log2_cut: 0.0, period: None }
     }
 
-    /// What touches each of these rows of tiles, in file order, chunk by chunk.
+    /// The footprints that touch each of these rows of tiles, in file order, chunk by chunk.
     pub(super) fn listed(&self, rows: &Range<usize>, cx: &Context) -> Result<Vec<Listed<Entry>>, NodeError> {
         cx.for_each_tile(self.chunks.len(), |chunk| {
             let number = (chunk << CHUNK_BITS) as u32;
@@ -99,9 +99,10 @@ impl Projected {
         })
     }
 
-    /// Of each of so many rows of tiles: how many footprints touch it, and in how many pairs with a tile, at most.
+    /// For each of this number of rows of tiles: the number of footprints that touch it, and an upper bound of the
+    /// number of pairs with a tile.
     pub(super) fn in_rows(&self, rows: usize) -> Vec<[u64; 2]> {
-        // What changes from row to row; a sum that ends goes below zero and around.
+        // Differences from row to row; a negative one wraps around.
         let mut sums = vec![[0_u64; 2]; rows + 1];
         for (_, reach) in self.chunks.iter().flat_map(|chunk| &chunk.reaches) {
             let both = [1, u64::from(reach.x1 - reach.x0)];
@@ -123,21 +124,21 @@ impl Projected {
         &self.chunks[(index >> CHUNK_BITS) as usize].footprints[index as usize % CHUNK]
     }
 
-    /// How far before a limit this centre must lie, in world units.
+    /// How far in front of a limit this centre must lie, in world units.
     #[inline(always)]
     pub(super) fn margin(&self, index: u32) -> f32 {
         let margins = &self.chunks[(index >> CHUNK_BITS) as usize].margins;
         margins.get(index as usize % CHUNK).copied().unwrap_or(0.0)
     }
 
-    /// Where this one is densest along rays, of `RayMedian`.
+    /// Position of the largest density of a footprint along rays, for `RayMedian`.
     #[inline(always)]
     pub(super) fn peak(&self, index: u32) -> &Peak {
         let peaks = &self.chunks[(index >> CHUNK_BITS) as usize].peaks;
         peaks.get(index as usize % CHUNK).unwrap_or(&Peak::NONE)
     }
 
-    /// What the projection took.
+    /// Work counts of the projection.
     pub(super) fn work(&self) -> Work {
         let mut work = Work { faint: self.faint, behind: self.behind, ..Work::default() };
         for chunk in &self.chunks {
@@ -152,7 +153,7 @@ impl Projected {
 }
 
 impl Footprint {
-    /// Fills buffers.
+    /// Placeholder for buffers.
     pub(super) const NONE: Self = Self {
         u: 0.0,
         v: 0.0,
@@ -165,12 +166,12 @@ impl Footprint {
         z: 0.0,
     };
 
-    /// Where, from left to right, the ellipse of `alpha >= cut` is in the row of tiles whose first pixel row
-    /// is `y`; in pixels, with slack.
+    /// The horizontal extent of the ellipse `alpha >= cut` in the row of tiles whose first pixel row is `y`; in
+    /// pixels, with a margin.
     pub(super) fn extent_in(&self, y: usize, log2_cut: f64) -> (f64, f64) {
         let reach = f64::from(self.log2_opacity) - log2_cut;
         let (low, high) = (y as f64 + 0.5 - self.v - SLACK_PX, (y + TILE) as f64 - 0.5 - self.v + SLACK_PX);
-        // Where, seen from the centre, the ellipse is widest: the rightmost point lies at dy = widest.
+        // The ellipse is widest, seen from the centre, at dy = widest (its rightmost point).
         let widest = -self.l21 * reach.max(0.0).sqrt()
             / (self.l22 * (self.l21 * self.l21 + self.l22 * self.l22).sqrt());
         let edge = |dy: f64, side: f64| {
@@ -183,13 +184,13 @@ impl Footprint {
     }
 }
 
-/// Scalar code, compiled once an instruction set: the compiler makes vectors of its loops where it can.
+/// Scalar code, compiled once per instruction set: the compiler vectorises its loops where it can.
 #[inline(always)]
 fn chunk<S: Simd, L: CameraModel>(_simd: S, projection: &Projection<'_, L>, range: Range<usize>) -> Chunk {
     projection.chunk(range)
 }
 
-/// Projects every splat that can change a pixel; those of blocks that cannot are not looked at.
+/// Projects every splat that can change a pixel; blocks without such splats are skipped.
 pub(super) fn project<L: CameraModel>(
     splats: &Splats,
     blocks: Option<&Blocks>,
@@ -212,7 +213,7 @@ pub(super) fn project<L: CameraModel>(
         log2_cut,
         period: camera_model.period(),
     };
-    // Only then is it asked why.
+    // Only then are the reasons counted.
     if projected.work().projected * 100 < projected.splats {
         let causes = cx.for_each_tile(splats.len().div_ceil(CHUNK), |job| {
             let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
@@ -230,13 +231,13 @@ pub(super) fn project<L: CameraModel>(
     Ok(projected)
 }
 
-/// True for an opacity that reaches the cut.
+/// True if the opacity reaches the cut.
 #[inline(always)]
 fn is_drawn(opacity: f32, settings: &Settings) -> bool {
     (f64::from(opacity) >= settings.alpha_cut) & (opacity > 0.0)
 }
 
-/// What the projection of a splat asks for.
+/// Parameters of the projection of a splat.
 struct Projection<'a, L> {
     splats: &'a Splats,
     blocks: Option<&'a Blocks>,
@@ -246,11 +247,11 @@ struct Projection<'a, L> {
     eye: DVec3,
     /// Degree of the harmonics that are used.
     degree: u32,
-    /// See [`Limit`](super::Limit); 0 where there is none.
+    /// See [`Limit`](super::Limit); 0 without a limit.
     limit_sigmas: f64,
-    /// False where every splat is drawn everywhere.
+    /// False if every splat is drawn everywhere.
     bounded: bool,
-    /// Standard deviations that a splat spreads over at most, in the world, and pixels beyond that.
+    /// Largest extent of a splat, in standard deviations in the world plus a number of pixels.
     sigmas: f64,
     beyond: f64,
 }
@@ -268,7 +269,7 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         let bounded = settings.is_bounded();
         // 2 ln(255) is 11.1 and INRIA's 3 sigma, squared, 9; 12 covers both.
         let sigmas = (2.0 * std::f64::consts::LN_2 * -log2_cut).max(12.0).sqrt();
-        // A pixel covers rounding, two tiles how INRIA counts them.
+        // One pixel covers rounding, two tiles the bounds of the INRIA rasterizer.
         let rounding = if settings.bounds == Bounds::Exact { 1.0 } else { 2.0 * TILE as f64 };
         let beyond = sigmas * settings.low_pass_px2.sqrt() + rounding;
         let (sigmas, beyond) = if bounded { (sigmas, beyond) } else { (f64::INFINITY, 0.0) };
@@ -288,7 +289,7 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         }
     }
 
-    /// True where no splat of the block of this one can be in the picture.
+    /// True if no splat of the block of this one can be in the picture.
     #[inline(always)]
     fn is_unseen(&self, first: usize) -> bool {
         self.blocks.is_some_and(|blocks| {
@@ -297,7 +298,7 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         })
     }
 
-    /// From the eye to the centres of some splats, coordinate by coordinate.
+    /// Vectors from the eye to the centres of some splats, coordinate by coordinate.
     #[inline(always)]
     fn offsets(&self, range: Range<usize>) -> [[f64; BLOCK]; 3] {
         let mut offsets = [[0.0; BLOCK]; 3];
@@ -317,8 +318,8 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         offsets
     }
 
-    /// Adds the places in the chunk, which is `first` for the first of these splats, of those that reach the cut and
-    /// are neither behind nor aside. Without branches, so that several are tested at once.
+    /// Adds the positions in the chunk (`first` for the first of these splats) of those that reach the cut and are
+    /// neither behind nor aside. Without branches, so that several are tested at once.
     #[inline(always)]
     fn find(&self, range: Range<usize>, first: usize, places: &mut Vec<u16>) {
         let Self { splats, camera_model, settings, .. } = *self;
@@ -346,7 +347,7 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         places.extend_from_slice(&here[..count]);
     }
 
-    /// Adds what is to be drawn of a splat of this shape.
+    /// Adds the footprint of a splat with this shape.
     #[inline(always)]
     fn add(&self, index: usize, shape: &Shape, out: &mut Chunk) {
         let Self { splats, camera_model, settings, log2_cut, .. } = *self;
@@ -374,7 +375,7 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         let Some(reach) = reach else { return };
 
         let mut direction = [0.0; 3];
-        // The constant function asks for none.
+        // The constant function needs no direction.
         if self.degree > 0 || !settings.skip_harmonics {
             direction = (offset / offset.length()).to_array().map(|c| c as f32);
             out.directed += 1;
@@ -390,10 +391,10 @@ impl<'a, L: CameraModel> Projection<'a, L> {
             Sort::Depth => depth,
             Sort::Distance => offset.length(),
         };
-        // Bits of positive floats ascend as they do.
+        // The bits of positive floats are ordered like the floats.
         let key = match settings.precision {
-            // 32 bits of mantissa: two digits of the sort fewer, and finer than the f32 that others sort by,
-            // whose false ties cost 10 dB on `playbot`.
+            // 32 bits of the key: two digits of the sort fewer, and finer than the f32 of other renderers, whose
+            // false ties cost 10 dB on `playbot`.
             Precision::F32 => by.to_bits() >> 20,
             Precision::F64 => by.to_bits(),
         };
@@ -411,7 +412,7 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         }
     }
 
-    /// The chunk of these splats.
+    /// Projects the splats of a chunk.
     #[inline(always)]
     fn chunk(&self, range: Range<usize>) -> Chunk {
         let Self { splats, camera_model, eye, .. } = *self;

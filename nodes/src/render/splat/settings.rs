@@ -1,88 +1,113 @@
-//! How splats are drawn: what every kind that draws them lets its users choose.
+//! Settings of splat rendering, common to all kinds that draw splats.
 
-use engine::{NodeError, Notes};
+use engine::{Former, NodeError, Notes};
 
 use crate::types::Splats;
 
 engine::choices! {
-    /// Which pixels a splat is evaluated at.
+    /// Pixels at which a splat is evaluated.
     pub enum Bounds {
-        /** Where its alpha reaches the cut: the exact ellipse, closed. */ Exact,
-        /** As the INRIA rasterizer: every tile that a square of 3 standard deviations touches. */ Inria,
-        /** All. */ None,
+        /// Pixels where its alpha reaches the cut: the exact ellipse.
+        Exact,
+        /// Tiles that a square of 3 standard deviations touches, as in the INRIA rasterizer.
+        Inria,
+        /// All pixels.
+        None,
     }
 }
 engine::choices! {
     /// Arithmetic of the blend; the projection is always in f64.
-    pub enum Precision { /** 8 pixels at once. */ F32, /** The reference: slow. */ F64 }
-}
-engine::choices! {
-    /// What orders the splats of a pixel.
-    pub enum Sort {
-        /** Planar depth of the centre, as nearly every trainer. */ Depth,
-        /** Distance of the centre, which does not change as the camera turns. */ Distance,
+    pub enum Precision {
+        /// Single precision, 8 pixels at once.
+        F32,
+        /// Double precision: the slow reference.
+        F64,
     }
 }
 engine::choices! {
-    /// Whether opacity makes up for what the low-pass filter adds to a splat's area.
-    pub enum Compensation { /** As the file says it was trained. */ File, /** Always. */ On, /** Never. */ Off }
+    /// Sort key of the splats of a pixel.
+    pub enum Sort {
+        /// Planar depth of the centre, as in nearly every trainer.
+        Depth,
+        /// Distance of the centre, which does not change as the camera rotates.
+        Distance,
+    }
 }
 engine::choices! {
-    /// What the depth of a pixel is.
+    /// Compensation of opacity for the area that the low-pass filter adds to a splat.
+    pub enum Compensation {
+        /// On if the file says that it was trained with it.
+        File,
+        /// Always on.
+        On,
+        /// Always off.
+        Off,
+    }
+}
+engine::choices! {
+    /// Depth of a pixel.
     pub enum DepthMode {
-        /** Mean depth of what was blended, by weight. */ Expected,
-        /** Depth of the splat that takes transmittance to one half or below; none where none does. */
+        /// Mean depth of the blended splats by their weights.
+        Expected,
+        /// Depth of the splat at which transmittance falls to one half or below; +inf if it does not.
         Median,
-        /** As `Expected`, with each weight times the transmittance in front once more: what shines through
-        counts less, so it lies nearer to the first surface. */
+        /// As `Expected`, with each weight multiplied by the transmittance in front again: splats seen through others count
+        /// less, so the depth is closer to the first surface.
         Transmittance,
-        /** As `Median`, with the depth at which that splat is densest along the ray of the pixel, at most two standard
-        deviations of its depth from its centre: where the surface is that the splats stand for. Depths of centres lie too
-        near by 0.8 % on flat splats, this one by 0.02 %. */
+        /// As `Median`, with the depth at which that splat is densest along the ray of the pixel, limited to two standard
+        /// deviations of its depth from its centre: an estimate of the surface that the splats represent. Depths of centres
+        /// are too small by 0.8 % for flat splats, this one by 0.02 %.
         RayMedian,
     }
 }
 
 engine::params! {
-    /// How splats are drawn, whatever the picture.
+    /// Settings of splat rendering, for any type of picture.
     pub struct Drawing {
-        /// Which pixels a splat is evaluated at.
+        /// Pixels at which a splat is evaluated.
         bounds: Bounds = Bounds::Exact, other("Inria");
         /// Arithmetic of the blend; the projection is always in f64.
         precision: Precision = Precision::F32, other("F64"), knob(Precision, "F32", "F32", "F32", "F64");
-        /// Highest degree of the spherical harmonics that is used.
+        /// Highest degree of spherical harmonics that is used.
         sh_degree: u32 = 4, range(0, 4), other("0"), knob(Depth, "", "", "", "4");
-        /// Splats at or below this planar depth (in a panorama, this distance) are left out. It is in world units and
-        /// does not scale with the scene: where the world is made a thousand times larger this must be as well, or splats
-        /// that were too near to be drawn, such as haze around the eye, appear.
+        /// Near plane: splats at or below this planar depth (in a panorama, this distance) are left out. It is in
+        /// world units and does not scale with the scene: if the world is made a thousand times larger, this must
+        /// be as well, or splats that were too near to be drawn, such as haze around the eye, appear.
         near: f64 = 0.2, range(1e-12, 1e12), unit("world units"), other("1.5");
         /// Variance of the low-pass filter added to every footprint, in square pixels (in a panorama, square samples).
         low_pass_px2: f64 = 0.3, range(0.0, 100.0), unit("px^2"), other("1.0");
-        /// Whether opacity is lowered for the area that the low-pass filter adds to a splat (as in Mip-Splatting).
+        /// True to reduce opacity for the area that the low-pass filter adds to a splat (as in Mip-Splatting).
         compensation: Compensation = Compensation::File, other("On");
         /// Smallest alpha that is blended; 0 blends every splat at every pixel.
         alpha_cut: f64 = 1.0 / 255.0, range(0.0, 0.5), other("0.1"),
             knob(Cutoff, "0.002", "0.0005", "0.0001", "0.00001");
         /// Largest alpha of one splat.
         alpha_cap: f64 = 0.99, range(0.01, 1.0), other("0.5");
-        /// A pixel is finished when its transmittance would fall below; 0 never stops early.
+        /// A pixel is finished when its transmittance would fall below this; 0 never stops early.
         stop: f64 = 1e-4, range(0.0, 0.5), other("0.3"), knob(Cutoff, "0.001", "0.0001", "0.0001", "0.0");
-        /// What the depth of a pixel is.
+        /// Depth of a pixel.
         depth: DepthMode = DepthMode::Expected, other("RayMedian");
-        /// Whether to count the splats added to each pixel, for `blends`.
+        /// True to count the splats added to each pixel, for `blends`.
         count_blends: bool = false, other("true");
-        /// Whether to leave out blocks of splats that cannot be in a picture, where there are enough pictures to
-        /// repay finding the blocks; the pictures are the same bits.
-        skip_unseen: bool = true, inert("what is left out is proved to be unseen: only work is saved");
-        /// Whether to leave out harmonics above the degree that the file and `sh_degree` have, and the viewing direction
-        /// where that degree is 0; summing them anyway, with coefficients of 0, gives the same bits.
-        skip_harmonics: bool = true, inert("what is left out is 0: only work is saved");
     }
 }
 
+/// The replacement of parameters that former versions of the splat kinds had.
+pub(crate) fn former(name: &str, last: u32) -> Option<Former> {
+    let fields: &[&str] = &["skip_unseen", "skip_harmonics"];
+    fields.contains(&name).then(|| Former::exhaustive(fields, last))
+}
+
 impl Drawing {
-    /// The settings for a scene; warns where its file says that it was trained otherwise.
-    pub(crate) fn settings(&self, sort: Sort, splats: &Splats, notes: &mut Notes) -> Settings {
+    /// The settings for a scene, without checks that skip work if `exhaustive`; warns if its file says that it was trained
+    /// differently.
+    pub(crate) fn settings(
+        &self,
+        sort: Sort,
+        splats: &Splats,
+        exhaustive: bool,
+        notes: &mut Notes,
+    ) -> Settings {
         let compensate = match self.compensation {
             Compensation::File => splats.antialiased,
             Compensation::On => true,
@@ -109,16 +134,16 @@ impl Drawing {
             stop: self.stop,
             depth: self.depth,
             count_blends: self.count_blends,
-            skip_unseen: self.skip_unseen,
-            skip_harmonics: self.skip_harmonics,
+            skip_unseen: !exhaustive,
+            skip_harmonics: !exhaustive,
             list_bytes: LIST_BYTES,
         }
     }
 
-    /// Whether the numbers fit together.
+    /// Checks that the numbers are consistent.
     ///
     /// # Errors
-    /// Where `alpha_cap` lies below `alpha_cut`: no splat could show.
+    /// If `alpha_cap` is below `alpha_cut`: no splat could be visible.
     pub(crate) fn check(&self) -> Result<(), NodeError> {
         if self.alpha_cap >= self.alpha_cut {
             return Ok(());
@@ -128,47 +153,48 @@ impl Drawing {
     }
 }
 
-/// How to render: [`Drawing`] with the file's own flag applied, and the order.
+/// Settings of the renderer: [`Drawing`] after applying the flag of the file, and the sort key.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Which pixels a splat is evaluated at.
+    /// Pixels at which a splat is evaluated.
     pub bounds: Bounds,
     /// Arithmetic of the blend.
     pub precision: Precision,
-    /// What orders the splats.
+    /// Sort key of the splats.
     pub sort: Sort,
-    /// Highest degree of the spherical harmonics that is used.
+    /// Highest degree of spherical harmonics that is used.
     pub sh_degree: u32,
     /// Splats at or below this planar depth are left out, in world units.
     pub near: f64,
     /// Variance added to both axes of the footprint, in square pixels.
     pub low_pass_px2: f64,
-    /// True when opacity is scaled by the square root of the ratio of the footprint's areas.
+    /// True if opacity is scaled by the square root of the ratio of the footprint's areas.
     pub compensate: bool,
     /// Smallest alpha that is blended.
     pub alpha_cut: f64,
     /// Largest alpha of one splat.
     pub alpha_cap: f64,
-    /// A pixel is finished, without the splat at hand, when its transmittance would fall below.
+    /// A pixel is finished, without the current splat, when its transmittance would fall below this.
     pub stop: f64,
-    /// What the depth of a pixel is.
+    /// Depth of a pixel.
     pub depth: DepthMode,
     /// True to count the blends of each pixel.
     pub count_blends: bool,
     /// True to leave out blocks of splats that cannot be in the picture.
     pub skip_unseen: bool,
-    /// Whether to leave out harmonics above the degree that there is.
+    /// True to skip harmonics above the available degree.
     pub skip_harmonics: bool,
-    /// Most bytes that the lists of tiles take, beyond what one row lists once a splat; never changes a bit.
+    /// Largest memory of the lists of tiles in bytes, beyond one row that lists each splat once; never changes a
+    /// bit.
     pub list_bytes: u64,
 }
 
-/// Bytes for the lists of tiles: enough for an ordinary view at once, and far less than all lists of one whose splats
-/// cover it many times over.
+/// Memory of the lists of tiles in bytes: enough for an ordinary view, and far less than all lists of a view whose
+/// splats cover it many times.
 pub(crate) const LIST_BYTES: u64 = 1 << 26;
 
 impl Settings {
-    /// False where every splat is drawn everywhere.
+    /// False if every splat is drawn everywhere.
     pub(super) fn is_bounded(&self) -> bool {
         self.bounds != Bounds::None && self.alpha_cut > 0.0
     }
@@ -205,16 +231,16 @@ mod tests {
     fn the_file_says_how_it_was_trained_and_another_choice_is_reported() {
         for antialiased in [false, true] {
             let splats = Splats { antialiased, ..crate::testing::no_splats() };
-            for (compensation, on, told) in [
+            for (compensation, on, reported) in [
                 (Compensation::File, antialiased, false),
                 (Compensation::On, true, !antialiased),
                 (Compensation::Off, false, antialiased),
             ] {
                 let mut notes = Notes::none();
                 let drawing = Drawing { compensation, ..Drawing::default() };
-                let settings = drawing.settings(Sort::Depth, &splats, &mut notes);
+                let settings = drawing.settings(Sort::Depth, &splats, false, &mut notes);
                 assert_eq!(settings, Settings { compensate: on, ..Settings::default() });
-                assert_eq!(notes.iter().any(|note| note.id == "compensation-mismatch"), told);
+                assert_eq!(notes.iter().any(|note| note.id == "compensation-mismatch"), reported);
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Real spherical harmonics in the order and signs of the INRIA rasterizer (forward.cu,
 //! `computeColorFromSH`), continued to degree 4 in the same convention (gsplat, `_torch_impl.py`).
 
-/// Functions up to degree 4.
+/// Number of functions up to degree 4.
 pub(super) const MAX_LEN: usize = 25;
 
 /// The basis functions up to `degree` (0 to 4) in the unit direction `(x, y, z)` from eye to splat.
@@ -50,11 +50,11 @@ pub(super) fn basis(degree: u32, [x, y, z]: [f32; 3]) -> [f32; MAX_LEN] {
     b
 }
 
-/// The largest colour, where white is 1: as linear light, its power of 2.4, it is still a finite f32.
+/// The largest colour, where white is 1: its power of 2.4, as linear light, is still a finite f32.
 pub(super) const LARGEST: f32 = 1e15;
 
-/// Colour of a splat seen along `direction`: the sum over `coefficients`, plus one half, not below 0. What is above
-/// [`LARGEST`], or no number since it is made of sums that overflow, is that.
+/// Colour of a splat seen along `direction`: the sum over `coefficients`, plus one half, not below 0. Values above
+/// [`LARGEST`], and NaN from sums that overflow, become [`LARGEST`].
 #[inline(always)]
 pub(super) fn colour(degree: u32, coefficients: &[[f32; 3]], direction: [f32; 3]) -> [f32; 3] {
     let basis = basis(degree, direction);
@@ -68,7 +68,7 @@ pub(super) fn colour(degree: u32, coefficients: &[[f32; 3]], direction: [f32; 3]
     rgb.map(|c| if c + 0.5 < LARGEST { (c + 0.5).max(0.0) } else { LARGEST })
 }
 
-/// [`colour`] as the sum over all functions there are, those above `degree` times 0: the same bits.
+/// [`colour`] as the sum over all available functions, with those above `degree` multiplied by 0: the same bits.
 pub(super) fn colour_of_all(degree: u32, coefficients: &[[f32; 3]], direction: [f32; 3]) -> [f32; 3] {
     let used = ((degree + 1) * (degree + 1)) as usize;
     let mut all = [[0.0; 3]; MAX_LEN];
@@ -80,7 +80,7 @@ pub(super) fn colour_of_all(degree: u32, coefficients: &[[f32; 3]], direction: [
 mod tests {
     use super::*;
 
-    // The functions are orthonormal over the sphere, which pins every constant and every polynomial.
+    // The functions are orthonormal over the sphere, which determines every constant and every polynomial.
     #[test]
     fn basis_is_orthonormal() {
         let (rows, columns) = (1000, 64);
@@ -103,13 +103,13 @@ mod tests {
         for (k, row) in gram.iter().enumerate() {
             for (l, sum) in row.iter().enumerate() {
                 let expected = if k == l { 1.0 } else { 0.0 };
-                // The midpoint rule over z leaves 3e-5 at 1000 rows.
+                // The midpoint rule over z has an error of 3e-5 with 1000 rows.
                 assert!((sum * weight - expected).abs() < 1e-4, "{k} {l} {}", sum * weight);
             }
         }
     }
 
-    // Signs are not pinned by orthonormality: those of degree 1 to 3 follow INRIA along the diagonal.
+    // Orthonormality does not determine signs: those of degree 1 to 3 equal INRIA's along the diagonal.
     #[test]
     fn signs_follow_the_inria_rasterizer() {
         let s = 1.0 / 3.0_f32.sqrt();

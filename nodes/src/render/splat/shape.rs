@@ -1,18 +1,18 @@
-//! The shapes of splats on the picture, some at a time: their numbers lie in arrays, and the one loop over these has no
-//! branches, so that the compiler makes vector code of it. Every lane does the same IEEE operations whatever their
-//! number, and a splat has the same bits in any batch.
+//! Shapes of splats on the picture, in batches: their numbers are in arrays, and the single loop over these has no
+//! branches, so that the compiler vectorises it. Every lane does the same IEEE operations for any number of lanes,
+//! and a splat has the same bits in any batch.
 
 use glam::DVec3;
 
 use super::camera_model::{CameraModel, ProjectedCentre};
 
-/// Splats of a batch.
+/// Number of splats per batch.
 pub(super) const BATCH: usize = 64;
 
-/// A number of each splat.
+/// One number per splat.
 type Lanes = [f64; BATCH];
 
-/// Splats that are projected together. Where they are fewer than [`BATCH`], what was there before follows.
+/// Splats that are projected together. If there are fewer than [`BATCH`], the remaining lanes keep old values.
 pub(super) struct Batch {
     /// From the eye to the centre, in world units.
     offset: [Lanes; 3],
@@ -37,7 +37,7 @@ pub(super) struct Batch {
     l22: Lanes,
 }
 
-/// What is known of one of them.
+/// The shape of one splat.
 #[derive(Clone, Copy)]
 pub(super) struct Shape {
     pub offset: DVec3,
@@ -93,7 +93,7 @@ impl Batch {
         }
     }
 
-    /// Puts a splat in a lane: from the eye to its centre, its rotation and its standard deviations.
+    /// Sets a lane: vector from the eye to the centre, rotation and standard deviations.
     #[inline(always)]
     pub(super) fn set(&mut self, lane: usize, offset: DVec3, quat: [f32; 4], scale: [f32; 3]) {
         for (to, value) in self.offset.iter_mut().zip(offset.to_array()) {
@@ -110,7 +110,7 @@ impl Batch {
     /// Projects all lanes, with a low-pass filter of this variance in square pixels.
     #[inline(always)]
     pub(super) fn project(&mut self, camera_model: &impl CameraModel, low_pass: f64) {
-        // Exponents are to base 2: half of log2(e) goes into the factor.
+        // Exponents are to base 2: half of log2(e) is part of the factor.
         let to_base_2 = (0.5 * std::f64::consts::LOG2_E).sqrt();
         for i in 0..BATCH {
             let ProjectedCentre { u, v, row_x, row_y, depth } =
@@ -133,7 +133,7 @@ impl Batch {
         }
     }
 
-    /// What is known of a lane.
+    /// The shape in a lane.
     #[inline(always)]
     pub(super) fn get(&self, lane: usize) -> Shape {
         Shape {

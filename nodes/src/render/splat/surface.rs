@@ -17,8 +17,7 @@ impl Surface {
         Self(Bvh::build(&corners))
     }
 
-    /// Distance to either side of the surface in the direction of each pixel, in world units; +inf where it
-    /// is not.
+    /// Distance to the surface, from either side, in the direction of each pixel, in world units; +inf without one.
     pub(super) fn distances(
         &self,
         width: usize,

@@ -11,7 +11,7 @@ mod modes;
 mod panorama;
 mod peaks;
 
-/// Numbers in [0, 1), the same on every machine.
+/// Reproducible numbers in [0, 1).
 struct Random(u64);
 
 impl Random {
@@ -28,7 +28,7 @@ fn empty(sh_degree: u32) -> Splats {
     Splats { sh_degree, ..crate::testing::no_splats() }
 }
 
-/// Splats of all sizes and shapes before and around a camera at the origin that looks along z.
+/// Splats of all sizes and shapes in front of and around a camera at the origin that looks along z.
 fn cloud(count: usize, seed: u64) -> Splats {
     let mut random = Random(seed);
     let mut splats = empty(3);
@@ -126,7 +126,8 @@ struct TextbookPixel {
 impl TextbookPixel {
     const CLEAR: Self = Self { rgb: [0.0; 3], transmittance: 1.0 };
 
-    /// Blends splat `i`, whose Gaussian is `weight` here, seen along `direction`; whether more may follow.
+    /// Blends splat `i`, with the value `weight` of its Gaussian here, seen along `direction`; returns whether more
+    /// may follow.
     fn blend(&mut self, splats: &Splats, i: usize, weight: f64, direction: DVec3) -> bool {
         let alpha = (f64::from(splats.opacities[i]) * weight).min(0.99);
         if alpha < 1.0 / 255.0 {
@@ -151,7 +152,7 @@ impl TextbookPixel {
     }
 }
 
-/// The covariance of splat `i` in its own frame turned to the world.
+/// The covariance of splat `i` in world coordinates.
 fn covariance(splats: &Splats, i: usize) -> DMat3 {
     let [w, a, b, c] = splats.quats[i].map(f64::from);
     let r = DMat3::from_quat(glam::DQuat::from_xyzw(a, b, c, w).normalize());
@@ -159,8 +160,8 @@ fn covariance(splats: &Splats, i: usize) -> DMat3 {
     r * s * s * r.transpose()
 }
 
-/// The textbook, for one splat and one pixel: covariance, its inverse, the exponential. Nothing is shared
-/// with the renderer but the harmonics.
+/// The textbook, for one splat and one pixel: covariance, its inverse, the exponential. Only the harmonics are
+/// shared with the renderer.
 fn brute_force(splats: &Splats, camera: &Camera, x: usize, y: usize) -> [f64; 4] {
     let mut order: Vec<usize> = (0..splats.len()).collect();
     order.sort_by(|a, b| splats.means[*a][2].total_cmp(&splats.means[*b][2]));
@@ -249,8 +250,8 @@ fn every_instruction_set_and_thread_count_gives_the_same_bytes() {
     }
 }
 
-/// What several jobs of the projection found of each row of tiles comes together in the order of the file, whatever
-/// the number of threads; where nothing is bounded there is but one row.
+/// Results of several jobs of the projection are joined in the order of the file for any number of threads; without
+/// bounds there is only one row.
 #[test]
 fn scenes_of_several_jobs_are_one_picture() {
     let splats = cloud(20_000, 6);
@@ -290,7 +291,7 @@ fn depth_is_planar_and_modes_differ_as_they_say() {
 
 #[test]
 fn compensation_keeps_the_energy_of_small_splats() {
-    // A splat far smaller than the filter: its integral over the image, not its peak, is what is seen.
+    // A splat far smaller than the filter: its integral over the image is visible, not its peak.
     let splats = one([0.0, 0.0, 4.0], [0.01; 3], 1.0, [1.0; 3]);
     let camera = camera(64, 64, 40.0);
     let sum = |compensate: bool| {

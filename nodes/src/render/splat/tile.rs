@@ -1,15 +1,15 @@
-//! One tile: what is blended over it, and where it is shown.
+//! One tile: the task of blending, and the output.
 
 use std::sync::{Mutex, PoisonError};
 
 use engine::Context;
 
-use super::{DepthMode, Settings};
 use super::bin::TILE;
 use super::project::Projected;
+use super::{DepthMode, Settings};
 use crate::types::{Data, Image};
 
-/// The rows of a picture that a row of tiles shows: tiles put their pixels there as they are finished.
+/// The rows of a picture covered by a row of tiles: tiles write their pixels to it when they are finished.
 pub(super) struct Strip<'a> {
     /// Columns.
     width: usize,
@@ -41,7 +41,7 @@ impl<'a> Strip<'a> {
     }
 }
 
-/// What is blended over one tile.
+/// Input of blending one tile.
 pub(super) struct Task<'a, 'p> {
     pub projected: &'a Projected,
     pub list: &'a [u32],
@@ -50,11 +50,11 @@ pub(super) struct Task<'a, 'p> {
     pub limit: Option<&'a Image<Data>>,
     pub settings: &'a Settings,
     pub cx: &'a Context,
-    /// Where it is shown.
+    /// Output of the tile.
     pub strip: &'a Mutex<Strip<'p>>,
 }
 
-/// What is seen at a pixel.
+/// Result of a pixel.
 pub(super) struct Pixel {
     pub rgba: [f32; 4],
     pub depth: f32,
@@ -64,7 +64,7 @@ pub(super) struct Pixel {
 }
 
 impl Task<'_, '_> {
-    /// Shows the pixels of the tile, which are asked for by row and column.
+    /// Writes the pixels of the tile, which `pixel` returns by row and column.
     #[inline(always)]
     pub(super) fn show(&self, pixel: impl Fn(usize, usize) -> Pixel) {
         let [x0, _, width, height] = self.area;
@@ -93,7 +93,7 @@ impl Task<'_, '_> {
         let mut limits = vec![f32::INFINITY; TILE * TILE];
         for row in 0..height {
             for column in 0..width {
-                // 0 is what some files hold where there is no surface.
+                // Some files store 0 where there is no surface.
                 let depth = image.pixel(x0 + column, y0 + row)[0];
                 limits[row * TILE + column] = if depth > 0.0 { depth } else { f32::INFINITY };
             }
@@ -102,7 +102,7 @@ impl Task<'_, '_> {
     }
 }
 
-/// Work of a tile, finished unless the run was stopped.
+/// Work counts of a tile, complete unless the run was cancelled.
 pub(super) struct Blended {
     pub evaluations: u64,
     pub blends: u64,

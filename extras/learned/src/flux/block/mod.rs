@@ -15,7 +15,7 @@ use super::watch::Watch;
 pub struct Shared<'a> {
     /// silu of the embedding of time, guidance and text: 1 x hidden.
     pub mood: Tensor,
-    /// Of all tokens, text first.
+    /// Rotations of all tokens, text first.
     pub rotations: &'a Rotations,
     /// Numbers in a head.
     pub head: usize,
@@ -85,7 +85,7 @@ impl Side {
         [&mut self.modulation, &mut self.qkv, &mut self.proj].into_iter().chain(&mut self.mlp)
     }
 
-    /// What follows attention, on this side alone.
+    /// The part after attention, on this side alone.
     fn finish(&self, x: &Tensor, mixed: &Tensor, m: &[Tensor; 6]) -> Result<Tensor> {
         let x = (x + self.proj.forward(mixed)?.broadcast_mul(&m[2])?)?;
         let inner = self.mlp[0].forward(&modulated(&x, &m[4], &m[3])?)?.gelu()?;
@@ -139,7 +139,7 @@ impl Double {
     }
 }
 
-/// A block in which text and picture are one sequence, and attention runs beside the perceptron.
+/// A block in which text and picture are one sequence, and attention runs in parallel with the perceptron.
 pub struct Single {
     modulation: Linear,
     inward: Linear,

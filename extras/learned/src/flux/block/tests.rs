@@ -104,7 +104,7 @@ fn placed(x: &[f64], scale: &[f64], place: [f32; 3]) -> Vec<f64> {
     turned
 }
 
-/// What each token takes from all; `qkv` has queries, keys and values of all heads one after the other.
+/// Attention of each token to all; `qkv` has queries, keys and values of all heads one after the other.
 fn mixed(qkv: &Rows, norms: &[&Scales]) -> Rows {
     let mut out = vec![Vec::new(); qkv.len()];
     for head in 0..HEADS {

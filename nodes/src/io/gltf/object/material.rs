@@ -1,4 +1,4 @@
-//! Materials of a glTF file, with the KHR extensions we know.
+//! Materials of a glTF file, with the supported KHR extensions.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,7 @@ use crate::types::{
     Sampler, Sheen, Specular, TextureRef, TextureTransform, Wrap,
 };
 
-/// Reads materials, and finds which images they use.
+/// Reads materials, and collects the images that they use.
 pub struct Materials<'a> {
     name: &'a str,
     json: &'a Value,
@@ -23,20 +23,20 @@ pub struct Materials<'a> {
     occluded: bool,
 }
 
-/// What a file may say and we do not draw, and what shows instead.
+/// Extensions that are not rendered, and what is visible instead.
 const NOT_DRAWN: [(&str, &str); 6] = [
-    ("KHR_lights_punctual", "its lamps shed no light; emissive surfaces do"),
-    ("KHR_materials_dispersion", "light of all colours is bent alike"),
-    ("KHR_materials_volume_scatter", "nothing scatters inside"),
-    ("KHR_materials_pbrSpecularGlossiness", "its metallic-roughness values, if any, are taken"),
-    ("KHR_materials_variants", "the materials are those of no variant"),
-    ("KHR_texture_basisu", "textures show the PNG or JPEG that stands beside"),
+    ("KHR_lights_punctual", "its lights are not used; emissive surfaces are"),
+    ("KHR_materials_dispersion", "all colours are refracted equally"),
+    ("KHR_materials_volume_scatter", "there is no scattering inside"),
+    ("KHR_materials_pbrSpecularGlossiness", "its metallic-roughness values, if any, are used"),
+    ("KHR_materials_variants", "the materials without variants are used"),
+    ("KHR_texture_basisu", "textures use the PNG or JPEG fallback"),
 ];
 
-/// What leaving out an extension does.
+/// The effect of leaving out an extension.
 fn effect(extension: &str) -> &'static str {
     let known = NOT_DRAWN.iter().find(|(name, _)| *name == extension);
-    known.map_or("it is not known here", |(_, effect)| effect)
+    known.map_or("it is unknown", |(_, effect)| effect)
 }
 
 impl<'a> Materials<'a> {
@@ -53,18 +53,18 @@ impl<'a> Materials<'a> {
         for what in &self.ignored {
             notes.degraded("material-ignored", what.clone());
         }
-        self.tell_others(notes);
+        self.report_others(notes);
         if self.occluded {
-            let text = "occlusion maps are not read: rays find what the shape hides, and would find it twice";
+            let text = "occlusion maps are ignored, since path tracing computes occlusion from the shape";
             notes.decision("occlusion-traced", text);
         }
         Ok(materials)
     }
 
-    /// Names what the file holds or uses, not in a material, and we do not show. Lamps are missed only where one hangs.
-    fn tell_others(&self, notes: &mut Notes) {
+    /// Reports content outside of materials that is not supported. Lights are reported only if a node has one.
+    fn report_others(&self, notes: &mut Notes) {
         for (what, instead) in
-            [("animations", "all parts stand as their nodes say"), ("cameras", "the graph has its own")]
+            [("animations", "all parts are placed by their nodes"), ("cameras", "the graph has its own")]
         {
             let held = self.json[what].as_array().map_or(0, Vec::len);
             if held > 0 {
@@ -81,12 +81,12 @@ impl<'a> Materials<'a> {
             notes.degraded("lights-ignored", text);
         }
         let used = self.json["extensionsUsed"].as_array().into_iter().flatten().filter_map(Value::as_str);
-        let told = |name: &str| self.ignored.iter().any(|text| text.split(' ').next() == Some(name));
+        let reported = |name: &str| self.ignored.iter().any(|text| text.split(' ').next() == Some(name));
         let drawn = |name: &&str| SUPPORTED.contains(name) && *name != "KHR_materials_variants";
         for name in used.filter(|name| !drawn(name) && *name != "KHR_lights_punctual") {
-            // Of a material that is not used nothing is left out.
+            // Extensions of unused materials have no effect.
             let unused = name.starts_with("KHR_materials_") && name != "KHR_materials_variants";
-            if !told(name) && !unused {
+            if !reported(name) && !unused {
                 notes.warning("extension-ignored", format!("{name} is left out: {}", effect(name)));
             }
         }
@@ -125,7 +125,7 @@ impl<'a> Materials<'a> {
             alpha_mode,
             double_sided: m["doubleSided"].as_bool().unwrap_or(false),
             unlit: m["extensions"].get("KHR_materials_unlit").is_some(),
-            // The extension gives 0 the meaning of an infinite index; anything else below 1 is none.
+            // The extension defines 0 as an infinite index; other values below 1 are invalid.
             ior: if ior == 0.0 { 1e3 } else { ior.max(1.0) },
             transmission: self.map(transmission, "transmission", 0.0)?,
             volume: self.volume(extension("KHR_materials_volume")),
@@ -144,13 +144,13 @@ impl<'a> Materials<'a> {
         })
     }
 
-    /// Absorption a metre, where the material has an inside.
+    /// Absorption per metre, if the material has a volume.
     fn volume(&mut self, e: &Value) -> Option<[f32; 3]> {
-        // How thick is for those who do not follow the light; that it is thick is for us.
+        // The thickness is for rasterizers; here only whether it is above 0 matters.
         let thick = self.factor(&e["thicknessFactor"], 0.0, 0.0, f64::MAX) > 0.0;
         let colour: [f32; 3] = self.factors(&e["attenuationColor"], 1.0, 1.0);
         let distance = e["attenuationDistance"].as_f64().filter(|d| *d > 0.0);
-        // colour = exp(-absorption * distance); a black channel is as good as opaque.
+        // colour = exp(-absorption * distance); a black channel is practically opaque.
         let absorption = |c: f32| {
             let depth = -crate::math::num::f64::ln(f64::from(c).max(1e-12));
             (depth / distance.unwrap_or(f64::INFINITY)).min(1e12) as f32
@@ -226,7 +226,7 @@ impl<'a> Materials<'a> {
     fn texture(&mut self, info: &Value) -> Result<Option<TextureRef>, Error> {
         let Some(index) = info["index"].as_u64() else { return Ok(None) };
         let texture = &self.json["textures"][index as usize];
-        // A WebP picture beside a plain one is the better copy of it.
+        // A WebP picture in addition to a plain one is the better copy.
         let webp = &texture["extensions"]["EXT_texture_webp"]["source"];
         let Some(image) = webp.as_u64().or_else(|| texture["source"].as_u64()) else {
             return Err(Error::format(self.name, format!("no texture {index}")));
@@ -360,7 +360,7 @@ mod tests {
         assert!(notes.iter().any(|n| n.text.starts_with("KHR_materials_dispersion")));
     }
 
-    // Whatever a file uses and we do not is named, wherever it stands.
+    // Unsupported features are reported, wherever they appear in the file.
     #[test]
     fn what_is_not_known_is_named() {
         let json = json!({
@@ -371,15 +371,15 @@ mod tests {
         });
         let mut notes = Notes::none();
         assert!(Materials::new("a", &json).read(&mut notes).is_ok());
-        let told: Vec<_> = notes.iter().map(|n| (n.id.as_str(), n.text.as_str())).collect();
-        assert_eq!(told[0].0, "lights-ignored");
+        let reported: Vec<_> = notes.iter().map(|n| (n.id.as_str(), n.text.as_str())).collect();
+        assert_eq!(reported[0].0, "lights-ignored");
         assert!(
-            told[0].1.contains("(1 of them)") && told[1].1.starts_with("MSFT_lod is left out"),
-            "{told:?}"
+            reported[0].1.contains("(1 of them)") && reported[1].1.starts_with("MSFT_lod is left out"),
+            "{reported:?}"
         );
-        assert!(told[2].1.starts_with("KHR_materials_variants is left out: the materials are those"));
-        assert!(told[3].1.ends_with("the PNG or JPEG that stands beside"));
-        assert_eq!(told.len(), 4);
+        assert!(reported[2].1.starts_with("KHR_materials_variants is left out: the materials are those"));
+        assert!(reported[3].1.ends_with("the PNG or JPEG fallback"));
+        assert_eq!(reported.len(), 4);
     }
 
     #[test]
@@ -387,12 +387,12 @@ mod tests {
         let json = json!({"animations": [{}, {}], "cameras": [{}]});
         let mut notes = Notes::none();
         assert!(Materials::new("a", &json).read(&mut notes).is_ok());
-        let told: Vec<_> = notes.iter().map(|n| n.text.clone()).collect();
+        let reported: Vec<_> = notes.iter().map(|n| n.text.clone()).collect();
         assert!(
-            told[0].starts_with("2 animations of the file") && told[1].starts_with("1 cameras"),
-            "{told:?}"
+            reported[0].starts_with("2 animations of the file") && reported[1].starts_with("1 cameras"),
+            "{reported:?}"
         );
-        assert_eq!(told.len(), 2);
+        assert_eq!(reported.len(), 2);
     }
 
     #[test]

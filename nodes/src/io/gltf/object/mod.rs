@@ -1,4 +1,4 @@
-//! Objects of glTF files: shapes, materials and textures, as the file has them.
+//! Objects of glTF files: shapes, materials and textures.
 
 mod geometry;
 mod material;
@@ -14,8 +14,8 @@ use super::{Want, json_of, parse};
 use crate::io::png::Raster;
 use crate::types::{Object, Texture};
 
-/// The file and all that it names, by its content as it is read. What is wrong with a GLB is told when it
-/// runs, with all of its bytes at hand.
+/// The file and all files that it refers to, detected by content. Errors in a GLB are reported when the node runs,
+/// with all of its bytes available.
 pub(crate) fn sources(path: &InputFile, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
     let file = root.file(path);
     let mut sources = vec![file.clone()];
@@ -62,7 +62,7 @@ pub(crate) fn object(
     Ok(Object { primitives, materials, textures: textures.into_iter().map(|(texture, _)| texture).collect() })
 }
 
-/// Four bytes a texel, and whether bits were lost.
+/// A texture with four bytes per texel, and true if bits were lost.
 fn texture(raster: Raster) -> (Texture, bool) {
     let wide = raster.largest > 255;
     let byte = |code: u16| if wide { ((u32::from(code) * 255 + 32_767) / 65_535) as u8 } else { code as u8 };

@@ -1,7 +1,7 @@
-//! Tangents for normal maps where the file has none, in the manner of MikkTSpace: corners that share
-//! position, normal and texture coordinates share a tangent, weighted by the angle of each corner, and
-//! mirrored islands are kept apart. The green of a normal map points up the picture, and glTF's v runs down it, so the
-//! bitangent runs against v and the sign is the opposite of that of the texture's area.
+//! Tangents for normal maps of files without tangents, similar to MikkTSpace: corners that share position, normal
+//! and texture coordinates share a tangent, weighted by the angle of each corner, and mirrored islands are kept
+//! separate. The green of a normal map points up the picture, and glTF's v runs down it, so the bitangent runs
+//! against v and the sign is the opposite of that of the texture's area.
 
 use std::collections::HashMap;
 
@@ -14,18 +14,18 @@ fn vec3(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
 }
 
-/// Any unit vector across `n`, the same for the same `n`.
+/// A unit vector perpendicular to `n`, always the same for the same `n`.
 fn across(n: DVec3) -> DVec3 {
     let axis = if n.x.abs() < 0.6 { DVec3::X } else { DVec3::Y };
     (axis - n * n.dot(axis)).normalize()
 }
 
-/// Gives every vertex a tangent; vertices on the seam of mirrored islands are doubled. Needs normals and
-/// texture coordinates (`uv`, one a vertex). Gives the number of vertices whose texture coordinates have
-/// no direction, which get an arbitrary tangent.
+/// Generates a tangent for every vertex; vertices on the seam of mirrored islands are duplicated. Needs normals and
+/// texture coordinates (`uv`, one per vertex). Returns the number of vertices whose texture coordinates are
+/// degenerate, which get an arbitrary tangent.
 pub fn generate(p: &mut Primitive, second_set: bool) -> u64 {
     let uv = if second_set { p.uv1.clone() } else { p.uv0.clone() };
-    // Welding only looks groups up; its order is that of the vertices.
+    // The map is used for lookup only; the order is that of the vertices.
     let mut groups = HashMap::new();
     let group: Vec<u32> = (0..p.positions.len())
         .map(|v| {
@@ -63,7 +63,7 @@ pub fn generate(p: &mut Primitive, second_set: bool) -> u64 {
     split_mirrored(p, &mirrored, &group, &sums)
 }
 
-/// Writes the tangents, doubling each vertex that both sides of a mirror use.
+/// Writes the tangents, duplicating each vertex that both sides of a mirror use.
 fn split_mirrored(
     p: &mut Primitive,
     mirrored: &[Option<bool>],
@@ -142,7 +142,7 @@ mod tests {
 
     #[test]
     fn tangent_follows_u_and_the_bitangent_runs_up_the_picture() {
-        // v downwards, as glTF has it: bitangent = sign * cross(n, t) is +y, which is up the picture.
+        // v points down in glTF: bitangent = sign * cross(n, t) is +y, which is up in the picture.
         let mut card = quad([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]]);
         assert_eq!(generate(&mut card, false), 0);
         assert_eq!(card.tangents, [[1.0, 0.0, 0.0, 1.0]; 4]);

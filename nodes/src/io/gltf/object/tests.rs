@@ -1,4 +1,5 @@
 use super::*;
+use base64::Engine as _;
 use engine::{Scene, Up};
 use serde_json::{Value, json};
 
@@ -7,19 +8,15 @@ fn load_value(json: &Value, scene: Option<u32>) -> Result<(Object, Notes), NodeE
 }
 
 fn load_bytes(bytes: &[u8], scene: Option<u32>) -> Result<(Object, Notes), NodeError> {
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+    let cx =
+        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
     let mut notes = Notes::none();
     let path = InputFile("a.gltf".to_owned());
     object(&path, bytes, Want::Everything, scene, &cx, &mut notes).map(|object| (object, notes))
 }
 
 fn base64(bytes: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let letters = bytes.chunks(3).flat_map(|c| {
-        let word = c.iter().fold(0_u32, |w, b| w << 8 | u32::from(*b)) << (8 * (3 - c.len()));
-        (0..c.len() + 1).map(move |i| char::from(LETTERS[(word >> (18 - 6 * i)) as usize & 63]))
-    });
-    letters.collect()
+    base64::engine::general_purpose::STANDARD.encode(bytes)
 }
 
 /// A triangle of three corners, its normal +z, with `extra` changes to the document.
@@ -85,7 +82,7 @@ fn node_transforms_move_points_and_turn_normals_by_the_inverse_transpose() {
     assert_eq!(notes.iter().count(), 0);
 }
 
-/// A mirror turns the triangles over, so that they still face along their normals.
+/// A mirror reverses the winding, so that triangles still face along their normals.
 #[test]
 fn mirrors_flip_winding_and_keep_normals_outside() {
     let (object, notes) = good(&triangle(json!({"mesh": 0, "scale": [-1.0, 1.0, 1.0]})));
@@ -97,7 +94,8 @@ fn mirrors_flip_winding_and_keep_normals_outside() {
     assert!(notes.iter().any(|n| n.id == "mirrored"));
 }
 
-/// A quaternion of any length turns and does not scale; a matrix may shear, and a normal stays upright on what it shears.
+/// A quaternion of any length rotates and does not scale; a matrix may shear, and a normal stays perpendicular to
+/// the sheared surface.
 #[test]
 fn quaternions_of_any_length_turn_and_normals_stay_upright_under_shear() {
     for length in [1e-6, 1.0, 7.0] {
@@ -109,7 +107,7 @@ fn quaternions_of_any_length_turn_and_normals_stay_upright_under_shear() {
             "{length}: {corner:?}"
         );
     }
-    // Column after column: z grows with x, so the triangle leans and its normal with it.
+    // In column-major order: z grows with x, so the triangle leans and its normal with it.
     let shear = [1.0, 0.0, 2.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
     let (object, _) = good(&triangle(json!({"mesh": 0, "matrix": shear})));
     let p = &object.primitives[0];
@@ -140,6 +138,7 @@ fn normal_maps_get_tangents_even_without_normals() {
         largest: 65_535,
         codes: vec![32_768, 32_768, 65_535],
         ignored: vec![],
+        linear: false,
     };
     let png = crate::io::png::write(&picture, false, &[]).unwrap_or_else(|e| panic!("{e}"));
     json["images"] = json!([{"uri": format!("data:image/png;base64,{}", base64(&png))}]);
@@ -188,7 +187,7 @@ fn skins_follow_their_joints_alone() {
     assert_eq!(object.primitives[0].positions[1], [1.0, 2.0, 0.0]);
 }
 
-// EXT_mesh_gpu_instancing: one copy of the mesh an instance, within the frame of the node.
+// EXT_mesh_gpu_instancing: one copy of the mesh per instance, within the frame of the node.
 #[test]
 fn instances_stand_where_their_attributes_say() {
     let mut json = triangle(json!({"mesh": 0, "translation": [0.0, 0.0, 5.0]}));
@@ -219,7 +218,7 @@ fn instances_stand_where_their_attributes_say() {
 
 #[test]
 fn an_accessor_without_numbers_is_zeros() {
-    // As Blender writes a shape key that moves nothing.
+    // As Blender writes a shape key without displacements.
     let mut json = triangle(json!({"mesh": 0}));
     push(&mut json, "accessors", json!({"componentType": 5126, "count": 3, "type": "VEC3"}));
     json["meshes"][0]["primitives"][0]["targets"] = json!([{"POSITION": 4}]);
@@ -228,8 +227,8 @@ fn an_accessor_without_numbers_is_zeros() {
     // An index of 0 for every corner leaves no triangle with an area.
     json["meshes"][0]["primitives"][0]["indices"] = json!(5);
     push(&mut json, "accessors", json!({"componentType": 5123, "count": 3, "type": "SCALAR"}));
-    let told = load_value(&json, None).err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(told.contains("with an area"), "{told}");
+    let reported = load_value(&json, None).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(reported.contains("with an area"), "{reported}");
 }
 
 #[test]
@@ -241,11 +240,11 @@ fn other_formats_are_named() {
         ("chair.stl", b"\x00\x01", "STL"),
         ("chair.glb", b"ply\nformat ascii 1.0", "PLY"),
     ] {
-        let told = parse(name, bytes).err().map(|e| e.to_string()).unwrap_or_default();
-        assert!(told.contains(&format!("{format}: objects are read from glTF")), "{told}");
+        let reported = parse(name, bytes).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(reported.contains(&format!("{format}: objects are read from glTF")), "{reported}");
     }
-    let told = parse("a.gltf", b"{").err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(told.contains("JSON does not parse"), "{told}");
+    let reported = parse("a.gltf", b"{").err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(reported.contains("JSON does not parse"), "{reported}");
 }
 
 #[test]
@@ -262,7 +261,7 @@ fn webp_pictures_are_read_and_preferred() {
     let (object, _) = good(&json);
     let decoded = [Texture { width: 1, height: 1, rgba: vec![10, 20, 30, 40] }];
     assert_eq!(object.textures, decoded);
-    // As the extension is used where it is required: without a picture for readers that do not know it.
+    // As in files that require the extension: without a picture for readers that do not support it.
     json["images"].as_array_mut().expect("a list").remove(0);
     json["textures"] = json!([{"extensions": {"EXT_texture_webp": {"source": 0}}}]);
     json["extensionsRequired"] = json!(["EXT_texture_webp"]);
@@ -280,12 +279,12 @@ fn webp_pictures_are_read_and_preferred() {
 #[test]
 fn what_makes_no_triangle_is_reported() {
     let mut json = triangle(json!({"mesh": 0}));
-    let told = |json: &Value| load_value(json, None).err().map(|e| e.to_string()).unwrap_or_default();
+    let reported = |json: &Value| load_value(json, None).err().map(|e| e.to_string()).unwrap_or_default();
     json["meshes"][0]["primitives"][0]["mode"] = json!(0);
-    assert!(told(&json).contains("points or lines in 1"), "{}", told(&json));
+    assert!(reported(&json).contains("points or lines in 1"), "{}", reported(&json));
     json["meshes"][0]["primitives"][0]["mode"] = json!(4);
     json["nodes"][0]["scale"] = json!([1.0, 0.0, 0.0]);
-    assert!(told(&json).contains("with an area, of 1"), "{}", told(&json));
+    assert!(reported(&json).contains("with an area, of 1"), "{}", reported(&json));
 }
 
 #[test]

@@ -1,6 +1,6 @@
-//! Splats as files: INRIA PLY and SPZ.
+//! Writers of splats: INRIA PLY and SPZ.
 //!
-//! What a format cannot hold is told in notes, with counts; nothing is lost silently.
+//! Data that a format cannot store is reported in notes, with counts.
 
 mod ply;
 mod spz;
@@ -19,15 +19,15 @@ use crate::types::{SplatEncoding, Splats};
 pub enum SaveFormat {
     /// INRIA PLY: 32-bit floats, as stored by the optimiser (logarithms and logits).
     Ply,
-    /// SPZ: about a tenth of the size, quantised. Version 3, which every reader knows; version 4 where the
-    /// harmonics are of degree 4, which no older one has.
+    /// SPZ: about a tenth of the size, quantised. Version 3, which every reader supports; version 4 for harmonics
+    /// of degree 4, which older versions lack.
     Spz,
-    /// SPZ version 4 in any case.
+    /// SPZ version 4 always.
     Spz4,
 }
 
 impl SaveFormat {
-    /// The format that the ending of a path names.
+    /// The format by the extension of a path.
     pub fn of_path(path: &str) -> Option<Self> {
         match path.rsplit_once('.')?.1.to_ascii_lowercase().as_str() {
             "ply" => Some(Self::Ply),
@@ -37,10 +37,10 @@ impl SaveFormat {
     }
 }
 
-/// The bytes of a file, and what it does not hold.
+/// The bytes of a file, and notes on what it cannot store.
 ///
-/// `up` is the axis of the world that points up. SPZ says that +y does, so the splats are turned for it;
-/// `None` writes them as they are. PLY says nothing and is never turned.
+/// `up` is the up axis of the world. SPZ defines +y as up, so the splats are rotated to it; `None` writes them
+/// unchanged. PLY defines no up axis and is never rotated.
 pub fn encode(
     splats: &Splats,
     format: SaveFormat,
@@ -49,12 +49,12 @@ pub fn encode(
 ) -> Result<(Vec<u8>, Notes), NodeError> {
     let mut notes = Notes::none();
     if splats.encoding == SplatEncoding::Linear {
-        notes.warning("encoding-not-stored", "the colours are linear, which the file cannot say");
+        notes.warning("encoding-not-stored", "the colours are linear, which the file cannot store");
     }
     let bytes = match format {
         SaveFormat::Ply => {
             if splats.antialiased {
-                let text = "the splats were trained antialiased, which PLY cannot say";
+                let text = "the splats were trained with antialiasing, which PLY cannot store";
                 notes.warning("antialiasing-not-stored", text);
             }
             ply::encode(splats, cx, &mut notes)?
@@ -69,9 +69,7 @@ pub fn encode(
             match turn {
                 Some(matrix) => {
                     let from = up.map_or("", Up::name);
-                    let text = format!(
-                        "taken to have {from} up, and turned so that +y is, as SPZ says of its files"
-                    );
+                    let text = format!("rotated from {from} up to +y up, as SPZ defines");
                     notes.decision("frame", text);
                     let turn = Turn::new(matrix, 1.0, DVec3::ZERO);
                     spz::encode(&turned(splats, &turn, cx)?, version, cx, &mut notes)?
@@ -83,10 +81,10 @@ pub fn encode(
     Ok((bytes, notes))
 }
 
-/// Splats a job.
+/// Number of splats per job.
 const CHUNK: usize = 16_384;
 
-/// Runs `f` over ranges of splats in parallel and joins what it gives.
+/// Runs `f` over ranges of splats in parallel and joins the results.
 fn chunks<T: Send>(
     count: usize,
     cx: &Context,
@@ -95,7 +93,7 @@ fn chunks<T: Send>(
     cx.for_each_tile(count.div_ceil(CHUNK), |chunk| f(chunk * CHUNK..((chunk + 1) * CHUNK).min(count)))
 }
 
-/// The same splats elsewhere.
+/// The splats after a transform.
 fn turned(splats: &Splats, turn: &Turn, cx: &Context) -> Result<Splats, NodeError> {
     let width = splats.sh_len();
     let parts = chunks(splats.len(), cx, |range| {

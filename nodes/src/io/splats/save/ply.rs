@@ -9,9 +9,9 @@ use crate::io::splats::sh_rest;
 use crate::math::num;
 use crate::types::Splats;
 
-/// Logarithms and logits below this are 0 once activated, also as the smallest f32; PLY knows no infinity.
+/// Logarithms and logits below this activate to 0, also as the smallest f32; PLY has no infinity.
 const LOWEST: f64 = -110.0;
-/// A logit that is 1 as f32 once activated.
+/// A logit that activates to 1 as f32.
 const HIGHEST: f64 = 30.0;
 
 /// The bytes of a file.

@@ -1,6 +1,6 @@
-//! SPZ (nianticlabs/spz): version 3, one gzip stream, which every reader of the format knows, or version 4, a
-//! Zstandard stream for each attribute, which unpacks in parallel and alone knows harmonics of degree 4.
-//! Harmonics keep their 8 bits, where the reference rounds to 5 and 4.
+//! SPZ (nianticlabs/spz): version 3, one gzip stream, which every reader of the format supports, or version 4, a
+//! Zstandard stream per attribute, which decompresses in parallel and is the only one with harmonics of degree 4.
+//! Harmonics keep 8 bits, where the reference rounds to 5 and 4.
 
 use std::io::Write;
 
@@ -12,17 +12,17 @@ use crate::io::splats::{SH_C0, SPZ_COLOUR_SCALE, sh_rest, spz_rotation, unit};
 use crate::math::num;
 use crate::types::Splats;
 
-/// Bits behind the point where the scene allows: 1/65536 of a unit. The reference always writes 12.
+/// Fraction bits, if the size of the scene allows: 1/65536 of a unit. The reference always writes 12.
 const FRACTION_BITS: u32 = 16;
-/// Bits for a scene of small splats: the smallest axis that the format holds, e^-10, is 24 steps then.
+/// Fraction bits of a scene of small splats: the smallest axis in the format, e^-10, is then 24 steps.
 const MOST_FRACTION_BITS: u32 = 19;
-/// What fits into 24 bits with sign.
+/// Largest signed 24-bit integer.
 const LARGEST: f64 = 8_388_607.0;
-/// Length of the header, which version 4 extends by where its table begins.
+/// Length of the header, which version 4 extends by the position of its table.
 const HEADER: usize = 16;
 const HEADER_4: usize = 32;
 
-/// Numbers that were cut to the range of a byte: how many, and by how many steps at most.
+/// Numbers that were clamped to the range of a byte: their count, and the largest difference in steps.
 #[derive(Default, Clone, Copy)]
 struct Cut {
     count: u64,
@@ -30,7 +30,7 @@ struct Cut {
 }
 
 impl Cut {
-    /// Rounds to a byte; counts what lies more than a step outside.
+    /// Rounds to a byte; counts values more than a step outside.
     fn byte(&mut self, value: f64) -> u8 {
         let rounded = (value + 0.5).floor();
         let within = rounded.clamp(0.0, 255.0);
@@ -42,7 +42,7 @@ impl Cut {
     }
 }
 
-/// The attributes of some splats, each in its own stream, and what was cut of scales, colours and harmonics.
+/// The attributes of some splats, each in a separate stream, and counts of clamped scales, colours and harmonics.
 #[derive(Default)]
 struct Part {
     streams: [Vec<u8>; 6],
@@ -59,7 +59,7 @@ fn median_size(splats: &Splats) -> f64 {
     f64::from(*longest.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
-/// Bits behind the point of the centres.
+/// Number of fraction bits of the centres.
 fn fraction_bits(splats: &Splats, notes: &mut Notes) -> Result<u32, NodeError> {
     let widest = splats.means.as_flattened().iter().fold(0.0_f64, |m, v| m.max(f64::from(v.abs())));
     let step = |bits: u32| 1.0 / f64::from(1_u32 << bits);
@@ -68,9 +68,9 @@ fn fraction_bits(splats: &Splats, notes: &mut Notes) -> Result<u32, NodeError> {
     let wanted = (FRACTION_BITS..MOST_FRACTION_BITS).find(fine).unwrap_or(MOST_FRACTION_BITS);
     let fits = |bits: &u32| widest <= (LARGEST - 1.0) * step(*bits);
     let bits = (0..=wanted).rev().find(fits).ok_or_else(|| {
-        NodeError::new(format!("SPZ holds no coordinate of {widest}; the largest is about 8 million"))
+        NodeError::new(format!("SPZ cannot store a coordinate of {widest}; the largest is about 8 million"))
     })?;
-    // Half a step is how far a centre moves.
+    // A centre moves by up to half a step.
     if 4.0 * step(bits) > size && !splats.is_empty() {
         let text = format!(
             "centres are rounded to {:.1e} units, and half of the splats are smaller than {size:.1e}: the scene is \
@@ -92,7 +92,7 @@ pub(super) fn encode(
     let count = u32::try_from(splats.len())
         .map_err(|_| NodeError::new(format!("SPZ holds no {} splats", splats.len())))?;
     let bits = fraction_bits(splats, notes)?;
-    // Scales begin at e^-10: what is smaller grows, and shows where the whole scene is small.
+    // Scales begin at e^-10: smaller ones grow, which is visible if the whole scene is small.
     let smallest = num::f64::exp(-10.0);
     let axes = splats.scales.as_flattened();
     let grown = axes.iter().filter(|v| f64::from(**v) < 0.9 * smallest).count();
@@ -115,7 +115,7 @@ pub(super) fn encode(
                 let fixed = (value * f64::from(1_u32 << bits) + 0.5).floor().clamp(-LARGEST, LARGEST) as i32;
                 centres.extend_from_slice(&fixed.to_le_bytes()[..3]);
             }
-            // Between 0 and 1: never cut.
+            // Between 0 and 1: never clamped.
             opacities.push(Cut::default().byte(f64::from(splats.opacities[i]) * 255.0));
             let sh = &splats.sh[i * (rest + 1)..(i + 1) * (rest + 1)];
             for value in sh[0] {
@@ -123,7 +123,7 @@ pub(super) fn encode(
                 colours.push(cut_colours.byte(unit * 255.0));
             }
             for scale in splats.scales[i] {
-                // What is smaller was told of above; only what is too large counts as cut.
+                // Smaller ones are reported above; only larger ones count as clamped.
                 let log = num::f64::ln(scale.into()).max(-10.0);
                 scales.push(cut_scales.byte((log + 10.0) * 16.0));
             }
@@ -187,8 +187,8 @@ pub(super) fn encode(
     }
 }
 
-/// Version 3: header and attributes in one gzip stream. Neither name nor time goes into its own header, so equal
-/// scenes give equal files.
+/// Version 3: header and attributes in one gzip stream. Its header contains neither name nor time, so equal scenes
+/// give equal files.
 fn one_stream(plain: Vec<u8>, cx: &Context) -> Result<Vec<u8>, NodeError> {
     let room = Vec::with_capacity(plain.len() / 2);
     let mut packed =
@@ -200,8 +200,8 @@ fn one_stream(plain: Vec<u8>, cx: &Context) -> Result<Vec<u8>, NodeError> {
     Ok(packed.finish()?)
 }
 
-/// Version 4: the header as it is, packed and plain length of each stream, the streams. Attributes without bytes
-/// have none.
+/// Version 4: the uncompressed header, compressed and original length of each stream, and the streams. Attributes
+/// without bytes have none.
 fn streams_apart(
     mut header: Vec<u8>,
     stream: impl Fn(usize) -> Vec<u8> + Send + Sync,
@@ -223,17 +223,18 @@ fn streams_apart(
     Ok(header)
 }
 
-/// By how much another component may outgrow the one that a writer left out as the largest: what the rounding of three
-/// others by half a step of 0.0014 makes of four equal ones, and some.
+/// Largest difference by which another component may exceed the omitted one: rounding three components by half a
+/// step of 0.0014 has this effect on four equal ones, with a margin.
 const AS_LARGE: f32 = 0.004;
 
-/// The bits of a rotation. Of components that are as large as the largest that one is left out with which the rotation
-/// comes back nearest: of a file that was read, the one that it had left out, so that it is written as it was.
+/// The bits of a rotation. Among components that are practically equal to the largest, the one is omitted with
+/// which the decoded rotation is nearest: for a file that was read, the one that it had omitted, so that it is
+/// written unchanged.
 pub(super) fn rotation(quat: [f32; 4]) -> u32 {
     let [w, x, y, z] = quat;
     let parts = [x, y, z, w];
     let largest = parts.iter().fold(0.0_f32, |most, part| most.max(part.abs()));
-    // From where a rotation comes back, whose left out component is above 0.
+    // Distance of the decoded rotation, whose omitted component is above 0.
     let off = |&(out, word): &(usize, u32)| {
         let sign = f64::from(1.0_f32.copysign(parts[out]));
         let back = unit(spz_rotation(word)).unwrap_or_default();
@@ -242,17 +243,17 @@ pub(super) fn rotation(quat: [f32; 4]) -> u32 {
     (0..4)
         .filter(|out| largest - parts[*out].abs() < AS_LARGE)
         .map(|out| (out, leaving_out(out, parts)))
-        // What was read has the one left out above 0.
+        // In rotations that were read, the omitted component is above 0.
         .min_by(|a, b| off(a).total_cmp(&off(b)).then(parts[b.0].total_cmp(&parts[a.0])))
         .map_or(0, |(_, word)| word)
 }
 
-/// The index of a component in the order x, y, z, w, then sign and 9 bits of each of the others.
+/// The index of the omitted component in the order x, y, z, w, then sign and 9 bits of each of the others.
 fn leaving_out(out: usize, parts: [f32; 4]) -> u32 {
     let others = (0..4).filter(|i| *i != out).map(|i| parts[i]);
     others.fold(out as u32, |word, part| {
         let size = (f64::from(part.abs()) * std::f64::consts::SQRT_2 * 511.0 + 0.5).floor().min(511.0) as u32;
-        // The whole is negated where the one left out is below 0: the same rotation.
+        // All components are negated if the omitted one is below 0: the same rotation.
         let negative = part.is_sign_negative() != parts[out].is_sign_negative();
         word << 10 | u32::from(negative) << 9 | size
     })

@@ -4,7 +4,7 @@ use super::*;
 use crate::io::splats::{Frame, from_bytes, spz_rotation, unit};
 use crate::testing::context;
 
-/// Splats of every sort of value, degree 3.
+/// Splats with all kinds of values, degree 3.
 pub fn scene(count: usize, degree: u32) -> Splats {
     let unit = |i: usize, k: usize| ((i * 7919 + k * 104_729) % 1009) as f32 / 1008.0;
     let spread = |i: usize, k: usize| unit(i, k) * 2.0 - 1.0;
@@ -40,7 +40,7 @@ fn off(a: &[f32], b: &[f32]) -> f32 {
 
 fn off_rotation(a: &[[f32; 4]], b: &[[f32; 4]]) -> f32 {
     let angle = |(a, b): (&[f32; 4], &[f32; 4])| {
-        // |a - b| and |a + b|: the two signs are one rotation.
+        // |a - b| and |a + b|: both signs are the same rotation.
         let chord = |s: f32| a.iter().zip(b).map(|(a, b)| (a - s * b) * (a - s * b)).sum::<f32>().sqrt();
         chord(1.0).min(chord(-1.0))
     };
@@ -72,10 +72,10 @@ fn spz_gives_back_within_its_steps() {
     for (degree, up) in [(0, Up::PlusY), (1, Up::MinusY), (3, Up::PlusZ), (4, Up::MinusY)] {
         let mut scene = scene(1500, degree);
         scene.antialiased = degree == 3;
-        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".");
+        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
         let (bytes, notes) = encode(&scene, SaveFormat::Spz, Some(up), &cx).unwrap();
         assert!(notes.iter().all(|note| ["frame", "spz-version"].contains(&&*note.id)), "{notes:?}");
-        // Only version 4 knows harmonics of degree 4; what it holds is the same.
+        // Only version 4 has harmonics of degree 4; the content is the same.
         assert_eq!(bytes.starts_with(b"NGSP"), degree == 4);
         assert_eq!(notes.iter().any(|note| note.id == "spz-version"), degree == 4);
         let (four, _) = encode(&scene, SaveFormat::Spz4, Some(up), &cx).unwrap();
@@ -95,8 +95,8 @@ fn spz_gives_back_within_its_steps() {
         assert!(off_rotation(&back.quats, &scene.quats) < 0.004);
         let width = scene.sh_len();
         for (i, (a, b)) in back.sh.iter().zip(&scene.sh).enumerate() {
-            // Constant: half a step of 1/255 over 0.15. Others: half a step of 1/128 in each of the up to
-            // nine numbers that a turn mixes, with weights whose squares sum to 1.
+            // Constant: half a step of 1/255 over 0.15. Others: half a step of 1/128 in each of the up to nine
+            // numbers that a rotation mixes, with weights whose squares sum to 1.
             let bar = if i % width == 0 { 0.0131 } else { 0.5 / 128.0 * 3.0 };
             assert!(off(a, b) <= bar, "{i} {a:?} {b:?}");
         }
@@ -130,7 +130,7 @@ fn what_does_not_fit_is_counted() {
     assert!(encode(&scene, SaveFormat::Spz, None, &context()).is_err());
 }
 
-// Centres move by no more than a 32nd of the median splat as long as 24 bits allow, and say so where they do not.
+// Centres move by no more than a 32nd of the median splat as long as 24 bits allow; otherwise it is reported.
 #[test]
 fn centres_are_as_fine_as_the_splats_ask_for() {
     let coarse = |width: f32, size: f32| {
@@ -139,18 +139,18 @@ fn centres_are_as_fine_as_the_splats_ask_for() {
         scene.scales.fill([size; 3]);
         let (bytes, notes) = encode(&scene, SaveFormat::Spz, None, &context()).unwrap();
         let (back, _) = from_bytes("a.spz", &bytes, Frame::AsStored, &context()).unwrap();
-        let told = notes.iter().any(|note| note.id == "coarse-centres");
-        (off(back.means.as_flattened(), scene.means.as_flattened()) / size, told)
+        let reported = notes.iter().any(|note| note.id == "coarse-centres");
+        (off(back.means.as_flattened(), scene.means.as_flattened()) / size, reported)
     };
     for (width, size, bar) in
         [(30.0, 0.01, 0.001), (1.0, 1e-3, 0.01), (1.0, 1e-4, 0.032), (1000.0, 0.01, 0.01)]
     {
-        let (moved, told) = coarse(width, size);
-        assert!(moved < bar && !told, "{width} {size}: {moved}");
+        let (moved, reported) = coarse(width, size);
+        assert!(moved < bar && !reported, "{width} {size}: {moved}");
     }
     for (width, size) in [(1e4, 1e-3), (1e6, 0.1)] {
-        let (moved, told) = coarse(width, size);
-        assert!(moved > 0.12 && told, "{width} {size}: {moved}");
+        let (moved, reported) = coarse(width, size);
+        assert!(moved > 0.12 && reported, "{width} {size}: {moved}");
     }
 }
 
@@ -163,9 +163,9 @@ fn equal_scenes_give_equal_files() {
     assert_eq!(one[4..8], [0; 4]);
 }
 
-/// What was read is written as it was, also where the largest components of a rotation tie but for rounding, and where
-/// what rounds to nothing is below 0. Two codes may be one rotation to the bit; then the first of them is written.
-/// Seen red with an `AS_LARGE` of 1e-7.
+/// Files that were read are written unchanged, also if the largest components of a rotation tie except for
+/// rounding, and if a component that rounds to zero is negative. Two codes may be the same rotation bit for bit;
+/// then the first is written. Seen red with an `AS_LARGE` of 1e-7.
 #[test]
 fn rotations_of_spz_come_back_as_they_were() {
     let sizes = [0_u32, 1, 2, 87, 208, 294, 295, 296, 360, 361, 362, 417, 509, 510, 511];
@@ -179,7 +179,7 @@ fn rotations_of_spz_come_back_as_they_were() {
             let step = std::f64::consts::FRAC_1_SQRT_2 / 511.0;
             let others = [a, b, c].map(|size| f64::from(size) * step);
             let left = (1.0 - others.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
-            // No writer leaves out less than the largest but for rounding.
+            // Writers omit only the largest component, except for rounding.
             if others.iter().any(|v| *v > left + 2.0 * step) {
                 continue;
             }
@@ -205,16 +205,17 @@ fn rotations_of_spz_come_back_as_they_were() {
     assert!(written(&back) == first);
 }
 
-/// Thin axes grow too, though their splats are large otherwise.
+/// Thin axes of otherwise large splats grow too.
 #[test]
 fn every_axis_that_grows_is_reported() {
     let mut scene = scene(40, 0);
     scene.scales[3] = [0.1, 1e-6, 0.2];
     scene.scales[7] = [1e-7, 1e-8, 0.2];
     let (_, notes) = encode(&scene, SaveFormat::Spz, Some(Up::PlusY), &context()).unwrap();
-    let told: Vec<_> = notes.iter().filter(|note| note.id == "splats-grown").map(|note| &note.text).collect();
+    let reported: Vec<_> =
+        notes.iter().filter(|note| note.id == "splats-grown").map(|note| &note.text).collect();
     assert!(
-        told.len() == 1 && told[0].starts_with("3 of 120 axes") && told[0].contains("1.0e-8"),
-        "{told:?}"
+        reported.len() == 1 && reported[0].starts_with("3 of 120 axes") && reported[0].contains("1.0e-8"),
+        "{reported:?}"
     );
 }

@@ -1,4 +1,4 @@
-//! Writers of small files, straight from the descriptions of the formats.
+//! Writers of small files, written from the specifications of the formats.
 
 use std::io::Write;
 
@@ -266,7 +266,7 @@ fn webp(width: u32, height: u32, pixel: impl Fn(usize) -> [u8; 4]) -> Vec<u8> {
     out
 }
 
-/// Seven splats in SOG of either version, degree 1, both with the same numbers but for opacities.
+/// Seven splats in SOG of either version, degree 1, both with the same numbers except for opacities.
 pub fn sog(version: u32) -> Vec<(String, Vec<u8>)> {
     let names = ["means_l", "means_u", "scales", "quats", "sh0", "shN_centroids", "shN_labels"];
     let names = names.map(|name| format!("{name}.webp"));
@@ -361,7 +361,7 @@ pub fn zip(folder: &str, files: &[(String, Vec<u8>)], deflated: bool) -> Vec<u8>
     out
 }
 
-/// Two splats as GLB; `node` is the JSON of the node beside its mesh.
+/// Two splats as GLB; `node` is the JSON of the node in addition to its mesh.
 pub fn glb(node: &str, colours: &str) -> Vec<u8> {
     let mut binary: Vec<u8> = Vec::new();
     let (mut views, mut accessors, mut attributes) = (Vec::new(), Vec::new(), Vec::new());

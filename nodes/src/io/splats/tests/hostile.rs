@@ -1,5 +1,5 @@
-//! Every small file cut off everywhere and with every byte changed: an error or a scene, never a panic, and
-//! nothing that is not finite.
+//! Every small file truncated at every position and with every byte changed: an error or a scene, without a panic
+//! or non-finite values.
 
 use super::*;
 
@@ -33,10 +33,10 @@ fn is_sane(splats: &Splats) {
 #[test]
 fn cut_off_anywhere_is_an_error() {
     for (name, bytes) in all() {
-        // A `.splat` has no header, so one that ends with a row is whole.
+        // A `.splat` has no header, so one that ends after a row is complete.
         let whole = |length: usize| name == "splat" && length.is_multiple_of(32);
         for length in (0..bytes.len()).filter(|length| *length > 0 && !whole(*length)) {
-            // The empty space of a .ksplat header holds nothing to notice.
+            // The unused space of a .ksplat header has no effect.
             if name.starts_with("ksplat") && (64..4000).contains(&length) && length % 97 != 0 {
                 continue;
             }
@@ -62,7 +62,7 @@ fn any_changed_byte_is_survived() {
                 bytes[at] ^= change;
                 if let Ok((splats, _)) = read(&bytes) {
                     is_sane(&splats);
-                    // No count of splats beyond what the bytes may hold.
+                    // The number of splats is limited by the number of bytes.
                     assert!(splats.len() <= bytes.len(), "{name} at {at}");
                 }
                 bytes[at] ^= change;
@@ -71,7 +71,7 @@ fn any_changed_byte_is_survived() {
     }
 }
 
-// A few bytes that promise billions: refused at once, without the memory.
+// A few bytes that claim billions of splats: refused at once, without allocating memory.
 #[test]
 fn bombs_are_refused() {
     let mut spz = build::spz(4, 1);
@@ -106,7 +106,7 @@ fn bombs_are_refused() {
     }
 }
 
-/// Damage to files, the same on every machine.
+/// Reproducible damage to files.
 struct Damage(u64);
 
 impl Damage {
@@ -119,10 +119,10 @@ impl Damage {
         self.next() % end.max(1)
     }
 
-    /// One to eight changes: bits, bytes, numbers of the kind that overflow, pieces doubled, moved and left out.
+    /// One to eight changes: bits, bytes, numbers that may overflow, pieces duplicated, moved and removed.
     fn apply(&mut self, bytes: &mut Vec<u8>) {
         for _ in 0..=self.below(8) {
-            // Headers are short and what lies behind them is long: half of the changes are for them.
+            // Headers are short compared with the data: half of the changes are in the first 256 bytes.
             let end = if self.below(2) == 0 { bytes.len().min(256) } else { bytes.len() };
             let (at, length) = (self.below(end), 1 << self.below(9));
             let to = (at + length).min(bytes.len());
@@ -151,13 +151,13 @@ impl Damage {
     }
 }
 
-/// Files that are packed get their damage before: behind a checksum it would be refused unseen.
+/// Compressed files are damaged before compression, since the checksum would catch later damage.
 fn damaged(name: &str, bytes: &[u8], damage: &mut Damage) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     match name {
         "sog stored" | "sog deflated" if damage.below(4) > 0 => {
             let mut files = build::sog(if name == "sog stored" { 2 } else { 1 });
-            // The description is worth more than any picture.
+            // The description is more important than the pictures.
             let which = if damage.below(2) == 0 { 0 } else { damage.below(files.len()) };
             damage.apply(&mut files[which].1);
             build::zip("", &files, name == "sog deflated")
@@ -175,8 +175,8 @@ fn damaged(name: &str, bytes: &[u8], damage: &mut Damage) -> Vec<u8> {
     }
 }
 
-// Some thousand damaged files of every format. `LIGHTHARMONY_FUZZ=200000 cargo test damaged` tries as many of each;
-// `nodes/fuzz` has targets that find their way by coverage.
+// Some thousand damaged files of every format. `LIGHTHARMONY_FUZZ=200000 cargo test damaged` tries that many of
+// each; `nodes/fuzz` has coverage-guided targets.
 #[test]
 fn damaged_files_are_survived() {
     let wanted = std::env::var("LIGHTHARMONY_FUZZ").ok().and_then(|n| n.parse().ok());
@@ -198,7 +198,7 @@ fn damaged_files_are_survived() {
                 Err(_) => panic!("{name}: damaged file {number} of {} bytes: {file:02x?}", file.len()),
             }
         }
-        // Neither are all refused at the door, nor is none.
+        // Some files are accepted, and some are refused.
         assert!(scenes > 0, "{name}");
     }
 }

@@ -39,7 +39,7 @@ fn with(mut row: Vec<f32>, field: &str, value: f32) -> Vec<f32> {
 fn read(bytes: &[u8], strict: bool) -> Result<(Arc<Splats>, Notes), NodeError> {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("a.ply"), bytes).expect("writes");
-    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 };
+    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false };
     let params = LoadSplats {
         path: InputFile("a.ply".to_owned()),
         more: Vec::new(),
@@ -129,7 +129,7 @@ fn files_of_a_scene_are_appended_at_the_higher_degree() {
         max_extent: 1e6,
         frame: Frame::ByFormat,
     };
-    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 };
+    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false };
     let cx = Context::detached(scene, folder.path());
     let splats = LoadSplats::run(&params, In {}, &cx).expect("reads").0.splats;
     assert_eq!((splats.len(), splats.sh_degree, splats.sh.len()), (2, 1, 8));
@@ -148,7 +148,7 @@ fn sog_meta_of_other_versions_and_wrong_codebooks_are_refused() {
     assert!(says("[").contains("no SOG"));
 }
 
-/// A scene from somebody else reads nothing but what lies beside it. Mutation: the check of names dropped.
+/// An untrusted scene reads files in its own folder only. Mutation: the check of names dropped.
 #[test]
 fn sog_meta_names_only_what_lies_beside_it() {
     let files = build::sog(2);

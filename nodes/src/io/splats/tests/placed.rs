@@ -5,7 +5,7 @@ use engine::Scene;
 use super::*;
 
 fn at(up: Up, metres_per_unit: f64) -> Context {
-    Context::detached(Scene { up, metres_per_unit, seed: 0 }, ".")
+    Context::detached(Scene { up, metres_per_unit, seed: 0, exhaustive: false }, ".")
 }
 
 #[test]
@@ -24,7 +24,7 @@ fn glb_is_turned_and_scaled_as_objects_are() {
     let (turned, _) = from_bytes("a", &bytes, Frame::ByFormat, &at(Up::PlusZ, 2.0)).unwrap();
     near(&turned.means[0], &[0.5, -1.5, 1.0], 0.0);
     near(&turned.scales[1], &[0.2, 0.25, 0.0], 1e-8);
-    // What looked along +y looks along +z: -y is the first function of degree 1, z the second. +z went to -y.
+    // A feature along +y moves to +z: -y is the first function of degree 1, z the second. +z moved to -y.
     let before = stored.sh[1..4].to_vec();
     near(&turned.sh[1], &before[1], 1e-7);
     near(&turned.sh[2], &before[0].map(|v| -v), 1e-7);
@@ -38,7 +38,7 @@ fn nodes_of_glb_move_their_splats() {
     let bytes = build::glb(node, "lin_rec709_display");
     let (splats, _) = from_bytes("a", &bytes, Frame::ByFormat, &at(Up::PlusY, 1.0)).unwrap();
     assert_eq!(splats.encoding, SplatEncoding::Linear);
-    // A quarter turn about z, twice as large, 10 to the right.
+    // Rotated by 90 degrees about z, twice as large, 10 to the right.
     near(&splats.means[0], &[10.0 - 4.0, 2.0, 6.0], 1e-6);
     near(&splats.scales[0], &[0.2, 0.4, 0.6], 1e-7);
     let matrix = r#","matrix":[0,2,0,0,-2,0,0,0,0,0,2,0,10,0,0,1]"#;
@@ -64,7 +64,7 @@ fn spz_is_turned_by_its_format() {
         near(&[a[0], -a[1], -a[2]], b, 0.0);
     }
     for (a, b) in stored.quats.iter().zip(&turned.quats) {
-        // Half a turn about x: (0, 1, 0, 0) times q.
+        // A rotation by 180 degrees about x: (0, 1, 0, 0) times q.
         near(&[-a[1], a[0], -a[3], a[2]], b, 1e-7);
     }
     // y and z change sign, x does not.
@@ -91,14 +91,14 @@ fn spz_names_its_axes() {
         extended.extend_from_slice(&bytes[32..]);
         let (splats, _) = from_bytes("a", &extended, Frame::ByFormat, &at(Up::PlusY, 1.0)).unwrap();
         for (a, b) in plain.means.iter().zip(&splats.means) {
-            // 10 and more stands for the negative of the axis.
+            // 10 and more means the negative of the axis.
             let moved = expected.map(|i: usize| if i >= 10 { -a[i - 10] } else { a[i] });
             near(b, &moved, 0.0);
         }
     }
 }
 
-/// Drafts of `KHR_gaussian_splatting` held logarithms; a length below 0 gives them away.
+/// Drafts of `KHR_gaussian_splatting` stored logarithms, which a negative length reveals.
 #[test]
 fn scales_below_0_of_a_glb_are_logarithms() {
     let lengths = [0.1_f32, 0.2, 0.3, 0.4, 0.5, 1e-9];

@@ -1,4 +1,4 @@
-//! A build that cannot load it.
+//! Stand-in for builds without Open Image Denoise: every call is an error that names the feature.
 
 use engine::{Context, NodeError, Notes, SourceFile};
 
@@ -6,7 +6,7 @@ use super::super::means::{Field, VALUES};
 use super::super::view::View;
 
 pub(in super::super) fn sources() -> Result<Vec<SourceFile>, NodeError> {
-    Err(NodeError::new("this build cannot load Open Image Denoise: it lacks the feature `oidn`")
+    Err(NodeError::new("this build lacks the feature `oidn`, which loads Open Image Denoise")
         .at("method")
         .hint("build it with `--features oidn`, or use `Means`"))
 }

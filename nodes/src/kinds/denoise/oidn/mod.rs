@@ -1,4 +1,4 @@
-//! `Method::Oidn`: ratio and object by Open Image Denoise.
+//! `Method::Oidn`: filters ratio and object by Open Image Denoise.
 
 #[cfg(not(feature = "oidn"))]
 mod absent;

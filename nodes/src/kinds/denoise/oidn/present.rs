@@ -1,8 +1,8 @@
-//! A build that can, where it is installed.
+//! Open Image Denoise, loaded at run time if it is installed.
 //!
-//! What is handed over is what was best of several ways on `render-refs` (`docs/evidence/light-transport.md`): the ratio as
-//! a picture of its own, without guides, since it has no texture and the guides have edges that it has not; the object
-//! premultiplied, with its normals and, in place of an albedo, where it is.
+//! The inputs are those that worked best of several on `render-refs` (`docs/evidence/light-transport.md`): the
+//! ratio as a picture of its own without guides, since it has no texture and the guides have edges that the ratio
+//! has not; the object premultiplied, with its normals and with its alpha in place of an albedo.
 
 use std::sync::OnceLock;
 
@@ -16,7 +16,7 @@ fn found() -> Result<Found, NodeError> {
     oidn::find().map_err(|e| NodeError::new(e.to_string()).at("method").hint(oidn::Missing::HINT))
 }
 
-/// The library, loaded once in a process.
+/// The library, loaded once per process.
 fn library() -> Result<&'static Library, NodeError> {
     static LOADED: OnceLock<Library> = OnceLock::new();
     if let Some(library) = LOADED.get() {
@@ -29,7 +29,7 @@ fn library() -> Result<&'static Library, NodeError> {
 fn refused(error: Error) -> NodeError {
     match error {
         Error::Stopped => NodeError::cancelled(),
-        told => NodeError::new(told.to_string()).at("method").hint("install it anew, or use `Means`"),
+        reported => NodeError::new(reported.to_string()).at("method").hint("reinstall it, or use `Means`"),
     }
 }
 
@@ -41,19 +41,19 @@ pub(in super::super) fn sources() -> Result<Vec<SourceFile>, NodeError> {
 
 pub(in super::super) fn tell(notes: &mut Notes) -> Result<(), NodeError> {
     let text = format!(
-        "filtered by Open Image Denoise {}, whose bytes are not promised on another processor",
+        "filtered by Open Image Denoise {}, which may give other bytes on another processor",
         library()?.version()
     );
     notes.decision("oidn", text);
     Ok(())
 }
 
-/// What the library takes for two pictures at once: measured 0.6 kB a pixel of each, up to its bound.
+/// Memory of the library for two pictures at once: 0.6 kB per pixel of each were measured, up to a bound.
 pub(in super::super) fn bytes(pixels: usize) -> u64 {
     2 * (pixels as u64 * 640).min(oidn::MEMORY_BYTES) + pixels as u64 * 60
 }
 
-/// Averages of the receiver and of the object, as `Field::average` gives them: each on one thread.
+/// Averages of the receiver and of the object, as `Field::average` gives them: one thread each.
 pub(in super::super) fn filter(
     view: &View<'_>,
     [receiver, object]: [&Field; 2],
@@ -75,21 +75,21 @@ pub(in super::super) fn filter(
     Ok([lit, inserted])
 }
 
-/// R0 as it is, and what the filtered ratio leaves of it.
+/// R0 unchanged, and R1 as R0 times the filtered ratio.
 fn lit(
     library: &Library,
     size: [usize; 2],
     field: &Field,
     goes_on: &(dyn Fn() -> bool + Sync),
 ) -> Result<Vec<[f32; VALUES]>, Error> {
-    // Where there is no ratio nothing is changed either.
+    // Without a ratio, nothing is changed either.
     let ratio: Vec<f32> =
         field.pixels.iter().flat_map(|pixel| if pixel.there { pixel.signal } else { [1.0; 3] }).collect();
     let smooth = library.denoise(size, &ratio, None, goes_on)?;
     let values = |(i, smooth): (usize, &[f32; 3])| {
         let pixel = &field.pixels[i];
         let mut values = pixel.values;
-        // Light that came where there was none stays what it is.
+        // Light that was added where there was none stays unchanged.
         for k in (0..3).filter(|k| pixel.is_noisy() && pixel.values[*k] > 0.0) {
             values[3 + k] = values[k] * smooth[k].max(0.0);
         }
@@ -98,7 +98,7 @@ fn lit(
     Ok(smooth.as_chunks::<3>().0.iter().enumerate().map(values).collect())
 }
 
-/// The object's colour, its alpha as it is.
+/// The object's colour, with its alpha unchanged.
 fn inserted(
     library: &Library,
     size: [usize; 2],

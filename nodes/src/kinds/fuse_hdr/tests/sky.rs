@@ -1,4 +1,4 @@
-//! A sky that was not seen: when it is missed, and how bright it becomes.
+//! An unseen sky: when it is reported as missing, and how bright it becomes.
 
 use std::f64::consts::PI;
 
@@ -6,7 +6,7 @@ use super::*;
 use crate::light::energy::Energy;
 use crate::math::equirect::pixel_solid_angle;
 
-/// Radiance of the true sky, of which the upper rows of half of the columns were not seen.
+/// Radiance of the true sky. The upper rows of half of the columns were not seen.
 const SKY: f64 = 0.6;
 /// Albedo of the ground under it.
 const ALBEDO: f64 = 0.3;
@@ -15,13 +15,13 @@ fn hole(at: usize) -> bool {
     at / W < 9 && at % W < 32
 }
 
-/// Irradiance of the ground by a uniform sky of radiance 1, in the books.
+/// Irradiance of the ground by a uniform sky of radiance 1, as in the report.
 fn whole_sky() -> f64 {
     Energy::of(Up::PlusZ, W, &[1.0; W * H]).ground
 }
 
-/// A place in the open as a capture has it: `filled` in place of the sky above, a thin edge of that, and ground of which a
-/// part was not seen, where it was filled with white.
+/// An outdoor capture: `filled` in place of the sky above, a thin edge of it, and ground with an unseen part that
+/// was filled with white.
 fn capture(filled: f64, alpha: impl Fn(usize) -> f32) -> (Arc<Panorama>, Arc<Brackets>) {
     let ground = ALBEDO * SKY * whole_sky() / PI;
     let light = |at: usize| {
@@ -41,7 +41,7 @@ fn capture(filled: f64, alpha: impl Fn(usize) -> f32) -> (Arc<Panorama>, Arc<Bra
     (Arc::new(pano), brackets)
 }
 
-/// Alpha of that: the hole, thin leaves before the sky beside it, and a part of the ground.
+/// Alpha of the capture: the hole, thin leaves next to it, and a part of the ground.
 fn outdoors(at: usize) -> f32 {
     match at / W {
         _ if hole(at) => 0.0,
@@ -55,12 +55,13 @@ fn with(ground_albedo: f64) -> FuseHdr {
     FuseHdr { ground_albedo: Some(ground_albedo), ..params() }
 }
 
-fn told(notes: &Notes, id: &str) -> Option<String> {
+fn reported(notes: &Notes, id: &str) -> Option<String> {
     notes.iter().find(|note| note.id == id).map(|note| note.text.clone())
 }
 
-// The true sky comes back to where it was not seen, whatever the hole was filled with, and is in the books.
-// Mutation: `self.seen` to `self.light` in `sky`, `GROUND_ALPHA` to 0, or the pixels of the sky left out of `energy`.
+// The true sky is recovered where it was not seen, whatever the hole was filled with, and is in the report.
+// Mutation: `self.seen` to `self.light` in `sky`, `GROUND_ALPHA` to 0, or the pixels of the sky left out of
+// `energy`.
 #[test]
 fn a_sky_that_was_not_seen_is_as_bright_as_the_ground_needs() {
     for filled in [0.02, 0.3] {
@@ -76,16 +77,16 @@ fn a_sky_that_was_not_seen_is_as_bright_as_the_ground_needs() {
                 assert!(found[0] == found[1] && found[1] == found[2], "white");
             }
         }
-        let text = told(&notes, "sky-added").unwrap_or_default();
+        let text = reported(&notes, "sky-added").unwrap_or_default();
         assert!(text.contains("radiance 0.6000") && text.contains("albedo of 0.3"), "{text}");
         let Cell::Number(ground) = out.report.tables[1].rows[1][2] else { panic!("a number") };
         assert!((ground / (SKY * whole_sky()) - 1.0).abs() < 1e-4, "{ground}");
         assert!(out.report.tables[2].columns.iter().any(|step| step == "sky"));
-        assert_eq!(told(&notes, "sky-missing"), None);
+        assert_eq!(reported(&notes, "sky-missing"), None);
     }
 }
 
-// A darker ground needs more light; what was seen is the same to the bit. Mutation: `/ albedo` to `* albedo`.
+// A darker ground needs more light; visible pixels stay the same bit for bit. Mutation: `/ albedo` to `* albedo`.
 #[test]
 fn the_darker_the_ground_the_brighter_the_sky() {
     let at_hole = |albedo: f64| run(&with(albedo), capture(0.3, outdoors)).0.env.image.samples[0];
@@ -93,7 +94,7 @@ fn the_darker_the_ground_the_brighter_the_sky() {
     assert!(skies.is_sorted_by(|a, b| a > b), "{skies:?}");
     let (out, notes) = run(&with(1.0), capture(0.3, outdoors));
     assert_eq!(out.env.image.samples[0], 0.0, "what was seen is light enough");
-    assert!(told(&notes, "sky-black").is_some());
+    assert!(reported(&notes, "sky-black").is_some());
 }
 
 // Without the parameter alpha changes nothing. Mutation: `None` in `run` as `Some(0.3)`.
@@ -105,7 +106,7 @@ fn without_an_albedo_holes_stay_as_they_were_filled() {
     assert_eq!(out.env.image.samples.as_chunks::<3>().0, own);
 }
 
-// A sky is missing where the ground is too bright for the light and a part of the upper half was not seen.
+// A sky counts as missing if the ground is too bright for the light and a part of the upper half was not seen.
 // Mutation: `MOST_ALBEDO` to 3, or either condition of `tell` to true.
 #[test]
 fn a_missing_sky_is_reported_where_the_ground_needs_it() {
@@ -116,7 +117,7 @@ fn a_missing_sky_is_reported_where_the_ground_needs_it() {
         pano.alpha.samples = (0..W * H).map(alpha).collect();
         run(&params(), (Arc::new(pano), brackets)).1
     };
-    let text = told(&dim(0.25, &outdoors), "sky-missing").unwrap_or_default();
+    let text = reported(&dim(0.25, &outdoors), "sky-missing").unwrap_or_default();
     assert!(text.contains("would be 1.60") && text.contains("`ground_albedo`"), "{text}");
     let weight = |y: usize| num::f64::cos(PI * (y as f64 + 0.5) / H as f64) * pixel_solid_angle(W, H, y);
     let unseen: f64 = (0..W * H / 2).map(|at| weight(at / W) * f64::from(1.0 - outdoors(at))).sum();
@@ -127,19 +128,19 @@ fn a_missing_sky_is_reported_where_the_ground_needs_it() {
     let cases: [(f32, &dyn Fn(usize) -> f32); 4] =
         [(0.25, &|_| 1.0), (0.25, &few), (0.25, &no_ground), (0.5, &outdoors)];
     for (i, (sky, alpha)) in cases.into_iter().enumerate() {
-        assert_eq!(told(&dim(sky, alpha), "sky-missing"), None, "case {i}");
+        assert_eq!(reported(&dim(sky, alpha), "sky-missing"), None, "case {i}");
     }
 }
 
-// Where there is no place for a sky, or no ground to judge by, the panorama is kept, and that is told.
-// Mutation: either early return of `sky` left out.
+// Without a place for a sky, or without ground to measure, the panorama is kept, and that is reported. Mutation:
+// either early return of `sky` left out.
 #[test]
 fn an_albedo_that_has_nothing_to_act_on_is_reported() {
     let no_ground = |at: usize| if at / W < H / 2 { outdoors(at) } else { 0.0 };
     for (base, brackets) in [capture(0.3, |_| 1.0), capture(0.3, no_ground)] {
         let own = linear_pixels(&base.image, Transfer::Srgb).rgb;
         let (out, notes) = run(&with(ALBEDO), (base, brackets));
-        assert!(told(&notes, "ground-albedo-unused").is_some());
+        assert!(reported(&notes, "ground-albedo-unused").is_some());
         assert_eq!(out.env.image.samples.as_chunks::<3>().0, own);
     }
 }

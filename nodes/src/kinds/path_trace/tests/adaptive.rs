@@ -1,10 +1,10 @@
-//! Samples where they are needed, and what is told of the error that is left.
+//! Adaptive sampling, and the reported errors.
 
 use super::*;
 use crate::types::Cell;
 
 fn until(error: f64, samples: u32) -> PathTrace {
-    PathTrace { max_error: Some(error), ..params(samples, EnvBlock::Solid) }
+    PathTrace { max_error: Some(error), ..params(samples, Surroundings::OPEN) }
 }
 
 /// The scene of [`shadowed`] seen from so far that most of it is not in the shadow.
@@ -34,7 +34,7 @@ fn plan(out: &Out) -> Vec<f64> {
 fn blocks_are_those_of_whole_pictures() {
     let (plane, objects, rig) = far(96);
     let render = |p: &PathTrace| render(p, &plane, &objects, &rig, &sunny());
-    let (few, all) = (render(&params(4, EnvBlock::Solid)).0, render(&params(16, EnvBlock::Solid)).0);
+    let (few, all) = (render(&params(4, Surroundings::OPEN)).0, render(&params(16, Surroundings::OPEN)).0);
     let (never, notes) = render(&until(1e-6, 16));
     let whole = samples(&never.with).chunks(3).zip(samples(&all.with).chunks(3));
     let same = whole.filter(|(a, b)| a == b).count();
@@ -68,8 +68,8 @@ fn fewer_samples_than_the_first_are_raised_to_it() {
         assert!(PathTrace::check(&until(1e-6, samples)).is_ok());
         let (out, notes) = render(&until(1e-6, samples));
         assert_eq!(layers(&out), layers(&four));
-        assert!(raised(&notes) && notes.is_degraded(), "what 4 do not reach is told");
-        assert!(!raised(&render(&params(samples, EnvBlock::Solid)).1));
+        assert!(raised(&notes) && notes.is_degraded(), "an error that 4 do not reach is reported");
+        assert!(!raised(&render(&params(samples, Surroundings::OPEN)).1));
     }
 }
 
@@ -92,15 +92,18 @@ fn the_error_asked_for_is_reached() {
     assert!(blocks == 9.0 && (1.0..9.0).contains(&more), "{more}");
     assert!((4.0..128.0).contains(&mean));
     assert_eq!(layers(&trace(&until(0.05, 256), 1).0), layers(&out));
-    let sixteenth = trace(&params(16, EnvBlock::Solid), 3).2;
+    let sixteenth = trace(&params(16, Surroundings::OPEN), 3).2;
     assert!(rays < 8 * sixteenth, "{rays} {sixteenth}");
 }
 
-/// Renders of other seeds, and of each a value a pixel and what is told of its variance.
+/// Renders with other seeds, and for each a value per pixel and its reported variance.
 fn seeds(p: &PathTrace, n: u64, layer: usize) -> Vec<Vec<[f64; 2]>> {
     let (plane, objects, rig) = shadowed();
     let render = |seed| {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 100 + seed }, ".");
+        let cx = Context::detached(
+            Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 100 + seed, exhaustive: false },
+            ".",
+        );
         let (out, _) = render_in(&cx, p, &plane, &objects, &rig, &sunny());
         let of = |images: &Images, i: usize| {
             let channels = images.0[0].picture.size().2;
@@ -116,13 +119,13 @@ fn seeds(p: &PathTrace, n: u64, layer: usize) -> Vec<Vec<[f64; 2]>> {
     (0..n).map(render).collect()
 }
 
-// The variance that is told is that of twenty seeds, or up to a few times as much, since it takes stratified
-// samples for independent ones.
+// The reported variance is that of twenty seeds, or up to a few times as much, since stratified samples are treated
+// as independent.
 #[test]
 fn variance_is_that_of_many_seeds() {
     for n in [2, 4, 16] {
         for layer in [0, 2, 3] {
-            let outs = seeds(&params(n, EnvBlock::Solid), 20, layer);
+            let outs = seeds(&params(n, Surroundings::OPEN), 20, layer);
             let (mut told, mut is) = (0.0, 0.0);
             for i in 0..32 * 32 {
                 let mean = outs.iter().map(|out| out[i][0]).sum::<f64>() / 20.0;
@@ -149,7 +152,7 @@ fn beyond(a: &[[f64; 2]], b: &[[f64; 2]]) -> ([f64; 2], f64) {
 #[test]
 fn two_seeds_agree_to_their_errors() {
     for layer in [0, 2, 3] {
-        let outs = seeds(&params(16, EnvBlock::Solid), 2, layer);
+        let outs = seeds(&params(16, Surroundings::OPEN), 2, layer);
         let (shares, n) = beyond(&outs[0], &outs[1]);
         for (share, expected) in shares.into_iter().zip([0.0455_f64, 0.0027]) {
             let most = expected + 3.0 * (expected * (1.0 - expected) / n).sqrt();
@@ -160,12 +163,12 @@ fn two_seeds_agree_to_their_errors() {
     }
 }
 
-// Stopping at an error does not bend what is told: the interval of two standard errors around a pixel holds the
-// mean of other seeds as often as it should, where samples are adapted too.
+// Adaptive stopping does not bias the reports: the interval of two standard errors around a pixel contains the mean
+// of other seeds as often as it should.
 #[test]
 fn intervals_cover_where_samples_are_adapted() {
     let outs = seeds(&until(0.03, 64), 20, 3);
-    let truth = seeds(&params(256, EnvBlock::Solid), 4, 3);
+    let truth = seeds(&params(256, Surroundings::OPEN), 4, 3);
     let (mut within, mut all, mut bias) = (0.0, 0.0, 0.0);
     for i in 0..32 * 32 {
         let mean = truth.iter().map(|out| out[i][0]).sum::<f64>() / 4.0;
@@ -179,7 +182,8 @@ fn intervals_cover_where_samples_are_adapted() {
     assert!((bias / all).abs() < 2e-3, "{}", bias / all);
 }
 
-/// Where the error is not reached the note tells what would reach it: errors fall with the root of the samples.
+/// Where the error is not reached, the note states the samples that would reach it: errors fall with the square
+/// root.
 #[test]
 fn what_would_reach_the_error_is_reported() {
     use crate::kinds::path_trace::reporting::report_plan;
@@ -192,9 +196,7 @@ fn what_would_reach_the_error_is_reported() {
         notes.iter().find(|n| n.id == "error-not-reached").map(|n| n.text.clone()).expect("a note")
     };
     let text = told(0.01, 0.051);
-    assert!(
-        text.contains("16 samples a pixel leave 2 of 4 blocks") && text.contains("above the 0.01 asked for")
-    );
-    assert!(text.contains("about 420 `samples`") && text.contains("`max_error` of 5.10e-2"), "{text}");
-    assert!(told(1e-6, 0.05).contains("more `samples` than may be asked for"));
+    assert!(text.contains("after 16 samples per pixel, 2 of 4 blocks") && text.contains("above 0.01"));
+    assert!(text.contains("`samples` to about 420") && text.contains("`max_error` to 5.10e-2"), "{text}");
+    assert!(told(1e-6, 0.05).contains("more `samples` than the maximum"));
 }

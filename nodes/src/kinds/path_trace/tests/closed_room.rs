@@ -11,13 +11,13 @@ fn cube(material: &Material, z: f64) -> [Arc<Placed>; 1] {
     [placed(&box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.4], false), material.clone(), DVec3::Z * z)]
 }
 
-/// Of the foot of the cube at some height and what it stands on; a centimetre is three pixels.
+/// A view of the foot of the cube at some height and its surroundings; a centimetre is three pixels.
 fn at_the_foot(z: f64) -> Arc<Rig> {
     rig(DVec3::new(-1.0, 0.05, 0.3 + z), DVec3::new(-0.2, 0.0, z), 24, 20.0)
 }
 
-fn told(env_block: EnvBlock, near_field: NearField) -> PathTrace {
-    PathTrace { contact_metres: Some(0.02), near_field, ..params(64, env_block) }
+fn told(surroundings: Surroundings) -> PathTrace {
+    PathTrace { contact_metres: Some(0.02), ..params(64, surroundings) }
 }
 
 /// No light gets into a room without openings, on the floor or on what stands on it.
@@ -27,7 +27,7 @@ fn no_light_gets_in_under_a_foot() {
     let mirror = Material { double_sided: true, ..Material::default() };
     for material in [matte(0.6), mirror, clear(0.9, Some([0.0; 3]), 1.5)] {
         for z in HEIGHTS {
-            let params = told(EnvBlock::Solid, NearField::Off);
+            let params = told(Surroundings::OPEN);
             let (out, _) = render(&params, &room(), &cube(&material, z), &at_the_foot(z), &white());
             let object = samples(&out.object).chunks(4);
             assert!(object.clone().any(|pixel| pixel[3] == 1.0), "it is seen");
@@ -45,11 +45,9 @@ fn a_sunk_foot_is_lit_like_one_on_the_floor() {
     let half = env.image.samples.len() / 2;
     env.image.samples[..half].fill(1.0);
     env.origin = Some(DVec3::new(-0.5, 0.4, 1.6));
-    for (env_block, near_field) in
-        [(EnvBlock::Auto, NearField::On), (EnvBlock::FrontFace { max_layers: 3 }, NearField::Off)]
-    {
+    for surroundings in [Surroundings::Projected, Surroundings::ROOM] {
         let seen = |z: f64| {
-            let params = told(env_block, near_field);
+            let params = told(surroundings);
             let (out, _) = render(&params, &room(), &cube(&matte(0.6), z), &at_the_foot(z), &env);
             [covered(&out.object), mean(&out.with)]
         };
@@ -58,15 +56,15 @@ fn a_sunk_foot_is_lit_like_one_on_the_floor() {
             let found = seen(*z);
             for k in 0..2 {
                 let off = found[k] / over[k] - 1.0;
-                assert!(off.abs() < 0.03, "{near_field:?}, {env_block:?}, {z}: {found:?} for {over:?}");
+                assert!(off.abs() < 0.03, "{surroundings:?}, {z}: {found:?} for {over:?}");
             }
         }
     }
 }
 
-/// What lies beyond the walls of a room takes none of its light: their outer side, the next room, another storey. What
-/// stands in it does, and of a mesh of which each face is there from both sides all light passes.
-/// Mutation: `outside` to `false` in `Block::passes`; `lit_share` not asked in `Probe::decide` (each seen red).
+/// Surfaces beyond the walls of a room block none of its light: their outer side, the next room, another storey.
+/// Surfaces in the room do, and a mesh with every face from both sides blocks none. Mutation: `outside` to `false`
+/// in `Block::passes`; `lit_share` not asked in `Probe::decide` (each seen red).
 #[test]
 fn what_is_beyond_the_walls_takes_no_light() {
     let beside = |low: [f32; 3], high: [f32; 3]| box_mesh(low, high, true);
@@ -77,15 +75,15 @@ fn what_is_beyond_the_walls_takes_no_light() {
     let twice = box_mesh([-2.0, -2.0, 0.0], [2.0, 2.0, 4.0], false);
     let object = [ball(0.5, matte(0.5), DVec3::new(0.5, 0.5, 1.0))];
     let seen = |mesh: &Mesh| {
-        let (out, notes) = render(&params(16, EnvBlock::Auto), mesh, &object, &inside(), &white());
-        let told = notes.iter().find(|note| note.id == "env-block").expect("told").text.clone();
+        let (out, notes) = render(&params(16, Surroundings::Auto), mesh, &object, &inside(), &white());
+        let told = notes.iter().find(|note| note.id == "surroundings").expect("a decision").text.clone();
         ([mean(&out.without), mean(&out.with), covered(&out.object)], told)
     };
     let (alone, told) = seen(&merge(room(), nothing));
-    assert!(told.starts_with("FrontFace") && told.contains("100.0 % of them, past"), "{told}");
+    assert!(told.starts_with("Room") && told.contains("100.0 % of the rays are lit"), "{told}");
     for around in [outer.clone(), next.clone(), merge(outer, next), storey] {
         let (found, told) = seen(&merge(room(), around));
-        assert!(told.starts_with("FrontFace"), "{told}");
+        assert!(told.starts_with("Room"), "{told}");
         for (a, b) in alone.iter().zip(found) {
             assert!((a / b - 1.0).abs() < 1e-6, "{alone:?} {found:?}: {told}");
         }
@@ -96,14 +94,14 @@ fn what_is_beyond_the_walls_takes_no_light() {
     let holed = walls.into_iter().fold(beside([-10.0; 3], [10.0; 3]), merge);
     for mesh in [merge(room(), twice), holed] {
         let (found, told) = seen(&mesh);
-        assert!(told.starts_with("Pass") && (found[0] - 0.5).abs() < 5e-3, "{told}: {found:?}");
+        assert!(told.starts_with("Transparent") && (found[0] - 0.5).abs() < 5e-3, "{told}: {found:?}");
     }
     let table = box_mesh([-0.5, -0.5, 0.5], [0.5, 0.5, 1.0], false);
     let (furnished, told) = seen(&merge(room(), table));
-    assert!(told.starts_with("FrontFace") && furnished[0] < 0.95 * alone[0], "{told}: {furnished:?}");
+    assert!(told.starts_with("Room") && furnished[0] < 0.95 * alone[0], "{told}: {furnished:?}");
 }
 
-/// What stands behind a wall, in the next room, changes nothing in this one: the light of the wall starts there.
+/// An object behind a wall, in the next room, changes nothing in this one: the light of the wall starts there.
 /// Mutation: in `sky_transmittance` return `all`; `before_the_light` give back what it is given (each seen red).
 #[test]
 fn objects_behind_a_wall_change_nothing() {
@@ -111,25 +109,25 @@ fn objects_behind_a_wall_change_nothing() {
     let far = ball(0.9, matte(0.3), DVec3::new(3.5, 0.5, 1.5));
     let mirror = Material { roughness: 0.0, double_sided: true, ..Material::default() };
     let own = ball(0.3, mirror, DVec3::new(0.5, 0.5, 1.0));
-    for (env_block, near_field) in [
-        (EnvBlock::Auto, NearField::On),
-        (EnvBlock::FrontFace { max_layers: 3 }, NearField::Off),
-        (EnvBlock::Pass, NearField::Off),
-        (EnvBlock::PassBeyond { metres: 1.0 }, NearField::Off),
+    for surroundings in [
+        Surroundings::Projected,
+        Surroundings::ROOM,
+        Surroundings::TRANSPARENT,
+        Surroundings::Within { metres: 1.0, bounces: false },
     ] {
         env.origin = Some(DVec3::new(0.0, 0.0, 1.6));
-        let params = PathTrace { near_field, ..params(16, env_block) };
+        let params = params(16, surroundings);
         let go = |objects: &[Arc<Placed>], env| render(&params, &room(), objects, &inside(), env).0;
         let out = go(std::slice::from_ref(&far), &env);
         let differ = samples(&out.with).iter().zip(samples(&out.without)).filter(|(a, b)| a != b).count();
-        assert_eq!(differ, 0, "{env_block:?}");
+        assert_eq!(differ, 0, "{surroundings:?}");
         // Without suns, which the mirror would throw onto few places of the walls, found by chance.
         let mut dim = env.clone();
         dim.image.samples.iter_mut().for_each(|v| *v = v.min(2.0));
         let [alone, both] =
             [vec![own.clone()], vec![own.clone(), far.clone()]].map(|objects| go(&objects, &dim));
         for (a, b) in [(&alone.object, &both.object), (&alone.with, &both.with)] {
-            assert!((mean(a) / mean(b) - 1.0).abs() < 1e-3, "{env_block:?}: {} {}", mean(a), mean(b));
+            assert!((mean(a) / mean(b) - 1.0).abs() < 1e-3, "{surroundings:?}: {} {}", mean(a), mean(b));
         }
     }
 }
@@ -160,7 +158,7 @@ fn lamps_light_the_ground_where_the_camera_sees_it() {
     };
     let camera = rig(DVec3::new(0.0, -2.0, 1.2), DVec3::new(0.0, -0.3, 0.0), 24, 4.0);
     let added = |z: f32, objects: &[Arc<Placed>]| {
-        let params = PathTrace { contact_metres: Some(0.05), ..params(128, EnvBlock::Solid) };
+        let params = PathTrace { contact_metres: Some(0.05), ..params(128, Surroundings::OPEN) };
         let env = constant(Up::PlusZ, [0.2; 3], 64);
         let (out, _) = render(&params, &ground(z), objects, &camera, &env);
         // Of what the object does not cover.
@@ -193,7 +191,7 @@ fn a_rug_under_a_box_stays_in_front_of_the_floor() {
     let seen = |z: f64| -> f64 {
         let objects = [rug(z), block.clone(), pendant.clone()];
         // A floor of small triangles near the objects, since rounding is judged by the largest.
-        let (out, _) = render(&params(16, EnvBlock::Solid), &plane(1.0), &objects, &camera, &white());
+        let (out, _) = render(&params(16, Surroundings::OPEN), &plane(1.0), &objects, &camera, &white());
         samples(&out.object).chunks(4).map(|pixel| f64::from(pixel[3])).sum()
     };
     let (over, on) = (seen(0.002), seen(0.0));

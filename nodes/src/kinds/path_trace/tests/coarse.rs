@@ -13,7 +13,7 @@ fn a_block_is_the_pixel_that_stands_for_it() {
     let rig = Arc::new(rig);
     let trace = |coarse_px: u32| {
         let cx = context();
-        let params = PathTrace { coarse_px, ..params(16, EnvBlock::Solid) };
+        let params = PathTrace { coarse_px, ..params(16, Surroundings::OPEN) };
         let (out, _) = render_in(&cx, &params, &plane, &objects, &rig, &white());
         (out, cx.counts()["camera_rays"])
     };

@@ -1,4 +1,4 @@
-//! What is left out where the objects are too far to matter.
+//! Cropping of tiles that objects are too far from.
 
 use super::*;
 use crate::geometry::sampling::{hash, unit};
@@ -12,7 +12,7 @@ struct Afar {
     how: PathTrace,
 }
 
-/// What a trace gave: S by pixels and channels, rays, and the note.
+/// The result of a trace: S by pixels and channels, rays, and the note.
 struct Traced {
     ratio: Vec<f64>,
     rays: u64,
@@ -23,7 +23,7 @@ struct Traced {
 impl Afar {
     fn new(env: Environment, material: Material) -> Self {
         let object = ball(0.4, material, DVec3::new(0.0, 0.0, 0.5));
-        Self { receiver: plane(40.0), object, env, how: params(16, EnvBlock::Solid) }
+        Self { receiver: plane(40.0), object, env, how: params(16, Surroundings::OPEN) }
     }
 
     fn trace(&self, crop: f64, with: bool) -> Traced {
@@ -100,7 +100,7 @@ fn nothing_is_left_out_that_no_bound_is_known_of() {
             Afar {
                 receiver,
                 env: near,
-                how: PathTrace { near_field: NearField::On, ..floor().how },
+                how: PathTrace { surroundings: Surroundings::Projected, ..floor().how },
                 ..floor()
             }
         }),
@@ -111,7 +111,7 @@ fn nothing_is_left_out_that_no_bound_is_known_of() {
         assert_eq!(found.ratio, scene.trace(0.0, true).ratio, "{name}");
     }
     // What scattered rays do not meet throws nothing back.
-    let how = PathTrace { bounce: Bounce::Env, ..floor().how };
+    let how = PathTrace { surroundings: Surroundings::Open { bounces: false }, ..floor().how };
     let scene = Afar { receiver: merge(plane(40.0), wall), how, ..floor() };
     assert!(scene.trace(0.004, true).told.is_some());
 }
@@ -152,9 +152,8 @@ fn no_scene_changes_more_than_the_bound() {
             3 => merge(plane(30.0), box_mesh(step, [step[0] + 2.0, 3.0, 0.3 * random() as f32], false)),
             _ => plane(30.0),
         };
-        let block = if scene % 5 == 4 { EnvBlock::Pass } else { EnvBlock::Solid };
-        let near_field = if near { NearField::On } else { NearField::Off };
-        let how = PathTrace { near_field, ..params(4, block) };
+        let block = if scene % 5 == 4 { Surroundings::TRANSPARENT } else { Surroundings::OPEN };
+        let how = params(4, if near { Surroundings::Projected } else { block });
         let few = Afar { receiver, object, env, how };
         let limit = 0.01 + 0.09 * random();
         let (cropped, full) = (few.trace_in(limit, true, 24), few.trace_in(0.0, true, 24));
@@ -177,7 +176,8 @@ fn no_scene_changes_more_than_the_bound() {
     assert!(left_out > 40, "{left_out} tiles");
 }
 
-/// An object far from all that the camera sees costs no ray beside those that may see it, aside or overhead.
+/// An object far from all visible surfaces costs no ray in addition to those that may see it, to the side or
+/// overhead.
 #[test]
 fn no_ray_asks_an_object_that_is_far_from_all() {
     for (at, env) in
@@ -210,7 +210,7 @@ fn near_light_is_not_asked_for_what_is_far() {
     };
     let scene = |receiver: Mesh, at: DVec3| {
         let env = Environment { origin: Some(DVec3::new(0.0, 0.0, 2.0)), ..sunny() };
-        let how = PathTrace { near_field: NearField::On, ..params(4, EnvBlock::Auto) };
+        let how = params(4, Surroundings::Projected);
         Afar { receiver, object: ball(0.4, matte(0.5), at), env, how }
     };
     for at in [DVec3::Z * 300.0, DVec3::new(900.0, 0.0, 10.0)] {

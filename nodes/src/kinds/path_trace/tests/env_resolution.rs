@@ -3,7 +3,7 @@
 use super::*;
 use crate::light::env_resolution::EnvResolution;
 
-/// A blue sky over brown ground with a disc of light, 40 degrees up, of so many degrees.
+/// A blue sky over brown ground with a disc of light of a width in degrees, 40 degrees up.
 fn lit(width: usize, disc_deg: f64) -> Environment {
     let mut environment = constant(Up::PlusZ, [0.0; 3], width);
     let (sin, cos) = crate::math::num::sin_cos_deg(40.0);
@@ -84,7 +84,8 @@ fn an_aureole_does_not_widen_the_sun() {
     assert_eq!(columns(120.0), 256);
 }
 
-/// What suffices changes the shadow by less than 1 % and the object by less than 2 %, both root mean square.
+/// A sufficient resolution changes the shadow by less than 1 % and the object by less than 2 %, both root mean
+/// square.
 #[test]
 fn what_is_reported_to_suffice_does() {
     let fine = lit(512, 24.0);
@@ -99,7 +100,7 @@ fn what_is_reported_to_suffice_does() {
         assert!(coarse.image.width <= 256, "{enough:?}");
         let seen = |environment: &Environment| {
             let (out, notes) =
-                render(&params(64, EnvBlock::Solid), &plane(3.0), &objects, &camera, environment);
+                render(&params(64, Surroundings::OPEN), &plane(3.0), &objects, &camera, environment);
             let told = notes.iter().any(|note| note.id == "finer-than-needed");
             assert_eq!(told, environment.image.width >= 2 * enough.columns);
             let ratio = samples(&out.with).iter().zip(samples(&out.without)).map(|(a, b)| f64::from(a / b));

@@ -21,7 +21,7 @@ fn furnace_holds_in_the_scene() {
                 far.cameras[0].world_from_camera[12 + k] += at.to_array()[k];
             }
             let (out, _) =
-                render(&params(64, EnvBlock::Solid), &Mesh::default(), &object, &Arc::new(far), &white());
+                render(&params(64, Surroundings::OPEN), &Mesh::default(), &object, &Arc::new(far), &white());
             let got = covered(&out.object);
             assert!((got - 1.0).abs() < tolerance, "{} {}: {got}", material.metallic, material.roughness);
         }
@@ -42,7 +42,7 @@ fn a_white_body_is_white_in_every_pose() {
     ] {
         let world_from_object = DMat4::from_mat3(glam::DMat3::from_cols_array(&columns));
         let posed = [Arc::new(Placed { object: body.object.clone(), world_from_object })];
-        let (out, _) = render(&params(16, EnvBlock::Solid), &Mesh::default(), &posed, &camera, &white());
+        let (out, _) = render(&params(16, Surroundings::OPEN), &Mesh::default(), &posed, &camera, &white());
         let lost = (covered(&out.object) - 1.0).abs();
         row(68, "light lost or made by a white body, mirrored, sheared or flat", lost, 0.01);
     }
@@ -62,7 +62,7 @@ fn far_and_tiny_objects_do_not_shade_themselves() {
             let way = &mut moved.cameras[0].world_from_camera[12 + k];
             *way = *way * scale + at.to_array()[k];
         }
-        let (out, _) = render(&params(16, EnvBlock::Solid), receiver, &object, &Arc::new(moved), &white());
+        let (out, _) = render(&params(16, Surroundings::OPEN), receiver, &object, &Arc::new(moved), &white());
         covered(&out.object)
     };
     let empty = Mesh::default();
@@ -82,7 +82,7 @@ fn far_and_tiny_objects_do_not_shade_themselves() {
 fn a_stray_triangle_and_a_huge_floor_change_nothing() {
     let (_, objects, rig) = shadowed();
     let picture = |receiver: &Mesh| {
-        let (out, notes) = render(&params(16, EnvBlock::Solid), receiver, &objects, &rig, &sunny());
+        let (out, notes) = render(&params(16, Surroundings::OPEN), receiver, &objects, &rig, &sunny());
         assert!(!notes.iter().any(|note| note.id == "coarse-coordinates"));
         [samples(&out.with).to_vec(), samples(&out.without).to_vec(), samples(&out.object).to_vec()].concat()
     };
@@ -104,13 +104,13 @@ fn a_stray_triangle_and_a_huge_floor_change_nothing() {
     }
 }
 
-// Where coordinates are too coarse all the same, that is told.
+// Coordinates that are too coarse all the same are reported.
 #[test]
 fn an_object_too_far_for_its_size_is_reported() {
     let told = |distance: f64| {
         let camera = rig(DVec3::new(0.0, -distance, 0.0), DVec3::ZERO, 4, 2.0 * distance);
         let object = [ball(0.5, matte(0.5), DVec3::ZERO)];
-        let (_, notes) = render(&params(1, EnvBlock::Solid), &plane(2.0), &object, &camera, &white());
+        let (_, notes) = render(&params(1, Surroundings::OPEN), &plane(2.0), &object, &camera, &white());
         notes.iter().any(|note| note.id == "coarse-coordinates")
     };
     assert!(!told(1e3) && told(1e4));
@@ -136,7 +136,7 @@ fn a_scene_may_lie_anywhere_and_have_any_size() {
         for k in 0..3 {
             pose[12 + k] = pose[12 + k] * scale + by.to_array()[k];
         }
-        let p = params(16, EnvBlock::Solid);
+        let p = params(16, Surroundings::OPEN);
         let (out, _) = render(&p, &receiver, &objects, &Arc::new(camera), &sunny());
         [samples(&out.without).to_vec(), samples(&out.with).to_vec(), samples(&out.object).to_vec()].concat()
     };
@@ -162,7 +162,7 @@ fn contact_shadow_is_dark_and_monotone_in_the_gap() {
     for gap in [0.0, 1e-6, 1e-4, 1e-2, 1e-1] {
         let cube = box_mesh([-0.5, -0.5, 0.0], [0.5, 0.5, 1.0], false);
         let object = [placed(&cube, matte(0.5), DVec3::new(0.0, 0.0, gap))];
-        let (out, _) = render(&params(16, EnvBlock::Solid), &plane(3.0), &object, &below, &white());
+        let (out, _) = render(&params(16, Surroundings::OPEN), &plane(3.0), &object, &below, &white());
         let lit = mean(&out.with);
         assert!(lit >= last - 1e-3, "gap {gap}: {lit} after {last}");
         if gap <= 1e-6 {
@@ -184,8 +184,9 @@ fn errors_fall_with_samples_whatever_the_seed() {
     (camera.cx, camera.cy) = (camera.cx - 10.0, camera.cy - 10.0);
     let small = Arc::new(small);
     let with = |n, seed| {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed }, ".");
-        let (out, _) = render_in(&cx, &params(n, EnvBlock::Solid), &plane, &objects, &small, &sunny());
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed, exhaustive: false }, ".");
+        let (out, _) = render_in(&cx, &params(n, Surroundings::OPEN), &plane, &objects, &small, &sunny());
         samples(&out.with).iter().map(|v| f64::from(*v)).collect::<Vec<_>>()
     };
     let truth = with(4096, 1);
@@ -205,15 +206,15 @@ fn errors_fall_with_samples_whatever_the_seed() {
     row(47, "bias of one sample, by the mean of 32", off, 0.01);
 }
 
-/// The most samples that there may be: what they add up to is their mean in double precision, and a closed form is met as
-/// so many independent ones would, or better.
-/// Mutation: `*sum` kept in single precision by `Accumulator::add` (seen red).
+/// The maximum number of samples adds up to their mean in double precision, and agrees with a closed form as well
+/// as independent samples would, or better. Mutation: `*sum` kept in single precision by `Accumulator::add` (seen
+/// red).
 #[test]
 fn a_million_samples_add_up() {
     const MOST: u32 = 1 << 20;
     let one = |receiver: &Mesh, env: &Environment, n| {
         let camera = rig(DVec3::new(0.0, 0.0, 1.0), DVec3::new(0.0, 1e-3, 0.0), 1, 50.0);
-        mean(&render(&params(n, EnvBlock::Pass), receiver, &[], &camera, env).0.without)
+        mean(&render(&params(n, Surroundings::TRANSPARENT), receiver, &[], &camera, env).0.without)
     };
     let tenth = constant(Up::PlusZ, [0.1; 3], 8);
     let off = (one(&Mesh::default(), &tenth, MOST) / f64::from(0.1_f32) - 1.0).abs();
@@ -230,7 +231,7 @@ fn light_of_any_strength_gives_the_same_picture() {
     let at = |scale: f32| {
         let mut env = sunny();
         env.image.samples.iter_mut().for_each(|v| *v *= scale);
-        let (out, _) = render(&params(8, EnvBlock::Solid), &plane, &objects, &rig, &env);
+        let (out, _) = render(&params(8, Surroundings::OPEN), &plane, &objects, &rig, &env);
         [samples(&out.without).to_vec(), samples(&out.with).to_vec(), samples(&out.object).to_vec()]
     };
     let dimmer = f32::from_bits((127 - 80) << 23);
@@ -250,8 +251,8 @@ fn light_of_any_strength_gives_the_same_picture() {
     row(48, "change of the ratio at 1e-40 of the light", off, 1e-2);
 }
 
-/// The variance of the ratio is that of any light, bit for bit; what variance of light single precision does not hold is
-/// finite, and told.
+/// The variance of the ratio is that of any light, bit for bit; variances of light beyond single precision are
+/// finite and reported.
 #[test]
 fn the_noise_of_the_ratio_is_that_of_any_light() {
     let (plane, objects, rig) = shadowed();
@@ -259,7 +260,7 @@ fn the_noise_of_the_ratio_is_that_of_any_light() {
         let scale = f32::from_bits(((127 + exponent) << 23) as u32);
         let mut env = sunny();
         env.image.samples.iter_mut().for_each(|v| *v *= scale);
-        let (out, notes) = render(&params(8, EnvBlock::Solid), &plane, &objects, &rig, &env);
+        let (out, notes) = render(&params(8, Surroundings::OPEN), &plane, &objects, &rig, &env);
         assert!(samples(&out.variance).iter().all(|v| v.is_finite()));
         let ratio: Vec<f32> = samples(&out.variance).iter().skip(3).step_by(4).copied().collect();
         (ratio, notes.iter().any(|note| note.id == "variance-range"))
@@ -274,12 +275,12 @@ fn the_noise_of_the_ratio_is_that_of_any_light() {
     }
 }
 
-// One sample tells no variance, and says so.
+// One sample gives no variance, which is reported.
 #[test]
 fn one_sample_reports_no_variance() {
     let (plane, objects, rig) = shadowed();
     let told = |n| {
-        let (out, notes) = render(&params(n, EnvBlock::Solid), &plane, &objects, &rig, &sunny());
+        let (out, notes) = render(&params(n, Surroundings::OPEN), &plane, &objects, &rig, &sunny());
         let views = out.report.tables.iter().find(|table| table.name == "views").expect("is there");
         let error = views.rows[0][2] == crate::types::Cell::Missing;
         let noise = samples(&out.variance).iter().any(|v| *v != 0.0);
@@ -297,7 +298,7 @@ fn extremes_stay_finite() {
     let mut hot = constant(Up::PlusZ, [1e-9; 3], 32);
     hot.image.pixel_mut(3, 3).fill(1e9);
     for env in [constant(Up::PlusZ, [0.0; 3], 8), hot, constant(Up::PlusZ, [1e-40; 3], 8)] {
-        let (out, notes) = render(&params(8, EnvBlock::Auto), &plane, &objects, &rig, &env);
+        let (out, notes) = render(&params(8, Surroundings::Auto), &plane, &objects, &rig, &env);
         for images in [&out.without, &out.with, &out.object, &out.variance, &out.normal] {
             assert!(samples(images).iter().all(|v| v.is_finite() && *v >= -1.0));
         }
@@ -305,13 +306,13 @@ fn extremes_stay_finite() {
             assert!(notes.iter().any(|n| n.id == id), "{id}");
         }
     }
-    let (out, _) = render(&params(4, EnvBlock::Auto), &Mesh::default(), &[], &rig, &white());
+    let (out, _) = render(&params(4, Surroundings::Auto), &Mesh::default(), &[], &rig, &white());
     assert!(samples(&out.without).iter().all(|&v| v == 1.0), "all sky");
 }
 
 #[test]
 fn nonsense_is_refused() {
-    assert!(PathTrace::check(&params(1, EnvBlock::PassBeyond { metres: -1.0 })).is_err());
-    assert!(PathTrace::check(&params(1, EnvBlock::FrontFace { max_layers: 0 })).is_err());
-    assert!(PathTrace::check(&params(1, EnvBlock::FrontFace { max_layers: 3 })).is_ok());
+    assert!(PathTrace::check(&params(1, Surroundings::Within { metres: -1.0, bounces: false })).is_err());
+    assert!(PathTrace::check(&params(1, Surroundings::Room { layers: 0, bounces: false })).is_err());
+    assert!(PathTrace::check(&params(1, Surroundings::ROOM)).is_ok());
 }

@@ -24,7 +24,7 @@ pub(super) fn rough_wall(noise: f32) -> Mesh {
 fn seen(noise: f32, (thick, off): (f32, f64), eye: DVec3, contact_metres: Option<f64>) -> [f64; 2] {
     let picture = box_mesh([-0.4, -thick, -0.3], [0.4, 0.0, 0.3], false);
     let objects = [placed(&picture, matte(0.5), DVec3::Y * -off)];
-    let how = PathTrace { contact_metres, ..params(64, EnvBlock::Solid) };
+    let how = PathTrace { contact_metres, ..params(64, Surroundings::OPEN) };
     let (out, _) = render(&how, &rough_wall(noise), &objects, &rig(eye, DVec3::ZERO, 32, 3.0), &white());
     let cover = samples(&out.object).chunks(4).map(|pixel| f64::from(pixel[3])).sum();
     let pixels = samples(&out.without).chunks(3).zip(samples(&out.with).chunks(3));
@@ -49,8 +49,7 @@ fn a_picture_on_a_rough_wall_is_whole() {
     }
 }
 
-/// What is some centimetres off the wall is not drawn to it.
-/// Mutation: `gap` as far as `deep` in `Side::rests`.
+/// An object some centimetres off the wall is not moved to it. Mutation: `gap` as far as `deep` in `Side::rests`.
 #[test]
 fn what_stands_near_a_wall_stays_off_it() {
     let eye = DVec3::new(2.4, -1.2, 0.4);

@@ -8,7 +8,7 @@ fn without_objects_both_renders_are_equal() {
     let (plane, _, rig) = shadowed();
     let far = [ball(0.4, matte(0.6), DVec3::new(0.0, 0.0, -50.0))];
     for objects in [&[][..], &far] {
-        for block in [EnvBlock::Solid, EnvBlock::Pass] {
+        for block in [Surroundings::OPEN, Surroundings::TRANSPARENT] {
             let (out, _) = render(&params(20, block), &plane, objects, &rig, &sunny());
             assert_eq!(samples(&out.without), samples(&out.with));
             assert!(samples(&out.object).iter().all(|&v| v == 0.0));
@@ -19,7 +19,7 @@ fn without_objects_both_renders_are_equal() {
 #[test]
 fn objects_cast_shadows_and_are_hidden_from_the_camera() {
     let (plane, objects, rig) = shadowed();
-    let (out, _) = render(&params(64, EnvBlock::Auto), &plane, &objects, &rig, &sunny());
+    let (out, _) = render(&params(64, Surroundings::Auto), &plane, &objects, &rig, &sunny());
     let (r0, r1) = (samples(&out.without), samples(&out.with));
     let ratios: Vec<f32> = r0.iter().zip(r1).map(|(a, b)| b / a).collect();
     let dark = ratios.iter().filter(|&&s| s < 0.4).count();
@@ -38,7 +38,7 @@ fn receiver_in_front_holds_the_object_out() {
     let wall = box_mesh([-3.0, -1.1, 0.0], [0.013, -1.0, 3.0], false);
     let object = [ball(0.5, matte(0.5), DVec3::new(0.0, 0.0, 0.5))];
     let camera = rig(DVec3::new(0.0, -4.0, 0.5), DVec3::new(0.0, 0.0, 0.5), 32, 3.0);
-    let (out, _) = render(&params(32, EnvBlock::Solid), &wall, &object, &camera, &white());
+    let (out, _) = render(&params(32, Surroundings::OPEN), &wall, &object, &camera, &white());
     let alpha: Vec<f32> = samples(&out.object).chunks(4).map(|p| p[3]).collect();
     let row = &alpha[16 * 32..17 * 32];
     assert!(row[..15].iter().all(|&a| a == 0.0), "{row:?}");
@@ -60,7 +60,7 @@ fn alpha_modes_cut_and_blend() {
     let covers = |mode, alpha| {
         let material = Material { alpha_mode: mode, base_colour: [0.5, 0.5, 0.5, alpha], ..matte(0.5) };
         let object = [placed(&quad, material, DVec3::ZERO)];
-        let (out, _) = render(&params(64, EnvBlock::Solid), &Mesh::default(), &object, &camera, &white());
+        let (out, _) = render(&params(64, Surroundings::OPEN), &Mesh::default(), &object, &camera, &white());
         samples(&out.object).chunks(4).map(|p| f64::from(p[3])).sum::<f64>() / 64.0
     };
     use crate::types::AlphaMode::{Blend, Mask, Opaque};
@@ -75,22 +75,22 @@ fn emission_reaches_the_receiver() {
     let lamp = Material { emissive: [5.0, 5.0, 5.0], ..matte(0.0) };
     let (plane, _, camera) = shadowed();
     let object = [ball(0.4, lamp, DVec3::new(0.0, 0.0, 0.8))];
-    let p = PathTrace { max_bounces: 0, ..params(64, EnvBlock::Solid) };
+    let p = PathTrace { max_bounces: 0, ..params(64, Surroundings::OPEN) };
     let (out, _) = render(&p, &plane, &object, &camera, &black);
     assert_eq!(mean(&out.without), 0.0);
     assert!(mean(&out.with) > 0.02, "{}", mean(&out.with));
     assert!((covered(&out.object) - 5.0).abs() < 1e-4);
 }
 
-/// A mesh whose colours have channels of 0, or are black, as captures have where no picture shows them, keeps the whole
-/// shadow, in the colours of a grey one; what was raised is told.
+/// A mesh whose colours have channels of 0, or are black, as captures have where no photograph shows them, keeps
+/// the whole shadow, in the colours of a grey one; raised colours are reported.
 #[test]
 fn colours_of_the_mesh_do_not_colour_the_shadow() {
     // So wide that the camera sees nothing else.
     let (grey, (_, objects, camera)) = (plane(8.0), shadowed());
     let of = |colour: [f32; 3]| {
         let mesh = Mesh { colours: vec![colour; 4], ..grey.clone() };
-        let how = PathTrace { max_bounces: 0, ..params(16, EnvBlock::Solid) };
+        let how = PathTrace { max_bounces: 0, ..params(16, Surroundings::OPEN) };
         let (out, notes) = render(&how, &mesh, &objects, &camera, &sunny());
         let raised = notes.iter().any(|note| note.id == "raised-albedo");
         let ratios: Vec<f32> =
@@ -113,7 +113,7 @@ fn a_shadow_alone_is_the_shadow() {
     let (plane, objects, rig) = shadowed();
     let trace = |shadow_only: bool| {
         let cx = context();
-        let params = PathTrace { shadow_only, crop: 0.001, ..params(16, EnvBlock::Solid) };
+        let params = PathTrace { shadow_only, crop: 0.001, ..params(16, Surroundings::OPEN) };
         let (out, notes) = render_in(&cx, &params, &plane, &objects, &rig, &sunny());
         assert!(notes.iter().all(|note| note.id != "objects-not-seen"));
         (out, cx.counts()["rays"])
@@ -129,9 +129,9 @@ fn a_shadow_alone_is_the_shadow() {
     assert!(samples(&alone.normal).chunks(3).all(|n| n[2] > 0.99 || n == [0.0; 3]));
 }
 
-/// Of several objects one that stands under the ground or beside the picture is named, and why; one behind or
-/// in another, which may be of glass, is not.
-/// Mutation: `is_before` left out of `unseen`, and `met` always true (each seen red).
+/// Among several objects, one under the ground or outside the view is named, with the reason; one behind or inside
+/// another, which may be of glass, is not. Mutation: `is_before` left out of `unseen`, and `met` always true (each
+/// seen red).
 #[test]
 fn one_of_several_objects_that_is_not_seen_is_named() {
     let (plane, objects, rig) = shadowed();
@@ -154,7 +154,7 @@ fn one_of_several_objects_that_is_not_seen_is_named() {
         (behind, None),
     ] {
         let both = [objects[0].clone(), second];
-        let (_, notes) = render(&params(4, EnvBlock::Solid), &plane, &both, &rig, &white());
+        let (_, notes) = render(&params(4, Surroundings::OPEN), &plane, &both, &rig, &white());
         let told = notes.iter().find(|note| ["object-hidden", "object-outside"].contains(&&*note.id));
         assert_eq!(told.map(|note| note.id.as_str()), expected.map(|(id, _)| id));
         if let (Some(note), Some((_, text))) = (told, expected) {
@@ -183,8 +183,9 @@ fn nearest_is_what_shows_anywhere_in_a_pixel() {
     let camera = rig(DVec3::new(0.0, -4.0, 2.0), DVec3::new(0.0, 0.0, 0.5), 32, 4.0);
     let one = |images: &Images, i: usize| samples(images)[i];
     for (name, objects) in [("rods", rods), ("pane", vec![placed(&sheet, glimpse, DVec3::ZERO)])] {
-        let go =
-            |objects: &[_]| render(&params(16, EnvBlock::Auto), &plane(4.0), objects, &camera, &white()).0;
+        let go = |objects: &[_]| {
+            render(&params(16, Surroundings::Auto), &plane(4.0), objects, &camera, &white()).0
+        };
         let (out, bare) = (go(&objects), go(&[]));
         let (mut shown, mut missed) = (0, 0);
         for i in 0..32 * 32 {

@@ -28,12 +28,12 @@ fn light_of_a_lamp_goes_from_wall_to_wall() {
     let mut env = constant(Up::PlusZ, [0.01; 3], 64);
     env.origin = Some(DVec3::new(0.0, 0.5, 0.3));
     let direct = f64::from(0.5 * radiance * (lamp / radius) * (lamp / radius));
-    for (name, near_field, env_block) in [
-        ("the receiver is the light", NearField::On, EnvBlock::Auto),
-        ("the receiver passes it", NearField::Off, EnvBlock::Auto),
-        ("the receiver is solid", NearField::Off, EnvBlock::Solid),
+    for (name, surroundings) in [
+        ("the receiver is the light", Surroundings::Projected),
+        ("the receiver passes it", Surroundings::Distant),
+        ("the receiver is solid", Surroundings::OPEN),
     ] {
-        let params = PathTrace { near_field, ..params(64, env_block) };
+        let params = params(64, surroundings);
         let (out, _) = render(&params, &walls, &objects, &camera, &env);
         let added = mean(&out.with) - mean(&out.without);
         // The lamp is black, and takes of the light that passes the middle about what it covers there.
@@ -63,21 +63,21 @@ fn mean_over(eye: DVec3, size: u32, focal: f64, z: f64, of: impl Fn(DVec3) -> f6
     crate::math::num::ordered_sum((0..size * size).map(|i| place(i) as f32)) / f64::from(size * size)
 }
 
-/// The light of a glowing ball of fine facets on a floor and on a table, near and far from where coordinates start, in closed
-/// form: radiance albedo * L * (r / d)^2 * cos. What a facet sends must not be lost to the facets beside it.
-/// Before, samples ended on the triangle, by ways parallel to those from the surface: 0.95 of it at 2 cm, 0.80 at 1 cm.
+/// The light of a glowing ball of fine facets on a floor and on a table, near and far from the origin, in closed
+/// form: radiance albedo * L * (r / d)^2 * cos. Light of a facet must not be lost to its neighbours. Before,
+/// samples ended on the triangle, by rays parallel to those from the surface: 0.95 of it at 2 cm, 0.80 at 1 cm.
 #[test]
 fn fine_lamps_shed_all_their_light() {
     let (radiance, height) = (5e4, 1.0);
     let mut env = constant(Up::PlusZ, [1e-3; 3], 64);
     env.origin = Some(DVec3::new(0.0, 0.0, 0.5));
-    for (radius, rings, away, near_field) in [
-        (0.02, 48, 2.0, NearField::Off),
-        (0.02, 48, 7.0, NearField::Off),
-        (0.02, 48, 7.0, NearField::On),
-        (0.02, 48, 27.0, NearField::Off),
-        (0.01, 80, 7.0, NearField::Off),
-        (0.2, 96, 7.0, NearField::Off),
+    for (radius, rings, away, surroundings) in [
+        (0.02, 48, 2.0, Surroundings::Distant),
+        (0.02, 48, 7.0, Surroundings::Distant),
+        (0.02, 48, 7.0, Surroundings::Projected),
+        (0.02, 48, 27.0, Surroundings::Distant),
+        (0.01, 80, 7.0, Surroundings::Distant),
+        (0.2, 96, 7.0, Surroundings::Distant),
     ] {
         for table in [None, Some(0.3)] {
             let z = table.unwrap_or(0.0);
@@ -85,7 +85,7 @@ fn fine_lamps_shed_all_their_light() {
             let mut objects = vec![fine_ball(radius, rings, shining(radiance), lamp)];
             objects.extend(table.map(|z| placed(&plane(1.0), matte(0.5), DVec3::Z * z)));
             let (eye, focal) = (DVec3::Z * z + DVec3::new(0.0, -0.8, 0.6) * away, away / 0.15);
-            let params = PathTrace { near_field, ..params(64, EnvBlock::Auto) };
+            let params = params(64, surroundings);
             let (out, _) = render(&params, &plane(30.0), &objects, &rig(eye, DVec3::Z * z, 24, focal), &env);
             let found = match table {
                 None => mean(&out.with) - mean(&out.without),
@@ -96,7 +96,7 @@ fn fine_lamps_shed_all_their_light() {
                 let seen = square(radius.into()) / way.length_squared();
                 0.5 * f64::from(radiance) * seen * way.z / way.length()
             });
-            let name = format!("{radius} m, {rings} rings, {away} m away, {near_field:?}, {table:?}");
+            let name = format!("{radius} m, {rings} rings, {away} m away, {surroundings:?}, {table:?}");
             assert!((found / expected - 1.0).abs() < 0.01, "{name}: {}", found / expected);
         }
     }
@@ -124,17 +124,17 @@ fn a_lamp_in_a_globe_lights_every_pixel() {
         let way = middle - place;
         0.5 * outside * square(globe.into()) / way.length_squared() * way.z / way.length()
     });
-    for near_field in [NearField::Off, NearField::On] {
-        let params = PathTrace { near_field, ..params(64, EnvBlock::Auto) };
+    for surroundings in [Surroundings::Distant, Surroundings::Projected] {
+        let params = params(64, surroundings);
         let (out, _) = render(&params, &plane(30.0), &objects, &camera, &env);
         let (with, pixels) = (mean(&out.with), samples(&out.with));
         let found = with - mean(&out.without);
         let square = pixels.iter().map(|&v| square(f64::from(v) - with)).sum::<f64>();
         let spread = (square / pixels.len() as f64).sqrt() / found;
-        assert!(spread < 0.35, "{near_field:?}: pixels differ by {spread}");
+        assert!(spread < 0.35, "{surroundings:?}: pixels differ by {spread}");
         let error = spread / f64::from(24 * 24).sqrt();
         let off = found / expected - 1.0;
-        assert!(off.abs() < 4.0 * error, "{near_field:?}: {off} for an error of {error}");
+        assert!(off.abs() < 4.0 * error, "{surroundings:?}: {off} for an error of {error}");
     }
 }
 
@@ -159,7 +159,7 @@ fn a_lamp_in_a_globe_lights_every_pixel_of_an_object() {
     });
     let mut ground = plane(30.0);
     ground.positions.iter_mut().for_each(|p| p[2] = -5.0);
-    let (out, _) = render(&params(64, EnvBlock::Solid), &ground, &objects, &camera, &env);
+    let (out, _) = render(&params(64, Surroundings::OPEN), &ground, &objects, &camera, &env);
     let light: Vec<f64> = samples(&out.object).chunks(4).map(|p| f64::from(p[0])).collect();
     let found = light.iter().sum::<f64>() / light.len() as f64;
     let spread = (light.iter().map(|v| square(v - found)).sum::<f64>() / light.len() as f64).sqrt() / found;
@@ -203,7 +203,7 @@ fn a_small_lamp_of_a_picture_is_a_lamp() {
         let (eye, focal) = (DVec3::new(0.0, -4.0, 3.0), 40.0);
         let camera = rig(eye, DVec3::ZERO, 16, focal);
         let env = constant(Up::PlusZ, [1e-7; 3], 64);
-        let (out, _) = render(&params(64, EnvBlock::Auto), &plane(30.0), &objects, &camera, &env);
+        let (out, _) = render(&params(64, Surroundings::Auto), &plane(30.0), &objects, &camera, &env);
         let found = mean(&out.with) - mean(&out.without);
         let expected = mean_over(eye, 16, focal, 0.0, |place| {
             let way = lamp - place;
@@ -226,7 +226,7 @@ fn what_lies_before_a_lamp_hides_it() {
     let camera = rig(eye, DVec3::ZERO, 16, 40.0);
     let added = |objects: &[Arc<Placed>]| {
         let env = constant(Up::PlusZ, [1e-3; 3], 64);
-        let (out, _) = render(&params(16, EnvBlock::Auto), &plane(30.0), objects, &camera, &env);
+        let (out, _) = render(&params(16, Surroundings::Auto), &plane(30.0), objects, &camera, &env);
         mean(&out.with) - mean(&out.without)
     };
     let open = added(std::slice::from_ref(&lamp));
@@ -241,7 +241,7 @@ fn objects_stand_on_objects() {
     let [table, on_it, aloft] = [0.0, 0.2, 0.4].map(|z| placed(&cube, matte(0.5), DVec3::Z * z));
     let camera = rig(DVec3::new(0.0, -4.0, 2.5), DVec3::ZERO, 8, 2.0);
     let told = |objects: &[Arc<Placed>]| {
-        let params = PathTrace { contact_metres: None, ..params(1, EnvBlock::Solid) };
+        let params = PathTrace { contact_metres: None, ..params(1, Surroundings::OPEN) };
         let (_, notes) = render(&params, &plane(4.0), objects, &camera, &white());
         notes.iter().filter(|note| note.id == "off-the-ground").count()
     };
@@ -250,20 +250,20 @@ fn objects_stand_on_objects() {
     assert_eq!(told(&[table, aloft]), 1);
 }
 
-/// What stands beyond the edge of the receiver is told, and what stands or hangs over it is not.
-/// Mutation: `lost` always none; `carried` not asked; `over` left out.
+/// An object beyond the edge of the receiver is reported, and one that stands or hangs over it is not. Mutation:
+/// `lost` always none; `carried` not asked; `over` left out.
 #[test]
 fn an_object_beyond_the_edge_has_no_ground() {
     let cube = box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.2], false);
     let at = |x: f64, z: f64| placed(&cube, matte(0.5), DVec3::new(x, 0.0, z));
     let camera = rig(DVec3::new(0.0, -4.0, 2.5), DVec3::ZERO, 8, 2.0);
     let told = |objects: &[Arc<Placed>]| {
-        let params = PathTrace { contact_metres: None, ..params(1, EnvBlock::Solid) };
+        let params = PathTrace { contact_metres: None, ..params(1, Surroundings::OPEN) };
         let (_, notes) = render(&params, &plane(4.0), objects, &camera, &white());
         notes.iter().find(|note| note.id == "no-ground").map(|note| note.text.clone())
     };
     assert_eq!(told(&[at(0.0, 0.0), at(0.0, 3.0), at(0.0, 0.21)]), None);
-    let text = told(&[at(0.0, 0.0), at(9.0, 0.0), at(9.0, 0.2)]).expect("told");
+    let text = told(&[at(0.0, 0.0), at(9.0, 0.0), at(9.0, 0.2)]).expect("a note");
     assert!(text.starts_with("object 1 stands over a hole"), "{text}");
     assert_eq!(told(&[at(0.0, -3.0)]), None);
 }
@@ -274,7 +274,7 @@ fn half_buried_objects_meet_their_shadows() {
     let camera = rig(DVec3::new(0.0, -4.0, 2.5), DVec3::ZERO, 8, 2.0);
     for (z, id) in [(0.0, "in-the-ground"), (-0.25, "off-the-ground"), (0.5, "off-the-ground")] {
         let boulder = [ball(0.2, matte(0.5), DVec3::Z * z)];
-        let params = PathTrace { contact_metres: None, ..params(1, EnvBlock::Solid) };
+        let params = PathTrace { contact_metres: None, ..params(1, Surroundings::OPEN) };
         let (_, notes) = render(&params, &plane(4.0), &boulder, &camera, &white());
         let ids = notes.iter().map(|note| note.id.clone());
         let told: Vec<_> = ids.filter(|id| id.ends_with("the-ground")).collect();
@@ -292,7 +292,7 @@ fn a_point_of_capture_under_the_ground_is_taken_over_it() {
         let go = |z: f64| {
             let mut env = sunny();
             env.origin = Some(DVec3::new(0.5, 0.2, z));
-            let (out, notes) = render(&params(32, EnvBlock::Auto), &mesh, &objects, &camera, &env);
+            let (out, notes) = render(&params(32, Surroundings::Auto), &mesh, &objects, &camera, &env);
             let told = notes.iter().any(|note| note.id == "capture-under-ground");
             ([mean(&out.without), mean(&out.with), mean(&out.object)], told)
         };
@@ -308,9 +308,8 @@ fn a_point_of_capture_under_the_ground_is_taken_over_it() {
     }
 }
 
-/// A point of capture in a cupboard, outside of the room or on a wall is told; one in the room, which may be all inside
-/// out, is not.
-/// Mutation: each of the conditions of `CapturePoint::checked` turned off (seen red).
+/// A point of capture in a cupboard, outside the room or on a wall is reported; one in the room, which may be
+/// inside out, is not. Mutation: each of the conditions of `CapturePoint::checked` turned off (seen red).
 #[test]
 fn a_point_of_capture_where_no_camera_stood_is_reported() {
     let cupboard = box_mesh([-0.6, 0.8, 0.05], [0.9, 1.5, 1.7], false);
@@ -327,7 +326,7 @@ fn a_point_of_capture_where_no_camera_stood_is_reported() {
         (&furnished, DVec3::new(2.0, -0.7, 1.1), on),
     ] {
         let env = Environment { origin: Some(origin), ..white() };
-        let (_, notes) = render(&params(1, EnvBlock::Auto), mesh, &[], &inside(), &env);
+        let (_, notes) = render(&params(1, Surroundings::Auto), mesh, &[], &inside(), &env);
         let told = notes.iter().find(|note| note.id.starts_with("capture-")).map(|note| note.id.as_str());
         assert_eq!(told, expected, "{origin}");
     }
@@ -342,7 +341,7 @@ fn the_limit_spares_direct_light_of_lamps() {
     let camera = rig(DVec3::new(0.0, -0.6, 0.5), DVec3::ZERO, 24, 2.0);
     let dark = constant(Up::PlusZ, [1e-3; 3], 16);
     let lit = |clamp_indirect: f64| {
-        let how = PathTrace { clamp_indirect, max_bounces: 0, ..params(64, EnvBlock::Solid) };
+        let how = PathTrace { clamp_indirect, max_bounces: 0, ..params(64, Surroundings::OPEN) };
         mean(&render(&how, &plane(4.0), &tube, &camera, &dark).0.with)
     };
     let (free, limited) = (lit(0.0), lit(1.0));

@@ -18,17 +18,17 @@ pub(super) fn clear(base: f32, volume: Option<[f32; 3]>, ior: f32) -> Material {
     }
 }
 
-// Only what a material has is modelled: a layer of no strength, whatever else is said of it, changes no bit and
+// Only lobes that a material has are modelled: a layer of strength 0, with any other parameters, changes no bit and
 // costs no ray, evaluated or not.
 #[test]
 fn layers_of_no_strength_cost_nothing() {
     use crate::types::{Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Sheen};
     let (plane, _, rig) = shadowed();
-    let go = |material: &Material, skip_lobes| {
-        let cx = context();
+    let go = |material: &Material, exhaustive| {
+        let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive };
+        let cx = Context::detached(scene, ".");
         let object = [ball(0.4, material.clone(), DVec3::new(0.0, 0.0, 0.4))];
-        let params = PathTrace { skip_lobes, ..params(8, EnvBlock::Solid) };
-        let (out, _) = render_in(&cx, &params, &plane, &object, &rig, &sunny());
+        let (out, _) = render_in(&cx, &params(8, Surroundings::OPEN), &plane, &object, &rig, &sunny());
         (samples(&out.object).to_vec(), samples(&out.with).to_vec(), cx.counts()["rays"])
     };
     let plastic = Material { roughness: 0.4, ior: 1.5, ..matte(0.6) };
@@ -45,9 +45,9 @@ fn layers_of_no_strength_cost_nothing() {
         diffuse_transmission: DiffuseTransmission { strength: Map::of(0.0), colour: ColourMap::of(1.0) },
         ..plastic.clone()
     };
-    let bare = go(&plastic, true);
-    for (material, skip_lobes) in [(&odd, true), (&plastic, false), (&odd, false)] {
-        let layered = go(material, skip_lobes);
+    let bare = go(&plastic, false);
+    for (material, exhaustive) in [(&odd, false), (&plastic, true), (&odd, true)] {
+        let layered = go(material, exhaustive);
         assert_eq!(bare.2, layered.2);
         assert!(bare == layered, "the same bytes");
     }
@@ -60,8 +60,8 @@ pub(super) fn over_cosines(f: impl Fn(f32) -> f32) -> f64 {
     cosines.map(|c| 2.0 * c * f64::from(f(c as f32))).sum::<f64>() / f64::from(n)
 }
 
-// A fine chequer, of which a pixel sees some hundred squares, is a flat grey with one sample a pixel, and of
-// the mean light of its squares; near by it is black and white.
+// A fine checkerboard, with hundreds of squares per pixel, is a flat grey with one sample per pixel, at the mean
+// light of its squares; nearby it is black and white.
 #[test]
 fn textures_are_filtered_where_they_are_small() {
     use crate::types::{Sampler, Texture, TextureRef, Wrap};
@@ -81,7 +81,7 @@ fn textures_are_filtered_where_they_are_small() {
     let object = [Arc::new(Placed { object: Arc::new(object), world_from_object: DMat4::IDENTITY })];
     let spread = |distance: f64| {
         let camera = rig(DVec3::new(0.0, -distance, 0.0), DVec3::ZERO, 16, 8.0);
-        let (out, _) = render(&params(1, EnvBlock::Solid), &Mesh::default(), &object, &camera, &white());
+        let (out, _) = render(&params(1, Surroundings::OPEN), &Mesh::default(), &object, &camera, &white());
         let seen: Vec<f64> =
             samples(&out.object).chunks(4).filter(|p| p[3] == 1.0).map(|p| f64::from(p[0])).collect();
         let mean = seen.iter().sum::<f64>() / seen.len() as f64;
@@ -103,7 +103,7 @@ fn clear_balls_are_white_in_a_white_sky() {
         (clear(1.0, none, 1.0), "air"),
         (Material { roughness: 0.4, ..clear(1.0, none, 1.33) }, "frosted"),
     ] {
-        let p = PathTrace { max_bounces: 40, ..params(64, EnvBlock::Solid) };
+        let p = PathTrace { max_bounces: 40, ..params(64, Surroundings::OPEN) };
         let object = [ball(0.8, material, DVec3::ZERO)];
         let (out, _) = render(&p, &Mesh::default(), &object, &camera, &white());
         let got = covered(&out.object);
@@ -117,7 +117,7 @@ fn shadow_of_a_pane_is_what_it_lets_through() {
     let floor = rig(DVec3::new(0.0, 0.0, 0.4), DVec3::new(0.0, 0.01, 0.0), 8, 4.0);
     let pane = placed(&plane(400.0), clear(1.0, None, 1.5), DVec3::new(0.0, 0.0, 0.5));
     let tinted = placed(&plane(400.0), clear(0.25, None, 1.5), DVec3::new(0.0, 0.0, 0.5));
-    let p = PathTrace { bounce: Bounce::Env, ..params(4096, EnvBlock::Pass) };
+    let p = params(4096, Surroundings::TRANSPARENT);
     let lit = |object: &Arc<Placed>| {
         mean(&render(&p, &plane(400.0), std::slice::from_ref(object), &floor, &white()).0.with)
     };
@@ -143,12 +143,12 @@ fn bodies_absorb_along_the_way() {
     let above = rig(DVec3::new(0.0, 0.0, 9.0), DVec3::new(0.0, 0.001, 0.0), 4, 40.0);
     let large = Placed { world_from_object: DMat4::from_scale(DVec3::splat(2.0)), ..(*object).clone() };
     for object in [object.clone(), Arc::new(large)] {
-        let (out, _) = render(&params(16, EnvBlock::Solid), &Mesh::default(), &[object], &above, &white());
+        let (out, _) = render(&params(16, Surroundings::OPEN), &Mesh::default(), &[object], &above, &white());
         let [r, g, b] = [0, 1, 2].map(|k| samples(&out.object)[k]);
         assert!((r - 0.5).abs() < 0.01 && (g - 0.5).abs() < 0.01 && (b - 1.0).abs() < 0.01, "{r} {g} {b}");
     }
     let floor = rig(DVec3::new(0.0, 0.0, 0.4), DVec3::new(0.0, 0.01, 0.0), 8, 4.0);
-    let p = PathTrace { bounce: Bounce::Env, ..params(64, EnvBlock::Pass) };
+    let p = params(64, Surroundings::TRANSPARENT);
     let (out, _) = render(&p, &plane(200.0), &[object], &floor, &white());
     let [r, b] = [0, 2].map(|k| samples(&out.with).iter().skip(k).step_by(3).sum::<f32>() / 64.0);
     let expected = 0.5 * over_cosines(|c| crate::math::num::f32::exp(-half / c));
@@ -165,7 +165,7 @@ fn unlit_surfaces_show_their_colour() {
     let material = Material { unlit: true, ..matte(0.3) };
     for env in [white(), constant(Up::PlusZ, [0.0; 3], 8)] {
         let object = [ball(0.8, material.clone(), DVec3::ZERO)];
-        let (out, _) = render(&params(4, EnvBlock::Solid), &Mesh::default(), &object, &camera, &env);
+        let (out, _) = render(&params(4, Surroundings::OPEN), &Mesh::default(), &object, &camera, &env);
         assert!((covered(&out.object) - 0.3).abs() < 1e-6);
     }
 }
@@ -179,7 +179,7 @@ fn lamps_light_what_is_around_them() {
     let (radius, height) = (0.1, 1.0);
     let object = ball(radius, lamp, DVec3::new(0.0, 0.0, height));
     let below = rig(DVec3::new(0.0, 0.0, 0.8), DVec3::new(0.0, 0.001, 0.0), 8, 40.0);
-    let p = PathTrace { max_bounces: 0, ..params(64, EnvBlock::Solid) };
+    let p = PathTrace { max_bounces: 0, ..params(64, Surroundings::OPEN) };
     let (out, _) = render(&p, &plane(50.0), std::slice::from_ref(&object), &below, &black);
     // A mesh of 24 rings inside of the sphere has less of a disc: its outline is smaller by a third of 1 %.
     let expected = 0.5 * 7.0 * f64::from(radius * radius) / (height * height);
@@ -193,7 +193,7 @@ fn lamps_light_what_is_around_them() {
     assert_eq!(mean(&out.with), 0.0);
 }
 
-/// Clear sheets in a row pass all light until there are more than paths may have vertices, which is told.
+/// Clear sheets in a row transmit all light until their number exceeds the maximum of vertices, which is reported.
 #[test]
 fn paths_that_are_too_long_are_reported() {
     let clear = Material { transmission: Map::of(1.0), roughness: 0.0, ..matte(1.0) };
@@ -202,7 +202,7 @@ fn paths_that_are_too_long_are_reported() {
         let quad = box_mesh([-1.0, 0.0, -1.0], [1.0, 0.0, 1.0], false);
         let quad = Mesh { triangles: quad.triangles[4..6].to_vec(), ..quad };
         let rows = (0..sheets).map(|i| placed(&quad, clear.clone(), DVec3::Y * (0.1 * f64::from(i))));
-        let how = PathTrace { max_bounces, ..params(4, EnvBlock::Solid) };
+        let how = PathTrace { max_bounces, ..params(4, Surroundings::OPEN) };
         let objects: Vec<_> = rows.collect();
         let (out, notes) = render(&how, &Mesh::default(), &objects, &camera, &white());
         let note = notes.iter().find(|note| note.id == "paths-cut");
@@ -245,7 +245,7 @@ fn green_of_a_normal_map_points_up_the_picture() {
             Placed { object: Arc::new(object), world_from_object: DMat4::from_translation(DVec3::Z) };
         let camera = rig(DVec3::new(0.2, 0.1, 3.0), DVec3::Z, 8, 12.0);
         let (out, _) =
-            render(&params(64, EnvBlock::Solid), &plane(0.1), &[Arc::new(placed)], &camera, &sunny());
+            render(&params(64, Surroundings::OPEN), &plane(0.1), &[Arc::new(placed)], &camera, &sunny());
         covered(&out.object)
     };
     let expected = render_card(bent, None, false);
@@ -256,8 +256,9 @@ fn green_of_a_normal_map_points_up_the_picture() {
     }
 }
 
-/// What shines under a clear coat is dimmed by what the coat mirrors (KHR_materials_clearcoat): 0.96 of it is left straight on
-/// and 0.747 at 75 degrees, by Fresnel's equations for an index of 1.5. That is what falls onto a floor, too.
+/// Emission under a clearcoat is attenuated by the reflection of the coat (KHR_materials_clearcoat): 0.96 of it is
+/// left at normal incidence and 0.747 at 75 degrees, by Fresnel's equations for an index of 1.5. So is its light on
+/// a floor.
 #[test]
 fn a_clear_coat_dims_what_shines_under_it() {
     let coat = crate::types::Clearcoat { strength: Map::of(1.0), roughness: Map::of(0.0), normal: None };
@@ -270,7 +271,7 @@ fn a_clear_coat_dims_what_shines_under_it() {
         let (sin, cos) = crate::math::num::sin_cos(f64::to_radians(degrees));
         let camera = rig(DVec3::new(5.0 * sin, 0.001, 5.0 * cos), DVec3::ZERO, 4, 60.0);
         let panel = [placed(&plane(2.0), lamp(true), DVec3::ZERO)];
-        let (out, _) = render(&params(4, EnvBlock::Solid), &Mesh::default(), &panel, &camera, &black);
+        let (out, _) = render(&params(4, Surroundings::OPEN), &Mesh::default(), &panel, &camera, &black);
         let found = covered(&out.object);
         assert!((found - left).abs() < 0.01, "{found} for {left} at {degrees}");
     }
@@ -278,14 +279,14 @@ fn a_clear_coat_dims_what_shines_under_it() {
     let floor = rig(DVec3::new(0.0, -1.0, 1.0), DVec3::ZERO, 4, 40.0);
     let lit = |coated| {
         let panel = [placed(&plane(0.2), lamp(coated), DVec3::Z * 4.0)];
-        mean(&render(&params(64, EnvBlock::Solid), &plane(3.0), &panel, &floor, &black).0.with)
+        mean(&render(&params(64, Surroundings::OPEN), &plane(3.0), &panel, &floor, &black).0.with)
     };
     let (found, bare) = (lit(true), lit(false));
     assert!(bare > 0.0 && (found / bare - 0.96).abs() < 0.01, "{found} of {bare}");
 }
 
-/// A flat mirror shows the sky as the background beside it does, without the edges of texels.
-/// Mutation: `is_narrow` false.
+/// A flat mirror shows the sky like the background next to it, without the edges of texels. Mutation: `is_narrow`
+/// false.
 #[test]
 fn mirrors_show_no_texels() {
     let mut env = constant(Up::PlusZ, [0.0; 3], 16);
@@ -297,7 +298,7 @@ fn mirrors_show_no_texels() {
     let mirror = Material { metallic: 1.0, roughness: 0.0, ..matte(1.0) };
     let mirror = placed(&plane(3.0), mirror, DVec3::ZERO);
     let camera = rig(DVec3::new(0.4, -2.0, 1.5), DVec3::new(0.1, 0.0, 0.0), 24, 3.0);
-    let p = PathTrace { max_bounces: 1, ..params(64, EnvBlock::Pass) };
+    let p = PathTrace { max_bounces: 1, ..params(64, Surroundings::TRANSPARENT) };
     let (out, _) = render(&p, &Mesh::default(), &[mirror], &camera, &env);
     for (index, pixel) in samples(&out.object).chunks_exact(4).enumerate() {
         let (x, y) = (index % 24, index / 24);
@@ -323,7 +324,7 @@ fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
         env
     };
     let camera = rig(DVec3::new(0.0, -60.0, 0.0), DVec3::ZERO, 64, 58.0);
-    let p = PathTrace { max_bounces: 1, ..params(64, EnvBlock::Pass) };
+    let p = PathTrace { max_bounces: 1, ..params(64, Surroundings::TRANSPARENT) };
     for roughness in [0.1, 0.2, 0.25, 0.3, 0.4] {
         let metal = Material { metallic: 1.0, roughness, ..matte(1.0) };
         let light = |times| {
@@ -368,7 +369,7 @@ fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
         for view in [0.01_f64, 45.0, 75.0] {
             let (sin, cos) = crate::math::num::sin_cos(view.to_radians());
             let camera = rig(DVec3::new(-4.0 * sin, 0.0, 4.0 * cos), DVec3::ZERO, 8, 40.0);
-            let p = PathTrace { max_bounces: 0, ..params(64, EnvBlock::Pass) };
+            let p = PathTrace { max_bounces: 0, ..params(64, Surroundings::TRANSPARENT) };
             let (out, _) = render(&p, &Mesh::default(), &card, &camera, &env);
             let found = covered(&out.object);
             // The texels' cosines are those of their middles.
@@ -377,9 +378,9 @@ fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
     }
 }
 
-/// What is blended covers a pixel to its alpha with next to no noise, alone, behind another and behind a cut-out, and takes that
-/// share of a sun's light: neither is left to independent chances, of which 16 have a deviation of 0.125.
-/// Mutation: `front` by `accepts`; `object_transmittance` by `accepts`.
+/// Blended surfaces cover a pixel by their alpha with almost no noise, alone, behind another and behind a cut-out,
+/// and take that share of a sun's light: neither depends on independent random numbers. For 16 of them the
+/// deviation would be 0.125. Mutation: `front` by `accepts`; `object_transmittance` by `accepts`.
 #[test]
 fn blended_surfaces_are_smooth() {
     let sheet = |alpha: f32, z: f64| {
@@ -394,7 +395,7 @@ fn blended_surfaces_are_smooth() {
         (mean, square.sqrt())
     };
     let above = rig(DVec3::new(0.0, -0.1, 4.0), DVec3::ZERO, 24, 8.0);
-    let p = params(16, EnvBlock::Solid);
+    let p = params(16, Surroundings::OPEN);
     for (alphas, cover) in
         [(&[0.5_f32][..], 0.5), (&[0.5, 0.3], 0.65), (&[0.2, 0.0, 0.7, 0.1], 0.784), (&[1.0, 0.5], 1.0)]
     {

@@ -6,7 +6,7 @@ use super::*;
 use crate::geometry::sampling::{Points, hash, stream};
 use crate::math::num::f32::{exp, ln};
 use crate::render::transport::bsdf::{Bsdf, Lobe};
-use crate::render::transport::path::integrator::{Integrator, Scene as Traced};
+use crate::render::transport::path::integrator::{Integrator, Pass, Scene as Traced};
 use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::surface::Surface;
@@ -39,8 +39,8 @@ fn above(focal: f64) -> Arc<Rig> {
     rig(DVec3::new(0.02, 0.01, 9.0), DVec3::new(0.02, 0.011, 0.0), 8, focal)
 }
 
-// What stands in a body is seen and lit through its stuff, to the depth that it stands at, whether it shines
-// for the camera or onto a floor outside of the body.
+// An object inside a body is seen and lit through its medium, to its depth, whether it shines for the camera or
+// onto a floor outside the body.
 #[test]
 fn what_stands_in_a_body_is_dimmed_by_it() {
     let black = constant(Up::PlusZ, [0.0; 3], 8);
@@ -53,21 +53,21 @@ fn what_stands_in_a_body_is_dimmed_by_it() {
         ("unlit", Material { unlit: true, ..matte(1.0) }),
     ] {
         let objects = [body.clone(), placed(&sheet, lamp, DVec3::ZERO)];
-        let p = params(16, EnvBlock::Solid);
+        let p = params(16, Surroundings::OPEN);
         let (out, _) = render(&p, &Mesh::default(), &objects, &above(40.0), &black);
         near(red_and_blue(&out.object, 4), [f64::from(exp(-depth)), 1.0], 0.01, name);
 
         // The sheet hangs over the floor like a sky behind half a metre.
         let floor = rig(DVec3::new(0.0, 0.0, 0.4), DVec3::new(0.0, 0.01, 0.0), 8, 4.0);
-        let p = PathTrace { max_bounces: 1, bounce: Bounce::Env, ..params(1024, EnvBlock::Pass) };
+        let p = PathTrace { max_bounces: 1, ..params(1024, Surroundings::TRANSPARENT) };
         let (out, _) = render(&p, &plane(200.0), &objects, &floor, &black);
         let expected = 0.5 * over_cosines(|c| exp(-depth / c));
         near(red_and_blue(&out.with, 3), [expected, 0.5], 0.02, name);
     }
 }
 
-// A part of the same stuff in a body changes nothing: for the camera, in the shadow, and for what stands in
-// the inner one; whether it is of the same object or not, and whatever the index.
+// A part of the same medium inside a body changes nothing: for the camera, in the shadow, and for an object in the
+// inner one; whether of the same object or not, and for any index.
 #[test]
 fn the_same_stuff_in_a_body_changes_nothing() {
     for ior in [1.0, 1.5] {
@@ -76,11 +76,11 @@ fn the_same_stuff_in_a_body_changes_nothing() {
         let fill = slab(0.9, 1.0, 100.0, matte(0.8));
         let floor = rig(DVec3::new(0.0, 0.0, 0.4), DVec3::new(0.0, 0.01, 0.0), 8, 4.0);
         let camera = |objects: &[Arc<Placed>]| {
-            let p = PathTrace { max_bounces: 24, ..params(256, EnvBlock::Solid) };
+            let p = PathTrace { max_bounces: 24, ..params(256, Surroundings::OPEN) };
             red_and_blue(&render(&p, &Mesh::default(), objects, &above(40.0), &white()).0.object, 4)
         };
         let shadow = |objects: &[Arc<Placed>]| {
-            let p = PathTrace { bounce: Bounce::Env, ..params(256, EnvBlock::Pass) };
+            let p = params(256, Surroundings::TRANSPARENT);
             red_and_blue(&render(&p, &plane(200.0), objects, &floor, &white()).0.with, 3)
         };
         let both = [outer.clone(), inner.clone()];
@@ -98,10 +98,11 @@ fn the_inner_body_absorbs_alone() {
     let objects =
         [slab(0.5, 1.5, 200.0, tinted(1.0)), slab(0.8, 1.1, 150.0, clear(1.0, Some([0.0; 3]), 1.0))];
     let depth = 0.7 * ln(2.0);
-    let (out, _) = render(&params(16, EnvBlock::Solid), &Mesh::default(), &objects, &above(40.0), &white());
+    let (out, _) =
+        render(&params(16, Surroundings::OPEN), &Mesh::default(), &objects, &above(40.0), &white());
     near(red_and_blue(&out.object, 4), [f64::from(exp(-depth)), 1.0], 0.01, "camera");
     let floor = rig(DVec3::new(0.0, 0.0, 0.4), DVec3::new(0.0, 0.01, 0.0), 8, 4.0);
-    let p = PathTrace { bounce: Bounce::Env, ..params(256, EnvBlock::Pass) };
+    let p = params(256, Surroundings::TRANSPARENT);
     let (out, _) = render(&p, &plane(200.0), &objects, &floor, &white());
     near(red_and_blue(&out.with, 3), [0.5 * over_cosines(|c| exp(-depth / c)), 0.5], 0.02, "shadow");
 }
@@ -113,11 +114,7 @@ fn a_body_looks_the_same_over_the_floor_on_it_and_in_it() {
     let expected = 0.5 * over_cosines(|c| exp(-ln(2.0) / c));
     for foot in [0.001, 0.0, -0.001] {
         let object = [slab(foot, foot + 1.0, 200.0, tinted(1.0))];
-        let p = PathTrace {
-            object_specular_sees: SpecularSees::Receiver,
-            bounce: Bounce::Env,
-            ..params(256, EnvBlock::Solid)
-        };
+        let p = params(256, Surroundings::Open { bounces: false });
         let (out, _) = render(&p, &plane(400.0), &object, &above(40.0), &white());
         let what = format!("foot at {foot}");
         near(red_and_blue(&out.with, 3), [expected, 0.5], 0.02, &what);
@@ -131,29 +128,25 @@ fn bodies_that_touch_are_as_one() {
     let expected = f64::from(exp(-ln(2.0))) * 0.5 * over_cosines(|c| exp(-ln(2.0) / c));
     let [low, high] = [(0.2, 0.7), (0.7, 1.2)].map(|(low, high)| slab(low, high, 200.0, tinted(1.0)));
     for objects in [[low.clone(), high.clone()], [high, low]] {
-        let p = PathTrace {
-            object_specular_sees: SpecularSees::Receiver,
-            bounce: Bounce::Env,
-            ..params(256, EnvBlock::Solid)
-        };
+        let p = params(256, Surroundings::Open { bounces: false });
         let (out, _) = render(&p, &plane(400.0), &objects, &above(40.0), &white());
         near(red_and_blue(&out.object, 4), [expected, 0.5], 0.02, "object");
         near(red_and_blue(&out.with, 3), [2.0 * expected, 0.5], 0.02, "floor");
     }
 }
 
-// A camera in a body looks through its stuff, at what stands in it and out of it.
+// A camera inside a body sees objects in it and outside through its medium.
 #[test]
 fn a_camera_may_be_in_a_body() {
     let body = slab(0.0, 10.0, 200.0, tinted(1.0));
     let sheet = slab(2.0, 2.1, 100.0, Material { unlit: true, ..matte(1.0) });
     let go = |objects: &[Arc<Placed>]| {
-        let p = params(4, EnvBlock::Solid);
+        let p = params(4, Surroundings::OPEN);
         red_and_blue(&render(&p, &Mesh::default(), objects, &above(40.0), &white()).0.object, 4)
     };
     near(go(&[body.clone(), sheet]), [f64::from(exp(-6.9 * ln(2.0))), 1.0], 0.01, "what stands in it");
     near(go(&[body]), [f64::from(exp(-9.0 * ln(2.0))), 1.0], 0.01, "out of it");
-    // As files have it, a body has one side: it is full of its stuff all the same. Before, the camera saw none of it.
+    // In files a body may have one-sided surfaces; it is filled all the same. Before, the camera saw nothing of it.
     let sheet = slab(2.0, 2.1, 100.0, Material { unlit: true, ..matte(1.0) });
     let body = slab(0.0, 10.0, 200.0, Material { double_sided: false, ..tinted(1.0) });
     near(
@@ -171,7 +164,7 @@ fn nested_glass_keeps_white_light() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 16, 1.5);
     let none = Some([0.0; 3]);
     for (outer, inner) in [(1.5, 1.0), (1.33, 1.5), (1.5, 1.33), (1.5, 1.5)] {
-        let p = PathTrace { max_bounces: 40, ..params(64, EnvBlock::Solid) };
+        let p = PathTrace { max_bounces: 40, ..params(64, Surroundings::OPEN) };
         let object = [
             ball(0.8, clear(1.0, none, outer), DVec3::ZERO),
             ball(0.5, clear(1.0, none, inner), DVec3::ZERO),
@@ -181,13 +174,14 @@ fn nested_glass_keeps_white_light() {
     }
 }
 
-/// Where glass stands exactly on a table that is an object too, or on the floor, the ground under it is seen and lit as
-/// from a millimetre above: through clear stuff of index 1, a body or a thin wall, as if nothing were there.
-/// Mutation: `touching` to `None` in `Integrator::path_radiance`, `part.clear` not asked in `Objects::reach` (each seen red).
+/// Where glass stands exactly on a table that is an object too, or on the floor, the ground under it is seen and
+/// lit as from a millimetre above: through a clear medium of index 1, in a body or a thin wall, as if nothing were
+/// there. Mutation: `touching` to `None` in `Integrator::path_radiance`, `part.clear` not asked in `Objects::reach`
+/// (each seen red).
 #[test]
 fn glass_on_a_table_changes_nothing() {
     let table = slab(0.2, 0.5, 300.0, matte(0.5));
-    let p = PathTrace { object_specular_sees: SpecularSees::Receiver, ..params(256, EnvBlock::Solid) };
+    let p = params(256, Surroundings::OPEN);
     for (name, volume) in [("body", Some([0.0; 3])), ("wall", None)] {
         let glass = |foot: f32| slab(foot, foot + 1.0, 200.0, clear(1.0, volume, 1.0));
         for objects in [[table.clone(), glass(0.5)], [glass(0.5), table.clone()]] {
@@ -216,7 +210,7 @@ fn bodies_may_share_a_face() {
         let expected = ways.map(|way: f32| f64::from(exp(-way * ln(2.0))));
         for objects in [[a.clone(), b.clone()], [b, a]] {
             let (out, _) =
-                render(&params(256, EnvBlock::Solid), &Mesh::default(), &objects, &above(40.0), &white());
+                render(&params(256, Surroundings::OPEN), &Mesh::default(), &objects, &above(40.0), &white());
             near(red_and_blue(&out.object, 4), expected, 0.02, name);
         }
     }
@@ -268,22 +262,22 @@ fn light_samples_and_scattered_rays_agree_through_bodies() {
                 bed: None,
                 lift: Vec3::ZERO,
             };
-            let around = Integrator::new(scene, Points::new(0, 0), 0, true).around(seen.upright());
+            let around = Integrator::new(scene, 0, Pass::new(Points::new(0, 0), true)).around(seen.upright());
             let surface = Surface { media: [around; 2], ..seen };
             let path = |i: u32| (Points::new(stream(8, i, 0), 0), hash(i, 9));
             let [light, light_error] = estimate(20_000, |i| {
                 let (points, key) = path(i);
                 let sample = sky.sample_one(Some(normal), points.bits(0)).expect("light");
                 let ray = surface.spawn_ray(sample.direction);
-                let passed =
-                    Integrator::new(scene, points, key, true).object_transmittance(ray, key, None, around);
+                let passed = Integrator::new(scene, key, Pass::new(points, true))
+                    .object_transmittance(ray, key, None, around);
                 passed[0] * surface.bsdf.eval(sample.direction)[0].value * sample.radiance / sample.pdf
             });
             let [scattered, scattered_error] = estimate(60_000, |i| {
                 let (points, key) = path(i);
                 let (_, direction, scatter) = surface.bsdf.sample(&points, 2).expect("a direction");
                 let (ray, mut integrator) =
-                    (surface.spawn_ray(direction), Integrator::new(scene, points, key, true));
+                    (surface.spawn_ray(direction), Integrator::new(scene, key, Pass::new(points, true)));
                 let object = integrator.object(ray, key, Lobe::Diffuse);
                 let (passed, _) = integrator.along(ray, key, Lobe::Diffuse, object.as_ref(), around);
                 let seen = if object.is_none() { sky.radiance(direction) } else { Vec3::ZERO };
@@ -298,7 +292,7 @@ fn light_samples_and_scattered_rays_agree_through_bodies() {
     }
 }
 
-// More bodies in one another than a path knows are told.
+// More nested bodies than a path tracks are reported.
 #[test]
 fn bodies_beyond_the_deepest_are_reported() {
     let told = |count: u32| {
@@ -307,14 +301,14 @@ fn bodies_beyond_the_deepest_are_reported() {
                 slab(0.1 * k as f32, 2.0 - 0.1 * k as f32, 1.0 - 0.1 * k as f32, tinted(1.0 + 0.1 * k as f32))
             })
             .collect();
-        let (_, notes) = render(&params(1, EnvBlock::Solid), &plane(4.0), &bodies, &above(4.0), &white());
+        let (_, notes) = render(&params(1, Surroundings::OPEN), &plane(4.0), &bodies, &above(4.0), &white());
         notes.iter().find(|note| note.id == "nested-bodies").map(|note| note.text.clone())
     };
     assert_eq!(told(4), None);
     let text = told(6).expect("a note");
-    assert!(text.starts_with("6 bodies lie in one another"), "{text}");
+    assert!(text.starts_with("6 transparent bodies are nested"), "{text}");
     // Side by side they do not.
     let aside: Vec<_> = (0..6).map(|k| ball(0.2, tinted(1.1), DVec3::new(f64::from(k), 0.0, 1.0))).collect();
-    let (_, notes) = render(&params(1, EnvBlock::Solid), &plane(4.0), &aside, &above(4.0), &white());
+    let (_, notes) = render(&params(1, Surroundings::OPEN), &plane(4.0), &aside, &above(4.0), &white());
     assert!(notes.iter().all(|note| note.id != "nested-bodies"));
 }

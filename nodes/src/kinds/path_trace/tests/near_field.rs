@@ -15,7 +15,7 @@ const EYE: DVec3 = DVec3::new(-0.9, -0.7, 1.1);
 /// A lamp on the wall at x = 2 of [`room`]: its lowest and highest y and z.
 const LAMP: [[f64; 2]; 2] = [[0.2, 1.2], [1.5, 2.3]];
 
-/// What [`EYE`] sees in a black room with the lamp, of radiance 10; each texel is the mean of many points.
+/// The panorama at [`EYE`] in a black room with the lamp, of radiance 10; each texel is the mean of many points.
 fn lamplight(width: usize) -> Environment {
     let mut env = constant(Up::PlusZ, [0.0; 3], width);
     let sub = 8;
@@ -53,7 +53,7 @@ fn lambert(point: DVec3, normal: DVec3) -> f64 {
 }
 
 fn near(samples: u32) -> PathTrace {
-    PathTrace { near_field: NearField::On, ..params(samples, EnvBlock::Auto) }
+    params(samples, Surroundings::Projected)
 }
 
 /// Mean of a small view straight down on, or straight at, a point of the room.
@@ -66,8 +66,8 @@ fn of(p: &PathTrace, room: &Mesh, env: &Environment, point: DVec3, normal: DVec3
     mean(&render(p, room, &[], &camera, env).0.without)
 }
 
-// The whole point: a lamp two metres away lights each point from where it stands. The distant model is wrong
-// by a fifth and more, and the wall beside the lamp gets light from it that it cannot see.
+// The purpose of near light: a lamp two metres away lights each point from its own direction. The distant model is
+// wrong by a fifth and more, and lights the wall next to the lamp, which cannot see it.
 #[test]
 fn a_lamp_on_a_wall_lights_each_point_from_where_it_is() {
     let env = lamplight(256);
@@ -80,26 +80,25 @@ fn a_lamp_on_a_wall_lights_each_point_from_where_it_is() {
         let expected = 0.5 * lambert(point, normal) / std::f64::consts::PI;
         let got = at(&near(256), &env, point, normal);
         assert!((got / expected - 1.0).abs() < 0.02, "{point}: {got} for {expected}");
-        let far = PathTrace { near_field: NearField::Off, ..near(256) };
+        let far = PathTrace { surroundings: Surroundings::Distant, ..near(256) };
         let distant = at(&far, &env, point, normal);
         assert!((distant / expected - 1.0).abs() > 0.2, "{point}: {distant} for {expected}");
     }
     assert_eq!(at(&near(16), &env, DVec3::new(2.0, -1.0, 1.0), DVec3::NEG_X), 0.0);
 }
 
-// Notes, section 2: constant environment 1, albedo 0.5: 0.5, whatever the number of bounces and the block. The
-// bound is some four standard errors of so many samples.
+// Notes, section 2: constant environment 1, albedo 0.5: 0.5, for any number of bounces. The bound is some four
+// standard errors of this many samples.
 #[test]
 fn a_white_room_is_half_lit() {
     let mut env = white();
     env.origin = Some(EYE);
-    for (max_bounces, env_block) in [(0, EnvBlock::Auto), (8, EnvBlock::Pass)] {
-        let p = PathTrace { max_bounces, env_block, ..near(256) };
+    for max_bounces in [0, 8] {
+        let p = PathTrace { max_bounces, ..near(256) };
         let (out, notes) = render(&p, &room(), &[], &inside(), &env);
         assert!((mean(&out.without) - 0.5).abs() < 1.5e-3, "{}", mean(&out.without));
-        let told = notes.iter().find(|note| note.id == "near-field").expect("a decision");
-        assert!(told.text.starts_with("On: as set"));
-        assert_eq!(told.text.contains("have no say"), env_block != EnvBlock::Auto);
+        let told = notes.iter().find(|note| note.id == "surroundings").expect("a decision");
+        assert!(told.text.starts_with("Projected: "));
     }
 }
 
@@ -109,14 +108,14 @@ fn a_white_room_is_half_lit() {
 fn auto_is_near_where_the_receiver_is_what_the_panorama_shows() {
     let decided = |floor: f32, origin| {
         let env = Environment { origin, ..white() };
-        let (_, notes) = render(&params(1, EnvBlock::Auto), &plane(floor), &[], &inside(), &env);
-        notes.iter().find(|note| note.id == "near-field").map(|note| note.text.clone()).unwrap_or_default()
+        let (_, notes) = render(&params(1, Surroundings::Auto), &plane(floor), &[], &inside(), &env);
+        notes.iter().find(|note| note.id == "surroundings").map(|note| note.text.clone()).unwrap_or_default()
     };
     let told = decided(400.0, Some(DVec3::Z));
-    assert!(told.starts_with("On: the environment was captured in this place"), "{told}");
+    assert!(told.starts_with("Projected: ") && told.ends_with("captured inside this mesh"), "{told}");
     let told = decided(0.5, Some(DVec3::Z));
-    assert!(told.starts_with("Off: the scene is open, and the receiver is"), "{told}");
-    assert!(decided(400.0, None).starts_with("Off: the environment has no point of capture"));
+    assert!(told.starts_with("Open: ") && told.ends_with("too few probe rays meet the mesh"), "{told}");
+    assert!(decided(400.0, None).ends_with("the environment has no point of capture"));
 }
 
 /// Chi-square of light samples against the density that scattered rays ask for, by the direction in which a point sees
@@ -257,16 +256,15 @@ fn a_near_light_that_is_far_shines_through_bodies_as_a_far_one() {
     let slab = placed(&box_mesh([-0.8, -0.6, 0.1], [0.8, 0.6, 1.1], false), tinted(1.2), DVec3::ZERO);
     let ball = ball(0.3, tinted(1.5), DVec3::new(0.2, 0.0, 0.6));
     for (name, objects) in [("tinted", vec![slab.clone()]), ("nested", vec![slab, ball])] {
-        let light = |near_field| {
-            let block = if near_field == NearField::On { EnvBlock::Auto } else { EnvBlock::Pass };
-            let p = PathTrace { near_field, max_bounces: 16, ..params(256, block) };
+        let light = |surroundings| {
+            let p = PathTrace { max_bounces: 16, ..params(256, surroundings) };
             let (out, _) = render(&p, &hall, &objects, &camera, &env);
             let of = |images: &Images, channels: usize, k: usize| {
                 samples(images).iter().skip(k).step_by(channels).map(|v| f64::from(*v)).sum::<f64>()
             };
             [0, 1, 2].map(|k| [of(&out.without, 3, k), of(&out.with, 3, k), of(&out.object, 4, k)])
         };
-        for (near, far) in light(NearField::On).iter().zip(light(NearField::Off)) {
+        for (near, far) in light(Surroundings::Projected).iter().zip(light(Surroundings::TRANSPARENT)) {
             for (layer, (near, far)) in ["without", "with", "object"].iter().zip(near.iter().zip(far)) {
                 assert!((near / far - 1.0).abs() < 0.01, "{name}, {layer}: {near} for {far}");
             }
@@ -282,9 +280,9 @@ fn nowhere_is_refused() {
     assert!(error.to_string().contains("point of capture"), "{error}");
 }
 
-/// Of the light of a place in a room with a white lamp on a wall and bluish walls that shine a hundredth as bright, choices are on
-/// the lamp as often as its share of each channel is, in closed form, wherever the panorama was taken.
-/// Mutation: `hit.t * hit.t` to `hit.t`, `/ (distance * distance)` left out; `up_to[k] > wanted[k]` to `up_to.y > wanted.y`.
+/// For light of a place in a room with a white lamp on a wall and bluish walls a hundredth as bright, choices are
+/// on the lamp as often as its share of each channel, in closed form, for any point of capture. Mutation: `hit.t *
+/// hit.t` to `hit.t`, `/ (distance * distance)` left out; `up_to[k] > wanted[k]` to `up_to.y > wanted.y`.
 #[test]
 fn choices_follow_the_light_of_a_place() {
     let mut env = lamplight(256);
@@ -315,7 +313,7 @@ fn choices_follow_the_light_of_a_place() {
         for (count, wall) in on_lamp.into_iter().zip(walls) {
             let share = f64::from(count) / f64::from(n);
             let expected = lamp / (lamp + f64::from(wall) * std::f64::consts::PI);
-            // A block tells of the sum by 32 points.
+            // A block estimates the sum by 32 points.
             assert!((share - expected).abs() < 0.05, "{place}: {share} for {expected}");
         }
     }
@@ -351,9 +349,8 @@ fn a_white_room_stays_white_in_a_mirror() {
     }
 }
 
-/// An object in the next room, which the point of capture does not see but for the doorway, is told; one in this room is
-/// not.
-/// Mutation: `all` to `any` in `report_unseen_places`, and its call left out (each seen red).
+/// An object in the next room, which the point of capture does not see except through the doorway, is reported; one
+/// in this room is not. Mutation: `all` to `any` in `report_unseen_places`, and its call left out (each seen red).
 #[test]
 fn an_object_that_the_point_of_capture_does_not_see_is_reported() {
     let cupboard = box_mesh([-0.6, 0.8, 0.0], [0.9, 1.5, 1.7], false);

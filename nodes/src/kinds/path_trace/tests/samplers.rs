@@ -1,10 +1,10 @@
-//! Choices at random that have no density of their own: where in a pixel, whether a path goes on, whether a surface is met.
-//! Samplers of directions and places have their chi-square tests beside them.
+//! Random choices without a density: positions in a pixel, Russian roulette, coverage of surfaces. Samplers of
+//! directions and points have chi-square tests in their own files.
 
 use super::*;
 use crate::geometry::bvh::Ray;
 use crate::geometry::sampling::{Points, hash, stream};
-use crate::render::transport::path::integrator::{Integrator, Scene as Traced};
+use crate::render::transport::path::integrator::{Integrator, Pass, Scene as Traced};
 use crate::render::transport::path::visibility::Rules;
 use crate::render::transport::picture::camera_rays::CameraRays;
 use crate::render::transport::scene::block::Block;
@@ -27,7 +27,7 @@ pub(super) fn matte_rules() -> Rules {
     }
 }
 
-/// How often something came and did not, of so many independent samples, against its probability.
+/// The frequency of an event over independent samples, against its probability.
 fn expect_share(what: &str, probability: f64, happens: impl Fn(u32) -> bool) {
     let n = 100_000;
     let count = f64::from((0..n).map(|i| u32::from(happens(i))).sum::<u32>());
@@ -73,7 +73,7 @@ fn russian_roulette_keeps_what_paths_bring() {
         let throughput = Vec3::new(0.25, 1.0, 0.5) * throughput;
         let left = |i: u32, bounce: u32| {
             let points = Points::new(stream(6, i, 0), 0);
-            Integrator::new(scene, points, 0, false).russian_roulette(bounce, throughput, 1.0)
+            Integrator::new(scene, 0, Pass::new(points, false)).russian_roulette(bounce, throughput, 1.0)
         };
         expect_share("survival", survival, |i| left(i, 3).is_some());
         for i in 0..100 {

@@ -15,10 +15,10 @@ fn rays_are_only_cast_where_they_may_matter() {
         assert_eq!(kinds.iter().sum::<u64>(), counts["rays"]);
         kinds
     };
-    // Beside the samples a ray a pixel looks for what is in front.
+    // In addition to the samples, one ray per pixel finds the front surface.
     let (samples, front) = (16 * 32 * 32, 32 * 32);
     // A camera ray; where it lands up to four to the sky and, where the plane is solid, one scattered.
-    let (solid, pass) = (rays(&[], EnvBlock::Solid), rays(&[], EnvBlock::Pass));
+    let (solid, pass) = (rays(&[], Surroundings::OPEN), rays(&[], Surroundings::TRANSPARENT));
     assert_eq!(pass, [samples + front, 0, 0]);
     assert_eq!(solid[0], pass[0]);
     assert!(solid[1] <= samples * 4 && solid[2] <= samples, "{solid:?} for {samples} samples");
@@ -26,10 +26,10 @@ fn rays_are_only_cast_where_they_may_matter() {
     // scattered that ask the receiver and the object.
     let far = [ball(0.4, matte(0.6), DVec3::new(0.0, 0.0, -50.0))];
     let more = |with: [u64; 3]| std::array::from_fn::<u64, 3, _>(|k| with[k] - solid[k]);
-    let there = more(rays(&far, EnvBlock::Solid));
+    let there = more(rays(&far, Surroundings::OPEN));
     assert!((samples..samples + samples / 16).contains(&there[0]), "{there:?} for {samples} samples");
     assert!(there[1] <= samples * 4 && there[2] <= samples * 4, "{there:?} over {solid:?}");
-    let near = more(rays(&objects, EnvBlock::Solid));
+    let near = more(rays(&objects, Surroundings::OPEN));
     assert!(near.iter().sum::<u64>() < samples * 11, "{near:?} over {solid:?}");
 }
 
@@ -43,7 +43,7 @@ fn what_is_seldom_asked_is_right_on_average() {
     let eye = DVec3::new(2.5, 0.0, 5.0);
     let rig = rig(eye, DVec3::new(2.5, 0.0, 0.0), size, 8.0);
     let cx = context();
-    let (out, _) = render_in(&cx, &params(64, EnvBlock::Solid), &plane(8.0), &objects, &rig, &white());
+    let (out, _) = render_in(&cx, &params(64, Surroundings::OPEN), &plane(8.0), &objects, &rig, &white());
     let aside = |k: u32| (f64::from(k) + 0.5 - 16.0) / (8.0 * 16.0) * eye.z;
     let taken = |i: usize| {
         let (x, y) = (eye.x + aside(i as u32 % size), aside(i as u32 / size));
@@ -55,7 +55,7 @@ fn what_is_seldom_asked_is_right_on_average() {
     let got: f64 = pairs.map(|(a, b)| f64::from(1.0 - b[0] / a[0])).sum();
     // The ball is a polyhedron, a little smaller, and the mean of all pixels is noisy by less than that.
     assert!((got / expected - 1.0).abs() < 0.025, "{got} for {expected}");
-    // Beside four for each sample of `without` not four again.
+    // In addition to four per sample of `without`, not four again.
     assert!(cx.counts()["shadow_rays"] < 64 * 1024 * 6, "{:?}", cx.counts());
 }
 
@@ -64,7 +64,7 @@ fn what_is_seldom_asked_is_right_on_average() {
 fn more_samples_only_add_chunks() {
     let (plane, objects, rig) = shadowed();
     let sums = |n| {
-        let (out, _) = render(&params(n, EnvBlock::Solid), &plane, &objects, &rig, &sunny());
+        let (out, _) = render(&params(n, Surroundings::OPEN), &plane, &objects, &rig, &sunny());
         samples(&out.without).iter().map(|v| f64::from(*v) * f64::from(n)).collect::<Vec<_>>()
     };
     let (four, sixteen) = (sums(4), sums(16));
@@ -79,7 +79,7 @@ fn threads_do_not_change_a_bit() {
         let pool = rayon_pool(threads);
         pool.install(|| {
             let cx = context();
-            let (out, _) = render_in(&cx, &params(8, EnvBlock::Auto), &plane, &objects, &rig, &sunny());
+            let (out, _) = render_in(&cx, &params(8, Surroundings::Auto), &plane, &objects, &rig, &sunny());
             let pictures = [&out.with, &out.object, &out.depth].map(|images| samples(images).to_vec());
             (pictures, cx.counts())
         })

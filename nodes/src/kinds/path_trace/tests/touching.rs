@@ -6,7 +6,7 @@ use super::materials::clear;
 use super::*;
 use crate::types::{AlphaMode, ColourMap, DiffuseTransmission, Map};
 
-/// Of cover, light, ratio under it and ratio, and the least that they are of.
+/// Tolerances of cover, light, ratio under it and ratio.
 const TOLERANCES: [f64; 4] = [0.003, 0.02, 0.03, 0.006];
 const LEAST: [f64; 4] = [0.1, 0.1, 0.5, 0.5];
 
@@ -20,10 +20,10 @@ fn looks(
     near: bool,
 ) -> [f64; 4] {
     let mut env = sunny();
-    let mut params = PathTrace { crop: 0.001, ..params(64, EnvBlock::Solid) };
+    let mut params = PathTrace { crop: 0.001, ..params(64, Surroundings::OPEN) };
     if near {
         env.origin = Some(DVec3::new(0.3, -0.4, 1.7));
-        params.near_field = NearField::On;
+        params.surroundings = Surroundings::Projected;
     }
     let (out, _) = render(&params, receiver, &[placed(sheet, material.clone(), at)], rig, &env);
     let [r0, r1, object] = [&out.without, &out.with, &out.object].map(|images| samples(images));
@@ -87,8 +87,8 @@ fn what_lies_on_the_receiver_looks_as_a_millimetre_over_it() {
                     if name == "lamp" && k > 1 {
                         continue;
                     }
-                    // Near light under a sheet is told by few samples too: the picture as a whole is held, which shows
-                    // the ground where the sheet does not cover it.
+                    // Near light under a sheet needs more samples too: the image as a whole is compared, which
+                    // shows the ground where the sheet does not cover it.
                     if near && k == 2 {
                         continue;
                     }
@@ -137,7 +137,7 @@ fn what_lies_on_an_object_looks_as_a_hair_over_it() {
         placed(&plane(0.3), Material { base_colour: [r, g, b, 1.0], ..matte(0.5) }, DVec3::Z * z)
     };
     let seen = |objects: &[Arc<Placed>]| -> [f64; 3] {
-        let (out, _) = render(&params(16, EnvBlock::Solid), &plane(3.0), objects, &camera, &sunny());
+        let (out, _) = render(&params(16, Surroundings::OPEN), &plane(3.0), objects, &camera, &sunny());
         [0, 1, 2].map(|k| samples(&out.object).chunks(4).map(|p| f64::from(p[k])).sum())
     };
     let green = [0.05, 0.9, 0.05];
@@ -157,9 +157,9 @@ fn what_lies_on_an_object_looks_as_a_hair_over_it() {
     assert!((found[1] / over[1] - 1.0).abs() < 0.02, "{found:?} for {over:?}");
 }
 
-/// A rug on the floor with something that stands on it, and tiles edge to edge whose winding is down, while the objects reach
-/// high up: they are seen as a millimetre over the floor. Before, the rug was pressed into the floor by the foot on it, and
-/// each tile by the one beside it, so that none of the rug and a quarter of the tiles was seen.
+/// A rug on the floor with an object on it, and tiles edge to edge with winding down, while the objects are tall:
+/// they are seen as a millimetre above the floor. Before, the rug was pressed into the floor by the foot on it, and
+/// each tile by its neighbour, so that none of the rug and a quarter of the tiles was seen.
 #[test]
 fn a_rug_under_a_table_stays_on_the_floor() {
     let camera = rig(DVec3::new(1.2, -1.2, 0.9), DVec3::ZERO, 24, 1.4);
@@ -171,7 +171,7 @@ fn a_rug_under_a_table_stays_on_the_floor() {
         Mesh { triangles: up.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect(), ..up }
     };
     let seen = |objects: &[Arc<Placed>]| -> f64 {
-        let (out, _) = render(&params(16, EnvBlock::Solid), &plane(3.0), objects, &camera, &sunny());
+        let (out, _) = render(&params(16, Surroundings::OPEN), &plane(3.0), objects, &camera, &sunny());
         samples(&out.object).chunks(4).map(|p| f64::from(p[0])).sum()
     };
     let rug = |z: f64| seen(&[placed(&plane(0.35), red.clone(), DVec3::Z * z), table.clone(), high.clone()]);
@@ -198,9 +198,8 @@ fn a_rug_under_a_table_stays_on_the_floor() {
     }
 }
 
-/// A picture that hangs on a wall with 3 mm of noise is told how far out it is whole; there, on a smooth wall and on
-/// rough ground nothing is told.
-/// Mutation: `TOLD` from 0.7 on (seen red).
+/// For a picture on a wall with 3 mm of noise, the distance at which it is whole is reported; there, on a smooth
+/// wall and on rough ground nothing is reported. Mutation: `REPORTED` from 0.7 on (seen red).
 #[test]
 fn a_picture_in_a_rough_wall_is_reported() {
     let camera = rig(DVec3::new(0.3, -3.0, 0.2), DVec3::ZERO, 16, 1.5);
@@ -214,23 +213,23 @@ fn a_picture_in_a_rough_wall_is_reported() {
     };
     let told = |noise: f32, y: f64| {
         let (out, notes) =
-            render(&params(4, EnvBlock::Solid), &rough_wall(noise), &picture(y), &camera, &white());
+            render(&params(4, Surroundings::OPEN), &rough_wall(noise), &picture(y), &camera, &white());
         let note = notes.iter().find(|note| note.id == "in-a-surface").map(|note| note.text.clone());
         (note, samples(&out.object).chunks(4).map(|pixel| pixel[3]).sum::<f32>())
     };
     let (note, cover) = told(0.005, 0.0);
-    let note = note.expect("told");
-    assert!(note.starts_with("object 0 lies in a surface of the receiver, which hides "), "{note}");
-    let farther = note.split("; ").nth(1).and_then(|text| text.split(' ').next()).expect("a length");
+    let note = note.expect("a note");
+    assert!(note.starts_with("object 0 is partly embedded in the receiver mesh, which hides "), "{note}");
+    let farther = note.split("; ").nth(1).and_then(|text| text.split(' ').nth(4)).expect("a length");
     let farther: f64 = farther.parse().expect("a number");
     let (none, whole) = told(0.005, -farther * 1e-3);
     assert!(none.is_none() && cover < 0.8 * whole && (3.0..7.0).contains(&farther), "{note} {cover} {whole}");
     assert_eq!(told(0.0, 0.0).0, None);
 }
 
-/// What stands on a floor lies in no surface, whatever `contact_metres` says of the mesh: neither by its level nor by the inside of
-/// its bottom, which it hides itself. What stands off it is told all the same.
-/// Mutation: in `Ground::measure` nothing measured where `fixed`, and `double_sided &&` to `false &&` in `sunk.rs`.
+/// An object on a floor is not embedded in a surface, for any `contact_metres`: neither by its level nor by the
+/// inside of its bottom, which it hides itself. An object off the floor is reported all the same. Mutation: in
+/// `measure` nothing measured where `fixed`, and `double_sided &&` to `false &&` in `embedded.rs`.
 #[test]
 fn what_stands_on_a_floor_lies_in_no_surface() {
     let material = Material { double_sided: true, ..matte(0.5) };
@@ -239,7 +238,7 @@ fn what_stands_on_a_floor_lies_in_no_surface() {
     };
     let camera = rig(DVec3::new(2.0, -3.0, 2.0), DVec3::ZERO, 16, 1.5);
     for contact_metres in [None, Some(0.0), Some(0.02)] {
-        let params = PathTrace { contact_metres, ..params(4, EnvBlock::Solid) };
+        let params = PathTrace { contact_metres, ..params(4, Surroundings::OPEN) };
         let told = |z: f64| render(&params, &plane(3.0), &cube(z), &camera, &white()).1;
         assert!(told(0.0).iter().all(|note| note.id != "in-a-surface"), "{contact_metres:?}");
         for (z, id) in [(0.2, "off-the-ground"), (-0.2, "in-the-ground")] {
@@ -274,7 +273,7 @@ fn a_plate_on_a_coaster_keeps_its_shadow() {
     let objects = [slab(0.125, 0.0, 0.04), slab(0.35, 0.04, 0.07)];
     let camera = rig(DVec3::new(0.6, -1.6, 0.25), DVec3::new(0.0, -0.3, 0.0), 32, 3.0);
     let shadow = |noise: f32| {
-        let how = PathTrace { contact_metres: None, ..params(16, EnvBlock::Solid) };
+        let how = PathTrace { contact_metres: None, ..params(16, Surroundings::OPEN) };
         let (out, _) = render(&how, &ground(noise), &objects, &camera, &white());
         let pixels = samples(&out.without).chunks(3).zip(samples(&out.with).chunks(3));
         let seen = pixels.zip(samples(&out.object).chunks(4)).filter(|(_, object)| object[3] == 0.0);

@@ -1,4 +1,4 @@
-//! What blocks the environment, and how light adds up in rooms.
+//! Blocking of the environment, and interreflection in rooms.
 
 use super::*;
 
@@ -6,13 +6,13 @@ use super::*;
 #[test]
 fn solid_box_is_black() {
     let object = [ball(0.5, matte(0.5), DVec3::new(0.5, 0.5, 1.0))];
-    let (out, _) = render(&params(16, EnvBlock::Solid), &room(), &object, &inside(), &sunny());
+    let (out, _) = render(&params(16, Surroundings::OPEN), &room(), &object, &inside(), &sunny());
     assert!(samples(&out.without).iter().chain(samples(&out.with)).all(|&v| v == 0.0));
     assert_eq!(covered(&out.object), 0.0);
     assert!(samples(&out.depth).iter().all(|d| d.is_finite()));
 }
 
-// That a picture is black is told, with the reason.
+// A black picture is reported, with the reason.
 #[test]
 fn darkness_is_reported() {
     let told = |mesh: &Mesh, block, env: &Environment| {
@@ -20,17 +20,17 @@ fn darkness_is_reported() {
         notes.iter().find(|note| note.id == "no-light").map(|note| note.text.clone()).unwrap_or_default()
     };
     let black = constant(Up::PlusZ, [0.0; 3], 8);
-    assert!(told(&room(), EnvBlock::Solid, &white()).contains("the receiver lets no light"));
-    assert!(told(&room(), EnvBlock::Pass, &black).contains("the environment is black"));
-    assert_eq!(told(&room(), EnvBlock::Pass, &white()), "");
-    assert_eq!(told(&Mesh::default(), EnvBlock::Solid, &white()), "", "all sky");
+    assert!(told(&room(), Surroundings::OPEN, &white()).contains("the mesh keeps out all light"));
+    assert!(told(&room(), Surroundings::TRANSPARENT, &black).contains("the environment is black"));
+    assert_eq!(told(&room(), Surroundings::TRANSPARENT, &white()), "");
+    assert_eq!(told(&Mesh::default(), Surroundings::OPEN, &white()), "", "all sky");
 }
 
 // Notes, section 2: constant environment 1, albedo 0.5, receiver passes: 0.5 at any number of bounces.
 #[test]
 fn passing_box_is_half_lit() {
     for (bounces, block) in
-        [(0, EnvBlock::Pass), (8, EnvBlock::Pass), (3, EnvBlock::FrontFace { max_layers: 3 })]
+        [(0, Surroundings::TRANSPARENT), (8, Surroundings::TRANSPARENT), (3, Surroundings::ROOM)]
     {
         let p = PathTrace { max_bounces: bounces, ..params(64, block) };
         let (out, _) = render(&p, &room(), &[], &inside(), &white());
@@ -38,7 +38,7 @@ fn passing_box_is_half_lit() {
     }
     // Direct 0.5; with every bounce off solid walls 0.5 / (1 - 0.5); with b bounces 1 - 0.5^(b + 1).
     for (bounces, expected) in [(0, 0.5), (1, 0.75), (2, 0.875), (24, 1.0)] {
-        let p = PathTrace { max_bounces: bounces, bounce: Bounce::Solid, ..params(64, EnvBlock::Pass) };
+        let p = PathTrace { max_bounces: bounces, ..params(64, Surroundings::Transparent { bounces: true }) };
         let (out, _) = render(&p, &room(), &[], &inside(), &white());
         assert!((mean(&out.without) - expected).abs() < 4e-3, "{bounces}: {}", mean(&out.without));
     }
@@ -52,17 +52,17 @@ fn printed_visibility_lights_nothing() {
     let shiny = Material { roughness: 0.0, double_sided: true, ..Material::default() };
     for (material, lit) in [(matte(0.5), false), (shiny, true)] {
         let object = [ball(0.5, material, at)];
-        let (out, _) = render(&params(16, EnvBlock::Paper), &room(), &object, &inside(), &white());
+        let (out, _) = render(&params(16, Surroundings::Paper), &room(), &object, &inside(), &white());
         assert!(samples(&out.without).iter().chain(samples(&out.with)).all(|&v| v == 1.0));
         assert_eq!(covered(&out.object) > 0.2, lit, "{}", covered(&out.object));
     }
 }
 
-// What counts twice is told, with its size.
+// Light that counts twice is reported, with its amount.
 #[test]
 fn double_counting_is_reported() {
-    let told = |bounce, max_bounces| {
-        let p = PathTrace { bounce, max_bounces, ..params(1, EnvBlock::Pass) };
+    let told = |bounces, max_bounces| {
+        let p = PathTrace { max_bounces, ..params(1, Surroundings::Transparent { bounces }) };
         let (_, notes) = render(&p, &room(), &[], &inside(), &white());
         let note = notes.iter().find(|n| n.id == "double-count")?;
         let words: Vec<&str> = note.text.split(' ').collect();
@@ -70,9 +70,9 @@ fn double_counting_is_reported() {
         words[percent - 1].parse::<f64>().ok()
     };
     // An albedo of 0.5 adds half as much again with each bounce.
-    assert_eq!(told(Bounce::Auto, 8), None);
+    assert_eq!(told(false, 8), None);
     for (bounces, expected) in [(0, 0.0), (1, 50.0), (30, 100.0)] {
-        let percent = told(Bounce::Solid, bounces).expect("a warning");
+        let percent = told(true, bounces).expect("a warning");
         assert!((percent - expected).abs() < 6.0, "{bounces} bounces: {percent} %");
     }
 }
@@ -100,7 +100,7 @@ fn both_strategies_together_are_exact_for_any_sky() {
         }
     }
     expected *= 0.5 / std::f64::consts::PI;
-    for block in [EnvBlock::Solid, EnvBlock::Pass, EnvBlock::FrontFace { max_layers: 3 }] {
+    for block in [Surroundings::OPEN, Surroundings::TRANSPARENT, Surroundings::ROOM] {
         let (out, _) = render(&params(64, block), &up, &[], &top, &env);
         let s = samples(&out.without);
         let got =
@@ -109,7 +109,7 @@ fn both_strategies_together_are_exact_for_any_sky() {
     }
 }
 
-/// What a slab of the receiver takes from the floor of a room below it is its form factor, by Lambert's sum over the
+/// The light that a slab of the receiver blocks from the floor of a room below it is its form factor, by Lambert's sum over the
 /// edges of its underside; where the receiver passes it takes nothing. The notes give 0.3576 and 0.3360 for a slab
 /// under a sun, whose size and camera they do not tell; this is the same from a closed form.
 /// Mutation: `hit.back` not asked in `Block::passes` (seen red).
@@ -125,8 +125,7 @@ fn a_slab_takes_its_form_factor_from_the_floor() {
         });
         let form = form.sum::<f64>().abs() / std::f64::consts::TAU;
         let camera = rig(point + DVec3::Z * 0.5, point + DVec3::new(0.0, 1e-6, 0.0), 4, 40.0);
-        for (block, expected) in
-            [(EnvBlock::Pass, 0.5), (EnvBlock::FrontFace { max_layers: 3 }, 0.5 * (1.0 - form))]
+        for (block, expected) in [(Surroundings::TRANSPARENT, 0.5), (Surroundings::ROOM, 0.5 * (1.0 - form))]
         {
             let got = mean(&render(&params(1024, block), &furnished, &[], &camera, &white()).0.without);
             assert!((got / expected - 1.0).abs() < 2e-3, "{block:?} at {x}, {y}: {got} for {expected}");
@@ -142,41 +141,41 @@ fn only_the_shell_is_open_to_front_faces() {
     let furnished = merge(room(), slab);
     let floor = rig(DVec3::new(0.0, 0.0, 0.8), DVec3::new(0.0, 0.01, 0.0), 8, 3.0);
     let lit = |mesh: &Mesh, block| mean(&render(&params(64, block), mesh, &[], &floor, &sunny()).0.without);
-    let front = EnvBlock::FrontFace { max_layers: 3 };
-    let open = lit(&room(), EnvBlock::Pass);
+    let front = Surroundings::ROOM;
+    let open = lit(&room(), Surroundings::TRANSPARENT);
     assert!((lit(&room(), front) / open - 1.0).abs() < 1e-6);
-    assert!((lit(&furnished, EnvBlock::Pass) / open - 1.0).abs() < 1e-6);
+    assert!((lit(&furnished, Surroundings::TRANSPARENT) / open - 1.0).abs() < 1e-6);
     let shaded = lit(&furnished, front);
     // The same slab over a floor in the open, without bounces between the two.
     let open_slab = merge(plane(2.0), box_mesh([-0.8, -0.8, 0.9], [0.8, 0.8, 1.0], false));
-    let p = PathTrace { bounce: Bounce::Env, ..params(64, EnvBlock::Solid) };
+    let p = params(64, Surroundings::Open { bounces: false });
     let reference = mean(&render(&p, &open_slab, &[], &floor, &sunny()).0.without);
     assert!(shaded < 0.9 * open && (shaded / reference - 1.0).abs() < 0.02, "{shaded} {reference} {open}");
     // One layer: a ray that has passed one front face counts as outside, so a slab seen from below, whose
     // front is met first, no longer shades.
-    assert!((lit(&furnished, EnvBlock::FrontFace { max_layers: 1 }) / open - 1.0).abs() < 1e-6);
+    assert!((lit(&furnished, Surroundings::Room { layers: 1, bounces: false }) / open - 1.0).abs() < 1e-6);
 }
 
 #[test]
 fn auto_finds_out_what_the_receiver_is() {
     let decided = |mesh: &Mesh, rig: &Arc<Rig>| {
-        let p = PathTrace { max_bounces: 0, ..params(1, EnvBlock::Auto) };
+        let p = PathTrace { max_bounces: 0, ..params(1, Surroundings::Auto) };
         let (_, notes) = render(&p, mesh, &[], rig, &white());
-        let note = notes.iter().find(|n| n.id == "env-block").expect("a decision");
+        let note = notes.iter().find(|n| n.id == "surroundings").expect("a decision");
         note.text.split(':').next().unwrap_or_default().to_owned()
     };
-    assert_eq!(decided(&room(), &inside()), "FrontFace");
+    assert_eq!(decided(&room(), &inside()), "Room, 3 layers");
     let outward = box_mesh([-2.0, -2.0, 0.0], [2.0, 2.0, 4.0], false);
-    assert_eq!(decided(&outward, &inside()), "FrontFace with normals turned round");
-    assert_eq!(decided(&plane(4.0), &rig(DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO, 8, 1.0)), "Solid");
+    assert_eq!(decided(&outward, &inside()), "Room, 3 layers, normals reversed");
+    assert_eq!(decided(&plane(4.0), &rig(DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO, 8, 1.0)), "Open");
     let mut mixed = room();
     for triangle in mixed.triangles.iter_mut().step_by(2) {
         triangle.swap(0, 1);
     }
-    assert_eq!(decided(&mixed, &inside()), "Pass");
+    assert_eq!(decided(&mixed, &inside()), "Transparent");
 }
 
-/// A room with a hole in a wall, of which the panorama's place is not known: in the evening its lamp is nearly all the light,
+/// A room with a hole in a wall, without a known point of capture: in the evening its lamp is nearly all the light,
 /// and a camera by the hole, which sees much of what is outside, has it as one in a corner has; by day the hole is the light.
 /// Mutation: `solid_light` not asked in `Probe::decide` (seen red).
 #[test]
@@ -196,19 +195,16 @@ fn a_window_does_not_take_the_light_of_the_lamp() {
     let corner = rig(DVec3::new(-1.5, -1.2, 2.0), DVec3::new(-0.5, -0.5, 0.0), 16, 1.2);
     let window = rig(DVec3::new(1.2, 0.2, 2.0), DVec3::new(-0.5, -0.5, 0.0), 16, 1.2);
     let seen = |mesh: &Mesh, rig: &Arc<Rig>, env: &Environment| {
-        let (out, notes) = render(&params(16, EnvBlock::Auto), mesh, &[], rig, env);
-        let note = notes.iter().find(|n| n.id == "env-block").expect("a decision");
+        let (out, notes) = render(&params(16, Surroundings::Auto), mesh, &[], rig, env);
+        let note = notes.iter().find(|n| n.id == "surroundings").expect("a decision");
         (mean(&out.without), note.text.clone())
     };
     for rig in [&corner, &window] {
         let ((closed, _), (open, told)) = (seen(&room(), rig, &evening), seen(&holed, rig, &evening));
-        assert!(
-            told.starts_with("FrontFace") && (open / closed - 1.0).abs() < 0.05,
-            "{told}: {open}, {closed}"
-        );
+        assert!(told.starts_with("Room") && (open / closed - 1.0).abs() < 0.05, "{told}: {open}, {closed}");
     }
     let (_, told) = seen(&holed, &window, &day);
-    assert!(told.starts_with("Solid") && told.contains("a solid receiver lets in"), "{told}");
+    assert!(told.starts_with("Open") && told.contains("a solid mesh lets in"), "{told}");
 }
 
 // What lies farther than the radius does not block: with the room's own radius nothing is left of the
@@ -218,18 +214,11 @@ fn pass_beyond_blocks_only_what_is_near() {
     let mut env = white();
     env.origin = Some(DVec3::new(0.0, 0.0, 2.0));
     let lit = |metres| {
-        let p = PathTrace { bounce: Bounce::Env, ..params(64, EnvBlock::PassBeyond { metres }) };
+        let p = params(64, Surroundings::Within { metres, bounces: false });
         mean(&render(&p, &room(), &[], &inside(), &env).0.without)
     };
     assert!((lit(0.5) - 0.5).abs() < 5e-4);
     assert_eq!(lit(100.0), 0.0);
-}
-
-#[test]
-fn the_printed_visibility_has_no_near_field() {
-    let both = PathTrace { near_field: NearField::On, ..params(4, EnvBlock::Paper) };
-    assert!(PathTrace::check(&both).is_err());
-    assert!(PathTrace::check(&PathTrace { near_field: NearField::Auto, ..both }).is_ok());
 }
 
 /// Without a point of capture a camera in the room stands for it, whichever comes first in the rig.
@@ -241,7 +230,7 @@ fn the_order_of_cameras_changes_no_light() {
         Arc::new(Rig { cameras: cameras.map(|rig| rig.cameras[0].clone()).to_vec() })
     };
     let seen = |rig: &Arc<Rig>, which: usize| {
-        let (out, _) = render(&params(16, EnvBlock::Auto), &room(), &[], rig, &white());
+        let (out, _) = render(&params(16, Surroundings::Auto), &room(), &[], rig, &white());
         let picture = out.without.0[which].picture.samples().to_vec();
         crate::math::num::ordered_sum(picture.iter().copied()) / picture.len() as f64
     };

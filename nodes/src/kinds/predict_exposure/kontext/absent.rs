@@ -1,14 +1,14 @@
-//! A build without a tensor library.
+//! Stand-in for builds without a tensor library: every call is an error that names the feature.
 
 use engine::{Context, NodeError, Notes, SourceFile, SourceRoot};
 
 use super::{Kontext, WHERE};
-use crate::light::books::Books;
+use crate::light::energy_table::EnergyTable;
 use crate::light::linear::LinearPixels;
 
 impl Kontext<'_> {
     pub(in super::super) fn check(&self) -> Result<(), NodeError> {
-        Err(NodeError::new("this build has no diffusion model: it lacks the feature `learned`")
+        Err(NodeError::new("this build lacks the feature `learned`, which has the diffusion model")
             .at("method")
             .hint(format!("build it with `--features learned`, or use another method; {WHERE}")))
     }
@@ -26,7 +26,7 @@ impl Kontext<'_> {
         _pixels: &LinearPixels,
         _mask: &[bool],
         _darkest: f64,
-        _books: &mut Books,
+        _books: &mut EnergyTable,
         _notes: &mut Notes,
         _cx: &Context,
     ) -> Result<Vec<f32>, NodeError> {

@@ -1,6 +1,6 @@
-//! The paper's own way: a diffusion model that was taught to show a picture at three stops less.
+//! The method of the paper: a diffusion model that was trained to show a picture at three stops less.
 //!
-//! What is computed is in the crate `learned`; here a panorama is handed to it, and what it shows becomes a gain.
+//! The model is in the crate `learned`; this module passes it a panorama, and turns its output into a gain.
 
 use engine::{InputFile, NodeError};
 
@@ -11,17 +11,17 @@ mod model;
 #[cfg(feature = "learned")]
 pub(super) mod picture;
 
-/// Which files a user must supply, where they are, and what they cost: for the message that misses one.
-pub(super) const WHERE: &str = "the weights are yours to supply: Flux.1 Kontext [dev] from \
+/// The files that a user must supply, where they are, and their sizes: for the error about a missing one.
+pub(super) const WHERE: &str = "you must supply the weights: Flux.1 Kontext [dev] from \
     huggingface.co/black-forest-labs/FLUX.1-Kontext-dev, under its non-commercial licence, which you accept there: \
     `flux1-kontext-dev.safetensors` (23.8 GB; a GGUF of it has 6.7 GB with four bits a weight) and `ae.safetensors` \
     (0.3 GB); the encoded prompt (4 MB) and a LoRA for exposure (`train-exposure --backend flux-kontext`). It needs \
-    the transformer's size in memory and 7 GB more. docs/kontext.md tells each";
+    the size of the transformer in memory plus 7 GB. See docs/kontext.md";
 
-/// What is told where one of its files is missing; a build without it says what it lacks instead.
+/// Hint for a missing file; a build without the feature reports that instead.
 pub(super) const SUPPLIED: Option<&str> = if cfg!(feature = "learned") { Some(WHERE) } else { None };
 
-/// `Method::FluxKontext` as it is used.
+/// Parameters of `Method::FluxKontext`.
 pub(super) struct Kontext<'a> {
     pub transformer: &'a InputFile,
     pub vae: &'a InputFile,
@@ -40,7 +40,7 @@ impl<'a> Kontext<'a> {
         [self.transformer, self.vae, self.prompt, self.lora]
     }
 
-    /// Refuses numbers out of range.
+    /// Checks the ranges of the numbers.
     pub(super) fn check_numbers(&self) -> Result<(), NodeError> {
         let numbers = [
             ("strength", self.strength, 0.0, 4.0),
@@ -50,7 +50,7 @@ impl<'a> Kontext<'a> {
         ];
         match numbers.into_iter().find(|(_, value, low, high)| !(*low..=*high).contains(value)) {
             Some((name, value, low, high)) => {
-                let what = format!("`{name}` of `FluxKontext` is {value}; it lies between {low} and {high}");
+                let what = format!("`{name}` of `FluxKontext` is {value}, outside of {low} to {high}");
                 Err(NodeError::new(what).at("method"))
             }
             None => Ok(()),

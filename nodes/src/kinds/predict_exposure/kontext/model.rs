@@ -1,17 +1,17 @@
-//! Running the model on a panorama.
+//! Runs the diffusion model on a panorama.
 
 use engine::{Context, NodeError, Notes, SourceFile, SourceRoot};
 use learned::flux::{DType, Error, Files, Kontext as Model, Settings, Watch};
 
-use super::super::photographs::tell_still;
+use super::super::photographs::report_still;
 use super::picture::{STOPS, gains, shrunk};
 use super::{Kontext, WHERE};
-use crate::light::books::Books;
+use crate::light::energy_table::EnergyTable;
 use crate::light::linear::LinearPixels;
 use crate::math::color::{linear_from_srgb, luminance};
 use crate::math::num;
 
-/// The most passes: from EV 0 to EV -24, the darkest exposure that can be asked for.
+/// Largest number of passes: from EV 0 to EV -24, the darkest exposure that can be requested.
 const MAX_PASSES: f64 = 8.0;
 
 impl Kontext<'_> {
@@ -19,19 +19,20 @@ impl Kontext<'_> {
         Ok(())
     }
 
-    /// What the published model takes for a panorama of `width` columns beside its files, in bytes; a smaller one takes
-    /// less.
+    /// Memory of the published model for a panorama of `width` columns in addition to its files, in bytes; a
+    /// smaller model needs less.
     pub(in super::super) fn memory(&self, width: usize) -> u64 {
         let width = self.width(width);
         learned::flux::Memory::published((width, width / 2))
     }
 
-    /// At how many columns it works.
+    /// Number of columns at which the model works.
     fn width(&self, width: usize) -> usize {
         width.min(self.width_px as usize) / 32 * 32
     }
 
-    /// Its files, with shards and the `config.json` beside them. What is missing is said with where it is to be had.
+    /// Its files, with shards and the `config.json` next to them. The error about a missing file says where to
+    /// download it.
     pub(in super::super) fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         let mut files = Vec::new();
         for file in self.files() {
@@ -55,13 +56,13 @@ impl Kontext<'_> {
         }
     }
 
-    /// The log2 gain of every clipped pixel, by the brightest exposure in which it is not clipped any more.
+    /// The log2 gain of every clipped pixel, from the brightest exposure in which it is not clipped.
     pub(in super::super) fn predict(
         &self,
         pixels: &LinearPixels,
         mask: &[bool],
         darkest: f64,
-        books: &mut Books,
+        books: &mut EnergyTable,
         notes: &mut Notes,
         cx: &Context,
     ) -> Result<Vec<f32>, NodeError> {
@@ -111,15 +112,15 @@ impl Kontext<'_> {
             *gain = found;
             still += usize::from(clipped);
         }
-        tell_still(still, notes);
+        report_still(still, notes);
         Ok(log2_gain)
     }
 }
 
-/// Enters the light of the picture `small` as the model sees it, and with its gains in the part of each pixel that is
-/// clipped in the panorama.
-fn enter(
-    books: &mut Books,
+/// Records the light of the picture `small` as passed to the model, and with its gains in the clipped part of each
+/// pixel.
+fn record(
+    books: &mut EnergyTable,
     (width, height): (usize, usize),
     small: &[f32],
     gains: &[(f32, bool)],
@@ -130,7 +131,7 @@ fn enter(
     let plane = width * height;
     let shown = |at: usize| f64::from(luminance([0, 1, 2].map(|c| linear_from_srgb(small[c * plane + at]))));
     let mut light: Vec<f64> = (0..plane).map(shown).collect();
-    books.enter_panorama("as the model sees it", width, &light, cx)?;
+    books.record_panorama("as the model sees it", width, &light, cx)?;
     let mut clipped = vec![[0.0; 2]; plane];
     for (at, is) in mask.iter().enumerate() {
         let (x, y) = (at % pixels.width * width / pixels.width, at / pixels.width * height / pixels.height);
@@ -140,7 +141,7 @@ fn enter(
     for ((light, (gain, _)), [part, all]) in light.iter_mut().zip(gains).zip(clipped) {
         *light *= 1.0 + part / f64::max(all, 1.0) * (num::f64::exp2(f64::from(*gain)) - 1.0);
     }
-    books.enter_panorama("as the model shows it", width, &light, cx)
+    books.record_panorama("as the model shows it", width, &light, cx)
 }
 
 fn error(error: Error) -> NodeError {
@@ -150,7 +151,7 @@ fn error(error: Error) -> NodeError {
     }
 }
 
-/// Follows the model for the engine.
+/// Forwards progress and cancellation between the model and the engine.
 struct Follow<'a>(&'a Context);
 
 impl Watch for Follow<'_> {

@@ -1,13 +1,13 @@
-//! A panorama as the model takes it, and a gain from what the model shows.
+//! Conversion of a panorama to the input of the model, and of its output to a gain.
 
 use crate::light::exposure::{Shown, measured};
 use crate::light::linear::LinearPixels;
 use crate::math::color::{linear_from_srgb, srgb_from_linear};
 
-/// How many stops darker one pass makes a panorama.
+/// Number of stops by which one pass darkens a panorama.
 pub const STOPS: f64 = 3.0;
 
-/// Display-encoded, channel by channel, each pixel the mean of the light that falls on it.
+/// Display-encoded planes, one per channel, each pixel the mean of the light that falls on it.
 pub fn shrunk(pixels: &LinearPixels, width: usize, height: usize) -> Vec<f32> {
     let mut planes = vec![0.0; 3 * width * height];
     let span = |i: usize, of: usize, from: usize| (i * from / of)..((i + 1) * from).div_ceil(of);
@@ -32,14 +32,14 @@ pub fn shrunk(pixels: &LinearPixels, width: usize, height: usize) -> Vec<f32> {
     planes
 }
 
-/// How much of pixel `i` of `n` lies in pixel `j` of `m`, in pixels of the first.
+/// The part of pixel `i` of `n` that lies in pixel `j` of `m`, in pixels of the first.
 fn overlap(i: usize, n: usize, j: usize, m: usize) -> f64 {
     let (low, high) = ((i * m).max(j * n), ((i + 1) * m).min((j + 1) * n));
     high.saturating_sub(low) as f64 / m as f64
 }
 
-/// The gain of each pixel by the exposures that the model made, and whether none shows it unclipped. Pictures are
-/// display-encoded, channel by channel; each exposure is [`STOPS`] below the one before.
+/// The gain of each pixel from the exposures of the model, and whether it is clipped in all of them. Pictures are
+/// display-encoded, channel by channel; each exposure is [`STOPS`] below the previous one.
 pub fn gains(base: &[f32], exposures: &[Vec<f32>]) -> Vec<(f32, bool)> {
     let count = base.len() / 3;
     let pixel = |planes: &[f32], at: usize| [0, 1, 2].map(|c| linear_from_srgb(planes[c * count + at]));
@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn a_gain_is_read_from_the_brightest_exposure_that_is_not_clipped() {
-        // Of light 0.5, 4, 40 and 4000 at exposures of 0, -3 and -6 stops.
+        // Light of 0.5, 4, 40 and 4000 at exposures of 0, -3 and -6 stops.
         let lights = [0.5_f32, 4.0, 40.0, 4000.0];
         let shot = |stops: f32| -> Vec<f32> {
             let one = lights.map(|light| srgb_from_linear((light * num::f32::exp2(-stops)).min(1.0)));

@@ -1,4 +1,4 @@
-//! The learned prediction: how much light clipping hides, and where.
+//! The learned prediction: the amount and distribution of light hidden by clipping.
 
 mod blur;
 mod net;
@@ -10,7 +10,7 @@ use engine::{Context, NodeError};
 use super::spread::Spread;
 use super::{Clipped, RegionLight, sun};
 use crate::error::Error;
-use crate::light::books::Books;
+use crate::light::energy_table::EnergyTable;
 use crate::light::measure::luminance;
 use crate::math::num;
 
@@ -20,9 +20,9 @@ pub(super) use self::net::{AMOUNT, LIMITS};
 pub(super) use self::overview::OVERVIEW;
 pub(super) use self::scene::{CELL, Scene};
 
-/// The shipped weights: safetensors in f16, made by `train-exposure` as docs/light.md tells.
+/// The built-in weights: safetensors in f16, made by `train-exposure` as described in docs/light.md.
 pub(super) const WEIGHTS: &[u8] = include_bytes!("../../../../weights/exposure.safetensors");
-/// Their name for messages.
+/// Name of the built-in weights in messages.
 pub(super) const FILE: &str = "exposure.safetensors";
 
 /// Reads a file of weights. `file` is the name for messages.
@@ -30,14 +30,14 @@ pub(super) fn parse(file: &str, bytes: &[u8]) -> Result<Network, Error> {
     Network::parse(file, bytes, OVERVIEW, CELL)
 }
 
-/// The light hidden in each clipped cell, averaged over the members of a network, and how far the members
-/// disagree about each region, in stops.
+/// The light hidden in each clipped cell, averaged over the members of a network, and the disagreement of the
+/// members about each region, in stops.
 pub(super) struct Hidden {
     pub cells: Vec<f64>,
     pub disagreement: Vec<f64>,
 }
 
-/// Averages what the members of `network` say about `scene`.
+/// Averages the predictions of the members of `network` for `scene`.
 pub(super) fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden {
     let features: Vec<&[f32]> = scene.cells.iter().map(|cell| cell.features.as_slice()).collect();
     let flux: Vec<f64> = scene.cells.iter().map(|cell| cell.flux).collect();
@@ -64,22 +64,22 @@ pub(super) fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden
 }
 
 impl Hidden {
-    /// The sun of a clear sky gives at least what it must, however little the networks say; and what it shines on is no
-    /// brighter than white paper in it.
+    /// Raises the sun of a clear sky to at least its lower bound, and limits what it lights to the brightness of
+    /// white paper.
     pub fn with_suns(mut self, scene: &Scene) -> Self {
         for (region, sun) in scene.suns.iter().enumerate().filter(|(_, sun)| **sun > 0.0) {
             let least = sun * sun::FLUX * scene.open_flux;
             let own = || scene.cells.iter().enumerate().filter(|(_, cell)| cell.region == region);
-            let told: f64 = own().map(|(i, _)| self.cells[i]).sum();
-            if told > 0.0 && told < least {
-                own().for_each(|(i, _)| self.cells[i] *= least / told);
+            let reported: f64 = own().map(|(i, _)| self.cells[i]).sum();
+            if reported > 0.0 && reported < least {
+                own().for_each(|(i, _)| self.cells[i] *= least / reported);
             }
         }
         self.lit_below(scene)
     }
 
-    /// By daylight what lies below the horizon is lit, no lamp: of all that shines from above a white surface sends back
-    /// its irradiance over pi at most. What is more is light from above that was looked for in the wrong place.
+    /// By daylight, clipped pixels below the horizon are lit surfaces, not lamps: a white surface reflects at most
+    /// its irradiance over pi. Light predicted beyond that belongs above the horizon.
     fn lit_below(mut self, scene: &Scene) -> Self {
         let certain = scene.suns.iter().copied().fold(0.0, f64::max);
         let above: f64 =
@@ -105,7 +105,7 @@ impl Hidden {
 pub(super) fn predict(
     network: &Network,
     clipped: &Clipped<'_>,
-    books: &mut Books,
+    books: &mut EnergyTable,
     cx: &Context,
 ) -> Result<(Vec<f32>, Vec<RegionLight>), NodeError> {
     let Clipped { up, pixels, mask, ceiling, ref grid, ref labels, .. } = *clipped;
@@ -117,7 +117,7 @@ pub(super) fn predict(
     let mut light: Vec<f64> = grid.rgb.iter().map(|rgb| luminance(*rgb)).collect();
     let mut enter = |step: &'static str, light: &[f64]| {
         let cell = |c: usize| (grid.direction(up, c), grid.solid_angle(c), light[c]);
-        books.enter(step, grid.height, cx, |y| (y * grid.width..(y + 1) * grid.width).map(cell))
+        books.record(step, grid.height, cx, |y| (y * grid.width..(y + 1) * grid.width).map(cell))
     };
     if !scene.cells.is_empty() {
         enter("on the grid", &light)?;
@@ -126,7 +126,7 @@ pub(super) fn predict(
         }
         enter("predicted on the grid", &light)?;
     }
-    // Log of hidden over visible light of each clipped cell; neighbours in a region are interpolated between.
+    // Log of hidden over visible light of each clipped cell; cells of a region are interpolated.
     let mut log_ratio = vec![None; grid.rgb.len()];
     let mut excess = vec![0.0; labels.count];
     for (cell, hidden) in scene.cells.iter().zip(&hidden.cells) {
@@ -159,7 +159,7 @@ pub(super) fn predict(
     let mut found = Vec::with_capacity(labels.count);
     for (i, excess) in excess.into_iter().enumerate() {
         let given = spread.apply(i, excess, pixels, &mut log2_gain);
-        // One deviation more of hidden light, in its logarithm, makes the gain larger by this.
+        // The increase of the gain for one standard deviation more hidden light, in its logarithm.
         let disagreement = hidden.disagreement[i];
         let error = (network.residual * network.residual + disagreement * disagreement).sqrt();
         let ratio = (num::f64::exp2(given.mean_log2_gain) - 1.0) * num::f64::exp2(error);

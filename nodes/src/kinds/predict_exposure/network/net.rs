@@ -1,4 +1,4 @@
-//! The forward pass of the exposure networks: the same bits everywhere, since every sum has one order.
+//! Forward pass of the exposure networks. Every sum has a fixed order, so it gives the same bits on every machine.
 
 use crate::error::Error;
 use crate::math::nn::Weights;
@@ -6,18 +6,18 @@ use crate::math::num;
 
 /// Slope of the units below 0.
 const LEAK: f32 = 0.1;
-/// Scaled numbers are cut off at so many spreads: of the whole, and of a cell.
+/// Limits of scaled features in standard deviations: those of the whole panorama, and those of a cell.
 pub(in super::super) const LIMITS: [f32; 2] = [3.0, 4.0];
-/// Hidden light is at most 2^8 of what is visible, and at least 2^-8.
+/// Hidden light lies between 2^-8 and 2^8 times the visible light.
 pub(in super::super) const AMOUNT: f64 = 8.0;
 
-/// How much light is hidden, by one affine map, and several networks of one shape that say where.
+/// An affine map for the amount of hidden light, and several networks of one shape for its distribution.
 pub(in super::super) struct Network {
-    /// Mean and spread of the numbers about the whole, and of those about a cell.
+    /// Mean and standard deviation of the features of the whole panorama, and of those of a cell.
     scales: [(Vec<f32>, Vec<f32>); 2],
     amount: Affine,
     members: Vec<Member>,
-    /// What the disagreement of the members leaves out of the uncertainty, in stops.
+    /// Part of the uncertainty that the disagreement of the members does not explain, in stops.
     pub residual: f64,
 }
 
@@ -33,11 +33,11 @@ struct Affine {
     bias: f32,
 }
 
-/// What is predicted of one panorama.
+/// Prediction for one panorama.
 pub(in super::super) struct Prediction {
     /// log2 of hidden over visible flux.
     pub amount: f64,
-    /// The share of each cell, as each member has it.
+    /// The share of each cell, by each member.
     pub shares: Vec<Vec<f64>>,
 }
 
@@ -60,7 +60,7 @@ impl Network {
     pub fn parse(file: &str, bytes: &[u8], overview: usize, cell: usize) -> Result<Self, Error> {
         let weights = Weights::parse(file, bytes)?;
         let wrong = |name: &str, shape: &[usize], wanted: &str| {
-            Error::format(file, format!("tensor `{name}` has shape {shape:?}; {wanted} is wanted"))
+            Error::format(file, format!("tensor `{name}` has shape {shape:?} instead of {wanted}"))
         };
         let sized = |name: &str, columns: usize| {
             let (shape, values) = weights.tensor(name)?;
@@ -69,7 +69,7 @@ impl Network {
             }
             Ok(values)
         };
-        // A tensor of one row of `columns` for each member, or of several rows each.
+        // A tensor with one row of `columns` for each member, or with several rows each.
         let rows = |name: &str, members: usize, columns: Option<usize>| {
             let (shape, values) = weights.tensor(name)?;
             let fits = shape.first() == Some(&members) && columns.is_none_or(|n| shape.last() == Some(&n));
@@ -125,7 +125,7 @@ impl Network {
         Ok(Self { scales, amount, members, residual })
     }
 
-    /// What is hidden, and where. `flux` is what each cell shows.
+    /// Predicts the amount and distribution of hidden light. `flux` is the visible flux of each cell.
     pub fn predict(&self, overview: &[f32], cells: &[&[f32]], flux: &[f64]) -> Prediction {
         let scaled = |which: usize, values: &[f32]| -> Vec<f32> {
             let ((mean, spread), limit) = (&self.scales[which], LIMITS[which]);
@@ -169,7 +169,7 @@ mod tests {
     use safetensors::SafeTensors;
     use safetensors::tensor::{Dtype, TensorView, serialize};
 
-    /// The shipped weights with the bytes and shapes of each tensor changed.
+    /// The built-in weights with changed bytes and shapes of each tensor.
     fn changed(change: impl Fn(&str, &mut Vec<usize>, &mut Vec<u8>) -> bool) -> Result<Network, Error> {
         let tensors = SafeTensors::deserialize(WEIGHTS).expect("is sound");
         let mut kept = Vec::new();
@@ -186,7 +186,7 @@ mod tests {
         Network::parse("w", &file, OVERVIEW, CELL)
     }
 
-    /// What is wrong with weights is told by the name of the tensor.
+    /// Errors in weights name the tensor.
     #[test]
     fn wrong_weights_are_refused_by_name() {
         let shipped = SafeTensors::deserialize(WEIGHTS).expect("is sound");
@@ -215,8 +215,8 @@ mod tests {
         }
     }
 
-    /// The forward pass of the shipped networks in float64, of numbers as far from their means as panoramas have them, and
-    /// farther. Mutation: `LEAK` to 0, or a limit of `LIMITS` for the other.
+    /// The forward pass of the shipped networks in float64, for features in and beyond the range of panoramas.
+    /// Mutation: `LEAK` to 0, or a limit of `LIMITS` for the other.
     #[test]
     fn the_forward_pass_is_that_of_float64() {
         let network = Network::parse("w", WEIGHTS, OVERVIEW, CELL).expect("is sound");
@@ -278,7 +278,7 @@ mod tests {
         assert!(largest < 1e-5, "{largest}");
     }
 
-    /// The largest weights that f16 holds overflow nothing.
+    /// The largest f16 weights do not overflow.
     #[test]
     fn the_largest_weights_stay_finite() {
         let network = changed(|name, _, bytes| {

@@ -1,7 +1,7 @@
-//! Numbers about the whole panorama: what is visible, against the visible light that falls on it.
+//! Features of the whole panorama: visible surfaces compared with the visible light that falls on them.
 //!
-//! A surface of albedo a that sends back L receives pi L / a. Where that is more than visible light brings, the
-//! rest is hidden: so the ground is compared with what shines from above, and walls with what shines from across.
+//! A surface of albedo a that reflects L receives pi L / a. If that exceeds the visible light, the rest is hidden:
+//! so the ground is compared with the light from above, and walls with the light from the opposite side.
 
 use glam::DVec3;
 
@@ -10,24 +10,25 @@ use crate::light::regions;
 use crate::math::equirect::axes;
 use crate::math::num;
 
-/// Numbers about the whole panorama.
+/// Number of features of the whole panorama.
 pub(in super::super) const OVERVIEW: usize = 22;
 
-/// The least share, brightness and solid angle (sr) that are told from less.
+/// Smallest share, brightness and solid angle (sr) that is distinguished from less.
 const LEAST: f64 = 1e-4;
-/// The least luminance of a cell, and what is dark.
+/// Smallest luminance of a cell, and the limit of dark cells.
 const BLACK: f64 = 2e-3;
 const DARK: f64 = 0.02;
-/// Sine of the elevation from which on there is sky or ground, of where ground is near, and of the highest wall.
+/// Sines of elevation: where sky or ground begins, where the near ground begins, and of the highest wall.
 const HORIZON: f64 = 0.05;
 const NEAR: f64 = -0.3;
 const WALL: f64 = 0.4;
-/// Walls are judged in windows of so many columns of 256 to either side, that are open for at least this share.
+/// Walls are evaluated in windows of this many columns of 256 to either side that are unclipped for at least this
+/// share.
 const REACH: usize = 8;
 const OPEN: f64 = 0.06;
 
 impl View<'_> {
-    /// The numbers, of regions of these cells and solid angles.
+    /// The features, for regions with these cells and solid angles.
     pub fn overview(&self, members: &[Vec<usize>], sizes: &[f64]) -> [f32; OVERVIEW] {
         let sphere = 4.0 * std::f64::consts::PI;
         let grid = self.grid;
@@ -38,11 +39,11 @@ impl View<'_> {
         let sky = |c: usize| is(self.sine(c) > HORIZON) * self.open[c];
         let ground = |c: usize| is(self.sine(c) < -HORIZON) * self.open[c];
         let near = |c: usize| is(self.sine(c) < NEAR) * self.open[c];
-        // Mean radiance by cosine: irradiance over pi, of planes that look up and down.
+        // Mean radiance weighted by cosine: irradiance over pi, of planes that face up and down.
         let above = |c: usize| seen(c) * self.sine(c).max(0.0);
         let below = |c: usize| seen(c) * (-self.sine(c)).max(0.0);
         let from_above = log2(self.mean(light, above), LEAST);
-        // What is nowhere open counts as white.
+        // Without unclipped cells, the brightness is white.
         let brightness = |weight: &dyn Fn(usize) -> f64| {
             let light = |c: usize| self.open_luminance[c];
             if self.cells().any(|c| weight(c) > 0.0) { log2(self.mean(light, weight), LEAST) } else { 0.0 }
@@ -82,7 +83,7 @@ impl View<'_> {
         numbers.extend(
             [size(true), size(false), sizes.iter().copied().fold(0.0, f64::max)].map(|v| log2(v, LEAST)),
         );
-        // A region that fills no cell counts as much of one as it fills, so that glints are not so many lamps.
+        // A region that fills part of a cell counts by that part, so that glints do not count as many lamps.
         let filled = |cells: &Vec<usize>| cells.iter().map(|&c| grid.share[c]).sum::<f64>().min(1.0);
         numbers.push(num::f64::log2(1.0 + members.iter().map(filled).sum::<f64>()));
         numbers.extend([&sky as &dyn Fn(usize) -> f64, &ground, &ring].map(hue));
@@ -95,7 +96,7 @@ impl View<'_> {
         std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0) as f32)
     }
 
-    /// Mean of `value` by weight, 0 where there is no weight.
+    /// Weighted mean of `value`, 0 without weight.
     fn mean(&self, value: impl Fn(usize) -> f64, weight: impl Fn(usize) -> f64) -> f64 {
         let (mut sum, mut total) = (0.0, 0.0);
         for cell in self.cells() {
@@ -106,7 +107,7 @@ impl View<'_> {
         sum / total.max(1e-9)
     }
 
-    /// Quantiles of `values` by weight, 0 where there is none; ties in the order of the cells.
+    /// Weighted quantiles of `values`, 0 without weight; ties in the order of the cells.
     fn quantiles<const N: usize>(
         &self,
         values: &[f64],
@@ -127,12 +128,12 @@ impl View<'_> {
         found
     }
 
-    /// How much brighter walls are than the visible light that shines on them from across the eye, in stops: the
-    /// mean over all azimuths at which they are seen.
+    /// The brightness of walls relative to the visible light that falls on them from the opposite side, in stops:
+    /// the mean over all azimuths where they are visible.
     fn walls(&self) -> f64 {
         let width = self.grid.width;
-        // Of each column: open light and solid angle near the horizon, all solid angle there, and light and
-        // solid angle that a wall across sees, by the cosine of elevation.
+        // For each column: unclipped light and solid angle near the horizon, the whole solid angle there, and light
+        // and solid angle that a wall on the opposite side receives, weighted by the cosine of elevation.
         let mut columns = vec![[0.0; 5]; width];
         for c in self.cells() {
             let (size, sine, column) = (self.solid_angle(c), self.sine(c), &mut columns[c % width]);
@@ -201,8 +202,8 @@ mod tests {
         Scene::new(&grid, Up::PlusZ, &regions::label(&grid.clipped, width), 1.0).overview
     }
 
-    // In a white furnace everything is as bright as what shines on it; a ground that sends back a quarter is two
-    // stops below it. Mutation: `- from_above` dropped.
+    // In a white furnace every surface is as bright as its illumination; a ground that reflects a quarter is two
+    // stops darker. Mutation: `- from_above` dropped.
     #[test]
     fn surfaces_are_judged_against_what_shines_on_them() {
         let furnace = numbers(0.25, 0.25);
@@ -212,7 +213,7 @@ mod tests {
         let ground = numbers(0.4, 0.1);
         assert!(ground[2..7].iter().all(|v| (v + 2.0).abs() < 0.02), "{ground:?}");
         assert!((ground[1] - num::f32::log2(0.1)).abs() < 1e-3);
-        // All that is clipped is above, in one region.
+        // All clipped cells are above the horizon, in one region.
         assert!(furnace[13] == furnace[11] && furnace[14] == 1.0, "{furnace:?}");
     }
 }

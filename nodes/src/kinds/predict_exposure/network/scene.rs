@@ -1,4 +1,4 @@
-//! What the networks read: numbers about the whole panorama, and numbers about each clipped cell.
+//! Input of the networks: features of the whole panorama, and of each clipped cell.
 
 use engine::Up;
 use glam::DVec3;
@@ -12,24 +12,24 @@ use crate::light::regions::{self, Regions};
 use crate::math::equirect::axes;
 use crate::math::num;
 
-/// Numbers about each clipped cell.
+/// Number of features of each clipped cell.
 pub(in super::super) const CELL: usize = 37;
 /// Radii of the neighbourhoods, in columns of a grid of 256: 2.8, 8.4, 22.5 and 63 degrees.
 const RADII: [usize; 4] = [2, 6, 16, 45];
 /// Cells whose brightest channel is above this count as clipped in all channels.
 const WHITE: f64 = 0.95;
 
-/// A panorama as the network sees it.
+/// Input of the networks for one panorama.
 pub(in super::super) struct Scene {
-    /// The numbers about the whole panorama.
+    /// Features of the whole panorama.
     pub overview: [f32; OVERVIEW],
     /// The clipped cells, in order.
     pub cells: Vec<ClippedCell>,
-    /// Luminance times solid angle of everything seen and not clipped, in cells that are clipped in part too.
+    /// Luminance times solid angle of the visible unclipped parts of all cells.
     pub open_flux: f64,
-    /// Luminance times solid angle of everything seen above the horizon.
+    /// Luminance times solid angle of everything visible above the horizon.
     pub above: f64,
-    /// Which regions are taken for the sun.
+    /// For each region, the degree to which it is the sun.
     pub suns: Vec<f64>,
 }
 
@@ -39,9 +39,9 @@ pub(in super::super) struct ClippedCell {
     pub index: usize,
     /// Its region.
     pub region: usize,
-    /// The numbers about it.
+    /// Features of the cell.
     pub features: [f32; CELL],
-    /// Solid angle of what is clipped of it, and luminance times that.
+    /// Solid angle of its clipped part, and luminance times that.
     pub size: f64,
     pub flux: f64,
     /// Sine of its elevation.
@@ -53,32 +53,32 @@ struct Region {
     /// log2 of its solid angle.
     size: f64,
     share: f64,
-    /// Sine of elevation: mean, largest, least.
+    /// Sine of elevation: mean, largest, smallest.
     sine: [f64; 3],
     centre: DVec3,
     /// Root mean square angle from its centre.
     radius: f64,
     deepest: f64,
     white: f64,
-    /// Mean of what lies around, near and less near.
+    /// Mean brightness of its near and wider surroundings.
     around: [f64; 2],
 }
 
-/// Per-cell quantities that everything below reads.
+/// Quantities per cell that the features are computed from.
 pub(super) struct View<'a> {
     pub grid: &'a Grid,
     pub up: Up,
-    /// Of each row.
+    /// Solid angle of a cell of each row.
     solid_angle: Vec<f64>,
     /// Sine of the elevation of each row.
     sine: Vec<f64>,
-    /// Luminance of what is seen.
+    /// Luminance of the visible part.
     pub luminance: Vec<f64>,
-    /// What is seen and not clipped: solid angle, light and its luminance.
+    /// Visible unclipped part: solid angle, light and its luminance.
     pub open: Vec<f64>,
     pub open_rgb: Vec<[f64; 3]>,
     pub open_luminance: Vec<f64>,
-    /// The same of what is clipped.
+    /// The same for the clipped part.
     pub clipped: Vec<f64>,
     clipped_rgb: Vec<[f64; 3]>,
     pub clipped_luminance: Vec<f64>,
@@ -89,7 +89,7 @@ pub(super) fn log2(v: f64, least: f64) -> f64 {
 }
 
 impl<'a> View<'a> {
-    /// Of light whose whites end at `ceiling`, as if they ended at 1.
+    /// Normalises light to a white level of 1 from `ceiling`.
     fn new(grid: &'a Grid, up: Up, ceiling: f64) -> Self {
         let above = axes(up)[2];
         let row = |y: usize| y * grid.width;
@@ -128,8 +128,8 @@ impl<'a> View<'a> {
         self.solid_angle[cell / self.grid.width]
     }
 
-    /// Neighbourhoods of every cell at each radius: share that is clipped, log2 mean of what is not, its
-    /// blue over red in stops, share that is clipped in all channels.
+    /// Neighbourhoods of every cell at each radius: clipped share, log2 mean of the unclipped part, its blue over
+    /// red in stops, share clipped in all channels.
     fn neighbourhoods(&self) -> Vec<Vec<[f64; 4]>> {
         let field = |c: usize| {
             let (all, open, [r, _, b]) = (self.solid_angle(c), self.open[c], self.open_rgb[c]);
@@ -153,7 +153,7 @@ impl<'a> View<'a> {
             .collect()
     }
 
-    /// The darkest channel of what is clipped of a cell.
+    /// The darkest channel of the clipped part of a cell.
     fn least(&self, cell: usize) -> f64 {
         self.clipped_rgb[cell].into_iter().fold(1.0, f64::min)
     }
@@ -204,7 +204,8 @@ impl<'a> View<'a> {
         for radius in around {
             numbers.extend(radius[c]);
         }
-        // What faces a light across the eye is lit by it, and a floor mirrors it: how bright that is.
+        // The brightness of what faces a light on the opposite side and is lit by it, and of the floor that mirrors
+        // it.
         let (width, last) = (self.grid.width, self.grid.height - 1);
         let below = (last - c / width) * width + c % width;
         let opposite = below - c % width + (c % width + width / 2) % width;
@@ -222,8 +223,8 @@ impl<'a> View<'a> {
 }
 
 impl Scene {
-    /// Describes a panorama whose clipped regions are `labels` and whose whites end at `ceiling`, 1 in what was learned
-    /// from. The numbers are of the panorama as if they ended there; light is in the panorama's own unit.
+    /// Describes a panorama with the clipped regions `labels` and the white level `ceiling`, which was 1 in
+    /// training. Features are normalised to a white level of 1; light is in the unit of the panorama.
     pub(in super::super) fn new(grid: &Grid, up: Up, labels: &Regions, ceiling: f64) -> Self {
         let view = View::new(grid, up, ceiling);
         let mut members = vec![Vec::new(); labels.count];

@@ -13,7 +13,7 @@ use crate::math::color::{code8, linear_from_srgb};
 const W: usize = 64;
 const H: usize = 32;
 
-/// A lamp, a sun and a moon in every fourth column but one, which is dim and slowly brighter to the right.
+/// A lamp, a sun and a moon repeat every four columns, with a dim column between that gets brighter to the right.
 fn light(x: usize) -> f32 {
     [3.0, 30.0, 900.0, 0.2 + 0.01 * x as f32][x % 4]
 }
@@ -29,7 +29,7 @@ impl Place {
         place
     }
 
-    /// In 8 bits; with an alpha of so much in every pixel, or of 0 in column 0 and else of so much.
+    /// In 8 bits; with this alpha in every pixel, or with 0 in column 0 and this alpha elsewhere.
     fn take(&self, name: &str, ev: f32, (width, height): (usize, usize), alpha: Option<(u16, bool)>) {
         let code = |x: usize| u16::from(code8(srgb_from_linear((light(x) * num::f32::exp2(ev)).min(1.0))));
         let pixel = |at: usize| {
@@ -39,11 +39,12 @@ impl Place {
         };
         let codes = (0..width * height).flat_map(pixel).collect();
         let channels = if alpha.is_some() { 4 } else { 3 };
-        let raster = Raster { width, height, channels, largest: 255, codes, ignored: Vec::new() };
+        let raster =
+            Raster { width, height, channels, largest: 255, codes, ignored: Vec::new(), linear: false };
         self.write(name, &png::write(&raster, false, &[]).expect("packs"));
     }
 
-    /// As linear light.
+    /// The same as linear light.
     fn take_linear(&self, name: &str, ev: f32) {
         let samples: Vec<f32> = (0..W * H).map(|at| light(at % W) * num::f32::exp2(ev)).collect();
         let planes = ["R", "G", "B"]
@@ -56,14 +57,13 @@ impl Place {
     }
 
     fn measure(&self, pano: Panorama, files: &[&str], evs: &[f64]) -> Result<(Out, Notes), NodeError> {
-        let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 };
+        let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false };
         let files = files.iter().map(|file| InputFile((*file).to_owned())).collect();
         let params = PredictExposure {
             evs: evs.to_vec(),
             method: Method::Photographs { files },
             white: CLIPPED,
             weights: None,
-            force: false,
         };
         PredictExposure::check(&params)?;
         let pano = Arc::new(pano);
@@ -77,7 +77,7 @@ impl Place {
     }
 }
 
-/// The panorama of that light, moved to the left by some columns.
+/// The panorama of that light, rotated to the left by some columns.
 fn pano(turned: usize) -> Panorama {
     let codes = |at: usize| [srgb_from_linear(light((at + turned) % W).min(1.0)); 3];
     Panorama {
@@ -93,21 +93,21 @@ fn assert_near(found: &[f32], wanted: [f32; 4]) {
     assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 0.02), "{found:?}, not {wanted:?}");
 }
 
-/// What the notes say under an id.
-fn told<'a>(notes: &'a Notes, id: &str) -> Vec<&'a str> {
+/// The texts of the notes with an id.
+fn reported<'a>(notes: &'a Notes, id: &str) -> Vec<&'a str> {
     notes.iter().filter(|note| note.id == id).map(|note| note.text.as_str()).collect()
 }
 
-/// Each clipped pixel by the brightest file that shows it, in any order of files.
-/// Mutation: `.rev()` dropped in `Photographs::gains`.
+/// Each clipped pixel by the brightest file in which it is unclipped, in any order of files. Mutation: `.rev()`
+/// dropped in `Photographs::gains`.
 #[test]
 fn photographs_tell_the_gain_and_are_the_exposures() {
     let place = Place::new();
     let (out, notes) = place.measure(pano(0), &["a.png", "b.png"], &[-3.0, -6.0]).expect("runs");
     assert_near(&out.brackets.log2_gain.samples[..4], [1.585, 4.907, 6.0, 0.0]);
     // The sun is white at EV -6 too.
-    assert!(told(&notes, "still-clipped")[0].starts_with("512 "), "{notes:?}");
-    assert_eq!(told(&notes, "photograph-disagrees").len(), 0, "{notes:?}");
+    assert!(reported(&notes, "still-clipped")[0].starts_with("512 "), "{notes:?}");
+    assert_eq!(reported(&notes, "photograph-disagrees").len(), 0, "{notes:?}");
     assert_eq!(out.brackets.evs, [-6.0, -3.0]);
     assert!((out.brackets.exposures[0].rgb(0, 0)[0] - srgb_from_linear(3.0 / 64.0)).abs() < 0.003);
     let (other, _) = place.measure(pano(0), &["b.png", "a.png"], &[-6.0, -3.0]).expect("runs");
@@ -116,14 +116,13 @@ fn photographs_tell_the_gain_and_are_the_exposures() {
     assert!(place.measure(pano(0), &[], &[]).is_err());
 }
 
-/// The files are of the place, not of the turned panorama.
-/// Mutation: `turned_deg` 0 in `read`.
+/// The files show the scene, not the rotated panorama. Mutation: `turned_deg` 0 in `read`.
 #[test]
 fn photographs_are_turned_with_their_panorama() {
     let place = Place::new();
     let measure = |turned| {
         let (out, notes) = place.measure(pano(turned), &["a.png", "b.png"], &[-3.0, -6.0]).expect("runs");
-        assert!(told(&notes, "photograph-disagrees").is_empty(), "{notes:?}");
+        assert!(reported(&notes, "photograph-disagrees").is_empty(), "{notes:?}");
         out.brackets
     };
     let still = measure(0);
@@ -135,11 +134,11 @@ fn photographs_are_turned_with_their_panorama() {
     }
     let half = Panorama { turned_deg: 0.4 * 360.0 / W as f64, ..pano(0) };
     let (_, notes) = place.measure(half, &["a.png", "b.png"], &[-3.0, -6.0]).expect("runs");
-    assert_eq!(told(&notes, "photographs-between-pixels").len(), 1);
+    assert_eq!(reported(&notes, "photographs-between-pixels").len(), 1);
 }
 
-/// A colour is what it is whatever its alpha; a hole shows nothing, and another photograph is asked.
-/// Mutation: `alpha` not asked in `Photograph::shown`.
+/// Colours do not depend on alpha; a hole shows nothing, and another photograph is used. Mutation: `alpha` not
+/// checked in `Photograph::shown`.
 #[test]
 fn alpha_takes_no_light() {
     let place = Place::new();
@@ -148,17 +147,17 @@ fn alpha_takes_no_light() {
     assert_near(&place.gains(&["half.png", "b.png"], &[-3.0, -6.0]).0, [1.585, 4.907, 6.0, 0.0]);
     let (gains, notes) = place.gains(&["hole.png", "b.png"], &[-3.0, -6.0]);
     assert_near(&gains, [1.585, 4.907, 6.0, 0.0]);
-    assert_eq!(told(&notes, "photographs-have-holes").len(), 0);
+    assert_eq!(reported(&notes, "photographs-have-holes").len(), 0);
     let (out, notes) = place.measure(pano(0), &["hole.png"], &[-3.0]).expect("runs");
     assert_eq!(out.brackets.log2_gain.samples[0], 0.0);
-    assert!(told(&notes, "photographs-have-holes")[0].starts_with("32 clipped pixels"), "{notes:?}");
-    // White at EV -3 and a hole at -6: the darkest that shows it is the one that is white.
+    assert!(reported(&notes, "photographs-have-holes")[0].starts_with("32 clipped pixels"), "{notes:?}");
+    // White at EV -3 and a hole at -6: the darkest photograph of it is the white one.
     place.take("white.png", -0.1, (W, H), None);
     place.take("hole-6.png", -6.0, (W, H), Some((255, true)));
     let (_, notes) = place.gains(&["white.png", "hole-6.png"], &[-0.1, -6.0]);
-    let still = told(&notes, "still-clipped")[0];
+    let still = reported(&notes, "still-clipped")[0];
     assert!(still.contains("in the darkest exposure that shows them"), "{still}");
-    // The exposure is not black there: it shows what is known.
+    // The exposure is not black there: it shows the known light.
     assert!((out.brackets.exposures[0].rgb(0, 3)[0] - srgb_from_linear(0.125)).abs() < 1e-6);
 }
 
@@ -177,38 +176,39 @@ fn linear_light_has_no_ceiling() {
     assert!(error.to_string().contains("`b.png` display colours"), "{error}");
 }
 
-/// Files that were exchanged, or taken elsewhere, are found by what the panorama shows too.
-/// Mutation: `middle` taken for 0, `apart` for 0, or `short` for 0.
+/// Files that were swapped, or taken elsewhere, are detected by comparison with the panorama. Mutation: `middle`
+/// taken as 0, `apart` as 0, or `short` as 0.
 #[test]
 fn photographs_that_contradict_the_panorama_are_reported() {
     let place = Place::new();
     let (_, notes) = place.gains(&["b.png", "a.png"], &[-3.0, -6.0]);
-    let found = told(&notes, "photograph-disagrees");
+    let found = reported(&notes, "photograph-disagrees");
     assert!(found.len() == 2 && found[0].starts_with("`b.png`, taken at EV -3, shows 3.0 stops less"));
-    // Of the same median, but of another place: light and dark are mixed up.
+    // The same median, but of another place: light and dark pixels are mixed up.
     let code = |at: usize| u16::from(code8(srgb_from_linear([0.002_f32, 0.04, 0.9][at * 7 % 3])));
     let codes = (0..W * H).flat_map(|at| [code(at); 3]).collect();
-    let raster = Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new() };
+    let raster =
+        Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false };
     place.write("elsewhere.png", &png::write(&raster, false, &[]).expect("packs"));
     let (_, notes) = place.gains(&["elsewhere.png"], &[-3.0]);
-    assert_eq!(told(&notes, "photograph-disagrees").len(), 1, "{notes:?}");
-    // All that is dim is as it should be, but a third of what is white is dim.
+    assert_eq!(reported(&notes, "photograph-disagrees").len(), 1, "{notes:?}");
+    // All dim pixels are as expected, but a third of the white ones are dim.
     let other = |x: usize| if x.is_multiple_of(4) { 0.3 } else { light(x) };
     let code = |at: usize| u16::from(code8(srgb_from_linear((other(at % W) / 8.0).min(1.0))));
     let codes = (0..W * H).flat_map(|at| [code(at); 3]).collect();
-    let raster = Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new() };
+    let raster =
+        Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false };
     place.write("lamps.png", &png::write(&raster, false, &[]).expect("packs"));
     let (_, notes) = place.gains(&["lamps.png"], &[-3.0]);
-    let found = told(&notes, "photograph-disagrees");
+    let found = reported(&notes, "photograph-disagrees");
     assert!(found.len() == 1 && found[0].contains("of 512 of 1536 pixels that are white"), "{notes:?}");
-    // Nothing of what the panorama shows can be seen at EV -15.
+    // Nothing of the panorama is visible at EV -15.
     place.take("night.png", -15.0, (W, H), None);
     let (_, notes) = place.gains(&["night.png"], &[-15.0]);
-    assert_eq!(told(&notes, "photograph-unchecked").len(), 1, "{notes:?}");
+    assert_eq!(reported(&notes, "photograph-unchecked").len(), 1, "{notes:?}");
 }
 
-/// Also where nothing is clipped, files are opened and judged.
-/// Mutation: photographs read only where `clipped > 0`.
+/// Files are read and checked even if nothing is clipped. Mutation: photographs read only where `clipped > 0`.
 #[test]
 fn files_are_read_where_nothing_is_clipped() {
     let place = Place::new();
@@ -223,14 +223,14 @@ fn files_are_read_where_nothing_is_clipped() {
         place.measure(dim(), &["a.png", "small.png"], &[-3.0, -6.0]).map(|_| ()).expect_err("differs");
     assert!(error.to_string().contains("small.png") && error.to_string().contains("32x16"), "{error}");
     let (out, notes) = place.measure(dim(), &["a.png"], &[-3.0]).expect("runs");
-    assert_eq!(told(&notes, "nothing-clipped").len(), 1);
-    assert_eq!(told(&notes, "photograph-disagrees").len(), 1, "{notes:?}");
+    assert_eq!(reported(&notes, "nothing-clipped").len(), 1);
+    assert_eq!(reported(&notes, "photograph-disagrees").len(), 1, "{notes:?}");
     assert_eq!(out.brackets.exposures[0].rgb(1, 0), [1.0; 3], "a photograph is what was taken");
 }
 
-/// A panorama whose white ends at code 246 of 255 loses no light that photographs show: what they show brighter is clipped,
-/// by either gain, and what they show alike is not.
-/// Mutation: `add_clipped` not asked; `BRIGHTER` 0; `measured` false in `fuse`.
+/// A panorama with a white level of code 246 of 255 loses no light that photographs show: pixels that they show
+/// brighter are clipped, with either gain, and equal ones are not. Mutation: `add_clipped` not called; `BRIGHTER`
+/// 0; `measured` false in `fuse`.
 #[test]
 fn light_that_photographs_show_above_an_early_white_is_found() {
     let place = Place::new();
@@ -249,7 +249,7 @@ fn light_that_photographs_show_above_an_early_white_is_found() {
         for gain in [Gain::Direct, Gain::Brackets] {
             let fuse = FuseHdr { gain, ..FuseHdr::default() };
             let input = fuse_hdr::In { base: base.clone(), brackets: out.brackets.clone() };
-            let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 };
+            let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false };
             let (lit, _) = FuseHdr::run(&fuse, input, &Context::detached(scene, ".")).expect("runs");
             for (x, light) in [(0, 3.0), (1, 30.0)] {
                 let found = lit.env.image.rgb(x, 5)[0];

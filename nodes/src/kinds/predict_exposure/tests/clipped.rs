@@ -1,9 +1,9 @@
-//! Which pixels are clipped, and that nothing else is given light.
+//! Which pixels count as clipped, and that no other pixel gets light.
 
 use super::*;
 
-// What the check leaves out is nothing: asked all the same, no method gives light to a panorama in which nothing is
-// clipped, be it black, grey, or a room whose window and lamp end just below.
+// Skipping the method changes nothing: when forced, no method adds light to a panorama in which nothing is clipped,
+// whether black, grey, or a room whose window and lamp end just below white.
 #[test]
 fn a_prediction_that_is_forced_where_nothing_is_clipped_changes_no_bit() {
     let mut room = (*room(128)).clone();
@@ -13,22 +13,26 @@ fn a_prediction_that_is_forced_where_nothing_is_clipped_changes_no_bit() {
     let flat = |value: f32| pano(64, move |_, _| [value; 3]);
     for source in [Arc::new(room), flat(0.0), flat(0.6)] {
         for method in METHODS {
-            let run = |force: bool| {
+            let run = |exhaustive: bool| {
                 let params = PredictExposure {
                     evs: vec![-3.0, -6.0],
                     method: method.clone(),
                     white: CLIPPED,
                     weights: None,
-                    force,
                 };
+                let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive };
+                let cx = Context::detached(scene, ".");
                 let (out, notes) =
-                    PredictExposure::run(&params, In { pano: source.clone() }, &cx()).expect("runs");
+                    PredictExposure::run(&params, In { pano: source.clone() }, &cx).expect("runs");
                 let note = notes.iter().find(|note| note.id == "nothing-clipped").map(|n| n.text.clone());
                 (out.brackets, note.unwrap_or_default())
             };
-            let ((left, told), (forced, why)) = (run(false), run(true));
+            let ((left, reported), (forced, why)) = (run(false), run(true));
             assert!(left.log2_gain == forced.log2_gain && left.exposures == forced.exposures, "{method:?}");
-            assert!(told.ends_with("nothing is predicted") && why.ends_with("by `force`"), "{told}; {why}");
+            assert!(
+                reported.ends_with("nothing is predicted") && why.ends_with("because of `--exhaustive`"),
+                "{reported}; {why}"
+            );
             let name = |brackets: &Brackets| brackets.report.tables[0].rows[0][0].clone();
             assert_eq!(name(&left), Cell::Text("skip".to_owned()));
             assert_ne!(name(&forced), name(&left), "the report says what was asked");
@@ -56,8 +60,8 @@ fn holes_are_not_clipped() {
     assert!(notes.iter().any(|note| note.id == "nothing-clipped"));
 }
 
-// What a hole was filled with tells nothing of the light, also where a cell of the grid is part hole.
-// Mutation: the two sums of `Grid::new` taken together, or alpha not asked in `first_column`.
+// The fill of a hole says nothing about the light, also if a cell of the grid is partly a hole. Mutation: the two
+// sums of `Grid::new` taken together, or alpha not checked in `first_column`.
 #[test]
 fn what_fills_a_hole_changes_no_gain() {
     for method in METHODS {
@@ -76,7 +80,7 @@ fn what_fills_a_hole_changes_no_gain() {
     }
 }
 
-// White that is mostly transparent is told, and nothing contradicts it. Mutation: `tell_unseen` not asked.
+// White that is mostly transparent is reported, without a contradiction. Mutation: `report_unseen` not called.
 #[test]
 fn white_that_is_mostly_transparent_is_reported() {
     let mut pano = (*pano(64, |x, y| if (x, y) == (5, 8) { [1.0; 3] } else { [0.5; 3] })).clone();
@@ -87,8 +91,8 @@ fn white_that_is_mostly_transparent_is_reported() {
     assert!(text("nothing-clipped").contains("reaches 0.214 "), "{notes:?}");
 }
 
-// Linear light that ends at white was clipped there; where it goes on above, what lies near white is what it is.
-// Mutation: `pixels.ceiling` not asked in `clip_mask`.
+// Linear light that ends at white was clipped there; with values above white, values near white are unclipped.
+// Mutation: `pixels.ceiling` not checked in `clip_mask`.
 #[test]
 fn linear_light_is_clipped_at_white_unless_it_holds_more() {
     let mut pano = (*pano(64, |_, _| [0.5; 3])).clone();
@@ -106,8 +110,8 @@ fn linear_light_is_clipped_at_white_unless_it_holds_more() {
     }
 }
 
-// Whites may end early; from `white` on a channel is clipped, and lights that are stated for pixels below it are told.
-// Mutation: `CLIPPED` for `white` in `clip_mask`; the warning dropped in `tell_nothing_clipped`.
+// Whites may end early: a channel is clipped from `white` on, and given lights for pixels below it are reported.
+// Mutation: `CLIPPED` for `white` in `clip_mask`; the warning dropped in `report_nothing_clipped`.
 #[test]
 fn white_is_where_the_user_says() {
     let mut dull = (*room(128)).clone();
@@ -115,13 +119,12 @@ fn white_is_where_the_user_says() {
     image.samples.iter_mut().for_each(|code| *code = code.min(0.96));
     let (dull, method) = (Arc::new(dull), Method::Manual { emitters: vec![[0.0, 0.0, 180.0, 5.0]] });
     let lit = |white: f32| {
-        let params =
-            PredictExposure { evs: vec![-3.0], method: method.clone(), white, weights: None, force: false };
+        let params = PredictExposure { evs: vec![-3.0], method: method.clone(), white, weights: None };
         let (out, notes) = PredictExposure::run(&params, In { pano: dull.clone() }, &cx()).expect("runs");
         let lit = out.brackets.log2_gain.samples.iter().filter(|gain| **gain > 0.0).count();
         (lit, notes.iter().any(|note| note.id == "nothing-to-light"))
     };
     assert_eq!(lit(CLIPPED), (0, true));
-    let (pixels, told) = lit(0.9);
-    assert!(pixels > 0 && !told, "{pixels}");
+    let (pixels, reported) = lit(0.9);
+    assert!(pixels > 0 && !reported, "{pixels}");
 }

@@ -1,4 +1,4 @@
-//! The method that draws exposures with a diffusion model.
+//! The method that makes exposures by a diffusion model.
 
 use super::*;
 
@@ -32,14 +32,9 @@ fn files_of_the_diffusion_model_count_by_content_and_a_build_without_it_says_so(
     let numbers = |method: &Method| method.kontext().expect("is it").check_numbers();
     assert!(numbers(&method).is_ok());
     let error = numbers(&flux_kontext(["a", "b", "c", "d"], 0, 0)).expect_err("takes no steps").to_string();
-    assert!(error.contains("`steps` of `FluxKontext` is 0; it lies between 1 and 200"), "{error}");
-    let checked = PredictExposure::check(&PredictExposure {
-        evs: vec![-3.0],
-        method,
-        white: CLIPPED,
-        weights: None,
-        force: false,
-    });
+    assert!(error.contains("`steps` of `FluxKontext` is 0, outside of 1 to 200"), "{error}");
+    let checked =
+        PredictExposure::check(&PredictExposure { evs: vec![-3.0], method, white: CLIPPED, weights: None });
     if cfg!(feature = "learned") {
         assert!(checked.is_ok());
     } else {
@@ -47,8 +42,8 @@ fn files_of_the_diffusion_model_count_by_content_and_a_build_without_it_says_so(
     }
 }
 
-/// The small model with random weights, through the kind: it predicts nothing sensible, but where it should and
-/// the same each time.
+/// The small model with random weights, through the kind: its predictions are not sensible, but in the right pixels
+/// and reproducible.
 #[cfg(all(feature = "learned", feature = "real-data"))]
 #[test]
 fn the_diffusion_model_fills_clipped_pixels_only() {
@@ -73,11 +68,10 @@ fn the_diffusion_model_fills_clipped_pixels_only() {
         method: flux_kontext(files, 2, 3),
         white: CLIPPED,
         weights: None,
-        force: false,
     };
     let cx = cx();
     let sources = PredictExposure::sources(&params, &SourceRoot::new(".")).expect("are there");
-    // The four files, and what stands beside two of them.
+    // The four files, and the files next to two of them.
     assert_eq!(sources.len(), 6);
     let (out, notes) = PredictExposure::run(&params, In { pano: room(128) }, &cx).expect("runs");
     assert!(notes.iter().any(|note| note.id == "kontext" && note.text.contains("2 exposures at 64 x 32")));

@@ -1,4 +1,4 @@
-//! How many pixels a panorama has, how they lie, and what that changes.
+//! The effect of the number of pixels of a panorama and of their position.
 
 use super::*;
 
@@ -41,7 +41,7 @@ fn recovered_light_does_not_depend_on_the_resolution() {
     }
 }
 
-// A panorama with fewer columns than the networks learned from is judged with as many: each pixel several times gives the
+// A panorama with fewer columns than in training is evaluated with the same number: repeating each pixel gives the
 // same light. Mutation: `Enlarged::new` to `None`, or `gathered` of the first part alone.
 #[test]
 fn a_coarse_panorama_is_judged_on_the_same_grid() {
@@ -53,10 +53,10 @@ fn a_coarse_panorama_is_judged_on_the_same_grid() {
     assert_eq!(a.tables[1].rows, b.tables[1].rows, "the same regions");
 }
 
-// Glints, single pixels that clip on a finer panorama, hide the light of their pixels and not of the cells of the grid that
-// they lie in: of a room with a glint in each fourth cell of the floor `Learned`, to which so many are as much white on the floor,
-// tells at most half as much light again, `Region` less; and each cell keeps the share of it that is open.
-// Mutation: `share` 1 for each cell that is clipped in part.
+// Glints, single pixels that clip in a finer panorama, hide the light of their pixels and not that of the grid
+// cells around them: in a room with a glint in each fourth cell of the floor, `Learned`, which mistakes them for
+// white on the floor, finds at most half as much light again, and `Region` less; and each cell keeps its unclipped
+// share. Mutation: `share` 1 for each cell that is clipped in part.
 #[test]
 fn glints_do_not_count_as_whole_cells() {
     let (width, plain) = (1024, room(1024));
@@ -87,13 +87,13 @@ fn glints_do_not_count_as_whole_cells() {
     assert!((whole / (4.0 * std::f64::consts::PI) - 1.0).abs() < 1e-9);
 }
 
-// Mutation: `<` to `<=` in `tell_coarse`, or it not called.
+// Mutation: `<` to `<=` in `report_coarse`, or it not called.
 #[test]
 fn a_panorama_too_coarse_for_lamps_is_reported() {
-    for (width, told) in [(32, Some("a pixel of the panorama is 11.2 degrees wide")), (64, None)] {
+    for (width, reported) in [(32, Some("a pixel of the panorama is 11.2 degrees wide")), (64, None)] {
         let (_, notes) = run(pano(width, |_, _| [0.5; 3]), &[-3.0]);
         let text = notes.iter().find(|note| note.id == "coarse").map(|note| note.text.clone());
-        assert_eq!(text.is_some(), told.is_some(), "{text:?}");
-        assert!(told.is_none_or(|told| text.is_some_and(|text| text.starts_with(told))));
+        assert_eq!(text.is_some(), reported.is_some(), "{text:?}");
+        assert!(reported.is_none_or(|reported| text.is_some_and(|text| text.starts_with(reported))));
     }
 }

@@ -2,10 +2,10 @@
 
 use super::*;
 
-// A clipped disc of a few pixels at 45 degrees is the sun where it stands in a clear sky, also in the white balance of a
-// sunset, and no sun in a blue room, under a white ceiling over a brown floor, or in an overcast sky; where little of the
-// sky is seen it gives a part.
-// Mutation: `with_suns` without its loop; `clear` 1; either number of `CLEAR` 0.
+// A clipped disc of a few pixels at 45 degrees is the sun where it stands in a clear sky, also in the white balance
+// of a sunset, and is not the sun in a blue room, under a white ceiling over a brown floor, or in an overcast sky;
+// where little of the sky is visible it counts in part. Mutation: `with_suns` without its loop; `clear` 1; either
+// number of `CLEAR` 0.
 #[test]
 fn a_lone_small_light_in_a_sky_bluer_than_the_ground_is_taken_for_the_sun() {
     for method in METHODS {
@@ -24,23 +24,23 @@ fn a_lone_small_light_in_a_sky_bluer_than_the_ground_is_taken_for_the_sun() {
         let share = |colour: [f32; 3], ground: [f32; 3]| seen(256, colour, ground);
         let grey = [0.3; 3];
         for (sky, ground) in [([0.3, 0.45, 0.7], grey), ([0.5, 0.5, 0.55], [0.4, 0.3, 0.2])] {
-            let (sun, told) = share(sky, ground);
-            assert!(told && (sun - 0.5).abs() < 0.02, "{method:?}: half of the rest, not {sun}");
+            let (sun, reported) = share(sky, ground);
+            assert!(reported && (sun - 0.5).abs() < 0.02, "{method:?}: half of the rest, not {sun}");
         }
         let (ceiling, overcast) = (([0.6, 0.6, 0.58], [0.5, 0.36, 0.25]), ([0.6, 0.6, 0.64], grey));
         let rooms = [([0.5, 0.48, 0.45], grey), ([0.4, 0.45, 0.5], [0.4, 0.45, 0.5])];
         for (sky, ground) in rooms.into_iter().chain([ceiling, overcast]) {
-            let (lamp, told) = share(sky, ground);
-            assert!(!told && lamp < 0.35, "{method:?}: no sky, no sun: {lamp}");
+            let (lamp, reported) = share(sky, ground);
+            assert!(!reported && lamp < 0.35, "{method:?}: no sky, no sun: {lamp}");
         }
-        // The sky is seen in 45 of 256 columns, between grey walls.
-        let (part, told) = seen(45, [0.3, 0.45, 0.7], [0.5; 3]);
-        assert!(told && part < 0.45, "{method:?}: {part}");
+        // The sky is visible in 45 of 256 columns, between grey walls.
+        let (part, reported) = seen(45, [0.3, 0.45, 0.7], [0.5; 3]);
+        assert!(reported && part < 0.45, "{method:?}: {part}");
     }
 }
 
-// White pixels of the ground, glints or snow, take no sun away: what is clipped below the horizon is lit, no light.
-// Mutation: `height(c) > 0.0` to `true` in `hues`.
+// White pixels of the ground, glints or snow, do not prevent the detection of the sun: clipped pixels below the
+// horizon are lit surfaces. Mutation: `height(c) > 0.0` to `true` in `hues`.
 #[test]
 fn glints_on_the_ground_leave_the_sun_one() {
     for method in METHODS {
@@ -58,15 +58,15 @@ fn glints_on_the_ground_leave_the_sun_one() {
             (sun / rest, below, notes.iter().any(|note| note.id == "sun"))
         };
         for every in [64, 8] {
-            let (sun, below, told) = glints(every);
-            assert!(told && sun > 0.48, "{method:?}, {every}: {sun}");
-            // No brighter than white paper in all that shines from above. Mutation: `lit_below` not asked.
+            let (sun, below, reported) = glints(every);
+            assert!(reported && sun > 0.48, "{method:?}, {every}: {sun}");
+            // No brighter than white paper in all the light from above. Mutation: `lit_below` not called.
             assert!(method == Method::Region || below < 1.0, "{below} stops on the ground");
         }
     }
 }
 
-// There is one sun: of two lights that may be it the larger. Mutation: the others kept in `suns`.
+// There is one sun: the larger of two candidates. Mutation: the others kept in `suns`.
 #[test]
 fn there_is_one_sun() {
     for method in METHODS {
@@ -86,12 +86,12 @@ fn there_is_one_sun() {
     }
 }
 
-// A sun over water, which is as blue as the sky, is told to be one that may be missed; a lamp in a grey room is not.
+// A sun over water, which is as blue as the sky, is reported as possibly missed; a lamp in a grey room is not.
 // Mutation: `*blue > BLUE` to `false`, or to `true`.
 #[test]
 fn a_sun_over_water_is_reported_to_be_doubtful() {
     for method in METHODS {
-        let told = |colour: [f32; 3]| {
+        let reported = |colour: [f32; 3]| {
             let source = pano(256, |x, y| match (x, y) {
                 (60..=61, 32..=33) => [1.0; 3],
                 _ => colour,
@@ -100,6 +100,6 @@ fn a_sun_over_water_is_reported_to_be_doubtful() {
             assert!(notes.iter().all(|note| note.id != "sun"));
             notes.iter().any(|note| note.id == "sun-doubtful")
         };
-        assert!(told([0.3, 0.45, 0.7]) && !told([0.5; 3]));
+        assert!(reported([0.3, 0.45, 0.7]) && !reported([0.5; 3]));
     }
 }

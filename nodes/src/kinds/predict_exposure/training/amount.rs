@@ -1,11 +1,11 @@
-//! How much light is hidden in all: a ridge regression on the numbers about the whole panorama.
+//! The total amount of hidden light: a ridge regression on the features of the whole panorama.
 
-/// Penalty of a squared weight, for each unit of weight of the examples. Numbers have a spread of 1.
+/// Penalty of a squared weight, per unit of weight of the examples. Features have a standard deviation of 1.
 const PENALTY: f64 = 0.08;
-/// Less hidden light than this, in stops above what is visible, is told from more, but no smaller amount.
+/// Smallest amount of hidden light that is distinguished, in log2 relative to the visible light.
 const LEAST: f64 = -10.0;
 
-/// log2 of hidden over visible flux, affine in scaled numbers.
+/// log2 of hidden over visible flux, affine in scaled features.
 pub(super) struct Amount {
     pub weight: Vec<f32>,
     pub bias: f32,
@@ -13,17 +13,17 @@ pub(super) struct Amount {
 
 /// One panorama to fit to.
 pub(super) struct Sample<'a> {
-    /// Its numbers, scaled.
+    /// Its scaled features.
     pub numbers: &'a [f32],
     /// log2 of hidden over visible flux.
     pub amount: f64,
-    /// How much it counts.
+    /// Its weight.
     pub weight: f64,
 }
 
 impl Amount {
-    /// The least sum of squared errors and penalties. The error is that of the amount itself, not of the light
-    /// that it makes: a panorama that hides nothing then tells as much as one that hides a sun.
+    /// Minimises the sum of squared errors and penalties. The error is that of the logarithmic amount, not of the
+    /// light: so a panorama that hides nothing counts as much as one that hides a sun.
     pub fn fit(samples: &[Sample<'_>]) -> Self {
         let columns = samples.first().map_or(0, |sample| sample.numbers.len());
         let total: f64 = samples.iter().map(|s| s.weight).sum::<f64>().max(f64::MIN_POSITIVE);
@@ -34,7 +34,7 @@ impl Amount {
             mean.iter_mut().zip(sample.numbers).for_each(|(m, v)| *m += part * f64::from(*v));
         }
         let centre = samples.iter().map(|s| s.weight * wanted(s)).sum::<f64>() / total;
-        // Normal equations about the means, one row after the other; the last column is the right hand side.
+        // Normal equations around the means, row by row; the last column is the right-hand side.
         let mut rows = vec![vec![0.0; columns + 1]; columns];
         for sample in samples {
             let off: Vec<f64> = sample.numbers.iter().zip(&mean).map(|(v, m)| f64::from(*v) - m).collect();
@@ -52,14 +52,14 @@ impl Amount {
         Self { weight: weight.iter().map(|w| *w as f32).collect(), bias: bias as f32 }
     }
 
-    /// The amount of a panorama whose numbers are scaled.
+    /// The amount for a panorama with these scaled features.
     pub fn of(&self, numbers: &[f32]) -> f64 {
         let sum = numbers.iter().zip(&self.weight).fold(0.0, |sum, (v, w)| sum + v * w);
         f64::from(sum + self.bias)
     }
 }
 
-/// Solves equations whose matrix is positive definite, so that no pivot is 0, by elimination.
+/// Solves equations with a positive definite matrix, which has no zero pivot, by elimination.
 fn solve(mut rows: Vec<Vec<f64>>) -> Vec<f64> {
     let n = rows.len();
     for i in 0..n {
@@ -83,8 +83,8 @@ mod tests {
     use super::*;
     use crate::geometry::sampling::{hash, unit};
 
-    // At the least, no change of a weight or of the bias lowers the cost: its slopes are 0.
-    // Mutation: `PENALTY` not added, or a sign turned in `solve`.
+    // At the minimum, the derivatives by every weight and the bias are 0. Mutation: `PENALTY` not added, or a sign
+    // changed in `solve`.
     #[test]
     fn a_fit_is_the_least_of_its_cost() {
         let rows: Vec<Vec<f32>> =
@@ -93,10 +93,10 @@ mod tests {
             let amount = f64::from(row[0] - 2.0 * row[3]) + f64::from(unit(hash(i as u32, 9)));
             (amount, 0.5 + f64::from(unit(hash(i as u32, 10))))
         };
-        let told: Vec<(f64, f64)> = rows.iter().enumerate().map(sample).collect();
+        let reported: Vec<(f64, f64)> = rows.iter().enumerate().map(sample).collect();
         let samples: Vec<Sample<'_>> = rows
             .iter()
-            .zip(&told)
+            .zip(&reported)
             .map(|(numbers, &(amount, weight))| Sample { numbers, amount, weight })
             .collect();
         let fitted = Amount::fit(&samples);

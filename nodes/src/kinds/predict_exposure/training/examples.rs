@@ -1,4 +1,4 @@
-//! The examples of a training, and which of them a network may learn from.
+//! Training examples, and the selection for each network.
 
 use engine::Digest;
 use learned::exposure::{Examples, Scale};
@@ -13,43 +13,44 @@ use crate::geometry::sampling::{hash, unit};
 use crate::math::num;
 use crate::types::{Image, Linear};
 
-/// Photographs of each panorama; the first is plain, at EV 0.
+/// Number of photographs per panorama; the first is unmodified, at EV 0.
 const SHOTS: u32 = 8;
 /// Largest exposure away from EV 0, in stops.
 const STOPS: f64 = 1.2;
-/// Clipped cells that an example keeps; where there are more, those with the most light and others by chance.
+/// Number of clipped cells that an example keeps; of more, those with the most light and a random choice of the
+/// others.
 const CELLS: usize = 1400;
 const BRIGHTEST: usize = 250;
-/// Shares of the photographs that are taken of the finer panorama, and that have glints: none, until the cross-validation
-/// of a whole training has weighed them (0.5 and 0.3 are to be tried).
+/// Shares of the photographs that are taken from the finer panorama, and that have glints: 0, until the
+/// cross-validation of a whole training has tested them (0.5 and 0.3 are candidates).
 const FINER: f64 = 0.0;
 const GLINTS: f64 = 0.0;
-/// A panorama made by formula counts so much of a photograph of a real one.
+/// Weight of a procedural panorama relative to a photograph of a real one.
 const PROCEDURAL: f32 = 0.6;
 
-/// The examples.
+/// All training examples.
 pub(super) struct Course {
-    /// The panoramas that are real.
+    /// The real panoramas.
     held: Vec<HeldOut>,
-    /// The place of each example; `None` for what is made by formula.
+    /// The place of each example; `None` for procedural ones.
     places: Vec<Option<usize>>,
-    /// Which photograph of its panorama each example is; the first is plain.
+    /// Index of the photograph of its panorama; the first is unmodified.
     shots: Vec<u32>,
-    /// Visible flux of each example that is not clipped.
+    /// Visible unclipped flux of each example.
     open: Vec<f64>,
     raw: Examples,
 }
 
-/// What a panorama is judged by when it is held out.
+/// Data by which a held-out panorama is evaluated.
 pub(super) struct HeldOut {
     pub name: String,
     place: usize,
-    /// Its plain photograph, and that of the finer panorama, where there is one.
+    /// Its unmodified photograph, and that of the finer panorama if there is one.
     pub plain: Example,
     pub fine: Option<Example>,
 }
 
-/// A shot by chance: exposure, white balance, softness, grain, holes.
+/// A random photograph: exposure, white balance, softness, grain, holes.
 fn shot(key: u32, ev: f64) -> Shot {
     let by_chance = |n: u32| f64::from(unit(hash(key, n)));
     let balance = std::array::from_fn(|c| {
@@ -64,7 +65,7 @@ fn shot(key: u32, ev: f64) -> Shot {
 }
 
 impl Course {
-    /// Photographs every panorama, and those made by formula. `None` when told to stop.
+    /// Photographs every panorama, real and procedural. `None` when stopped.
     pub fn new(
         panoramas: Vec<(String, Image<Linear>)>,
         plan: &Plan,
@@ -95,8 +96,7 @@ impl Course {
         };
         for (index, (name, image)) in panoramas.into_iter().enumerate() {
             let place = places.binary_search_by(|p| p.as_str().cmp(place(&name))).unwrap_or_default();
-            let truth =
-                Truth::new(image).ok_or_else(|| Error::format(name.as_str(), "holds no light at all"))?;
+            let truth = Truth::new(image).ok_or_else(|| Error::format(name.as_str(), "contains no light"))?;
             for n in 0..SHOTS {
                 let key = hash(hash(key, index as u32), n);
                 let among = (f64::from(n) - 1.0 + f64::from(unit(key))) / f64::from(SHOTS - 1);
@@ -138,7 +138,7 @@ impl Course {
     fn add(&mut self, example: &Example, weight: f32, key: u32) {
         let raw = &mut self.raw;
         let count = example.scene.cells.len();
-        // Kept cells, and how many each stands for.
+        // Kept cells, and the number of cells that each represents.
         let mut order: Vec<usize> = (0..count).collect();
         let mut stands_for = 1.0;
         if count > CELLS {
@@ -171,8 +171,8 @@ impl Course {
         raw.weight.push(weight);
     }
 
-    /// A line for each example: its place (none for what is made by formula), which photograph of the panorama it
-    /// is, its weight, visible flux, that of what is not clipped, hidden flux, and the numbers about the whole.
+    /// A line for each example: its place (empty for procedural ones), the index of the photograph, its weight,
+    /// visible flux, unclipped flux, hidden flux, and the features of the whole panorama.
     pub fn numbers(&self) -> String {
         let mut text = "place,photograph,weight,visible,open,hidden".to_owned();
         (0..OVERVIEW).for_each(|k| text += &format!(",n{k}"));
@@ -188,7 +188,7 @@ impl Course {
         text
     }
 
-    /// Digest of what there is to learn.
+    /// Digest of the training data.
     pub fn digest(&self) -> Digest {
         let raw = &self.raw;
         let values =
@@ -198,12 +198,12 @@ impl Course {
         Digest::of(digests.as_bytes())
     }
 
-    /// The part of cross-validation that a place belongs to.
+    /// The fold of cross-validation that a place belongs to.
     fn fold(place: usize, folds: usize) -> usize {
         place % folds
     }
 
-    /// The examples that a network learns from: those with light to find, at all places but those of `fold`.
+    /// The examples for one network: those with hidden light, from all places except those of `fold`.
     pub fn chosen(&self, fold: Option<usize>, folds: usize) -> Vec<usize> {
         let learns = |i: &usize| {
             let ([.., hidden, _], open) = (self.raw.fluxes[*i], self.open[*i]);
@@ -216,14 +216,14 @@ impl Course {
         (0..self.raw.count).filter(learns).collect()
     }
 
-    /// Mean and spread of the numbers in the chosen examples.
+    /// Mean and standard deviation of the features of the chosen examples.
     pub fn scales(&self, chosen: &[usize]) -> [Scale; 2] {
         let among = |i: usize| chosen.binary_search(&i).is_ok();
         let real = |i: usize| among(i / CELLS) && self.raw.log_flux[i] > -1e8;
         [Scale::of(&self.raw.overview, OVERVIEW, among), Scale::of(&self.raw.features, CELL, real)]
     }
 
-    /// The amount that fits the chosen examples.
+    /// The amount fitted to the chosen examples.
     pub fn amount(&self, chosen: &[usize], scales: &[Scale; 2]) -> Amount {
         let mut overview = self.raw.overview.clone();
         scales[0].apply(&mut overview, LIMITS[0]);
@@ -235,7 +235,7 @@ impl Course {
         Amount::fit(&chosen.iter().map(sample).collect::<Vec<_>>())
     }
 
-    /// All examples with their numbers scaled and the hidden flux that an amount predicts.
+    /// All examples with scaled features and the hidden flux predicted by an amount.
     pub fn scaled(&self, scales: &[Scale; 2], amount: &Amount) -> Examples {
         let raw = &self.raw;
         let mut scaled = Examples {
@@ -258,7 +258,7 @@ impl Course {
         scaled
     }
 
-    /// The plain photographs of the places of one part, by name of the panorama.
+    /// The unmodified photographs of the places of one fold, by name of the panorama.
     pub fn held_out(&self, fold: usize, folds: usize) -> impl Iterator<Item = &HeldOut> {
         self.held.iter().filter(move |held| Self::fold(held.place, folds) == fold)
     }

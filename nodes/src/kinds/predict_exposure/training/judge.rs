@@ -1,4 +1,4 @@
-//! What networks say of panoramas that they never saw, against the truth.
+//! Evaluation of networks on held-out panoramas.
 
 use super::super::network::{Network as Forward, hidden};
 use super::truth::Example;
@@ -7,40 +7,40 @@ use crate::error::Error;
 use crate::io::exr::{self, Channel, Depth};
 use crate::math::num;
 
-/// Regions count for the uncertainty that hold at least this share of the hidden light.
+/// Regions with at least this share of the hidden light count for the uncertainty.
 const MATTERS: f64 = 0.05;
-/// Errors of regions are cut off at so many stops.
+/// Largest error of a region that counts, in stops.
 const LARGEST_ERROR: f64 = 4.0;
 
-/// The head of the lines that [`Judged::lines`] gives.
-pub(super) const COLUMNS: &str = "panorama,part,open,sun,visible,hidden,told,given,disagreement\n";
+/// The header of the lines of [`Judged::lines`].
+pub(super) const COLUMNS: &str = "panorama,part,open,sun,visible,hidden,predicted,given,disagreement\n";
 
-/// What was told of one clipped region, and what is true: fluxes.
+/// Predicted and true fluxes of one clipped region.
 struct Region {
     sun: f64,
     visible: f64,
     hidden: f64,
-    /// Hidden flux, as the networks have it, and with the rule for suns.
-    told: f64,
+    /// Hidden flux predicted by the networks, and with the rule for suns.
+    predicted: f64,
     given: f64,
-    /// How far the networks disagree, in stops.
+    /// Disagreement of the networks, in stops.
     disagreement: f64,
 }
 
 impl Region {
-    /// The square of the error of the networks, in stops, less that of their disagreement.
+    /// The squared error of the networks, in stops, minus that of their disagreement.
     fn square(&self) -> f64 {
-        let error = num::f64::log2(self.told.max(1e-12) / self.hidden);
+        let error = num::f64::log2(self.predicted.max(1e-12) / self.hidden);
         let error = error.clamp(-LARGEST_ERROR, LARGEST_ERROR);
         error * error - self.disagreement * self.disagreement
     }
 }
 
-/// One panorama, judged by networks that never saw its place.
+/// One panorama, evaluated by networks that were trained without its place.
 pub(super) struct Judged {
     pub score: Score,
     regions: Vec<Region>,
-    /// Visible flux that is not clipped.
+    /// Visible unclipped flux.
     open: f64,
     /// The light recovered from the plain photograph, as EXR.
     pub recovered: Vec<u8>,
@@ -50,19 +50,19 @@ impl Judged {
     pub fn new(name: &str, example: &Example, network: &Forward) -> Result<Self, Error> {
         let scene = &example.scene;
         let count = scene.cells.iter().map(|cell| cell.region + 1).max().unwrap_or(0);
-        let told = hidden(network, scene, count);
+        let predicted = hidden(network, scene, count);
         let region = |i: usize| {
-            let (sun, disagreement) = (scene.suns[i], told.disagreement[i]);
-            Region { sun, visible: 0.0, hidden: 0.0, told: 0.0, given: 0.0, disagreement }
+            let (sun, disagreement) = (scene.suns[i], predicted.disagreement[i]);
+            Region { sun, visible: 0.0, hidden: 0.0, predicted: 0.0, given: 0.0, disagreement }
         };
         let mut regions: Vec<Region> = (0..count).map(region).collect();
         for (i, cell) in scene.cells.iter().enumerate() {
             let region = &mut regions[cell.region];
             region.visible += cell.flux;
             region.hidden += example.hidden[i];
-            region.told += told.cells[i];
+            region.predicted += predicted.cells[i];
         }
-        let given = told.with_suns(scene).cells;
+        let given = predicted.with_suns(scene).cells;
         let score = score(name, example, &given);
         for (cell, light) in scene.cells.iter().zip(&given) {
             regions[cell.region].given += light;
@@ -76,31 +76,31 @@ impl Judged {
         self.regions.iter().filter(move |region| total > 0.0 && region.hidden > MATTERS * total)
     }
 
-    /// A line for each region.
+    /// One line per region.
     pub fn lines(&self, part: usize) -> String {
         let line = |r: &Region| {
             let (name, open) = (&self.score.name, self.open);
-            let Region { sun, visible, hidden, told, given, disagreement } = r;
-            format!("{name},{part},{open},{sun},{visible},{hidden},{told},{given},{disagreement}\n")
+            let Region { sun, visible, hidden, predicted, given, disagreement } = r;
+            format!("{name},{part},{open},{sun},{visible},{hidden},{predicted},{given},{disagreement}\n")
         };
         self.regions.iter().map(line).collect()
     }
 }
 
-/// The errors of what networks say of a photograph, rule for suns included.
+/// The errors of the prediction for a photograph, including the rule for suns.
 pub(super) fn judged(name: &str, example: &Example, network: &Forward) -> Score {
     let scene = &example.scene;
     score(name, example, &hidden(network, scene, scene.suns.len()).with_suns(scene).cells)
 }
 
-/// The errors of a photograph as it is and with this light in clipped cells.
+/// The errors of the photograph itself, and with this light in clipped cells.
 fn score(name: &str, example: &Example, cells: &[f64]) -> Score {
     let none = vec![0.0; cells.len()];
     let [before, after] = [none.as_slice(), cells].map(|cells| errors(example, cells));
     Score { name: name.to_owned(), irradiance: [before[0], after[0]], contrast: [before[1], after[1]] }
 }
 
-/// What the disagreement of networks leaves out of their errors about regions, in stops.
+/// The part of the errors about regions that the disagreement of networks does not explain, in stops.
 pub(super) fn residual(held: &[Judged]) -> f64 {
     let squares: Vec<f64> = held.iter().flat_map(Judged::matter).map(Region::square).collect();
     (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt()

@@ -1,4 +1,4 @@
-//! Training of the learned prediction, on HDR panoramas and on ones made by formula.
+//! Training of the learned prediction, on HDR panoramas and procedural ones.
 
 mod amount;
 mod examples;
@@ -21,70 +21,70 @@ use crate::error::Error;
 use crate::light::whole_sphere::light;
 use crate::types::{Image, Linear};
 
-/// Width of the panoramas that are judged, and the least of those that are read.
+/// Width of the panoramas in training, and the smallest width that is accepted.
 pub const WIDTH: usize = 256;
-/// Width of the finer ones, which are judged too: four pixels make a cell of the grid.
+/// Width of the finer panoramas, which are also evaluated: four pixels per cell of the grid.
 pub const FINE: usize = 512;
 
-/// What may be chosen about a training.
+/// Settings of a training run.
 #[derive(Debug, Clone)]
 pub struct Plan {
-    /// Seed of everything that is left to chance.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Networks whose predictions are averaged.
+    /// Number of networks whose predictions are averaged.
     pub members: usize,
-    /// Parts that the places are divided into for cross-validation; 0 for none.
+    /// Number of folds of cross-validation; 0 for none.
     pub folds: usize,
-    /// Panoramas made by formula.
+    /// Number of procedural panoramas.
     pub procedural: u32,
-    /// How the networks are trained.
+    /// Training parameters of the networks.
     pub recipe: Recipe,
 }
 
-/// How far a training is.
+/// Progress of a training run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Progress {
-    /// Panoramas photographed, of how many.
+    /// Number of panoramas photographed, and the total.
     Examples(usize, usize),
     /// A step of a network.
     Step {
         /// The network, from 1.
         network: usize,
-        /// How many networks are trained.
+        /// Number of networks to train.
         networks: usize,
         /// The step, from 1.
         step: usize,
-        /// How many steps each takes.
+        /// Number of steps of each network.
         steps: usize,
         /// The mean loss since the last report.
         loss: f32,
     },
 }
 
-/// The errors for one panorama that took no part in the training of what predicted it, in stops.
+/// Errors for one held-out panorama, in stops.
 #[derive(Debug, Clone)]
 pub struct Score {
     /// Name of the panorama.
     pub name: String,
-    /// log2 of predicted over true mean irradiance: of the panorama as it is, and as predicted.
+    /// log2 of predicted over true mean irradiance: for the unchanged panorama, and for the prediction.
     pub irradiance: [f64; 2],
-    /// log2 of predicted over true contrast of the dominant light, likewise.
+    /// log2 of predicted over true contrast of the dominant light, for the same two.
     pub contrast: [f64; 2],
 }
 
-/// What a training gave.
+/// Result of a training run.
 pub struct Trained {
     /// The file of weights.
     pub weights: Vec<u8>,
-    /// The cross-validation, in order of name.
+    /// Scores of the cross-validation, in order of name.
     pub scores: Vec<Score>,
-    /// The same of photographs of [`FINE`] columns, where panoramas have as many.
+    /// The same for photographs of [`FINE`] columns, for panoramas of that size.
     pub finer: Vec<Score>,
-    /// The light recovered from each panorama by networks that never saw its place, as EXR, by name.
+    /// The light recovered from each panorama by networks trained without its place, as EXR, by name.
     pub recovered: Vec<(String, Vec<u8>)>,
-    /// What was told of each clipped region of those panoramas, and what is true, as comma-separated values.
+    /// Predicted and true fluxes of each clipped region of those panoramas, as comma-separated values.
     pub regions: String,
-    /// What the amount was fitted to, as comma-separated values, a line for each photograph.
+    /// Data that the amount was fitted to, as comma-separated values, one line per photograph.
     pub numbers: String,
 }
 
@@ -94,22 +94,23 @@ pub fn read(name: &str, bytes: &[u8]) -> Result<Image<Linear>, Error> {
     if width < WIDTH || height < WIDTH / 2 || width != 2 * height {
         return Err(Error::format(
             name,
-            format!("is {width}x{height}; a whole panorama of at least {WIDTH}x{} is wanted", WIDTH / 2),
+            format!("is {width}x{height}; the minimum is a whole panorama of {WIDTH}x{}", WIDTH / 2),
         ));
     }
     rgb.iter_mut().for_each(|v| *v = if v.is_finite() { v.max(0.0) } else { 0.0 });
     Ok(shrink((width, height), &rgb, if width < FINE { WIDTH } else { FINE }))
 }
 
-/// The place that a panorama shows: files whose names differ in a number at the end, or in `_puresky`, show one.
+/// The place that a panorama shows: files whose names differ only in a number at the end, or in `_puresky`, show
+/// the same place.
 pub fn place(name: &str) -> &str {
     let name = name.strip_suffix("_puresky").unwrap_or(name);
     let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
     if stem.len() < name.len() { stem.trim_end_matches('_') } else { name }
 }
 
-/// Trains. Networks that are done are kept in `parts` and not trained again. `tell` hears how far it is and
-/// says whether to go on; a training that is stopped gives `None`.
+/// Trains the networks. Finished networks are stored in `parts` and not trained again. `tell` receives the progress
+/// and returns whether to continue; a stopped training returns `None`.
 pub fn train(
     panoramas: Vec<(String, Image<Linear>)>,
     plan: &Plan,

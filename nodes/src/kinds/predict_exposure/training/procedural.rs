@@ -1,5 +1,5 @@
-//! Panoramas made by formula: skies with sun, clouds or overcast, nights with a moon or lamps, rooms with
-//! windows and lamps, studios. Their lights and what these light agree in energy, which is what the amount of
+//! Procedural panoramas: skies with sun, clouds or overcast, nights with a moon or lamps, rooms with windows and
+//! lamps, studios. The energy of their lights and of what these light is consistent, which is what the amount of
 //! hidden light is learned from.
 
 use std::f64::consts::{PI, TAU};
@@ -13,7 +13,7 @@ use crate::math::equirect::{direction, pixel_solid_angle};
 use crate::math::num;
 use crate::types::{Image, Linear};
 
-/// Numbers by chance, one after the other; keyed by seed and index.
+/// A stream of random numbers, keyed by seed and index.
 struct Chance {
     key: u32,
     count: u32,
@@ -29,7 +29,7 @@ impl Chance {
         low + (high - low) * self.next()
     }
 
-    /// Evenly spread in its logarithm.
+    /// A random number, evenly distributed in its logarithm.
     fn ratio(&mut self, low: f64, high: f64) -> f64 {
         num::f64::exp2(self.between(num::f64::log2(low), num::f64::log2(high)))
     }
@@ -46,7 +46,7 @@ impl Chance {
     }
 }
 
-/// Smooth noise of about unit spread: values at the corners of a lattice, four octaves.
+/// Smooth noise with a standard deviation of about 1: values at the corners of a lattice, four octaves.
 fn noise(key: u32, p: DVec3) -> f64 {
     let octave = |(sum, size, p): (f64, f64, DVec3), octave: u32| {
         let (cell, part) = (p.floor(), p - p.floor());
@@ -108,7 +108,7 @@ fn outdoors(chance: &mut Chance) -> Image<Linear> {
     let (glow, glow_deg) = (chance.ratio(0.3, 12.0), chance.between(3.0, 20.0));
     let warm = chance.tint(0.15) * DVec3::new(1.0, 0.93, 0.8);
     let (grey, edge) = (chance.between(0.5, 1.8), chance.between(2.0, 6.0));
-    // Clouds stand where the noise exceeds this.
+    // Clouds are where the noise exceeds this.
     let level = 2.0 - 4.0 * cover;
     let veiled = noise(key ^ 1, sun * 3.0) > level;
     let cloud = |d: DVec3| 1.0 / (1.0 + num::f64::exp(-edge * (noise(key ^ 1, d * 3.0) - level)));
@@ -122,7 +122,7 @@ fn outdoors(chance: &mut Chance) -> Image<Linear> {
         clear.lerp(white, cloud(d).clamp(0.0, 1.0))
     };
     let ambient = PI * 0.5 * (sky(DVec3::Z) + sky(DVec3::new(0.7, 0.5, 0.5).normalize()));
-    // A clear sun lights a plane that faces it about as six times the sky does; clouds take most of it.
+    // A clear sun gives a plane that faces it about six times the light of the sky; clouds remove most of it.
     let direct = if veiled { chance.ratio(0.003, 0.5) } else { chance.ratio(1.5, 8.0) };
     let direct = warm * (ambient.y * direct * if night { 0.3 } else { 1.0 });
     let albedo = DVec3::new(chance.between(0.05, 0.4), chance.between(0.05, 0.4), chance.between(0.04, 0.3));
@@ -155,13 +155,13 @@ fn outdoors(chance: &mut Chance) -> Image<Linear> {
 /// A light in a room: a rectangle on a wall, or a ball.
 struct Lamp {
     at: DVec3,
-    /// Half width and half height, on the wall that `wall` numbers; a ball has a radius.
+    /// Half width and half height, on the wall with index `wall`; a ball has a radius.
     half: DVec2,
     wall: Option<usize>,
     radiance: DVec3,
 }
 
-/// A room or a studio: a box, lights on its walls and in it, and light thrown back by the walls.
+/// A room or a studio: a box, lights on its walls and in it, and light reflected by the walls.
 fn indoors(chance: &mut Chance) -> Image<Linear> {
     let key = chance.key;
     let studio = chance.next() < 0.35;
@@ -224,7 +224,7 @@ fn indoors(chance: &mut Chance) -> Image<Linear> {
     let area = |lamp: &Lamp| {
         if lamp.wall.is_some() { 4.0 * lamp.half.x * lamp.half.y } else { PI * lamp.half.x * lamp.half.x }
     };
-    // What the walls throw back and forth, as in an integrating sphere.
+    // Interreflection between the walls, as in an integrating sphere.
     let (w, d, h) = (reach[0] + reach[1], reach[2] + reach[3], reach[4] + reach[5]);
     let surface = 2.0 * (w * d + w * h + d * h);
     let mean = albedo.iter().copied().sum::<DVec3>() / 6.0;

@@ -13,8 +13,8 @@ fn files_of_one_place_go_together() {
     assert_eq!(place("kiara_1_dawn"), "kiara_1_dawn");
 }
 
-// A training of a few steps on panoramas made by formula: the same bytes again, whether in one go or with
-// networks kept from before; and the file is one that the forward pass reads.
+// A short training on procedural panoramas gives the same bytes again, both in one run and resumed from stored
+// networks, and the forward pass can read the file.
 #[test]
 fn a_training_repeats_and_resumes() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -23,10 +23,10 @@ fn a_training_repeats_and_resumes() {
     let panoramas =
         || (0..4).map(|i| (format!("place{i}_x"), procedural::panorama(9, i))).collect::<Vec<_>>();
     let run = |parts: &Path, stop: usize| {
-        let mut told = 0;
+        let mut reported = 0;
         train(panoramas(), &plan, parts, &mut |progress| {
-            told += usize::from(matches!(progress, Progress::Step { .. }));
-            told < stop
+            reported += usize::from(matches!(progress, Progress::Step { .. }));
+            reported < stop
         })
         .expect("trains")
     };
@@ -39,8 +39,8 @@ fn a_training_repeats_and_resumes() {
     assert!(fresh.regions.lines().all(|line| line.split(',').count() == 9), "{}", fresh.regions);
 }
 
-// Where a part of the places is all there is, the others leave nothing to learn from, which is said before anything is
-// trained. Mutation: `chosen.is_empty()` not asked (candle then ends in a message of its own).
+// If one fold has all the places, the others leave nothing to learn from, which is reported before training.
+// Mutation: `chosen.is_empty()` not checked (candle then ends in a message of its own).
 #[test]
 fn too_few_places_to_part_are_reported() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -51,7 +51,7 @@ fn too_few_places_to_part_are_reported() {
     assert!(error.to_string().contains("--folds"), "{error}");
 }
 
-// Clipping hides what it hides: visible and hidden light add up to the truth where nothing is softened.
+// Visible and hidden light add up to the truth in pictures without softening.
 #[test]
 fn an_example_keeps_the_books() {
     for index in 0..6 {
@@ -63,9 +63,9 @@ fn an_example_keeps_the_books() {
     }
 }
 
-// Each pixel four times is the same light: photographed finely it hides as much, and the books are those of cells. With
-// glints a cell is clipped in part, and hides no more than they hold.
-// Mutation: `of_cell` of the last pixel of a cell alone, or glints left out of `real`.
+// Repeating each pixel four times is the same light: a finer photograph hides as much, and the sums are those of
+// cells. With glints a cell is clipped in part, and hides no more than the glints hold. Mutation: `of_cell` of the
+// last pixel of a cell alone, or glints left out of `real`.
 #[test]
 fn a_finer_photograph_of_the_same_light_hides_as_much() {
     for index in 0..4 {
@@ -89,7 +89,7 @@ fn a_finer_photograph_of_the_same_light_hides_as_much() {
     }
 }
 
-// The forward pass that ships against candle's, and the amount against float64, with the shipped weights.
+// The built-in forward pass compared with that of candle, and the amount with float64, with the built-in weights.
 #[test]
 fn the_forward_pass_agrees_with_candle() {
     let weights = crate::math::nn::Weights::parse("w", super::super::network::WEIGHTS).expect("is sound");

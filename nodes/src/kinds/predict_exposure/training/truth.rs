@@ -1,4 +1,4 @@
-//! Examples to learn from: HDR panoramas, photographed so that they clip, with the light that this hides.
+//! Ground truth for training: HDR panoramas, photographed so that they clip, with the light that this hides.
 
 use std::collections::BTreeMap;
 
@@ -18,39 +18,39 @@ use crate::math::equirect::{axes, direction, pixel_solid_angle};
 use crate::math::num;
 use crate::types::{Environment, Image, Linear, Panorama, Srgb};
 
-/// An HDR panorama and where its strongest light is.
+/// An HDR panorama and the direction of its strongest light.
 pub struct Truth {
     /// Linear light of [`WIDTH`] columns, scaled to EV 0.
     pub image: Image<Linear>,
-    /// The same of [`FINE`] columns, where it is known so finely.
+    /// The same with [`FINE`] columns, if the panorama has that resolution.
     pub fine: Option<Image<Linear>>,
-    /// Towards the dominant light.
+    /// Direction of the dominant light.
     pub light: DVec3,
 }
 
-/// How a panorama is photographed.
+/// Parameters of a photograph.
 #[derive(Debug, Clone, Copy)]
 pub struct Shot {
     /// Stops above EV 0.
     pub ev: f64,
     /// Gain of each channel.
     pub balance: [f64; 3],
-    /// Whether the picture is softened after it clipped, as splats that were trained on it would.
+    /// True if the picture is softened after clipping, as splats trained on it would be.
     pub soft: bool,
-    /// Codes of 8 bits by which samples are off, at most, as after compression.
+    /// Largest error of samples in 8-bit codes, as after compression.
     pub grain: f64,
     /// Seed of the grain.
     pub seed: u32,
     /// Sine of the elevation below which nothing was seen.
     pub hole: f64,
-    /// Whether it is taken of the finer panorama, so that cells of the grid are clipped in part.
+    /// True if the finer panorama is used, so that cells of the grid can be clipped in part.
     pub fine: bool,
-    /// How many pixels below the horizon are glints: white, and hardly any more.
+    /// Number of pixels below the horizon that are glints: white, and hardly brighter.
     pub glints: u32,
 }
 
 impl Shot {
-    /// A photograph without any fault.
+    /// A photograph without defects.
     pub fn plain(ev: f64) -> Self {
         Self { ev, balance: [1.0; 3], soft: false, grain: 0.0, seed: 0, hole: -1.0, fine: false, glints: 0 }
     }
@@ -60,16 +60,16 @@ impl Shot {
 pub struct Example {
     /// The photograph on the grid, linear.
     pub rgb: Vec<[f64; 3]>,
-    /// What the network is shown.
+    /// The input of the network.
     pub scene: Scene,
     /// Light hidden in each clipped cell: true less visible luminance, times solid angle.
     pub hidden: Vec<f64>,
-    /// For each clipped cell, cosine to the plane that contrast is measured on where the cell is within 15
-    /// degrees of the dominant light (first) or not (second), else 0.
+    /// For each clipped cell: the cosine to the plane on which contrast is measured, in the first entry if the cell
+    /// is within 15 degrees of the dominant light, otherwise in the second; the other is 0.
     pub toward: Vec<[f64; 2]>,
-    /// Flux of the visible panorama: all, and on the plane from near the dominant light and from elsewhere.
+    /// Flux of the visible panorama: total, and on that plane from near the dominant light and from elsewhere.
     pub visible: [f64; 3],
-    /// The same of the truth.
+    /// The same for the truth.
     pub truth: [f64; 3],
 }
 
@@ -110,12 +110,12 @@ impl Truth {
         Some(Self { image: env.image, fine, light })
     }
 
-    /// What a photograph is taken of.
+    /// The panorama that a photograph is taken from.
     fn taken(&self, shot: Shot) -> &Image<Linear> {
         self.fine.as_ref().filter(|_| shot.fine).unwrap_or(&self.image)
     }
 
-    /// Photographs it, in 8 bits.
+    /// Takes a photograph in 8 bits.
     pub fn photograph(&self, shot: Shot) -> Panorama {
         let exposure = num::f64::exp2(shot.ev);
         let image = self.taken(shot);
@@ -160,7 +160,7 @@ impl Truth {
         let (mut visible, mut truth) = ([0.0; 3], [0.0; 3]);
         let mut of_cell = vec![0.0; grid.rgb.len()];
         let glints = glints(shot, (width, height));
-        // To the plane that contrast is measured on, near the dominant light and elsewhere.
+        // Weights for the plane on which contrast is measured, near the dominant light and elsewhere.
         let toward = |d: DVec3| {
             let cosine = d.dot(normal).max(0.0);
             if d.dot(self.light) > DOMINANT_COS { [cosine, 0.0] } else { [0.0, cosine] }
@@ -188,7 +188,7 @@ impl Truth {
     }
 }
 
-/// Luminance of the pixels that are glints, at most three times white.
+/// Luminance of glint pixels, at most three times white.
 fn glints(shot: Shot, (width, height): (usize, usize)) -> BTreeMap<usize, f64> {
     let key = hash(shot.seed, 1);
     let glint = |k: u32| {

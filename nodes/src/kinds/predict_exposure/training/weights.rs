@@ -24,7 +24,7 @@ fn write(tensors: &[(String, Vec<usize>, Vec<u8>)], dtype: Dtype) -> Result<Vec<
     serialize(views, None).map_err(fail)
 }
 
-/// The file of an amount and a team of networks, in f16.
+/// The file of an amount and a set of networks, in f16.
 pub(super) fn file(
     scales: &[Scale; 2],
     amount: &Amount,
@@ -39,7 +39,7 @@ pub(super) fn file(
         ("amount.bias".to_owned(), vec![1], halves(&[amount.bias])),
     ];
     for (name, scale) in ["overview", "cell"].into_iter().zip(scales) {
-        // The smallest spread is one that f16 holds.
+        // The smallest standard deviation is one that f16 can represent.
         let spread: Vec<f32> = scale.spread.iter().map(|v| v.max(1e-4)).collect();
         tensors.push((format!("{name}.mean"), vec![scale.mean.len()], halves(&scale.mean)));
         tensors.push((format!("{name}.spread"), vec![spread.len()], halves(&spread)));
@@ -53,7 +53,7 @@ pub(super) fn file(
     write(&tensors, Dtype::F16)
 }
 
-/// Keeps one network, exactly.
+/// Stores one network, exactly.
 pub(super) fn write_part(path: &Path, network: &Network) -> Result<(), Error> {
     let tensors: Vec<_> = network
         .tensors
@@ -68,12 +68,12 @@ pub(super) fn write_part(path: &Path, network: &Network) -> Result<(), Error> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(fail)?;
     }
-    // Renamed when whole, so that a half-written file is never taken for a network.
+    // Renamed when complete, so that a partial file is never read as a network.
     let temporary = path.with_extension("partial");
     std::fs::write(&temporary, bytes).and_then(|()| std::fs::rename(&temporary, path)).map_err(fail)
 }
 
-/// A network that was kept, if it was.
+/// A stored network, if there is one.
 pub(super) fn read_part(path: &Path) -> Option<Network> {
     let bytes = std::fs::read(path).ok()?;
     let name = path.display().to_string();

@@ -1,9 +1,9 @@
-//! What is left out by blocks changes no bit, and what is not asked for is not done.
+//! Skipping blocks changes no bit, and harmonics that are not needed are not evaluated.
 
 use super::block::{BLOCK, Block, Blocks};
 use super::*;
 
-/// Splats in clumps all around the origin, a block a clump.
+/// Splats in clumps all around the origin, one block per clump.
 fn clumps(count: usize, seed: u64, spread: f64) -> Splats {
     let mut splats = cloud(count, seed);
     let mut random = Random(seed + 1);
@@ -27,7 +27,7 @@ fn draw_by_blocks(splats: &Splats, camera: &Camera, settings: Settings) -> Rende
     render_with(splats, blocks.as_ref(), camera, None, &settings, &cx).expect("renders")
 }
 
-/// Work of the same picture with and without blocks, whose bits are the same.
+/// Work counts of the same picture with and without blocks; both must have the same bits.
 fn both(draw: impl Fn(bool) -> Rendered) -> Work {
     let (with, without) = (draw(true), draw(false));
     assert_eq!(bits(&with), bits(&without));
@@ -44,7 +44,7 @@ fn blocks_that_are_left_out_change_no_bit() {
     let mut skipped = 0;
     for case in 0..24_u32 {
         let mut splats = clumps(3000, u64::from(case), if case % 3 == 0 { 3.0 } else { 0.2 });
-        // Some giants, which are seen from where their centres are not.
+        // Some giant splats, which are visible although their centres are not.
         splats.scales.iter_mut().step_by(97).for_each(|s| *s = [random.within(0.5, 4.0) as f32, 0.1, 0.3]);
         let turn = DMat3::from_rotation_y(random.within(-3.0, 3.0))
             * DMat3::from_rotation_x(random.within(-1.5, 1.5));
@@ -72,12 +72,13 @@ fn blocks_that_are_left_out_change_no_bit() {
         })
         .skipped;
     }
-    // Of 24 scenes of 3000 splats in six pictures each: three of a camera, two caps, and the belt, of which none is.
+    // 24 scenes of 3000 splats in six pictures each: three of a camera, two caps, and the belt, where nothing is
+    // skipped.
     let visits = 24 * 3000 * 6;
     assert!(skipped * 3 > visits, "{skipped} of {visits}");
 }
 
-// Where bounds are `None` only what is behind the camera is left out.
+// With `bounds: None`, only splats behind the camera are left out.
 #[test]
 fn without_bounds_only_what_is_behind_is_left_out() {
     let splats = clumps(640, 9, 0.2);
@@ -87,7 +88,7 @@ fn without_bounds_only_what_is_behind_is_left_out() {
     assert!(work.skipped > 0 && work.skipped <= 640 - ahead, "{work:?}");
 }
 
-/// A bound is no less than what it bounds, for centres of any size and any direction.
+/// A bound is at least the bounded value, for centres of any size and any direction.
 #[test]
 fn a_block_bounds_its_splats() {
     let mut random = Random(11);
@@ -109,7 +110,7 @@ fn a_block_bounds_its_splats() {
                     let value = along.dot(splats.mean(i) - eye) + constant;
                     assert!(value <= bound, "{value} {bound}");
                 }
-                // And not loose: of one splat, next to nothing.
+                // And it is tight: for one splat, almost exact.
                 let slack = if count == 1 { 1e-6 * size } else { 6.1 * size };
                 assert!(bound <= along.dot(splats.mean(0) - eye) + constant + slack);
             }
@@ -117,7 +118,7 @@ fn a_block_bounds_its_splats() {
     }
 }
 
-/// A scene of degree 0 asks for no direction and no harmonics; asked all the same, there and above any other degree, they
+/// A scene of degree 0 evaluates no direction and no harmonics; if forced, there and above any other degree, they
 /// change no bit. Seen red with 1e-3 for the zeros of `sh::colour_of_all`.
 #[test]
 fn harmonics_that_are_left_out_change_no_bit() {

@@ -1,5 +1,5 @@
-//! Rows of the table of numerical extremes, each against the textbook in float64, a formula or an invariant;
-//! those of files are tested beside their loaders, those of panoramas beside `stitch` and in `around`.
+//! Rows of the table of numerical extremes, each against the textbook in float64, a formula or an invariant; those
+//! of files are tested with their loaders, those of panoramas with `stitch` and in `panorama`.
 
 use engine::Up;
 
@@ -34,8 +34,7 @@ fn off_the_formula(sigma: f32, opacity: f32) -> f64 {
     largest
 }
 
-/// What a loader drops is as if it had never been in the file; here, what it cannot drop
-/// because it is only invisible.
+/// A row that a loader drops has no effect; the same holds here for splats that are kept but invisible.
 #[test]
 fn what_cannot_be_seen_changes_no_bit() {
     let splats = cloud(200, 51);
@@ -62,7 +61,7 @@ fn what_cannot_be_seen_changes_no_bit() {
     }
 }
 
-/// A splat as large as a file may hold covers all pixels, once each, at once.
+/// A splat of the largest size in a file covers all pixels, with one evaluation each.
 #[test]
 fn huge_splats_cost_one_evaluation_a_pixel() {
     let camera = camera(64, 48, 60.0);
@@ -71,7 +70,7 @@ fn huge_splats_cost_one_evaluation_a_pixel() {
         for settings in [F64, FAST] {
             let seen = draw(&splat, &camera, settings);
             assert!(seen.rgba.iter().all(|v| v.is_finite()) && seen.work.evaluations <= 64 * 48);
-            // In f64 no scale of a file overflows: it is drawn, or counted.
+            // In f64 no scale of a file overflows: the splat is drawn, or counted.
             assert!(
                 seen.work.degenerate == 1
                     || seen.rgba.as_chunks::<4>().0.iter().all(|p| (p[3] - 0.5).abs() < 1e-3)
@@ -85,7 +84,7 @@ fn huge_splats_cost_one_evaluation_a_pixel() {
     }
 }
 
-/// What is far below a pixel, down to nothing at all, shows as the low-pass filter alone.
+/// Splats far smaller than a pixel, down to size 0, appear as the low-pass filter alone.
 #[test]
 fn scales_of_nothing_show_the_filter() {
     for scale in [num::f64::exp(-40.0) as f32, 1e-30, 1e-45, 0.0] {
@@ -93,7 +92,7 @@ fn scales_of_nothing_show_the_filter() {
     }
 }
 
-/// Opacity 1 is capped at 0.99, exactly; below the cut there is nothing.
+/// Opacity 1 is capped at 0.99, exactly; below the cut nothing is drawn.
 #[test]
 fn opacities_at_both_ends() {
     row(6, "alpha off the capped formula", off_the_formula(0.2, 1.0), 1e-6);
@@ -119,7 +118,7 @@ fn an_empty_scene_is_background() {
     assert!(seen.rgba == [0.0; 256] && seen.depth == [f32::INFINITY; 64]);
 }
 
-/// Splats at the eye and behind the near plane are gone, and nothing is infinite.
+/// Splats at the eye and behind the near plane are not drawn, and nothing is infinite.
 #[test]
 fn the_near_plane_culls() {
     let at = |z: f32| one([0.0, 0.0, z], [0.5; 3], 0.9, [1.0; 3]);
@@ -139,7 +138,8 @@ fn the_near_plane_culls() {
     }
 }
 
-/// A needle a million times longer than wide, across the picture, into it and end-on, against the textbook in f64.
+/// A needle a million times longer than wide, across the picture, into it and end-on, compared with the textbook in
+/// f64.
 #[test]
 fn needles_are_exact() {
     let camera = camera(200, 150, 60.0);
@@ -159,8 +159,8 @@ fn needles_are_exact() {
     }
 }
 
-/// Stopping early changes a deep pile by less than what it leaves: as in the renderers that captures are trained
-/// with, the splat that would take a pixel from above `stop` to below it is left out.
+/// Stopping early changes a deep pile by less than the remaining transmittance: as in the renderers that captures
+/// are trained with, the splat that would bring a pixel from above `stop` to below it is left out.
 #[test]
 fn stopping_early_costs_what_it_says() {
     let mut random = Random(4);
@@ -184,7 +184,7 @@ fn stopping_early_costs_what_it_says() {
     row(11, "with a cap of 0.5 (stop / (1 - cap))", largest_difference(&stopped, &all), 2.1e-4);
 }
 
-/// Equal depths are drawn in file order; different ones whatever the order of the file.
+/// Equal depths are drawn in file order; different ones by depth, in any order of the file.
 #[test]
 fn ties_follow_the_file_and_nothing_else_does() {
     let red = one([0.0, 0.0, 2.0], [0.3; 3], 0.9, [1.7, -1.7, -1.7]);
@@ -212,7 +212,8 @@ fn ties_follow_the_file_and_nothing_else_does() {
     }
 }
 
-/// In f64 an offset costs what rounding it costs; the camera is subtracted before anything is rounded further.
+/// In f64 an offset of the world only costs its rounding; the camera is subtracted before anything is rounded
+/// further.
 #[test]
 fn pictures_do_not_depend_on_where_the_world_is() {
     let splats = cloud(300, 6);
@@ -251,7 +252,7 @@ fn pictures_do_not_depend_on_how_large_the_world_is() {
     }
 }
 
-/// Nothing is cut above: a coefficient that makes 3 arrives as 3 in the picture and in a file of floats.
+/// Nothing is clamped above: a coefficient that makes 3 is 3 in the picture and in a file of floats.
 #[test]
 fn colours_are_cut_at_0_and_nowhere_else() {
     let coefficient = |colour: f64| ((colour - 0.5) / 0.282_094_791_773_878_14) as f32;
@@ -271,8 +272,8 @@ fn colours_are_cut_at_0_and_nowhere_else() {
     assert_eq!(back.find("R"), Some(&plane(0)[..]));
 }
 
-/// Coefficients of which each is a finite number, and the sum is not: the colour is held, and told. A splat at the edge
-/// of a tile, so that some pixels of a vector see it and others do not.
+/// Finite coefficients whose sum overflows: the colour is clamped, and reported. A splat at the edge of a tile, so
+/// that it covers only some pixels of a vector.
 #[test]
 fn colours_that_overflow_are_capped_and_reported() {
     let mut splats = one([0.0, 0.0, 1.0], [0.03; 3], 0.9, [3.3e38; 3]);
@@ -292,7 +293,7 @@ fn colours_that_overflow_are_capped_and_reported() {
     }
 }
 
-/// The widest and the narrowest angle, one pixel and a strip, against the textbook.
+/// The widest and the narrowest angle, one pixel and a strip, compared with the textbook.
 #[test]
 fn odd_cameras_are_the_textbook() {
     let splats = cloud(200, 61);
@@ -326,7 +327,8 @@ fn odd_cameras_are_finite_and_match_f64() {
     assert!(render(&splats, &huge, None, &F64, &context()).is_err());
 }
 
-/// Coverage is a share, no colour is brighter than a splat's times it, and what is farther only adds to it.
+/// Coverage lies between 0 and 1, no colour exceeds that of a splat times coverage, and farther splats only add to
+/// it.
 #[test]
 fn coverage_grows_and_colours_are_convex_sums() {
     for seed in 0..4 {
@@ -342,7 +344,7 @@ fn coverage_grows_and_colours_are_convex_sums() {
             assert!((0.0..=1.0).contains(a));
             assert!([r, g, b].iter().all(|c| **c >= 0.0 && **c <= most * a * (1.0 + 1e-5)));
         }
-        // Of one colour, a pixel is that colour times its coverage.
+        // With one colour, a pixel is that colour times its coverage.
         let plain =
             Splats { sh_degree: 0, sh: vec![[0.25 / 0.282_094_8; 3]; splats.len()], ..splats.clone() };
         let plain = draw(&plain, &camera(60, 60, 80.0), FAST);

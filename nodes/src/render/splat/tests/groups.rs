@@ -1,4 +1,4 @@
-//! Tiles in groups: the lists of a picture need not be held all at once.
+//! Tiles in groups: not all lists of a picture are in memory at once.
 
 use super::*;
 
@@ -17,7 +17,8 @@ fn projected(splats: &Splats, settings: &Settings) -> Projected {
         .expect("projects")
 }
 
-// Mutations seen red: `clip` without its shift; columns of a part not clipped; a row's strip by its place in the group.
+// Mutations seen red: `clip` without its shift; columns of a part not clipped; a row's strip by its index in the
+// group.
 #[test]
 fn groups_change_no_bit() {
     let splats = wide(300);
@@ -37,7 +38,7 @@ fn groups_change_no_bit() {
     }
 }
 
-// Mutation seen red: a row that is too much by itself kept whole.
+// Mutation seen red: a row that exceeds the limit by itself not divided.
 #[test]
 fn lists_held_together_are_bounded() {
     let splats = wide(300);
@@ -66,7 +67,7 @@ fn lists_held_together_are_bounded() {
     assert!(counts[0].0 == 70 && counts[1].0 < 70 && counts[2].0 <= 7 && counts[3].0 == 1, "{counts:?}");
 }
 
-// What a kind announces follows the picture while it is small, and no longer once the lists are held in groups.
+// The estimate of a kind follows the picture while it is small, and is bounded once the lists are held in groups.
 #[test]
 fn what_is_announced_is_bounded() {
     assert!(most_bytes(1000, (160, 90)) < 1_000_000);

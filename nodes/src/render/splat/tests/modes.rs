@@ -4,7 +4,7 @@ use super::*;
 
 const MIDDLE: usize = 16 * 33 + 16;
 
-/// Two discs before the camera: near, of opacity 0.4 at depth 2, and far, of 0.9 at 6.
+/// Two discs in front of the camera: near, with opacity 0.4 at depth 2, and far, with 0.9 at 6.
 fn pair() -> Splats {
     let near = one([0.0, 0.0, 2.0], [0.8; 3], 0.4, [1.0; 3]);
     join(&[&one([0.0, 0.0, 6.0], [2.0; 3], 0.9, [-1.0; 3]), &near])
@@ -50,7 +50,7 @@ fn before(splats: &Splats, camera: &Camera, limit: &Image<Data>, settings: Setti
     render(splats, camera, Some(Limit { depth: limit, sigmas: 0.0 }), &settings, &context()).expect("renders")
 }
 
-// What is at or behind the surface is as if it were not in the file, pixel by pixel.
+// Splats at or behind the surface have no effect, per pixel.
 #[test]
 fn a_surface_in_front_ends_the_blend() {
     let splats = cloud(500, 12);
@@ -80,7 +80,7 @@ fn a_surface_in_front_ends_the_blend() {
             assert_eq!(bits(&seen), bits(&draw(&nearer, &camera, settings)), "{depth}");
             assert!(seen.depth.iter().all(|d| *d <= depth || *d == f32::INFINITY));
         }
-        // Half a surface: its side is cut, the other is not.
+        // Half a surface: one side is cut, the other is not.
         let samples = (0..50 * 40).map(|i| if i % 50 < 25 { 2.0 } else { 0.0 }).collect();
         let half = before(&splats, &camera, &Image::<Data>::from_samples(50, 40, 1, samples), settings);
         let cut = before(&splats, &camera, &all(2.0), settings);
@@ -94,8 +94,8 @@ fn a_surface_in_front_ends_the_blend() {
     assert!(render(&splats, &camera, Some(limit), &F64, &context()).is_err());
 }
 
-// A floor's own splats lie about its mesh and are not in front of it; a post before them is.
-// Mutation: `margin` left out of either blend; the largest axis for the middle one.
+// The splats of a floor scatter around its mesh and are not in front of it; a post in front of them is. Mutation:
+// `margin` left out of either blend; the largest axis in place of the middle one.
 #[test]
 fn the_splats_of_a_surface_are_not_in_front_of_it() {
     let noise =
@@ -114,9 +114,9 @@ fn the_splats_of_a_surface_are_not_in_front_of_it() {
             let seen = render(splats, &camera, limit, &settings, &context()).expect("renders");
             seen.rgba.as_chunks::<4>().0.iter().map(|p| p[3]).sum()
         };
-        // Of the floor alone nothing is before the floor; by centres half of it is.
+        // The floor alone has nothing in front of it; by centres, half of it is.
         assert!(alpha(&splats, 0.0) > 100.0 && alpha(&splats, 1.0) == 0.0);
-        // What lies farther before it than it is wide is kept whole, what lies nearer is not.
+        // Splats farther in front of it than their width are kept completely, nearer ones are not.
         let mut post = splats.clone();
         post.means[210][2] = 3.95;
         let whole = alpha(&post, 1.0);
@@ -125,7 +125,7 @@ fn the_splats_of_a_surface_are_not_in_front_of_it() {
     }
 }
 
-// A mesh that lies under its splats by a third of their size, seen at 20 degrees, has none of them in front of it by default.
+// A mesh below its splats by a third of their size, seen at 20 degrees, has none of them in front of it by default.
 // Mutation: the default 3.
 #[test]
 fn a_mesh_a_little_under_its_splats_keeps_them() {
@@ -155,33 +155,33 @@ fn a_mesh_a_little_under_its_splats_keeps_them() {
     let most = |sigmas: f64| {
         let seen = render(&splats, &camera, Some(Limit { depth: &mesh, sigmas }), &F64, &context());
         let seen = seen.expect("renders");
-        // In the rows of the middle, where a ray falls by 18 to 22 degrees.
+        // In the rows in the middle, where a ray falls by 18 to 22 degrees.
         (150 * 400..170 * 400).map(|i| seen.rgba[4 * i + 3]).fold(0.0, f32::max)
     };
     let usual = crate::kinds::splat_render::SplatRender::default().limit_sigmas;
     assert!(most(3.0) > 0.05 && most(usual) < 0.05, "{} {}", most(3.0), most(usual));
 }
 
-// An empty picture is no error, but it is told with its likely cause.
+// An empty picture is not an error, but a warning with its probable cause.
 #[test]
 fn an_empty_view_is_reported_with_its_cause() {
     let splats = cloud(300, 5);
-    let told = |camera: &Camera, near: f64| {
+    let reported = |camera: &Camera, near: f64| {
         let mut notes = Notes::none();
         let seen = draw(&splats, camera, Settings { near, ..F64 });
         seen.work.report(splats.len(), &Settings { near, ..F64 }, &context(), &mut notes);
         notes.iter().map(|note| format!("{}: {}", note.id, note.text)).collect::<String>()
     };
     let ahead = camera(40, 30, 70.0);
-    assert_eq!(told(&ahead, 0.2), "");
-    let text = told(&ahead, 50.0);
+    assert_eq!(reported(&ahead, 0.2), "");
+    let text = reported(&ahead, 50.0);
     assert!(
         text.starts_with("few-splats-seen: 0 of 300") && text.contains("than `near`, 50 world"),
         "{text}"
     );
     // Too faint to be drawn; points without a filter.
     for (opacity, low_pass_px2, cause) in
-        [(0.001, 0.3, "below `alpha_cut`, 0.003922"), (0.5, 0.0, "no finite ellipse")]
+        [(0.001, 0.3, "below `alpha_cut`, 0.003922"), (0.5, 0.0, "not finite ellipses")]
     {
         let mut points = cloud(300, 5);
         points.opacities.fill(opacity);
@@ -189,15 +189,16 @@ fn an_empty_view_is_reported_with_its_cause() {
         let settings = Settings { low_pass_px2, ..F64 };
         let mut notes = Notes::none();
         draw(&points, &ahead, settings).work.report(points.len(), &settings, &context(), &mut notes);
-        let few = notes.iter().find(|note| note.id == "few-splats-seen").expect("is told");
+        let few = notes.iter().find(|note| note.id == "few-splats-seen").expect("a note");
         assert!(few.text.contains(cause), "{}", few.text);
     }
     let aside = DMat4::from_translation(DVec3::new(1e4, 0.0, -1e3)).to_cols_array();
-    let text = told(&Camera { world_from_camera: aside, ..ahead }, 0.2);
+    let text = reported(&Camera { world_from_camera: aside, ..ahead }, 0.2);
     assert!(text.contains("share a frame"), "{text}");
 }
 
-// A tile of a large scene may take seconds where every splat is evaluated everywhere; a stopped run must not wait for it.
+// A tile of a large scene may take seconds if every splat is evaluated everywhere; a cancelled run must not wait
+// for it.
 #[test]
 fn a_stopped_run_ends_within_a_tile() {
     let splats = cloud(400, 3);

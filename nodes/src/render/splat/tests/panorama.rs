@@ -1,4 +1,5 @@
-//! Panoramas against a textbook that shares nothing with the renderer but the harmonics and the layout.
+//! Panoramas compared with a textbook implementation that shares only the harmonics and the layout with the
+//! renderer.
 
 use std::f64::consts::{PI, TAU};
 
@@ -36,7 +37,7 @@ fn origin(up: Up, width_px: u32) -> PanoramaCamera {
     PanoramaCamera { eye: DVec3::ZERO, up, width_px }
 }
 
-/// True where the layout is drawn without the help of a picture of its cap.
+/// True where the layout is drawn without a picture of its cap.
 fn in_the_belt(y: usize, width: u32) -> bool {
     let theta = (y as f64 + 0.5) * TAU / f64::from(width);
     (PI / 6.0..=5.0 * PI / 6.0).contains(&theta)
@@ -47,7 +48,7 @@ fn angles(up: Up, p: DVec3, width: f64) -> [f64; 2] {
     [u * width, v * 0.5 * width]
 }
 
-/// The derivative by differences, the covariance, its inverse, the exponential, for one pixel.
+/// The textbook for one pixel: numerical derivative, covariance, its inverse, the exponential.
 fn brute_force(splats: &Splats, up: Up, width: u32, x: usize, y: usize) -> [f64; 4] {
     let width = f64::from(width);
     let mut order: Vec<usize> = (0..splats.len()).collect();
@@ -90,7 +91,7 @@ fn brute_force(splats: &Splats, up: Up, width: u32, x: usize, y: usize) -> [f64;
 #[test]
 fn panoramas_are_the_textbook() {
     let splats = shell(250, 1);
-    // Widths of less than a tile, of no whole number of tiles, and of several.
+    // Widths below a tile, not divisible by tiles, and of several tiles.
     for (up, width) in [(UPS[0], 74), (UPS[1], 130), (UPS[2], 10), (UPS[0], 16), (UPS[1], 2), (UPS[2], 36)] {
         let reference = around(&splats, up, width, F64);
         let mut off = 0;
@@ -130,12 +131,12 @@ fn exact_bounds_lose_nothing_around_the_seam() {
     }
 }
 
-/// The world turned about up by a number of columns is the picture moved by as many: there is no seam.
+/// The world rotated about up by a number of columns gives the picture shifted by that number: there is no seam.
 #[test]
 fn turning_the_world_rolls_the_picture() {
     let (width, height) = (96_usize, 48);
     let mut splats = shell(300, 7);
-    // Harmonics would have to be turned too.
+    // Harmonics would have to be rotated too.
     splats.sh_degree = 0;
     splats.sh = splats.sh.iter().step_by(16).copied().collect();
     let expected = around(&splats, Up::PlusZ, width as u32, F64);
@@ -178,7 +179,7 @@ fn turning_the_world_rolls_the_picture() {
     }
 }
 
-/// What a camera sees that looks in one direction with one pixel, as dense as the picture of a cap.
+/// The view of a camera with one pixel in a direction, with the resolution of the picture of a cap.
 fn single(splats: &Splats, direction: DVec3, width: u32) -> [f32; 4] {
     let right = direction.cross(direction.any_orthonormal_vector()).normalize();
     let axes = [right, direction.cross(right), direction].map(|axis| axis.extend(0.0));
@@ -190,11 +191,12 @@ fn single(splats: &Splats, direction: DVec3, width: u32) -> [f32; 4] {
     [seen.rgba[0], seen.rgba[1], seen.rgba[2], seen.rgba[3]]
 }
 
-// Near the poles the layout bends over a splat: there the picture is that of a camera, not of an ellipse in the layout.
+// Near the poles the layout is curved over a splat: there the picture is that of a camera, not an ellipse in the
+// layout.
 #[test]
 fn poles_show_what_a_camera_sees() {
     let mut splats = shell(4000, 77);
-    // Broad and soft, so that one pixel says what a splat is like, and far from the near plane.
+    // Broad and soft, so that one pixel represents a splat, and far from the near plane.
     for (mean, scale) in splats.means.iter_mut().zip(&mut splats.scales) {
         let p = DVec3::from(mean.map(f64::from)).normalize() * 6.0;
         *mean = p.to_array().map(|v| v as f32);
@@ -210,7 +212,7 @@ fn poles_show_what_a_camera_sees() {
         let straight = crate::render::splat::draw(&splats, None, &layout, None, &as_belt, &context(), how)
             .expect("renders");
         let (mut squares, mut squares_straight, mut count) = (0.0_f64, 0.0_f64, 0.0);
-        // Caps and what gives way to them.
+        // Caps and the transition to them.
         for y in (0..90).filter(|y| !in_the_belt(*y, width)) {
             for x in (0..180).step_by(7) {
                 let direction =
@@ -229,7 +231,7 @@ fn poles_show_what_a_camera_sees() {
     }
 }
 
-/// A splat on the axis through the poles, and beside it, and one that looks at the seam.
+/// A splat on the axis through the poles, one next to it, and one on the seam.
 #[test]
 fn poles_and_the_seam_are_where_they_belong() {
     for up in UPS {
@@ -251,7 +253,7 @@ fn poles_and_the_seam_are_where_they_belong() {
                 assert!((depth - 3.0).abs() < 1e-5, "{depth}");
             }
         }
-        // Both ends of the middle row show the splat behind, alike.
+        // Both ends of the middle row show the splat behind equally.
         let behind = one((-forward * 3.0).to_array().map(|v| v as f32), [0.3; 3], 0.9, [1.0; 3]);
         let seen = around(&behind, up, 128, FAST);
         let red = |x: usize| seen.rgba[(32 * 128 + x) * 4];
@@ -270,8 +272,8 @@ fn a_wide_splat_over_the_pole_covers_all_columns() {
     assert!((0..128).all(|x| seen.rgba[x * 4 + 3] > 0.9));
 }
 
-// A wall at x = 2, seen by the belt and by both caps: behind it everything is gone, beside it nothing is, and what
-// stands before it stays.
+// A wall at x = 2, visible in the belt and in both caps: everything behind it is hidden, nothing next to it is, and
+// splats in front of it stay.
 #[test]
 fn a_surface_in_front_hides_what_is_behind_it() {
     let splats = shell(600, 13);
@@ -287,7 +289,7 @@ fn a_surface_in_front_hides_what_is_behind_it() {
             for (i, depth) in cut.depth.iter().enumerate() {
                 let (u, v) = ((i % 128) as f64 + 0.5, (i / 128) as f64 + 0.5);
                 let d = equirect::direction(up, u / 128.0, v / 64.0);
-                // Pictures of the caps are read between their pixels.
+                // Pictures of the caps are resampled between their pixels.
                 if d.x < -0.05 {
                     assert_eq!(cut.rgba[i * 4..i * 4 + 4], open.rgba[i * 4..i * 4 + 4]);
                 } else if d.x > 0.05 && *depth < f32::INFINITY {
@@ -296,7 +298,7 @@ fn a_surface_in_front_hides_what_is_behind_it() {
             }
             assert!(cut.work.blends < open.work.blends);
             let near = one([1.0, 0.0, 0.0], [0.3; 3], 0.9, [1.0; 3]);
-            // Small, since its distance counts, and further out the wall is further off.
+            // Small, since its distance counts, and the wall is farther at its edges.
             let far = one([3.0, 0.0, 0.0], [0.2; 3], 0.9, [-1.0; 3]);
             let both = before(up, &join(&[&far, &near]), settings);
             assert!(bits(&both) == bits(&around(&near, up, 128, settings)));

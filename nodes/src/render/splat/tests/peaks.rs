@@ -40,13 +40,16 @@ fn depth_is_where_the_splat_is_densest_along_the_ray() {
         let centre = splats.mean(0).z;
         for (i, depth) in exact.depth.iter().enumerate().filter(|(_, depth)| depth.is_finite()) {
             let (x, y) = ((i % 40) as f64 + 0.5 - camera.cx, (i / 40) as f64 + 0.5 - camera.cy);
-            let (inverse, most) = textbook(&splats, DVec3::new(x / camera.fx, y / camera.fy, 1.0));
+            let (inverse, share) = textbook(&splats, DVec3::new(x / camera.fx, y / camera.fy, 1.0));
             assert!((f64::from(*depth) * inverse - 1.0).abs() < 2e-6, "{depth} against {}", 1.0 / inverse);
             let off = (f64::from(fast.depth[i]) * inverse - 1.0).abs();
+            let most = share / (1.0 - share);
             assert!(off < 1.001 * most + 3e-6, "{off} of {most}");
             far += usize::from(off > 1e-3);
             pixels += 1;
-            held += usize::from((f64::from(*depth) - centre).abs() > 1.99 * covariance(&splats, 0).z_axis.z.sqrt());
+            held += usize::from(
+                (f64::from(*depth) - centre).abs() > 1.99 * covariance(&splats, 0).z_axis.z.sqrt(),
+            );
         }
     }
     assert!(pixels > 1000 && held > 5 && far > 5, "{pixels} pixels, {held} held, {far} far off");

@@ -1,11 +1,11 @@
-//! Directional albedos in tables: how much of the light towards a viewer a lobe reflects, whatever
-//! direction it came from. They say what a layer leaves to those below, and how much light single
-//! scattering between facets loses, which a gain gives back (Turquin 2019, Practical multiple scattering
-//! compensation for microfacet models).
+//! Tables of directional albedo: the share of light towards a viewer that a lobe reflects, from all directions of
+//! incidence. They determine what a layer leaves to the layers below, and the energy that single scattering between
+//! microfacets loses, which a gain compensates (Turquin 2019, Practical multiple scattering compensation for
+//! microfacet models).
 //!
-//! Facets have tables for fixed relative indices and roughnesses, made when one beside them is first met, and what lies
-//! between two is interpolated. All of what facets do comes from the same points, so that what a table reflects
-//! too much it lets through too little.
+//! Microfacets have tables for fixed relative indices and roughnesses, made on first use and interpolated. All
+//! quantities of a table come from the same sample points, so that excess reflection in a table is missing in its
+//! transmission.
 
 use std::sync::{LazyLock, OnceLock};
 
@@ -58,39 +58,39 @@ impl<const D: usize, const N: usize> Table<D, N> {
     }
 }
 
-/// The place of a cosine in a table: denser at grazing angles, where albedos are steep.
+/// The table coordinate of a cosine: denser at grazing angles, where albedos are steep.
 fn place(cosine: f32) -> f32 {
     cosine.max(0.0).sqrt()
 }
 
-/// A viewer at a place of a table.
+/// The viewer direction of a table coordinate.
 fn viewer(place: f32) -> Vec3 {
     let z = (place * place).max(1e-4);
     Vec3::new((1.0 - z * z).max(0.0).sqrt(), 0.0, z)
 }
 
-/// What facets do of the light towards a viewer by single scattering, in shares of it.
+/// Shares of the light towards a viewer by single scattering at microfacets.
 #[derive(Debug, Clone, Copy)]
 pub struct Facets {
-    /// What perfect mirrors reflect.
+    /// Reflected by perfect mirrors.
     pub all: f32,
-    /// Of that, what metals reflect at grazing incidence only: the rise of Schlick's reflectance.
+    /// The part of `all` weighted by the rise of Schlick's reflectance, for metals.
     metal: f32,
-    /// The same of dielectrics, by Fresnel's.
+    /// The same by Fresnel's reflectance, for dielectrics.
     dielectric: f32,
-    /// What an interface of two indices lets through.
+    /// Transmitted by a dielectric interface.
     pub passed: f32,
-    /// Mean over the hemisphere of `all`, for light that meets a facet again.
+    /// Mean of `all` over the hemisphere, for light that meets a facet again.
     mean: f32,
     /// Mean over the hemisphere of the rise of Fresnel's reflectance.
     rise: f32,
 }
 
 impl Facets {
-    /// Of a surface that has no interface: nothing asks what its facets do, and no table is made for it.
+    /// A surface without an interface, which needs no table.
     pub const NONE: Self = Self { all: 1.0, metal: 0.0, dielectric: 0.0, passed: 1.0, mean: 1.0, rise: 0.0 };
 
-    /// Of a distribution towards a viewer in its frame, with the relative index of the other side.
+    /// For a distribution towards a viewer in its frame, with the relative index of the other side.
     pub fn new(ggx: &Ggx, out: Vec3, eta: f32) -> Self {
         let [x, y] = ggx.alphas();
         if x <= y {
@@ -102,7 +102,7 @@ impl Facets {
         Self::of(eta, ggx.roughness(out), |slice| slice.brushed.get_or_init(|| brushed(slice.eta)).at(point))
     }
 
-    /// Of round facets of a perceptual roughness.
+    /// For isotropic facets of a perceptual roughness.
     pub fn round(cosine: f32, roughness: f32, eta: f32) -> Self {
         Self::of(eta, roughness, |slice| slice.round(place(cosine), roughness))
     }
@@ -116,33 +116,33 @@ impl Facets {
         Self { all: all.clamp(1e-3, 1.0), metal, dielectric, passed, mean, rise }
     }
 
-    /// What a metal of a reflectance at normal incidence reflects by single scattering, and after it.
+    /// Single and multiple scattering of a metal by its reflectance at normal incidence.
     pub fn metal(&self, f0: f32) -> [f32; 2] {
         let once = f0 * (self.all - self.metal) + self.metal;
         [once, once * self.gain(f0 + (1.0 - f0) / 21.0)]
     }
 
-    /// The same of a dielectric.
+    /// The same for a dielectric.
     pub fn dielectric(&self, f0: f32) -> [f32; 2] {
         let once = f0 * (self.all - self.dielectric) + self.dielectric;
         [once, (once * self.gain(f0 + (1.0 - f0) * self.rise)).min(1.0)]
     }
 
-    /// How much more facets of mean reflectance `f` give than their single scattering, of which a white mirror has
-    /// `all`.
+    /// The ratio of total to single scattering for facets of mean reflectance `f`; a white mirror reflects `all` by
+    /// single scattering.
     fn gain(&self, f: f32) -> f32 {
         1.0 + (1.0 - self.all) / self.all * again(f, self.mean)
     }
 }
 
-/// What facets of mean reflectance `f` give beyond their single scattering, as a share of what a white mirror
-/// loses, that keeps `mean`: light that meets a facet again is dimmed each time (the series of Kulla and Conty 2017).
+/// Multiple scattering of facets of mean reflectance `f`, as a share of the energy that a white mirror loses, which
+/// has a share of `mean`: light is attenuated at each further facet (the series of Kulla and Conty 2017).
 fn again(f: f32, mean: f32) -> f32 {
     f * mean / (1.0 - f * (1.0 - mean))
 }
 
 /// Twice the integral of E(c) c dc over the hemisphere for an interface with f90 = 1, where E is
-/// [`Facets::dielectric`] of round facets.
+/// [`Facets::dielectric`] of isotropic facets.
 pub fn mean_reflection(f0: f32, eta: f32, roughness: f32) -> f32 {
     let [a, b, c, d, rise] = at_index(eta, |slice| {
         let [a, b, c, d] = slice.means(roughness);
@@ -151,10 +151,10 @@ pub fn mean_reflection(f0: f32, eta: f32, roughness: f32) -> f32 {
     (f0 * a + b + (f0 * c + d) * again(f0 + (1.0 - f0) * rise, a + b)).min(1.0)
 }
 
-/// Places and roughnesses that round facets have tables for.
+/// Number of table coordinates and roughnesses of isotropic facets.
 const SIDE: usize = 32;
 
-/// The step of a table of [`SIDE`] steps before a number from 0 to 1, and how far beyond that it lies.
+/// The table index before a number from 0 to 1, and the distance beyond it.
 fn step(at: f32) -> (usize, f32) {
     let x = at.clamp(0.0, 1.0) * (SIDE - 1) as f32;
     let cell = (x as usize).min(SIDE - 2);
@@ -164,13 +164,12 @@ fn step(at: f32) -> (usize, f32) {
 /// Tables for one relative index.
 struct Slice {
     eta: f32,
-    /// For each roughness, over the place of the viewer: `all`, `metal`, `dielectric` and `passed` of [`Facets`].
+    /// For each roughness, over the viewer coordinate: `all`, `metal`, `dielectric` and `passed` of [`Facets`].
     round: [OnceLock<[[f32; 4]; SIDE]>; SIDE],
-    /// The same over the place, how far along the first axis the viewer is seen aslant, the roughness and the
-    /// strength of the brush.
+    /// The same for anisotropic facets, over the viewer coordinate, its azimuth, the roughness and the anisotropy.
     brushed: OnceLock<Table<4, 4>>,
-    /// For each roughness means over the hemisphere, where E is linear in f0 for single scattering and for what comes
-    /// after it: both terms of either.
+    /// For each roughness, means over the hemisphere, linear in f0: both terms for single and for multiple
+    /// scattering.
     means: [OnceLock<[f32; 4]>; SIDE],
     rise: f32,
 }
@@ -182,7 +181,7 @@ impl Slice {
         Self { eta, round, brushed: OnceLock::new(), means, rise }
     }
 
-    /// See [`Slice::round`], of one of the roughnesses.
+    /// See [`Slice::round`], for one of the roughnesses.
     fn line(&self, number: usize) -> &[[f32; 4]; SIDE] {
         let along = |k: usize| k as f32 / (SIDE - 1) as f32;
         self.round[number].get_or_init(|| {
@@ -229,11 +228,11 @@ fn brushed(eta: f32) -> Table<4, 4> {
     })
 }
 
-/// Slices from no step of the index to 1.5; beyond that they go on, to an index of 61 at the last.
+/// Slices per unit of index step: index 1.5 is a slice, and the last one has an index of 61.
 const STEPS: f32 = 20.0;
 const SLICES: usize = 45;
 
-/// The value of `f` for a relative index, between those of the slices beside it.
+/// The value of `f` for a relative index, interpolated between slices.
 fn at_index<const N: usize>(eta: f32, f: impl Fn(&Slice) -> [f32; N]) -> [f32; N] {
     static OUTSIDE: [OnceLock<Box<Slice>>; SLICES] = [const { OnceLock::new() }; SLICES];
     static INSIDE: [OnceLock<Box<Slice>>; SLICES] = [const { OnceLock::new() }; SLICES];
@@ -257,8 +256,8 @@ fn at_index<const N: usize>(eta: f32, f: impl Fn(&Slice) -> [f32; N]) -> [f32; N
     std::array::from_fn(|i| lower[i] + (upper[i] - lower[i]) * t)
 }
 
-/// See [`Slice::round`], by the mean over facets that the viewer sees: a lattice of two Fibonacci numbers in a row,
-/// which one of 233 points makes better than 256 stratified ones.
+/// See [`Slice::round`], by the mean over the visible facets: a Fibonacci lattice of two consecutive numbers. One
+/// of 233 points is better than 256 stratified points.
 fn facets(ggx: &Ggx, out: Vec3, eta: f32, [step, n]: [u32; 2]) -> [f32; 4] {
     let mut sum = [0.0_f64; 4];
     for i in 0..n {
@@ -286,7 +285,7 @@ fn over_cosines<const N: usize>(f: impl Fn(f32) -> [f32; N]) -> [f32; N] {
     sum
 }
 
-/// Albedo of a white sheen; its formula has more than 1 at grazing angles.
+/// Albedo of a white sheen; its formula exceeds 1 at grazing angles.
 pub fn sheen(cosine: f32, roughness: f32) -> f32 {
     static TABLE: LazyLock<Table<2, 1>> = LazyLock::new(|| {
         const SIDE: usize = 32;
@@ -294,7 +293,7 @@ pub fn sheen(cosine: f32, roughness: f32) -> f32 {
         Table::new([24, 24], |[place, roughness]| {
             let out = viewer(place);
             let weight = |i: usize| {
-                // By the root of the height, since smooth fibres shine where all is seen aslant.
+                // By the square root of the height, since smooth fibres are brightest at grazing angles.
                 let root = middle(i % SIDE);
                 let incident = sheen::uniform([middle(i / SIDE), root * root]);
                 f64::from(2.0 * root * sheen::value(out, incident, roughness) / sheen::UNIFORM)

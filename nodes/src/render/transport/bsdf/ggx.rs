@@ -1,4 +1,4 @@
-//! Microfacets in the distribution of GGX, round or stretched along one axis.
+//! The GGX microfacet distribution, isotropic or anisotropic.
 
 use std::f32::consts::PI;
 
@@ -6,10 +6,10 @@ use glam::Vec3;
 
 use crate::geometry::sampling::circle;
 
-/// Smallest width; smoother surfaces than this cannot be told apart in f32.
+/// Minimum alpha; smoother surfaces cannot be resolved in f32.
 const NARROWEST: f32 = 1e-4;
 
-/// The widths of the distribution along the first two axes of the frame.
+/// Alpha along the first two axes of the frame.
 #[derive(Debug, Clone, Copy)]
 pub struct Ggx {
     x: f32,
@@ -19,39 +19,39 @@ pub struct Ggx {
 /// Reflection off the facet between two directions.
 #[derive(Debug, Clone, Copy)]
 pub struct Mirror {
-    /// Cosine of either direction to the facet.
+    /// Cosine between either direction and the facet.
     pub cosine: f32,
-    /// Value of a perfect mirror, times the cosine of the incident direction.
+    /// Value for a perfect mirror, times the cosine of the incident direction.
     pub value: f32,
     /// Density of the incident direction by [`Ggx::sample`].
     pub pdf: f32,
 }
 
 impl Ggx {
-    /// Of a perceptual roughness.
+    /// For a perceptual roughness.
     pub fn isotropic(roughness: f32) -> Self {
         Self::anisotropic(roughness, 0.0)
     }
 
-    /// Of a perceptual roughness, wider along the first axis: KHR_materials_anisotropy.
+    /// For a perceptual roughness, wider along the first axis: KHR_materials_anisotropy.
     pub fn anisotropic(roughness: f32, strength: f32) -> Self {
         let alpha = roughness * roughness;
         Self::of([alpha + (1.0 - alpha) * strength * strength, alpha])
     }
 
-    /// Of widths along both axes.
+    /// For alphas along both axes.
     pub fn of([x, y]: [f32; 2]) -> Self {
         Self { x: x.max(NARROWEST), y: y.max(NARROWEST) }
     }
 
-    /// The widths along both axes.
+    /// The alphas along both axes.
     pub fn alphas(&self) -> [f32; 2] {
         [self.x, self.y]
     }
 
-    /// The roughness of the round distribution that loses about as much light between facets towards `out`.
-    /// At normal incidence that is the mean of squares; aside of it, slopes along the view count less and
-    /// those across it more. Fitted to sampled albedos, and within 6 % of them.
+    /// The roughness of the isotropic distribution that loses about as much energy between facets towards `out`. At
+    /// normal incidence that is the mean of squares; elsewhere slopes along the view direction count less and
+    /// slopes across it more. Fitted to sampled albedos, and within 6 % of them.
     pub fn roughness(&self, out: Vec3) -> f32 {
         let aside = 0.425 * (1.0 - out.z * out.z).max(0.0);
         let x = self.x * self.x * (1.0 + aside - 0.85 * out.x * out.x);
@@ -59,8 +59,7 @@ impl Ggx {
         (0.5 * (x + y)).max(0.0).sqrt().sqrt().min(1.0)
     }
 
-    /// Density of facets (Walter et al. 2007), from the tangent components so that it stays exact near the
-    /// pole.
+    /// Density of facets (Walter et al. 2007), from the tangent components so that it stays exact near the pole.
     fn d(&self, half: Vec3) -> f32 {
         let (x, y) = (half.x / self.x, half.y / self.y);
         let d = x * x + y * y + half.z * half.z;
@@ -73,14 +72,14 @@ impl Ggx {
         0.5 * ((1.0 + (x * x + y * y) / (d.z * d.z)).sqrt() - 1.0)
     }
 
-    /// What of the facets that `out` sees is seen from `incident` too: height-correlated masking over
-    /// masking. Either direction may lie on either side.
+    /// Height-correlated masking-shadowing of both directions over masking of `out`. Either direction may be on
+    /// either side.
     pub fn g2_over_g1(&self, out: Vec3, incident: Vec3) -> f32 {
         let own = 1.0 + self.lambda(out);
         own / (own + self.lambda(incident))
     }
 
-    /// Density of facets in proportion to what of them is visible from `out`.
+    /// Density of visible normals from `out`.
     pub fn vndf_pdf(&self, out: Vec3, half: Vec3) -> f32 {
         let facing = out.dot(half).max(0.0);
         self.d(half) * facing / (out.z * (1.0 + self.lambda(out)))
@@ -93,8 +92,7 @@ impl Ggx {
         Mirror { cosine: out.dot(half).clamp(0.0, 1.0), value: pdf * self.g2_over_g1(out, incident), pdf }
     }
 
-    /// A facet in proportion to what is visible from `out` (Dupuy and Benyoub 2023, Sampling visible GGX
-    /// normals with spherical caps).
+    /// Samples a visible normal (Dupuy and Benyoub 2023, Sampling visible GGX normals with spherical caps).
     pub fn sample(&self, out: Vec3, [u, v]: [f32; 2]) -> Vec3 {
         let stretched = Vec3::new(out.x * self.x, out.y * self.y, out.z).normalize();
         let (sin, cos) = circle(u);
@@ -104,7 +102,7 @@ impl Ggx {
         Vec3::new(half.x * self.x, half.y * self.y, half.z.max(0.0)).normalize_or(Vec3::Z)
     }
 
-    /// The direction that a facet of [`sample`](Self::sample) mirrors to `out`.
+    /// The direction that a sampled facet reflects to `out`.
     pub fn reflect(&self, out: Vec3, point: [f32; 2]) -> Vec3 {
         let half = self.sample(out, point);
         half * (2.0 * out.dot(half)) - out

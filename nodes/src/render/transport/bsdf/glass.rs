@@ -1,7 +1,7 @@
-//! Light that passes an interface: straight through a thin wall, or bent into and out of a body.
+//! Transmission through an interface: straight through a thin wall, or refracted into and out of a body.
 //!
-//! Radiance is carried as if both sides had the same index, since the factors at entry and exit cancel
-//! and the viewer is never inside.
+//! Radiance is carried as if both sides had the same index, since the factors at entry and exit cancel and the
+//! viewer is never inside.
 
 use glam::Vec3;
 
@@ -15,20 +15,20 @@ pub fn f0_of_ior(ior: f32) -> f32 {
     r * r
 }
 
-/// Relative index of the side of a surface that is not the viewer's. That of a body is kept off 1, where facets bend
-/// nothing and directions do not tell them.
+/// Relative index of the far side of a surface. For a body it is kept away from 1, where facets do not refract and
+/// directions do not determine them.
 pub fn relative(params: &BsdfParams) -> f32 {
     let index = if params.thick { params.ior.max(1.01) } else { params.ior };
     if params.inside { 1.0 / index } else { index }
 }
 
-/// Cosine on the other side of relative index `eta`, for one on this side; none beyond the critical angle.
+/// Cosine on the other side of relative index `eta`, for one on this side; `None` beyond the critical angle.
 pub fn cos_refracted(cosine: f32, eta: f32) -> Option<f32> {
     let squared = 1.0 - (1.0 - cosine * cosine) / (eta * eta);
     (squared > 0.0).then(|| squared.sqrt())
 }
 
-/// Fresnel's reflectance of an interface for light without polarisation; `cosine` on this side.
+/// Fresnel reflectance of an interface for unpolarised light; `cosine` on this side.
 pub fn fresnel(cosine: f32, eta: f32) -> f32 {
     let Some(across) = cos_refracted(cosine, eta) else { return 1.0 };
     let across_plane = (cosine - eta * across) / (cosine + eta * across);
@@ -36,21 +36,21 @@ pub fn fresnel(cosine: f32, eta: f32) -> f32 {
     0.5 * (across_plane * across_plane + in_plane * in_plane)
 }
 
-/// How far the reflectance has risen from that at normal incidence towards 1, where Schlick has
-/// `(1 - cosine)^5`. The dip that indices of 4 and more have before the rise is left out.
+/// The rise of reflectance from normal incidence towards 1, where Schlick has `(1 - cosine)^5`. The dip before the
+/// rise for indices of 4 and more is omitted.
 pub fn rise(cosine: f32, eta: f32) -> f32 {
     let f0 = f0_of_ior(eta);
     ((fresnel(cosine, eta) - f0) / (1.0 - f0)).clamp(0.0, 1.0)
 }
 
-/// The direction that a facet bends to `out`; none beyond the critical angle.
+/// The direction that a facet refracts to `out`; `None` beyond the critical angle.
 pub fn refract(out: Vec3, half: Vec3, eta: f32) -> Option<Vec3> {
     let facing = out.dot(half);
     Some(half * (facing / eta - cos_refracted(facing, eta)?) - out / eta)
 }
 
-/// Value and density of light that is bent from `incident` below to `out` above, without any gain (Walter et
-/// al. 2007), and the cosine of `out` to the facet.
+/// Value and density of refraction from `incident` below to `out` above, without gain (Walter et al. 2007), and the
+/// cosine between `out` and the facet.
 pub fn refraction(ggx: &Ggx, out: Vec3, incident: Vec3, eta: f32) -> [f32; 3] {
     let half = (out + incident * eta).normalize_or_zero();
     let half = if half.z < 0.0 { -half } else { half };
@@ -63,69 +63,67 @@ pub fn refraction(ggx: &Ggx, out: Vec3, incident: Vec3, eta: f32) -> [f32; 3] {
     [pdf * (1.0 - fresnel(near, eta)) * ggx.g2_over_g1(out, incident), pdf, near]
 }
 
-/// What colour a surface gives to what passes it. A body is entered and left, a wall passed once: both take
-/// the base colour once in all.
+/// Tint of transmission. A body is entered and left, a wall passed once; both apply the base colour once in total.
 pub fn tint(params: &BsdfParams) -> Vec3 {
     if params.thick { Vec3::from_array(params.base.to_array().map(f32::sqrt)) } else { params.base }
 }
 
-/// What passes.
+/// Transmission of a surface.
 #[derive(Debug, Clone, Copy)]
 pub struct Glass {
-    /// Relative index of the other side; none for a thin wall.
+    /// Relative index of the other side; `None` for a thin wall.
     eta: Option<f32>,
     /// Share, colour and gain.
     weight: Vec3,
-    /// What facets mirror whatever the angle, and what passes them of the rest.
+    /// Share that facets reflect at any angle, and share of the rest that is transmitted.
     metal: f32,
     clear: f32,
-    /// How much passes towards the viewer.
+    /// Transmitted share towards the viewer.
     pub albedo: Vec3,
 }
 
 impl Glass {
-    /// Of a surface, below its gloss.
+    /// The transmission of a surface below its gloss.
     pub fn new(params: &BsdfParams, gloss: &Gloss) -> Option<Self> {
         let share = params.transmission * (1.0 - params.metallic);
         let albedo = tint(params) * gloss.left * share;
         if (share <= 0.0 && !params.every_lobe) || params.blocked {
             return None;
         }
-        // A body that lets nothing in is none.
+        // A body that lets no light in is opaque.
         let body = params.thick && share > 0.0;
         let eta = body.then_some(gloss.eta);
         let kept = if body { gloss.facets.passed } else { gloss.facets.all };
         let (metal, clear) = (params.metallic, (1.0 - params.metallic) * params.transmission);
-        // Beyond the critical angle a smooth body lets nothing through, so that there is nothing to give back.
+        // Beyond the critical angle a smooth body transmits nothing, so there is nothing to compensate.
         (kept > 1e-3).then(|| Self { eta, weight: albedo / kept, metal, clear, albedo })
     }
 
-    /// Whether anything passes.
+    /// True if anything is transmitted.
     pub fn passes(&self) -> bool {
         self.clear > 0.0
     }
 
-    /// Whether it bounds a body, and is no thin wall.
+    /// True if it bounds a body rather than being a thin wall.
     pub fn is_body(&self) -> bool {
         self.eta.is_some()
     }
 
-    /// How often a facet of a body at an angle is taken for a mirror rather than for what it lets through; a
-    /// wall chooses between the two before the facet.
+    /// Probability of reflection rather than refraction at a facet of a body; a wall chooses before the facet.
     pub fn reflection_probability(&self, facing: f32) -> Option<f32> {
         let f = fresnel(facing, self.eta?);
         let (mirrored, passed) = (self.metal + (1.0 - self.metal) * f, self.clear * (1.0 - f));
         Some(mirrored / (mirrored + passed))
     }
 
-    /// Light that passes from `incident` below to `out` above; the density is that of the facet.
+    /// Transmission from `incident` below to `out` above; the density is that of the facet.
     pub fn eval(&self, ggx: &Ggx, out: Vec3, incident: Vec3) -> Scatter {
         let [value, pdf] = match self.eta {
             Some(eta) => {
                 let [value, pdf, facing] = refraction(ggx, out, incident, eta);
                 [value, pdf * (1.0 - self.reflection_probability(facing).unwrap_or(0.0))]
             }
-            // Blurred like the reflection, of which it is the image behind the wall.
+            // Blurred like the reflection, mirrored to the other side.
             None => {
                 let mirror = ggx.mirror(out, Vec3::new(incident.x, incident.y, -incident.z));
                 [mirror.value, mirror.pdf]
@@ -140,7 +138,7 @@ impl Glass {
         Vec3::new(mirrored.x, mirrored.y, -mirrored.z)
     }
 
-    /// A direction by a facet of a body, mirrored or bent by `choice`; none for a wall.
+    /// A direction by a facet of a body, reflected or refracted by `choice`; `None` for a wall.
     pub fn sample_facet(&self, ggx: &Ggx, out: Vec3, point: [f32; 2], choice: f32) -> Option<Vec3> {
         let half = ggx.sample(out, point);
         let facing = out.dot(half);

@@ -1,4 +1,4 @@
-//! The surface of the base: the interface of the dielectric and the metal.
+//! The specular base: dielectric interface and metal.
 
 use glam::Vec3;
 
@@ -8,7 +8,7 @@ use super::glass;
 use super::thin_film;
 use super::{BsdfParams, Scatter};
 
-/// The interface of a dielectric, as far as it covers what lies below; by default there is none.
+/// The interface of a dielectric and the share of the surface that it covers; absent by default.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Interface {
     index: f32,
@@ -19,7 +19,7 @@ pub struct Interface {
 }
 
 impl Interface {
-    /// Of a surface, seen from a direction of its frame.
+    /// The interface of a surface, seen from a direction of its frame.
     pub fn new(params: &BsdfParams, out: Vec3) -> Self {
         let roughness = Ggx::anisotropic(params.roughness, params.anisotropy).roughness(out);
         let strength = if params.ior > 1.0 { params.specular.0 } else { 0.0 };
@@ -27,7 +27,7 @@ impl Interface {
         Self { index: params.ior, f0, strength, roughness }
     }
 
-    /// What it reflects towards a viewer.
+    /// Directional albedo towards a viewer.
     pub fn albedo(&self, cosine: f32) -> f32 {
         if self.strength == 0.0 {
             return 0.0;
@@ -35,8 +35,9 @@ impl Interface {
         self.strength * Facets::round(cosine, self.roughness, self.index).dielectric(self.f0)[1]
     }
 
-    /// Matte stuff below gets what the interface leaves of the light from a direction, and the viewer what it
-    /// leaves of what that stuff gives. This factor makes white stay white (Kelemen and Szirmay-Kalos 2001).
+    /// The matte layer below receives what the interface transmits from a direction, and the viewer receives what
+    /// it transmits of the reflected light. This factor keeps white surfaces white (Kelemen and Szirmay-Kalos
+    /// 2001).
     pub fn between(&self) -> f32 {
         if self.strength == 0.0 {
             return 1.0;
@@ -45,33 +46,33 @@ impl Interface {
     }
 }
 
-/// Reflection at facets.
+/// Specular reflection at microfacets.
 #[derive(Debug, Clone, Copy)]
 pub struct Gloss {
-    /// The facets.
+    /// The microfacet distribution.
     pub ggx: Ggx,
-    /// What they do of the light towards the viewer.
+    /// Its albedos towards the viewer.
     pub facets: Facets,
     /// Relative index of the other side.
     pub eta: f32,
-    /// Reflectance of the dielectric, at normal and at grazing incidence, times its share.
+    /// Reflectance of the dielectric at normal and grazing incidence, times its share.
     dielectric: [Vec3; 2],
-    /// That of the metal.
+    /// The same for the metal.
     metal: [Vec3; 2],
-    /// Gives back what is lost between facets.
+    /// Compensation of energy lost between facets.
     gain: Vec3,
-    /// What it reflects towards the viewer.
+    /// Directional albedo towards the viewer.
     pub albedo: Vec3,
-    /// What the dielectric's interface leaves to what lies below.
+    /// Share that the dielectric interface transmits to the layers below.
     pub left: Vec3,
 }
 
 impl Gloss {
-    /// Of a surface, seen from a direction of its frame.
+    /// The gloss of a surface, seen from a direction of its frame.
     pub fn new(params: &BsdfParams, interface: &Interface, out: Vec3) -> Self {
         let ggx = Ggx::anisotropic(params.roughness, params.anisotropy);
         let (m, cosine, eta) = (params.metallic, out.z, glass::relative(params));
-        // No interface, no metal and nothing that passes: no light knows of the facets, so no table is made for them.
+        // Without interface, metal and transmission the facets have no effect, and no table is made.
         if interface.strength == 0.0
             && m == 0.0
             && params.transmission == 0.0
@@ -93,7 +94,7 @@ impl Gloss {
         }
         let facets = Facets::new(&ggx, out, eta);
         if params.inside {
-            // The whole interface: without it nothing would be reflected beyond the critical angle.
+            // The whole interface: otherwise nothing would be reflected beyond the critical angle.
             let f0 = glass::f0_of_ior(params.ior);
             let [reflected, _] = facets.dielectric(f0);
             let gain = 1.0 / (reflected + facets.passed).max(1e-3);
@@ -119,10 +120,10 @@ impl Gloss {
         let (dielectric, metal) = (over_dielectric(tinted), film(params.base, schlick(cosine)));
         let [covered_once, covered] = each(dielectric, |f0| facets.dielectric(f0)).map(|v| v * strength);
         let [shiny_once, shiny] = each(metal, |f0| facets.metal(f0));
-        // The gain of the mix is such that its albedo is the mix of the two albedos.
+        // The gain of the mix makes its albedo the mix of the two albedos.
         let albedo = covered.lerp(shiny, m);
         let gain = albedo / covered_once.lerp(shiny_once, m).max(Vec3::splat(1e-6));
-        // A tint colours what is reflected and not, the other way round, what is left. A film colours both.
+        // A tint colours reflection and not transmission; a film colours both.
         let widest = over_dielectric(Vec3::splat(interface.f0));
         let left = Vec3::ONE - each(widest, |f0| facets.dielectric(f0))[1] * strength;
         // A metal always reflects fully at grazing angles; a dielectric only where it has an interface.
@@ -131,7 +132,7 @@ impl Gloss {
         Self { ggx, facets, eta, dielectric, metal, gain, albedo, left }
     }
 
-    /// Reflection from `incident` to `out`, both above, and the cosine of either to the facet.
+    /// Reflection from `incident` to `out`, both above, and the cosine between either and the facet.
     pub fn eval(&self, out: Vec3, incident: Vec3) -> (Scatter, f32) {
         let mirror = self.ggx.mirror(out, incident);
         let risen = |[f0, f90]: [Vec3; 2], rise: f32| f0 * (1.0 - rise) + f90 * rise;
@@ -141,7 +142,7 @@ impl Gloss {
     }
 }
 
-/// Both values of a function for each channel.
+/// A function of each channel that returns two values.
 fn each(v: Vec3, f: impl Fn(f32) -> [f32; 2]) -> [Vec3; 2] {
     let [r, g, b] = v.to_array().map(f);
     [0, 1].map(|k| Vec3::new(r[k], g[k], b[k]))

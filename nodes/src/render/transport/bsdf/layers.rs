@@ -1,4 +1,4 @@
-//! A material of an object: coat over sheen over base.
+//! The layered material of an object: clearcoat over sheen over base.
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -9,7 +9,7 @@ use super::gloss::{Gloss, Interface};
 use super::{BsdfParams, Frame, Lobe, Scatter, albedo, cosine, glass, sheen};
 use crate::math::color::luminance;
 
-/// Lobes, in the order in which they are chosen.
+/// Indices of the lobes, in the order in which they are chosen.
 const MATTE: usize = 0;
 const THROUGH: usize = 1;
 const SHEEN: usize = 2;
@@ -17,37 +17,37 @@ const GLOSS: usize = 3;
 const GLASS: usize = 4;
 const COAT: usize = 5;
 
-/// A lobe that is there is chosen at least this often, before the shares are made to sum to 1.
+/// Minimum probability of a present lobe, before normalisation.
 const LEAST: f32 = 0.1;
 
-/// Index of the clear coat.
+/// Index of refraction of the clearcoat.
 const COAT_INDEX: f32 = 1.5;
 
-/// A clear layer over all others.
+/// The clearcoat.
 #[derive(Debug, Clone, Copy)]
 struct Coat {
     frame: Frame,
     out: Vec3,
     gloss: Gloss,
     share: f32,
-    /// What it leaves to the layers below.
+    /// Share that it transmits to the layers below.
     under: f32,
 }
 
-/// Fibres over the base.
+/// The sheen over the base.
 #[derive(Debug, Clone, Copy)]
 struct Sheen {
     /// The viewer in the frame of the matte lobes.
     out: Vec3,
-    /// Such that no more is reflected than there is.
+    /// Colour, limited so that energy is conserved.
     colour: Vec3,
     roughness: f32,
-    /// What they reflect towards the viewer.
+    /// Directional albedo towards the viewer.
     albedo: Vec3,
 }
 
 impl Sheen {
-    /// Of a surface, towards a viewer; none where it has none.
+    /// The sheen of a surface towards a viewer, if it has one.
     fn new(params: &BsdfParams, out: Vec3) -> Option<Self> {
         let (colour, roughness) = params.sheen;
         ((colour != Vec3::ZERO || params.every_lobe) && !params.inside).then(|| {
@@ -56,13 +56,13 @@ impl Sheen {
         })
     }
 
-    /// What they leave to the base: as the extension says, less by the largest channel.
+    /// Share that it transmits to the base: as the extension specifies, less by the largest channel.
     fn under(&self) -> f32 {
         1.0 - self.albedo.max_element()
     }
 }
 
-/// What passes a surface at an angle of the given cosine, if it were to go straight on.
+/// Straight transmittance of a surface at an angle with the given cosine.
 pub fn straight(params: &BsdfParams, cosine: f32) -> Vec3 {
     let out = Vec3::new((1.0 - cosine * cosine).max(0.0).sqrt(), 0.0, cosine.max(1e-4));
     let gloss = |params: &BsdfParams| Gloss::new(params, &Interface::new(params, out), out);
@@ -72,7 +72,7 @@ pub fn straight(params: &BsdfParams, cosine: f32) -> Vec3 {
     glass::tint(params) * gloss(params).left * (params.transmission * (1.0 - params.metallic) * sheen * coat)
 }
 
-/// The parameters of a clear coat of some roughness.
+/// Parameters of a clearcoat with a roughness.
 fn clear(roughness: f32) -> BsdfParams {
     BsdfParams { roughness, ior: COAT_INDEX, ..BsdfParams::default() }
 }
@@ -80,23 +80,23 @@ fn clear(roughness: f32) -> BsdfParams {
 /// All lobes of a material towards a viewer.
 #[derive(Debug, Clone, Copy)]
 pub struct Layers {
-    /// Of the lobes that mirror or bend.
+    /// Frame of the specular lobes.
     frame: Frame,
     geometric: Vec3,
     /// The viewer in the frame.
     out: Vec3,
-    /// Of the lobes that do not: what a matte surface sends does not depend on who looks.
+    /// Frame of the matte lobes: matte reflection does not depend on the viewer.
     matte_frame: Frame,
     matte: Vec3,
     through: Vec3,
     interface: Interface,
-    /// What the interface leaves of matte light towards the viewer. See [`Interface::between`].
+    /// Share of matte light towards the viewer that the interface transmits. See [`Interface::between`].
     coupling: Vec3,
     gloss: Gloss,
     glass: Option<Glass>,
     sheen: Option<Sheen>,
     coat: Option<Coat>,
-    /// What coat and sheen leave to the base.
+    /// Share that clearcoat and sheen transmit to the base.
     under: f32,
     shares: [f32; 6],
     every_lobe: bool,
@@ -110,13 +110,13 @@ impl Layers {
         (!passes).then(|| frame.normal())
     }
 
-    /// What coat and sheen leave to the base, and to what shines under them.
+    /// Share that clearcoat and sheen transmit to the base and its emission.
     pub fn under(&self) -> f32 {
         self.under
     }
 
-    /// A material around the frames of its matte lobes, of the others of its base and of its coat. The geometric normal and those
-    /// of the last two lie on the side of the unit direction `out`.
+    /// A material in the frames of its matte lobes, of the other lobes of its base, and of its clearcoat. The
+    /// geometric normal and the normals of the last two are on the side of the unit direction `out`.
     pub fn new(
         [matte_frame, frame, coated]: [Frame; 3],
         geometric: Vec3,
@@ -164,7 +164,7 @@ impl Layers {
         layers
     }
 
-    /// Chooses lobes in proportion to what they give, about.
+    /// Sets the probabilities of the lobes about in proportion to their albedo.
     fn share(&mut self) {
         let mut weights = [
             self.matte * self.gloss.left * self.under,
@@ -176,7 +176,7 @@ impl Layers {
         ]
         .map(|weight| luminance(weight.to_array()));
         if self.glass.is_some_and(|glass| glass.is_body()) {
-            // One lobe chooses the facet, which then mirrors or bends.
+            // One lobe chooses the facet, which then reflects or refracts.
             weights[GLOSS] += std::mem::take(&mut weights[GLASS]);
         }
         let lift = |sum: f32, w: f32| if w > 0.0 { (w / sum).max(LEAST) } else { 0.0 };
@@ -237,9 +237,9 @@ impl Layers {
         [diffuse, specular]
     }
 
-    /// A direction by one of the lobes, chosen by `choice`, and the class of that lobe.
+    /// Samples a direction by one of the lobes, chosen by `choice`, and returns the class of that lobe.
     pub fn sample(&self, point: [f32; 2], mut choice: f32) -> Option<(Lobe, Vec3)> {
-        // Where rounding leaves a rest, the last lobe that is there has it.
+        // The last present lobe takes the rounding error.
         let last = self.shares.iter().rposition(|share| *share > 0.0)?;
         let mut lobe = 0;
         while lobe < last && choice >= self.shares[lobe] {
@@ -264,7 +264,7 @@ impl Layers {
                 coat.gloss.ggx.reflect(coat.out, point)
             }
         };
-        // Each lobe keeps to its side; another lobe of the class may know that direction too.
+        // Each lobe keeps to its side; another lobe of the class may produce that direction.
         let below = match lobe {
             GLOSS if self.glass.is_some_and(|glass| glass.is_body()) => direction.z < 0.0,
             _ => matches!(lobe, THROUGH | GLASS),
@@ -280,8 +280,8 @@ mod tests {
     use super::*;
     use crate::geometry::sampling::{Points, unit};
 
-    /// Layers of no strength that are evaluated, and chosen among, like any other change no bit, of values, densities or
-    /// chosen directions. Seen red with a coat of a share of 1e-3.
+    /// Evaluating and choosing among absent layers changes no bit of values, densities or sampled directions. Seen
+    /// red with a coat of a share of 1e-3.
     #[test]
     fn layers_of_no_strength_change_no_bit_where_they_are_evaluated() {
         let upright = Frame::around(Vec3::Z);

@@ -1,11 +1,11 @@
-//! How a surface scatters light.
+//! BSDFs: how surfaces scatter light.
 //!
-//! The receiver is matte. Objects are glTF materials: from the top down a clear coat, a sheen, and a base that
-//! is metal and dielectric in shares, the dielectric a gloss over matte, translucent or transparent stuff. Each
-//! layer passes on what its directional albedo leaves, so that nothing makes light and white loses none.
+//! The receiver is matte. Objects are glTF materials: from the top a clearcoat, a sheen, and a base that is a mix
+//! of metal and dielectric, the dielectric being a gloss over a matte, translucent or transparent layer. Each layer
+//! transmits what its directional albedo leaves, so that energy is conserved and white surfaces lose none.
 //!
-//! The lobes fall into two classes, each an integrand of its own that is sampled on its own and weighed
-//! against light samples on its own, because the scene may be visible to one and transparent to the other.
+//! The lobes form two classes, sampled and weighted against light samples separately, because the receiver may be
+//! visible to one class and transparent to the other.
 
 mod albedo;
 mod ggx;
@@ -29,57 +29,56 @@ pub use layers::{Layers, straight};
 pub enum Lobe {
     /// Light that entered the surface and left in any direction, and sheen.
     Diffuse,
-    /// Light reflected at or bent by an interface.
+    /// Light reflected or refracted at an interface.
     Specular,
 }
 
-/// What one class of lobes does for a pair of directions.
+/// The value of one class of lobes for a pair of directions.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Scatter {
-    /// Value times the cosine of the incident direction.
+    /// BSDF value times the cosine of the incident direction.
     pub value: Vec3,
-    /// Density of sampling this incident direction by this class, choice of lobe included.
+    /// Density of sampling this incident direction by this class, including the choice of lobe.
     pub pdf: f32,
 }
 
-/// Parameters of a surface point, textures already looked up. See the types of the same names in
-/// [`types`](crate::types).
+/// Parameters of a surface point after texture lookup. See the types of the same names in [`types`](crate::types).
 #[derive(Debug, Clone, Copy)]
 pub struct BsdfParams {
     /// Linear base colour.
     pub base: Vec3,
-    /// 0 dielectric to 1 metal.
+    /// 0 for a dielectric to 1 for a metal.
     pub metallic: f32,
     /// Perceptual roughness.
     pub roughness: f32,
-    /// Index of refraction; 1 means no interface at all.
+    /// Index of refraction; 1 means no interface.
     pub ior: f32,
     /// Scale of the dielectric's reflectance, and its tint at normal incidence.
     pub specular: (f32, Vec3),
-    /// Share of the light below the dielectric's interface that passes on.
+    /// Share of the light below the dielectric interface that is transmitted.
     pub transmission: f32,
-    /// Whether what passes is bent; else the surface is a thin wall.
+    /// True if transmission is refracted; otherwise the surface is a thin wall.
     pub thick: bool,
-    /// Whether this is the inner side of a thick body.
+    /// True if this is the inner side of a thick body.
     pub inside: bool,
-    /// Whether what passes is left out, because the ray that came here has gone straight on as well.
+    /// True if transmission is omitted, because the ray also continues straight on.
     pub blocked: bool,
-    /// Share of the matte light that leaves on the other side, and its colour.
+    /// Share of matte light that leaves on the other side, and its colour (diffuse transmission).
     pub through: (f32, Vec3),
-    /// Strength of the brush; its direction is the tangent of the frame.
+    /// Strength of anisotropy; its direction is the tangent of the frame.
     pub anisotropy: f32,
     /// Share, index and thickness in nanometres of a thin film.
     pub film: (f32, f32, f32),
     /// Colour and roughness of the sheen.
     pub sheen: (Vec3, f32),
-    /// Share and roughness of the clear coat.
+    /// Share and roughness of the clearcoat.
     pub coat: (f32, f32),
-    /// Whether lobes of no strength are evaluated like any other.
+    /// True if absent lobes are evaluated like present ones.
     pub every_lobe: bool,
 }
 
 impl Default for BsdfParams {
-    /// White and matte, of index 1.5.
+    /// White and matte, with an index of 1.5.
     fn default() -> Self {
         Self {
             base: Vec3::ONE,
@@ -101,7 +100,7 @@ impl Default for BsdfParams {
     }
 }
 
-/// An orthonormal frame; columns.
+/// An orthonormal frame, by columns.
 #[derive(Debug, Clone, Copy)]
 pub struct Frame([Vec3; 3]);
 
@@ -118,7 +117,7 @@ impl Frame {
         ])
     }
 
-    /// Around a unit vector, the first axis as near as may be to `tangent`.
+    /// Around a unit vector, with the first axis as close as possible to `tangent`.
     pub fn along(n: Vec3, tangent: Vec3) -> Self {
         match (tangent - n * n.dot(tangent)).try_normalize() {
             Some(t) => Self([t, n.cross(t), n]),
@@ -148,8 +147,8 @@ impl Frame {
     }
 }
 
-/// The normal nearest to a bent one, on the way to that of the surface, off which the viewer sees what lies above the
-/// surface: light mirrored from below it would be lost.
+/// The normal closest to a bent one, on the way to the surface normal, whose mirror direction of the viewer is
+/// above the surface: reflection from below would be lost.
 pub fn mirroring(bent: Vec3, surface: Vec3, out: Vec3) -> Vec3 {
     let least = (0.9 * out.dot(surface)).min(0.01);
     let sees_above = |normal: Vec3| 2.0 * normal.dot(out) * normal.dot(surface) - out.dot(surface) >= least;
@@ -165,22 +164,22 @@ pub fn mirroring(bent: Vec3, surface: Vec3, out: Vec3) -> Vec3 {
     between(high)
 }
 
-/// A direction over the frame in proportion to its cosine.
+/// A cosine-distributed direction in the frame.
 fn cosine([u, v]: [f32; 2]) -> Vec3 {
     let (sin, cos) = circle(u);
     let r = v.sqrt();
     Vec3::new(r * cos, r * sin, (1.0 - v).max(0.0).sqrt())
 }
 
-/// A surface point seen from a direction.
+/// The BSDF of a surface point seen from a direction.
 #[derive(Debug, Clone, Copy)]
 #[expect(clippy::large_enum_variant, reason = "it lives on the stack for one vertex of a path")]
 pub enum Bsdf {
-    /// Lambert's, of an albedo: the receiver.
+    /// Lambertian reflection: the receiver.
     Matte {
         /// Around the geometric normal on the side of the viewer.
         frame: Frame,
-        /// Linear.
+        /// Linear albedo.
         albedo: Vec3,
     },
     /// A material of an object.
@@ -188,12 +187,12 @@ pub enum Bsdf {
 }
 
 impl Bsdf {
-    /// A matte surface of the given albedo. `normal` is the geometric normal on the side of the viewer.
+    /// A matte surface with an albedo. `normal` is the geometric normal on the side of the viewer.
     pub fn matte(normal: Vec3, albedo: Vec3) -> Self {
         Self::Matte { frame: Frame::around(normal), albedo }
     }
 
-    /// The unit normal of the side that all its light comes from, if it comes from one.
+    /// The unit normal of the side that all of its light comes from, if it is one side.
     pub fn lit_side(&self) -> Option<Vec3> {
         match self {
             Self::Matte { frame, .. } => Some(frame.normal()),
@@ -201,7 +200,7 @@ impl Bsdf {
         }
     }
 
-    /// What is left towards the viewer of what shines under its coat and sheen.
+    /// Share of emission below clearcoat and sheen that reaches the viewer.
     pub fn under(&self) -> f32 {
         match self {
             Self::Matte { .. } => 1.0,
@@ -209,12 +208,12 @@ impl Bsdf {
         }
     }
 
-    /// Whether it is matte and nothing passes it, so that light samples alone find all its light.
+    /// True if it is matte and opaque, so that light samples alone find all of its light.
     pub fn is_matte(&self) -> bool {
         matches!(self, Self::Matte { .. })
     }
 
-    /// The albedo of a matte surface; that of others is not told.
+    /// The albedo of a matte surface; `None` for others.
     pub fn matte_albedo(&self) -> Option<Vec3> {
         match self {
             Self::Matte { albedo, .. } => Some(*albedo),
@@ -233,8 +232,8 @@ impl Bsdf {
         }
     }
 
-    /// A class and an incident direction in proportion to it, with what that class does there. None where
-    /// the direction does not leave on its side of the surface.
+    /// Samples a class and an incident direction, with the value and density of that class. `None` where the
+    /// direction leaves on the wrong side of the surface.
     pub fn sample(&self, points: &Points, pair: u32) -> Option<(Lobe, Vec3, Scatter)> {
         let point = points.pair(pair);
         let (lobe, incident) = match self {

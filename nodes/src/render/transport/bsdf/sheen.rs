@@ -1,5 +1,5 @@
-//! Sheen: the grazing shine of cloth (Estevez and Kulla 2017, Production friendly microfacet sheen BRDF),
-//! as KHR_materials_sheen has it.
+//! Sheen of cloth at grazing angles (Estevez and Kulla 2017, Production friendly microfacet sheen BRDF), as
+//! specified by KHR_materials_sheen.
 
 use std::f32::consts::PI;
 
@@ -11,14 +11,14 @@ use crate::math::num;
 /// Density of [`uniform`].
 pub const UNIFORM: f32 = 0.5 / PI;
 
-/// A direction above, all alike.
+/// A uniform direction of the upper hemisphere.
 pub fn uniform([u, v]: [f32; 2]) -> Vec3 {
     let (sin, cos) = circle(u);
     let r = (1.0 - v * v).max(0.0).sqrt();
     Vec3::new(r * cos, r * sin, v)
 }
 
-/// The fit of the masking of fibres; between the coefficients for a width of 0 and of 1 by the square.
+/// The fit of the masking of fibres; between the coefficients for alpha 0 and 1, by the square.
 fn fit(x: f32, alpha: f32) -> f32 {
     let t = (1.0 - alpha) * (1.0 - alpha);
     let at = |wide: f32, narrow: f32| wide + (narrow - wide) * t;

@@ -1,4 +1,4 @@
-//! Furnaces, chi-square tests and reciprocity of every lobe.
+//! Furnace tests, chi-square tests and reciprocity of every lobe.
 
 use super::*;
 use crate::geometry::sampling::stream;
@@ -30,7 +30,7 @@ fn furnace(params: &BsdfParams, cosine: f32) -> f64 {
     furnace_from(params, towards(cosine), 2, 16_384)
 }
 
-/// The same for a viewer anywhere, by the first points of a scramble.
+/// The same for any viewer, with a number of points of a scramble.
 fn furnace_from(params: &BsdfParams, out: Vec3, scramble: u64, points: u32) -> f64 {
     let bsdf = surface(params, out);
     let weight = |i| {
@@ -43,7 +43,7 @@ fn furnace_from(params: &BsdfParams, out: Vec3, scramble: u64, points: u32) -> f
 const ROUGHNESSES: [f32; 7] = [0.0, 0.05, 0.1, 0.25, 0.5, 0.75, 1.0];
 const COSINES: [f32; 5] = [0.05, 0.1, 0.3, 0.6, 1.0];
 
-/// Bases that keep all light, by name; all of [`ROUGHNESSES`] at some roughness.
+/// Bases that conserve energy, by name; all of [`ROUGHNESSES`] at some roughness.
 fn bases() -> Vec<(String, BsdfParams)> {
     let plain = BsdfParams::default();
     let pane = BsdfParams { transmission: 1.0, ..plain };
@@ -71,9 +71,9 @@ fn bases() -> Vec<(String, BsdfParams)> {
     all
 }
 
-/// White furnace: a base and all that lies over it, at every roughness, keeps or lets through all light, to 1 % and
-/// 4 standard errors. What is left is the interpolation of the tables. Brushed surfaces are seen from along the brush,
-/// from across it and in between.
+/// White furnace: a base with all layers over it, at every roughness, reflects or transmits all light to 1 % and 4
+/// standard errors. The rest is the interpolation of tables. Anisotropic surfaces are seen along, across and
+/// between the axes.
 #[test]
 fn white_surfaces_keep_all_light() {
     let mut worst = [0.0_f64; 2];
@@ -129,8 +129,8 @@ fn white_surfaces_keep_all_light() {
     assert!((furnace(&matte, 0.4) - 1.0).abs() < 1e-5, "Lambert is exact");
 }
 
-/// However its normal is bent, a smooth mirror shows what is above the surface, all of it; a normal that does is left.
-/// Mutation: `bent` returned at once by `mirroring` (seen red).
+/// With any bent normal, a smooth mirror shows what is above the surface, completely; a normal that does is left
+/// unchanged. Mutation: `bent` returned at once by `mirroring` (seen red).
 #[test]
 fn bent_mirrors_keep_all_light() {
     for cosine in COSINES {
@@ -148,7 +148,7 @@ fn bent_mirrors_keep_all_light() {
     }
 }
 
-/// A direction of a hemisphere, turned to lie on the side of `out`.
+/// A direction of a hemisphere, rotated to the side of `out`.
 fn cosine_towards(out: Vec3, d: Vec3) -> Vec3 {
     let turned = if d.dot(out) < 0.0 { -d } else { d };
     (turned + out * (0.02 - turned.dot(out)).max(0.0)).normalize()
@@ -162,8 +162,8 @@ fn black_surfaces_reflect_only_the_interface() {
     assert!(furnace(&BsdfParams { specular: (0.0, Vec3::ONE), ..black }, 1.0) == 0.0);
 }
 
-// Fresnel's reflectance at any angle: at 60 degrees 0.0892 for an index of 1.5, where Schlick has 0.070, and
-// 0.0918 over the hemisphere.
+// Fresnel reflectance at any angle: at 60 degrees 0.0892 for an index of 1.5, where Schlick has 0.070, and 0.0918
+// over the hemisphere.
 #[test]
 fn gloss_rises_as_fresnel_says() {
     let black = BsdfParams { base: Vec3::ZERO, roughness: 0.0, ..BsdfParams::default() };
@@ -180,7 +180,7 @@ fn gloss_rises_as_fresnel_says() {
     assert!((mean / 0.0918 - 1.0).abs() < 0.01, "{mean}");
 }
 
-// At normal incidence on smooth faces the reflectance is the known one.
+// At normal incidence on smooth facets the reflectance is the known one.
 #[test]
 fn smooth_faces_have_fresnels_reflectance() {
     let black = BsdfParams { base: Vec3::ZERO, roughness: 0.0, ..BsdfParams::default() };
@@ -197,7 +197,7 @@ fn smooth_faces_have_fresnels_reflectance() {
     }
 }
 
-// A smooth body bends by Snell's law, and reflects all beyond the critical angle.
+// A smooth body refracts by Snell's law, and reflects everything beyond the critical angle.
 #[test]
 fn bodies_bend_light_by_their_index() {
     let mean = |params: &BsdfParams, out: Vec3| {
@@ -223,8 +223,8 @@ fn bodies_bend_light_by_their_index() {
     assert!((straight + out).length() < 1e-3, "a wall bends nothing: {straight}");
 }
 
-/// Extremes stay finite and no sample carries more than its lobe's albedo over its share.
-/// Also seen along the surface and, as a normal map may have it, from behind.
+/// Extremes stay finite, and no sample carries more than its lobe's albedo over its probability. Also at grazing
+/// view and, as a normal map may cause, from behind.
 #[test]
 fn extremes_are_finite() {
     for roughness in [0.0, 1e-4, 1e-2, 1.0] {
@@ -266,9 +266,8 @@ fn extremes_are_finite() {
     }
 }
 
-/// Chi-square of the sampler of each class against its density, for materials in which each lobe is the
-/// most of its class, and for the receiver's.
-/// Mutation: `v.sqrt()` to `v` in `cosine` (seen red).
+/// Chi-square of the sampler of each class against its density, for materials dominated by each lobe, and for the
+/// receiver. Mutation: `v.sqrt()` to `v` in `cosine` (seen red).
 #[test]
 fn samplers_follow_their_densities() {
     let black = BsdfParams { base: Vec3::ZERO, ior: 1.0, ..BsdfParams::default() };
@@ -303,7 +302,7 @@ fn samplers_follow_their_densities() {
     }
 }
 
-// Every lobe is symmetric up to the gains and covers that depend on the viewer alone: over a reference
+// Every lobe is symmetric up to gains and coverage that depend on the viewer alone: relative to a reference
 // direction those cancel.
 #[test]
 fn lobes_are_reciprocal() {
@@ -321,7 +320,7 @@ fn lobes_are_reciprocal() {
         let (x, y) = (value(&params, a, b)[class], value(&params, b, a)[class]);
         assert!((x / y - 1.0).abs() < 1e-3, "{name}: {x} {y}");
     }
-    // What a sheen leaves to the base is one factor for the viewer, wherever the light comes from.
+    // The share that a sheen transmits to the base is one factor for the viewer, from any direction of light.
     let fibres = (Vec3::splat(0.6), 0.5);
     let left = |o: Vec3, i: Vec3| {
         let sheen = value(&BsdfParams { sheen: fibres, ..black }, o, i)[0];
@@ -329,8 +328,8 @@ fn lobes_are_reciprocal() {
             / value(&plastic(0.5), o, i)[0]
     };
     assert!((left(a, b) - left(a, towards(0.9))).abs() < 1e-4 && left(a, b) < 0.9 && left(b, a) > left(a, b));
-    // The gain of a gloss is a factor of the viewer: f(a, b) g(b) = f(b, a) g(a), where g follows from the
-    // albedo by itself, so the ratio is the same for every gloss of one roughness and a white metal.
+    // The gain of a gloss is a factor of the viewer: f(a, b) g(b) = f(b, a) g(a), where g follows from the albedo
+    // alone, so the ratio is the same for every gloss of one roughness and a white metal.
     for params in [metal(0.4), BsdfParams { anisotropy: 0.7, ..metal(0.4) }] {
         let mirror = |o: Vec3, i: Vec3| {
             let ggx = ggx::Ggx::anisotropic(params.roughness, params.anisotropy);
@@ -349,9 +348,9 @@ fn lobes_are_reciprocal() {
     assert!((there / back / (eta * eta) - 1.0).abs() < 1e-2, "{there} {back}");
 }
 
-/// A white surface under a gloss absorbs nothing, so what a lamp at any angle brings to it is mirrored by the interface or
-/// given back by what lies below, to viewers all around.
-/// Mutation: `1.0 - self.interface.albedo(i.z)` left out of `Layers::eval` (seen red).
+/// A white surface below a gloss absorbs nothing, so the light of a lamp at any angle is reflected by the interface
+/// or by the layers below, to viewers all around. Mutation: `1.0 - self.interface.albedo(i.z)` left out of
+/// `Layers::eval` (seen red).
 #[test]
 fn a_lamp_is_mirrored_or_given_back() {
     for (ior, roughness) in [1.5, 1.8].into_iter().flat_map(|ior| [0.0, 0.3, 0.8, 1.0].map(|r| (ior, r))) {
@@ -372,7 +371,7 @@ fn a_lamp_is_mirrored_or_given_back() {
     }
 }
 
-// Of each colour a film lets pass what it does not reflect, whatever lies below.
+// For each colour a film transmits what it does not reflect, over any base.
 #[test]
 fn films_pass_what_they_do_not_reflect() {
     let film = (1.0, 1.7, 420.0);
@@ -386,7 +385,7 @@ fn films_pass_what_they_do_not_reflect() {
     }
 }
 
-// Without a film's thickness the base is as it was; with it metals keep below 1 and colours appear.
+// With a film of no thickness the base is unchanged; with thickness metals stay below 1 and colours appear.
 #[test]
 fn films_have_colours() {
     let bare = thin_film::f0(1.8, 0.0, Vec3::splat(0.3), 1.0, 0.0);

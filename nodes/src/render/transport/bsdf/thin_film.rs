@@ -1,5 +1,5 @@
-//! Iridescence: interference in a thin film (Belcour and Barla 2017, A practical extension to microfacet
-//! theory for the modeling of varying iridescence), as KHR_materials_iridescence has it.
+//! Iridescence: interference in a thin film (Belcour and Barla 2017, A practical extension to microfacet theory for
+//! the modeling of varying iridescence), as specified by KHR_materials_iridescence.
 
 use std::f32::consts::PI;
 
@@ -9,22 +9,22 @@ use super::ggx::schlick;
 use super::glass::{cos_refracted, f0_of_ior as from_index};
 use crate::math::num::f32::{cos, exp};
 
-/// Fourier transforms of the CIE sensitivities, each a Gaussian times a wave, in SI units: height, place and
-/// spread; the fourth is the second hump of X.
+/// Fourier transforms of the CIE sensitivities, each a Gaussian times a wave, in SI units: height, position and
+/// width; the fourth is the second maximum of X.
 const SENSITIVITY: [[f32; 3]; 4] = [
     [5.4856e-13, 1.6810e6, 4.3278e9],
     [4.4201e-13, 1.7953e6, 9.3046e9],
     [5.2481e-13, 2.2084e6, 6.6121e9],
     [9.7470e-14, 2.2399e6, 4.5282e9],
 ];
-/// What the sensitivities are divided by, so that no film gives white.
+/// Divisor of the sensitivities, so that no film gives white.
 const WHITE: f32 = 1.0685e-7;
 
 fn each(v: Vec3, f: impl Fn(f32) -> f32) -> Vec3 {
     Vec3::from_array(v.to_array().map(f))
 }
 
-/// The colour of a wave over the optical path difference `path` (metres), for a shift of phase a channel.
+/// The colour of a wave over the optical path difference `path` (metres), for a phase shift per channel.
 fn wave(path: f32, shift: Vec3) -> Vec3 {
     let phase = 2.0 * PI * path;
     let at = |[height, place, spread]: [f32; 3], shift: f32| {
@@ -38,25 +38,25 @@ fn wave(path: f32, shift: Vec3) -> Vec3 {
         + Vec3::new(-0.498_531_4, 0.041_556, 1.057_225_2) * xyz[2]
 }
 
-/// The reflectance at normal incidence that, having risen by the share `risen` towards 1 at this cosine, is what a
-/// film of an index and a thickness in nanometres reflects on a base of reflectance `f0`.
+/// The reflectance at normal incidence that, risen by the share `risen` towards 1 at this cosine, equals the
+/// reflectance of a film with an index and a thickness in nanometres on a base of reflectance `f0`.
 pub fn f0(index: f32, thickness_nm: f32, f0: Vec3, cosine: f32, risen: f32) -> Vec3 {
-    // A film of less than an atom is none.
+    // A film thinner than an atom has no effect.
     let fade = (thickness_nm / 0.03).min(1.0);
     let eta = 1.0 + (index - 1.0) * (fade * fade * (3.0 - 2.0 * fade));
     let Some(inner) = cos_refracted(cosine, eta) else { return Vec3::ONE };
     let f1 = from_index(eta);
     let upper = f1 + (1.0 - f1) * schlick(cosine);
     let passed = 1.0 - upper;
-    // The base below the film, by the indices of which f0 tells.
+    // The base below the film, with the indices that f0 implies.
     let root = each(f0.clamp(Vec3::ZERO, Vec3::splat(0.9999)), f32::sqrt);
     let base = (Vec3::ONE + root) / (Vec3::ONE - root);
     let f2 = each(base, |b| from_index(b / eta));
     let lower = f2 + (Vec3::ONE - f2) * schlick(inner);
-    // Half a turn at each face behind which the denser medium lies, one of which is the upper from within.
+    // Half a wave at each interface to a denser medium, one of which is the upper one seen from within.
     let shift = each(base, |b| if b < eta { 2.0 * PI } else { PI });
 
-    // Airy's sum over the bounces within the film: its mean, and two of its waves.
+    // Airy summation over the bounces in the film: its mean and two of its waves.
     let path = 2.0 * eta * (thickness_nm * 1e-9) * inner;
     let both = (lower * upper).clamp(Vec3::splat(1e-5), Vec3::splat(0.9999));
     let steady = lower * (passed * passed) / (Vec3::ONE - both);

@@ -1,9 +1,8 @@
-//! The point of capture of a panorama, as it lies to the receiver.
+//! The point of capture of a panorama in relation to the receiver.
 //!
-//! One that was written down as the scene's origin, or that lies within the error of the mesh, may be on the floor or
-//! under it, whose lower side sees no light.
+//! A point given as the origin of the scene, or within the error of the mesh, may be on or under the floor, where
+//! it would see back faces and no light.
 
-use engine::Notes;
 use glam::{DVec3, Vec3};
 
 use super::probe::Probe;
@@ -12,18 +11,18 @@ use crate::render::transport::scene::frame::in_scene_frame;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::types::Camera;
 
-/// How far under the ground a point of capture may lie to be taken over it, in metres: the error of a mesh, or of a
-/// point that was written down.
+/// Maximum depth under the ground, in metres, from which a point of capture is moved up: the error of a mesh or of
+/// a noted position.
 const BURIED: f64 = 0.1;
-/// How far over the ground it is taken then, in metres.
+/// Height above the ground to which it is moved, in metres.
 const OVER: f64 = 0.01;
-/// No camera is nearer to a surface, in metres.
-const NEAREST: f64 = 0.02;
-/// A point is on a surface that is nearer than this straight above or below it, in metres.
+/// Minimum distance of a real camera from a surface, in metres.
+pub(crate) const NEAREST: f64 = 0.02;
+/// A point counts as on a surface that is this close straight above or below it, in metres.
 const ON: f64 = 0.005;
 
-/// The camera that stands where a panorama of the place might have been taken: the first that sees fronts of the receiver
-/// for the most part, or the first of all. One over a dolls' house without a roof sees backs.
+/// The camera that stands in for an unknown point of capture: the first that sees mostly front faces of the
+/// receiver, or the first of all. A camera above a room without a roof sees back faces.
 pub(crate) fn stand_in<'a>(receiver: &Receiver, cameras: &'a [Camera], origin: DVec3) -> &'a Camera {
     let inside =
         |camera: &&Camera| Probe::send(receiver, in_scene_frame(camera.eye(), origin)).front_share() > 0.5;
@@ -33,64 +32,62 @@ pub(crate) fn stand_in<'a>(receiver: &Receiver, cameras: &'a [Camera], origin: D
 /// A point of capture and what is seen from it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct CapturePoint {
-    /// Where, in the frame of the scene.
+    /// Position in the frame of the scene.
     pub(crate) at: Vec3,
-    /// What rays in all directions meet.
+    /// Hits of rays in all directions.
     pub(crate) probe: Probe,
 }
 
-/// Whether all but a tenth of what is met shows its back.
+/// A problem of a point of capture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum CaptureFault {
+    /// It lay on or under a surface and was moved up by this, in world units.
+    Raised(f32),
+    /// It sees nothing of the receiver, but a camera does, with this share of its rays.
+    SeesNothing(f64),
+    /// This share of the surfaces that it sees are back faces, where a camera sees front faces.
+    SeesBacks(f64),
+    /// It is nearer than [`NEAREST`] to a surface.
+    TooNear,
+}
+
+/// True if at least 90 % of the hits are back faces.
 fn sees_backs(probe: &Probe) -> bool {
     probe.escaped < probe.rays && probe.front_share() <= 0.1
 }
 
 impl CapturePoint {
-    /// The same, or where it `mends` the point right over a surface that it is on or under, and what is to be known of that:
-    /// that it was taken higher, sees nothing or backs of surfaces alone where a camera sees fronts, or lies on one.
+    /// A point, with its probe rays.
+    pub(crate) fn at(receiver: &Receiver, at: Vec3) -> Self {
+        Self { at, probe: Probe::send(receiver, at) }
+    }
+
+    /// The point, or if it lies on or under a surface and `moves`, the point just above that surface; and what is
+    /// wrong with it. `camera` is the position of a camera in the place.
     pub(crate) fn checked(
         self,
         (receiver, camera): (&Receiver, Vec3),
         (up, metres_per_unit): (DVec3, f64),
-        mends: bool,
-        notes: &mut Notes,
-    ) -> Self {
+        moves: bool,
+    ) -> (Self, Option<CaptureFault>) {
         let metre = 1.0 / metres_per_unit;
-        if mends && let Some((over, raised)) = self.out_of_the_ground((receiver, camera), up, metre) {
-            let millimetres = f64::from(raised) * metres_per_unit * 1e3;
-            let text = "the point of capture lies on or under a surface of the receiver, of which it sees the back or \
-                        nothing, so it is taken";
-            let text = format!("{text} {millimetres:.0} mm higher, where it sees out");
-            notes.warning("capture-under-ground", text);
-            return over;
+        if moves && let Some((over, raised)) = self.out_of_the_ground((receiver, camera), up, metre) {
+            return (over, Some(CaptureFault::Raised(raised)));
         }
-        let hint = "is the place that it was captured at (`at` of `cube-rig`, or `origin`) the right one, in units of the world?";
         let view = Probe::send(receiver, camera);
         let nothing = self.probe.escaped == self.probe.rays;
-        if nothing && view.held_share() > 0.5 {
-            let held = 100.0 * view.held_share();
-            let text = format!(
-                "the point of capture sees nothing of the receiver, which is {held:.0} % of what is around a camera; {hint}"
-            );
-            notes.warning("capture-far-off", text);
+        let fault = if nothing && view.held_share() > 0.5 {
+            Some(CaptureFault::SeesNothing(view.held_share()))
         } else if sees_backs(&self.probe) && view.front_share() > 0.5 {
-            let backs = 100.0 * (1.0 - self.probe.front_share());
-            let text = format!(
-                "{backs:.0} % of what the point of capture sees are backs of surfaces, of which a camera sees the fronts: \
-                 it lies in a body, under the ground or outside of the room; {hint}"
-            );
-            notes.warning("capture-behind-surfaces", text);
-        } else if self.is_within(receiver, (NEAREST * metre) as f32) {
-            let text = format!(
-                "the point of capture lies less than {:.0} mm off a surface of the receiver; {hint}",
-                NEAREST * 1e3
-            );
-            notes.warning("capture-on-surface", text);
-        }
-        self
+            Some(CaptureFault::SeesBacks(1.0 - self.probe.front_share()))
+        } else {
+            self.is_within(receiver, (NEAREST * metre) as f32).then_some(CaptureFault::TooNear)
+        };
+        (self, fault)
     }
 
-    /// The point right over the surface that it is on, or that lies above it by no more than [`BURIED`], and how much
-    /// higher that is; none where there is no such surface, or it sees no more from there.
+    /// The point just above the surface that it is on, or that is at most [`BURIED`] above it, and how much higher
+    /// that is; `None` without such a surface, or if it sees no more from there.
     fn out_of_the_ground(
         &self,
         (receiver, camera): (&Receiver, Vec3),
@@ -103,12 +100,13 @@ impl CapturePoint {
         let raised = receiver.bvh.closest(way, |_| true)?.t - on + (OVER * metre) as f32;
         let at = self.at + up * raised;
         let probe = Probe::send(receiver, at);
-        // From within a room of which all normals point out, its roof is seen from above so, too; but not the cameras.
+        // From inside a room whose normals all point out, the roof would be found too; but the cameras are not
+        // above it.
         let cameras = self.probe.is_open() || (at - camera).dot(up) < 0.0;
         (probe.front_share() > 0.5 && cameras).then_some((Self { at, probe }, raised))
     }
 
-    /// Whether any surface is nearer than some distance.
+    /// True if any surface is closer than a distance.
     fn is_within(&self, receiver: &Receiver, near: f32) -> bool {
         Probe::rays(self.at).any(|ray| {
             let around = Ray { t_max: 2.0 * near, ..Ray::new(self.at - ray.direction * near, ray.direction) };

@@ -1,15 +1,14 @@
-//! Where objects stand: the mesh of the place, made level with their bases for the camera.
+//! Contact: the receiver mesh is corrected to the bases of objects for the camera.
 //!
-//! A mesh from a capture misses the true ground by some millimetres. Where it lies too low the camera looks
-//! into a gap under the object, which draws a black line; where it lies too high it hides the object's foot.
-//! What the camera sees is the true place, so a hit of one of its rays that is as high as the base of an
-//! object, to the error of the mesh, is moved along the ray to the height of the base: there the light that
-//! objects take away is judged, and there the object is in front or behind. What the receiver itself
-//! shades stays where it is, so R0 depends on no object. And so does what it shades of the objects: from a foot that it
-//! hides, rays to it start just above it, where the camera's hits moved from. From below it they would see what is
+//! Captured meshes miss the true ground by some millimetres. Where the mesh is too low, the camera looks into a gap
+//! under the object, which draws a black line; where it is too high, it hides the foot of the object. The camera's
+//! view is the true place, so a camera hit within the error of the mesh at the height of an object's base is moved
+//! along its ray to the base: there the change of light is estimated, and there the depth order is decided. Shading
+//! of the receiver stays at the original hit, so R0 does not depend on objects. Rays from a covered foot to the
+//! receiver start just above the mesh, where the camera's hits were moved from; from below they would see the
 //! outside of a closed room.
 //!
-//! The same holds for a flat side with which an object rests on a wall, a ceiling or a roof: see `side`.
+//! The same applies to a flat side with which an object rests on a wall, a ceiling or a roof: see `side`.
 
 use glam::DVec3;
 
@@ -20,23 +19,24 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::supports::{Ground, STEEPEST, Support};
 use crate::types::Placed;
 
-/// How far off the ground is looked for in metres, to tell that an object does not stand on it.
+/// Maximum distance at which ground is searched, in metres, to report objects that do not stand on it.
 const FARTHEST: f64 = 0.5;
-/// Whether a mesh is near enough to the base of an object to be what it stands on, given the length of a metre.
+/// True if the mesh is close enough to the base of an object to support it; `metre` is the length of a metre in
+/// world units.
 pub(crate) fn is_near(measured: &Level, metre: f64) -> bool {
     measured.height.abs() <= LARGEST * metre
 }
 
-/// What was found at an object.
+/// The supports found for an object.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Found {
-    /// The ground under it, be it too far off.
+pub struct Measured {
+    /// The level of the ground below it, even if too far away.
     pub ground: Option<Level>,
-    /// What its flat sides rest on.
+    /// The levels of the surfaces that its flat sides rest on.
     pub sides: Vec<Level>,
 }
 
-/// Of a side on a mesh with an error, 0 of a smooth one, in world units.
+/// The support of a side by a mesh with an error of `reach` world units, 0 for a smooth mesh.
 fn support(side: &Side, reach: f64, origin: DVec3, metre: f64) -> Support {
     let [low, high] = [side.low, side.high].map(|p| (p - origin).as_vec3());
     let height = (side.height - origin.dot(side.out)) as f32;
@@ -45,9 +45,10 @@ fn support(side: &Side, reach: f64, origin: DVec3, metre: f64) -> Support {
     Support { out: side.out.as_vec3(), low, high, height, reach, claims }
 }
 
-/// Feels the ground under every object that stands on it and the walls that it rests on, on a receiver of which is known
-/// whether its normals point away from where it is seen. `metre` is its length in world units; `fixed` an error in metres
-/// that the user knows better, 0 for a mesh without.
+/// Measures the ground under each object that may stand on it, and the surfaces that its flat sides rest on.
+/// `receiver` is paired with whether its normals point away from the viewer, each object with whether it may stand
+/// on the receiver; `metre` is the length of a metre in world units; `fixed` is the error of the mesh in metres if
+/// the user knows it, 0 for an exact mesh.
 pub fn measure(
     receiver: (&Receiver, bool),
     objects: &[(impl AsRef<Placed>, bool)],
@@ -55,11 +56,11 @@ pub fn measure(
     up: DVec3,
     metre: f64,
     fixed: Option<f64>,
-) -> (Ground, Vec<Found>) {
+) -> (Ground, Vec<Measured>) {
     let mut ground = Ground::default();
     let mut found = Vec::with_capacity(objects.len());
     for (placed, stands) in objects {
-        let mut of_object = Found::default();
+        let mut of_object = Measured::default();
         let flat = if fixed == Some(0.0) { Vec::new() } else { Side::flat(placed.as_ref(), up) };
         let mut is_level = true;
         for side in flat {
@@ -70,7 +71,7 @@ pub fn measure(
                 None => (level.height.abs() + 3.0 * level.roughness + tilt).min(LARGEST * metre),
             };
             ground.supports.push(support(&side, reach, origin, metre));
-            // What lies along a slope has that for its ground.
+            // An object on a slope has the slope for its ground.
             is_level &= side.out.dot(up) < f64::from(STEEPEST);
             of_object.sides.push(level);
         }
@@ -95,7 +96,7 @@ pub fn measure(
         found.push(of_object);
     }
     if ground.error() == 0.0 {
-        // Nothing moves.
+        // Nothing is moved.
         ground.supports.clear();
     }
     for support in &ground.supports {
@@ -116,7 +117,7 @@ mod tests {
     use crate::geometry::sampling::{mix, unit};
     use crate::types::{Mesh, Object, Primitive};
 
-    /// A square of 40 x 40 cells, 2 wide, at heights given by a function of the vertex.
+    /// A square of 40 x 40 cells, 2 wide, with heights given by a function of the vertex.
     fn ground(height: impl Fn(u32, f32) -> f32) -> Mesh {
         let side = 41_u32;
         let mut mesh = Mesh::default();
@@ -172,7 +173,7 @@ mod tests {
         assert_eq!(measured(&ground(|i, _| noise(i)), 0.8).1, None, "nothing under it");
     }
 
-    /// A box on a smooth floor and one on a rough rug beside it: only what is nearer to the rug's moves.
+    /// A box on a smooth floor and one on a rough rug next to it: only hits nearer to the one on the rug are moved.
     /// Mutation: `smooth` always false in `measure` (seen red).
     #[test]
     fn ground_of_one_object_is_not_that_of_another() {
@@ -190,9 +191,8 @@ mod tests {
         assert!((shift(0.3, 0.004) + 0.004 / 0.8).abs() < 1e-6);
     }
 
-    /// A panel right under a rough ceiling hangs there, also where all normals point out of the room; one on a floor
-    /// that lies too high stands on it.
-    /// Mutation: `flat` alone in `under` (seen red).
+    /// A panel just below a rough ceiling hangs there, even if all normals point out of the room; one on a floor
+    /// that is too high stands on it. Mutation: `flat` alone in `under` (seen red).
     #[test]
     fn a_ceiling_is_no_ground() {
         let rough = ground(|i, _| 0.003 / 0.01 * noise(i));
@@ -217,7 +217,7 @@ mod tests {
         }
     }
 
-    // A hit of the camera lands at the height of the base, whatever the mesh has there.
+    // A camera hit lands at the height of the base, whatever the height of the mesh.
     #[test]
     fn hits_move_along_the_ray_to_the_base() {
         let (ground, _) = measured(&ground(|i, _| noise(i)), 0.0);
@@ -227,7 +227,7 @@ mod tests {
             let at = Vec3::new(0.5, 0.2, error * reach);
             assert!((at + ray * ground.shift(at, Vec3::Z, ray)).z.abs() < 1e-6, "{error}");
         }
-        // Without a jump to nothing at twice the reach, on walls, and for rays along the ground.
+        // Continuous to 0 at twice the reach, on walls, and for rays along the ground.
         let shift = |z: f32, normal, ray| ground.shift(Vec3::new(0.5, 0.2, z), normal, ray);
         assert!((shift(1.5 * reach, Vec3::Z, ray) - 0.5 * reach / 0.8).abs() < 1e-6);
         assert_eq!(shift(2.0 * reach, Vec3::Z, ray), 0.0);

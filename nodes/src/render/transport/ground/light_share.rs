@@ -1,4 +1,4 @@
-//! How much of the light of a panorama comes to a point past the receiver.
+//! The share of the panorama's light that reaches a point past the receiver.
 
 use crate::geometry::bvh::Ray;
 use crate::math::color::luminance;
@@ -7,10 +7,11 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::EnvironmentLight;
 use glam::Vec3;
 
-/// The most cells across and down of which each is looked at by one ray.
+/// Maximum columns and rows of cells, each tested by one ray.
 const MOST: [usize; 2] = [128, 64];
 
-/// The share of the light, by luminance, that comes to a point where the receiver blocks it by a rule; 1 of a black sky.
+/// The share of the light, by luminance, that reaches a point if the receiver blocks it by a rule; 1 for a black
+/// sky.
 pub fn share_past(sky: &EnvironmentLight, receiver: &Receiver, from: Vec3, block: &Block) -> f64 {
     let grid = &sky.texel_grid;
     let [width, height] = [grid.width, grid.height];

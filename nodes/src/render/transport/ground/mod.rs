@@ -1,10 +1,10 @@
-//! How objects and the point of capture stand to the receiver: what is found before any picture is traced.
+//! Analysis before any pixel is traced: supports of the objects, and the point of capture.
 
 pub(crate) mod capture_point;
 pub mod contact;
+pub(crate) mod embedded;
 pub(crate) mod light_share;
 pub(crate) mod limits;
 pub(crate) mod probe;
 pub(crate) mod side;
 pub(crate) mod standing;
-pub(crate) mod sunk;

@@ -1,4 +1,4 @@
-//! What rays in all directions from a point meet.
+//! Probe rays: the first hits of rays in all directions from a point.
 
 use glam::Vec3;
 
@@ -7,21 +7,21 @@ use crate::geometry::sampling::{Points, circle};
 use crate::render::transport::scene::block::{Block, LAYERS};
 use crate::render::transport::scene::receiver::Receiver;
 
-/// The share of the light that a rule must let in to be chosen.
+/// Minimum share of the light that a rule must let in to be chosen.
 const LEAST_LIGHT: f64 = 0.25;
 
-/// What probe rays from the point of capture met first.
+/// The first hits of probe rays from the point of capture.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Probe {
-    /// Rays sent.
+    /// Number of rays.
     pub rays: u32,
-    /// Rays that left without meeting the receiver.
+    /// Rays that missed the receiver.
     pub escaped: u32,
-    /// Rays that met a front face first.
+    /// Rays that hit a front face.
     pub front: u32,
-    /// Rays to which `FrontFace` would let light come, as [`decide`](Self::decide) would choose it.
+    /// Rays from which light would come in a closed room, by the rule that [`decide`](Self::decide) would choose.
     pub lit: u32,
-    /// The box around the places that they met: the room, if it is one.
+    /// Bounding box of the hits: the room, if it is one.
     pub room: [[f32; 3]; 2],
 }
 
@@ -60,45 +60,45 @@ impl Probe {
         })
     }
 
-    /// Share of the rays that left.
+    /// Share of the rays that missed the receiver.
     pub fn escaped_share(&self) -> f64 {
         f64::from(self.escaped) / f64::from(self.rays.max(1))
     }
 
-    /// Whether the scene is open there: over 5 % of the rays left.
+    /// True if the scene is open there: more than 5 % of the rays missed.
     pub fn is_open(&self) -> bool {
         self.escaped_share() > 0.05
     }
 
-    /// Share of the rays that met the receiver.
+    /// Share of the rays that hit the receiver.
     pub fn held_share(&self) -> f64 {
         f64::from(self.rays - self.escaped) / f64::from(self.rays.max(1))
     }
 
-    /// Share of front faces among what was met.
+    /// Share of front faces among the hits.
     pub fn front_share(&self) -> f64 {
         f64::from(self.front) / f64::from((self.rays - self.escaped).max(1))
     }
 
-    /// Share of the rays to which `FrontFace` would let light come.
+    /// Share of the rays from which light would come in a closed room.
     pub fn lit_share(&self) -> f64 {
         f64::from(self.lit) / f64::from(self.rays.max(1))
     }
 
-    /// Whether 90 % of what was met showed one side.
+    /// True if at least 90 % of the hits were on the same side of the mesh.
     pub fn one_side(&self) -> bool {
         self.front_share() >= 0.9 || self.front_share() <= 0.1
     }
 
-    /// The rule for a closed room: fronts are on the side that most rays met.
+    /// The rule for a closed room; front faces are on the side that most rays hit.
     fn front_face(&self) -> Block {
         Block::FrontFace { max_layers: LAYERS, flip: self.front_share() < 0.5, within: self.room }
     }
 
-    /// What `Auto` becomes, where a solid receiver lets a share of the light come. Over 5 % of sky means an open scene, if a
-    /// quarter of the light comes from there and not from the walls; else 90 % of one side mean that the orientation of
-    /// the mesh can be trusted, unless it then keeps out three quarters of the light. The bounds are judgement, so the
-    /// report tells the shares.
+    /// How the receiver blocks light if nothing is set; `solid_light` computes the share of the light that a solid
+    /// receiver lets in. With more than 5 % misses that bring at least a quarter of the light, the scene is open.
+    /// Otherwise, if 90 % of the hits are on one side, the orientation of the mesh can be trusted, unless three
+    /// quarters of the light would be blocked. The bounds are judgement, so the shares are reported.
     pub fn decide(&self, solid_light: impl FnOnce() -> f64) -> Block {
         if self.is_open() && solid_light() >= LEAST_LIGHT {
             Block::Solid

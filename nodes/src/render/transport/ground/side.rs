@@ -1,4 +1,4 @@
-//! Sides of objects that may rest on the receiver: the foot, and the flat sides of the box around an object in its own axes.
+//! Sides of objects that may rest on the receiver: the foot, and flat sides of the oriented bounding box.
 
 use glam::{DMat3, DVec3, Vec3};
 
@@ -9,25 +9,25 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::supports::STEEPEST;
 use crate::types::Placed;
 
-/// Rays a side of the grid that feels the receiver at a side of an object.
+/// Rays per side of the grid that samples the receiver near a side of an object.
 const GRID: u32 = 16;
-/// Share of those rays that must find ground for an object to stand on it.
-const FOUND: f64 = 0.25;
-/// Share of those right at a flat side that must find what it rests on.
+/// Minimum share of those rays that must find ground for an object to stand on it.
+const STANDS: f64 = 0.25;
+/// Minimum share of the rays within a flat side that must find its support.
 const AGAINST: f64 = 0.5;
-/// Share of the box's side that a flat side spans at least, both ways: a drum that lies along a wall spans 0.28.
+/// Minimum share of the box that a flat side spans, in both directions: a drum that lies along a wall spans 0.28.
 const FLAT: f64 = 1.0 / 3.0;
-/// Cosine of how far a flat side is from level at least, to be no foot.
+/// Maximum cosine between a flat side and straight down; beyond it the side is the foot.
 const LEVEL: f64 = 0.98;
-/// The steepest that a mesh lies to a flat side that rests on it.
+/// Maximum slope of the mesh against a flat side that rests on it.
 const SLANT: f64 = 0.1;
 
-/// Why an object has nothing of the receiver under it.
+/// Why an object has no receiver below it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Lost {
+pub(crate) enum Unsupported {
     /// It is over a hole of the mesh, or beyond its edge.
     OverNothing,
-    /// The ground is over it.
+    /// The ground is above it.
     Buried,
 }
 
@@ -40,17 +40,17 @@ pub(crate) struct Side {
     pub(crate) axes: [DVec3; 2],
     /// Its height along `out`.
     pub(crate) height: f64,
-    /// A point over its middle.
+    /// A point above its centre.
     middle: DVec3,
-    /// Half the size of the region to look at along the axes: the side, and half as much around it.
+    /// Half the size of the sampled region along the axes: the side, extended by half.
     pub(crate) half: [f64; 2],
-    /// The box around the object.
+    /// Bounding box of the object.
     pub(crate) low: DVec3,
     pub(crate) high: DVec3,
 }
 
 impl Side {
-    /// The foot of an object; none of one without triangles.
+    /// The foot of an object; `None` without triangles.
     pub(crate) fn foot(placed: &Placed, up: DVec3) -> Option<Self> {
         let Foot { low, high, base, middle, half } = Foot::of(placed, up)?;
         let axes = Foot::axes(up);
@@ -58,7 +58,7 @@ impl Side {
         Some(Self { out: up, axes, height: base, middle, half, low, high })
     }
 
-    /// The flat sides of the box around an object in its own axes, but for one that looks straight down.
+    /// The flat sides of the oriented bounding box, except one that faces straight down.
     pub(crate) fn flat(placed: &Placed, up: DVec3) -> Vec<Self> {
         let points: Vec<DVec3> = corners(placed).collect();
         let linear = DMat3::from_mat4(placed.world_from_object);
@@ -75,7 +75,7 @@ impl Side {
         sides
     }
 
-    /// That towards which `out` points away, if it is flat.
+    /// The side opposite to `out`, if it is flat.
     fn along(points: &[DVec3], out: DVec3, axes: [DVec3; 2]) -> Option<Self> {
         let place = |p: &DVec3| DVec3::new(p.dot(axes[0]), p.dot(axes[1]), p.dot(out));
         let around = |points: &mut dyn Iterator<Item = DVec3>| {
@@ -83,7 +83,7 @@ impl Side {
         };
         let (low, high) = around(&mut points.iter().map(place))?;
         let size = high - low;
-        // A sheet is flat to rounding.
+        // A sheet is flat up to rounding.
         let slice = low.z + f64::max(0.02 * size.z, 1e-5 * size.x.max(size.y));
         let (a, b) = around(&mut points.iter().map(place).filter(|p| p.z <= slice))?;
         let span = b - a;
@@ -108,8 +108,9 @@ impl Side {
         self.half.map(|half| half / 1.5)
     }
 
-    /// Rays straight against `out` over a grid, from so far above the side to as far below, and where on it they are.
-    pub(crate) fn feelers(&self, origin: DVec3, largest: f64) -> impl Iterator<Item = ([f64; 2], Ray)> {
+    /// Rays against `out` over a grid, from `largest` above the side to `largest` below, and their positions on the
+    /// side.
+    pub(crate) fn grid_rays(&self, origin: DVec3, largest: f64) -> impl Iterator<Item = ([f64; 2], Ray)> {
         let Self { out, axes, height, middle, half, .. } = *self;
         (0..GRID * GRID).map(move |k| {
             let place = [k % GRID, k / GRID].map(|i| (f64::from(2 * i + 1) / f64::from(GRID)) - 1.0);
@@ -120,8 +121,8 @@ impl Side {
         })
     }
 
-    /// Heights of the mesh over the side, where it lies along it, and whether it faces the object.
-    fn felt(
+    /// Heights of the mesh over the side, where it is parallel to it, and whether it faces the object.
+    fn heights(
         &self,
         (receiver, inverted): (&Receiver, bool),
         origin: DVec3,
@@ -133,45 +134,46 @@ impl Side {
             let along = receiver.normal(hit.triangle).dot(out).abs() >= STEEPEST;
             along.then(|| ([x, y, largest - f64::from(hit.t)], hit.back == inverted))
         };
-        self.feelers(origin, largest).filter_map(height).collect()
+        self.grid_rays(origin, largest).filter_map(height).collect()
     }
 
-    /// The level of the mesh over a foot. What looks down above it is no ground but a ceiling.
+    /// The level of the mesh over a foot. A surface above that faces down is a ceiling and does not count.
     pub(crate) fn ground(&self, receiver: (&Receiver, bool), origin: DVec3, largest: f64) -> Option<Level> {
-        let felt = self.felt(receiver, origin, largest).into_iter();
-        let heights: Vec<_> = felt.filter(|(at, faces)| *faces || at[2] <= 0.0).map(|(at, _)| at).collect();
-        let enough = heights.len() as f64 >= FOUND * f64::from(GRID * GRID);
+        let hits = self.heights(receiver, origin, largest).into_iter();
+        let heights: Vec<_> = hits.filter(|(at, faces)| *faces || at[2] <= 0.0).map(|(at, _)| at).collect();
+        let enough = heights.len() as f64 >= STANDS * f64::from(GRID * GRID);
         if enough { Level::of(&heights) } else { None }
     }
 
-    /// What most of it has under it, however far down, and if that is nothing, whether the ground is over it.
-    pub(crate) fn lost(
+    /// True if most of the side has nothing below it at any distance, and if so, whether the ground is above it.
+    pub(crate) fn unsupported(
         &self,
         (receiver, inverted): (&Receiver, bool),
         origin: DVec3,
         metre: f64,
-    ) -> Option<Lost> {
+    ) -> Option<Unsupported> {
         let own = self.own();
         let (mut all, mut under, mut over) = (0, 0, 0);
-        for ([x, y], ray) in self.feelers(origin, LARGEST * metre) {
+        for ([x, y], ray) in self.grid_rays(origin, LARGEST * metre) {
             if x.abs() <= own[0] && y.abs() <= own[1] {
                 let (down, up) = (Ray { t_max: f32::INFINITY, ..ray }, Ray::new(ray.origin, -ray.direction));
                 all += 1;
                 under += u32::from(receiver.bvh.any(down, |_| true));
-                // From below ground shows its back, a ceiling its front.
+                // From below, ground shows its back face, a ceiling its front face.
                 over += u32::from(receiver.bvh.closest(up, |_| true).is_some_and(|hit| hit.back != inverted));
             }
         }
         match (2 * under < all, 2 * over > all) {
-            (true, true) => Some(Lost::Buried),
-            (true, false) => Some(Lost::OverNothing),
+            (true, true) => Some(Unsupported::Buried),
+            (true, false) => Some(Unsupported::OverNothing),
             (false, _) => None,
         }
     }
 
-    /// The level of the mesh at a flat side that rests on it, and how far it tilts the ends of the side. An object may well be
-    /// near a wall, so a gap counts as an error of the mesh only within its noise; it is in no wall, so what covers the side
-    /// does as on the ground. `fixed` is an error that is known better, in metres.
+    /// The level of the mesh at a flat side that rests on it, and the height by which it tilts the ends of the
+    /// side. An object may well stand near a wall, so a gap counts as an error of the mesh only within its noise;
+    /// it cannot be inside a wall, so a covered side counts as on the ground. `fixed` is the error of the mesh in
+    /// metres if known.
     pub(crate) fn rests(
         &self,
         receiver: (&Receiver, bool),
@@ -179,11 +181,11 @@ impl Side {
         metre: f64,
         fixed: Option<f64>,
     ) -> Option<(Level, f64)> {
-        let felt = self.felt(receiver, origin, LARGEST * metre).into_iter();
-        let heights: Vec<_> = felt.filter(|(_, faces)| *faces).map(|(at, _)| at).collect();
+        let hits = self.heights(receiver, origin, LARGEST * metre).into_iter();
+        let heights: Vec<_> = hits.filter(|(_, faces)| *faces).map(|(at, _)| at).collect();
         let own = self.own();
         let within = |x: f64, y: f64| x.abs() <= own[0] && y.abs() <= own[1];
-        let sent = self.feelers(origin, 0.0).filter(|([x, y], _)| within(*x, *y)).count();
+        let sent = self.grid_rays(origin, 0.0).filter(|([x, y], _)| within(*x, *y)).count();
         let found = heights.iter().filter(|[x, y, _]| within(*x, *y)).count();
         if (found as f64) < AGAINST * sent as f64 {
             return None;

@@ -1,40 +1,40 @@
-//! What the objects stand on: the receiver, one another, or nothing.
+//! How the objects stand: on the receiver, on each other, or on nothing.
 
 use glam::{DVec3, Vec3};
 
 use super::contact;
+use super::embedded::Embedded;
 use super::limits::{LARGEST, TOUCHING};
 use super::probe::Probe;
-use super::side::{Lost, Side};
-use super::sunk::Sunk;
+use super::side::{Side, Unsupported};
 use crate::geometry::bvh::Hit;
 use crate::geometry::support::Level;
-use crate::render::transport::scene::lying::find_touching;
+use crate::render::transport::scene::coincident::find_touching;
 use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::types::Placed;
 
-/// How much farther down one reaches at least on which an object rests, in metres.
+/// Minimum height by which a supporting object reaches farther down, in metres.
 const LOWER: f64 = 0.005;
 
-/// How the objects stand: for each what was found.
+/// How the objects stand, one entry per object.
 pub(crate) struct Standing {
-    /// The level of the ground under it, be it too far off.
+    /// Level of the ground below it, even if too far away.
     pub(crate) ground: Vec<Option<Level>>,
-    /// The levels of what its flat sides rest on.
+    /// Levels of the surfaces that its flat sides rest on.
     pub(crate) sides: Vec<Vec<Level>>,
-    /// Whether it stands on another one.
+    /// True if it stands on another object.
     pub(crate) carried: Vec<bool>,
-    /// How far up it reaches from its base, in world units.
+    /// Height above its base, in world units.
     pub(crate) tall: Vec<f64>,
-    /// Why it has nothing under it.
-    pub(crate) lost: Vec<Option<Lost>>,
-    /// How it lies in a surface that it does not stand on.
-    pub(crate) sunk: Vec<Option<Sunk>>,
+    /// Why there is no ground below it.
+    pub(crate) unsupported: Vec<Option<Unsupported>>,
+    /// How it is embedded in a surface that it does not stand on.
+    pub(crate) embedded: Vec<Option<Embedded>>,
 }
 
-/// Finds the ground of the objects and where they lie on it. `eye` is that of a camera in the place, `contact_metres` how
-/// far the receiver may be wrong, where that is told.
+/// Finds the supports of the objects and stores them in `objects`. `eye` is the position of a camera in the place,
+/// `contact_metres` the error of the mesh if known.
 pub(crate) fn find_ground(
     objects: &mut Objects,
     receiver: &Receiver,
@@ -47,33 +47,33 @@ pub(crate) fn find_ground(
     let metre = 1.0 / metres_per_unit;
     let view = Probe::send(receiver, eye);
     let inverted = view.escaped < view.rays && view.front_share() < 0.5;
-    // What rests on another object has that for its ground.
+    // An object on another one does not rest on the receiver.
     let on_others = on_others(objects, &placed, origin, up, metre);
     let each: Vec<_> = placed.iter().zip(&on_others).map(|(one, on)| (one.clone(), !on)).collect();
     let (ground, found) = contact::measure((receiver, inverted), &each, origin, up, metre, contact_metres);
     let measured: Vec<_> = found.iter().map(|found| found.ground).collect();
     let carried = carried(objects, &placed, origin, up, metre);
     let tall = objects.boxes().iter().map(|one| (one.high - one.low).as_dvec3().dot(up.abs())).collect();
-    let lost = |index: usize| {
+    let unsupported = |index: usize| {
         let rests = measured[index].is_some() || carried[index] || on_others[index];
         let foot = (!rests && found[index].sides.is_empty()).then(|| Side::foot(&placed[index], up))?;
-        foot?.lost((receiver, inverted), origin, metre)
+        foot?.unsupported((receiver, inverted), origin, metre)
     };
-    let lost = (0..placed.len()).map(lost).collect();
+    let unsupported = (0..placed.len()).map(unsupported).collect();
     let stands = |index: usize| {
         let hangs = ground.error() > 0.0 && !found[index].sides.is_empty();
         measured[index].is_some_and(|level| contact::is_near(&level, metre)) || carried[index] || hangs
     };
     let near = (LARGEST / metres_per_unit) as f32;
-    let sunk = |index| if stands(index) { None } else { Sunk::of(objects, index, receiver, near) };
-    let sunk = (0..placed.len()).map(sunk).collect();
+    let embedded = |index| if stands(index) { None } else { Embedded::of(objects, index, receiver, near) };
+    let embedded = (0..placed.len()).map(embedded).collect();
     objects.touching = find_touching(objects, receiver, &ground);
     objects.ground = ground;
     let sides = found.into_iter().map(|found| found.sides).collect();
-    Standing { ground: measured, sides, carried, tall, lost, sunk }
+    Standing { ground: measured, sides, carried, tall, unsupported, embedded }
 }
 
-/// Whether each object stands on another one: some of what is under its foot, as far as a mesh may be wrong.
+/// True if each object stands on another one: part of its foot, within the error of a mesh.
 fn carried(
     objects: &Objects,
     placed: &[impl AsRef<Placed>],
@@ -85,15 +85,15 @@ fn carried(
         let Some(foot) = Side::foot(placed, up) else { return false };
         let largest = LARGEST * metre;
         let others = |hit: &Hit| objects.part(hit.triangle).0.placed != index;
-        foot.feelers(origin, largest).any(|(_, ray)| objects.bvh.any(ray, others))
+        foot.grid_rays(origin, largest).any(|(_, ray)| objects.bvh.any(ray, others))
     };
-    // One alone stands on none.
+    // A single object stands on no other.
     let alone = placed.len() < 2;
     placed.iter().map(AsRef::as_ref).enumerate().map(|one| !alone && stands(one)).collect()
 }
 
-/// Whether each object rests on one that reaches farther down, such as a plate on a coaster: what lies below the plate
-/// beside the coaster is no ground of it.
+/// True if each object rests on one that reaches farther down, such as a plate on a coaster: the receiver below the
+/// plate's rim is not its ground.
 fn on_others(
     objects: &Objects,
     placed: &[impl AsRef<Placed>],
@@ -108,7 +108,7 @@ fn on_others(
         let lower = |hit: &Hit| bases[objects.part(hit.triangle).0.placed] < foot.height - LOWER * metre;
         let half = foot.own();
         let under = |at: &[f64; 2]| at[0].abs() <= half[0] && at[1].abs() <= half[1];
-        let mut rays = foot.feelers(origin, TOUCHING * metre).filter(|(at, _)| under(at));
+        let mut rays = foot.grid_rays(origin, TOUCHING * metre).filter(|(at, _)| under(at));
         rays.any(|(_, ray)| objects.bvh.any(ray, lower))
     };
     let alone = placed.len() < 2;

@@ -1,12 +1,12 @@
-//! What the objects change of the light that leaves a point of the receiver.
+//! The change by the objects of the light that leaves a point of the receiver.
 //!
-//! The light without the objects is known from samples of its own, so only the difference is estimated, and
-//! only where there is one: light samples go to the part of the sky that the objects can hide, scattered rays
-//! to the objects themselves. Where no ray meets an object the difference is 0, bit for bit.
+//! The light without objects is known from samples of its own, so only the difference is estimated, and only where
+//! there is one: light samples go to the part of the sky that the objects can block, scattered rays to the objects
+//! themselves. Where no ray hits an object the difference is 0, bit for bit.
 
 use glam::Vec3;
 
-use super::integrator::{Integrator, Scene};
+use super::integrator::{Integrator, Pass, Scene};
 use super::path::{PathState, ShadingPoint, Vertex};
 use crate::geometry::bvh::{Hit, Ray};
 use crate::geometry::sampling::{Points, unit};
@@ -18,49 +18,49 @@ use crate::render::transport::sky::cone::Cone;
 use crate::render::transport::sky::cone::{TOWARDS, Towards};
 use crate::render::transport::sky::environment::DrawnDirection;
 
-/// Rays to the objects for each steradian in which they are seen and shine no more than the sky does.
+/// Rays per steradian towards objects that emit no more than the sky.
 const RAYS: f32 = 1.0;
 
-/// Where the objects are for the first vertex.
+/// Sampling of the change at the first vertex.
 #[derive(Debug, Clone, Copy)]
 pub struct ChangeSampling<'a> {
-    /// Directions of the part of the sky that they can hide.
+    /// Sampled directions of the part of the sky that the objects can block.
     pub drawn: &'a [DrawnDirection],
-    /// Probability that the sample asks for a change: see [`asks`].
+    /// Probability that the sample estimates the change: see [`asks`].
     pub probability: f32,
-    /// Where rays to them start.
+    /// Start of rays to the objects.
     pub start: Vec3,
-    /// The box around them.
+    /// Bounding box of the objects.
     pub objects: [Vec3; 2],
     /// See [`rays_towards`].
     pub rays: f32,
-    /// Added to the start of rays to them: see [`crate::render::transport::ground::contact`].
+    /// Offset added to the start of rays to objects: see [`Surface::lift`].
     pub lift: Vec3,
 }
 
-/// Whether a sample asks for a change, of which samples do so with a probability.
-pub fn asks(points: &Points, probability: f32) -> bool {
+/// True if a sample estimates the change, with the given probability.
+pub fn estimates_change(points: &Points, probability: f32) -> bool {
     probability >= 1.0 || unit(points.bits(TOWARDS + 2)[0]) < probability
 }
 
-/// Rays from a first vertex to where the objects are.
+/// Rays from a first vertex towards the objects.
 fn towards(sampling: &ChangeSampling<'_>) -> Towards {
     Towards::within(Cone::between([sampling.start; 2], sampling.objects), sampling.rays)
 }
 
-impl Integrator<'_> {
-    /// Radiance with the objects less radiance without, at a hit of the receiver by a ray of the camera.
+impl<'a> Integrator<'a> {
+    /// Radiance with objects minus radiance without, at a receiver hit of a camera ray.
     pub fn change(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         if self.scene.rules.near.is_some() {
             self.paired_estimate(hit, ray, sampling)
-        } else if asks(&self.points, sampling.probability) {
+        } else if estimates_change(&self.pass.points, sampling.probability) {
             self.separate_estimate(hit, sampling) / sampling.probability
         } else {
             Vec3::ZERO
         }
     }
 
-    /// What the objects take and give, each by samples of its own.
+    /// The change as blocked light and added light, each by samples of its own.
     fn separate_estimate(&mut self, mut hit: Hit, sampling: &ChangeSampling<'_>) -> Vec3 {
         let (sky, rules) = (self.scene.sky, self.scene.rules);
         let (mut light, mut throughput) = (Vec3::ZERO, Vec3::ONE);
@@ -72,7 +72,7 @@ impl Integrator<'_> {
             let at = ShadingPoint::new(surface, bounce, self.key);
             let surface = &at.surface;
 
-            // Light of the sky that they take away.
+            // Light of the sky that the objects block.
             let own;
             let drawn = if at.is_first() {
                 sampling.drawn
@@ -86,7 +86,7 @@ impl Integrator<'_> {
             }
             light -= rules.clamped(bounce, throughput * taken);
 
-            // Light that they give: their own, by samples of it,
+            // Light that they add: their emission, by light samples,
             let towards = match (at.is_first(), &surface.cover) {
                 (true, None) => towards(sampling),
                 (true, Some(_)) => Towards::NOWHERE,
@@ -95,22 +95,21 @@ impl Integrator<'_> {
             let lamps = self.sample_emitters(&at, &towards);
             light += rules.clamped(bounce, throughput * lamps);
 
-            // and what they scatter, by rays to where they are
-            let points = branch(self.points, bounce);
+            // the light that they scatter, by rays towards them,
+            let points = branch(self.pass.points, bounce);
             if let Some(ray) = towards.ray(&points) {
                 let seen = surface.bsdf.eval(ray)[Lobe::Diffuse as usize];
                 if seen.pdf > 0.0 {
                     let pdf = seen.pdf + towards.pdf;
                     let share = if lamps_in_it { seen.pdf / pdf } else { 1.0 };
                     let how = (throughput * seen.value / pdf, share, pdf);
-                    let own = std::mem::replace(&mut self.points, points.branch(TOWARDS));
-                    light += self.difference(&at, ray, how, at.key ^ 3, true).0;
-                    self.points = own;
+                    let pass = Pass { points: points.branch(TOWARDS), ..self.pass };
+                    light += self.with(pass, |own| own.difference(&at, ray, how, at.key ^ 3, true).0);
                 }
             }
 
-            // and by rays in all directions, which find how the rest of the receiver changes too.
-            let Some((_, ray, scatter)) = surface.bsdf.sample(&self.points, at.pair + 1) else { break };
+            // and by rays in all directions, which also find changes of the rest of the receiver.
+            let Some((_, ray, scatter)) = surface.bsdf.sample(&self.pass.points, at.pair + 1) else { break };
             let (scatter_weight, share) = (scatter.value / scatter.pdf, towards.share(ray, scatter.pdf));
             let own = if lamps_in_it { share } else { 1.0 };
             let how = (throughput * scatter_weight * share, own, scatter.pdf + towards.pdf(ray));
@@ -135,22 +134,21 @@ impl Integrator<'_> {
         light
     }
 
-    /// The same by whole paths with and without the objects, which share their random numbers: where the
-    /// receiver is the light, objects also take from what its places give.
+    /// The change by whole paths with and without the objects, which share their random numbers: under near light,
+    /// objects also block the light of receiver points.
     fn paired_estimate(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
-        self.lift = sampling.lift;
-        if !self.scene.objects.emitters.is_empty() {
-            self.towards = towards(sampling);
-        }
-        let with = self.radiance(Vertex::Receiver(hit), ray);
-        if !self.touched {
+        let lamps = !self.scene.objects.emitters.is_empty();
+        let towards = if lamps { towards(sampling) } else { Towards::NOWHERE };
+        let pass = Pass { lift: sampling.lift, towards, ..self.pass };
+        let with = self.with(pass, |own| own.radiance(Vertex::Receiver(hit), ray));
+        if !self.tally.touched {
             return Vec3::ZERO;
         }
-        self.objects = false;
-        with - self.radiance(Vertex::Receiver(hit), ray)
+        let pass = Pass { objects: false, ..pass };
+        with - self.with(pass, |own| own.radiance(Vertex::Receiver(hit), ray))
     }
 
-    /// Rays from a later vertex on the receiver to where the objects are, if these shine: see [`Integrator::towards`].
+    /// Rays from a later receiver vertex towards the objects, if these emit: see [`Pass::towards`].
     pub(crate) fn towards_lamps(&self, surface: &Surface) -> Towards {
         let objects = self.scene.objects;
         match objects.bvh.bounds() {
@@ -162,7 +160,7 @@ impl Integrator<'_> {
         }
     }
 
-    /// What the objects send along a ray to where they are to a vertex on the receiver; that goes on by `onwards`.
+    /// Light along a ray towards the objects; the path continues by `onwards`.
     pub(crate) fn sent(
         &mut self,
         at: &ShadingPoint,
@@ -171,7 +169,7 @@ impl Integrator<'_> {
         onwards: fn(&mut Self, Vertex, PathState) -> Vec3,
     ) -> Vec3 {
         let (surface, bounce, key) = (&at.surface, at.bounce, at.key ^ 3);
-        let points = branch(self.points, bounce);
+        let points = branch(self.pass.points, bounce);
         let Some(direction) = towards.ray(&points) else { return Vec3::ZERO };
         let seen = surface.bsdf.eval(direction)[Lobe::Diffuse as usize];
         if seen.pdf <= 0.0 {
@@ -191,14 +189,12 @@ impl Integrator<'_> {
         let mis_weight = self.mis_weight(&hit, ray, pdf);
         let share = share * seen.pdf / pdf;
         let state = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight, media };
-        let own = std::mem::replace(&mut self.points, points.branch(TOWARDS));
-        let light = onwards(self, vertex, state);
-        self.points = own;
-        light
+        let pass = Pass { points: points.branch(TOWARDS), ..self.pass };
+        self.with(pass, |own| onwards(own, vertex, state))
     }
 
-    /// What the objects take of the light that a light sample brings. How much that is asked last, since most
-    /// samples meet no object.
+    /// The part of a light sample that the objects block. Its radiance is fetched last, since most samples hit no
+    /// object.
     fn blocked_light(&mut self, surface: &Surface, drawn: &DrawnDirection, key: u32) -> Vec3 {
         let scatter = surface.bsdf.eval(drawn.direction)[Lobe::Diffuse as usize];
         if scatter.value == Vec3::ZERO {
@@ -216,9 +212,9 @@ impl Integrator<'_> {
         (Vec3::ONE - straight) * scatter.value * light.radiance / light.pdf
     }
 
-    /// What comes along a scattered ray with the objects, less what comes without, where they come in its way;
-    /// where they do not, the receiver that it lands on, unless `only` they are asked for. `how` is the weight of what is
-    /// found, and the density of the ray.
+    /// Radiance along a scattered ray with objects minus that without, where objects are in its way; otherwise the
+    /// receiver hit of the ray, unless `only` objects are asked for. The tuple is the throughput, its share (see
+    /// [`PathState::share`]) and the density of the ray.
     fn difference(
         &mut self,
         at: &ShadingPoint,
@@ -230,7 +226,7 @@ impl Integrator<'_> {
         let (rules, surface, bounce) = (self.scene.rules, &at.surface, at.bounce);
         let ray = surface.spawn_ray(direction);
         let to_objects = surface.ray_to_objects(direction);
-        // Most rays that look for objects alone meet none, wherever the receiver is.
+        // Most rays towards objects miss them, wherever the receiver is.
         let plain = !self.scene.objects.clear && surface.medium(direction).is_empty();
         let sought = (only && plain).then(|| self.object(to_objects, key, Lobe::Diffuse));
         if let Some(None) = sought {
@@ -269,21 +265,20 @@ impl Integrator<'_> {
                 self.path_radiance(vertex, PathState { throughput: throughput * passed, mis_weight, ..way });
         }
         if let Some(hit) = landed {
-            self.objects = false;
-            change -= self.path_radiance(Vertex::Receiver(hit), way);
-            self.objects = true;
+            let without = Pass { objects: false, ..self.pass };
+            change -= self.with(without, |own| own.path_radiance(Vertex::Receiver(hit), way));
         }
         (change, None)
     }
 
     fn receiver_hit(&mut self, ray: Ray) -> Option<Hit> {
-        self.rays.scattered += 1;
+        self.tally.rays.scattered += 1;
         self.scene.receiver.bvh.closest(ray, |_| true)
     }
 }
 
-/// Rays to the objects for each steradian in which they are seen: more where they shine, by how much brighter the box
-/// around them is for it, on the mean, than the sky. A lamp under a shade has one for each sample.
+/// Rays per steradian towards the objects: more where these emit, by the ratio of the mean radiance of their
+/// bounding box to that of the sky. A lamp below a shade gets one per sample.
 pub fn rays_towards(scene: &Scene<'_>) -> f32 {
     let (power, bounds) = (scene.objects.emitters.power, scene.objects.bvh.bounds());
     let Some((low, high)) = bounds.filter(|_| power > 0.0) else { return RAYS };
@@ -293,7 +288,7 @@ pub fn rays_towards(scene: &Scene<'_>) -> f32 {
     RAYS * (1.0 + own / sky) as f32
 }
 
-/// The points of rays to the objects after some bounces.
+/// Random numbers of rays towards the objects after some bounces.
 fn branch(points: Points, bounce: u32) -> Points {
     if bounce == 0 { points } else { points.branch(TOWARDS + bounce) }
 }

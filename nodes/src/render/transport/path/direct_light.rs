@@ -1,4 +1,4 @@
-//! Light samples: of the sky, of the receiver as the light, and of objects that shine.
+//! Next-event estimation: light samples of the sky, of the receiver under near light, and of emitters.
 
 use glam::Vec3;
 
@@ -14,18 +14,18 @@ use crate::render::transport::sky::cone::Towards;
 use crate::render::transport::sky::environment::{Distributions, DrawnDirection, LightSample, TIERS};
 use crate::render::transport::sky::light_draws::wanted;
 
-/// First of the pairs for light of the objects: choice and place, for each vertex.
+/// First dimension pair of emitter samples: choice and position, per vertex.
 const LAMPS: u32 = 1 << 16;
-/// First of the pairs for what objects take from the light of a place, for each vertex.
+/// First dimension pair of the attenuation of near light by objects, per vertex.
 const DIMMING: u32 = 3 << 17;
-/// The same for where in a piece of the sky.
+/// The same for the position in a piece of the sky.
 const DIMMING_PIECE: u32 = 7 << 16;
-/// Most light samples of a vertex.
+/// Maximum number of light samples per vertex.
 const MANY: usize = 5;
-/// Light samples at the first vertex where the receiver is the light.
+/// Light samples of near light at the first vertex.
 const NEAR_LIGHTS: u32 = 4;
 
-/// Light samples that a vertex takes of a receiver that is the light.
+/// Light samples of near light at a vertex.
 pub(crate) fn near_lights(at: &ShadingPoint) -> u32 {
     if at.is_first() { NEAR_LIGHTS } else { 1 }
 }
@@ -50,7 +50,7 @@ impl FewDraws {
     }
 }
 
-/// Balance of two strategies by the squares of their densities (Veach 1997, power heuristic).
+/// Weight of a strategy with density `a` against one with density `b` (Veach 1997, power heuristic).
 pub(crate) fn power_heuristic(a: f32, b: f32) -> f32 {
     // Densities of a sun in one texel overflow when squared in f32; their ratio does not.
     if a > b {
@@ -65,18 +65,18 @@ pub(crate) fn power_heuristic(a: f32, b: f32) -> f32 {
 }
 
 impl<'a> Integrator<'a> {
-    /// Where a vertex looks for light of the sky.
+    /// The light distributions of the sky for a vertex.
     pub(crate) fn sky_distributions(&self, at: &ShadingPoint) -> Distributions<'a> {
         let usual = || self.scene.sky.distributions(at.surface.bsdf.lit_side());
-        self.distributions.filter(|_| at.is_first()).unwrap_or_else(usual)
+        self.pass.distributions.filter(|_| at.is_first()).unwrap_or_else(usual)
     }
 
-    /// How many light samples of each tier of the sky a vertex takes, if not one in all.
+    /// Light samples per tier of the sky at a vertex; `None` for a single sample.
     pub(crate) fn several(&self, at: &ShadingPoint) -> Option<[u32; TIERS]> {
         at.is_first().then_some(self.scene.sky.lights)
     }
 
-    /// Light of the place that light samples bring to a vertex.
+    /// Light of the environment at a vertex, by light samples.
     pub(crate) fn lit(&mut self, at: &ShadingPoint) -> Vec3 {
         match self.scene.near() {
             Some(near) => self.lit_by_receiver(&near, at),
@@ -88,8 +88,8 @@ impl<'a> Integrator<'a> {
         let (surface, lights) = (&at.surface, near_lights(at));
         let mut lit = Vec3::ZERO;
         for number in 0..lights {
-            let points = self.points.twig(number, lights);
-            self.rays.shadow += 1;
+            let points = self.pass.points.twig(number, lights);
+            self.tally.rays.shadow += 1;
             let side = surface.bsdf.lit_side();
             let Some(mut arriving) = near.sample(surface.looks_from(), side, points.bits(at.pair)) else {
                 continue;
@@ -104,14 +104,14 @@ impl<'a> Integrator<'a> {
     fn lit_by_sky(&mut self, at: &ShadingPoint) -> Vec3 {
         let (sky, surface) = (self.scene.sky, &at.surface);
         let own;
-        let drawn = match self.drawn.filter(|_| at.is_first()) {
+        let drawn = match self.pass.drawn.filter(|_| at.is_first()) {
             Some(drawn) => drawn,
             None => {
                 own = self.lights(self.sky_distributions(at), at.pair, self.several(at));
                 own.as_slice()
             }
         };
-        // Looked up together, they wait for memory together.
+        // Fetched together, so that memory accesses overlap.
         let mut lights = [None; MANY];
         lights.iter_mut().zip(drawn).for_each(|(light, drawn)| *light = Some(sky.light(drawn)));
         let mut lit = Vec3::ZERO;
@@ -125,25 +125,25 @@ impl<'a> Integrator<'a> {
         lit
     }
 
-    /// Light of the objects that a light sample brings to a vertex, beside scattered rays and those `towards` the objects.
-    /// The receiver hides it like any body.
+    /// Light of an emitter sample at a vertex, weighted against scattered rays and rays `towards` the objects. The
+    /// receiver blocks it like any solid surface.
     pub(crate) fn sample_emitters(&mut self, at: &ShadingPoint, towards: &Towards) -> Vec3 {
         let (objects, surface) = (self.scene.objects, &at.surface);
-        if !self.lamps || !self.objects || objects.emitters.is_empty() {
+        if !self.pass.lamps || !self.pass.objects || objects.emitters.is_empty() {
             return Vec3::ZERO;
         }
         let pair = LAMPS + 2 * at.bounce;
-        let emitter = objects.sample_emitter(self.points.bits(pair)[0], self.points.bits(pair + 1));
+        let emitter = objects.sample_emitter(self.pass.points.bits(pair)[0], self.pass.points.bits(pair + 1));
         let to = emitter.position - (surface.position + surface.lift);
         let distance = to.length();
         let direction = to / distance;
-        // By solid angle; a lamp seen from the edge, or where the surface is, gives nothing.
+        // By solid angle; an emitter seen edge-on, or at the surface itself, contributes nothing.
         let pdf = emitter.pdf * distance * distance / emitter.normal.dot(direction).abs();
         let lobes = surface.bsdf.eval(direction);
         if !(pdf > 0.0 && pdf.is_finite()) || lobes.iter().all(|s| s.value == Vec3::ZERO) {
             return Vec3::ZERO;
         }
-        // Past the receiver it is as far from where the surface is.
+        // With respect to the receiver it is as far from the offset start.
         let start = surface.ray_to_receiver(direction).origin;
         let way = emitter.way(start + surface.lift);
         let ray = Ray { origin: start, t_max: way.t_max - objects.slack(&emitter.hit, direction), ..way };
@@ -151,11 +151,11 @@ impl<'a> Integrator<'a> {
         if coverage == 0.0 || !self.passes(Block::Solid, ray) {
             return Vec3::ZERO;
         }
-        self.touched = true;
+        self.tally.touched = true;
         let ray = emitter.way(surface.ray_to_objects(direction).origin);
         let (except, media) = (Some(emitter.hit.triangle), surface.medium(direction));
         let unshaded = self.object_transmittance(ray, at.key ^ 2, except, media);
-        // Rays to the objects are sent for diffuse lobes.
+        // Rays towards objects serve diffuse lobes.
         let also = [towards.pdf(direction), 0.0];
         let weighed = |((s, unshaded), also): ((&Scatter, Vec3), f32)| {
             unshaded * s.value * power_heuristic(pdf, s.pdf + also)
@@ -164,20 +164,20 @@ impl<'a> Integrator<'a> {
         arrived * objects.emission_towards(&emitter.hit, -direction) * (coverage / pdf)
     }
 
-    /// The MIS weight of what shines at a hit that a scattered ray of some density found.
+    /// MIS weight of emission at a hit that a scattered ray with density `pdf` found.
     pub(crate) fn mis_weight(&mut self, hit: &Hit, ray: Ray, pdf: f32) -> f32 {
         let emitter_pdf = self.scene.objects.emitters.pdf(hit);
         let before = hit.t - self.scene.objects.slack(hit, ray.direction);
         if emitter_pdf == 0.0 || !self.passes(Block::Solid, Ray { t_max: before, ..ray }) {
-            // What is never sampled as a lamp shines in full, if at all.
+            // Emission that is never sampled counts fully, if at all.
             return if emitter_pdf == 0.0 { 1.0 } else { 0.0 };
         }
         let cosine = self.scene.objects.normal(hit.triangle).dot(ray.direction).abs();
         power_heuristic(pdf, emitter_pdf * hit.t * hit.t / cosine.max(1e-12))
     }
 
-    /// Light samples for a vertex. The first of a path takes several of each tier: they cost less than another
-    /// path, and what the picture shows of their noise is not blurred by anything. Later ones take one.
+    /// Light samples of a vertex. The first vertex of a path takes several per tier: they cost less than another
+    /// path, and their noise is directly visible. Later vertices take one.
     pub(crate) fn lights(
         &self,
         distributions: Distributions<'_>,
@@ -188,7 +188,7 @@ impl<'a> Integrator<'a> {
         let mut found = FewDraws::default();
         match several {
             Some(lights) => {
-                let mut rest = wanted(distributions, lights, self.points, pair);
+                let mut rest = wanted(distributions, lights, self.pass.points, pair);
                 if let Some(first) = rest.next() {
                     let mut all = [first; MANY];
                     let count = all[1..].iter_mut().zip(rest).map(|(slot, next)| *slot = next).count();
@@ -196,7 +196,7 @@ impl<'a> Integrator<'a> {
                 }
             }
             None if distributions.iter().any(|distribution| distribution.power > 0.0) => {
-                let (tier, point) = sky.tier(distributions, self.points.bits(pair));
+                let (tier, point) = sky.tier(distributions, self.pass.points.bits(pair));
                 let numbers = sky.numbers(distributions, None);
                 found.push(sky.draw_one(tier, distributions[tier], numbers[tier], point));
             }
@@ -205,8 +205,9 @@ impl<'a> Integrator<'a> {
         found
     }
 
-    /// What the objects leave of the light that a place of the receiver throws back: the panorama was taken
-    /// without them. For each channel a piece of the light that falls on the place decides, chosen in proportion to what it brings.
+    /// Share of near light from a receiver point that the objects leave: the panorama was captured without them.
+    /// For each channel one piece of the light that falls on the point decides, chosen in proportion to its
+    /// contribution.
     pub(crate) fn dimming(
         &mut self,
         near: &NearFieldLight<'_>,
@@ -214,12 +215,12 @@ impl<'a> Integrator<'a> {
         (points, pair): (Points, u32),
         key: u32,
     ) -> Vec3 {
-        let Some(place) = place.filter(|_| self.objects && !near.is_lamp(light.radiance)) else {
+        let Some(place) = place.filter(|_| self.pass.objects && !near.is_lamp(light.radiance)) else {
             return Vec3::ONE;
         };
         let (choice, within) = (points.bits(DIMMING + pair), points.pair(DIMMING_PIECE + pair));
         let Some(light_points) = self.scene.light_points else { return Vec3::ONE };
-        // From below what lies on the place.
+        // From below objects that lie on the point.
         let below = self.scene.objects.covers(place.position, place.normal).map(|below| -below);
         let start = place.position + place.normal * below.unwrap_or(place.margin);
         let chosen = light_points.choose(place.position, place.normal, choice, within);
@@ -227,7 +228,7 @@ impl<'a> Integrator<'a> {
         let mut last = None;
         for (k, way) in chosen.into_iter().enumerate() {
             let Some(way) = way else { continue };
-            // Mostly all channels choose the same.
+            // Usually all channels choose the same piece.
             let passes = match last {
                 Some((same, passes)) if same == way => passes,
                 _ => {
@@ -242,8 +243,8 @@ impl<'a> Integrator<'a> {
         left
     }
 
-    /// What a light sample brings to a surface. `near` are the receiver as the light, if it is, and the points
-    /// of the sample.
+    /// Reflected light of a light sample at a surface. `near` has near light, if used, and the random numbers of
+    /// the sample.
     fn light_sample(
         &mut self,
         surface: &Surface,
@@ -276,8 +277,8 @@ impl<'a> Integrator<'a> {
             return Vec3::ZERO;
         }
         let mut arrived = Vec3::ZERO;
-        // Lobes that see the receiver alike share one ray.
-        let mut told: Option<(Block, bool)> = None;
+        // Lobes with the same visibility share one shadow ray.
+        let mut cached: Option<(Block, bool)> = None;
         for ((lobe, scatter), unshaded) in
             [Lobe::Diffuse, Lobe::Specular].into_iter().zip(&lobes).zip(unshaded)
         {
@@ -285,15 +286,15 @@ impl<'a> Integrator<'a> {
                 continue;
             }
             let block = self.scene.rules.visibility(lobe).shadow;
-            let passes = match (told, near) {
+            let passes = match (cached, near) {
                 (Some((b, passes)), _) if b == block => passes,
                 (_, None) => self.passes(block, ray),
                 (_, Some((near, _))) => {
-                    self.rays.shadow += 1;
+                    self.tally.rays.shadow += 1;
                     near.reaches(ray, place.as_ref())
                 }
             };
-            told = Some((block, passes));
+            cached = Some((block, passes));
             if passes {
                 arrived += unshaded * scatter.value * power_heuristic(sample.pdf, scatter.pdf);
             }
@@ -301,7 +302,7 @@ impl<'a> Integrator<'a> {
         arrived * sample.radiance / sample.pdf
     }
 
-    /// The same for a matte surface and a light that is far: light samples bring it all of that.
+    /// The same for a matte surface and distant light, which light samples find completely.
     fn matte_light_sample(&mut self, surface: &Surface, sample: &LightSample, key: u32) -> Vec3 {
         let scatter = surface.bsdf.eval(sample.direction)[Lobe::Diffuse as usize];
         if sample.radiance == Vec3::ZERO || scatter.value == Vec3::ZERO {

@@ -1,4 +1,4 @@
-//! The estimator: light that arrives along a camera ray.
+//! The estimator of radiance along a camera ray.
 
 use glam::Vec3;
 
@@ -16,57 +16,88 @@ use crate::render::transport::scene::surface::Surface;
 use crate::render::transport::sky::cone::Towards;
 use crate::render::transport::sky::environment::{Distributions, DrawnDirection, EnvironmentLight};
 
-/// Width of rays of a matte surface for each unit of their length: its many rays blur what they see anyway.
+/// Footprint growth per unit of length of rays from matte surfaces, whose many rays blur the result anyway.
 pub(crate) const BLUR: f32 = 0.05;
-/// Paths this long or longer may end at random.
+/// Number of vertices from which Russian roulette applies.
 const ROULETTE_FROM: u32 = 3;
 
-/// What all rays share.
+/// The scene that all rays share.
 #[derive(Debug, Clone, Copy)]
 pub struct Scene<'a> {
-    /// The place.
+    /// The receiver mesh.
     pub receiver: &'a Receiver,
-    /// What was inserted.
+    /// The inserted objects.
     pub objects: &'a Objects,
-    /// The light.
+    /// The environment.
     pub sky: &'a EnvironmentLight,
-    /// How the receiver treats each sort of ray.
+    /// How the receiver appears to each kind of ray.
     pub rules: &'a Rules,
-    /// The light as points of the receiver, if that is the light and there are objects.
+    /// Virtual lights, under near light with objects.
     pub light_points: Option<&'a LightPoints>,
 }
 
-/// The paths of one sample of one pixel. The random numbers depend on the sample and the vertex alone, so
-/// that paths with and without objects stay the same until an object comes in the way.
-#[derive(Debug)]
-pub struct Integrator<'a> {
-    pub(crate) scene: Scene<'a>,
-    pub(crate) points: Points,
-    pub(crate) key: u32,
-    /// Whether the objects are there.
-    pub(crate) objects: bool,
-    /// Whether what shines of them does.
-    pub(crate) lamps: bool,
-    /// Where the first vertex looks for light of the sky, if that is known better than by its normal.
+/// The contents of the paths of a sample and the sampling of their first vertex. A sub-path that differs gets a
+/// changed copy, by [`Integrator::with`].
+#[derive(Debug, Clone, Copy)]
+pub struct Pass<'a> {
+    /// Random numbers.
+    pub points: Points,
+    /// True if the objects are present.
+    pub objects: bool,
+    /// True if the objects emit light.
+    pub lamps: bool,
+    /// Light distributions of the first vertex, if better ones than those for its normal are known.
     pub distributions: Option<Distributions<'a>>,
-    /// The light samples of the first vertex, if they are drawn.
+    /// Light samples of the first vertex, if already drawn.
     pub drawn: Option<&'a [DrawnDirection]>,
-    /// Added to the start of rays to objects from the first vertex: see [`crate::render::transport::ground::contact`].
+    /// Offset added to the origin of rays to objects from the first vertex: see [`Surface::lift`].
     pub lift: Vec3,
-    /// Rays from the first vertex to where the objects are, beside others.
+    /// Rays from the first vertex towards the objects, in addition to scattered ones.
     pub(crate) towards: Towards,
-    /// Width of the camera's ray for each unit of its length, for the textures of objects.
+    /// Footprint of the camera ray per unit of length, for textures of objects.
     pub spread: f32,
-    /// Rays cast so far.
+}
+
+impl Pass<'_> {
+    /// Paths with or without the objects, with no special sampling of the first vertex.
+    pub fn new(points: Points, objects: bool) -> Self {
+        Self {
+            points,
+            objects,
+            lamps: true,
+            distributions: None,
+            drawn: None,
+            lift: Vec3::ZERO,
+            towards: Towards::NOWHERE,
+            spread: 0.0,
+        }
+    }
+}
+
+/// Events along the paths of a sample.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Tally {
+    /// Rays cast.
     pub rays: Rays,
-    /// Whether a ray met an object.
+    /// True if a ray met an object.
     pub touched: bool,
-    /// Whether a path ended on an object, for it was too long, with over half of its light to come.
+    /// True if a path ended on an object by its length, with over half of its light to come.
     pub cut: bool,
 }
 
+/// The paths of one sample of one pixel. Random numbers depend only on the sample and the vertex, so paths with and
+/// without objects are identical until they meet an object.
+#[derive(Debug)]
+pub struct Integrator<'a> {
+    pub(crate) scene: Scene<'a>,
+    pub(crate) key: u32,
+    pub(crate) pass: Pass<'a>,
+    /// Events along the paths so far.
+    pub tally: Tally,
+}
+
 impl<'a> Scene<'a> {
-    /// The receiver as the light, if it is.
+    /// Near light, if used.
     pub(crate) fn near(&self) -> Option<NearFieldLight<'a>> {
         let near =
             |eye| NearFieldLight { receiver: self.receiver, sky: self.sky, eye: Vec3::from_array(eye) };
@@ -75,31 +106,25 @@ impl<'a> Scene<'a> {
 }
 
 impl<'a> Integrator<'a> {
-    /// The paths of a sample, with or without the objects.
-    pub fn new(scene: Scene<'a>, points: Points, key: u32, objects: bool) -> Self {
-        let objects = objects && !scene.objects.is_empty();
-        Self {
-            scene,
-            points,
-            key,
-            objects,
-            lamps: true,
-            distributions: None,
-            drawn: None,
-            lift: Vec3::ZERO,
-            towards: Towards::NOWHERE,
-            spread: 0.0,
-            rays: Rays::default(),
-            touched: false,
-            cut: false,
-        }
+    /// The paths of a sample with hash key `key`.
+    pub fn new(scene: Scene<'a>, key: u32, pass: Pass<'a>) -> Self {
+        let objects = pass.objects && !scene.objects.is_empty();
+        Self { scene, key, pass: Pass { objects, ..pass }, tally: Tally::default() }
     }
 
-    /// The surface of the receiver at a hit, moved by `lift` for objects, in no body.
+    /// The result of `trace` with another pass; its events are added to the tally.
+    pub(crate) fn with<T>(&mut self, pass: Pass<'a>, trace: impl FnOnce(&mut Self) -> T) -> T {
+        let mut sub = Self { scene: self.scene, key: self.key, pass, tally: self.tally };
+        let result = trace(&mut sub);
+        self.tally = sub.tally;
+        result
+    }
+
+    /// The receiver surface at a hit, lifted by `lift` for objects, outside all bodies.
     pub(crate) fn receiver_surface(&self, hit: &Hit, lift: Vec3) -> Surface {
         let surface = self.scene.receiver.surface(hit);
         let covers = || self.scene.objects.covers(surface.position + lift, surface.normal);
-        let cover = if self.objects { covers() } else { None };
+        let cover = if self.pass.objects { covers() } else { None };
         Surface { cover, lift, ..surface }
     }
 
@@ -124,21 +149,20 @@ impl<'a> Integrator<'a> {
         }
         let [near, far] = surface.media;
         if !near.is_empty() && far.is_deeper(&near) {
-            // Where two bodies touch, the path sees one of the two surfaces, and may be out of the first body.
+            // Where two bodies touch, the path sees one of the two surfaces and may be outside the first body.
             surface.media[1] = self.around(surface.spawn_ray(-surface.normal));
         }
         surface
     }
 
-    /// Radiance that comes back along a ray of the camera, of unit direction, from the vertex that it found. What
-    /// is before the receiver is left out, be it a body around it.
+    /// Radiance along a camera ray of unit direction from its first vertex. Media before the receiver are ignored.
     pub fn radiance(&mut self, first: Vertex, ray: Ray) -> Vec3 {
         let (mut throughput, mut media) = (Vec3::ONE, Media::default());
         let objects = self.scene.objects;
         match &first {
-            _ if !self.objects || objects.bodies.is_empty() => {}
+            _ if !self.pass.objects || objects.bodies.is_empty() => {}
             Vertex::Receiver(hit) => {
-                let surface = self.receiver_surface(hit, self.lift);
+                let surface = self.receiver_surface(hit, self.pass.lift);
                 media = self.around(surface.upright());
             }
             Vertex::Object(hit) | Vertex::Straight(hit) => {
@@ -154,27 +178,27 @@ impl<'a> Integrator<'a> {
         )
     }
 
-    /// Radiance that a vertex sends back along a path in some state.
+    /// Radiance that a vertex sends back along a path.
     pub(crate) fn path_radiance(&mut self, vertex: Vertex, state: PathState) -> Vec3 {
-        let spread = if state.bounce == 0 { self.spread } else { BLUR };
+        let spread = if state.bounce == 0 { self.pass.spread } else { BLUR };
         let mut path = Path { vertex, state, width: 0.0, spread, touches: false, light: Vec3::ZERO };
         while self.step(&mut path).is_some() {}
         path.light
     }
 
-    /// Adds the light of the vertex that a path is at, and takes it to the next; none where it ends.
+    /// Adds the light of the current vertex and advances the path; `None` where it ends.
     fn step(&mut self, path: &mut Path) -> Option<()> {
         let rules = self.scene.rules;
         let PathState { bounce, throughput, share, mis_weight, media, direction } = path.state;
         path.width += path.spread * path.vertex.distance();
-        let lift = if bounce == 0 { self.lift } else { Vec3::ZERO };
+        let lift = if bounce == 0 { self.pass.lift } else { Vec3::ZERO };
         let surface = self.surface(&path.vertex, (-direction, path.width), lift, media);
         let at = ShadingPoint::new(surface, bounce, self.key);
-        // What a ray finds shining is light of the vertex before.
+        // Emission found by a ray is light of the previous vertex.
         let emitted = self.emitted(&path.vertex, &at, -direction);
         path.light += rules.clamped(bounce.saturating_sub(1), throughput * emitted * mis_weight);
         if bounce > rules.max_bounces {
-            self.cut |= path.vertex.on_object().is_some() && throughput.max_element() > 0.5;
+            self.tally.cut |= path.vertex.on_object().is_some() && throughput.max_element() > 0.5;
             return None;
         }
         path.light += rules.clamped(bounce, throughput * self.lit(&at));
@@ -186,35 +210,35 @@ impl<'a> Integrator<'a> {
         self.go_on(path, &towards, scattered)
     }
 
-    /// What a vertex emits towards `out`.
+    /// Emission of a vertex towards `out`.
     fn emitted(&self, vertex: &Vertex, at: &ShadingPoint, out: Vec3) -> Vec3 {
         let objects = self.scene.objects;
         match vertex.on_object() {
-            _ if !self.lamps => Vec3::ZERO,
-            // Light samples see a lamp as it is; so do the rays that they are weighed against, or a small one would shine
-            // twice.
+            _ if !self.pass.lamps => Vec3::ZERO,
+            // Light samples use the emission of the material under its layers; so must the rays that they are
+            // weighted against, or small lamps would count twice.
             Some(hit) if !at.is_first() && !objects.emitters.is_empty() => objects.emission_towards(hit, out),
             _ => at.surface.emission,
         }
     }
 
-    /// Rays from a vertex to where the objects are, beside scattered ones.
+    /// Rays from a vertex towards the objects, in addition to scattered ones.
     fn towards_objects(&self, vertex: &Vertex, at: &ShadingPoint) -> Towards {
         match vertex {
-            _ if !at.is_first() || !self.objects => Towards::NOWHERE,
-            Vertex::Receiver(_) if at.surface.cover.is_none() => self.towards,
+            _ if !at.is_first() || !self.pass.objects => Towards::NOWHERE,
+            Vertex::Receiver(_) if at.surface.cover.is_none() => self.pass.towards,
             Vertex::Receiver(_) => Towards::NOWHERE,
             Vertex::Object(_) | Vertex::Straight(_) => self.scene.objects.shades.towards(at.surface.position),
         }
     }
 
-    /// The throughput of a path after some bounces if it goes on, by Russian roulette; those that bring little may end at random,
-    /// but for a share that says nothing of that: see [`PathState::share`].
+    /// The throughput after Russian roulette, or `None` if the path ends. [`PathState::share`] is excluded from the
+    /// survival probability.
     pub(crate) fn russian_roulette(&self, bounce: u32, throughput: Vec3, share: f32) -> Option<Vec3> {
         if bounce + 1 < ROULETTE_FROM {
             return Some(throughput);
         }
         let survival = (throughput.max_element() / share).clamp(0.05, 0.95);
-        (unit(self.points.bits(first_pair(bounce) + 3)[0]) < survival).then(|| throughput / survival)
+        (unit(self.pass.points.bits(first_pair(bounce) + 3)[0]) < survival).then(|| throughput / survival)
     }
 }

@@ -1,12 +1,13 @@
-//! Light that objects add to a receiver that is the light or lets it through.
+//! Light that objects add to a receiver under near light, or to one that lets environment light pass.
 //!
-//! There a path ends where it meets the receiver, since the panorama shows the place with all that its walls throw back.
-//! It does not show what the objects add. Light of their lamps goes on from wall to wall, in a place that is lit by nothing
-//! else. Light that they scatter goes back to the places around them: what a mirror shows of the ground before it is as bright as that ground.
+//! There a path ends where it hits the receiver, since the panorama shows the place with all of its
+//! interreflections. It does not show the light that objects add. Light of their emitters is traced on from surface
+//! to surface, in a scene without any other light. Light that they scatter returns to the surfaces around them: the
+//! ground in a mirror is as bright as the ground itself.
 
 use glam::Vec3;
 
-use super::integrator::Integrator;
+use super::integrator::{Integrator, Pass};
 use super::near_field::ArrivingLight;
 use super::path::{PathState, ShadingPoint, Vertex};
 use crate::geometry::bvh::{Hit, Ray};
@@ -16,16 +17,16 @@ use crate::render::transport::scene::media::Media;
 use crate::render::transport::sky::cone::Towards;
 
 impl Integrator<'_> {
-    /// Where a ray meets a receiver that it would pass, if objects shine on it.
+    /// The hit of a ray on a receiver that it would pass, if objects emit.
     pub(crate) fn unlit(&mut self, ray: Ray) -> Option<Hit> {
-        if !self.objects || !self.lamps || self.scene.objects.emitters.is_empty() {
+        if !self.pass.objects || !self.pass.lamps || self.scene.objects.emitters.is_empty() {
             return None;
         }
-        self.rays.scattered += 1;
+        self.tally.rays.scattered += 1;
         self.scene.receiver.bvh.closest(ray, |_| true)
     }
 
-    /// Light of lamps from where a ray that left a vertex after some bounces has met the receiver, if it has.
+    /// Light of emitters from the receiver hit of a ray that left a vertex, if it hit.
     pub(crate) fn lamps_beyond(
         &mut self,
         landed: Option<Hit>,
@@ -35,16 +36,16 @@ impl Integrator<'_> {
         media: Media,
     ) -> Vec3 {
         let Some(hit) = landed.filter(|_| bounce < self.scene.rules.max_bounces) else { return Vec3::ZERO };
-        if !self.objects || !self.lamps || self.scene.objects.emitters.is_empty() {
+        if !self.pass.objects || !self.pass.lamps || self.scene.objects.emitters.is_empty() {
             return Vec3::ZERO;
         }
         let state = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight: 1.0, media };
         self.lamp_radiance(Vertex::Receiver(hit), state, true)
     }
 
-    /// Light that is not of lamps and that objects scatter to where a ray that left a vertex after some bounces has met a
-    /// receiver that is the light, if it has. The place throws back as much of it as it is seen to do of other light: its
-    /// share of what it sends is that of the light it gets, as in the ratio, whatever the receiver's albedo.
+    /// Light without emission that objects scatter to the receiver hit of a ray, under near light. The point
+    /// reflects as much of it as it is seen to reflect of all light that falls on it, independent of the receiver's
+    /// albedo, as in the ratio.
     pub(crate) fn objects_beyond(
         &mut self,
         landed: Option<Hit>,
@@ -58,13 +59,15 @@ impl Integrator<'_> {
         let (Some(hit), Some(place), Some(light_points)) = (landed, place, self.scene.light_points) else {
             return Vec3::ZERO;
         };
-        if !self.objects || bounce > self.scene.rules.max_bounces {
+        if !self.pass.objects || bounce > self.scene.rules.max_bounces {
             return Vec3::ZERO;
         }
         let surface = self.surface(&Vertex::Receiver(hit), (-direction, 0.0), Vec3::ZERO, media);
         let at = ShadingPoint::new(surface, bounce, self.key);
         let white = Bsdf::matte(place.normal, Vec3::ONE);
-        let Some((lobe, direction, _)) = white.sample(&self.points, at.pair + 1) else { return Vec3::ZERO };
+        let Some((lobe, direction, _)) = white.sample(&self.pass.points, at.pair + 1) else {
+            return Vec3::ZERO;
+        };
         let to_objects = at.surface.ray_to_objects(direction);
         let found = self.object(to_objects, at.key ^ 1, lobe);
         let Some((vertex, hit)) = found.and_then(|vertex| Some((vertex, *vertex.on_object()?))) else {
@@ -80,14 +83,12 @@ impl Integrator<'_> {
         let throughput = throughput * passed * albedo;
         let Some(throughput) = self.russian_roulette(bounce, throughput, share) else { return Vec3::ZERO };
         let state = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight: 1.0, media };
-        let lamps = std::mem::replace(&mut self.lamps, false);
-        let light = self.path_radiance(vertex, state);
-        self.lamps = lamps;
-        light
+        let pass = Pass { lamps: false, ..self.pass };
+        self.with(pass, |own| own.path_radiance(vertex, state))
     }
 
-    /// Radiance that a vertex sends back along a path in some state where lamps are all the light there is and the
-    /// receiver is solid. Where it `sends` them, rays from the receiver to the objects find what lies around lamps.
+    /// Radiance of a path in a scene with no light but emitters and a solid receiver. If it `sends` them, rays from
+    /// the receiver towards the objects find translucent surfaces around emitters.
     fn lamp_radiance(&mut self, mut vertex: Vertex, state: PathState, sends: bool) -> Vec3 {
         let (objects, receiver, rules) = (self.scene.objects, self.scene.receiver, self.scene.rules);
         let PathState { bounce: start, mut throughput, mut share, mut mis_weight, mut media, .. } = state;
@@ -108,7 +109,7 @@ impl Integrator<'_> {
             light += rules.clamped(bounce, throughput * lamps);
             let onwards = |own: &mut Self, vertex, state| own.lamp_radiance(vertex, state, false);
             light += self.sent(&at, &towards, (throughput, share), onwards);
-            let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, at.pair + 1) else {
+            let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.pass.points, at.pair + 1) else {
                 break;
             };
             let ray = surface.ray_to_receiver(direction);
@@ -118,7 +119,7 @@ impl Integrator<'_> {
                 .as_ref()
                 .and_then(Vertex::on_object)
                 .map_or(ray.t_max, |hit| objects.reach(hit, direction));
-            self.rays.scattered += 1;
+            self.tally.rays.scattered += 1;
             let landed = receiver.bvh.closest(Ray { t_max: reach, ..ray }, |_| true);
             let Some(found) = landed.map(Vertex::Receiver).or(object) else { break };
             let passed;
@@ -137,7 +138,7 @@ impl Integrator<'_> {
             let Some(left) = self.russian_roulette(bounce, throughput, share) else { break };
             throughput = left;
         }
-        self.touched |= light != Vec3::ZERO;
+        self.tally.touched |= light != Vec3::ZERO;
         light
     }
 }

@@ -1,9 +1,10 @@
-//! The panorama's light as points of the receiver: what share of the light of a place comes from where.
+//! Virtual lights: near light as points of the receiver and the sky, to tell which share of a point's light objects
+//! block.
 //!
-//! A place of the receiver that is the light shows what the panorama shows of it, which is without the objects. What they
-//! take from it is the share of its irradiance that they hide, and what they add goes by its irradiance too. To tell
-//! these, the light that falls on the place must be known by its parts: each point stands for a piece of the receiver
-//! around it, or of the sky, by its radiance, area and normal (Keller 1997, virtual point lights).
+//! A receiver point under near light has the radiance that the panorama shows, captured without the objects. The
+//! light they block there is the blocked share of its irradiance, and the light they add is in proportion to its
+//! irradiance too. For both, the incoming light must be known by its parts: each virtual light stands for a piece
+//! of the receiver around it, or of the sky, by its radiance, area and normal (Keller 1997, virtual point lights).
 
 use std::f32::consts::TAU;
 use std::f64::consts::PI;
@@ -18,46 +19,45 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::cone::Cone;
 use crate::render::transport::sky::environment::EnvironmentLight;
 
-/// Points in all.
+/// Number of virtual lights.
 const POINTS: usize = 1024;
-/// Points that are weighed for one choice. Any aligned block of the points is spread over all the light.
+/// Lights weighted for one choice. Any aligned block of them covers all directions.
 const BLOCK: usize = 32;
-/// One point in so many goes in any direction: what is dark but near brings light too.
+/// One light in this many has a uniform direction: dark but near surfaces contribute too.
 const SPREAD: u32 = 4;
 
-/// A piece of the light.
+/// A virtual light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct LightPoint {
-    /// Where on the receiver, or the unit direction to the sky.
+    /// Position on the receiver, or unit direction to the sky.
     at: Vec3,
-    /// Unit normal of the receiver on the side of the point of capture; none of the sky.
+    /// Unit normal of the receiver on the side of the point of capture; `None` for the sky.
     normal: Option<Vec3>,
     radiance: Vec3,
-    /// Of the receiver the area, of the sky the solid angle.
+    /// Area on the receiver, or solid angle of the sky.
     size: f32,
 }
 
-/// The panorama's light as points of the receiver and of the sky.
+/// The virtual lights.
 #[derive(Debug)]
 pub struct LightPoints(Vec<LightPoint>);
 
-/// The way from a place to some of its light.
+/// The way from a point to a virtual light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WayToLight {
     /// Unit direction.
     pub direction: Vec3,
-    /// How far it is.
+    /// Distance.
     pub distance: f32,
 }
 
 impl LightPoints {
-    /// Memory held.
+    /// Memory in bytes.
     pub fn bytes(&self) -> u64 {
         size_of_val(&*self.0) as u64
     }
 
-    /// Of what the panorama shows from a point of capture, most of them of about the same power there. Takes one ray for
-    /// each.
+    /// Samples lights seen from a point of capture, most of them of about equal power there. Takes one ray each.
     pub fn new(receiver: &Receiver, sky: &EnvironmentLight, eye: Vec3) -> Self {
         let point = |number: u32| {
             let points = Points::new(stream(0, 0, 0), number / SPREAD);
@@ -80,10 +80,10 @@ impl LightPoints {
         Self((0..POINTS as u32).filter_map(point).collect())
     }
 
-    /// Some of the light that falls on a place, for each channel in proportion to what it brings of that channel as far as one
-    /// block of points tells, of the sky anywhere in the piece that a point stands for. One number chooses for all channels, so that
-    /// they mostly choose the same. What of the receiver stands before it is not asked. None where no light of the channel comes from the
-    /// side of the normal.
+    /// A light for each channel, chosen in proportion to its contribution to a point among one block of lights; for
+    /// the sky, a direction anywhere in its piece. One random number serves all channels, so that they usually
+    /// choose the same light. Occlusion by the receiver is ignored. `None` where no light of a channel comes from
+    /// the side of the normal.
     pub fn choose(
         &self,
         place: Vec3,
@@ -109,18 +109,20 @@ impl LightPoints {
         })
     }
 
-    /// The share of the light that falls on a place which it throws back by what it is seen to send, at most 1 of each channel: its albedo,
-    /// if the panorama is right. What of the receiver stands before light is not asked.
+    /// The reflected share of a point's light, from the radiance that it is seen to send, at most 1 per channel:
+    /// its albedo, if the panorama is right. Occlusion by the receiver is ignored.
     pub fn albedo(&self, place: Vec3, normal: Vec3, radiance: Vec3) -> Vec3 {
         let irradiance: Vec3 = self.0.iter().map(|point| point.seen_from(place, normal).1).sum();
         let albedo = radiance * (0.5 * TAU) / irradiance;
         Vec3::select(irradiance.cmpgt(Vec3::ZERO), albedo, Vec3::ZERO).min(Vec3::ONE)
     }
 
-    /// A bound of the chance that a choice lies in the sky within some narrower cone in a cone, of a solid angle.
+    /// An upper bound of the probability that a chosen direction lies in a narrower cone of solid angle
+    /// `solid_angle` within `cone`.
     pub fn most_chosen(&self, cone: &Cone, solid_angle: f64) -> f64 {
         let angle = |solid_angle: f64| num::f64::acos(1.0 - (solid_angle / (2.0 * PI)).min(2.0));
-        // A piece of the sky: the way to its middle, the angle to its edge and the most of it that is in the narrow cone.
+        // For a piece of the sky: the direction of its centre, its angular radius, and its largest share within the
+        // narrow cone.
         let pieces = self.0.iter().filter(|point| point.normal.is_none()).map(|point| {
             let size = f64::from(point.size);
             (point.at.as_dvec3(), angle(size), (solid_angle / size).min(1.0))
@@ -129,7 +131,7 @@ impl LightPoints {
         let between = |a: DVec3, b: DVec3| num::f64::acos(a.dot(b).clamp(-1.0, 1.0)) - 1e-3;
         let there: Vec<(DVec3, f64, f64)> =
             pieces.filter(|piece| between(piece.0, cone.axis.as_dvec3()) <= reach + piece.1).collect();
-        // Of pieces that reach into one narrow cone no two lie farther apart.
+        // No two pieces that overlap one narrow cone are farther apart.
         let around = |(middle, edge, _): &(DVec3, f64, f64)| -> f64 {
             let apart = |other: &&(DVec3, f64, f64)| {
                 between(*middle, other.0) <= 2.0 * angle(solid_angle) + edge + other.1
@@ -142,7 +144,7 @@ impl LightPoints {
 }
 
 impl LightPoint {
-    /// A direction in its piece of the sky, as round as a cone, by two fractions.
+    /// A direction in its piece of the sky, a cone of the same solid angle, from two random numbers.
     fn within(&self, [u, v]: [f32; 2]) -> Vec3 {
         let (sin, cos) = circle(u);
         let below = v * (self.size / TAU).min(1.0);
@@ -150,7 +152,7 @@ impl LightPoint {
         Frame::around(self.at).from(Vec3::new(radius * cos, radius * sin, 1.0 - below))
     }
 
-    /// The way to it from a place, and the irradiance that it brings there.
+    /// The way to it from a point, and the irradiance that it contributes there.
     fn seen_from(&self, place: Vec3, normal: Vec3) -> (WayToLight, Vec3) {
         let (direction, distance, solid_angle) = match self.normal {
             None => (self.at, f32::INFINITY, self.size),
@@ -158,7 +160,7 @@ impl LightPoint {
                 let to = self.at - place;
                 let distance = to.length();
                 let direction = to / distance;
-                // From near by the piece is no point: it fills half of all directions at most.
+                // At close range the piece fills at most half of all directions.
                 let solid_angle = self.size * -own.dot(direction) / (distance * distance);
                 (direction, distance, solid_angle.min(TAU))
             }
@@ -169,7 +171,7 @@ impl LightPoint {
     }
 }
 
-/// A direction, spread evenly over the sphere by two fractions.
+/// A uniform direction of the sphere, from two random numbers.
 fn anywhere([u, v]: [f32; 2]) -> Vec3 {
     let (z, (sin, cos)) = (1.0 - 2.0 * v, circle(u));
     let radius = (1.0 - z * z).max(0.0).sqrt();
@@ -184,7 +186,7 @@ mod tests {
     use crate::render::transport::sky::environment::constant;
     use crate::testing::direction;
 
-    /// No choice for any place lies in a cone of the sky more often than is told.
+    /// No choice for any point lies in a cone of the sky more often than the bound.
     #[test]
     fn the_chance_of_a_choice_is_bounded() {
         let mut env = constant(Up::PlusZ, [0.3, 0.4, 0.6], 256);

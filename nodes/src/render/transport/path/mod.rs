@@ -1,7 +1,8 @@
-//! Paths: the light that one sample of one pixel finds, and what the objects change of it.
+//! Paths: the light along the rays of one sample of one pixel, and its change by the objects.
 
 pub(crate) mod change;
 pub(crate) mod direct_light;
+pub(crate) mod double_count;
 pub mod integrator;
 pub(crate) mod lamp_light;
 pub(crate) mod light_points;

@@ -1,14 +1,14 @@
-//! The receiver as the light that the panorama shows of it.
+//! Near light: the panorama is projected from its point of capture onto the receiver, which emits it.
 //!
-//! A panorama holds the light that arrives where it was taken. Taken as infinitely far it lights every point
-//! alike, but a lamp on a wall two metres away stands in another direction, and nearer, for a point one metre
-//! aside. Here every surface of the receiver that the point of capture sees is a matte lamp, whose radiance
-//! the panorama shows in its direction. Surfaces that it does not see are lit and scatter, and rays that leave
-//! find the panorama as infinitely far. Each light counts once, indoors and in the open.
+//! A panorama has the light that arrives at one point. Taken as infinitely distant, it lights every point alike,
+//! but a lamp on a wall two metres away is in another direction, and nearer, for a point one metre to the side.
+//! Here every receiver surface that the point of capture sees is a matte emitter, with the radiance that the
+//! panorama shows in its direction. Surfaces that it does not see are lit and scatter, and rays that leave the
+//! scene find the panorama at infinity. Each light counts once, indoors and outdoors.
 //!
-//! A light sample is a direction at the point of capture, and with it a place of the receiver; per steradian
-//! of another point its density changes by the ratio of the solid angles under which the two see the place.
-//! Scattered rays find the same places and ask for the same density, so the two can be weighed.
+//! A light sample is a direction from the point of capture, and thus a point of the receiver; for another point,
+//! its density per steradian changes by the ratio of the solid angles under which the two see it. Scattered rays
+//! find the same points with a known density, so the two strategies can be weighted.
 
 use glam::Vec3;
 
@@ -17,37 +17,37 @@ use crate::math::color::luminance;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::{EnvironmentLight, LightSample};
 
-/// Surfaces nearer to each other than this share of their distance are one: a captured mesh is no better than
-/// that, and where a lamp lies on its wall within the mesh's error either may be in front.
+/// Surfaces closer to each other than this share of their distance count as one. A captured mesh has no better
+/// accuracy, and either may be in front where a lamp lies on its wall.
 const SAME: f32 = 0.01;
-/// A place that the receiver hides from the point of capture by no more than this share of its distance
-/// counts as seen, unless it would be a lamp, which light samples would not find: so much a mesh is in its own way.
+/// A point that the receiver hides from the point of capture by at most this share of its distance counts as seen,
+/// because captured meshes occlude themselves; unless it would be a lamp, which light samples would not find.
 const NEARLY: f32 = 0.05;
 
-/// The light of a place, seen from where its panorama was taken.
+/// Near light.
 #[derive(Debug, Clone, Copy)]
 pub struct NearFieldLight<'a> {
-    /// The place.
+    /// The receiver.
     pub receiver: &'a Receiver,
-    /// Its panorama.
+    /// The panorama.
     pub sky: &'a EnvironmentLight,
     /// The point of capture.
     pub eye: Vec3,
 }
 
-/// A point of the receiver that shines.
+/// An emitting point of the receiver.
 #[derive(Debug, Clone, Copy)]
 pub struct EmissivePoint {
-    /// Where.
+    /// Position.
     pub position: Vec3,
     /// Unit normal on the side of the point of capture.
     pub normal: Vec3,
-    /// How far rays must start off it.
+    /// Offset of rays that leave it.
     pub margin: f32,
     triangle: u32,
 }
 
-/// A light that a point sees: what comes, from which direction, and the place where it is; none for the sky.
+/// A light that a point sees: direction and radiance, and the emitting point; `None` for the sky.
 pub type ArrivingLight = (LightSample, Option<EmissivePoint>);
 
 impl<'a> NearFieldLight<'a> {
@@ -58,22 +58,22 @@ impl<'a> NearFieldLight<'a> {
         EmissivePoint { position: surface.position, normal, margin: surface.margin, triangle: hit.triangle }
     }
 
-    /// The solid angle of a piece of a place from the point of capture, as a share of the one from `point`; 0
-    /// where the two do not see the same side of it.
+    /// The solid angle of a surface element from the point of capture, as a share of that from `point`; 0 where the
+    /// two see different sides.
     fn spread(&self, place: &EmissivePoint, point: Vec3) -> f32 {
         let [eye, other] = [self.eye, point].map(|from| {
             let way = from - place.position;
             let square = way.length_squared();
-            // The cosine over the square of the distance.
+            // The cosine over the squared distance.
             way.dot(place.normal) / (square * square.sqrt())
         });
         let spread = eye / other;
         if other > 0.0 && spread.is_finite() { spread.max(0.0) } else { 0.0 }
     }
 
-    /// A light sample for a point whose light comes from one side, or from all. Takes one ray. The light is
-    /// black where the point does not see the right side of the place; what else stands in the way is
-    /// [`reaches`](Self::reaches)'s to tell. None where no light comes from that side.
+    /// A light sample for a point lit from one side, or from all. Takes one ray. Its radiance is 0 where the point
+    /// sees the wrong side; other occlusion is tested by [`reaches`](Self::reaches). `None` where no light comes
+    /// from that side.
     pub fn sample(&self, point: Vec3, side: Option<Vec3>, bits: [u32; 2]) -> Option<ArrivingLight> {
         let light = self.sky.sample_defensive(side, bits)?;
         let Some(hit) = self.receiver.bvh.closest(Ray::new(self.eye, light.direction), |_| true) else {
@@ -86,26 +86,26 @@ impl<'a> NearFieldLight<'a> {
         Some((LightSample { direction, radiance, pdf }, Some(place)))
     }
 
-    /// The part of a ray that lies before a light.
+    /// The part of a ray before a light.
     pub fn towards(ray: Ray, place: Option<&EmissivePoint>) -> Ray {
         Self::up_to(ray, place.map_or(f32::INFINITY, |p| (p.position - ray.origin).length()))
     }
 
-    /// The same for a light so far away.
+    /// The part of a ray before a distance.
     pub fn up_to(ray: Ray, distance: f32) -> Ray {
         Ray { t_max: distance * (1.0 - SAME), ..ray }
     }
 
-    /// Whether nothing of the receiver stands before the end of a ray that leads to a light.
+    /// True if the receiver does not block a ray before its light.
     pub fn reaches(&self, ray: Ray, place: Option<&EmissivePoint>) -> bool {
         let own = place.map(|p| p.triangle);
         !self.receiver.bvh.any(ray, |hit| Some(hit.triangle) != own)
     }
 
-    /// The light that a ray finds which meets the receiver at `hit`, or nothing, and the density of
-    /// [`sample`](Self::sample) for the start of the ray. None where the point of capture does not see the
-    /// hit. `glossy_pdf` is the density of the ray if a glossy lobe scattered it, else 0: see [`EnvironmentLight::seen`].
-    /// Takes one ray.
+    /// The light along a ray that hits the receiver at `hit`, or misses it, and the density of
+    /// [`sample`](Self::sample) for the start of the ray. `None` where the point of capture does not see the hit.
+    /// `glossy_pdf` is the density of the ray if a glossy lobe scattered it, else 0: see
+    /// [`EnvironmentLight::seen`]. Takes one ray.
     pub fn eval(
         &self,
         ray: Ray,
@@ -116,7 +116,7 @@ impl<'a> NearFieldLight<'a> {
         let towards = |direction| self.sky.seen(self.sky.eval_defensive(side, direction), glossy_pdf);
         let Some(hit) = hit else {
             let light = towards(ray.direction);
-            // What is sky from here may lie behind a wall from there.
+            // Sky in this direction may be behind a wall from the point of capture.
             let open = !self.receiver.bvh.any(Ray::new(self.eye, ray.direction), |_| true);
             return Some((LightSample { pdf: if open { light.pdf } else { 0.0 }, ..light }, None));
         };
@@ -136,8 +136,8 @@ impl<'a> NearFieldLight<'a> {
         seen.then_some((LightSample { direction: ray.direction, pdf, ..light }, Some(place)))
     }
 
-    /// Whether a light is too bright to be light that a surface reflects: brighter than a white wall which all
-    /// light of the panorama falls on at once. What stands before a wall dims it, but not a lamp.
+    /// True if radiance is too high for reflected light: above that of a white wall with all light of the panorama
+    /// on it. Objects in front of a wall attenuate its reflected light, but not a lamp.
     pub fn is_lamp(&self, radiance: Vec3) -> bool {
         luminance(radiance.to_array())
             > luminance(self.sky.power.map(|p| p as f32)) * std::f32::consts::FRAC_1_PI

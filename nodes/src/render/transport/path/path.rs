@@ -1,4 +1,4 @@
-//! Where a path is and how it came there.
+//! The state of a path.
 
 use glam::Vec3;
 
@@ -7,34 +7,34 @@ use crate::geometry::sampling::hash;
 use crate::render::transport::scene::media::Media;
 use crate::render::transport::scene::surface::Surface;
 
-/// Pairs of dimensions used by one vertex of a path: light, direction, choice of lobe, survival.
+/// Dimension pairs per vertex: light, direction, choice of lobe, survival.
 const PAIRS: u32 = 4;
 
-/// First of the pairs of dimensions of a vertex, after some bounces; those before belong to the camera.
+/// First dimension pair of the vertex after some bounces; those before belong to the camera.
 pub(crate) const fn first_pair(bounce: u32) -> u32 {
     1 + bounce * PAIRS
 }
 
-/// Where a path is.
+/// A vertex of a path.
 #[derive(Debug, Clone, Copy)]
 pub enum Vertex {
     /// On the receiver.
     Receiver(Hit),
-    /// On an object, met by a camera ray or a specular one.
+    /// On an object, hit by a camera ray or a specular ray.
     Object(Hit),
-    /// On an object, met by a ray of a matte surface, which goes straight on where anything passes it.
+    /// On an object, hit by a ray of a matte surface, which continues straight through transmissive surfaces.
     Straight(Hit),
 }
 
 impl Vertex {
-    /// Length of the ray that found it.
+    /// Length of the ray that hit it.
     pub(crate) fn distance(&self) -> f32 {
         match self {
             Self::Receiver(hit) | Self::Object(hit) | Self::Straight(hit) => hit.t,
         }
     }
 
-    /// Where it is on an object.
+    /// The hit, if it is on an object.
     pub(crate) fn on_object(&self) -> Option<&Hit> {
         match self {
             Self::Receiver(_) => None,
@@ -43,61 +43,62 @@ impl Vertex {
     }
 }
 
-/// How a path came to a vertex.
+/// How a path reached a vertex.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PathState {
-    /// Unit direction of the ray that found the vertex.
+    /// Unit direction of the ray to the vertex.
     pub direction: Vec3,
-    /// How often light was scattered before.
+    /// Number of scatterings before.
     pub bounce: u32,
-    /// Throughput (beta): what of the light from the vertex comes to the eye.
+    /// Throughput (beta).
     pub throughput: Vec3,
-    /// The share of the throughput that it has beside rays which find the same, so that it does not end the path.
+    /// The share of the throughput due to weights against other rays, which must not end the path in Russian
+    /// roulette.
     pub share: f32,
-    /// Weight of what the vertex emits, beside light samples of the one before.
+    /// MIS weight of emission at the vertex, against light samples of the previous vertex.
     pub mis_weight: f32,
-    /// What the ray was in at the vertex.
+    /// Media at the end of the ray.
     pub media: Media,
 }
 
-/// A path on its way, and the light that it has found.
+/// A path under construction, and the light found so far.
 #[derive(Debug)]
 pub(crate) struct Path {
-    /// Where it is.
+    /// The current vertex.
     pub vertex: Vertex,
-    /// How it came there.
+    /// How the path reached it.
     pub state: PathState,
-    /// Width of the ray at the vertex.
+    /// Footprint width at the vertex.
     pub width: f32,
-    /// How fast that grows, for each unit of length.
+    /// Footprint growth per unit of length.
     pub spread: f32,
-    /// Whether the vertex is in the place of the one before.
+    /// True if the vertex coincides with the previous one.
     pub touches: bool,
     /// Radiance so far.
     pub light: Vec3,
 }
 
-/// A vertex of a path as light is gathered at it.
+/// A vertex with its surface, for light gathering.
 #[derive(Debug)]
 pub(crate) struct ShadingPoint {
-    /// Its surface.
+    /// The surface.
     pub surface: Surface,
-    /// How often light was scattered before.
+    /// Number of scatterings before.
     pub bounce: u32,
-    /// First of its pairs of dimensions.
+    /// First dimension pair.
     pub pair: u32,
-    /// What its chances go by.
+    /// Hash key of random decisions.
     pub key: u32,
 }
 
 impl ShadingPoint {
-    /// A surface after some bounces of the path of a key.
+    /// A surface after some bounces of the path with key `path`.
     pub fn new(surface: Surface, bounce: u32, path: u32) -> Self {
         let pair = first_pair(bounce);
         Self { surface, bounce, pair, key: hash(path, pair) }
     }
 
-    /// Whether it is what the camera sees.
+    /// True if it is the first vertex.
     pub fn is_first(&self) -> bool {
         self.bounce == 0
     }

@@ -1,32 +1,32 @@
-//! Counts of rays.
+//! Ray counters.
 
 use crate::geometry::bvh::Steps;
 
-/// Triangles tested at once, of which some may be missing.
+/// Triangles per intersection test, some of which may be empty.
 pub(crate) const LANES: u64 = 4;
 
-/// Rays that were cast, by what for.
+/// Rays cast, by purpose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Rays {
-    /// To see what the camera sees: each asks the receiver or the objects.
+    /// Camera rays, against the receiver or the objects.
     pub camera: u64,
-    /// To see what lies between a point and light.
+    /// Shadow rays.
     pub shadow: u64,
-    /// To see where scattered light comes from.
+    /// Scattered rays.
     pub scattered: u64,
-    /// Those of them that were followed: all of one tile in 16.
+    /// Rays with counted BVH steps: all rays of one tile in 16.
     pub followed: u64,
-    /// What it took to follow them through the trees.
+    /// BVH steps of those rays.
     pub steps: Steps,
 }
 
 impl Rays {
-    /// All of them.
+    /// Total.
     pub fn all(&self) -> u64 {
         self.camera + self.shadow + self.scattered
     }
 
-    /// Nodes and triangles that one of them meets on the average, by those that were followed.
+    /// Average nodes and triangles per ray, over the rays with counted steps.
     pub fn steps_each(&self) -> [f64; 2] {
         let Steps { nodes, packets } = self.steps;
         [nodes, LANES * packets].map(|n| n as f64 / self.followed.max(1) as f64)

@@ -1,4 +1,4 @@
-//! The ray by which a path leaves a vertex, and what it finds.
+//! Scattered rays of a path.
 
 use glam::Vec3;
 
@@ -11,46 +11,46 @@ use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::media::Media;
 use crate::render::transport::sky::cone::Towards;
 
-/// A scattered ray.
+/// A scattered ray and what it hit.
 pub(crate) struct Scattered {
     lobe: Lobe,
-    /// The ray, as it may meet the receiver.
+    /// The ray, as it may hit the receiver.
     ray: Ray,
     /// Density of its direction.
     pdf: f32,
-    /// What of the light that comes along it goes on along the path.
+    /// Weight of the light along it: BSDF over density, times transmittance.
     weight: Vec3,
-    /// The object that it meets, if that is not behind the light.
+    /// The object hit, if it is not behind a light.
     object: Option<Vertex>,
-    /// Where it lands on the receiver, if that was asked, before any object.
+    /// The receiver hit, if tested, before any object.
     landed: Option<Hit>,
-    /// What it is in where it ends.
+    /// Media at its end.
     media: Media,
-    /// Whether the object is in the place of the vertex.
+    /// True if the object coincides with the vertex.
     touches: bool,
 }
 
 impl Scattered {
-    /// Density of the direction for a lobe that shows the light sharply, else 0.
+    /// Density of the direction for a specular lobe, else 0.
     fn glossy_pdf(&self) -> f32 {
         if self.lobe == Lobe::Specular { self.pdf } else { 0.0 }
     }
 }
 
 impl Integrator<'_> {
-    /// Whether light samples bring a vertex all light of the place: then its rays look for surfaces only.
+    /// True if light samples find all environment light of a vertex, so that scattered rays only look for surfaces.
     fn is_matte(&self, at: &ShadingPoint) -> bool {
         at.surface.bsdf.is_matte() && self.scene.rules.near.is_none()
     }
 
-    /// Scatters a ray; none where the surface sends none, or where it could find nothing.
+    /// Scatters a ray; `None` where the surface scatters none, or where the ray could find nothing.
     pub(crate) fn scatter(&mut self, path: &Path, at: &ShadingPoint) -> Option<Scattered> {
         let (rules, surface) = (self.scene.rules, &at.surface);
         let (go_on, matte) = (at.bounce < rules.max_bounces, self.is_matte(at));
-        if matte && !self.objects && !(go_on && rules.visibility(Lobe::Diffuse).lands) {
+        if matte && !self.pass.objects && !(go_on && rules.visibility(Lobe::Diffuse).lands) {
             return None;
         }
-        let (lobe, direction, scatter) = surface.bsdf.sample(&self.points, at.pair + 1)?;
+        let (lobe, direction, scatter) = surface.bsdf.sample(&self.pass.points, at.pair + 1)?;
         let visibility = rules.visibility(lobe);
         let ray = surface.ray_to_receiver(direction);
         let mut to_objects = surface.ray_to_objects(direction);
@@ -60,7 +60,7 @@ impl Integrator<'_> {
                     && self.scene.objects.parts.len() > 1
                     && direction.dot(surface.normal) < 0.0 =>
             {
-                self.rays.scattered += 1;
+                self.tally.rays.scattered += 1;
                 self.scene.objects.touching(hit, surface, direction, at.key ^ 1).map(Vertex::Object)
             }
             _ => None,
@@ -71,7 +71,7 @@ impl Integrator<'_> {
             (object, to_objects.t_max) = self.before_the_light(object, ray, visibility.block);
         }
         let landed = if visibility.lands && (go_on || (!matte && visibility.block == Block::Solid)) {
-            self.rays.scattered += 1;
+            self.tally.rays.scattered += 1;
             let on_object = object.as_ref().and_then(Vertex::on_object);
             let reach = on_object.map_or(f32::INFINITY, |hit| self.scene.objects.reach(hit, direction));
             self.scene.receiver.bvh.closest(Ray { t_max: reach, ..ray }, |_| true)
@@ -85,7 +85,7 @@ impl Integrator<'_> {
         Some(Scattered { lobe, ray, pdf: scatter.pdf, weight, object, landed, media, touches })
     }
 
-    /// Adds the light of the place that a scattered ray finds; none where the path ends in it.
+    /// Adds the environment light along a scattered ray; `None` where the path ends in it.
     pub(crate) fn collect(
         &mut self,
         path: &mut Path,
@@ -97,10 +97,10 @@ impl Integrator<'_> {
         let carried = (path.state.throughput * weight, path.state.share);
         match self.scene.near() {
             Some(near) if landed.is_some() || object.is_none() => {
-                self.rays.scattered += 1;
+                self.tally.rays.scattered += 1;
                 let side = at.surface.bsdf.lit_side();
                 if let Some(arriving) = near.eval(ray, side, landed.as_ref(), scattered.glossy_pdf()) {
-                    let dimming = self.dimming(&near, &arriving, (self.points, at.pair + 1), at.key);
+                    let dimming = self.dimming(&near, &arriving, (self.pass.points, at.pair + 1), at.key);
                     let pdf = near_lights(at) as f32 * arriving.0.pdf;
                     let arrived = arriving.0.radiance * power_heuristic(scattered.pdf, pdf);
                     path.light += rules.clamped(bounce, carried.0 * dimming * arrived);
@@ -121,7 +121,7 @@ impl Integrator<'_> {
         Some(())
     }
 
-    /// Light of the sky that a scattered ray finds, weighed against light samples.
+    /// Light of the sky along a scattered ray, weighted against light samples.
     fn sky_found(&mut self, at: &ShadingPoint, scattered: &Scattered) -> Vec3 {
         let (sky, distributions) = (self.scene.sky, self.sky_distributions(at));
         let numbers = sky.numbers(distributions, self.several(at));
@@ -138,7 +138,7 @@ impl Integrator<'_> {
         if passes { found.radiance * power_heuristic(scattered.pdf, found.pdf) } else { Vec3::ZERO }
     }
 
-    /// Takes a path to what its scattered ray found; none where that is nothing, or where it ends by chance.
+    /// Advances a path to the hit of its scattered ray; `None` without a hit, or by Russian roulette.
     pub(crate) fn go_on(&mut self, path: &mut Path, towards: &Towards, scattered: Scattered) -> Option<()> {
         let Scattered { lobe, ray, pdf, weight, object, landed, media, touches } = scattered;
         path.vertex = landed.map(Vertex::Receiver).or(object)?;

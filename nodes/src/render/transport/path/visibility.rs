@@ -1,4 +1,4 @@
-//! How the receiver treats each sort of ray.
+//! How the receiver appears to each kind of ray.
 
 use glam::Vec3;
 use serde::Serialize;
@@ -6,29 +6,28 @@ use serde::Serialize;
 use crate::render::transport::bsdf::Lobe;
 use crate::render::transport::scene::block::Block;
 
-/// The receiver's part in light transport, decided.
+/// The role of the receiver in light transport.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Rules {
     /// How it blocks the environment.
     pub block: Block,
-    /// Scattered rays meet it as a lit surface.
+    /// True if diffuse rays hit it as a lit surface.
     pub bounce_solid: bool,
-    /// Reflections in objects pass it and show the environment.
+    /// True if reflections in objects pass it and show the environment.
     pub specular_env: bool,
-    /// Whether the camera sees it, and shadow rays of reflections meet it though reflections do not: the
-    /// printed indicator.
+    /// True if the visibility is the one printed in the paper: the camera does not see the receiver, and shadow
+    /// rays of reflections hit it though reflections do not.
     pub printed: bool,
-    /// The point of capture, in the frame of the scene, where the receiver is the light: see
-    /// [`super::near_field`].
+    /// The point of capture in the frame of the scene, under near light: see [`super::near_field`].
     pub near: Option<[f32; 3]>,
-    /// How many times light may be scattered after the first time.
+    /// Maximum number of scatterings after the first.
     pub max_bounces: u32,
-    /// Largest channel of one contribution after the first vertex of a path; infinite for no limit.
+    /// Maximum channel of a contribution after the first vertex of a path; `f32::MAX` for no limit.
     pub clamp: f32,
 }
 
 impl Rules {
-    /// A contribution of the vertex after `bounce` scatterings, scaled down to the limit where it is over.
+    /// A contribution of the vertex after `bounce` scatterings, scaled down to the limit.
     #[inline]
     pub fn clamped(&self, bounce: u32, light: Vec3) -> Vec3 {
         let largest = light.max_element();
@@ -36,28 +35,28 @@ impl Rules {
     }
 }
 
-/// How the receiver appears to rays that leave a surface by one lobe.
+/// How the receiver appears to rays that leave a surface by one class of lobes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Visibility {
-    /// How it blocks the environment from a scattered ray.
+    /// How it blocks the environment for a scattered ray.
     pub block: Block,
-    /// How it blocks the environment from a shadow ray: alike, or light would be lost (see the notes of
-    /// `docs/light-transport.md`), except as printed.
+    /// How it blocks the environment for a shadow ray: identical, or light would be lost (see
+    /// `docs/light-transport.md`), except in the printed visibility.
     pub shadow: Block,
-    /// Whether the scattered ray goes on from it.
+    /// True if a scattered ray continues from it.
     pub lands: bool,
 }
 
 impl Rules {
-    /// Whether no light of the sky passes the receiver to any lobe.
+    /// True if light of the sky never passes the receiver.
     #[inline]
     pub fn is_solid(&self) -> bool {
         self.near.is_some() || self.printed || (self.block == Block::Solid && !self.specular_env)
     }
 
-    /// The row of the table for rays of a lobe. Rows: diffuse rays of the receiver and of objects, and
-    /// specular rays of objects that see the environment or the receiver. The receiver has no specular
-    /// lobe, and the objects are solid to every ray.
+    /// The visibility of the receiver for a class of lobes: diffuse rays of receiver and objects, and specular rays
+    /// of objects, which see the environment or the receiver. The receiver has no specular lobe, and objects are
+    /// solid to every ray.
     #[inline]
     pub fn visibility(&self, lobe: Lobe) -> Visibility {
         let alike = |block, lands| Visibility { block, shadow: block, lands };
@@ -78,7 +77,7 @@ mod tests {
     use super::*;
     use crate::render::transport::scene::block::EVERYWHERE;
 
-    /// Every ray by every rule: what a scattered ray and a shadow ray find at the receiver.
+    /// Each ray under each rule: what a scattered ray and a shadow ray find at the receiver.
     #[test]
     fn each_ray_sees_the_receiver_by_its_rule() {
         let rules = |block, bounce_solid, specular_env, printed| Rules {

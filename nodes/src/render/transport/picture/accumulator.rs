@@ -1,4 +1,4 @@
-//! From sums over samples to the finished pictures of one camera.
+//! From sums over samples to the finished images of one camera.
 
 use super::film::CROSS;
 use super::film::FIRST_HIT;
@@ -10,25 +10,25 @@ use crate::math::color::luminance;
 use crate::render::transport::path::rays::Rays;
 use crate::types::{Camera, Cell, Data, Image, Linear};
 
-/// Which of the sums of a pixel are of squares.
+/// Indices of the sums that are squares.
 const SQUARES: [usize; 3] = [3, R0 + 3, R0 + 8];
 
-/// What came of an error that was asked for.
+/// Result of sampling to a target error.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct ReachedError {
-    /// The error asked for.
+    /// Target error.
     pub(crate) asked: f64,
-    /// The largest error of a tile that the first samples promised for as many as were taken.
+    /// Largest error of a tile, predicted from the first samples for the number taken.
     pub(crate) predicted: f64,
-    /// The largest error of a tile.
+    /// Largest error of a tile.
     pub(crate) worst: f64,
-    /// Blocks of pixels; those that took more samples than the first; those whose samples did not do.
+    /// Blocks of pixels: all, those that took more than the first samples, those above the target.
     pub(crate) blocks: [u64; 3],
-    /// Samples a pixel, on the average.
+    /// Average samples per pixel.
     pub(crate) samples: f64,
 }
 
-/// The finished pictures of one camera.
+/// The finished images of one camera.
 pub(crate) struct FinishedView {
     pub(crate) images: [Image<Linear>; 3],
     pub(crate) depth: Image<Data>,
@@ -38,46 +38,44 @@ pub(crate) struct FinishedView {
     pub(crate) row: Vec<Cell>,
     pub(crate) rays: Rays,
     pub(crate) broken: u64,
-    /// Of the samples that objects cover, the share that ended with most of their light to come.
+    /// Share of object samples whose path was cut with most of its light to come.
     pub(crate) cut: f64,
-    /// Variances that single precision does not hold.
+    /// Variances outside the range of single precision.
     pub(crate) beyond: u64,
-    /// Share of the chunks of pixels where the objects were shown not to matter, and of the light there that they may
-    /// change at most.
+    /// Share of the pixel chunks that were cropped, and the largest possible relative change of their light.
     pub(crate) cropped: (f64, f64),
     pub(crate) reached: Option<ReachedError>,
 }
 
 impl FinishedView {
-    /// Whether a pixel shows anything of the objects.
+    /// True if a pixel shows any object.
     pub(crate) fn shows_objects_at(&self, (x, y): (u32, u32)) -> bool {
         self.images[2].pixel(x as usize, y as usize)[3] > 0.0
     }
 
-    /// Whether any pixel does.
+    /// True if any pixel shows an object.
     pub(crate) fn shows_objects(&self) -> bool {
         let object = &self.images[2];
         object.samples.chunks_exact(object.channels).any(|pixel| pixel[3] > 0.0)
     }
 }
 
-/// The chunks of a camera, added in their order as they come, so that memory does not grow with them.
+/// The chunks of a camera, added in order as they come, so that memory does not grow with their number.
 pub(crate) struct Accumulator {
     pub(crate) whole: Area,
-    /// `R0 + PAIR` sums a pixel, where the parts have roots the squares.
+    /// `R0 + PAIR` sums per pixel; squares where the parts store roots.
     sums: Vec<f64>,
-    /// Samples of each pixel.
+    /// Samples per pixel.
     samples: Vec<u32>,
-    /// For the luminances y0 of R0, y1 of R1 and y of O, sums over a chunk: y1 y1, y1 y0, y0 y0 and y y of each
-    /// pixel, divided by the chunk's number of samples and added over chunks.
+    /// For the luminances y0 of R0, y1 of R1 and y of O, sums over a chunk: y1 y1, y1 y0, y0 y0 and y y per pixel,
+    /// divided by the chunk's number of samples and added over chunks.
     cross: Vec<[f64; CROSS]>,
     rays: Rays,
     broken: u64,
     cut: u64,
-    /// Pixels, each as often as chunks of samples were added to it: all, those that no object touched, and those of
-    /// them that were not asked.
+    /// Pixel chunks: all, those that no object changed, and those of them that were cropped.
     pixels: [u64; 3],
-    /// The largest share of the light of the last that the objects may change.
+    /// Largest possible relative change of light in cropped chunks.
     bound: f32,
 }
 
@@ -130,7 +128,7 @@ impl Accumulator {
         (&self.sums[index * (R0 + PAIR)..(index + 1) * (R0 + PAIR)], f64::from(self.samples[index]))
     }
 
-    /// Share of a pixel that the objects cover.
+    /// Share of a pixel that objects cover.
     pub(crate) fn alpha(&self, index: usize) -> f64 {
         let (sums, n) = self.pixel(index);
         sums[R0 + 7] / n
@@ -142,12 +140,12 @@ impl Accumulator {
         [0, R0, R0 + 4].map(|first| f64::from(luminance([0, 1, 2].map(|k| (sums[first + k] / n) as f32))))
     }
 
-    /// Median luminance of R0 where it is lit, as `shadow-ratio` takes it: a mean would be that of a sun in the picture.
+    /// Median luminance of R0 where it is lit, as in `shadow-ratio`: a mean would be that of a visible sun.
     pub(crate) fn mean_luminance(&self) -> f64 {
         level((0..self.samples.len()).map(|index| self.luminances(index)[0]))
     }
 
-    /// Mean luminance of the objects over what they cover.
+    /// Mean luminance of the objects over the pixels that they cover.
     pub(crate) fn object_luminance(&self) -> f64 {
         let (mut light, mut cover) = (0.0, 0.0);
         for index in 0..self.samples.len() {
@@ -158,19 +156,19 @@ impl Accumulator {
         if cover > 0.0 { light / cover } else { 0.0 }
     }
 
-    /// Variances of the luminance of R0, of the change C = R1 - R0, of O, and of the ratio S = R1 / R0 of a
-    /// pixel, each of the mean over its samples as if they were independent; 0 for a single one. Stratified points do
-    /// better, so these are upper estimates. C is estimated beside R0, so S = 1 + C / R0 varies by
+    /// Variances of the mean over samples of the luminance of R0, of the change C = R1 - R0, of O, and of the ratio
+    /// S = R1 / R0 of a pixel, as if samples were independent; 0 for a single sample. Stratified points do better,
+    /// so these are upper estimates. C is estimated separately from R0, so S = 1 + C / R0 has
     ///
     /// `Var(S) = (Var(C) + (S - 1)^2 Var(R0)) / R0^2 - 2 (S - 1) Cov(C, R0) / R0^2`.
     ///
-    /// The last term is left out. Where C and R0 share light samples what is taken grows with what there was,
-    /// so the term is negative and the estimate an upper one; elsewhere they share the place in the pixel alone.
+    /// The last term is omitted. Where C and R0 share light samples, the light taken grows with the light there, so
+    /// the term is negative and the estimate an upper one; elsewhere they share only the position in the pixel.
     pub(crate) fn variances(&self, index: usize) -> Variances {
         let (sums, n) = self.pixel(index);
         let mean = |k: usize| f64::from(luminance([0, 1, 2].map(|c| (sums[k + c] / n) as f32)));
         let of_mean = |square: f64, mean: f64| {
-            // One sample tells nothing, not even by what rounding leaves.
+            // One sample gives no variance, not even from rounding.
             if n > 1.0 { ((square / n - mean * mean) / (n - 1.0)).max(0.0) } else { 0.0 }
         };
         let [y0, y1, y] = [0, R0, R0 + 4].map(mean);
@@ -183,9 +181,9 @@ impl Accumulator {
         Variances { without, change, object: of_mean(sums[R0 + 8], y), ratio }
     }
 
-    /// Variances of the ratio and of the luminance of O from how far some chunks lie apart: over chunks of n samples
-    /// with sums y1 and y0, `sum((y1 - S y0)^2 / n)` for each degree of freedom, over the square of all y0. It sees
-    /// how evenly samples are spread, but with few chunks only the mean over many pixels is worth something.
+    /// Variances of the ratio and of the luminance of O from the spread between chunks: over chunks of n samples
+    /// with sums y1 and y0, `sum((y1 - S y0)^2 / n)` per degree of freedom, over the square of the total y0. They
+    /// include the benefit of stratification, but with few chunks only the mean over many pixels is useful.
     pub(crate) fn variances_between_chunks(&self, index: usize, chunks: usize) -> [f64; 2] {
         let (sums, n) = self.pixel(index);
         let of = |k: usize| f64::from(luminance([0, 1, 2].map(|c| sums[k + c] as f32)));
@@ -205,7 +203,7 @@ pub(crate) struct Variances {
     pub(crate) ratio: f64,
 }
 
-/// The pictures of a camera from the sums of all its samples, where each stands for a block of pixels.
+/// The images of a camera from the sums of all samples, where each pixel may stand for a block of pixels.
 pub(crate) fn finish(
     camera: &Camera,
     coarse_px: u32,
@@ -231,7 +229,7 @@ pub(crate) fn finish(
             *mean += f64::from(luminance([pixel[0], pixel[1], pixel[2]]));
         }
         let spread = accumulator.variances(index);
-        // R1 is R0 and a change, whose errors may go the same way.
+        // R1 is R0 plus a change, whose errors may be correlated.
         let with = spread.without.sqrt() + spread.change.sqrt();
         let spreads = [spread.without, with * with, spread.object];
         for (sum, v) in errors.iter_mut().zip(spreads) {

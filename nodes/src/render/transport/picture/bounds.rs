@@ -1,9 +1,9 @@
-//! What bounds of light share.
+//! Shared parts of the bounds of light.
 
-/// Boxes of the receiver that are looked into to find what of it a tile sees.
+/// Maximum number of BVH nodes opened to find the visible part of the receiver.
 pub(crate) const LOOKS: u32 = 256;
 
-/// The greater of two radiances, for each channel.
+/// The maximum of two radiances, per channel.
 pub(crate) fn greatest_of(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [0, 1, 2].map(|k| a[k].max(b[k]))
 }

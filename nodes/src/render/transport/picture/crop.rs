@@ -1,19 +1,19 @@
-//! Where the objects do not matter: a bound of what they can change of the light of a tile of pixels.
+//! Cropping: an upper bound of what objects can change of the light of a tile of pixels.
 //!
-//! Objects change what comes from the directions in which they are seen: there they hide what is behind them and send
-//! light of their own. All these directions lie in a [`Window`], so with `P` its projected solid angle, `T` the light
-//! of the sky in it times the cosine, `L` the greatest radiance of any surface, and `Q` the projected solid angle of
-//! all of the receiver that the tile's points see, their irradiance changes by no more than
+//! Objects change the light from the directions in which they are seen: they block the light behind them and add
+//! their own. All these directions lie in a [`Window`]. With `P` its projected solid angle, `T` the light of the
+//! sky in it times the cosine, `L` the maximum radiance of any surface, and `Q` the projected solid angle of the
+//! receiver as seen from the tile, the irradiance changes by at most
 //!
 //! `max(T + P L, P L) + Q L`
 //!
-//! where the terms of surfaces seen or changed count if scattered rays meet the receiver and `Q` is not 0. With nothing
-//! that shines `L` is at most the greatest radiance of the sky, since no material gives more light than it gets. Where
-//! all surfaces are matte it is also at most what the greatest irradiance `E` makes of the largest albedo `a`,
-//! `E / pi (a + a^2 + ..)` ([`crate::render::transport::sky::irradiance_bound`]).
+//! where the terms of the receiver apply if scattered rays hit it and `Q` is not 0. Without emitters `L` is at most
+//! the maximum radiance of the sky, since no material amplifies light. If all surfaces are matte it is also at most
+//! what the maximum irradiance `E` gives for the largest albedo `a`, `E / pi (a + a^2 + ..)`
+//! ([`crate::render::transport::sky::irradiance_bound`]).
 //!
-//! It is compared with the light that the pixels were traced to have without objects, by which the ratio is divided, so
-//! that nothing of it is guessed.
+//! The bound is compared with the traced light of the pixels without objects, by which the ratio is divided, so
+//! nothing is estimated.
 use std::f64::consts::PI;
 use std::sync::OnceLock;
 
@@ -28,36 +28,36 @@ use crate::render::transport::path::integrator::Scene;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::cone::Cone;
 
-/// What is left out where it is shown to change little, and what shows it.
+/// The cropping rule of a scene.
 #[derive(Debug)]
 pub struct Crop {
-    /// The largest change that is left out, as a share of the light.
+    /// Largest relative change of light that is cropped.
     limit: f64,
-    /// Greatest radiance of any surface.
+    /// Maximum radiance of any surface.
     surfaces: [f64; 3],
-    /// Whether scattered rays meet the receiver.
+    /// True if scattered rays hit the receiver.
     lands: bool,
     objects: [Vec3; 2],
-    /// Where the receiver is the light: what is told of that when it is first asked for.
+    /// Bounds under near light, computed on first use.
     near: Option<NearCrop>,
 }
 
-/// What is known where the receiver is the light.
+/// The cropping rule under near light.
 #[derive(Debug)]
 struct NearCrop {
     eye: Vec3,
     albedo: Option<[f64; 3]>,
-    /// Whether objects lie apart from all of the receiver.
+    /// True if all objects are apart from the receiver.
     apart: bool,
     bounds: OnceLock<NearBounds>,
 }
 
 impl Crop {
-    /// For a scene; `Err` tells why nothing can be shown.
+    /// The rule for a scene; `Err` states why there is no bound.
     pub fn new(scene: &Scene<'_>, limit: f64) -> Result<Self, &'static str> {
-        let objects = scene.objects.bvh.bounds().ok_or("there is no object")?;
+        let objects = scene.objects.bvh.bounds().ok_or("there are no objects")?;
         if !scene.objects.emitters.is_empty() {
-            return Err("objects shine");
+            return Err("an object emits light");
         }
         if let Some(eye) = scene.rules.near {
             let albedo = matte_albedo(scene).map(|albedo| albedo.max(scene.receiver.albedo()));
@@ -89,18 +89,18 @@ impl Crop {
         Ok(Self { limit, surfaces, lands, objects: objects.into(), near: None })
     }
 
-    /// The largest share that the objects can change of the light of any pixel of a place whose points may be lifted so
-    /// far; none if it may be above the limit.
+    /// The largest relative change of light of any pixel of a tile, whose points may be lifted by `lifted`; `None`
+    /// if it may exceed the limit.
     pub fn bound(&self, scene: &Scene<'_>, tile: &TileBounds, lifted: f32) -> Option<f64> {
         if tile.is_empty() {
             return Some(0.0);
         }
-        // Light that is lost or won for an albedo of 1, from irradiance.
+        // Light lost or gained at an albedo of 1, from irradiance.
         let share = |changed: [f64; 3]| {
             let least = tile.least.to_array().map(f64::from);
             (0..3).filter(|&k| changed[k] > 0.0).map(|k| changed[k] / (PI * least[k])).fold(0.0, f64::max)
         };
-        // Points below what lies on them, so that it stands above.
+        // The points are lowered below objects that lie on them.
         let tile = tile.grown(lifted);
         let tile = tile.grown(scene.objects.touching.depth(tile.low, tile.high));
         let window = Window::of(&tile, &corners(self.objects))?;
@@ -125,7 +125,7 @@ impl Crop {
         (bound <= self.limit).then_some(bound)
     }
 
-    /// The same where the receiver is the light.
+    /// The same under near light.
     fn near_bound(
         &self,
         scene: &Scene<'_>,
@@ -152,8 +152,8 @@ impl Crop {
         (bound <= self.limit).then_some(bound)
     }
 
-    /// A bound of the projected solid angle of the receiver from the points of a place; none where it is too large for the
-    /// limit or takes too long to tell.
+    /// An upper bound of the projected solid angle of the receiver as seen from a tile; `None` if it exceeds the
+    /// limit or takes too long to find.
     fn receiver_solid_angle(
         &self,
         receiver: &Receiver,
@@ -164,7 +164,7 @@ impl Crop {
         let too_much = |solid: f64| share(self.surfaces.map(|radiance| radiance * solid)) > self.limit;
         receiver.bvh.visit(|corners| {
             let solid = Window::of(tile, corners).map_or(PI, |window| window.projected());
-            // What is small is not looked into.
+            // Small nodes are not opened.
             if corners.len() == 8 && left > 0 && too_much(solid * 16.0) {
                 left -= 1;
                 return !fails;
@@ -176,8 +176,8 @@ impl Crop {
         (!fails).then_some(sum)
     }
 
-    /// Light of the sky that the objects may hide, times the cosine: that of all texels which reach into the window, or of
-    /// the brightest of them all over it, whichever is less.
+    /// Light of the sky that objects may block, times the cosine: the sum over all texels that overlap the window,
+    /// or the brightest of them over the whole window, whichever is less.
     fn hidden_light(&self, scene: &Scene<'_>, tile: &TileBounds, window: &Window, solid: f64) -> [f64; 3] {
         let cone = Cone::between([tile.low, tile.high], self.objects);
         let (mut sum, mut brightest) = ([0.0; 3], [0.0_f64; 3]);
@@ -194,7 +194,7 @@ impl Crop {
     }
 }
 
-/// Whether the points of a place may see any of the receiver.
+/// True if any point of a tile may see the receiver.
 fn sees(receiver: &Receiver, tile: &TileBounds) -> bool {
     let (mut found, mut left) = (false, LOOKS);
     receiver.bvh.visit(|corners| {
@@ -207,7 +207,7 @@ fn sees(receiver: &Receiver, tile: &TileBounds) -> bool {
     found
 }
 
-/// The largest albedo of the objects, for each channel, if all of their surfaces are matte.
+/// The largest albedo of the objects per channel, if all of their surfaces are matte.
 fn matte_albedo(scene: &Scene<'_>) -> Option<Vec3> {
     let primitives = scene.objects.placed().iter().flat_map(|placed| {
         let object = &placed.object;
@@ -219,7 +219,7 @@ fn matte_albedo(scene: &Scene<'_>) -> Option<Vec3> {
                 && material.sheen.colour.factor == [0.0; 3]
                 && material.diffuse_transmission.strength.factor == 0.0;
             let [r, g, b, _] = material.base_colour;
-            // Textures are at most 1, vertex colours may be more.
+            // Textures are at most 1, vertex colours may exceed it.
             plain.then(|| if part.colours.is_empty() { Vec3::new(r, g, b).min(Vec3::ONE) } else { Vec3::ONE })
         })
         .try_fold(Vec3::ZERO, |most, albedo| Some(most.max(albedo?)))

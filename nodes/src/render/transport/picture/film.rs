@@ -1,4 +1,4 @@
-//! Sums over samples: what a part of the work leaves behind.
+//! Sums over samples: the stored result of a part.
 
 use engine::{Artifact, Context, Corrupt, Decoder, Difference, Encoder, NodeError};
 
@@ -9,9 +9,9 @@ use crate::geometry::bvh::Steps;
 use crate::render::transport::path::rays::{LANES, Rays};
 use crate::types::{Camera, grouped};
 
-/// Side of the square tiles that are traced at once, in pixels.
+/// Side of the square tiles traced at once, in pixels.
 pub const TILE: u32 = 8;
-/// A rectangle of pixels that begins where a tile of the picture does.
+/// A rectangle of pixels whose corner is on the tile grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Area {
     /// First column.
@@ -24,43 +24,43 @@ pub struct Area {
     pub height: u32,
 }
 
-/// Sums a pixel of the part `r0`: RGB, and the root of that of squared luminance, since squares leave the range of
-/// single precision where light does not.
+/// Sums per pixel of the part `r0`: RGB, and the root of the sum of squared luminance, since squares can exceed the
+/// range of single precision where light does not.
 pub(crate) const R0: usize = 4;
-/// Sums a pixel of the part `pair`: RGB of R1 and the root of that of the squared luminance of R1 - R0; RGB, alpha and
-/// the root of that of the squared luminance of O.
+/// Sums per pixel of the part `pair`: RGB of R1 and the root of the sum of squared luminance of R1 - R0; RGB, alpha
+/// and the root of the sum of squared luminance of O.
 pub(crate) const PAIR: usize = 9;
-/// Values a pixel of the part `front`: depth, that of the nearest object, normal.
+/// Values per pixel of the part `front`: depth, depth of the nearest object, normal.
 pub(crate) const FIRST_HIT: usize = 5;
 
-/// Bytes that parts store of a pixel and chunk: 53.
+/// Stored bytes per pixel and chunk: 53.
 const _: () = assert!((R0 + PAIR) * 4 + (TileBounds::VALUES * 4).div_ceil((TILE * TILE) as usize) <= 64);
 
-/// Sums a pixel over chunks, for how far these lie apart.
+/// Sums per pixel for the variance between chunks.
 pub(crate) const CROSS: usize = 4;
 
 impl Area {
-    /// The whole picture of a camera.
+    /// The whole image of a camera.
     pub fn whole(camera: &Camera) -> Self {
         Self { left: 0, top: 0, width: camera.width_px, height: camera.height_px }
     }
 
-    /// With a block of so many by so many pixels for each of its pixels.
+    /// The area in blocks of `side` by `side` pixels.
     pub fn in_blocks(self, side: u32) -> Self {
         Self { width: self.width.div_ceil(side), height: self.height.div_ceil(side), ..self }
     }
 
-    /// How many pixels it has.
+    /// Number of pixels.
     pub fn pixels(&self) -> usize {
         self.width as usize * self.height as usize
     }
 
-    /// The place of a pixel of the picture in it, row by row.
+    /// Index of a pixel of the image in the area, row by row.
     pub fn index(&self, (x, y): (u32, u32)) -> usize {
         (y - self.top) as usize * self.width as usize + (x - self.left) as usize
     }
 
-    /// The pieces of a square grid that make it up, row by row; those at the end may be smaller.
+    /// The pieces of a square grid, row by row; those at the end may be smaller.
     pub fn pieces(&self, side: u32) -> Vec<Self> {
         let steps = |length: u32| (0..length).step_by(side as usize);
         let piece = |x: u32, y: u32| Self {
@@ -72,41 +72,41 @@ impl Area {
         steps(self.height).flat_map(|y| steps(self.width).map(move |x| piece(x, y))).collect()
     }
 
-    /// Whether the rays of it as a tile are followed: one tile in 16, in each row and in each column.
+    /// True if BVH steps are counted for this tile: one tile in 16, in each row and column.
     fn is_followed(&self) -> bool {
         (self.left / TILE + 5 * (self.top / TILE)).is_multiple_of(16)
     }
 
-    /// Its pixels in the picture, row by row.
+    /// Its pixels in the image, row by row.
     pub fn each(&self) -> impl Iterator<Item = (u32, u32)> + use<> {
         let Self { left, top, width, height } = *self;
         (top..top + height).flat_map(move |y| (left..left + width).map(move |x| (x, y)))
     }
 }
 
-/// For each pixel the sums of some channels over a range of samples. Sums are taken in f64 and kept in
-/// f32; chunks are added in f64 in their order.
+/// Sums of some channels per pixel over a range of samples. Sums are taken in f64 and stored in f32; chunks are
+/// added in f64 in order.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Sums {
-    /// Sums a pixel.
+    /// Sums per pixel.
     pub channels: u32,
-    /// `channels` sums a pixel, row by row.
+    /// `channels` sums per pixel, row by row.
     pub sums: Vec<f32>,
-    /// Rays that it took.
+    /// Rays cast.
     pub rays: Rays,
-    /// Samples that were not finite and were left out.
+    /// Samples that were not finite and were ignored.
     pub broken: u64,
-    /// Samples of objects that ended with most of their light to come.
+    /// Object samples whose path was cut with most of its light to come.
     pub cut: u64,
-    /// Pixels whose sums are those of the objects' absence, bit for bit.
+    /// Pixels whose sums equal those without objects, bit for bit.
     pub untouched: u64,
-    /// Those of them that were not asked, and the largest share of their light that the objects may change.
+    /// Pixels of these that were cropped, and the largest possible relative change of their light.
     pub cropped: (u64, f32),
-    /// Of each tile of [`Area::pieces`] where its points are, if its sums tell.
+    /// Bounds of each tile of [`Area::pieces`], if computed.
     pub tile_bounds: Vec<TileBounds>,
 }
 
-/// What a tile gives.
+/// The result of a tile.
 #[derive(Debug, Clone, Default)]
 pub struct TileSums {
     /// Sums of the tile's pixels, in order.
@@ -119,27 +119,27 @@ pub struct TileSums {
     pub cut: u64,
     /// As in [`Sums`].
     pub untouched: u64,
-    /// The share of its light that the objects may change at most, where that is so little that they were not asked.
+    /// The largest possible relative change of light, if the tile was cropped.
     pub cropped: Option<f64>,
-    /// Where its points are.
+    /// Bounds of its points.
     pub bounds: Option<TileBounds>,
 }
 
 impl TileSums {
-    /// What `trace` gives, its rays followed.
+    /// The result of `trace`, with BVH steps counted.
     fn followed(trace: impl FnOnce() -> Self) -> Self {
         let (mut done, steps) = Steps::of(trace);
         (done.rays.followed, done.rays.steps) = (done.rays.all(), steps);
         done
     }
 
-    /// With room for so many sums.
+    /// An empty result with capacity for `sums` values.
     pub fn with_room(sums: usize) -> Self {
         Self { sums: Vec::with_capacity(sums), ..Self::default() }
     }
 
-    /// Appends the sums of a pixel, those beyond single precision as its largest number. What is infinite, as depth
-    /// beyond all surfaces, stays so.
+    /// Appends the sums of a pixel, clamped to the range of single precision. Infinities, such as depth beyond all
+    /// surfaces, are kept.
     pub fn push(&mut self, sums: &[f64]) {
         let single = |v: f64| if v.is_finite() { (v as f32).clamp(-f32::MAX, f32::MAX) } else { v as f32 };
         self.sums.extend(sums.iter().map(|&v| single(v)));
@@ -147,8 +147,8 @@ impl TileSums {
 }
 
 impl Sums {
-    /// Runs `tile` for every tile of an area, given its number and its pixels, and puts the tiles together. Counts rays, and
-    /// for one tile in 16 the steps of their walks.
+    /// Runs `tile` for every tile of an area, with its number and pixels, and assembles the results. Counts rays,
+    /// and BVH steps for one tile in 16.
     pub fn trace(
         cx: &Context,
         area: Area,
@@ -249,8 +249,8 @@ impl Artifact for Sums {
 /// Samples of the first chunk.
 pub const FIRST: u32 = 4;
 
-/// The ranges of samples that parts are made of: they begin at 0, 4, 16, 64 and every further 64, whatever
-/// the number of samples is, so that more samples only add parts.
+/// The ranges of samples that parts consist of: they begin at 0, 4, 16, 64 and every further 64, independent of the
+/// number of samples, so more samples only add parts.
 pub fn chunks(samples: u32) -> Vec<(u32, u32)> {
     let mut out = Vec::new();
     let mut start = 0;

@@ -1,4 +1,4 @@
-//! Depth and normal of what is in front, at the centre of a pixel and anywhere in it.
+//! Depth and normal of the front surface at the centre of a pixel, and depth of the nearest object anywhere in it.
 
 use glam::Vec3;
 
@@ -10,11 +10,11 @@ use crate::geometry::bvh::{Hit, Ray};
 use crate::render::transport::path::integrator::Scene;
 use crate::render::transport::scene::media::Media;
 
-/// The most places of a pixel in which objects are looked for.
+/// Maximum number of positions in a pixel at which objects are searched.
 pub(crate) const PLACES: u32 = 16;
 
-/// Depth of what is in front at the centres of some pixels, of the nearest object in so many `places` of them, those of their
-/// first samples, and normal.
+/// Depth of the front surface at pixel centres, depth of the nearest object at `places` positions (those of the
+/// first samples), and normal.
 pub(crate) fn trace_first_hit(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,
@@ -26,11 +26,11 @@ pub(crate) fn trace_first_hit(
     for &block in pixels {
         let (x, y) = camera_rays.pixel(block);
         let ray = camera_rays.through(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        // Whether any of its rays may meet an object.
+        // Whether any of its rays may hit an object.
         let near = camera_rays.may_show(scene.objects, block);
         tile.rays.camera += 1 + u64::from(near);
         let landed = scene.camera_hit(ray);
-        // Of what is blended, that of which more is seen than of what is behind.
+        // Of blended surfaces, the one that covers more than half.
         let front = || scene.objects.bvh.closest(ray, |hit| scene.objects.coverage(hit, true) > 0.5);
         let object = if near { front() } else { None };
         let object = object.filter(|hit| is_before(&scene, camera_rays, ray, hit, landed));
@@ -62,7 +62,7 @@ pub(crate) fn trace_first_hit(
     tile
 }
 
-/// Whether an object is met before the receiver.
+/// True if an object is in front of the receiver.
 pub(crate) fn is_before(
     scene: &Scene<'_>,
     camera_rays: &CameraRays<'_>,

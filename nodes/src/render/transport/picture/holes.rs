@@ -1,12 +1,12 @@
-//! Holes of the receiver: parts of a picture that meet none of it, where no shadow is carried.
+//! Holes of the receiver: regions of the image without receiver, where no shadow can fall.
 
 use crate::types::{Data, Image};
 
-/// Pixels of a picture of depths, +inf where nothing is met, in pieces of such pixels that do not reach the picture's edge: what
-/// is met surrounds them. The sky over a place is no hole, but a window that is seen whole is one.
+/// Number of pixels of a depth image (+inf for misses) in regions of misses that do not touch the border. The sky
+/// above a place is not a hole, but a window seen whole is one.
 pub(crate) fn holes(depth: &Image<Data>) -> u64 {
     let Image { width, height, .. } = *depth;
-    // Pixels not yet seen that meet nothing.
+    // Missing pixels not yet visited.
     let mut open: Vec<bool> = depth.samples.iter().map(|depth| !depth.is_finite()).collect();
     let (mut found, mut waiting) = (0, Vec::new());
     for first in 0..width * height {
@@ -38,9 +38,8 @@ pub(crate) fn holes(depth: &Image<Data>) -> u64 {
 mod tests {
     use super::*;
 
-    /// Under a sky, a floor with a hole of 3 by 2 pixels and one of 20 by 20, at any size of the picture, and one that is
-    /// cut by the edge.
-    /// Mutation: `at_edge` never set; steps up left out.
+    /// Under a sky, a floor with a hole of 3 by 2 pixels and one of 20 by 20, at any size of the image, and one
+    /// that is cut by the border. Mutation: `at_edge` never set; steps up left out.
     #[test]
     fn what_is_surrounded_is_a_hole_and_the_sky_is_not() {
         for scale in [1, 2, 5] {
@@ -60,7 +59,7 @@ mod tests {
         assert_eq!(holes(&Image::from_samples(40, 1, 1, vec![f32::INFINITY; 40])), 0);
     }
 
-    /// A hole that winds back up is one piece.
+    /// A hole that winds back up is one region.
     #[test]
     fn a_winding_hole_is_whole() {
         let picture = ["#######", "#.###.#", "#.###.#", "#.....#", "#######"].concat();

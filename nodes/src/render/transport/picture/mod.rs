@@ -1,4 +1,4 @@
-//! Pictures: samples of pixels in tiles and chunks, what may be left out, and what is stored.
+//! Images: samples of pixels in tiles and chunks, cropping, sample plans, and stored parts.
 
 pub(crate) mod accumulator;
 pub(crate) mod bounds;

@@ -1,16 +1,17 @@
-//! What objects can change where the receiver is the light: see [`super::crop`].
+//! Bounds of the change by objects under near light: see [`super::crop`].
 //!
-//! A place of the receiver that the point of capture sees has the radiance that the panorama shows in its direction, at
-//! most `B`; objects dim what it throws back by the chance that the piece of its light that is asked for lies behind them, and add to it
-//! what they scatter. What is not seen scatters as any matte surface. So with `a` the largest albedo and `E` the greatest irradiance of the sky, no surface has more than
+//! A point of the receiver that the point of capture sees has the radiance that the panorama shows in its
+//! direction, at most `B`; objects attenuate it with the probability that the tested piece of its light lies behind
+//! them, and add the light that they scatter to it. Points not seen scatter as any matte surface. With `a` the
+//! largest albedo and `E` the maximum irradiance of the sky, no surface exceeds
 //!
 //! `L = B + a (E / pi + B) + a^2 (E / pi + B) + ..`
 //!
-//! Where the objects lie apart from the receiver, all of its points see them in one cone, and each in a part of it of projected
-//! solid angle `P` at most, with light of the sky `T` at most behind, and the piece asked for lies in that part with a chance
-//! of no more than `d` (between two places of the receiver there is none of them). Then the radiance
-//! of any place changes by at most `D = max(B d, a ((T + P L) / pi + D'))`, where `D'` is that of one bounce less, and
-//! the irradiance of a pixel by its own `T + P L`, and `pi D` for all of the receiver that it may see.
+//! Where the objects are apart from the receiver, all of its points see them in one cone, each within a projected
+//! solid angle of at most `P`, with light of the sky of at most `T` behind, and the tested piece lies in that part
+//! with a probability of at most `d` (there are none between two points of the receiver). Then the radiance of any
+//! point changes by at most `D = max(B d, a ((T + P L) / pi + D'))`, where `D'` is that of one bounce less, and the
+//! irradiance of a pixel by its own `T + P L`, plus `pi D` for all of the receiver that it may see.
 
 use std::f64::consts::PI;
 
@@ -22,22 +23,22 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::cone::Cone;
 use crate::render::transport::sky::environment::EnvironmentLight;
 
-/// Cones narrower than this are looked at as they are.
+/// Cones narrower than this are not subdivided.
 const NARROW: f32 = 0.9;
-/// So many times the whole sky may be looked at to find what of it shows the receiver.
+/// Maximum number of passes over the whole sky to find where it shows the receiver.
 const PASSES: f64 = 8.0;
 
-/// Bounds of what surfaces send, for each channel.
+/// Bounds of radiance, per channel.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct NearBounds {
-    /// Radiance of any surface, with the objects or without.
+    /// Radiance of any surface, with or without the objects.
     pub(crate) surfaces: [f64; 3],
-    /// How much that of any place of the receiver changes; none where objects may stand anywhere around it.
+    /// Largest change of the radiance of any receiver point; `None` where objects may be anywhere around it.
     pub(crate) change: Option<[f64; 3]>,
 }
 
 impl NearBounds {
-    /// For a scene of which the largest albedo is known if all is matte.
+    /// The bounds for a scene; `albedo` is the largest albedo if all surfaces are matte.
     pub(crate) fn new(scene: &Scene<'_>, albedo: Option<[f64; 3]>, eye: Vec3) -> Self {
         let (brightest, irradiance) = scene.sky.bounds();
         let shown = shown_on(scene.receiver, scene.sky, eye, brightest);
@@ -49,7 +50,7 @@ impl NearBounds {
             albedo.map_or(f64::INFINITY, of).min(brightest[k])
         });
         let change = apart(scene).and_then(|Apart { cone, square }| {
-            // Of a ball seen at that angle, and of what is seen of it facing it.
+            // Solid angle of a ball seen at that angle, and its projected solid angle seen frontally.
             let solid = [2.0 * PI * square / (1.0 + (1.0 - square).sqrt()), PI * square];
             let chance = scene.light_points?.most_chosen(&cone, solid[0]);
             let (mut sum, mut most) = ([0.0; 3], [0.0; 3]);
@@ -69,15 +70,15 @@ impl NearBounds {
     }
 }
 
-/// How the receiver sees objects that lie apart from it.
+/// How the receiver sees objects that are apart from it.
 pub(crate) struct Apart {
-    /// Holds the directions to the objects of all of its points.
+    /// A cone that contains the directions to the objects from all of its points.
     cone: Cone,
-    /// Squared sine of the angle at which the nearest of its points sees their radius.
+    /// Squared sine of the angle at which its nearest point sees their bounding radius.
     square: f64,
 }
 
-/// How every point of the receiver sees the objects, if they lie apart.
+/// How all points of the receiver see the objects, if they are apart.
 pub(crate) fn apart(scene: &Scene<'_>) -> Option<Apart> {
     let ((low, high), objects) = (scene.receiver.bvh.bounds()?, scene.objects.bvh.bounds()?);
     let margin = Vec3::splat(scene.receiver.margin_within(low, high));
@@ -89,7 +90,7 @@ pub(crate) fn apart(scene: &Scene<'_>) -> Option<Apart> {
     (cone.cosine > 0.0 && square < 1.0).then_some(Apart { cone, square })
 }
 
-/// The greatest radiance of the directions in which the receiver may be seen from a point, or of any.
+/// The maximum radiance of the directions in which the receiver may be seen from a point, or of all directions.
 fn shown_on(receiver: &Receiver, sky: &EnvironmentLight, eye: Vec3, brightest: [f64; 3]) -> [f64; 3] {
     let (mut most, mut left, mut passes) = ([0.0; 3], LOOKS, 0.0);
     receiver.bvh.visit(|corners| {

@@ -1,4 +1,5 @@
-//! What a part traces for each of its pixels: the receiver alone, then what the objects change and show.
+//! The work of a part per pixel: first the receiver alone, then the change by the objects and the objects
+//! themselves.
 
 use glam::Vec3;
 
@@ -11,13 +12,13 @@ use super::tile::{Sample, Tile, TileSampling};
 use super::tile_bounds::TileBounds;
 use crate::geometry::bvh::{Hit, Ray};
 use crate::math::color::luminance;
-use crate::render::transport::path::change::{ChangeSampling, asks, rays_towards};
-use crate::render::transport::path::integrator::{Integrator, Scene};
+use crate::render::transport::path::change::{ChangeSampling, estimates_change, rays_towards};
+use crate::render::transport::path::integrator::{Integrator, Pass, Scene};
 use crate::render::transport::path::path::{Vertex, first_pair};
 use crate::render::transport::path::rays::Rays;
 use crate::render::transport::sky::light_draws::LightDraws;
 
-/// The number by which a ray of the camera is stopped by what is blended.
+/// Dimension of the random number that decides coverage of blended surfaces for camera rays.
 const BLENDED: u32 = 5 << 17;
 
 /// Adds a sample, unless it is not finite.
@@ -38,7 +39,7 @@ fn squared_luminance(light: Vec3) -> f64 {
     y * y
 }
 
-/// The receiver without the objects over some pixels.
+/// The receiver without the objects, over some pixels.
 pub(crate) fn trace_r0(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,
@@ -50,7 +51,7 @@ pub(crate) fn trace_r0(
     let distributions = tile.distributions();
     let distributions = distributions.as_ref().map(|distributions| distributions.each_ref());
     let each = (range.1 - range.0) as usize;
-    // Where the receiver is the light, that is found by other ways.
+    // Near light is sampled differently.
     let far = scene.rules.near.is_none();
     let mut draws = LightDraws::new(scene.sky, scene.sky.lights, first_pair(0), {
         tile.samples.iter().map(|sample| {
@@ -63,16 +64,13 @@ pub(crate) fn trace_r0(
         let mut sums = [0.0; R0];
         for sample in samples {
             let drawn = Some(draws.next_vertex()).filter(|_| far);
-            let mut integrator = Integrator {
-                distributions,
-                drawn,
-                ..Integrator::new(scene, sample.points, sample.key, false)
-            };
+            let pass = Pass { distributions, drawn, ..Pass::new(sample.points, false) };
+            let mut integrator = Integrator::new(scene, sample.key, pass);
             let light = match sample.hit {
                 Some(hit) => integrator.radiance(Vertex::Receiver(hit), sample.ray),
                 None => scene.sky.background(sample.ray.direction),
             };
-            sums_of_tile.rays += integrator.rays;
+            sums_of_tile.rays += integrator.tally.rays;
             sums_of_tile.rays.camera += 1;
             if add(&mut sums, light, &mut sums_of_tile.broken) {
                 sums[3] += squared_luminance(light);
@@ -87,9 +85,8 @@ pub(crate) fn trace_r0(
     sums_of_tile
 }
 
-/// The receiver with the objects, and the objects, over some pixels. `r0` are the sums of the same samples of
-/// an area around them without objects, to which only what these change is added; where `crop` shows that this is next to
-/// nothing, nothing is.
+/// The receiver with the objects, and the objects, over some pixels. `r0` has the sums of the same samples without
+/// objects over an area around them, to which only the change is added; nothing is added where `crop` bounds it.
 pub(crate) fn trace_pair(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,
@@ -101,7 +98,7 @@ pub(crate) fn trace_pair(
     let mut sums_of_tile = TileSums::with_room(pixels.len() * PAIR);
     let objects = scene.objects;
     let Some((low, high)) = objects.bvh.bounds() else {
-        // Without objects nothing is cast.
+        // Without objects no ray is cast.
         for pixel in pixels {
             let mut sums = [0.0; PAIR];
             sums[..3].copy_from_slice(&known(r0, area, *pixel));
@@ -122,7 +119,7 @@ pub(crate) fn trace_pair(
         let shift = shift(&scene, camera_rays, &hit, s.ray);
         Some((s.ray.origin + s.ray.direction * (hit.t + shift), hit, shift))
     };
-    // Where the receiver is the light, whole paths are traced.
+    // Under near light, whole paths are traced.
     let far = scene.rules.near.is_none();
     let tile_sampling =
         if far { tile.change_sampling(tile.samples.iter().filter_map(|s| Some(place(s)?.0))) } else { None };
@@ -135,7 +132,7 @@ pub(crate) fn trace_pair(
     };
     let mut draws = LightDraws::new(scene.sky, lights, first_pair(0), {
         tile.samples.iter().map(|sample| {
-            let hit = sample.hit.filter(|_| far && asks(&sample.points, probability))?;
+            let hit = sample.hit.filter(|_| far && estimates_change(&sample.points, probability))?;
             let usual = || scene.sky.distributions(Some(scene.receiver.facing(&hit)));
             Some((sample.points, distributions.unwrap_or_else(usual)))
         })
@@ -153,18 +150,18 @@ pub(crate) fn trace_pair(
                 show(scene, camera_rays, sample, |_| reach, &mut sums, &mut sums_of_tile);
             }
             let Some((start, hit, shift)) = landed else { continue };
-            let mut integrator = Integrator::new(scene, sample.points, sample.key, true);
+            let mut integrator = Integrator::new(scene, sample.key, Pass::new(sample.points, true));
             let lift = ray.direction * shift;
             let reach = ChangeSampling { drawn, probability, start, objects: [low, high], rays, lift };
             let light = integrator.change(hit, ray, &reach);
-            sums_of_tile.rays += integrator.rays;
+            sums_of_tile.rays += integrator.tally.rays;
             touched |= light != Vec3::ZERO;
             if add(&mut change, light, &mut sums_of_tile.broken) {
                 sums[3] += squared_luminance(light);
             }
         }
         for (k, known) in known(r0, area, *pixel).into_iter().enumerate() {
-            // Rounded as `known` is, so that what is taken wholly leaves nothing.
+            // Rounded as `known` is, so that fully blocked light leaves exactly 0.
             sums[k] = (known + f64::from(change[k] as f32)).max(0.0);
         }
         sums_of_tile.untouched += u64::from(!touched);
@@ -176,7 +173,7 @@ pub(crate) fn trace_pair(
     sums_of_tile
 }
 
-/// The objects alone over some pixels, of whose light they change nothing that counts.
+/// The objects alone over some cropped pixels.
 fn trace_objects(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,
@@ -206,7 +203,7 @@ fn trace_objects(
     sums_of_tile
 }
 
-/// Adds what a sample shows of the objects; `reach` tells how far it sees before the receiver is in the way.
+/// Adds the light of the objects in a sample; `reach` is the distance up to which the receiver does not hide them.
 fn show(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,
@@ -219,11 +216,11 @@ fn show(
     let front = objects.front(ray, sample.points.bits(BLENDED)[0], &mut of_tile.rays.camera);
     let before = |front: &Hit| front.t - objects.slack(front, ray.direction);
     let Some(front) = front.filter(|front| before(front) <= reach(&mut of_tile.rays)) else { return };
-    let mut integrator =
-        Integrator { spread: camera_rays.spread, ..Integrator::new(scene, sample.points, sample.key, true) };
+    let pass = Pass { spread: camera_rays.spread, ..Pass::new(sample.points, true) };
+    let mut integrator = Integrator::new(scene, sample.key, pass);
     let light = integrator.radiance(Vertex::Object(front), ray);
-    of_tile.rays += integrator.rays;
-    of_tile.cut += u64::from(integrator.cut);
+    of_tile.rays += integrator.tally.rays;
+    of_tile.cut += u64::from(integrator.tally.cut);
     if add(&mut sums[4..], light, &mut of_tile.broken) {
         sums[7] += 1.0;
         sums[8] += squared_luminance(light);
@@ -237,13 +234,13 @@ fn known(r0: &Sums, area: Area, pixel: (u32, u32)) -> [f64; 3] {
 }
 
 impl Scene<'_> {
-    /// What a ray of the camera meets of the receiver.
+    /// The hit of a camera ray on the receiver.
     pub(crate) fn camera_hit(&self, ray: Ray) -> Option<Hit> {
         if self.rules.printed { None } else { self.receiver.bvh.closest(ray, |_| true) }
     }
 }
 
-/// How far the camera's hit of the receiver moves along its ray to lie where objects stand.
+/// How far a camera hit on the receiver is moved along its ray to where objects stand.
 pub(crate) fn shift(scene: &Scene<'_>, camera_rays: &CameraRays<'_>, hit: &Hit, ray: Ray) -> f32 {
     let position = ray.origin + ray.direction * hit.t;
     camera_rays.ground.shift(position, scene.receiver.normal(hit.triangle), ray.direction)

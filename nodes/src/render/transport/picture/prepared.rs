@@ -1,4 +1,4 @@
-//! The inputs in the form that rays want.
+//! Acceleration structures and sampling tables of a scene.
 
 use std::sync::Arc;
 
@@ -10,9 +10,9 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::EnvironmentLight;
 use crate::types::{Environment, Mesh};
 
-/// The inputs in the form that rays want. Pictures of the same place and light share them.
+/// The receiver and the environment, prepared for rays. Images of the same place and light share them.
 pub(crate) struct PreparedScene<'a> {
-    /// Where the coordinates of rays and triangles start, in the world.
+    /// Origin of the frame of the scene, in the world.
     pub(crate) origin: DVec3,
     cx: &'a Context,
     receiver: Arc<Receiver>,
@@ -43,7 +43,7 @@ impl<'a> PreparedScene<'a> {
         &self.sky
     }
 
-    /// Of a point of capture.
+    /// The virtual lights as seen from a point of capture.
     pub(crate) fn light_points(&self, eye: [f32; 3]) -> Result<Arc<LightPoints>, NodeError> {
         let part = Part { name: "light-points", version: 1, inputs: &["receiver", "env"] };
         let new = || LightPoints::new(&self.receiver, &self.sky, eye.into());

@@ -1,44 +1,43 @@
-//! How many samples each part of a picture takes, where an error is asked for.
+//! Adaptive sampling: the number of samples per block of pixels for a target error.
 //!
-//! The first chunk of samples is taken of the whole picture. Then each block of pixels is judged by its variance
-//! and takes one chunk after the other, as parts are made of them, until it is good enough or has as many as
-//! it may. So the number for a block depends on the inputs and the error asked for alone, and its pixels are
-//! those of a picture that takes as many samples everywhere, bit for bit. A tile that is judged is large beside
-//! a pixel, whose own value hardly decides how many samples it gets: that would bias it.
+//! The first chunk is taken of the whole image. Then each block of pixels is judged by its variance and takes one
+//! chunk after another, the same chunks as parts, until it reaches the target or the maximum. So the number for a
+//! block depends only on the inputs and the target, and its pixels equal those of an image with as many samples
+//! everywhere, bit for bit. A judged tile is large compared with a pixel, whose own value hardly affects its number
+//! of samples: that would bias it.
 
 use engine::NodeError;
 
 use super::accumulator::{Accumulator, ReachedError};
 use super::film::{Area, TILE, chunks};
 
-/// Side of the blocks of pixels that take more samples together, in tiles.
+/// Side of the blocks that take more samples together, in tiles.
 const BLOCK: u32 = 4;
-/// A receiver with less than this share of the median light of `without` counts nothing: `shadow-ratio` leaves it as
-/// it is, by default.
+/// Receiver pixels below this share of the median of `without` are ignored, as `shadow-ratio` does by default.
 const DARK: f64 = 1e-3;
-/// What stratified samples gain at most over independent ones, in variance, that is believed.
+/// Largest assumed reduction of variance by stratification.
 const GAIN: f64 = 16.0;
-/// A ratio whose standard error is one part in so many of it is not known to be above 0: it may be the bright dot of one
-/// path, whose error is not to be judged beside itself.
+/// A ratio whose standard error exceeds its value by this divisor is not known to be above 0: it may be an outlier
+/// of one path, whose error must not be judged relative to itself.
 const SURE: f64 = 2.0;
-/// The variance of independent samples counts for so many degrees of freedom beside those of how far chunks lie apart, which
-/// says little where it rests on few chunks and on few pixels.
+/// Degrees of freedom of the variance of independent samples when mixed with the variance between chunks, which is
+/// unreliable for few chunks and few pixels.
 const PRIOR: f64 = 0.5;
 
-/// What is asked for.
+/// The target of adaptive sampling.
 pub(crate) struct ErrorGoal {
-    /// Standard error, see [`ErrorGoal::error`].
+    /// Target standard error, see [`ErrorGoal::error`].
     asked: f64,
-    /// Mean luminance of the objects over what they cover.
+    /// Mean luminance of the objects over the pixels that they cover.
     scale: f64,
-    /// Least luminance of `without` that counts.
+    /// Minimum luminance of `without` that counts.
     dark: f64,
     /// All chunks of samples that may be taken.
     chunks: Vec<(u32, u32)>,
 }
 
 impl ErrorGoal {
-    /// The goal for a picture of which the first chunk is known.
+    /// The target for an image whose first chunk is known.
     pub(crate) fn new(asked: f64, most: u32, accumulator: &Accumulator) -> Self {
         Self {
             asked,
@@ -48,13 +47,12 @@ impl ErrorGoal {
         }
     }
 
-    /// Standard error of the worst tile of an area of so many chunks, root mean square over the pixels where there is
-    /// one: of the ratio S = R1 / R0, by the share of it that is seen past the objects, and of the objects, by the
-    /// mean of their light, the larger of both. Where light is thrown back on dark ground S may be any number, so
-    /// above 1 its error is relative to what it surely is, by itself or as part of its tile; that of a highlight is relative
-    /// to the highlight. From one
-    /// chunk as if samples were independent, from several by how far they lie apart, the less so the fewer pixels the
-    /// error is that of.
+    /// Standard error of the worst tile of an area after a number of chunks, as root mean square over its pixels
+    /// with error: of the ratio S = R1 / R0, weighted by its visible share, and of the objects relative to their
+    /// mean light, whichever is larger. S is unbounded where dark ground is lit, so above 1 its error is relative
+    /// to its certain value, by itself or as part of its tile; the error of a highlight is relative to the
+    /// highlight. From one chunk as if samples were independent, from several by their spread, weighted less for
+    /// fewer pixels.
     fn error(&self, accumulator: &Accumulator, area: Area, chunks: usize) -> f64 {
         let mut worst = 0.0_f64;
         for tile in area.pieces(TILE) {
@@ -70,7 +68,7 @@ impl ErrorGoal {
                 let scale = self.scale.max(object_luminance);
                 let object = if scale > 0.0 { 1.0 / (scale * scale) } else { 0.0 };
                 let shown = if without > self.dark {
-                    seen / beside(with / without, spread.ratio, around)
+                    seen / reference(with / without, spread.ratio, around)
                 } else {
                     0.0
                 };
@@ -91,7 +89,7 @@ impl ErrorGoal {
         worst
     }
 
-    /// What the mean ratio of a tile is at least, over what is seen of it past the objects.
+    /// A lower confidence bound of the mean ratio of a tile, over its visible share.
     fn lit(&self, accumulator: &Accumulator, tile: Area) -> f64 {
         let (mut sum, mut noise, mut weight) = (0.0_f64, 0.0_f64, 0.0_f64);
         for pixel in tile.each() {
@@ -104,11 +102,11 @@ impl ErrorGoal {
                 weight += seen;
             }
         }
-        if weight > 0.0 { surely(sum / weight, noise / (weight * weight)) } else { 0.0 }
+        if weight > 0.0 { lower_bound(sum / weight, noise / (weight * weight)) } else { 0.0 }
     }
 
-    /// Takes what samples each block of a picture needs by `take`, which traces a range of samples of an area. Tells
-    /// the share of the blocks that are done.
+    /// Takes the samples that each block needs by `take`, which traces a range of samples of an area. Reports
+    /// progress as the share of finished blocks.
     pub(crate) fn reach(
         &self,
         accumulator: &mut Accumulator,
@@ -143,20 +141,20 @@ impl ErrorGoal {
     }
 }
 
-/// What the error of a ratio is relative to: 1, or what the ratio surely is, or, up to its own value, what the mean of its
-/// tile surely is. One pixel of a bright tile that is not sure by itself is no lone dot.
-fn beside(ratio: f64, variance: f64, around: f64) -> f64 {
-    surely(ratio, variance).max(ratio.min(around)).max(1.0)
+/// The reference of the error of a ratio: 1, or the certain value of the ratio, or, up to the ratio itself, the
+/// certain mean of its tile. An uncertain pixel in a bright tile is not an outlier.
+fn reference(ratio: f64, variance: f64, around: f64) -> f64 {
+    lower_bound(ratio, variance).max(ratio.min(around)).max(1.0)
 }
 
-/// What a ratio is at least, by its variance.
-fn surely(ratio: f64, variance: f64) -> f64 {
+/// A lower confidence bound of a ratio, by its variance.
+fn lower_bound(ratio: f64, variance: f64) -> f64 {
     if ratio > 0.0 { (ratio - SURE * SURE * variance / ratio).max(0.0) } else { 0.0 }
 }
 
-/// Over how many of some values of a sum it is spread: all where they are equal, 1 where one is all of it.
+/// Effective number of values that a sum is spread over: all if they are equal, 1 if one dominates.
 fn effective(sum: f64, squares: f64) -> f64 {
-    // Squares of the smallest variances are 0.
+    // Squares of the smallest variances underflow to 0.
     if squares > 0.0 { sum / squares * sum } else { 0.0 }
 }
 
@@ -164,28 +162,29 @@ fn effective(sum: f64, squares: f64) -> f64 {
 mod tests {
     use super::*;
 
-    // A dot that one of n paths brought is off by itself, and surely nothing; light that many brought is what it is.
+    // An outlier of one of n paths has an error as large as itself, so its certain value is 0; light of many paths
+    // is certain.
     #[test]
     fn a_dot_is_not_sure_and_a_light_is() {
-        assert_eq!(surely(8.0, 64.0), 0.0);
-        assert!((surely(8.0, 0.01) - 7.995).abs() < 1e-9);
-        assert_eq!(surely(0.0, 0.0), 0.0);
+        assert_eq!(lower_bound(8.0, 64.0), 0.0);
+        assert!((lower_bound(8.0, 0.01) - 7.995).abs() < 1e-9);
+        assert_eq!(lower_bound(0.0, 0.0), 0.0);
     }
 
-    // A lamp on dark ground: its light is 2000 times what was there, and one pixel of it does not know its own. A dot in a
-    // tile that is not lit, and the dark side of the edge of a light, are judged as they were.
+    // A lamp on dark ground: its light is 2000 times the original, and a single pixel is uncertain. An outlier in
+    // an unlit tile, and the dark side of the edge of a light, are judged as before.
     #[test]
     fn a_pixel_that_is_not_sure_is_judged_beside_what_its_tile_surely_is() {
         let tile = |others: [f64; 2], odd: [f64; 2]| {
             let (sum, noise) = (63.0 * others[0] + odd[0], 63.0 * others[1] * others[1] + odd[1] * odd[1]);
-            surely(sum / 64.0, noise / 4096.0)
+            lower_bound(sum / 64.0, noise / 4096.0)
         };
         let bright = tile([2000.0, 500.0], [1910.0, 1024.0]);
-        assert!(bright > 1950.0 && surely(1910.0, 1024.0 * 1024.0) == 0.0);
-        assert!((1024.0 / beside(1910.0, 1024.0 * 1024.0, bright) - 0.54).abs() < 0.01);
-        assert_eq!(beside(1.2, 0.01, bright), 1.2, "no more than it is");
+        assert!(bright > 1950.0 && lower_bound(1910.0, 1024.0 * 1024.0) == 0.0);
+        assert!((1024.0 / reference(1910.0, 1024.0 * 1024.0, bright) - 0.54).abs() < 0.01);
+        assert_eq!(reference(1.2, 0.01, bright), 1.2, "no more than it is");
         let dark = tile([1.0, 0.0], [64.0, 64.0]);
-        assert_eq!(beside(64.0, 64.0 * 64.0, dark), 1.0);
+        assert_eq!(reference(64.0, 64.0 * 64.0, dark), 1.0);
     }
 
     #[test]

@@ -1,15 +1,15 @@
-//! Where in a picture the objects may be seen.
+//! The region of an image where objects may be seen.
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
 use crate::render::transport::scene::objects::Objects;
 use crate::types::Camera;
 
-/// How far beside a triangle a ray may meet it in pixels, and beside that for each pixel of focal length: single precision
-/// moves rays and corners by a few units of the last of 24 bits.
+/// How far outside a triangle a ray may hit it, in pixels, and in addition per pixel of focal length: single
+/// precision moves rays and corners by a few units in the last of 24 bits.
 const MARGIN: [f64; 2] = [0.01, 1e-5];
 
-/// The pixels of a camera through which a ray may meet an object; some of them none does.
+/// The pixels of a camera through which a ray may hit an object; a superset.
 #[derive(Debug)]
 pub(crate) struct Silhouette {
     size: [usize; 2],
@@ -18,11 +18,11 @@ pub(crate) struct Silhouette {
     held: Vec<bool>,
 }
 
-/// Columns from the first to the last, and rows.
+/// First to last column, and rows.
 type Rectangle = [[usize; 2]; 2];
 
 impl Silhouette {
-    /// Of the objects from a camera at `eye`, whose right, down and forward in the world are `axes`.
+    /// For objects seen by a camera at `eye`, whose right, down and forward in the world are `axes`.
     pub(crate) fn of(objects: &Objects, camera: &Camera, eye: Vec3, axes: [DVec3; 3]) -> Self {
         let size = [camera.width_px, camera.height_px].map(|n| n as usize);
         let Camera { fx, fy, cx, cy, .. } = *camera;
@@ -46,7 +46,7 @@ impl Silhouette {
                 return false;
             }
             if nearest <= 1e-9 * farthest {
-                // It reaches to where no picture is: all that lies on the side on which it is.
+                // It may extend behind the camera: everything on its side counts.
                 let (low, high) = places
                     .iter()
                     .map(|p| p.truncate())
@@ -65,12 +65,13 @@ impl Silhouette {
         all
     }
 
-    /// Whether a pixel is one of them.
+    /// True if a pixel may show an object.
     pub(crate) fn holds(&self, (x, y): (u32, u32)) -> bool {
         self.held[y as usize * self.size[0] + x as usize]
     }
 
-    /// Adds a triangle by its corners in the picture, or the rectangle around two of them; of a box whether to look into it.
+    /// Adds a triangle by its corners in the image, or the rectangle around two of them; for a box, whether to open
+    /// it.
     fn look(&mut self, corners: &[DVec2], is_box: bool) -> bool {
         let Some(pixels) = self.around(corners) else { return false };
         if self.is_known(pixels) {
@@ -99,7 +100,7 @@ impl Silhouette {
         let range = |axis: usize| {
             let [from, to] = [low[axis] - self.margin, high[axis] + self.margin].map(f64::floor);
             let last = self.size[axis] as f64 - 1.0;
-            // What is no number may be anywhere.
+            // NaN may be anywhere.
             (!(from > last || to < 0.0)).then_some([from.max(0.0) as usize, to.min(last) as usize])
         };
         Some([range(0)?, range(1)?])
@@ -109,7 +110,7 @@ impl Silhouette {
         (top..=bottom).all(|y| self.held[y * self.size[0]..][left..=right].iter().all(|held| *held))
     }
 
-    /// The columns of a row that a triangle reaches into.
+    /// The columns of a row that a triangle overlaps.
     fn across(&self, corners: [DVec2; 3], row: usize) -> Option<[usize; 2]> {
         let [top, bottom] = [row as f64 - self.margin, row as f64 + 1.0 + self.margin];
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -143,7 +144,7 @@ mod tests {
     use crate::render::transport::scene::supports::Ground;
     use crate::types::{Material, Object, Placed, Primitive};
 
-    /// Triangles without order, of which so many are as large as the place, in a cube around the origin.
+    /// Unordered triangles in a cube around the origin, `large` of them as large as the cube.
     fn triangles(large: u32) -> Objects {
         let corner = |i: u32, k: u32| {
             let points = Points::new(stream(3, i, large), k);
@@ -164,8 +165,8 @@ mod tests {
         Objects::new(None, &[Arc::new(placed)], DVec3::ZERO).expect("consistent")
     }
 
-    /// Cameras outside of a crowd of triangles and in it, so that some lie beside and behind the eye: every pixel is held of
-    /// which a ray meets a triangle, and from outside few that hardly any triangle touches.
+    /// Cameras outside and inside a crowd of triangles, so that some are to the side of and behind the eye: every pixel
+    /// with a ray that hits a triangle is included, and from outside few others.
     #[test]
     fn what_a_ray_meets_is_held() {
         let ground = Ground::default();
@@ -194,7 +195,7 @@ mod tests {
                     (held, met) = (held + u32::from(holds), met + u32::from(meets));
                 }
                 assert!(met > 0);
-                // Slivers are missed by so many rays.
+                // Slivers are missed by the rays.
                 let most = if large > 0 { met + met / 4 } else { 2 * met };
                 assert!(distance < 1.0 || held <= most, "{held} for {met}");
             }

@@ -1,4 +1,4 @@
-//! A tile of pixels: where the camera's rays land, and where its points look for light.
+//! A tile of pixels: its camera hits, and the light distributions for them.
 
 use glam::Vec3;
 
@@ -14,10 +14,10 @@ use crate::render::transport::sky::light_distribution::LightDistribution;
 /// Cosine of the widest cone of normals that one distribution serves.
 const ALIKE: f32 = 0.99;
 
-/// Light samples, and samples at all, for what the objects change where they can hide all light; in proportion
-/// where they can hide less.
+/// Light samples, and samples in general, for the change where objects can block all light; fewer in proportion
+/// where they can block less.
 const SAMPLES_WHERE_ALL_IS_HIDDEN: f64 = 40.0;
-/// Probability of a sample where next to nothing is at stake.
+/// Minimum probability that a sample estimates the change.
 const LEAST_PROBABILITY: f32 = 0.5;
 
 /// One sample of one pixel.
@@ -28,26 +28,26 @@ pub(crate) struct Sample {
     pub(crate) hit: Option<Hit>,
 }
 
-/// The samples of a tile, and the sky as its points see it.
+/// The samples of a tile, and the cone of their normals.
 pub(crate) struct Tile<'a> {
     scene: Scene<'a>,
     pub(crate) samples: Vec<Sample>,
-    /// The normals of its points, if they face alike.
+    /// The cone of normals, if they are similar.
     normals: Option<Cone>,
 }
 
-/// Where the points of a tile look for what the objects change, and how hard.
+/// The sampling of the change by objects for a tile.
 pub(crate) struct TileSampling {
-    /// The part of the sky that they can hide.
+    /// The part of the sky that they can block.
     pub(crate) distributions: [LightDistribution; TIERS],
-    /// Light samples of each tier, powers of 2.
+    /// Light samples per tier, powers of 2.
     pub(crate) lights: [u32; TIERS],
-    /// Probability that a sample asks at all.
+    /// Probability that a sample estimates the change.
     pub(crate) probability: f32,
 }
 
 impl<'a> Tile<'a> {
-    /// Casts the rays of the camera: for each pixel in turn its samples.
+    /// Casts the camera rays, pixel by pixel.
     pub(crate) fn new(
         scene: Scene<'a>,
         camera_rays: &CameraRays<'_>,
@@ -67,16 +67,16 @@ impl<'a> Tile<'a> {
         Self { scene, samples, normals: normals.filter(|cone| cone.cosine > ALIKE) }
     }
 
-    /// Where its points look for light, if not by the normal of each.
+    /// The light distributions of the tile, if one serves all of its normals.
     pub(crate) fn distributions(&self) -> Option<[LightDistribution; TIERS]> {
         self.normals.map(|cone| self.scene.sky.distributions_within(Some(cone), &Cone::ALL))
     }
 
-    /// Where its points look for what the objects change, by where rays to these start; none where that is
-    /// anywhere, so that light is looked for as without them and by the same random numbers.
+    /// The sampling of the change, from the starts of rays to objects; `None` where these may be in any direction,
+    /// so that light is sampled as without objects, by the same random numbers.
     ///
-    /// How hard follows from the share of their light that the objects can hide, which bounds what they take: in
-    /// most of a picture that is little, and what is seldom asked there is not missed.
+    /// The effort follows the share of the light that objects can block, an upper bound of the change: in most of
+    /// an image it is small.
     pub(crate) fn change_sampling(&self, starts: impl Iterator<Item = Vec3>) -> Option<TileSampling> {
         let objects = self.scene.objects.bvh.bounds().map(<[Vec3; 2]>::from)?;
         let (low, high) = starts.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))?;
@@ -91,7 +91,7 @@ impl<'a> Tile<'a> {
         };
         let all: f64 =
             sky.distributions(Some(normals.axis)).iter().map(|distribution| distribution.power).sum();
-        // The deviation of one light sample, as a share of all light: cells hold light beside the cone.
+        // Standard deviation of one light sample as a share of all light: cells contain light outside the cone.
         let solid_angle = f64::from(cone.solid_angle());
         let deviation = |distribution: &LightDistribution| {
             distribution.power / all * (solid_angle / distribution.area).min(1.0).sqrt()
@@ -104,7 +104,7 @@ impl<'a> Tile<'a> {
             ..4.0 => sky.lights[k].min(2),
             _ => sky.lights[k],
         });
-        // What scattered rays find: the share of them that can meet the objects, the more where these shine.
+        // Scattered rays: the share that can hit the objects, larger where these are emitters.
         let rays = f64::from(rays_towards(&self.scene));
         let scattered = SAMPLES_WHERE_ALL_IS_HIDDEN * solid_angle / std::f64::consts::PI * rays;
         let most = wanted.into_iter().fold(scattered, f64::max);

@@ -1,4 +1,4 @@
-//! Where the points of a tile of pixels are, and the light that they have without the objects.
+//! Bounds of the points of a tile of pixels and of their light without objects.
 
 use glam::Vec3;
 
@@ -6,23 +6,23 @@ use crate::geometry::bvh::Hit;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::cone::Cone;
 
-/// Where the points of a tile are, and what light they have without the objects.
+/// Bounds of the points of a tile and of their light without objects.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TileBounds {
-    /// Box around the points that rays start from; lower above upper where the camera sees no receiver.
+    /// Bounding box of the ray starts; inverted where the camera sees no receiver.
     pub low: Vec3,
-    /// Its upper corner.
+    /// Upper corner.
     pub high: Vec3,
-    /// Holds their normals.
+    /// A cone that contains their normals.
     pub normals: Cone,
-    /// The least of their heights along the middle of the normals.
+    /// Minimum height along the axis of the normals.
     pub height: f32,
-    /// The least that the light of a pixel is of its albedo, for each channel.
+    /// Minimum of light over albedo over the pixels, per channel.
     pub least: Vec3,
 }
 
 impl Default for TileBounds {
-    /// Of no points.
+    /// Bounds without points.
     fn default() -> Self {
         let normals = Cone { axis: Vec3::Z, cosine: 1.0 };
         Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, normals, height: f32::MAX, least: Vec3::MAX }
@@ -30,7 +30,7 @@ impl Default for TileBounds {
 }
 
 impl TileBounds {
-    /// Of the pixels of a tile: for each its sum of light and the hits of its samples.
+    /// For the pixels of a tile: the sum of light of each and the hits of its samples.
     pub fn of<'a>(
         receiver: &Receiver,
         pixels: impl Iterator<Item = (Vec3, &'a [Option<Hit>])> + Clone,
@@ -52,17 +52,17 @@ impl TileBounds {
                 tile.height = tile.height.min(start.as_dvec3().dot(axis) as f32);
                 albedo += receiver.albedo_at(hit);
             }
-            // What reflects nothing is not changed by anything.
+            // A black surface does not change.
             let share = Vec3::select(albedo.cmpgt(Vec3::ZERO), light / albedo, Vec3::MAX);
             tile.least = tile.least.min(share);
         }
         tile
     }
 
-    /// Values in a store: box, normals, height, light.
+    /// Number of stored values: box, normals, height, light.
     pub const VALUES: usize = 14;
 
-    /// The values.
+    /// The values to store.
     pub fn values(&self) -> [f32; Self::VALUES] {
         let Self { low, high, normals, height, least } = self;
         let mut all = [normals.cosine; Self::VALUES];
@@ -73,18 +73,18 @@ impl TileBounds {
         all
     }
 
-    /// From the values.
+    /// The bounds from stored values.
     pub fn from_values(all: &[f32; Self::VALUES]) -> Self {
         let [low, high, axis, least] = [0, 3, 6, 9].map(|i| Vec3::new(all[i], all[i + 1], all[i + 2]));
         Self { low, high, normals: Cone { axis, cosine: all[13] }, height: all[12], least }
     }
 
-    /// Whether the camera sees none of the receiver.
+    /// True if the camera sees no receiver.
     pub fn is_empty(&self) -> bool {
         !self.low.cmple(self.high).all()
     }
 
-    /// With points that may lie so much farther on any side.
+    /// The bounds with points moved by up to `by` in any direction.
     pub(crate) fn grown(&self, by: f32) -> Self {
         Self { low: self.low - by, high: self.high + by, height: self.height - by, ..*self }
     }

@@ -1,5 +1,4 @@
-//! The tracing of the pictures, in parts that are stored: the receiver alone, the two with the objects, and what is first
-//! hit.
+//! Tracing of images in stored parts: the receiver alone, receiver and objects, and first hits.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -24,10 +23,10 @@ use crate::render::transport::path::visibility::Rules;
 use crate::render::transport::scene::objects::Objects;
 use crate::types::Camera;
 
-/// Samples, from the first to before the last.
+/// A half-open range of samples.
 type Range = (u32, u32);
 
-/// What the parts depend on beside their inputs.
+/// Values in the key of a part besides its inputs.
 #[derive(Serialize)]
 struct Extra<'a> {
     view: View<'a>,
@@ -37,37 +36,37 @@ struct Extra<'a> {
     area: Area,
     coarse_px: u32,
     range: Range,
-    /// Up, metres per unit and the mesh's error where objects stand; absent for what does not depend on it.
+    /// Up, metres per unit and the error of the mesh; absent for parts that do not depend on them.
     contact: Option<([f64; 3], f64, Option<f64>)>,
-    /// What may be left out; absent likewise.
+    /// Crop limit; absent likewise.
     crop: Option<f64>,
-    /// Leaves out what the objects show.
+    /// True if the light of the objects is omitted.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     shadow_only: bool,
-    /// Evaluates what is 0, for those who want to see that; in the key, so that it is done.
+    /// True if absent lobes are evaluated; in the key, so that it is computed.
     every_lobe: bool,
 }
 
-/// What tracing goes by.
+/// Settings of tracing.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Settings {
-    /// The most samples of a pixel.
+    /// Maximum samples per pixel.
     pub(crate) most: u32,
-    /// Standard error to reach, if one is asked for.
+    /// Target standard error, if any.
     pub(crate) max_error: Option<f64>,
-    /// Side of the blocks of which one pixel is traced for all.
+    /// Side of the blocks of which one pixel is traced.
     pub(crate) coarse_px: u32,
-    /// Share of the light that a change may be to be left out; 0 leaves nothing out.
+    /// Largest relative change of light that is cropped; 0 crops nothing.
     pub(crate) crop: f64,
-    /// How far the receiver may be wrong where objects stand, where that is known.
+    /// Error of the receiver where objects stand, in metres, if known.
     pub(crate) contact_metres: Option<f64>,
-    /// Whether what the objects show is left out.
+    /// True if the light of the objects is omitted.
     pub(crate) shadow_only: bool,
-    /// Whether lobes are evaluated that no material has.
+    /// True if absent lobes are evaluated.
     pub(crate) every_lobe: bool,
 }
 
-/// A scene of which pictures are traced.
+/// A scene to trace.
 pub(crate) struct Tracing<'a> {
     settings: Settings,
     pub(crate) cx: &'a Context,
@@ -102,14 +101,14 @@ impl<'a> Tracing<'a> {
         }
     }
 
-    /// The share of the light that a change may be to be left out, if any may.
+    /// The crop limit, if not 0.
     fn limit(&self) -> Option<f64> {
         Some(self.settings.crop).filter(|limit| *limit > 0.0)
     }
 
-    /// Where the objects change nothing, or why that is not asked.
+    /// The cropping rule, or why nothing is cropped.
     pub(crate) fn crop(&self) -> Result<&Crop, &'static str> {
-        let new = || Crop::new(&self.scene(), self.limit().ok_or("as set")?);
+        let new = || Crop::new(&self.scene(), self.limit().ok_or("`crop` is 0")?);
         self.crop.get_or_init(new).as_ref().map_err(|why| *why)
     }
 
@@ -117,7 +116,7 @@ impl<'a> Tracing<'a> {
         CameraRays::new(camera, self.prepared.origin, self.cx.seed(), &self.objects.ground, coarse_px)
     }
 
-    /// What a part of the receiver alone depends on.
+    /// Key values of a part of the receiver alone.
     fn of_receiver<'s>(&'s self, camera: &'s Camera, area: Area, range: Range) -> Extra<'s> {
         Extra {
             view: View::of(camera),
@@ -134,7 +133,7 @@ impl<'a> Tracing<'a> {
         }
     }
 
-    /// What a part with the objects depends on.
+    /// Key values of a part with objects.
     fn of_objects<'s>(
         &'s self,
         camera: &'s Camera,
@@ -152,7 +151,7 @@ impl<'a> Tracing<'a> {
         }
     }
 
-    /// Adds samples of an area of a picture.
+    /// Adds samples of an area of an image.
     fn add(
         &self,
         camera_rays: &CameraRays<'_>,
@@ -180,7 +179,7 @@ impl<'a> Tracing<'a> {
         Ok(())
     }
 
-    /// What each pixel of a picture shows first.
+    /// First hits of the pixels of an image.
     fn first_hits(&self, camera_rays: &CameraRays<'_>, area: Area) -> Result<Arc<Sums>, NodeError> {
         let places = self.places();
         let part = Part { name: "front", version: 10, inputs: &["receiver", "objects"] };
@@ -194,17 +193,17 @@ impl<'a> Tracing<'a> {
         Ok(front)
     }
 
-    /// In how many places of a pixel it is looked for what it shows.
+    /// Number of positions in a pixel at which first hits are searched.
     pub(crate) fn places(&self) -> u32 {
         self.settings.most.min(PLACES)
     }
 
-    /// Traces the picture of a camera, of which this is the number.
+    /// Traces the image of a camera, the `number`-th of the rig.
     pub(crate) fn picture(&self, number: usize, camera: &Camera) -> Result<FinishedView, NodeError> {
         let most = self.settings.most;
         let camera_rays = self.camera_rays(camera, self.settings.coarse_px);
         let whole = Area::whole(camera).in_blocks(self.settings.coarse_px);
-        // Without an error to reach every sample is in the plan.
+        // Without a target error all chunks are taken.
         let chunks = chunks(most);
         let (first, share) =
             if self.settings.max_error.is_some() { (&chunks[..1], 0.1) } else { (&chunks[..], 1.0) };
@@ -230,5 +229,9 @@ impl<'a> Tracing<'a> {
 
 fn expect_size(sums: &Sums, area: Area, channels: usize) -> Result<(), NodeError> {
     let expected = area.pixels() * channels;
-    if sums.sums.len() == expected { Ok(()) } else { Err(NodeError::new("a stored part has another size")) }
+    if sums.sums.len() == expected {
+        Ok(())
+    } else {
+        Err(NodeError::new("a stored part has the wrong size; clear the cache"))
+    }
 }

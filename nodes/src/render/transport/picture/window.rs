@@ -1,4 +1,4 @@
-//! A part of the sphere that holds the directions from some points to a box, and bounds of what comes out of it.
+//! A part of the sphere that contains the directions from some points to a box, and bounds of light from it.
 
 use std::f64::consts::PI;
 
@@ -7,32 +7,32 @@ use glam::{DVec3, Vec3};
 use super::tile_bounds::TileBounds;
 use crate::render::transport::sky::cone::Cone;
 
-/// A part of the sphere that holds the directions from the points of a place to a box: a cone about the way to its
-/// middle, and, where the box is aside, a [`Wedge`].
+/// A part of the sphere that contains the directions from the points of a tile to a box: a cone around the
+/// direction to its centre and, where the box is to one side, a [`Wedge`].
 pub(crate) struct Window {
-    /// Middle of the normals.
+    /// Axis of the normals.
     up: DVec3,
     /// Sine and tangent of the angle to the farthest normal.
     tilt: [f64; 2],
-    /// Middle of the cone, cosine and sine of the angle to its edge; of a cone of less than a right angle.
+    /// Axis of the cone, and cosine and sine of its angle; `None` for a right angle or more.
     cone: Option<(DVec3, [f64; 2])>,
-    /// Squared sine of the angle from the middle of the box to its edge, for the nearest of the points.
+    /// Squared sine of the angular radius of the box, from the nearest point.
     ball: f64,
     wedge: Option<Wedge>,
 }
 
-/// A range of azimuths about the normal, from the horizon of any of its normals up to some elevation.
+/// A range of azimuths around the normal, from the horizon up to an elevation.
 struct Wedge {
-    /// Towards the middle, and aside of that.
+    /// Towards the centre, and perpendicular to it.
     axes: [DVec3; 2],
-    /// Tangent of half of the range of azimuths.
+    /// Tangent of half the range of azimuths.
     side: f64,
     /// Tangent of the highest elevation.
     rise: f64,
 }
 
 impl Window {
-    /// Of a box or a triangle by its corners; none where it may be all around the points.
+    /// For a box or a triangle by its corners; `None` where it may surround the points.
     pub(crate) fn of(tile: &TileBounds, corners: &[Vec3]) -> Option<Self> {
         let up = tile.normals.axis.as_dvec3();
         let heights = corners.iter().map(|corner| corner.as_dvec3().dot(up));
@@ -58,11 +58,11 @@ impl Window {
         any.then_some(Self { up, tilt, cone, ball, wedge })
     }
 
-    /// A bound of its projected solid angle for any of the normals.
+    /// An upper bound of its projected solid angle for any of the normals.
     pub(crate) fn projected(&self) -> f64 {
         let of_cone = self.cone.map_or(PI, |(axis, [cosine, sine])| {
-            // Most where the normal is its axis; and all of it times the cosine of the least angle to a normal: that to
-            // the axis, less those from there to the edge and to the farthest normal.
+            // Largest if the normal is its axis; and at most the solid angle times the cosine of the smallest angle
+            // to a normal: the angle to the axis, less those to the boundary and to the farthest normal.
             let angle = axis.dot(self.up).clamp(-1.0, 1.0);
             let away = (1.0 - angle * angle).sqrt();
             let (near, off) = (angle * cosine + away * sine, away * cosine - angle * sine);
@@ -73,14 +73,14 @@ impl Window {
             (PI * sine * sine).min(2.0 * PI * sine * sine / (1.0 + cosine) * least)
         });
         let tilt = self.tilt[1];
-        // Of any cone less than a hemisphere a surface sees the most that faces it.
+        // For any cone less than a hemisphere the projected solid angle is largest if the surface faces it.
         of_cone.min(PI * self.ball).min(self.wedge.as_ref().map_or(PI, |wedge| wedge.projected(tilt)))
     }
 
-    /// A bound of the cosine to any normal for what lies within `radius` of a unit direction; 0 if none of that is in the
-    /// window.
+    /// An upper bound of the cosine with any normal for directions within `radius` of a unit direction; 0 outside
+    /// the window.
     pub(crate) fn cosine(&self, direction: DVec3, radius: f64) -> f64 {
-        // The cosine to the cone's axis changes by no more than the way that a direction goes.
+        // The cosine with the cone's axis changes by at most the distance that a direction moves.
         let inside = self.cone.is_none_or(|(axis, [cosine, _])| direction.dot(axis) + radius >= cosine);
         let above = direction.dot(self.up);
         let within = inside && self.wedge.as_ref().is_none_or(|wedge| wedge.holds(direction, above, radius));
@@ -89,7 +89,7 @@ impl Window {
 }
 
 impl Wedge {
-    /// Of corners whose highest is so far above the points; none where they may be anywhere above the points.
+    /// For corners of which the highest is `above` the points; `None` where they may be anywhere above.
     fn of(tile: &TileBounds, corners: &[Vec3], above: f64) -> Option<Self> {
         let up = tile.normals.axis.as_dvec3();
         let [low, high] = [tile.low, tile.high].map(|p| p.as_dvec3());
@@ -99,7 +99,7 @@ impl Wedge {
         let y = up.cross(x);
         let (mut nearest, mut side) = (f64::INFINITY, 0.0_f64);
         for way in corners.iter().map(|corner| corner.as_dvec3() - middle) {
-            // The points may lie nearer and farther aside than their middle.
+            // The points may be nearer and farther to the side than their centre.
             let ahead = way.dot(x) - half.dot(x.abs());
             let aside = way.dot(y).abs() + half.dot(y.abs());
             nearest = nearest.min(ahead);
@@ -109,7 +109,7 @@ impl Wedge {
         there.then(|| Self { axes: [x, y], side, rise: (above / nearest).max(0.0) })
     }
 
-    /// Its width times the integral of the sine of the elevation over any normal up to so far from the middle.
+    /// Its width times the integral of the sine of the elevation over any normal up to `tilt` from the axis.
     fn projected(&self, tilt: f64) -> f64 {
         let steep = self.rise * tilt;
         if steep >= 1.0 {
@@ -120,7 +120,7 @@ impl Wedge {
         (2.0 * self.side * square / (1.0 + square + (1.0 + square).sqrt())).min(PI)
     }
 
-    /// Whether some of what lies within `radius` of a unit direction, which is so far above, may be in it.
+    /// True if it may contain a direction within `radius` of a unit direction whose sine of elevation is `above`.
     fn holds(&self, direction: DVec3, above: f64, radius: f64) -> bool {
         let [ahead, aside] = self.axes.map(|axis| axis.dot(direction));
         let level = (ahead * ahead + aside * aside).sqrt();
@@ -152,7 +152,7 @@ mod tests {
         a.min(b).max_element().max(0.0) <= a.max(b).min_element()
     }
 
-    /// What any point and normal of a place see of a box is within the bound, which is not many times too large.
+    /// The part of a box that any point and normal see is within the bound, which is not many times too large.
     #[test]
     fn windows_hold_what_is_seen_of_a_box() {
         const RAYS: u32 = 20_000;

@@ -1,4 +1,4 @@
-//! Boxes along the axes.
+//! Axis-aligned bounding boxes.
 
 use glam::Vec3;
 
@@ -10,10 +10,10 @@ pub(crate) struct Aabb {
 }
 
 impl Aabb {
-    /// Around nothing.
+    /// The empty box.
     pub(crate) const EMPTY: Self = Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY };
 
-    /// Around points.
+    /// The bounding box of points.
     pub(crate) fn around<'a>(points: impl IntoIterator<Item = &'a Vec3>) -> Self {
         points.into_iter().fold(Self::EMPTY, |all, &point| all.joined(Self { low: point, high: point }))
     }
@@ -22,17 +22,17 @@ impl Aabb {
         !self.low.cmple(self.high).all()
     }
 
-    /// Around both.
+    /// The union of two boxes.
     pub(crate) fn joined(self, other: Self) -> Self {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    /// What lies in both, which may be empty.
+    /// The intersection of two boxes, which may be empty.
     pub(crate) fn common(self, other: Self) -> Self {
         Self { low: self.low.max(other.low), high: self.high.min(other.high) }
     }
 
-    /// With some space on all sides.
+    /// The box grown by `space` on all sides.
     pub(crate) fn grown(self, space: f32) -> Self {
         Self { low: self.low - space, high: self.high + space }
     }
@@ -41,12 +41,12 @@ impl Aabb {
         self.low.cmple(other.high).all() && other.low.cmple(self.high).all()
     }
 
-    /// Length of the diagonal; 0 of nothing.
+    /// Length of the diagonal; 0 for the empty box.
     pub(crate) fn size(&self) -> f32 {
         if self.is_empty() { 0.0 } else { (self.high - self.low).length() }
     }
 
-    /// From a point to the nearest of the box.
+    /// Distance from a point to the box, 0 inside.
     pub(crate) fn distance(&self, point: Vec3) -> f32 {
         (point.clamp(self.low, self.high) - point).length()
     }

@@ -1,9 +1,9 @@
-//! Attributes and textures at a point of an object.
+//! Vertex attributes and textures at a point of an object.
 //!
-//! Texels are decoded to linear first and blended bilinearly after. Where a ray stands for a width that covers
-//! many texels colours come from smaller copies of the texture, between the two nearest in size. Nothing else
-//! does, because light is not linear in it: the mean of a cut is no cut, that of normals or of roughness is
-//! another surface.
+//! Texels are decoded to linear before bilinear interpolation. Where a ray's footprint covers many texels, colours
+//! are read from a mipmap, interpolated between the two nearest levels. Only colours are filtered this way, because
+//! light is not linear in the other maps: the mean of a cut-out is not a cut-out, and the mean of normals or
+//! roughness describes another surface.
 
 use glam::{Vec2, Vec3};
 
@@ -11,46 +11,46 @@ use super::mipmap::{Mipmap, Texels};
 use crate::geometry::bvh::Hit;
 use crate::types::{ColourMap, Map, Object, Primitive, Texture, TextureRef, Wrap};
 
-/// A point of a primitive, for lookup.
+/// A point of a primitive, for texture lookup.
 #[derive(Clone, Copy)]
 pub struct SurfacePoint<'a> {
-    /// Whose textures they are.
+    /// The object, which has the textures.
     pub object: &'a Object,
-    /// What it is a point of.
+    /// The primitive.
     pub primitive: &'a Primitive,
-    /// The vertices of its triangle, in the order of the hit's weights.
+    /// Vertex indices of the triangle, in the order of the barycentric weights of the hit.
     pub corner: [u32; 3],
-    /// Where the ray met it.
+    /// The hit.
     pub hit: &'a Hit,
-    /// Linear values of sRGB codes.
+    /// Linear values of the 256 sRGB codes.
     pub decode: &'a [f32; 256],
-    /// Smaller copies of the textures of the object.
+    /// Mipmaps of the object's textures.
     pub mipmaps: &'a [Mipmap],
-    /// Width of the ray on the surface, as a share of the square root of twice the triangle's area; 0 for a ray
-    /// without width.
+    /// Width of the ray's footprint, as a share of the square root of twice the triangle's area; 0 for an
+    /// infinitely thin ray.
     pub width: f32,
 }
 
 impl SurfacePoint<'_> {
-    /// A value between those of the corners.
+    /// A vertex attribute, interpolated.
     pub fn blend<const N: usize>(&self, values: &[[f32; N]]) -> [f32; N] {
         let [a, b, c] = self.corner.map(|i| values[i as usize]);
         let (wb, wc) = (self.hit.b1, self.hit.b2);
         std::array::from_fn(|k| a[k] * (1.0 - wb - wc) + b[k] * wb + c[k] * wc)
     }
 
-    /// Linear vertex colour and alpha; white where there is none.
+    /// Linear vertex colour and alpha; white without vertex colours.
     pub fn vertex_colour(&self) -> [f32; 4] {
         if self.primitive.colours.is_empty() { [1.0; 4] } else { self.blend(&self.primitive.colours) }
     }
 
-    /// Texture coordinates of the corners.
+    /// Texture coordinates of the three vertices.
     pub fn coordinates(&self, set: u32) -> [Vec2; 3] {
         let uv = if set == 0 { &self.primitive.uv0 } else { &self.primitive.uv1 };
         self.corner.map(|i| uv.get(i as usize).copied().map_or(Vec2::ZERO, Vec2::from_array))
     }
 
-    /// A number by a channel of its texture.
+    /// A scalar parameter, times a channel of its texture.
     pub fn number(&self, map: &Map, channel: usize) -> f32 {
         match map.texture {
             Some(texture) => map.factor * self.texture(Some(texture), Texels::Numbers)[channel],
@@ -58,13 +58,14 @@ impl SurfacePoint<'_> {
         }
     }
 
-    /// A colour by its texture.
+    /// A colour parameter, times its texture.
     pub fn colour(&self, map: &ColourMap) -> Vec3 {
         let [r, g, b, _] = self.texture(map.texture, Texels::Colours);
         Vec3::from_array(map.factor) * Vec3::new(r, g, b)
     }
 
-    /// How many texels of a texture the triangle is across: the square root of those of a parallelogram over two of its sides.
+    /// Width of the triangle in texels of a texture: the square root of the texel area of the parallelogram that
+    /// two of its edges span.
     pub fn texels(&self, texture: TextureRef) -> f32 {
         let [a, b, c] = self.coordinates(texture.uv_set);
         let scale = texture.transform.map_or(1.0, |t| (t.scale[0] * t.scale[1]).abs());
@@ -73,7 +74,7 @@ impl SurfacePoint<'_> {
         ((b - a).perp_dot(c - a).abs() * scale * all).sqrt()
     }
 
-    /// A texture at this point, colours decoded; white where there is none.
+    /// A texture at this point, colours decoded to linear; white without a texture.
     pub fn texture(&self, texture: Option<TextureRef>, texels: Texels) -> [f32; 4] {
         let [r, g, b, alpha] = self.weighed(texture, texels);
         if texels != Texels::CoveredColours || alpha <= 0.0 {
@@ -82,7 +83,7 @@ impl SurfacePoint<'_> {
         [r / alpha, g / alpha, b / alpha, alpha]
     }
 
-    /// The same, of covered colours times alpha.
+    /// The same; colours with coverage are premultiplied by alpha.
     fn weighed(&self, texture: Option<TextureRef>, texels: Texels) -> [f32; 4] {
         let Some(texture) = texture else { return [1.0; 4] };
         let Some(image) = self.object.textures.get(texture.texture as usize) else { return [1.0; 4] };
@@ -94,7 +95,7 @@ impl SurfacePoint<'_> {
         if !uv.is_finite() {
             uv = Vec2::ZERO;
         }
-        // Texels across the ray's width: the triangle holds as many as its share of the picture.
+        // Texels across the footprint, from the texel area of the triangle.
         let mut share = (b - a).perp_dot(c - a).abs();
         if let Some(t) = texture.transform {
             // KHR_texture_transform: a positive rotation turns the coordinates counter-clockwise with v down.
@@ -108,7 +109,7 @@ impl SurfacePoint<'_> {
         let Some(mipmap) = self.mipmaps.get(texture.texture as usize).filter(|_| across > 1.0) else {
             return self.between(image, texture, uv, texels);
         };
-        // Between two sizes linearly: all of the one that has a texel across, none at twice that.
+        // Linear interpolation between two mipmap levels: weight 1 at one texel per footprint, 0 at two.
         let (mut level, mut over) = (0, across);
         while over >= 2.0 && level < 31 {
             (level, over) = (level + 1, over * 0.5);
@@ -120,7 +121,7 @@ impl SurfacePoint<'_> {
         std::array::from_fn(|k| fine[k] * (2.0 - over) + coarse[k] * (over - 1.0))
     }
 
-    /// A copy of a texture at a place, between its texels.
+    /// A mipmap level at texture coordinates, bilinear.
     fn between(&self, image: &Texture, texture: TextureRef, uv: Vec2, texels: Texels) -> [f32; 4] {
         let fetch = |x: i64, y: i64| -> [f32; 4] {
             let x = wrap(x, i64::from(image.width), texture.sampler.wrap_u);
@@ -146,7 +147,7 @@ impl SurfacePoint<'_> {
     }
 }
 
-/// The texel that stands at an index beyond the edge.
+/// The index of the texel that the wrap mode gives for any index.
 fn wrap(index: i64, size: i64, mode: Wrap) -> usize {
     let at = match mode {
         Wrap::Clamp => index.clamp(0, size - 1),

@@ -1,7 +1,7 @@
-//! How the receiver blocks light of the environment.
+//! How the receiver mesh blocks light of the environment.
 //!
-//! One function, [`Block::passes`], decides whether light of the environment reaches a point past the
-//! receiver. Light samples, scattered rays and the shadow all use it, so no energy is lost between them.
+//! One function, [`Block::passes`], decides whether environment light reaches a point past the receiver. Light
+//! samples, scattered rays and shadow rays all use it, so that multiple importance sampling loses no energy.
 
 use glam::Vec3;
 use serde::Serialize;
@@ -9,42 +9,42 @@ use serde::Serialize;
 use super::receiver::Receiver;
 use crate::geometry::bvh::{Hit, Ray};
 
-/// Most layers of front faces that can be counted.
+/// Maximum number of front-face layers that can be counted.
 pub const MOST_LAYERS: usize = 16;
-/// Layers of front faces that are counted where nothing else is asked for.
+/// Default number of front-face layers.
 pub const LAYERS: u32 = 3;
 
 /// How the receiver blocks light of the environment, in the frame of the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub enum Block {
-    /// Like any solid body.
+    /// Any surface blocks.
     Solid,
-    /// Not at all.
+    /// Nothing blocks.
     Pass,
-    /// Rays pass front faces and stop at backs; `flip` where the normals point out of the room.
+    /// Front faces let light pass and back faces block it.
     FrontFace {
-        /// Front faces that end the search.
+        /// Number of front faces after which a ray counts as outside.
         max_layers: u32,
-        /// Backs count as fronts.
+        /// True if the normals point out of the room, so that back faces count as front faces.
         flip: bool,
-        /// What lies outside of this box has no say: the outer side of a wall, the next room. For all that the user says
-        /// himself it is [`EVERYWHERE`].
+        /// Surfaces outside this box are ignored: the outer side of a wall, the next room. [`EVERYWHERE`] unless
+        /// the room was measured.
         within: [[f32; 3]; 2],
     },
-    /// What lies farther than this from the point of capture does not block.
+    /// Surfaces farther than `radius` from the point of capture do not block.
     PassBeyond {
         /// The point of capture.
         centre: [f32; 3],
-        /// In world units.
+        /// Radius in world units.
         radius: f32,
     },
 }
 
-/// The box that holds everything; the key takes no infinity.
+/// A box that contains everything. Finite, since keys cannot hold infinity.
 pub const EVERYWHERE: [[f32; 3]; 2] = [[-f32::MAX; 3], [f32::MAX; 3]];
 
 impl Block {
-    /// Whether light of the environment reaches the start of a ray past the receiver.
+    /// True if environment light reaches the origin of a ray past the receiver.
     pub fn passes(&self, receiver: &Receiver, ray: Ray) -> bool {
         match *self {
             Block::Pass => true,
@@ -58,7 +58,8 @@ impl Block {
                     let place = ray.origin + ray.direction * hit.t;
                     place.cmplt(low).any() || place.cmpgt(high).any()
                 };
-                // One walk over all hits: the nearest back blocks unless enough fronts lie before it.
+                // One traversal over all hits: the nearest back face blocks unless enough front faces lie before
+                // it.
                 let mut fronts = [f32::INFINITY; MOST_LAYERS];
                 let layers = (max_layers as usize).clamp(1, MOST_LAYERS);
                 let mut back = f32::INFINITY;
@@ -69,7 +70,7 @@ impl Block {
                     if hit.back != flip {
                         back = back.min(hit.t);
                     } else {
-                        // Keeps the nearest ones in order; an edge met twice counts once.
+                        // Keeps the nearest distances in order; an edge hit twice counts once.
                         let mut t = hit.t;
                         for slot in &mut fronts[..layers] {
                             if t == *slot {
@@ -95,7 +96,7 @@ mod tests {
     use super::*;
     use crate::types::Mesh;
 
-    /// Squares across the x axis; a negative x stands for one at -x whose back is seen from the origin.
+    /// Squares across the x axis; a negative x means one at -x whose back faces the origin.
     fn squares(at: &[f32]) -> Receiver {
         let mut mesh = Mesh::default();
         for &x in at {
@@ -103,13 +104,13 @@ mod tests {
             let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
             mesh.positions.extend(corners.map(|[y, z]| [x.abs(), y, z]));
             let [a, b, c, d] = [0, 1, 2, 3].map(|i| first + i);
-            // Counter-clockwise seen from the origin is the front.
+            // Front faces are counter-clockwise seen from the origin.
             mesh.triangles.extend(if x < 0.0 { [[a, b, c], [a, c, d]] } else { [[a, c, b], [a, d, c]] });
         }
         Receiver::new(&mesh, DVec3::ZERO)
     }
 
-    /// Every way to block against everything that a ray may meet. Rows are those of docs/light-transport.md.
+    /// Each rule against each arrangement of surfaces. Rows are those of docs/light-transport.md.
     #[test]
     fn what_lets_the_environment_through() {
         let nothing = squares(&[]);
@@ -117,7 +118,7 @@ mod tests {
         let furniture = squares(&[1.0, -1.5, 2.0]);
         let back = squares(&[-1.0]);
         let layers = squares(&[0.5, 1.0, 1.2, -1.5]);
-        // A ray through an edge meets both of its triangles, in one place.
+        // A ray through an edge hits both triangles at one point.
         let edge = squares(&[0.5, 0.5, 1.0, -1.5]);
         let receivers = [&nothing, &shell, &furniture, &back, &layers, &edge];
         let front = |max_layers, flip| Block::FrontFace { max_layers, flip, within: EVERYWHERE };

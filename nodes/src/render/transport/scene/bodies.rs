@@ -1,4 +1,4 @@
-//! The bodies of the objects along a ray: which are around it, and what they leave of its light.
+//! Transparent bodies along a ray: which of them surround it, and how much of its light they absorb.
 
 use std::cmp::Ordering;
 
@@ -11,16 +11,16 @@ use crate::geometry::bvh::{Hit, Ray};
 use crate::geometry::sampling::{hash, unit};
 use crate::math::num;
 
-/// Places of a surface from which it is felt how many bodies are around it.
-const FEELERS: usize = 64;
+/// Points per surface from which the number of surrounding bodies is sampled.
+const SURFACE_SAMPLES: usize = 64;
 
-/// In the order in which a ray meets them.
+/// Orders hits along a ray.
 pub(crate) fn nearer(a: &Hit, b: &Hit) -> Ordering {
     a.t.total_cmp(&b.t).then(a.triangle.cmp(&b.triangle))
 }
 
 impl Objects {
-    /// What is on the side of a surface that a ray of some media meets, and what on the other.
+    /// The media on the near and the far side of a surface for a ray that travels in `media`.
     pub(crate) fn sides(&self, part: &PlacedPrimitive, back: bool, media: Media) -> [Media; 2] {
         match (part.body, back) {
             (None, _) => [media; 2],
@@ -29,22 +29,22 @@ impl Objects {
         }
     }
 
-    /// The indices of the media on the two sides of a surface.
+    /// The indices of refraction of the media on the two sides of a surface.
     pub(crate) fn indices(&self, sides: [Media; 2]) -> [f32; 2] {
         sides.map(|media| media.all().last().map_or(1.0, |&body| self.bodies[body as usize].ior))
     }
 
-    /// Absorption over a unit of a way.
+    /// Absorption per unit length.
     fn absorption(&self, media: Media) -> Vec3 {
         media.all().last().map_or(Vec3::ZERO, |&body| self.bodies[body as usize].absorption)
     }
 
-    /// Whether a point may be in a body.
+    /// True if a point may be inside a body.
     pub fn may_hold(&self, point: Vec3) -> bool {
         self.held.is_some_and(|held| held.holds(point))
     }
 
-    /// The bodies around the start of a ray: those that the ray leaves and has not entered.
+    /// The bodies around the origin of a ray: those that it leaves without having entered them.
     pub fn around(&self, ray: Ray, key: u32, camera: bool) -> Media {
         let mut crossed = Vec::new();
         self.bvh.any(ray, |hit| {
@@ -60,20 +60,19 @@ impl Objects {
             match (hit.back, entered.all().contains(&body)) {
                 (false, _) => entered = entered.enter(body),
                 (true, true) => entered = entered.without(body),
-                // What is left first was entered last.
+                // The body left first was entered last.
                 (true, false) => around = around.amid(body),
             }
         }
         around
     }
 
-    /// The most bodies that lie in one another, as far as places all over their surfaces tell, if that is more than a path
-    /// knows.
+    /// The largest number of nested bodies found at sample points of their surfaces, if it exceeds [`MOST`].
     pub fn nested_too_deep(&self) -> Option<usize> {
         if self.bodies.len() <= MOST {
             return None;
         }
-        // Just below a surface: around it is each body that a ray from there leaves more often than it enters.
+        // A point just below a surface is inside each body that a ray from there leaves more often than it enters.
         let around = |triangle: u32, [a, b, c]: [Vec3; 3]| {
             let normal = self.normal(triangle);
             let ray = Ray::new((a + b + c) / 3.0 - normal * margin(&[a, b, c]), -normal);
@@ -88,23 +87,23 @@ impl Objects {
         };
         let of_bodies = self.parts_with_triangles().filter(|(part, _)| part.body.is_some());
         let deepest = of_bodies.flat_map(|(_, all)| {
-            let step = all.len().div_ceil(FEELERS).max(1);
+            let step = all.len().div_ceil(SURFACE_SAMPLES).max(1);
             all.step_by(step).map(|triangle| around(triangle as u32, self.corners[triangle]))
         });
         deepest.max().filter(|&deepest| deepest > MOST)
     }
 
-    /// Hits of the surfaces of bodies in the order of the ray. An edge is met by both of its triangles, in
-    /// one place, and crossed once.
+    /// Sorts hits on bodies along the ray and removes duplicates: an edge is hit on both of its triangles but
+    /// crossed once.
     fn in_order(&self, crossed: &mut Vec<Hit>) {
         crossed.sort_unstable_by(nearer);
         let of = |hit: &Hit| (hit.t.to_bits(), hit.back, self.part(hit.triangle).0.body);
         crossed.dedup_by_key(|hit| of(hit));
     }
 
-    /// What is left of the light of a ray that starts in some media and crosses the surfaces of bodies, each
-    /// of which lets a share pass that depends on what is on its sides; and the media where it ends, on the
-    /// surface `end` or at its reach.
+    /// The transmittance of a ray that starts in `media` and crosses the surfaces of bodies, each of which
+    /// transmits `share` depending on the media on its sides; and the media at its end, on the surface `end` or at
+    /// distance `reach`.
     fn through(
         &self,
         mut media: Media,
@@ -133,7 +132,7 @@ impl Objects {
         (light * left, media)
     }
 
-    /// What is left of the light of a ray that crosses nothing up to its end, and the media there.
+    /// The transmittance of a ray that crosses nothing before its end, and the media there.
     pub fn within(&self, media: Media, end: Option<&Hit>, reach: f32) -> (Vec3, Media) {
         match self.bodies.is_empty() {
             true => (Vec3::ONE, media),
@@ -141,7 +140,7 @@ impl Objects {
         }
     }
 
-    /// The share of light that comes straight along a ray, apart from what one triangle does.
+    /// The transmittance of objects along a straight ray, ignoring one triangle.
     pub fn transmittance(&self, ray: Ray, key: u32, except: Option<u32>, media: Media) -> Vec3 {
         let (mut light, mut crossed) = (Vec3::ONE, Vec::new());
         let blocked = self.bvh.any(ray, |hit| {
@@ -165,13 +164,12 @@ impl Objects {
         light * self.through(media, crossed, (None, ray.t_max), share).0
     }
 
-    /// How often a ray that goes straight passes a surface: as much of the light does in the air.
+    /// Probability that a straight ray passes a surface: the share of light that does so in air.
     fn probability(&self, hit: &Hit, direction: Vec3) -> f32 {
         self.straight(hit, direction, None).max_element()
     }
 
-    /// The nearest surface along a ray that goes straight, which some surfaces let pass at random. The
-    /// surface found is one that reflects.
+    /// The nearest surface along a straight ray that passes some surfaces at random.
     pub fn closest_straight(&self, ray: Ray, key: u32) -> Option<Hit> {
         self.bvh.closest(ray, |hit| {
             self.accepts(hit, key, false)
@@ -179,8 +177,8 @@ impl Objects {
         })
     }
 
-    /// The weight of what is found at the end of a ray that goes straight, on a surface that
-    /// [`closest_straight`](Self::closest_straight) has found or at its reach, and the media there.
+    /// The weight of radiance at the end of a straight ray, on the surface that
+    /// [`closest_straight`](Self::closest_straight) found or at its reach, and the media there.
     pub fn along_straight(&self, ray: Ray, key: u32, end: Option<&Hit>, media: Media) -> (Vec3, Media) {
         let (mut weight, mut crossed) = (Vec3::ONE, Vec::new());
         self.bvh.any(ray, |hit| {

@@ -1,4 +1,4 @@
-//! How much of a surface there is for a ray: cut-outs, blended surfaces, and backs that the camera looks through.
+//! Coverage of surfaces: alpha cut-outs, alpha blending, and back faces that the camera looks through.
 
 use super::bodies::nearer;
 use super::mipmap::Texels;
@@ -8,8 +8,8 @@ use crate::geometry::sampling::{fraction, hash, unit};
 use crate::types::AlphaMode;
 
 impl Objects {
-    /// The share of rays that the surface at a hit stops: none where it is cut out, alpha where it is blended. `camera` rays pass
-    /// through the backs of single-sided surfaces, but for those of bodies, in whose medium they are.
+    /// The share of rays that the surface at a hit stops: 0 where it is cut out, alpha where it is blended.
+    /// `camera` rays pass through back faces of single-sided surfaces, except those of bodies.
     pub fn coverage(&self, hit: &Hit, camera: bool) -> f32 {
         if self.opaque {
             return 1.0;
@@ -32,14 +32,15 @@ impl Objects {
         if there > 0.0 { there.min(1.0) } else { 0.0 }
     }
 
-    /// Whether a ray of the given random key meets the surface at a hit, as often as it stops rays.
+    /// True if a ray with the given random key stops at the surface, with the probability of its coverage.
     pub fn accepts(&self, hit: &Hit, key: u32, camera: bool) -> bool {
         let coverage = self.coverage(hit, camera);
         coverage == 1.0 || unit(hash(key, hit.triangle)) < coverage
     }
 
-    /// What a ray of the camera shows, by one number for all that it passes: each surface in its order takes its share of the numbers
-    /// that are left, so that evenly spread ones show each as evenly. Every further surface takes one more ray, counted in `rays`.
+    /// The surface that a camera ray shows, chosen by one random number for all surfaces along it: each takes its
+    /// share of the numbers left by those before it, so stratified numbers give stratified coverage. Each further
+    /// surface costs one ray, counted in `rays`.
     pub fn front(&self, ray: Ray, number: u32, rays: &mut u64) -> Option<Hit> {
         let mut number = fraction(number);
         let mut passed: Option<Hit> = None;

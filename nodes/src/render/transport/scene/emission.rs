@@ -1,4 +1,4 @@
-//! What objects emit: where a ray meets them, and where light samples look for it.
+//! Emission of objects: where a ray hits them, and the distribution for light samples.
 
 use glam::Vec3;
 
@@ -11,14 +11,14 @@ use super::objects::Objects;
 use crate::geometry::bvh::Hit;
 use crate::types::Material;
 
-/// Of the most that a picture has somewhere, the least that is looked for there: a texel among 128 by 128.
+/// Smallest sampled share of the maximum of an emission texture: one texel among 128 by 128.
 const FAINT: f32 = 1.0 / 16384.0;
 
-/// Squares of lattices over all triangles that shine, beyond 32 to a side.
+/// Maximum number of lattice cells over all emissive triangles, beyond 32 per side.
 const CELLS: usize = 1 << 17;
 
 impl Objects {
-    /// What shines at a hit towards a unit direction: less than the material emits where a coat or sheen is over it.
+    /// Emission at a hit towards a unit direction, attenuated by clearcoat and sheen.
     pub fn emission_towards(&self, hit: &Hit, out: Vec3) -> Vec3 {
         let (_, material, _) = self.point(hit);
         if material.unlit
@@ -30,22 +30,23 @@ impl Objects {
         self.surface(&Hit { back, ..*hit }, out, false, 0.0, Media::default()).emission
     }
 
-    /// What the material emits at a hit, on the mean over a width as a share of the square root of twice the triangle's area.
+    /// Emission of the material at a hit, averaged over a footprint of `width` (a share of the square root of twice
+    /// the triangle's area).
     pub fn emission(&self, hit: &Hit, width: f32) -> Vec3 {
         let (_, material, point) = self.point(hit);
         emission(&SurfacePoint { width, ..point }, material)
     }
 
-    /// All that shines.
+    /// The light distribution of all emissive triangles.
     pub(crate) fn find_emitters(&self) -> Emitters {
-        // Of a lamp so small that the mean of the picture is rounded to black a little is looked for.
+        // A lamp so small that the average rounds to black keeps a small probability.
         let emission = |hit: &Hit, width| self.emission(hit, width).max(self.peak(hit, width) * FAINT);
         let finest = self.finest();
         Emitters::new(&self.corners, |triangle| self.lattice(triangle, finest), emission)
     }
 
-    /// The most that the picture of what the material emits has over a width, as [`emission`](Self::emission) has the mean;
-    /// black without a picture.
+    /// The maximum of the emission texture over a footprint, as [`emission`](Self::emission) is the mean; black
+    /// without a texture.
     fn peak(&self, hit: &Hit, width: f32) -> Vec3 {
         let (_, material, point) = self.point(hit);
         let [r, g, b, _] = material.base_colour;
@@ -58,7 +59,8 @@ impl Objects {
         Vec3::from_array(most) * Vec3::new(r, g, b)
     }
 
-    /// Squares a side of the finest lattices: 32, and more of few triangles, such as a panel of lights.
+    /// Maximum cells per side of a lattice: 32, and more for scenes of few emissive triangles, such as a panel of
+    /// lights.
     fn finest(&self) -> u32 {
         let shining = self.parts.iter().map(|part| {
             let object = &self.placed()[part.placed].object;
@@ -70,18 +72,18 @@ impl Objects {
         (each.isqrt() as u32).max(COARSE)
     }
 
-    /// Squares a side of the lattice by which the picture of what a triangle emits is looked at: of four texels, as a
-    /// rule, and at most `finest`.
+    /// Cells per side of the lattice that samples a triangle's emission texture: one per four texels, at most
+    /// `finest`.
     fn lattice(&self, triangle: u32, finest: u32) -> u32 {
         let hit = Hit { t: 0.0, triangle, b1: 0.0, b2: 0.0, back: false };
         let (_, material, point) = self.point(&hit);
         let picture = if material.unlit { material.base_colour_texture } else { material.emissive_texture };
         let texels = picture.map_or(0.0, |picture| point.texels(picture));
-        // What is not a number is 0.
+        // NaN becomes 0.
         ((texels / 4.0).ceil() as u32).clamp(1, finest)
     }
 
-    /// A point that shines, from fractions; there must be some.
+    /// A point sampled by emission, from random numbers. There must be an emitter.
     pub fn sample_emitter(&self, choice: u32, place: [u32; 2]) -> EmitterSample {
         self.emitters.sample(&self.corners, choice, place)
     }

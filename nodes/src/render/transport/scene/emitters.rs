@@ -1,4 +1,4 @@
-//! What shines on the objects, as a light.
+//! Emissive surfaces of objects as area lights.
 
 use glam::Vec3;
 
@@ -7,37 +7,37 @@ use crate::geometry::bvh::{Hit, Ray};
 use crate::geometry::sampling::{Discrete, unit};
 use crate::math::color::luminance;
 
-/// The triangles of the objects that shine, in pieces, which are chosen by the light they give: area times mean luminance.
-/// A triangle with a picture is cut by lattices of its weights, so that a small lamp of the picture is one.
+/// The emissive triangles of the objects, in pieces that are sampled in proportion to area times mean luminance. A
+/// textured triangle is divided into a lattice, so that a small bright spot of the texture is sampled as one.
 #[derive(Debug)]
 pub struct Emitters {
-    /// Triangle and cell of each piece that shines.
+    /// Triangle and cell of each emissive piece.
     pieces: Vec<(u32, u32)>,
     choice: Discrete,
-    /// Their areas times the mean luminance of what they emit, in all.
+    /// Sum over all pieces of area times mean luminance.
     pub power: f64,
-    /// For each triangle of the objects its lattice; empty where nothing shines.
+    /// The lattice of each triangle of the objects; empty if nothing is emissive.
     lattices: Vec<Lattice>,
-    /// Density of a point by area, for each cell of each lattice.
+    /// Probability density by area of each cell of each lattice.
     pdf: Vec<f32>,
 }
 
-/// The cells of a triangle: two of each square of weights 1 and 2, so many squares a side; 0 where it does not shine.
+/// The cells of a triangle: two per lattice square, `side` squares per edge; 0 for a triangle that is not emissive.
 #[derive(Debug, Clone, Copy, Default)]
 struct Lattice {
     first: u32,
     side: u32,
 }
 
-/// Squares a side of lattices of many triangles.
+/// Squares per edge of lattices of many triangles.
 pub const COARSE: u32 = 32;
 
-/// Cells of a triangle that are few enough to be looked at by so many points a side.
+/// Number of bright cells up to which each is examined by this many points per edge.
 const FEW: usize = 256;
 const CLOSE: u32 = 16;
 
 impl Lattice {
-    /// The cell that holds a point.
+    /// The cell that contains a point.
     fn cell(&self, b1: f32, b2: f32) -> u32 {
         let side = self.side as f32;
         let (x, y) = ((b1 * side).max(0.0), (b2 * side).max(0.0));
@@ -46,7 +46,7 @@ impl Lattice {
         2 * (i * self.side + j) + u32::from(upper)
     }
 
-    /// The weights of a point of a cell, from those in a triangle.
+    /// Barycentric weights of a point of a cell, from weights within it.
     fn place(&self, cell: u32, [u, v]: [f32; 2]) -> [f32; 2] {
         let side = self.side as f32;
         let [i, j] = [cell / 2 / self.side, cell / 2 % self.side].map(|k| k as f32);
@@ -57,32 +57,32 @@ impl Lattice {
         }
     }
 
-    /// The cells within the triangle: all but the upper ones on its long side and what is beyond.
+    /// The cells inside the triangle: all but the upper ones on its long edge and those beyond it.
     fn cells(self) -> impl Iterator<Item = u32> {
         let inside = move |cell: &u32| cell / 2 / self.side + cell / 2 % self.side + cell % 2 < self.side;
         (0..2 * self.side * self.side).filter(inside)
     }
 }
 
-/// A point that shines.
+/// A sampled point on an emitter.
 #[derive(Debug, Clone, Copy)]
 pub struct EmitterSample {
-    /// Where it is: the triangle and the weights of its vertices.
+    /// Triangle and barycentric weights.
     pub hit: Hit,
     /// Position in the frame of the scene.
     pub position: Vec3,
     /// Unit normal of the triangle, by its winding.
     pub normal: Vec3,
-    /// Density of choosing it, by area.
+    /// Probability density by area.
     pub pdf: f32,
-    /// How far rays must stay off its triangle not to meet it: see [`margin`].
+    /// Offset of rays from its triangle: see [`margin`].
     margin: f32,
 }
 
 impl EmitterSample {
-    /// The way from a start to just over this point, on the side of the start. It ends off the triangle by the rounding of
-    /// both ends, as rays start off theirs: then it stays over the plane of the triangle, so that no facet beside it of a
-    /// lamp that bulges is met, and what lies farther before it is.
+    /// The ray from a start to just above this point, on the side of the start. It ends off the triangle by the
+    /// rounding errors of both ends, so it stays above the plane of the triangle: facets next to it on a convex
+    /// lamp are not hit, and surfaces before it are.
     pub fn way(&self, start: Vec3) -> Ray {
         let off = self.margin + margin(&[start; 3]);
         let side = off.copysign((start - self.position).dot(self.normal));
@@ -93,8 +93,8 @@ impl EmitterSample {
 }
 
 impl Emitters {
-    /// Of triangles given by their corners, the squares a side of their lattices, and what they emit at a point, on the mean over
-    /// a width as a share of the square root of twice the triangle's area.
+    /// Builds the distribution from the corners of all triangles, the lattice size per triangle, and the emission
+    /// at a point averaged over a footprint (a share of the square root of twice the triangle's area).
     pub fn new(
         corners: &[[Vec3; 3]],
         sides: impl Fn(u32) -> u32,
@@ -116,12 +116,12 @@ impl Emitters {
                 let hit = Hit { t: 0.0, triangle: index, b1, b2, back: false };
                 luminance(emission(&hit, width / lattice.side as f32).to_array())
             };
-            // Twice as wide as a cell, so that what spills over its edge is a lamp, too.
+            // Twice as wide as a cell, so that light leaking over its edge is sampled too.
             let own = |cell| if lattice.side == 1 { mean } else { at(cell, [1.0 / 3.0; 2], 2.0) };
             let shines = |&(_, light): &(u32, f32)| light > 0.0 && light.is_finite();
             let mut lit: Vec<_> = lattice.cells().map(|cell| (cell, own(cell))).filter(shines).collect();
             if lattice.side > COARSE && lit.len() <= FEW {
-                // A lamp among much that is dark: which cells it reaches into is looked at closely.
+                // A small lamp on a dark texture: the cells that it reaches are examined more finely.
                 for (cell, light) in &mut lit {
                     let points = (0..CLOSE * CLOSE).filter(|k| k / CLOSE + k % CLOSE < CLOSE);
                     let place =
@@ -150,12 +150,12 @@ impl Emitters {
         Self { pieces, choice, power, lattices, pdf }
     }
 
-    /// Whether nothing shines.
+    /// True if there are no emitters.
     pub fn is_empty(&self) -> bool {
         self.pieces.is_empty()
     }
 
-    /// Density of choosing a point of a triangle, by area.
+    /// Probability density by area of sampling a point of a triangle.
     pub fn pdf(&self, hit: &Hit) -> f32 {
         match self.lattices.get(hit.triangle as usize) {
             Some(lattice) if lattice.side > 0 => {
@@ -165,7 +165,7 @@ impl Emitters {
         }
     }
 
-    /// A point, from two pairs of 32-bit fractions; not to be asked for where nothing shines.
+    /// Samples a point from two pairs of 32-bit random numbers. There must be an emitter.
     pub fn sample(&self, corners: &[[Vec3; 3]], choice: u32, [u, v]: [u32; 2]) -> EmitterSample {
         let (k, _) = self.choice.sample(f64::from(choice) / 4_294_967_296.0);
         let (triangle, cell) = self.pieces[k];
@@ -182,8 +182,8 @@ impl Emitters {
     }
 }
 
-/// Mean luminance of a triangle by a lattice of points of it, each of which stands for a part so wide, as a share of the
-/// square root of twice its area: between points there may be a small lamp, too.
+/// Mean luminance of a triangle from a lattice of points, each averaged over its part, so that a small lamp between
+/// points is found.
 fn mean_luminance(triangle: u32, emission: impl Fn(&Hit, f32) -> Vec3) -> f32 {
     const N: u32 = 4;
     let mut sum = 0.0;
@@ -203,9 +203,9 @@ mod tests {
     use crate::geometry::sampling::{Points, stream};
     use crate::testing::chi_square;
 
-    /// Chi-square of points against their density, by sixteenths of triangles of many sizes and strengths, some of which
-    /// do not shine.
-    /// Mutation: `root` to `unit(u)` in `Emitters::sample`, `/ area` left out of `Emitters::new` (each seen red when triangles were whole).
+    /// Chi-square of sampled points against their density, over sixteenths of triangles of many sizes and
+    /// radiances, some of them black. Mutation: `root` to `unit(u)` in `Emitters::sample`, `/ area` left out of
+    /// `Emitters::new` (each seen red when triangles were whole).
     #[test]
     fn points_follow_their_density() {
         let corners: Vec<[Vec3; 3]> = (0..12)
@@ -214,10 +214,10 @@ mod tests {
                 [Vec3::new(a, b, c), Vec3::new(d, e, f), Vec3::new(e, a, d) * 0.2 * i as f32]
             })
             .collect();
-        // Some in a lattice, with more light where the first weight is large.
+        // Some triangles have a lattice, with more light where the first weight is large.
         let emission = |hit: &Hit, _: f32| Vec3::splat((hit.triangle % 4) as f32 * (0.5 + hit.b1));
         let emitters = Emitters::new(&corners, |i| [1, 4, 8][i as usize % 3], emission);
-        // A lattice of four to a side: two weights and whether the third falls short tell the small triangle.
+        // In a lattice of four per edge, two weights and whether the third is small identify the cell.
         let number = |weights: [f32; 3]| {
             let [k, l, m] = weights.map(|w| ((4.0 * w) as usize).min(3));
             [0, 7, 12, 15][m] + 2 * l + usize::from(k + l + m == 2)
@@ -236,7 +236,7 @@ mod tests {
             let [a, b, c] = corners[hit.triangle as usize];
             let weights = [1.0 - hit.b1 - hit.b2, hit.b1, hit.b2];
             assert!((a * weights[0] + b * weights[1] + c * weights[2] - position).length() < 1e-6);
-            // But on the edge of a cell.
+            // Except on the edge of a cell.
             assert!(pdf > 0.0 && (pdf == emitters.pdf(&hit) || n_on_edges(&mut edges)), "{hit:?}");
             counts[hit.triangle as usize * 16 + number(weights)] += 1.0;
         }

@@ -1,22 +1,22 @@
-//! A triangle, and how far rays must start off it.
+//! A triangle, and the offset of rays that leave it.
 
 use glam::Vec3;
 
 use crate::geometry::bvh::Hit;
 
-/// How far rays must start off a triangle not to meet it again: the rounding of corners, barycentrics and the ray's
-/// origin, each a few units in the last place of the largest coordinate.
+/// The offset at which rays must start from a triangle so as not to hit it again: rounding of corners, barycentrics
+/// and ray origin, each a few units in the last place of the largest coordinate.
 pub(crate) fn margin([a, b, c]: &[Vec3; 3]) -> f32 {
     a.abs().max(b.abs()).max(c.abs()).max_element() * (8.0 * f32::EPSILON)
 }
 
-/// Position, unit normal of the winding, and margin of a hit.
+/// Position, unit normal by winding, and offset of a hit.
 pub(crate) fn geometry(corners: &[Vec3; 3], hit: &Hit) -> (Vec3, Vec3, f32) {
     let face = Face::new(*corners);
     (face.at(hit), face.normal, face.margin)
 }
 
-/// A triangle, with what all its points share.
+/// A triangle, with the values that all of its points share.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Face {
     pub(crate) corners: [Vec3; 3],

@@ -1,8 +1,8 @@
-//! The frame of the scene: world axes and units, from an origin near the first camera.
+//! The frame of the scene: world axes and units, with the origin at the first camera.
 
 use glam::{DVec3, Vec3};
 
-/// Distance in the scene for a distance in metres.
+/// A length in world units, from metres.
 pub fn scene_units(metres: f64, metres_per_unit: f64) -> f32 {
     (metres / metres_per_unit) as f32
 }

@@ -1,28 +1,27 @@
-//! The bodies that light is in, and what they leave of it.
+//! The stack of transparent bodies that a path is in.
 //!
-//! A path carries the bodies that it has entered and not yet left. The one that it entered last absorbs, alone:
-//! what stands in a body takes the place of its stuff, as ice does in water, so a part of the same stuff changes
-//! nothing. The indices on the two sides of a surface follow from the same list. A body that is left without
-//! having been entered was around all of the ray, inside of what the path knows of; what escapes from an open
-//! mesh was in none.
+//! A path carries the bodies that it has entered and not left. Only the one entered last absorbs: a body inside
+//! another displaces its medium, as ice does in water, so a part of the same medium inside a body changes nothing.
+//! The indices of refraction on the two sides of a surface follow from the same stack. A body that is left without
+//! having been entered surrounded the whole ray, outside the known bodies; what leaves an open mesh was inside
+//! nothing.
 
 use glam::Vec3;
 
-/// Bodies inside of one another that a path knows. Where there are more, it forgets the outermost until it
-/// leaves that.
+/// Maximum number of nested bodies on the stack. With more, the outermost is forgotten until the path leaves it.
 pub(crate) const MOST: usize = 4;
-/// What is inside of the surfaces of one placed object that bound the same stuff.
+/// The inside of the surfaces of one placed object that bound the same medium.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Body {
-    /// The object.
+    /// Index of the placed object.
     pub placed: usize,
-    /// Absorption for a unit of the scene.
+    /// Absorption coefficient per world unit.
     pub absorption: Vec3,
     /// Index of refraction.
     pub ior: f32,
 }
 
-/// The bodies around a point, from the outermost to the innermost.
+/// The bodies around a point, outermost first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Media {
     bodies: [u32; MOST],
@@ -34,17 +33,17 @@ impl Media {
         &self.bodies[..self.depth as usize]
     }
 
-    /// Whether there are none.
+    /// True if there are no bodies.
     pub fn is_empty(&self) -> bool {
         self.depth == 0
     }
 
-    /// Whether these are others than those, and no fewer.
+    /// True if the stack differs from `those` and is at least as deep.
     pub fn is_deeper(&self, those: &Self) -> bool {
         self != those && self.depth >= those.depth
     }
 
-    /// Past the front of a body.
+    /// The stack after entering a body.
     pub(crate) fn enter(mut self, body: u32) -> Self {
         if self.depth as usize == MOST {
             self.bodies.rotate_left(1);
@@ -55,7 +54,7 @@ impl Media {
         self
     }
 
-    /// Past the back of a body.
+    /// The stack after leaving a body.
     pub(crate) fn without(mut self, body: u32) -> Self {
         if let Some(at) = self.all().iter().rposition(|&b| b == body) {
             self.bodies.copy_within(at + 1.., at);
@@ -64,7 +63,7 @@ impl Media {
         self
     }
 
-    /// With a body around all others, unless it is one of them.
+    /// The stack with a body added outside all others, unless it is one of them.
     pub(crate) fn amid(mut self, body: u32) -> Self {
         if !self.all().contains(&body) && (self.depth as usize) < MOST {
             self.bodies.rotate_right(1);
@@ -87,7 +86,7 @@ mod tests {
     fn bodies_are_entered_and_left() {
         assert_eq!(media(&[3, 7]).without(7).all(), [3]);
         assert_eq!(media(&[3, 7]).without(3).all(), [7], "overlapping ones in any order");
-        assert_eq!(media(&[3, 7, 3]).without(3).all(), [3, 7], "the last of several of the same stuff");
+        assert_eq!(media(&[3, 7, 3]).without(3).all(), [3, 7], "the last of several of the same medium");
         assert_eq!(media(&[3]).without(7).all(), [3], "one that was not entered");
         assert_eq!(media(&[3]).amid(7).all(), [7, 3], "one that was not entered is around");
         assert_eq!(media(&[3, 7]).amid(7).all(), [3, 7]);

@@ -1,35 +1,34 @@
-//! Smaller copies of a texture, for where a ray sees much of it at once.
+//! Mipmaps: smaller copies of a texture for footprints that cover many texels.
 //!
-//! Copy `k + 1` has half the size of copy `k`, rounded up, and holds means of its texels. Colours are averaged as light and
-//! coded again, so that all copies read alike. Of a cut-out or blended surface what is not there has no colour, though its
-//! texels have one (black or white, as a program left them), so colours count by their alpha. Copies are made when first asked for, on any thread, and are
-//! the same whoever makes them.
+//! Level `k + 1` has half the size of level `k`, rounded up, and holds means of its texels. Colours are averaged in
+//! linear light and encoded again. Colours of cut-out or blended textures are weighted by alpha, since transparent
+//! texels have arbitrary colours. Levels are built on first use, on any thread, with the same result.
 
 use std::sync::OnceLock;
 
 use crate::math::color::{code8, srgb_from_linear};
 use crate::types::Texture;
 
-/// What the texels of a texture are.
+/// How the texels of a texture are averaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Texels {
-    /// Plain numbers.
+    /// As plain numbers.
     Numbers,
-    /// Colours, coded as sRGB.
+    /// As sRGB-encoded colours.
     Colours,
-    /// Colours that are there as far as their alpha tells.
+    /// As sRGB-encoded colours weighted by alpha.
     CoveredColours,
-    /// Colours, of which a copy holds the largest in place of the mean: where anything is.
+    /// As colours; a level holds the maximum in place of the mean.
     Peaks,
 }
 
-/// The smaller copies of a texture, for each way to read it.
+/// The levels of a texture for each kind of average.
 #[derive(Debug, Default)]
 pub struct Mipmap([OnceLock<Vec<Texture>>; 4]);
 
 impl Mipmap {
-    /// The copy `level` steps smaller than `base`, which is copy 0; the smallest beyond the last. `decode` has the
-    /// linear values of sRGB codes.
+    /// Level `level` of a texture, where `base` is level 0; the last one beyond it. `decode` has the linear values
+    /// of the sRGB codes.
     pub fn level<'a>(
         &'a self,
         base: &'a Texture,
@@ -50,7 +49,8 @@ impl Mipmap {
     }
 }
 
-/// A texture of half the size, or none for a single texel. Where a side is odd the last texels stand alone.
+/// A texture of half the size, or `None` for a single texel. Where a dimension is odd, the last texels are averaged
+/// alone.
 fn half(texture: &Texture, texels: Texels, decode: &[f32; 256]) -> Option<Texture> {
     let [width, height] = [texture.width, texture.height].map(|n| n as usize);
     if width <= 1 && height <= 1 {
@@ -71,7 +71,7 @@ fn half(texture: &Texture, texels: Texels, decode: &[f32; 256]) -> Option<Textur
             for k in 0..3 {
                 let each = four.iter().zip(alpha).map(|(at, alpha)| (value(texture.rgba[at + k]), alpha));
                 rgba.push(coded(match texels {
-                    // Where nothing is there the plain mean is as good as any.
+                    // Where alpha is 0 the plain mean is used.
                     Texels::CoveredColours if cover > 0.0 => {
                         each.map(|(v, alpha)| v * f32::from(alpha)).sum::<f32>() / cover
                     }
@@ -90,7 +90,7 @@ mod tests {
     use super::*;
     use crate::math::color::linear_from_srgb8;
 
-    // A chequer of black and white is half the light, which is code 188 and not 128; as numbers it is 128.
+    // A checkerboard of black and white has half the light, which is code 188 and not 128; as numbers it is 128.
     #[test]
     fn colours_are_averaged_as_light() {
         let texel =
@@ -107,7 +107,7 @@ mod tests {
         assert_eq!((last.width, last.height), (1, 1));
     }
 
-    // Stripes of green beside what is not there, which a program left white: green, as much as of it is there.
+    // Stripes of green next to transparent texels that are white: the mean is green, with half the coverage.
     // Mutation: `cover > 0.0` to `false` (seen red: 225, 240, 221).
     #[test]
     fn what_is_not_there_has_no_colour() {

@@ -1,22 +1,22 @@
-//! The receiver and the objects: geometry, materials, what light is in and what it meets.
+//! The receiver mesh and the objects: geometry, textures, materials, media, and what they rest on.
 
 pub(crate) mod aabb;
 pub mod attributes;
 pub mod block;
 pub(crate) mod bodies;
+pub(crate) mod coincident;
 pub(crate) mod coverage;
 pub(crate) mod emission;
 pub mod emitters;
 pub(crate) mod face;
 pub(crate) mod frame;
-pub(crate) mod lying;
 pub mod media;
 pub mod mipmap;
 pub(crate) mod object_surface;
 pub mod objects;
 pub mod receiver;
 pub(crate) mod shades;
-pub(crate) mod stacked;
+pub(crate) mod sheets;
 pub(crate) mod subdivide;
 pub mod supports;
 pub mod surface;

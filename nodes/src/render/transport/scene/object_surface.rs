@@ -1,4 +1,4 @@
-//! The surface of an object where a ray meets it: its material there, and the normals that it is shaded by.
+//! The surface of an object at a hit: material parameters and shading normal.
 
 use glam::Vec3;
 
@@ -14,21 +14,21 @@ use crate::render::transport::bsdf::{Bsdf, BsdfParams, Frame, Layers, mirroring,
 use crate::types::{AlphaMode, Material, NormalMap};
 
 impl Objects {
-    /// The surface at a hit, seen from the unit direction `out` by a ray of some width there; without what passes
-    /// it where `straight`. The ray came through `media`.
+    /// The surface at a hit, seen from the unit direction `out` by a ray with a footprint of `width`. If
+    /// `straight`, without transmission. The ray arrived through `media`.
     pub fn surface(&self, hit: &Hit, out: Vec3, straight: bool, width: f32, media: Media) -> Surface {
         let (part, material, point) = self.point(hit);
         let media = self.sides(part, hit.back, media);
         let [a, b, c] = self.corners[hit.triangle as usize];
         let area = (b - a).cross(c - a);
-        // Seen aslant a ray is wider one way; the mean of both ways blurs no more than it must.
+        // An oblique footprint is an ellipse; the geometric mean of its axes does not blur more than necessary.
         let slant = area.normalize_or_zero().dot(out).abs().max(0.01);
         let filtered =
             SurfacePoint { width: width / (slant * area.length().max(f32::MIN_POSITIVE)).sqrt(), ..point };
         let (position, winding, margin) = geometry(&self.corners[hit.triangle as usize], hit);
         let side = if hit.back { -1.0 } else { 1.0 };
         let geometric = winding * side;
-        // Shading normal on the side of the winding, then of the viewer.
+        // The shading normal, first on the side of the winding, then of the viewer.
         let smooth = match point.primitive.normals.is_empty() {
             true => winding,
             false => apply(&part.normals, Vec3::from_array(point.blend(&point.primitive.normals)))
@@ -37,7 +37,7 @@ impl Objects {
         let smooth = if smooth.dot(winding) < 0.0 { -smooth } else { smooth };
         let mapped =
             |map: Option<NormalMap>| side * map.map_or(smooth, |map| self.bump(part, &point, &map, smooth));
-        // What mirrors or bends light needs a normal on the viewer's side, at least just this side of the horizon.
+        // Reflection and refraction need a normal on the viewer's side, at least slightly above the horizon.
         let facing = |normal: Vec3| {
             let lift = 0.01 - normal.dot(out);
             let seen = if lift > 0.0 { (normal + out * lift).normalize_or(geometric) } else { normal };
@@ -47,7 +47,7 @@ impl Objects {
         params.inside = params.thick && hit.back && !straight;
         if part.body.is_some() {
             let [near, far] = self.indices(media);
-            // From the denser side there is a critical angle, on whichever side of the body that is.
+            // From the denser side there is a critical angle, whichever side of the body that is.
             params.inside |= near > far && !straight;
             params.ior = if params.inside { near / far } else { (far / near).max(near / far) };
         }
@@ -76,8 +76,8 @@ impl Objects {
         Surface { position, normal: geometric, margin, bsdf, emission, media, cover: None, bed: None, lift }
     }
 
-    /// What passes straight through the surface at a hit, which the ray of the given direction meets; that of a
-    /// body between the media on its sides, or in the air.
+    /// Straight transmittance of the surface at a hit for a ray direction: of a body between the media on its
+    /// sides, or in air.
     pub(crate) fn straight(&self, hit: &Hit, direction: Vec3, sides: Option<[Media; 2]>) -> Vec3 {
         let (_, material, point) = self.point(hit);
         if material.transmission.factor == 0.0 {
@@ -91,7 +91,8 @@ impl Objects {
         straight(&params, normal.dot(direction).abs())
     }
 
-    /// Tangent across a normal, by stored tangents or by texture coordinates, and the sign of the bitangent.
+    /// A tangent perpendicular to a normal, from stored tangents or texture coordinates, and the sign of the
+    /// bitangent.
     fn tangent(
         &self,
         part: &PlacedPrimitive,
@@ -111,7 +112,7 @@ impl Objects {
                 let [p, q, r] = point.coordinates(uv_set);
                 let (e, f, s, t) = (b - a, c - a, q - p, r - p);
                 let area = s.x * t.y - t.x * s.y;
-                // Up the picture is against v.
+                // The bitangent points up in the texture, against v.
                 ((e * t.y - f * s.y) * area.signum(), -area.signum())
             }
         };
@@ -126,7 +127,7 @@ impl Objects {
         ((tangent * x + bitangent * y) * map.scale + normal * z).normalize_or(normal)
     }
 
-    /// The direction of the brush of an anisotropic surface, and its strength by the texture.
+    /// Tangent direction and strength of anisotropy, with its texture.
     fn brush(
         &self,
         part: &PlacedPrimitive,
@@ -154,11 +155,11 @@ fn apply(m: &[Vec3; 3], v: Vec3) -> Vec3 {
     m[0] * v.x + m[1] * v.y + m[2] * v.z
 }
 
-/// What a material says at a point.
+/// The parameters of a material at a point.
 pub(crate) fn params(point: &SurfacePoint<'_>, material: &Material) -> BsdfParams {
     let texels = match material.alpha_mode {
         AlphaMode::Opaque => Texels::Colours,
-        // Cut off at 0 all of it is there.
+        // With a cutoff of 0 every texel is covered.
         AlphaMode::Mask(cutoff) if cutoff <= 0.0 => Texels::Colours,
         AlphaMode::Mask(_) | AlphaMode::Blend => Texels::CoveredColours,
     };
@@ -198,7 +199,7 @@ pub(crate) fn params(point: &SurfacePoint<'_>, material: &Material) -> BsdfParam
     params
 }
 
-/// What a material emits at a point.
+/// The emission of a material at a point.
 pub(crate) fn emission(point: &SurfacePoint<'_>, material: &Material) -> Vec3 {
     if material.unlit {
         return params(point, material).base;

@@ -1,8 +1,8 @@
-//! The inserted objects as triangles in one frame, and what a ray finds on them.
+//! The inserted objects as triangles in one frame, and what rays hit.
 //!
-//! Light that passes a transmissive surface is bent and blurred for the camera and for specular rays. For
-//! rays of matte surfaces, and so for shadows, it goes straight and is only dimmed and tinted: caustics of
-//! refraction are left out, and both strategies that look for light from a matte surface agree on that.
+//! Transmission bends and blurs light for camera rays and specular rays. For rays of matte surfaces, and so for
+//! shadows, it goes straight and is only attenuated: refractive caustics are omitted, consistently in both sampling
+//! strategies of matte surfaces.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -32,50 +32,50 @@ use crate::types::{AlphaMode, Material, Object, Placed, Primitive};
 pub(crate) struct PlacedPrimitive {
     pub(crate) placed: usize,
     pub(crate) primitive: usize,
-    /// Index of its first triangle in the tree.
+    /// Index of its first triangle in the BVH.
     pub(crate) first: u32,
-    /// Normals to the frame of the scene: inverse transpose, columns.
+    /// Transform of normals to the frame of the scene: columns of the inverse transpose.
     pub(crate) normals: [Vec3; 3],
-    /// Tangents to the frame of the scene, columns.
+    /// Transform of tangents to the frame of the scene, by columns.
     pub(crate) tangents: [Vec3; 3],
     pub(crate) mirrored: bool,
     pub(crate) opaque: bool,
-    /// Whether light passes it straight.
+    /// True if it transmits light straight.
     pub(crate) clear: bool,
-    /// The body that it bounds, if light comes into it.
+    /// The body that it bounds, if light can enter it.
     pub(crate) body: Option<u32>,
 }
 
 /// The inserted objects.
 #[derive(Debug)]
 pub struct Objects {
-    /// Their tree.
+    /// BVH over all triangles.
     pub bvh: Bvh,
     pub(crate) corners: Vec<[Vec3; 3]>,
     pub(crate) parts: Vec<PlacedPrimitive>,
     placed: Vec<Arc<Placed>>,
     decode: [f32; 256],
-    /// Smaller copies of the textures of each placed object.
+    /// Mipmaps of the textures of each placed object.
     mipmaps: Vec<Vec<Mipmap>>,
     pub(crate) opaque: bool,
-    /// Whether light passes any of their surfaces.
+    /// True if any surface transmits light.
     pub clear: bool,
-    /// Whether the camera sees them.
+    /// True if the camera sees them.
     pub shown: bool,
-    /// Whether lobes are evaluated that their materials do not have.
+    /// True if lobes are evaluated that the materials do not have: see [`engine::Context::exhaustive`].
     pub every_lobe: bool,
-    /// The insides that light can be in, and the box around them.
+    /// The bodies, and the bounding box of all of them.
     pub(crate) bodies: Vec<Body>,
     pub(crate) held: Option<Aabb>,
-    /// What shines on them.
+    /// Emissive surfaces.
     pub emitters: Emitters,
-    /// Where light of lamps comes through some of them.
+    /// Lampshades around emissive surfaces.
     pub shades: Shades,
-    /// Where they lie on the receiver.
+    /// Triangles that coincide with the receiver.
     pub touching: Touching,
-    /// What they stand on.
+    /// Supports of the objects.
     pub ground: Ground,
-    /// The farthest that a flat one was lifted off another: see [`super::stacked`].
+    /// Largest distance by which a flat object was lifted off another: see [`super::sheets`].
     pub(crate) lifted: f32,
 }
 
@@ -83,13 +83,14 @@ fn columns(m: DMat3) -> [Vec3; 3] {
     [m.x_axis.as_vec3(), m.y_axis.as_vec3(), m.z_axis.as_vec3()]
 }
 
-/// Corners in the order that keeps the outside in front after a mirroring transform.
+/// Triangle indices in the order that keeps the front outside after a mirroring transform.
 fn wound([a, b, c]: [u32; 3], mirrored: bool) -> [u32; 3] {
     if mirrored { [a, c, b] } else { [a, b, c] }
 }
 
 impl Objects {
-    /// Triangles of the objects, relative to `origin`, as they lie on one another and on the receiver, if there is one.
+    /// Triangles of the objects relative to `origin`, with flat objects lifted off one another and off the
+    /// receiver, if given.
     pub fn new(
         receiver: Option<&Receiver>,
         placed: &[Arc<Placed>],
@@ -135,7 +136,7 @@ impl Objects {
         Ok(objects)
     }
 
-    /// Adds the primitives of a placed object, of which this is the number.
+    /// Adds the primitives of the placed object `index`.
     fn add(&mut self, index: usize, one: &Placed, origin: DVec3) -> Result<(), NodeError> {
         let matrix = one.world_from_object;
         let linear = DMat3::from_mat4(matrix);
@@ -144,7 +145,8 @@ impl Objects {
         for (number, primitive) in one.object.primitives.iter().enumerate() {
             let material = one.object.materials.get(primitive.material as usize);
             let (Some(material), true) = (material, primitive.is_consistent()) else {
-                let what = format!("part {number} of object {index} names what it does not have");
+                let what =
+                    format!("primitive {number} of object {index} refers to a missing material or vertex");
                 return Err(NodeError::from(Error::Mismatch(what)).at("objects"));
             };
             let opaque = material.alpha_mode == AlphaMode::Opaque;
@@ -153,7 +155,7 @@ impl Objects {
             self.clear |= clear;
             let lets_in = clear || material.diffuse_transmission.strength.factor > 0.0;
             let body = material.volume.filter(|_| lets_in).map(|volume| {
-                // It grows with the object, which keeps its looks.
+                // A scaled object keeps its appearance.
                 let absorption = Vec3::from_array(volume) / size as f32;
                 let absorption = if absorption.is_finite() { absorption } else { Vec3::ZERO };
                 self.body(Body { placed: index, absorption, ior: material.ior })
@@ -184,7 +186,7 @@ impl Objects {
         Ok(())
     }
 
-    /// The number of a body; surfaces of one object around the same stuff share it.
+    /// The index of a body; surfaces of one object with the same medium share it.
     fn body(&mut self, body: Body) -> u32 {
         let at = self.bodies.iter().position(|known| *known == body).unwrap_or(self.bodies.len());
         if at == self.bodies.len() {
@@ -193,7 +195,7 @@ impl Objects {
         at as u32
     }
 
-    /// The box around each placed object, as far as its corners are finite.
+    /// Bounding box of each placed object, over finite corners.
     pub(crate) fn boxes(&self) -> Vec<Aabb> {
         let mut boxes = vec![Aabb::EMPTY; self.placed.len()];
         for (part, triangles) in self.parts_with_triangles() {
@@ -203,24 +205,24 @@ impl Objects {
         boxes
     }
 
-    /// Their primitives, each with its triangles in the tree.
+    /// Primitives with the ranges of their triangles in the BVH.
     pub(crate) fn parts_with_triangles(&self) -> impl Iterator<Item = (&PlacedPrimitive, Range<usize>)> {
         let ends = self.parts.iter().skip(1).map(|next| next.first as usize).chain([self.corners.len()]);
         self.parts.iter().zip(ends).map(|(part, end)| (part, part.first as usize..end))
     }
 
-    /// The triangles of one of them.
+    /// The triangles of a placed object.
     pub(crate) fn triangles_of(&self, placed: usize) -> impl Iterator<Item = u32> {
         let parts = self.parts_with_triangles().filter(move |(part, _)| part.placed == placed);
         parts.flat_map(|(_, triangles)| triangles.start as u32..triangles.end as u32)
     }
 
-    /// What they were made from.
+    /// The placed objects.
     pub fn placed(&self) -> &[Arc<Placed>] {
         &self.placed
     }
 
-    /// True when no ray can meet them.
+    /// True if no ray can hit them.
     pub fn is_empty(&self) -> bool {
         self.bvh.bounds().is_none()
     }
@@ -244,8 +246,8 @@ impl Objects {
         )
     }
 
-    /// How far along its ray the receiver counts as met before an object: where glass stands on it, the two are in
-    /// one place, and what leaves the glass is the receiver's; where something flat lies on it, that is met first.
+    /// Distance along a ray at which a hit on the receiver counts as before an object's hit. Where glass stands on
+    /// the receiver the two coincide and the receiver wins; where something flat lies on it, the object wins.
     pub fn reach(&self, hit: &Hit, direction: Vec3) -> f32 {
         let slack = self.slack(hit, direction);
         if slack > 0.0 {
@@ -259,8 +261,8 @@ impl Objects {
         hit.t + 2.0 * margin(&self.corners[hit.triangle as usize]) / slant
     }
 
-    /// A surface of another part in the very place of a hit, beyond which a ray that passes the first would start: that of
-    /// a table on which glass stands, or of what fills the glass.
+    /// A surface of another primitive at the same place as a hit, which a transmitted ray would skip: the table on
+    /// which glass stands, or the content of the glass.
     pub fn touching(&self, hit: &Hit, surface: &Surface, direction: Vec3, key: u32) -> Option<Hit> {
         let slant = direction.dot(surface.normal).abs().max(0.01);
         let start = surface.position + surface.normal * surface.margin;
@@ -281,7 +283,7 @@ mod tests {
     use super::super::media::Media;
     use super::*;
 
-    /// A mirror keeps the outside outside.
+    /// A mirroring transform keeps the outside in front.
     #[test]
     fn mirrored_objects_keep_their_front() {
         let object = Object {

@@ -1,4 +1,4 @@
-//! The receiver: the mesh that stands for the place.
+//! The receiver: the mesh of the captured place.
 
 use glam::{DVec3, Vec3};
 
@@ -11,26 +11,26 @@ use crate::types::Mesh;
 
 /// Albedo of a receiver without vertex colours.
 pub const GREY: f32 = 0.5;
-/// The least albedo of a receiver: nothing out of doors or in is darker, and what reflects nothing has no ratio. A
-/// capture has vertices that no picture shows, and colours so rich that one channel is 0: with them the shadow would
-/// lose a channel, or be lost.
+/// Minimum albedo of a receiver, per channel. Nothing in a real scene is darker, and a black surface has no ratio.
+/// Captured meshes have vertices that no photograph shows, and saturated colours with a channel of 0, where the
+/// shadow would lose a channel or be lost.
 pub const DARKEST: f32 = 0.01;
 
-/// The mesh that stands for the place.
+/// The mesh of the captured place.
 #[derive(Debug, Default)]
 pub struct Receiver {
-    /// Its tree.
+    /// BVH over its triangles.
     pub bvh: Bvh,
     faces: Vec<Face>,
     colours: Vec<[Vec3; 3]>,
-    /// Vertex colours beyond [0, 1] or not finite, which were clamped.
+    /// Number of vertex colours outside [0, 1] or not finite, which were clamped.
     pub clamped: u64,
-    /// Vertex colours with a channel below [`DARKEST`], which was raised to it.
+    /// Number of vertex colours with a channel below [`DARKEST`], which was raised.
     pub raised: u64,
 }
 
 impl Receiver {
-    /// Triangles of a mesh, relative to `origin`, near which large ones are cut: see `subdivide`.
+    /// The triangles of a mesh relative to `origin`, near which large ones are subdivided: see `subdivide`.
     pub fn new(mesh: &Mesh, origin: DVec3) -> Self {
         let place = |i: u32| mesh.position(i) - origin;
         let (mut clamped, mut raised) = (0, 0);
@@ -38,7 +38,7 @@ impl Receiver {
             .colours
             .iter()
             .map(|colour| {
-                // An albedo above 1 would make light; NaN fails the comparison and becomes 0.
+                // An albedo above 1 would create light; NaN fails the comparison and becomes 0.
                 let good = colour.map(|v| if v > 0.0 { v.min(1.0) } else { 0.0 });
                 clamped += u64::from(good != *colour);
                 raised += u64::from(good.iter().any(|&v| v < DARKEST));
@@ -60,18 +60,18 @@ impl Receiver {
         Self { bvh, faces: corners.into_iter().map(Face::new).collect(), colours, clamped, raised }
     }
 
-    /// Memory held.
+    /// Memory in bytes.
     pub fn bytes(&self) -> u64 {
         self.bvh.bytes() + (size_of_val(&*self.faces) + size_of_val(&*self.colours)) as u64
     }
 
-    /// The largest albedo of any point, for each channel.
+    /// The largest albedo of any point, per channel.
     pub fn albedo(&self) -> Vec3 {
         let most = self.colours.iter().flatten().copied().reduce(Vec3::max);
         most.unwrap_or(if self.faces.is_empty() { Vec3::ZERO } else { Vec3::splat(GREY) })
     }
 
-    /// The largest margin of the triangles that reach into a box.
+    /// The largest ray offset of the triangles that reach into a box.
     pub fn margin_within(&self, low: Vec3, high: Vec3) -> f32 {
         let reaches = |face: &&Face| {
             let [a, b, c] = face.corners;
@@ -86,14 +86,14 @@ impl Receiver {
         self.faces[triangle as usize].normal
     }
 
-    /// Unit normal at a hit, on the side that the ray came from.
+    /// Unit normal at a hit, on the side of the ray.
     #[inline]
     pub fn facing(&self, hit: &Hit) -> Vec3 {
         let normal = self.normal(hit.triangle);
         if hit.back { -normal } else { normal }
     }
 
-    /// The albedo at a hit.
+    /// Albedo at a hit.
     #[inline]
     pub fn albedo_at(&self, hit: &Hit) -> Vec3 {
         match self.colours.get(hit.triangle as usize) {
@@ -102,14 +102,14 @@ impl Receiver {
         }
     }
 
-    /// Where rays start from a hit to the side that it was seen from.
+    /// Origin of rays that leave a hit on the side that was seen.
     #[inline]
     pub fn start(&self, hit: &Hit) -> Vec3 {
         let face = &self.faces[hit.triangle as usize];
         face.at(hit) + self.facing(hit) * face.margin
     }
 
-    /// The surface at a hit, seen from where the ray came, in no body.
+    /// The surface at a hit, on the side of the ray, outside all bodies.
     #[inline]
     pub fn surface(&self, hit: &Hit) -> Surface {
         let face = &self.faces[hit.triangle as usize];

@@ -1,40 +1,41 @@
-//! Large triangles cut into pieces that are no larger than single precision bears where they are seen.
+//! Subdivision of large triangles, so that single precision suffices where they are seen.
 //!
-//! The test of a ray against a triangle is as exact as the largest coordinate of its corners, wherever on the
-//! triangle the hit lies: on a floor of two triangles a kilometre wide a shadow would start centimetres off its
-//! object. So edges are halved, in double precision, until each is at most
+//! The ray-triangle test is as exact as the largest coordinate of the corners, wherever on the triangle the hit
+//! lies: on a floor of two triangles a kilometre wide, a shadow would start centimetres from its object. So edges
+//! are halved, in double precision, until each is at most
 //!
 //! `L <= d / 2 + 16 h`
 //!
-//! long, with d the edge's distance from the origin and h that of the whole mesh. A hit at distance t >= h lies within
-//! 0.87 L of the longest edge of its triangle, so `d <= t + 0.87 L`, `L < 30 t`, and every corner is less than 31 t from
-//! the origin: errors follow from where a hit is, not from the size of its triangle. Whether an edge is halved
-//! depends on its two ends alone, so neighbours are cut alike and no gap opens between them.
+//! long, where d is the distance of the edge from the origin and h that of the whole mesh. A hit at distance t >= h
+//! lies within 0.87 L of the longest edge of its triangle, so `d <= t + 0.87 L`, `L < 30 t`, and every corner is
+//! less than 31 t from the origin: errors depend on the position of a hit, not on the size of its triangle. Whether
+//! an edge is halved depends only on its two ends, so neighbours are cut alike and no gap opens between them.
 
 use glam::{DVec3, Vec3};
 
-/// An edge is cut where it is longer than this share of its distance from the origin,
+/// An edge is halved if it is longer than this share of its distance from the origin
 const SHARE: f64 = 0.5;
-/// and so many times the distance of the nearest point of the mesh.
+/// plus this multiple of the distance of the nearest point of the mesh.
 const NEAREST: f64 = 16.0;
-/// Edges below this share of the farthest corner are not cut, though the origin lie on the mesh itself.
+/// Edges shorter than this share of the distance of the farthest corner are never halved, even if the origin lies
+/// on the mesh.
 const FINEST: f64 = 1.0 / 1_099_511_627_776.0;
-/// Pieces beyond twice the triangles, at most: a mesh of long needles is left as it is.
+/// Maximum number of pieces beyond twice the triangles; a mesh of long needles is left as it is.
 const MOST: usize = 1 << 17;
 
 /// A corner relative to the origin, and its colour.
 pub type Corner = (DVec3, Vec3);
 
-/// How long edges may be.
+/// The rule by which edges are halved.
 #[derive(Debug)]
 pub struct Subdivision {
     least: f64,
     room: usize,
 }
 
-/// Distance of the origin from a segment, the same from either end.
+/// Distance of the origin from a segment, identical for both orders of its ends.
 fn distance_to_segment(a: DVec3, b: DVec3) -> f64 {
-    // Rounding would otherwise depend on the winding.
+    // Otherwise rounding would depend on the winding.
     let (a, b) = if a.to_array() <= b.to_array() { (a, b) } else { (b, a) };
     let way = b - a;
     let square = way.length_squared();
@@ -53,14 +54,14 @@ fn distance_to_triangle([a, b, c]: [DVec3; 3]) -> f64 {
     }
 }
 
-/// Whether a triangle is one: no infinite corner, and an area.
+/// True if a triangle has finite corners and an area.
 fn is_real([a, b, c]: [DVec3; 3]) -> bool {
     let square = (b - a).cross(c - a).length_squared();
     square > 0.0 && square.is_finite()
 }
 
 impl Subdivision {
-    /// For the triangles of a mesh, relative to the origin.
+    /// The rule for the triangles of a mesh, relative to the origin.
     pub fn of(triangles: impl Iterator<Item = [DVec3; 3]>) -> Self {
         let (mut near, mut far, mut count) = (f64::INFINITY, 0.0_f64, 0_usize);
         for triangle in triangles.filter(|t| is_real(*t)) {
@@ -77,7 +78,7 @@ impl Subdivision {
         length > self.least && length > self.least + SHARE * distance_to_segment(a, b)
     }
 
-    /// Hands on a triangle, or its pieces.
+    /// Passes a triangle, or its pieces, to `keep`.
     pub fn cut(&mut self, triangle: [Corner; 3], mut keep: impl FnMut([Corner; 3])) {
         if !is_real(triangle.map(|(p, _)| p)) {
             return keep(triangle);
@@ -86,7 +87,7 @@ impl Subdivision {
         let mut open = vec![triangle];
         while let Some([a, b, c]) = open.pop() {
             let long = [(a, b), (b, c), (c, a)].map(|(p, q)| self.room > 0 && self.is_long(p.0, q.0));
-            // Turned so that the edges to be cut come first.
+            // Rotated so that the edges to be halved come first.
             let ([a, b, c], cuts) = match long {
                 [false, false, false] => {
                     keep([a, b, c]);
@@ -105,7 +106,7 @@ impl Subdivision {
             match cuts {
                 1 => open.extend([[a, m, c], [m, b, c]]),
                 2 => {
-                    // The rest has four sides; its shorter diagonal divides it.
+                    // The rest is a quadrilateral, divided by its shorter diagonal.
                     let rest = if (n.0 - a.0).length_squared() <= (c.0 - m.0).length_squared() {
                         [[a, m, n], [a, n, c]]
                     } else {
@@ -161,7 +162,7 @@ mod tests {
                 let corners = piece.map(|(p, _)| p);
                 let far = corners.iter().map(|p| p.length()).fold(0.0, f64::max);
                 assert!(far <= 31.0 * distance_to_triangle(corners), "{corners:?}");
-                // Colours here are the places, which are linear over the triangle, in single precision.
+                // The colours are the positions, which are linear over the triangle, in single precision.
                 let off = piece.map(|(p, colour)| (p - colour.as_dvec3()).length());
                 assert!(off.iter().all(|off| *off <= 1e-6 * extent), "{off:?}");
             }
@@ -192,12 +193,12 @@ mod tests {
         let broken = [DVec3::X * f64::NAN, DVec3::X, DVec3::Y];
         let flat = [DVec3::X * 1e6, DVec3::X * -1e6, DVec3::X * 3e6];
         assert_eq!(graded(&[broken, flat, near[0]]).len(), 3);
-        // A stray triangle does not matter, and the origin on the mesh comes to an end.
+        // A stray triangle has no effect, and an origin on the mesh terminates.
         let mut stray = floor(5.0, 1.0);
         stray.push([DVec3::splat(1e8), DVec3::new(1e8, 1e8 + 1.0, 1e8), DVec3::new(1e8, 1e8, 1e8 + 1.0)]);
         assert_eq!(graded(&stray).len(), 3);
         assert!(graded(&floor(1e6, 0.0)).len() < 6000);
-        // Needles through the origin take no more room than there is.
+        // Needles through the origin respect the limit of pieces.
         let needles: Vec<_> = (0..3000)
             .map(|i| {
                 let x = f64::from(i) * 1e-7;

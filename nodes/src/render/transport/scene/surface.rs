@@ -1,4 +1,4 @@
-//! A point of a surface as light transport sees it.
+//! A surface point as light transport sees it.
 
 use glam::Vec3;
 
@@ -6,26 +6,27 @@ use super::media::Media;
 use crate::geometry::bvh::Ray;
 use crate::render::transport::bsdf::Bsdf;
 
-/// A point of a surface as light transport sees it.
+/// A surface point as light transport sees it.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface {
-    /// Where, in the frame of the scene.
+    /// Position in the frame of the scene.
     pub position: Vec3,
     /// Unit geometric normal on the side of the viewer.
     pub normal: Vec3,
-    /// How far rays must start off the surface not to meet it again.
+    /// Offset of rays that leave the surface: see [`super::face`].
     pub margin: f32,
-    /// How it scatters.
+    /// Scattering function.
     pub bsdf: Bsdf,
-    /// What it emits towards the viewer.
+    /// Emitted radiance towards the viewer.
     pub emission: Vec3,
-    /// What is on the side of the viewer, and on the other.
+    /// Media on the side of the viewer and on the other side.
     pub media: [Media; 2],
-    /// How far below it rays to objects start, where one lies on it: see [`super::touching`].
+    /// Depth below the surface at which rays to objects start, where an object lies on it: see [`super::touching`].
     pub cover: Option<f32>,
-    /// How far off it rays to the receiver start, where it lies on that, or under it: see [`crate::render::transport::ground::contact`].
+    /// Offset at which rays to the receiver start, where the surface lies on the receiver or is covered by it: see
+    /// [`super::supports`].
     pub bed: Option<Vec3>,
-    /// Added to the start of rays to objects: see [`crate::render::transport::ground::contact`].
+    /// Offset added to the origin of rays to objects: see [`super::supports`].
     pub lift: Vec3,
 }
 
@@ -37,7 +38,7 @@ impl Surface {
         Ray::new(self.position + self.normal * side, direction)
     }
 
-    /// A ray that leaves the surface and may meet the receiver.
+    /// A ray that leaves the surface and may hit the receiver.
     #[inline]
     pub fn ray_to_receiver(&self, direction: Vec3) -> Ray {
         match self.bed {
@@ -46,13 +47,13 @@ impl Surface {
         }
     }
 
-    /// The place that looks for light of the receiver.
+    /// The point from which light of the receiver is sampled.
     #[inline]
     pub fn looks_from(&self) -> Vec3 {
         self.position + self.bed.unwrap_or_default()
     }
 
-    /// A ray that leaves the surface from its lifted start and may meet objects.
+    /// A ray that leaves the lifted surface and may hit objects.
     #[inline]
     pub fn ray_to_objects(&self, direction: Vec3) -> Ray {
         let ray = match self.cover {
@@ -62,12 +63,12 @@ impl Surface {
         Ray { origin: ray.origin + self.lift, ..ray }
     }
 
-    /// A ray to the objects along the normal.
+    /// A ray to objects along the normal.
     pub fn upright(&self) -> Ray {
         self.ray_to_objects(self.normal)
     }
 
-    /// What a ray is in that leaves the surface.
+    /// The media that a ray in a direction starts in.
     pub fn medium(&self, direction: Vec3) -> Media {
         self.media[usize::from(direction.dot(self.normal) < 0.0)]
     }

@@ -1,34 +1,34 @@
-//! Where objects lie in the very place of the receiver: a rug on a floor, a picture on a wall.
+//! Objects that coincide with the receiver: a rug on a floor, a picture on a wall.
 //!
-//! Of two surfaces in one place rounding would choose which a ray meets. Here the object lies on the receiver: it is
-//! in front of it, whatever comes to the receiver passes it, and what passes it comes to the receiver. That is what
-//! an object shows that lies a millimetre higher. Surfaces of bodies are left to [`super::media`]: of glass that
-//! stands on a floor the lower face is none.
+//! Rounding would decide which of two coincident surfaces a ray hits. Here the object counts as in front of the
+//! receiver: rays to the receiver pass through it first, and rays through it reach the receiver, as if the object
+//! lay a millimetre higher. Surfaces of bodies are handled in [`super::media`], such as the lower face of a glass
+//! that stands on a floor.
 
 use glam::Vec3;
 
 use super::aabb::Aabb;
 use crate::geometry::bvh::Ray;
 
-/// The triangles of objects that may lie in the place of the receiver.
+/// The triangles of objects that may coincide with the receiver.
 #[derive(Debug, Clone, Default)]
 pub struct Touching {
-    /// Whether each triangle does; empty where none does.
+    /// True if each triangle does; empty where none does.
     pub(crate) triangles: Vec<bool>,
-    /// The box around them, with [`reach`](Self::reach) around it.
+    /// Bounding box of those triangles, grown by [`reach`](Self::reach).
     pub(crate) held: Option<Aabb>,
-    /// How far from one another two surfaces in one place may be found.
+    /// Maximum distance between two coincident surfaces.
     pub(crate) reach: f32,
 }
 
 impl Touching {
-    /// How far the points of a place must be taken to reach to lie below what lies on them; 0 where nothing does.
+    /// How far the points of a box must be lowered to lie below objects that lie on them; 0 where there are none.
     pub fn depth(&self, low: Vec3, high: Vec3) -> f32 {
         let there = self.held.is_some_and(|held| held.meets(&Aabb { low, high }));
         if there { 2.0 * self.reach } else { 0.0 }
     }
 
-    /// How far beyond a place of the receiver that a ray meets what lies on it may be met.
+    /// How far beyond a receiver hit an object that lies on it may be hit.
     pub fn allowance(&self, ray: &Ray, t: f32, normal: Vec3) -> f32 {
         let position = ray.origin + ray.direction * t;
         let there = self.held.is_some_and(|held| held.holds(position));
@@ -39,7 +39,7 @@ impl Touching {
         self.triangles.get(triangle as usize).is_some_and(|holds| *holds)
     }
 
-    /// A ray across a place where surfaces may lie on one another.
+    /// A ray across a point where surfaces may coincide.
     pub(crate) fn across(&self, position: Vec3, normal: Vec3) -> Ray {
         Ray { t_max: 2.0 * self.reach, ..Ray::new(position + normal * self.reach, -normal) }
     }

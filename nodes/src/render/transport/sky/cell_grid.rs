@@ -1,16 +1,16 @@
-//! The cells that the sky is cut into for sampling, and what each brings to some normals.
+//! The grid of cells that the sky is divided into for sampling, and the light of each cell for a cone of normals.
 
 use glam::{Vec3, Vec4};
 
 use super::cone::{Cone, sine};
 
-/// Cells whose numbers are taken at once.
+/// Cells evaluated at once.
 const LANES: usize = 4;
 
 /// A part of the sky.
 #[derive(Debug, Clone, Copy)]
 pub struct LightCell {
-    /// Its directions; with a cosine below 0 nothing is known of them.
+    /// Its directions; with a cosine below 0 they are unknown.
     pub cone: Cone,
     /// Solid angle.
     pub area: f64,
@@ -23,15 +23,15 @@ pub struct LightCell {
 /// The cells of the sky, row by row.
 #[derive(Debug, Clone, Default)]
 pub struct CellGrid {
-    /// Cells of a row.
+    /// Cells per row.
     pub columns: usize,
     /// Luminance times solid angle, and solid angle.
     powers: Vec<[f64; 2]>,
-    /// Directions of some cells of a row each; the last of a row may hold none in some lanes.
+    /// Directions of groups of cells of a row; the last group of a row may have empty lanes.
     directions: Vec<Directions>,
 }
 
-/// Where some cells are, and from where their light comes: a lane each.
+/// Directions and mean light directions of a group of cells, one lane each.
 #[derive(Debug, Clone, Copy, Default)]
 struct Directions {
     axes: [Vec4; 3],
@@ -40,7 +40,7 @@ struct Directions {
     towards: [Vec4; 3],
 }
 
-/// Along an axis.
+/// Dot product with an axis.
 fn dot([x, y, z]: [Vec4; 3], axis: Vec3) -> Vec4 {
     x * axis.x + y * axis.y + z * axis.z
 }
@@ -58,19 +58,19 @@ impl Directions {
         all
     }
 
-    /// The share of its power that each cell brings to the middle of some normals, at least half of a bound of what it can
-    /// bring to any of them; given their sine.
+    /// The share of its power that each cell contributes at the centre of a cone of normals, and at least half of
+    /// an upper bound over the cone; `sine` is that of the cone's angle.
     #[inline]
     fn shares(&self, normals: &Cone, sine: f32) -> Vec4 {
         let cosine = normals.cosine;
-        // Beyond a right angle together nothing can be ruled out.
+        // If the angles add up to more than a right angle, nothing can be excluded.
         let unknown = (self.cosines * cosine).cmple(self.sines * sine);
         let slack = Vec4::select(unknown, Vec4::splat(3.0), self.cosines * sine + self.sines * cosine);
         let most = (dot(self.axes, normals.axis) + slack) * 0.5;
         dot(self.towards, normals.axis).max(most).max(Vec4::ZERO)
     }
 
-    /// 1 for cells that share a direction with a cone of less than a right angle, or nearly do, else 0.
+    /// 1 for cells that share a direction with a cone of less than a right angle, up to rounding, else 0.
     #[inline]
     fn meet(&self, to: &Cone, sine: f32) -> Vec4 {
         let together = self.cosines * to.cosine - self.sines * sine;
@@ -80,25 +80,26 @@ impl Directions {
 }
 
 impl CellGrid {
-    /// Of cells row by row, so many a row.
+    /// Builds the grid from cells row by row, `columns` per row.
     pub fn new(cells: &[LightCell], columns: usize) -> Self {
         let rows = cells.chunks_exact(columns);
         let directions = rows.flat_map(|row| row.chunks(LANES).map(Directions::of)).collect();
         Self { columns, powers: cells.iter().map(|cell| [cell.power, cell.area]).collect(), directions }
     }
 
-    /// Rows of cells.
+    /// Number of rows.
     pub fn rows(&self) -> usize {
         self.powers.len() / self.columns.max(1)
     }
 
-    /// The light of all.
+    /// Total power.
     pub fn power(&self) -> f64 {
         self.powers.iter().map(|[power, _]| power).sum()
     }
 
-    /// What each cell of a row brings to surfaces whose normals lie in a cone, if light from one side is all they take, of
-    /// those that meet a cone of directions; gives the solid angle of those that bring any.
+    /// The contribution of each cell of a row to surfaces whose normals lie in a cone (if light from one side
+    /// reaches them), among the cells that meet a cone of directions. Returns the solid angle of the contributing
+    /// cells.
     pub fn weigh(&self, row: usize, normals: Option<&Cone>, to: &Cone, weights: &mut [f64]) -> f64 {
         let each = self.columns.div_ceil(LANES);
         let directions = &self.directions[row * each..][..each];
@@ -138,7 +139,7 @@ mod tests {
         Cone { axis: direction(i, pair), cosine }
     }
 
-    /// What a cell brings to normals, of one cell alone.
+    /// The contribution of a single cell, for comparison.
     fn weight(cell: &LightCell, normals: Option<&Cone>, to: &Cone) -> f64 {
         if !to.meets(&cell.cone) {
             return 0.0;
@@ -152,7 +153,7 @@ mod tests {
         cell.power * f64::from(share)
     }
 
-    /// Rows of cells get the bits of each of their cells.
+    /// Rows give the same bits as single cells.
     #[test]
     fn rows_are_weighed_as_their_cells_are() {
         for columns in [1, 5, 16, 70] {

@@ -1,19 +1,19 @@
-//! Cones of directions, and rays into one.
+//! Cones of directions, and sampling of directions towards objects.
 
 use glam::Vec3;
 
 use crate::geometry::sampling::{Points, circle, unit};
 use crate::render::transport::bsdf::Frame;
 
-/// First of the pairs of dimensions for rays to the objects: direction, whether one is sent, and whether the
-/// sample asks for a change at all.
+/// First of the dimension pairs for rays towards objects: direction, whether one is sent, and whether the sample
+/// estimates a change at all.
 pub(crate) const TOWARDS: u32 = 1 << 17;
 /// A cone of directions around a unit axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cone {
-    /// The middle.
+    /// Unit axis.
     pub axis: Vec3,
-    /// Cosine of the angle from the axis to the farthest direction; -1 for all directions.
+    /// Cosine of the angle between the axis and the boundary; -1 for all directions.
     pub cosine: f32,
 }
 
@@ -21,17 +21,17 @@ impl Cone {
     /// All directions.
     pub const ALL: Self = Self { axis: Vec3::Z, cosine: -1.0 };
 
-    /// A cone that holds some unit vectors, with a little more than the farthest for their rounding.
+    /// A cone that contains unit vectors, with a small margin for rounding.
     pub fn around(directions: impl Iterator<Item = Vec3> + Clone) -> Self {
         let Some(axis) = directions.clone().sum::<Vec3>().try_normalize() else { return Self::ALL };
         let cosine = directions.map(|d| d.dot(axis)).fold(1.0, f32::min) - 1e-5;
         Self { axis, cosine }
     }
 
-    /// A cone that holds the directions from any point of one box to any point of another.
+    /// A cone that contains the directions from any point of one box to any point of another.
     pub fn between(from: [Vec3; 2], to: [Vec3; 2]) -> Self {
-        // All such ways fill a box themselves, and a cone of less than a right angle that holds its corners
-        // holds it.
+        // The difference vectors fill a box, and a cone of less than a right angle contains a box if it contains
+        // its corners.
         let (low, high) = (to[0] - from[1], to[1] - from[0]);
         let Some(axis) = (low + high).try_normalize() else { return Self::ALL };
         let mut cosine = 1.0_f32;
@@ -40,11 +40,12 @@ impl Cone {
             let corner = Vec3::new(side(0), side(1), side(2));
             cosine = cosine.min(corner.dot(axis) / corner.length());
         }
-        // NaN, where a corner is the start itself, is not above 0 either.
+        // NaN, where a corner coincides with the start, also fails the comparison.
         if cosine > 1e-3 { Self { axis, cosine: cosine - 1e-5 } } else { Self::ALL }
     }
 
-    /// Whether two cones share a direction; sometimes true where they only nearly do. [`CellGrid`] asks so of many at once.
+    /// True if two cones share a direction; sometimes true for cones that barely miss. [`CellGrid`] tests many at
+    /// once.
     #[cfg(test)]
     pub fn meets(&self, other: &Self) -> bool {
         if self.cosine <= 0.0 || other.cosine <= 0.0 {
@@ -65,19 +66,20 @@ pub fn sine(cosine: f32) -> f32 {
     (1.0 - cosine * cosine).max(0.0).sqrt()
 }
 
-/// Rays to where the objects are: none, or at most one, uniform over a cone.
+/// Rays towards objects: none, or at most one per sample, uniform over a cone.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Towards {
     pub(crate) cone: Cone,
-    /// Density within the cone, by solid angle: of all that are sent, fewer than one on average; 0 where none is.
+    /// Probability density by solid angle within the cone, including the probability that a ray is sent; 0 for
+    /// none.
     pub(crate) pdf: f32,
 }
 
 impl Towards {
-    /// None, as where the objects may be anywhere.
+    /// No rays, because the objects may be in any direction.
     pub(crate) const NOWHERE: Self = Self { cone: Cone::ALL, pdf: 0.0 };
 
-    /// So many a steradian, at most one in all.
+    /// `rays` per steradian, at most one in total.
     pub(crate) fn within(cone: Cone, rays: f32) -> Self {
         let pdf = if cone.cosine > 0.0 { rays.min(1.0 / cone.solid_angle()) } else { 0.0 };
         Self { cone, pdf }
@@ -89,7 +91,7 @@ impl Towards {
         if inside { self.pdf } else { 0.0 }
     }
 
-    /// The share of other scattered rays of some density in what both find (Veach 1997, balance heuristic).
+    /// The balance-heuristic weight (Veach 1997) of scattered rays with density `pdf` compared with these rays.
     pub(crate) fn share(&self, direction: Vec3, pdf: f32) -> f32 {
         let own = self.pdf(direction);
         if own > 0.0 { pdf / (pdf + own) } else { 1.0 }
@@ -102,10 +104,10 @@ impl Towards {
         sends.then(|| self.direction(points.pair(TOWARDS)))
     }
 
-    /// A direction, from two fractions.
+    /// A direction, from two random numbers.
     fn direction(&self, [u, v]: [f32; 2]) -> Vec3 {
         let (sin, cos) = circle(u);
-        // From the axis up, so that narrow cones keep their precision.
+        // Measured from the axis, so that narrow cones keep their precision.
         let below = v * (1.0 - self.cone.cosine);
         let radius = (below * (2.0 - below)).max(0.0).sqrt();
         let local = Vec3::new(radius * cos, radius * sin, 1.0 - below);
@@ -119,9 +121,9 @@ mod tests {
     use crate::geometry::sampling::stream;
     use crate::testing::chi_square;
 
-    /// Chi-square of rays to the objects against their density, by rings and sectors of the cone, and of how often one is
-    /// sent.
-    /// Mutation: `below` to `v * below` in `direction`, or the bound of `rays` left out of `within` (each seen red where they stood before).
+    /// Chi-square of directions against their density, over rings and sectors of the cone, and of how often a ray
+    /// is sent. Mutation: `below` to `v * below` in `direction`, or the bound of `rays` left out of `within` (each
+    /// seen red).
     #[test]
     fn rays_to_the_objects_fill_their_cone_evenly() {
         let axis = Vec3::new(0.48, -0.6, 0.64);
@@ -135,7 +137,7 @@ mod tests {
                 let sent = towards.ray(&points).is_some();
                 let ray = towards.direction(points.pair(TOWARDS)).as_dvec3();
                 assert!((ray.length() - 1.0).abs() < 1e-5);
-                // What is above 1 - cosine is taken from the chord, which keeps its digits.
+                // 1 - cosine is computed from the chord, which keeps its digits.
                 let below = 0.5 * (ray - axis.as_dvec3()).length_squared() / f64::from(1.0 - cosine);
                 let [x, y] = [across, axis.cross(across)].map(|side| ray.dot(side.as_dvec3()));
                 let turns = crate::math::num::atan2(y, x) / std::f64::consts::TAU + 0.5;

@@ -1,19 +1,20 @@
-//! A bound of the irradiance that any surface can have in some light.
+//! An upper bound of the irradiance of any surface under given light.
 //!
-//! It is the half of what comes from both sides of a plane and of how these differ:
+//! The irradiance is half of the light from both sides of a plane plus half of their difference:
 //!
 //! `E(n) = 1/2 (int |n.w| L + n. int w L) <= 1/2 (sqrt(int L . int (n.w)^2 L) + |int w L|)`.
 
 use glam::{DMat3, DVec3};
 
-/// The greatest irradiance of light given by the integrals over the sphere of its radiance, of that times the direction,
-/// and times the products of its components.
+/// The bound, from integrals over the sphere of radiance, of radiance times direction, and of radiance times the
+/// products of the direction's components.
 pub fn greatest_irradiance(power: f64, towards: DVec3, squares: DMat3) -> f64 {
     let trace = squares.x_axis.x + squares.y_axis.y + squares.z_axis.z;
     if trace <= 0.0 {
         return 0.0;
     }
-    // The largest eigenvalue, at most 3.5 % too large: the sum of their 32nd powers is at most three times that of it.
+    // The largest eigenvalue, at most 3.5 % too large: the sum of the 32nd powers is at most three times that of
+    // the largest.
     let mut powers = squares * (1.0 / trace);
     for _ in 0..5 {
         powers = powers * powers;
@@ -31,10 +32,10 @@ mod tests {
     use crate::geometry::sampling::Points;
     use crate::testing::direction;
 
-    /// No surface gets more than the bound, and some gets nearly as much.
+    /// No surface exceeds the bound, and some surface nearly reaches it.
     #[test]
     fn irradiance_is_within_its_bound() {
-        // Directions with light, from one to all around.
+        // From a single direction with light to light all around.
         for (lights, least) in [(1, 0.99), (2, 0.6), (7, 0.6), (4096, 0.8)] {
             let of = |i| direction(Points::new(5, i).pair(0)).as_dvec3();
             let (mut power, mut towards, mut squares) = (0.0, DVec3::ZERO, DMat3::ZERO);

@@ -1,4 +1,4 @@
-//! A part of the light of the sky, cut into cells for sampling.
+//! One tier of the sky, divided into cells for sampling.
 
 use std::ops::Range;
 
@@ -11,41 +11,41 @@ use super::light_distribution::{LightDistribution, LightTable, accumulate, inver
 use super::texel_grid::TexelGrid;
 use crate::math::equirect::pixel_solid_angle;
 
-/// Weights of texels, ready for sampling. A sample chooses a cell by a [`LightDistribution`], then a texel of it by its
-/// weight; texels are weighed by their exact solid angle.
+/// Texel weights prepared for sampling. A sample chooses a cell by a [`LightDistribution`], then a texel of it by
+/// weight; texels are weighted by their exact solid angle.
 #[derive(Debug)]
 pub struct LightCells {
     width: usize,
     height: usize,
-    /// The cells that aims choose from.
+    /// The cells that distributions choose from.
     pub grid: CellGrid,
-    /// Where to sample for normals of each bin.
+    /// Distributions by bins of normals.
     distributions: LightTable,
-    /// First column of texels of each column of cells, and first row of each row; one more closes each.
+    /// First texel column of each cell column and first texel row of each cell row, with a final end.
     columns: Vec<usize>,
     rows: Vec<usize>,
-    /// Cumulative probability of the rows of each cell, for each column of cells all rows.
+    /// Cumulative probability of the texel rows of each cell, for each cell column all rows.
     down: Vec<f32>,
     /// Cumulative probability of the texels of each row within its cell.
     across: Vec<f32>,
 }
 
-/// Numbers that come from memory together.
+/// f32 values per cache line.
 const LINE: usize = 16;
 
 /// The first half of a choice of a texel.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct RowChoice {
     y: u32,
-    /// First texel of the cell, and the one after its last.
+    /// First texel column of the cell, and the end.
     columns: [u32; 2],
     place: [f64; 2],
     /// Probability of the cell.
     pub probability: f32,
 }
 
-/// Cuts a line of weights into pieces, again and again the one with the most weight times length, at its
-/// middle: what is bright ends in narrow ones. Gives where each piece starts, and the end.
+/// Divides a line of weights into pieces, by repeatedly halving the piece with the largest weight times length, so
+/// that bright parts get narrow pieces. Returns the starts of the pieces and the end.
 fn cut(weights: &[f64], pieces: usize) -> Vec<usize> {
     let mut cuts = vec![0, weights.len()];
     let heavy = |cuts: &[usize]| match cuts[1] - cuts[0] {
@@ -53,7 +53,7 @@ fn cut(weights: &[f64], pieces: usize) -> Vec<usize> {
         length => weights[cuts[0]..cuts[1]].iter().sum::<f64>() * length as f64,
     };
     while cuts.len() <= pieces {
-        // The first of equally heavy ones.
+        // The first of equal ones.
         let costs = cuts.windows(2).map(heavy).enumerate();
         let Some((at, cost)) = costs.reduce(|a, b| if b.1 > a.1 { b } else { a }) else { break };
         if cost <= 0.0 {
@@ -65,8 +65,8 @@ fn cut(weights: &[f64], pieces: usize) -> Vec<usize> {
 }
 
 impl LightCells {
-    /// Cuts weights into at most so many columns and rows of cells. `pdf` becomes the density of each
-    /// texel of some weight where its cell is given.
+    /// Divides weights into at most `most` columns and rows of cells. `pdf` receives the density of each texel with
+    /// weight, given its cell.
     pub fn new(texel_grid: &TexelGrid, weights: Vec<f32>, most: [usize; 2], pdf: &mut [f32]) -> Self {
         let TexelGrid { width, height, .. } = *texel_grid;
         let (mut of_rows, mut of_columns) = (vec![0.0; height], vec![0.0; width]);
@@ -101,14 +101,14 @@ impl LightCells {
         all
     }
 
-    /// Where to sample for a surface of the given unit normal, if light from one side is all it takes.
+    /// The distribution for a surface with the given unit normal, or for surfaces lit from all sides.
     #[inline]
     pub fn distribution(&self, normal: Option<Vec3>) -> &LightDistribution {
         self.distributions.of(&self.grid, normal)
     }
 
-    /// The first half of a choice: a cell and a row of it. Choices are made in halves for several points at a
-    /// time, so that they wait for memory together.
+    /// The first half of a choice: a cell and a row of it. Choices are made in halves for several points at once,
+    /// so that memory accesses overlap.
     #[inline(always)]
     pub fn row<S: Simd>(&self, simd: S, distribution: &LightDistribution, point: [f64; 2]) -> RowChoice {
         let (row, column, [v, u]) = distribution.choose(simd, point);
@@ -123,8 +123,8 @@ impl LightCells {
         }
     }
 
-    /// Looks at what the second half searches, so that many choices wait for memory together: the search itself goes on by
-    /// what it finds. The sum means nothing.
+    /// Touches the data that the second half searches, so that memory accesses of many choices overlap. The sum is
+    /// meaningless.
     #[inline(always)]
     pub fn look_ahead(&self, &RowChoice { y, columns: [start, end], .. }: &RowChoice) -> f32 {
         let line = &self.across[y as usize * self.width + start as usize..];
@@ -132,7 +132,7 @@ impl LightCells {
         line[0] + line[last.min(LINE)] + line[last.min(2 * LINE)]
     }
 
-    /// The second half: column and row of a texel, and where in it the point lies.
+    /// The second half: column and row of a texel, and the position in it.
     #[inline(always)]
     pub fn texel<S: Simd>(
         &self,
@@ -151,13 +151,13 @@ impl LightCells {
         distribution.probability(cell(&self.rows, y), cell(&self.columns, x))
     }
 
-    /// The rows and columns of texels of a cell.
+    /// The texel rows and columns of a cell.
     #[inline]
     fn texels_of(&self, row: usize, column: usize) -> (Range<usize>, Range<usize>) {
         (self.rows[row]..self.rows[row + 1], self.columns[column]..self.columns[column + 1])
     }
 
-    /// Makes a cell, and sets the probabilities within it.
+    /// Makes a cell, and the probabilities within it.
     fn divide(&mut self, texel_grid: &TexelGrid, pdf: &mut [f32], row: usize, column: usize) -> LightCell {
         let (rows, columns) = self.texels_of(row, column);
         let down = column * self.height..(column + 1) * self.height;

@@ -1,9 +1,9 @@
-//! Which part of the sky to sample for a surface: in proportion to its light times the cosine.
+//! Importance sampling of the sky for a surface: in proportion to light times cosine.
 //!
-//! The sky is cut into a grid of cells, narrow where it is bright. For a cone of normals, and perhaps a cone of
-//! directions that are of interest, stands a distribution over the cells: by the light that each brings to
-//! the middle of the normals, and at least by half a bound of what it can bring to any, so that no light is
-//! ever left out. A table holds one for each bin of the sphere of normals that is asked for.
+//! The sky is divided into a grid of cells, narrow where it is bright. A cone of normals, and optionally a cone of
+//! directions of interest, has a distribution over the cells: by the light that each contributes at the centre of
+//! the normals, and at least half of an upper bound of its contribution to any of them, so that no light is ever
+//! missed. A table holds one distribution per bin of the sphere of normals, made on demand.
 
 use std::sync::OnceLock;
 
@@ -13,26 +13,26 @@ use glam::Vec3;
 use super::cell_grid::CellGrid;
 use super::cone::Cone;
 
-/// Bins along a side of the octahedral map; even, so that no bin crosses an edge of the octahedron.
+/// Bins per side of the octahedral map; even, so that no bin crosses an edge of the octahedron.
 const SIDE: usize = 24;
-/// The bin of surfaces that light may reach from all sides.
+/// The bin of surfaces lit from all sides.
 const ANY: usize = SIDE * SIDE;
 
-/// Entries that are compared at once.
+/// Entries compared at once.
 const LANES: usize = 8;
-/// Lines of more entries than this are halved until they have no more.
+/// Lines with more entries are bisected down to this number, then scanned.
 const SCANNED: usize = 32;
 
-/// Makes a line of cumulative probabilities fit for [`invert`]: whole vectors may be read from any of its entries.
+/// Pads a line of cumulative probabilities for [`invert`]: whole vectors may be read from any entry.
 pub fn pad(cumulative: &mut Vec<f32>) {
     cumulative.extend([f32::INFINITY; LANES]);
 }
 
-/// Index of the first of `length` entries of a cumulative distribution above `u`, and where between its neighbours `u`
-/// lies, in [0, 1). The last entry is 1 and `u` less than that. Behind the entries are more: see [`pad`].
+/// Index of the first of `length` entries of a cumulative distribution above `u`, and the position of `u` between
+/// its neighbours, in [0, 1). The last entry is 1 and `u` less than that. The entries are padded: see [`pad`].
 #[inline(always)]
 pub fn invert<S: Simd>(simd: S, cumulative: &[f32], length: usize, u: f64) -> (usize, f64) {
-    // Entries up to `u` are those up to the largest single below it.
+    // Entries up to `u` are entries up to the largest f32 not above it.
     let nearest = u as f32;
     let single = if f64::from(nearest) > u { nearest.next_down() } else { nearest };
     let (mut index, mut left) = (0, length);
@@ -57,7 +57,7 @@ pub fn invert<S: Simd>(simd: S, cumulative: &[f32], length: usize, u: f64) -> (u
     (index, within.clamp(0.0, 1.0 - f64::EPSILON))
 }
 
-/// Cumulative probabilities in proportion to weights, uniform where all are 0, and their sum.
+/// Cumulative probabilities in proportion to weights, uniform if all are 0, and their sum.
 pub fn accumulate(weights: &[f64], out: &mut [f64]) -> f64 {
     let mut sum = 0.0;
     for (to, weight) in out.iter_mut().zip(weights) {
@@ -70,7 +70,7 @@ pub fn accumulate(weights: &[f64], out: &mut [f64]) -> f64 {
     } else {
         out.iter_mut().enumerate().for_each(|(i, c)| *c = (i + 1) as f64 / n as f64);
     }
-    // From the last that has a share: rounding must not give one to those after it.
+    // Rounding must not give probability to entries after the last with weight.
     let last = weights.iter().rposition(|&w| w > 0.0).unwrap_or(n.saturating_sub(1));
     out[last..].fill(1.0);
     sum
@@ -96,7 +96,7 @@ fn bin(normal: Option<Vec3>) -> usize {
     index(y) * SIDE + index(x)
 }
 
-/// The normals of a bin.
+/// The cone of normals of a bin.
 fn normals(at: usize) -> Cone {
     let edge = |i: usize| i as f32 * (2.0 / SIDE as f32) - 1.0;
     let (x, y) = (at % SIDE, at / SIDE);
@@ -110,19 +110,19 @@ fn normals(at: usize) -> Cone {
 pub struct LightDistribution {
     rows: usize,
     columns: usize,
-    /// Cumulative probability of the rows, then that of the columns of each row, each in whole vectors.
+    /// Cumulative probability of the rows, then that of the columns of each row, each padded to whole vectors.
     cumulative: Vec<f32>,
-    /// Where the columns of the first row begin, and entries from one row to the next.
+    /// Offset of the columns of the first row, and the stride between rows.
     starts: usize,
     stride: usize,
-    /// The light that it expects; with none all cells are alike.
+    /// Expected light; if 0, all cells are equally likely.
     pub power: f64,
-    /// Solid angle of the cells that it expects light from.
+    /// Solid angle of the cells with expected light.
     pub area: f64,
 }
 
 impl LightDistribution {
-    /// For surfaces whose normals lie in a cone, if light from one side is all they take, the cells that meet
+    /// The distribution for surfaces whose normals lie in a cone (all normals if `None`), over the cells that meet
     /// a cone of directions.
     pub fn new(grid: &CellGrid, normals: Option<Cone>, to: &Cone) -> Self {
         let (rows, columns) = (grid.rows(), grid.columns);
@@ -145,7 +145,7 @@ impl LightDistribution {
         distribution
     }
 
-    /// Row and column of a cell, and where the point of the unit square lies within the choice.
+    /// Row and column of a cell, and the position of the point within the choice.
     #[inline(always)]
     pub fn choose<S: Simd>(&self, simd: S, point: [f64; 2]) -> (usize, usize, [f64; 2]) {
         let (row, v) = invert(simd, &self.cumulative, self.rows, point[0]);
@@ -166,13 +166,12 @@ impl LightDistribution {
     }
 }
 
-/// A distribution for each bin of the sphere of normals, and one for surfaces that light may reach from all
-/// sides; each is made when it is first asked for.
+/// A distribution for each bin of normals, and one for surfaces lit from all sides; each is made on first use.
 #[derive(Debug)]
 pub struct LightTable(Vec<OnceLock<LightDistribution>>);
 
 impl LightTable {
-    /// Of which none is made yet.
+    /// An empty table.
     pub fn new() -> Self {
         Self((0..=ANY).map(|_| OnceLock::new()).collect())
     }
@@ -197,7 +196,7 @@ mod tests {
         crate::testing::direction(Points::new(stream(8, 0, 0), i).pair(pair))
     }
 
-    /// By every set of vector instructions.
+    /// By every SIMD level.
     fn inverted(cumulative: &[f64], u: f64) -> (usize, f64) {
         let mut single: Vec<f32> = cumulative.iter().map(|&c| c as f32).collect();
         pad(&mut single);
@@ -224,8 +223,8 @@ mod tests {
         assert_eq!(inverted(&cumulative[..4], 0.6).0, 2);
     }
 
-    /// Lines of any length, whatever stands behind them: the entry is the one after those up to `u`.
-    /// Mutation: `half - 1` of `invert` to `half - 2`.
+    /// Lines of any length, with anything behind them: the result is the entry after those up to `u`. Mutation:
+    /// `half - 1` of `invert` to `half - 2`.
     #[test]
     fn inversion_finds_the_first_entry_above() {
         for length in [1, 2, 7, 8, 9, 31, 32, 33, 64, 65, 100, 257] {
@@ -239,7 +238,7 @@ mod tests {
             pad(&mut line);
             for i in 0..400 {
                 let u = crate::geometry::sampling::fraction(crate::geometry::sampling::mix(i));
-                // Beside each entry too.
+                // Next to each entry too.
                 let beside = single[i as usize % single.len()];
                 for u in [u, f64::from(beside), f64::from(beside) - 1e-12] {
                     if !(0.0..1.0).contains(&u) {
@@ -255,7 +254,7 @@ mod tests {
         }
     }
 
-    // A normal lies within the radius of its bin, so the cone that the bound is made for holds it.
+    // A normal lies within the radius of its bin, so the cone that the bound is computed for contains it.
     #[test]
     fn directions_fall_into_the_bin_that_shows_them() {
         for i in 0..20_000 {
@@ -271,7 +270,7 @@ mod tests {
     }
 
     // The guarantee: where a direction of a cell is above the horizon of a normal, the cell has probability, and at
-    // least a third of what power times cosine asks for.
+    // least a third of power times cosine.
     #[test]
     fn no_light_is_left_out() {
         let tip = 0.15_f32;
@@ -290,7 +289,7 @@ mod tests {
             assert!((total - 1.0).abs() < 1e-5);
             let ideal: f32 = cells.iter().map(|c| c.cone.axis.dot(normal).max(0.0)).sum();
             for (k, cell) in cells.iter().enumerate() {
-                // The direction of the cell that stands highest above the surface.
+                // The direction of the cell that is highest above the surface.
                 let angle = crate::math::num::f32::acos(cell.cone.axis.dot(normal).clamp(-1.0, 1.0)) - tip;
                 let highest = crate::math::num::f32::cos(angle.max(0.0));
                 let probability = distribution.probability(k / 8, k % 8);
@@ -302,7 +301,7 @@ mod tests {
         }
     }
 
-    // What is aimed at from a box is all that can be met from any of its points, and no more cells than need be.
+    // The cone contains every direction from any point of one box to the other, and little more.
     #[test]
     fn cones_hold_every_way_between_two_boxes() {
         let from = [Vec3::new(-0.2, -0.3, 0.0), Vec3::new(0.3, 0.1, 0.05)];

@@ -1,5 +1,5 @@
-//! Light samples of many vertices, drawn together: eight at once go through vector registers, and all wait for memory
-//! together. Which instructions the machine has changes no bit.
+//! Light samples of many vertices, drawn together: eight at once in SIMD registers, with overlapping memory
+//! accesses. Every SIMD level gives the same bits.
 
 use fearless_simd::{dispatch, prelude::*};
 
@@ -8,12 +8,12 @@ use super::light_cells::RowChoice;
 use super::light_distribution::LightDistribution;
 use crate::geometry::sampling::{Points, fraction};
 
-/// Samples that are drawn at once.
+/// Samples drawn at once.
 const LANES: usize = 8;
-/// Between the pairs of dimensions for light of one tier of the sky and those for the next.
+/// Offset between the dimension pairs of one tier and the next.
 const TIER: u32 = 1 << 18;
 
-/// A light sample that is yet to be drawn.
+/// A light sample to be drawn.
 #[derive(Debug, Clone, Copy)]
 pub struct Wanted<'a> {
     tier: usize,
@@ -24,7 +24,7 @@ pub struct Wanted<'a> {
     pair: u32,
 }
 
-/// The light samples of a vertex, so many of each tier: none of a tier that brings no light.
+/// The light samples of a vertex, `lights` per tier; none of a tier without light.
 pub fn wanted(
     distributions: Distributions<'_>,
     lights: [u32; TIERS],
@@ -36,7 +36,7 @@ pub fn wanted(
 }
 
 impl<'a> Wanted<'a> {
-    /// Those of a tier.
+    /// The samples of a tier.
     fn each(
         (tier, distribution): (usize, &'a LightDistribution),
         count: u32,
@@ -51,8 +51,8 @@ impl<'a> Wanted<'a> {
 }
 
 impl EnvironmentLight {
-    /// Directions of tiers, about in proportion to light times cosine. They may lie a little below the horizon, never so
-    /// much that light above it is left out.
+    /// Samples directions about in proportion to light times cosine. They may lie slightly below the horizon, so
+    /// that no light above it is missed.
     pub fn draw_each(&self, wanted: &[Wanted<'_>], found: impl FnMut(DrawnDirection)) {
         dispatch!(self.level, simd => self.draw_each_at(simd, wanted, found));
     }
@@ -60,7 +60,7 @@ impl EnvironmentLight {
     #[inline(always)]
     fn draw_each_at<S: Simd>(&self, simd: S, wanted: &[Wanted<'_>], mut found: impl FnMut(DrawnDirection)) {
         for wanted in wanted.chunks(LANES) {
-            // Lanes that stay free repeat the first.
+            // Unused lanes repeat the first.
             let (mut points, mut pairs) = ([wanted[0].points; LANES], [wanted[0].pair; LANES]);
             for (k, wanted) in wanted.iter().enumerate() {
                 (points[k], pairs[k]) = (wanted.points, wanted.pair);
@@ -80,31 +80,31 @@ impl EnvironmentLight {
     }
 }
 
-/// The light samples of one vertex after another, of which so many are drawn at once.
+/// The light samples of successive vertices, drawn in batches.
 pub struct LightDraws<'a, V> {
     sky: &'a EnvironmentLight,
     lights: [u32; TIERS],
     pair: u32,
     vertices: V,
-    /// Those of the vertices that are drawn, and after the last of each.
+    /// The samples of the batch, and the end of each vertex's samples.
     wanted: Vec<Wanted<'a>>,
     draws: Vec<DrawnDirection>,
     ends: Vec<usize>,
-    /// Vertices of them that were asked for.
+    /// Vertices of the batch that were returned.
     asked: usize,
 }
 
-/// Vertices whose light samples are drawn at once: enough to fill registers, few enough to stay near.
+/// Vertices per batch: enough to fill registers, few enough to stay in cache.
 const TOGETHER: usize = 32;
 
 impl<'a, V: Iterator<Item = Option<(Points, Distributions<'a>)>>> LightDraws<'a, V> {
-    /// Of vertices, where there are any, so many of each tier and from a pair of dimensions on.
+    /// Light samples of `vertices`, `lights` per tier, from dimension pair `pair` on.
     pub fn new(sky: &'a EnvironmentLight, lights: [u32; TIERS], pair: u32, vertices: V) -> Self {
         let (wanted, draws, ends) = (Vec::new(), Vec::new(), Vec::new());
         Self { sky, lights, pair, vertices, wanted, draws, ends, asked: 0 }
     }
 
-    /// Those of the next vertex, tier after tier; none where there is no vertex.
+    /// The samples of the next vertex, tier after tier; empty where there is no vertex.
     pub fn next_vertex(&mut self) -> &[DrawnDirection] {
         if self.asked == self.ends.len() {
             self.draw();
@@ -121,7 +121,7 @@ impl<'a, V: Iterator<Item = Option<(Points, Distributions<'a>)>>> LightDraws<'a,
         self.ends.clear();
         for vertex in self.vertices.by_ref().take(TOGETHER) {
             if let Some((points, distributions)) = vertex {
-                // As `wanted` gives them; one tier at a time, their number is known.
+                // The same as `wanted`; one tier at a time, the number is known.
                 for (tier, distribution) in distributions.into_iter().enumerate() {
                     if distribution.power > 0.0 {
                         let number = self.lights[tier];
@@ -146,7 +146,7 @@ mod tests {
     use crate::geometry::sampling::{mix, stream, unit};
     use crate::types::{Environment, Image};
 
-    /// A sky of noise with a few lamps in it.
+    /// A sky of noise with a few lamps.
     fn sky() -> EnvironmentLight {
         let (width, height) = (256, 96);
         let lamp = |i: usize| if mix(i as u32 / 3).is_multiple_of(997) { 3e3 } else { unit(mix(i as u32)) };
@@ -155,8 +155,8 @@ mod tests {
         EnvironmentLight::new(&Environment { image, up: Up::PlusY, origin: None })
     }
 
-    /// Many vertices at once find what each finds alone, and every set of vector instructions the same bits.
-    /// Mutation: `wanted[0]` for `lane(k)` in `draw_each_at`, `draws.clear()` left out.
+    /// A batch gives the samples of each vertex alone, and every SIMD level the same bits. Mutation: `wanted[0]`
+    /// for `lane(k)` in `draw_each_at`, `draws.clear()` left out.
     #[test]
     fn drawn_together_is_drawn_alone() {
         let sky = sky();

@@ -1,4 +1,4 @@
-//! The environment as a light: where it is bright, and directions in proportion to that.
+//! The environment as a light source: importance sampling, cones of directions, bounds.
 
 pub(crate) mod cell_grid;
 pub mod cone;

@@ -1,4 +1,4 @@
-//! The sphere of directions as the texels of a panorama.
+//! The sphere of directions as the texels of an equirectangular panorama.
 
 use std::f64::consts::PI;
 
@@ -9,12 +9,12 @@ use super::cone::Cone;
 use crate::math::equirect::{axes, pixel_solid_angle};
 use crate::math::num;
 
-/// Where the texels of a panorama are.
+/// Geometry of the texels of a panorama.
 #[derive(Debug)]
 pub struct TexelGrid {
-    /// Texels across.
+    /// Columns.
     pub width: usize,
-    /// Texels down.
+    /// Rows.
     pub height: usize,
     /// Right, forward and up in the world.
     pub axes: [Vec3; 3],
@@ -25,7 +25,7 @@ pub struct TexelGrid {
 }
 
 impl TexelGrid {
-    /// Of a panorama of a size.
+    /// The texels of a panorama of a size.
     pub fn new(width: usize, height: usize, up: Up) -> Self {
         let azimuth = |x: usize| 2.0 * PI * (x as f64 / width as f64 - 0.5);
         let mut cosines: Vec<f64> =
@@ -40,25 +40,25 @@ impl TexelGrid {
         }
     }
 
-    /// A direction in the world from one along right, forward and up.
+    /// A direction in the world, from components along right, forward and up.
     pub fn to_world(&self, local: [f64; 3]) -> Vec3 {
         let [x, y, z] = [local[0] as f32, local[1] as f32, local[2] as f32];
         self.axes[0] * x + self.axes[1] * y + self.axes[2] * z
     }
 
-    /// The direction of a corner of texels.
+    /// The direction of a texel corner.
     pub fn corner(&self, x: usize, y: usize) -> Vec3 {
         let radius = (1.0 - self.cosines[y] * self.cosines[y]).max(0.0).sqrt();
         self.to_world([self.edges[x].0 * radius, self.edges[x].1 * radius, self.cosines[y]])
     }
 
-    /// The direction of a point of a texel, given by two numbers in [0, 1), uniform over its solid angle.
+    /// A direction in a texel, from two numbers in [0, 1), uniform over its solid angle.
     #[inline(always)]
     pub fn within(&self, (x, y): (usize, usize), [u, v]: [f64; 2]) -> Vec3 {
-        // Uniform over the texel's solid angle: uniform in azimuth and in the cosine of the polar angle.
+        // Uniform in azimuth and in the cosine of the polar angle.
         let above = self.cosines[y] + v * (self.cosines[y + 1] - self.cosines[y]);
         let (sin, cos) = if self.width >= 64 {
-            // From the column's left edge by the series of a small angle.
+            // Rotated from the column's left edge, by the series for a small angle.
             let a = u * 2.0 * PI / self.width as f64;
             let q = a * a;
             let (s, c) = (a * (1.0 - q / 6.0 * (1.0 - q / 20.0)), 1.0 - q / 2.0 * (1.0 - q / 12.0));
@@ -76,16 +76,16 @@ impl TexelGrid {
         pixel_solid_angle(self.width, self.height, y)
     }
 
-    /// A bound of how far two points of a texel lie apart, halved.
+    /// An upper bound of half the distance between two directions of a texel.
     pub fn radius(&self) -> f64 {
         PI * (0.5 / self.height as f64 + 1.0 / self.width as f64)
     }
 
-    /// Visits the column and the row of each texel that reaches into a cone, and of some around it.
+    /// Visits column and row of each texel that overlaps a cone, and some near it.
     pub fn each_around(&self, cone: &Cone, mut each: impl FnMut(usize, usize)) {
         let [x, y, z] = self.axes.map(|axis| f64::from(axis.dot(cone.axis)).clamp(-1.0, 1.0));
         let texel = 2.0 * self.radius();
-        // Polar angle of the middle, and the angle to the farthest direction.
+        // Polar angle of the axis, and the angle to the boundary.
         let (polar, wide) = (num::f64::acos(z), num::f64::acos(f64::from(cone.cosine)) + texel);
         let row = |angle: f64| ((angle / PI * self.height as f64) as usize).min(self.height - 1);
         let width = self.width;
@@ -103,13 +103,13 @@ impl TexelGrid {
         }
     }
 
-    /// Column and row of the texel that a unit direction shows.
+    /// Column and row of the texel of a unit direction.
     pub fn texel(&self, direction: Vec3) -> (usize, usize) {
         let [x, y, z] = self.axes.map(|axis| f64::from(direction.dot(axis)));
         (self.column(x, y), self.row(z, (x * x + y * y).sqrt()))
     }
 
-    /// The row of a direction: a guess by an approximate angle, settled by the exact edges.
+    /// The row of a direction: estimated by an approximate angle, corrected by the exact edges.
     fn row(&self, above: f64, radius: f64) -> usize {
         let turns = approximate_turns(radius, above) * 2.0;
         let mut row = ((turns * self.height as f64) as usize).min(self.height - 1);
@@ -129,7 +129,7 @@ impl TexelGrid {
         if self.width < 8 {
             return column;
         }
-        // The sine of the angle past an edge tells the side.
+        // The sine of the angle past an edge gives the side.
         let past = |edge: usize| x * self.edges[edge].1 - y * self.edges[edge].0 >= 0.0;
         if !past(column) {
             (column + self.width - 1) % self.width
@@ -164,7 +164,7 @@ mod tests {
     use crate::geometry::sampling::Points;
     use crate::testing::direction;
 
-    /// Every texel that a direction of the cone falls into is visited, once, and few others.
+    /// Every texel that contains a direction of the cone is visited once, with few others.
     #[test]
     fn texels_of_a_cone_are_all_visited() {
         for (width, height) in [(64, 32), (200, 77), (8, 3), (1, 1)] {

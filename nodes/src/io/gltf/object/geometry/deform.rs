@@ -1,4 +1,4 @@
-//! What moves vertices before their node does: morph targets and skins.
+//! Deformations of vertices before the transform of their node: morph targets and skins.
 
 use glam::DMat4;
 use gltf::{Accessor, Node, Semantic};
@@ -7,7 +7,7 @@ use super::Geometry;
 use crate::error::Error;
 
 impl Geometry<'_> {
-    /// Adds the morph targets at the file's own weights.
+    /// Adds the morph targets with the weights of the file.
     pub(super) fn morph(
         &mut self,
         node: &Node<'_>,
@@ -42,7 +42,7 @@ impl Geometry<'_> {
         Ok(())
     }
 
-    /// The blended joint matrix of every vertex, with the joints where the file has them.
+    /// The blended joint matrix of every vertex, in the frame of the file.
     pub(super) fn skin(
         &mut self,
         node: &Node<'_>,

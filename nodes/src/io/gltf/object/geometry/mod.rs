@@ -16,7 +16,7 @@ use crate::types::{Material, Primitive};
 use tally::Tally;
 use transform::{inverse_transpose, local, turned};
 
-/// Most vertices of one object; beyond that a small file that repeats a mesh could fill any memory.
+/// Largest number of vertices of an object: a small file that repeats a mesh could fill any memory.
 const VERTEX_LIMIT: usize = 1 << 26;
 
 /// Reads shapes.
@@ -24,7 +24,7 @@ pub struct Geometry<'a> {
     name: &'a str,
     file: &'a File,
     buffers: &'a [Vec<u8>],
-    /// From the frame of each node to that of the file, for every node of every scene.
+    /// Transform from the frame of each node to that of the file, for every node of every scene.
     world: Vec<Option<DMat4>>,
     tally: Tally,
 }
@@ -40,7 +40,7 @@ impl<'a> Geometry<'a> {
         Error::format(self.name, what)
     }
 
-    /// The primitives of a scene (the file's own choice where `scene` is `None`), in order of the nodes.
+    /// The primitives of a scene (the default scene of the file if `scene` is `None`), in order of the nodes.
     pub fn scene(
         &mut self,
         scene: Option<u32>,
@@ -54,12 +54,12 @@ impl<'a> Geometry<'a> {
             is_child[child.index()] = true;
         }
         let roots: Vec<Node<'_>> = document.nodes().filter(|node| !is_child[node.index()]).collect();
-        // Joints may belong to another scene, so all nodes are walked first.
+        // Joints may belong to another scene, so all nodes are visited first.
         self.walk(roots.clone(), |_| {})?;
         let count = document.scenes().len();
         let chosen = match scene {
             Some(index) => Some(document.scenes().nth(index as usize).ok_or_else(|| {
-                NodeError::new(format!("`{}` has {count} scenes, so none is number {index}", self.name))
+                NodeError::new(format!("`{}` has {count} scenes, so index {index} does not exist", self.name))
                     .at("scene")
             })?),
             None => document.default_scene().or_else(|| document.scenes().next()),
@@ -67,7 +67,7 @@ impl<'a> Geometry<'a> {
         if let (Some(chosen), None, true) = (&chosen, scene, count > 1) {
             notes.decision(
                 "scene",
-                format!("of {count} scenes in the file, number {} is taken", chosen.index()),
+                format!("scene {} of the {count} scenes of the file is used", chosen.index()),
             );
         }
         let mut order = Vec::new();
@@ -175,7 +175,7 @@ impl<'a> Geometry<'a> {
         let mut triangles = self.triangles(primitive, n)?;
         let skin = self.skin(node, primitive, n)?;
         let world = self.world[node.index()].unwrap_or_default() * instance;
-        // A skinned mesh follows its joints alone: section 3.7.3 of the specification.
+        // A skinned mesh follows its joints only: section 3.7.3 of the specification.
         let transform = |v: usize| skin.as_ref().map_or(world, |matrices| matrices[v]);
         let mirrored = n > 0 && DMat3::from_mat4(transform(0)).determinant() < 0.0;
         let mut p = Primitive::default();
@@ -207,7 +207,7 @@ impl<'a> Geometry<'a> {
         p.material = match primitive.material().index() {
             Some(index) => index as u32,
             None => {
-                // The default material stands behind those of the file, once.
+                // The default material is added once after those of the file.
                 let named = self.file.document.materials().len();
                 if materials.len() == named {
                     materials.push(Material::default());
@@ -224,7 +224,7 @@ impl<'a> Geometry<'a> {
         let set = material.and_then(Material::tangent_set);
         self.shading_frame(&mut p, set.map(|set| set == 1));
         if !p.is_consistent() {
-            return Err(self.bad("a primitive names what it does not have"));
+            return Err(self.bad("a primitive refers to data that does not exist"));
         }
         Ok(Some(p))
     }
@@ -259,7 +259,7 @@ impl<'a> Geometry<'a> {
                 if numbers.width != 1
                     || numbers.values.iter().any(|&i| i.is_nan() || i < 0.0 || i >= n as f64)
                 {
-                    return Err(self.bad(format!("indices name vertices beyond the {n} there are")));
+                    return Err(self.bad(format!("indices refer to vertices beyond the {n} vertices")));
                 }
                 numbers.values.into_iter().map(|i| i as u32).collect()
             }

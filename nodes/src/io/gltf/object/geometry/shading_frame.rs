@@ -1,4 +1,4 @@
-//! Normals and tangents that a file lacks.
+//! Generation of missing normals and tangents.
 
 use glam::DVec3;
 
@@ -7,7 +7,7 @@ use crate::io::gltf::object::tangents;
 use crate::types::Primitive;
 
 impl Geometry<'_> {
-    /// Repairs normals, and makes tangents where a normal map needs them.
+    /// Repairs normals, and generates tangents if a normal map needs them.
     pub(super) fn shading_frame(&mut self, p: &mut Primitive, normal_map: Option<bool>) {
         let broken: Vec<usize> = (0..p.normals.len()).filter(|&v| p.normals[v] == [0.0; 3]).collect();
         if !broken.is_empty() {
@@ -20,7 +20,7 @@ impl Geometry<'_> {
         let Some(second_set) = normal_map else { return };
         let has_uv = !if second_set { &p.uv1 } else { &p.uv0 }.is_empty();
         if p.normals.is_empty() {
-            // Flat normals, which the specification asks for; given tangents are then void.
+            // Flat normals, as the specification requires; given tangents are then invalid.
             unweld(p);
             p.tangents.clear();
             p.normals = summed_face_normals(p);
@@ -44,7 +44,7 @@ fn summed_face_normals(p: &Primitive) -> Vec<[f32; 3]> {
     sums.into_iter().map(|sum| sum.try_normalize().unwrap_or(DVec3::Y).as_vec3().to_array()).collect()
 }
 
-/// Gives every triangle vertices of its own.
+/// Gives every triangle separate vertices.
 fn unweld(p: &mut Primitive) {
     let corners: Vec<usize> = p.triangles.as_flattened().iter().map(|&v| v as usize).collect();
     fn spread<T: Copy>(list: &mut Vec<T>, corners: &[usize]) {

@@ -1,8 +1,8 @@
-//! What is told of shapes.
+//! Counts of dropped and repaired parts of shapes, for notes.
 
 use engine::Notes;
 
-/// What was dropped or repaired, to be told.
+/// Counts of dropped and repaired parts.
 #[derive(Default)]
 pub(super) struct Tally {
     pub(super) points_and_lines: u64,
@@ -22,7 +22,7 @@ pub(super) struct Tally {
 }
 
 impl Tally {
-    /// Notes of what was found.
+    /// Adds the notes.
     pub(super) fn tell(&self, notes: &mut Notes) {
         for (id, count, what) in [
             ("points-and-lines", self.points_and_lines, "primitives of points or lines were left out"),
@@ -40,19 +40,19 @@ impl Tally {
             (
                 "no-coordinates",
                 self.unmapped,
-                "primitives have a texture but not its coordinates; all of them show its corner",
+                "primitives have a texture but no texture coordinates; they show its corner",
             ),
             (
                 "coordinates-not-finite",
                 self.coordinates,
-                "texture coordinates are not finite numbers; 0 stands for them",
+                "texture coordinates are not finite and were set to 0",
             ),
-            ("normals-repaired", self.normals, "normals without length were made from the faces around"),
+            ("normals-repaired", self.normals, "normals of length 0 were computed from the adjacent faces"),
             ("colours-clamped", self.colours, "vertex colours outside of 0 to 1 were clamped"),
             (
                 "tangents-made",
                 self.tangents_made,
-                "primitives with bumps or a brush had no tangents; they were made",
+                "primitives with normal maps or anisotropy had no tangents; they were computed",
             ),
             (
                 "tangents-arbitrary",
@@ -60,12 +60,12 @@ impl Tally {
                 "vertices have texture coordinates without direction",
             ),
             ("morph-targets", self.morphed, "morph targets were applied at the weights of the file"),
-            ("skins", self.skinned, "skinned primitives were posed as the file has their joints"),
+            ("skins", self.skinned, "skinned primitives were posed by the joints of the file"),
             ("instances", self.instances, "copies of meshes by EXT_mesh_gpu_instancing"),
             (
                 "mirrored",
                 self.mirrored,
-                "primitives are mirrored by their nodes; their triangles were turned over",
+                "primitives are mirrored by their nodes; the winding of their triangles was reversed",
             ),
         ] {
             notes.count(id, count, what);

@@ -1,4 +1,4 @@
-//! Transforms of nodes and their copies, and what they make of vectors.
+//! Transforms of nodes and their instances, and of normals and tangents.
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use gltf::Node;
@@ -8,7 +8,7 @@ use super::Geometry;
 use crate::error::Error;
 
 impl Geometry<'_> {
-    /// Where the copies of a node's mesh stand in its frame: EXT_mesh_gpu_instancing, or one as it is.
+    /// Transforms of the instances of a node's mesh in its frame: EXT_mesh_gpu_instancing, or the identity.
     pub(super) fn instances(&mut self, node: &Node<'_>) -> Result<Vec<DMat4>, Error> {
         let attributes =
             &self.file.json["nodes"][node.index()]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"];
@@ -57,22 +57,22 @@ pub(super) fn local(transform: &Transform) -> DMat4 {
     }
 }
 
-/// A quaternion of length 0 is no rotation; any other is made one.
+/// Normalises a quaternion; one of length 0 is the identity.
 fn rotation(q: [f64; 4]) -> DQuat {
     let q = DQuat::from_array(q);
     if q.length() > 0.0 { q.normalize() } else { DQuat::IDENTITY }
 }
 
-/// What turns normals, of some length.
+/// The matrix that transforms normals, up to a positive factor.
 pub(super) fn inverse_transpose(m: DMat3) -> DMat3 {
-    // Cofactors: the inverse transpose times the determinant, so a flat matrix divides by nothing. The
-    // sign of the determinant turns the normals of a mirror the right way.
+    // Cofactors: the inverse transpose times the determinant, so a singular matrix causes no division by 0. The
+    // sign of the determinant gives normals of a mirror the right orientation.
     let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
     let sign = if m.determinant() < 0.0 { -1.0 } else { 1.0 };
     DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * sign
 }
 
-/// A unit vector, or zero where there is none.
+/// A transformed unit vector, or zero if it has no length.
 pub(super) fn turned(m: DMat3, v: DVec3) -> [f32; 3] {
     let unit = (m * v).try_normalize().unwrap_or(DVec3::ZERO);
     unit.as_vec3().to_array()

@@ -1,4 +1,4 @@
-//! The environment as a light: its radiance in a direction, and directions in proportion to it.
+//! The environment as a light source: radiance by direction, and importance sampling.
 
 use fearless_simd::{Level, dispatch, prelude::*};
 use glam::{DMat3, DVec3, Vec3};
@@ -15,59 +15,59 @@ use crate::types::Environment;
 #[cfg(test)]
 mod tests;
 
-/// Light from a direction.
+/// A sample of environment light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LightSample {
     /// Unit direction towards the light, in the world.
     pub direction: Vec3,
     /// Radiance.
     pub radiance: Vec3,
-    /// Light samples to be expected a steradian at this direction.
+    /// Expected number of light samples per steradian in this direction.
     pub pdf: f32,
 }
 
-/// A direction towards light that is not looked up yet, which may wait for memory.
+/// A sampled direction whose radiance is not fetched yet, so that memory accesses can overlap.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct DrawnDirection {
     /// Unit direction towards the light, in the world.
     pub direction: Vec3,
     texel: u32,
-    /// Light samples to be expected in its cell.
+    /// Expected number of light samples in its cell.
     expected: f32,
 }
 
-/// The tiers of a sky: what is bright and small, and the rest.
+/// The tiers of a sky: small bright sources, and the rest.
 pub const TIERS: usize = 2;
-/// Most columns and rows of the cells of each tier.
+/// Maximum columns and rows of cells of each tier.
 const CELLS: [[usize; 2]; TIERS] = [[16, 8], [32, 16]];
-/// A texel is bright that outshines the mean of the sky so many times.
+/// A texel is in the bright tier if its radiance exceeds the mean by this factor.
 const BRIGHT: f64 = 16.0;
 
-/// An environment ready for lookup and sampling. Radiance is constant over each texel, and texels are weighed
-/// by their exact solid angle, so no light is lost or won. Suns and lamps are a tier of their own with
-/// samples of its own, so that how many fall on them is not left to chance.
+/// An environment prepared for lookup and sampling. Radiance is constant over each texel, and texels are weighted
+/// by their exact solid angle, so energy is preserved. Suns and lamps form a tier with its own samples, so their
+/// number is not left to chance.
 #[derive(Debug)]
 pub struct EnvironmentLight {
     pub(crate) texel_grid: TexelGrid,
-    /// Radiance of each texel, and density at it where its cell is given.
+    /// Radiance of each texel, and its density given its cell.
     pub(crate) texels: Vec<[f32; 4]>,
     bright: Vec<bool>,
     pub(crate) tiers: [LightCells; TIERS],
-    /// The vector instructions that light is drawn by, each set with the same bits.
+    /// The SIMD level; every level gives the same bits.
     pub(crate) level: Level,
-    /// Light samples of each tier where several are taken, powers of 2.
+    /// Light samples per tier at vertices that take several; powers of 2.
     pub lights: [u32; TIERS],
-    /// Samples that were negative or not finite and count as black.
+    /// Number of pixels that were negative or not finite and count as black.
     pub broken: u64,
-    /// Integral of radiance over the sphere, for each channel.
+    /// Integral of radiance over the sphere, per channel.
     pub power: [f64; 3],
 }
 
-/// For each tier where to look for its light.
+/// The distribution of each tier.
 pub type Distributions<'a> = [&'a LightDistribution; TIERS];
 
 impl EnvironmentLight {
-    /// Memory held, about: texels, and as many probabilities.
+    /// Approximate memory in bytes: texels and their probabilities.
     pub fn bytes(&self) -> u64 {
         2 * size_of_val(&*self.texels) as u64
     }
@@ -93,8 +93,8 @@ impl EnvironmentLight {
                 texels.push([rgb[0], rgb[1], rgb[2], 0.0]);
             }
         }
-        // Each channel counts by its share of all its light, so that a yellow sun does not leave the blue of the
-        // sky to chance. The mean over the sphere is 1 for each channel that has light.
+        // Each channel is weighted by its share of that channel's total light, so that a yellow sun does not leave
+        // the blue of the sky noisy. The mean over the sphere is 1 for each channel that has light.
         let scales = power.map(|power| if power > 0.0 { 4.0 * std::f64::consts::PI / power } else { 0.0 });
         let black = power == [0.0; 3];
         let weight = |t: &[f32; 4]| (0..3).map(|k| f64::from(t[k]) * scales[k]).sum::<f64>();
@@ -125,15 +125,15 @@ impl EnvironmentLight {
         Self { texel_grid, texels, bright, tiers, level: Level::new(), lights, broken, power }
     }
 
-    /// The greatest radiance, and the greatest irradiance of any surface, for each channel; neither is more.
+    /// The maximum radiance, and an upper bound of the irradiance of any surface, per channel.
     pub fn bounds(&self) -> ([f64; 3], [f64; 3]) {
         let mut brightest = [0.0_f32; 4];
         let (mut towards, mut squares) = ([DVec3::ZERO; 3], [DMat3::ZERO; 3]);
-        // For each column 1, its sine and cosine, and products of these.
+        // For each column 1, sine and cosine of the azimuth, and their products.
         let columns: Vec<_> =
             self.texel_grid.edges.iter().map(|(s, c)| [1.0, *s, *c, s * s, s * c]).collect();
         for (y, row) in self.texels.chunks_exact(self.texel_grid.width).enumerate() {
-            // Sums over the row of the light times these: of all channels at once, the fourth is none.
+            // Sums over the row of radiance times these, for all channels at once; the fourth is unused.
             let mut sums = [[0.0_f64; 4]; 5];
             for (texel, column) in row.iter().zip(&columns) {
                 let light = texel.map(f64::from);
@@ -156,7 +156,7 @@ impl EnvironmentLight {
                 );
             }
         }
-        // Each texel counts as if all of its light came from one point of it.
+        // Each texel counts as if all of its light came from one of its points.
         let irradiance = std::array::from_fn(|k| {
             greatest_irradiance(self.power[k], towards[k], squares[k])
                 + 2.0 * self.texel_grid.radius() * self.power[k]
@@ -165,8 +165,8 @@ impl EnvironmentLight {
         (brightest, irradiance)
     }
 
-    /// Visits the texels that reach into a cone, and perhaps some around it: the direction of a point of each, how far
-    /// others of it may lie from that, its solid angle and its radiance.
+    /// Visits the texels that overlap a cone, and perhaps some near it: a direction in each, the maximum distance
+    /// of other directions in it, its solid angle and its radiance.
     pub fn each_around(&self, cone: &Cone, mut each: impl FnMut(DVec3, f64, f64, [f64; 3])) {
         let radius = 2.0 * self.texel_grid.radius();
         self.texel_grid.each_around(cone, |x, y| {
@@ -176,18 +176,18 @@ impl EnvironmentLight {
         });
     }
 
-    /// Where to look for a surface of the given unit normal, if light from one side is all it takes.
+    /// The distributions for a surface with the given unit normal, or for surfaces lit from all sides.
     #[inline]
     pub fn distributions(&self, normal: Option<Vec3>) -> Distributions<'_> {
         [self.tiers[0].distribution(normal), self.tiers[1].distribution(normal)]
     }
 
-    /// Where to look for surfaces whose normals lie in a cone, for light from a cone of directions.
+    /// The distributions for surfaces whose normals lie in a cone, restricted to light from a cone of directions.
     pub fn distributions_within(&self, normals: Option<Cone>, to: &Cone) -> [LightDistribution; TIERS] {
         [0, 1].map(|k| LightDistribution::new(&self.tiers[k].grid, normals, to))
     }
 
-    /// Light samples to be expected of each tier: where several are taken, or of one alone.
+    /// Expected number of light samples per tier, for several samples or for a single one.
     #[inline]
     pub fn numbers(&self, distributions: Distributions<'_>, several: Option<[u32; TIERS]>) -> [f32; TIERS] {
         let [high, low] = distributions.map(|distribution| distribution.power);
@@ -198,17 +198,18 @@ impl EnvironmentLight {
         }
     }
 
-    /// The tier of a light sample that is alone, and its point.
+    /// The tier of a single light sample, and the remaining random numbers.
     #[inline]
     pub fn tier(&self, distributions: Distributions<'_>, [v, u]: [u32; 2]) -> (usize, [u32; 2]) {
         let share = f64::from(self.numbers(distributions, None)[0]);
         let at = fraction(v);
         let (tier, at) = if at < share { (0, at / share) } else { (1, (at - share) / (1.0 - share)) };
-        // The conversion keeps to the range of the type.
+        // The conversion saturates.
         (tier, [(at / SCALE) as u32, u])
     }
 
-    /// A direction of a tier, from two 32-bit fractions, of which so many are taken: see [`draw_each`](Self::draw_each).
+    /// Samples a direction of a tier from two 32-bit random numbers, as one of `number` samples: see
+    /// [`draw_each`](Self::draw_each).
     pub fn draw_one(
         &self,
         tier: usize,
@@ -222,7 +223,7 @@ impl EnvironmentLight {
         })
     }
 
-    /// What the second half of a choice of a texel finds; `number` light samples are taken of its tier.
+    /// Completes the choice of a texel; its tier takes `number` light samples.
     #[inline(always)]
     pub(crate) fn found<S: Simd>(
         &self,
@@ -237,15 +238,14 @@ impl EnvironmentLight {
         DrawnDirection { direction, texel, expected: number * row.probability }
     }
 
-    /// The light of a direction that was drawn.
+    /// The light of a sampled direction.
     #[inline]
     pub fn light(&self, &DrawnDirection { direction, texel, expected }: &DrawnDirection) -> LightSample {
         let [r, g, b, pdf] = self.texels[texel as usize];
         LightSample { direction, radiance: Vec3::new(r, g, b), pdf: expected * pdf }
     }
 
-    /// A light sample that is alone, for a surface whose light comes from one side, or from all; none where no
-    /// light comes from there.
+    /// A single light sample for a surface lit from one side, or from all; `None` where no light comes from there.
     pub fn sample_one(&self, normal: Option<Vec3>, point: [u32; 2]) -> Option<LightSample> {
         let distributions = self.distributions(normal);
         distributions.iter().any(|distribution| distribution.power > 0.0).then(|| {
@@ -255,8 +255,8 @@ impl EnvironmentLight {
         })
     }
 
-    /// As [`sample_one`](Self::sample_one), but a quarter of the samples takes no regard of the normal: for light whose direction
-    /// is not quite that of the panorama.
+    /// As [`sample_one`](Self::sample_one), but a quarter of the samples ignores the normal (defensive sampling):
+    /// for light whose direction differs slightly from that of the panorama.
     pub fn sample_defensive(&self, normal: Option<Vec3>, [a, b]: [u32; 2]) -> Option<LightSample> {
         const QUARTER: u32 = 1 << 30;
         let (aimed, a) = match a.checked_sub(QUARTER) {
@@ -278,7 +278,7 @@ impl EnvironmentLight {
         self.eval(distributions, self.numbers(distributions, None), direction)
     }
 
-    /// The light from a unit direction.
+    /// The radiance from a unit direction.
     #[inline]
     pub fn radiance(&self, direction: Vec3) -> Vec3 {
         let (x, y) = self.texel_grid.texel(direction);
@@ -286,17 +286,17 @@ impl EnvironmentLight {
         Vec3::new(r, g, b)
     }
 
-    /// Whether a glossy lobe is narrower than a texel in a direction of such a density, as off a mirror and through
-    /// clear glass: it would show the edges of texels. Scattered rays alone find its light, as [`seen`](Self::seen).
+    /// True if a glossy lobe with this density is narrower than a texel, as of mirrors and clear glass: it would
+    /// show the edges of texels. Only scattered rays find its light, as [`seen`](Self::seen).
     #[inline]
     pub fn is_narrow(&self, pdf: f32) -> bool {
         let texels = (self.texel_grid.width * self.texel_grid.height) as f32;
-        // By the solid angle of a texel at the horizon, two pi squared over their number.
+        // Compared with the solid angle of a texel at the horizon, two pi squared over their number.
         pdf * 2.0 * std::f32::consts::PI * std::f32::consts::PI > texels
     }
 
-    /// A light as a glossy ray of such a density sees it: where that is [narrow](Self::is_narrow), as the
-    /// [`background`](Self::background) in its direction, which no light samples look for.
+    /// A light as a glossy ray with this density sees it: the interpolated [`background`](Self::background) without
+    /// light samples if the lobe is [narrow](Self::is_narrow).
     pub fn seen(&self, light: LightSample, pdf: f32) -> LightSample {
         if self.is_narrow(pdf) {
             LightSample { radiance: self.background(light.direction), pdf: 0.0, ..light }
@@ -305,8 +305,8 @@ impl EnvironmentLight {
         }
     }
 
-    /// The sky as a picture behind the scene: between the middles of texels radiance changes linearly. Light
-    /// samples take [`EnvironmentLight::radiance`], whose sum is exact.
+    /// The environment as a background image: bilinear between the centres of texels. Light samples use
+    /// [`EnvironmentLight::radiance`], whose sum is exact.
     pub fn background(&self, direction: Vec3) -> Vec3 {
         let [x, y, z] = self.texel_grid.axes.map(|axis| f64::from(direction.dot(axis)));
         let u = (approximate_turns(x, y) + 0.5) * self.texel_grid.width as f64 - 0.5;
@@ -341,7 +341,7 @@ impl EnvironmentLight {
     }
 }
 
-/// From 32-bit fractions.
+/// From 32-bit integers to [0, 1).
 const SCALE: f64 = 1.0 / 4_294_967_296.0;
 
 /// An environment of one colour.

@@ -32,7 +32,7 @@ trait PowiExact {
     fn powi_exact(self) -> f32;
 }
 impl PowiExact for f32 {
-    // A spiky spectrum without a banned power function.
+    // A peaked spectrum without the banned power function.
     fn powi_exact(self) -> f32 {
         let s = self * self;
         s * s * s * 20.0
@@ -74,8 +74,8 @@ fn samples_lie_in_the_texel_they_claim() {
     assert!(elsewhere < 40, "{elsewhere} of 20000 fall across an edge by rounding");
 }
 
-// Exact irradiance: radiance times cosine over density, averaged over one net, against the sum over texels
-// cut finely.
+// Exact irradiance: radiance times cosine over density, averaged over a net of points, against the sum over
+// subdivided texels.
 #[test]
 fn sampling_integrates_the_picture() {
     for (width, height) in [(64, 32), (128, 40), (7, 3), (1, 1)] {
@@ -97,7 +97,7 @@ fn sampling_integrates_the_picture() {
             let (n, distributions) = (1 << 14, sky.distributions(Some(normal)));
             let mut sum = 0.0;
             for i in 0..n {
-                // As the first vertex of a path does: of each tier a net of its own.
+                // As at the first vertex of a path: a net of its own for each tier.
                 let points = Points::new(stream(3, 1, 0), i);
                 for s in sampled(&sky, distributions, sky.lights, points) {
                     let cosine = s.direction.dot(normal).max(0.0);
@@ -111,7 +111,7 @@ fn sampling_integrates_the_picture() {
     }
 }
 
-// At the middle of a texel the picture behind the scene is the texel, between two it is their mean.
+// At the centre of a texel the background is the texel, between two it is their mean.
 #[test]
 fn the_picture_behind_is_smooth() {
     let environment = noisy(64, 32);
@@ -140,7 +140,7 @@ fn a_black_sky_is_sampled_evenly() {
     }
 }
 
-/// Towards the hot texel it is chosen, from behind it never is; its light is found in full either way.
+/// A surface facing the hot texel samples it, one facing away never does; its light is complete either way.
 #[test]
 fn one_texel_may_outshine_all_others() {
     let mut environment = constant(Up::PlusZ, [1e-9; 3], 32);
@@ -163,7 +163,7 @@ fn one_texel_may_outshine_all_others() {
     row(37, "integral of the density over the sphere, less 1", off, 1e-6);
     let hottest = |normal| sky.sample_one(Some(normal), [1 << 31, 1 << 31]).expect("light").radiance.x == 1e9;
     assert!(hottest(hot) && !hottest(-hot));
-    // Irradiance of a surface that faces it: its texel cut finely, against samples as a first vertex has them.
+    // Irradiance of a surface that faces it: its subdivided texel, against samples of a first vertex.
     let fine = 64;
     let cosines = (0..fine * fine).map(|i| {
         let [u, v] = [i % fine, i / fine].map(|k| (f64::from(k) + 0.5) / f64::from(fine));
@@ -180,7 +180,7 @@ fn one_texel_may_outshine_all_others() {
     row(37, "relative error of the irradiance of 4096 points", (got / exact - 1.0).abs(), 1e-4);
 }
 
-/// Chi-square of samples against the density that they claim, by quarters of texels.
+/// Chi-square of samples against the density that they report, by quarters of texels.
 fn follows(
     what: &str,
     sky: &EnvironmentLight,
@@ -212,10 +212,10 @@ fn follows(
     assert!(z < 4.0, "{what}: {z}");
 }
 
-/// Every way to draw directions: tiers, cells, texels and places in them.
-/// Mutation: `numbers[tier]` left out of `EnvironmentLight::eval`, `share(rows, row)` of `LightDistribution::probability`
-/// squared, `of_row` left out of `LightCells::divide`, `v` squared in `TexelGrid::within`, `0.75` and `0.25` of
-/// `eval_defensive` swapped (each seen red).
+/// Every way to sample directions: tiers, cells, texels and points in them. Mutation: `numbers[tier]` left out of
+/// `EnvironmentLight::eval`, `share(rows, row)` of `LightDistribution::probability` squared, `of_row` left out of
+/// `LightCells::divide`, `v` squared in `TexelGrid::within`, `0.75` and `0.25` of `eval_defensive` swapped (each
+/// seen red).
 #[test]
 fn samples_follow_their_densities() {
     let mut lamps = noisy(24, 12);
@@ -233,13 +233,13 @@ fn samples_follow_their_densities() {
             let defensive = |i| sky.sample_defensive(side, point(i, 0)).into_iter().collect();
             follows(&format!("{what}, defensive"), sky, defensive, |d| sky.eval_defensive(side, d).pdf);
         }
-        // As the first vertex of a path draws them: several of each tier, for the normals of a tile, and from where
-        // the objects are seen.
+        // As at the first vertex of a path: several samples per tier, for the normals of a tile and the directions
+        // of the objects.
         let normals = Cone { axis: normal, cosine: 0.995 };
         for to in [Cone::ALL, Cone { axis: normal, cosine: 0.3 }] {
             let distributions = sky.distributions_within(Some(normals), &to);
             let distributions = distributions.each_ref();
-            // A tier without light there is not drawn from.
+            // A tier without light there is not sampled.
             let lights = [0, 1].map(|k| if distributions[k].power > 0.0 { sky.lights[k] } else { 0 });
             let numbers = sky.numbers(distributions, Some(lights));
             let several = |i| sampled(sky, distributions, lights, Points::new(stream(5, i, 2), 0));

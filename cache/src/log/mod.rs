@@ -1,0 +1,350 @@
+//! [`Log`]: an append-only file of small checksummed entries, shared by threads and processes.
+
+use std::collections::HashMap;
+use std::fs::{self, File, Metadata, OpenOptions};
+use std::hash::BuildHasherDefault;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use crate::digest::Digest;
+use crate::digest_hasher::DigestHasher;
+use crate::entry::{self, Entry};
+use crate::error::{At, Result};
+use crate::file_lock::FileLock;
+use crate::index::{Damaged, Index};
+use crate::location::{EntryId, Location, LogSizes};
+use crate::log_head;
+use crate::page_cache::PageCache;
+use crate::regular;
+use crate::stamp::same_file;
+
+mod write;
+
+#[cfg(test)]
+mod tests;
+
+/// An entry of this kind plus another's removes the other.
+const REMOVED: u8 = 0x80;
+
+/// Bytes per read.
+const READ_BYTES: u64 = 1 << 20;
+
+/// Where a log is stored and how it is written.
+#[derive(Clone, Debug)]
+pub(crate) struct Settings {
+    pub path: PathBuf,
+    /// The file that is locked while the log is written. Unlike the log it is never replaced.
+    pub lock: PathBuf,
+    pub temp: PathBuf,
+    pub quarantine: PathBuf,
+    pub writable: bool,
+    /// Sync after every append.
+    pub sync: bool,
+}
+
+/// The last entry of each kind and key, in a file or in memory only.
+#[derive(Debug)]
+pub(crate) struct Log {
+    settings: Option<Arc<Settings>>,
+    open: Option<Open>,
+    lock: Option<FileLock>,
+    /// The index of the first part of the file.
+    index: Option<Index>,
+    /// True if an index turned out wrong; none is read again.
+    index_rejected: bool,
+    /// The entries after the part that is indexed; `None` for one that was removed.
+    recent: HashMap<EntryId, Option<Location>, BuildHasherDefault<DigestHasher>>,
+    /// All entries of a log without a file.
+    memory: Vec<u8>,
+    pages: PageCache,
+    /// The end of the last entry that was read, as an offset in the file.
+    parsed: u64,
+    /// The length of the file when it was last read.
+    length: u64,
+    sizes: LogSizes,
+    /// Damaged bytes that were not reported yet.
+    unreported: u64,
+    unsynced: bool,
+    /// The last request for the lock timed out; the next one does not wait.
+    lock_timed_out: bool,
+}
+
+#[derive(Debug)]
+struct Open {
+    file: File,
+    metadata: Metadata,
+    salt: u32,
+}
+
+/// An entry to append: kind, key, payload.
+pub(crate) type Item<'a> = (u8, Digest, &'a [u8]);
+
+impl Settings {
+    fn index(&self) -> PathBuf {
+        self.path.with_extension("index")
+    }
+}
+
+impl Log {
+    /// An empty log without a file.
+    pub fn in_memory() -> Log {
+        Log {
+            settings: None,
+            open: None,
+            lock: None,
+            index: None,
+            index_rejected: false,
+            recent: HashMap::default(),
+            memory: Vec::new(),
+            pages: PageCache::default(),
+            parsed: 0,
+            length: 0,
+            sizes: LogSizes::default(),
+            unreported: 0,
+            unsynced: false,
+            lock_timed_out: false,
+        }
+    }
+
+    /// Opens the log, creating it where allowed, and reads its index.
+    pub fn open(settings: Settings) -> Result<Log> {
+        let settings = Arc::new(settings);
+        let lock = if settings.writable { Some(FileLock::open(&settings.lock)?) } else { None };
+        let mut log = Log { settings: Some(Arc::clone(&settings)), lock, ..Log::in_memory() };
+        log.refresh()?;
+        if settings.writable && log.open.is_none() {
+            let guard = log.exclusive();
+            log.catch_up()?;
+            log.ensure_file(&settings, guard.is_some())?;
+        }
+        Ok(log)
+    }
+
+    /// True if the entry exists, as far as this process has read.
+    pub fn contains(&mut self, kind: u8, key: &Digest) -> Result<bool> {
+        Ok(self.find(&(kind, *key))?.is_some())
+    }
+
+    /// The payload of the entry, as far as this process has read. Its checksums are verified by every call.
+    pub fn get(&mut self, kind: u8, key: &Digest) -> Result<Option<Vec<u8>>> {
+        let id = (kind, *key);
+        for _ in 0..2 {
+            let Some(location) = self.find(&id)? else { return Ok(None) };
+            let salt = self.open.as_ref().map_or(0, |open| open.salt);
+            let raw = self.read(location.offset, Entry::length(location.length as usize))?;
+            if let Some(entry) = entry::decode(salt, raw)
+                && (entry.kind, entry.key) == id
+            {
+                return Ok(Some(entry.payload.to_vec()));
+            }
+            // Damaged since it was indexed. Reading everything shows what else is.
+            self.rescan()?;
+        }
+        self.drop_entry(kind, key);
+        Ok(None)
+    }
+
+    /// The keys of all entries of a kind, in order.
+    pub fn keys(&mut self, kind: u8) -> Result<Vec<Digest>> {
+        let all = self.all()?.into_iter();
+        Ok(all.filter(|((found, _), _)| *found == kind).map(|((_, key), _)| key).collect())
+    }
+
+    /// Every entry, sorted by key and then kind.
+    fn all(&mut self) -> Result<Vec<(EntryId, Location)>> {
+        let mut all = match self.index.as_mut().map(Index::all) {
+            None => Vec::new(),
+            Some(Ok(all)) => all,
+            Some(Err(Damaged)) => {
+                self.rescan()?;
+                Vec::new()
+            }
+        };
+        all.retain(|(id, _)| !self.recent.contains_key(id));
+        #[allow(clippy::iter_over_hash_type, reason = "sorted below")]
+        all.extend(self.recent.iter().filter_map(|(id, location)| Some((*id, (*location)?))));
+        all.sort_unstable_by_key(|((kind, key), _)| (*key, *kind));
+        Ok(all)
+    }
+
+    fn find(&mut self, id: &EntryId) -> Result<Option<Location>> {
+        if let Some(known) = self.recent.get(id) {
+            return Ok(*known);
+        }
+        match self.index.as_mut().map(|index| index.find(id)) {
+            None => Ok(None),
+            Some(Ok(location)) => Ok(location),
+            Some(Err(Damaged)) => {
+                self.rescan()?;
+                Ok(self.recent.get(id).copied().flatten())
+            }
+        }
+    }
+
+    /// Forgets the index and reads the whole log.
+    fn rescan(&mut self) -> Result<()> {
+        self.index_rejected = true;
+        self.reopen()?;
+        self.read_tail()
+    }
+
+    /// Reads the whole file again without the index and returns the number of damaged bytes. What may be an entry that
+    /// is being written does not count.
+    pub fn reread(&mut self) -> Result<u64> {
+        self.rescan()?;
+        Ok(self.sizes.damaged)
+    }
+
+    /// Bytes of entries that were replaced, removed or cut short.
+    pub fn dead(&self) -> u64 {
+        self.sizes.dead
+    }
+
+    /// The length of the payload of every entry of a kind, by key.
+    pub fn lengths(&mut self, kind: u8) -> Result<Vec<(Digest, u64)>> {
+        let all = self.all()?.into_iter().filter(|((found, _), _)| *found == kind);
+        Ok(all.map(|((_, key), location)| (key, location.length.into())).collect())
+    }
+
+    /// The number of damaged bytes found since the last call.
+    pub fn take_damaged(&mut self) -> u64 {
+        std::mem::take(&mut self.unreported)
+    }
+
+    /// Reads what other processes appended since the last call. Returns whether there was anything to read.
+    pub fn refresh(&mut self) -> Result<bool> {
+        if self.is_current()? {
+            return Ok(false);
+        }
+        // Prevents reading half an entry; without the lock, the checksums prevent it.
+        let _shared = self.lock.as_ref().and_then(FileLock::shared);
+        self.catch_up()?;
+        Ok(true)
+    }
+
+    /// True if the file is the one that was read, and has not grown.
+    fn is_current(&self) -> Result<bool> {
+        let (Some(settings), Some(open)) = (&self.settings, &self.open) else {
+            return Ok(self.settings.is_none());
+        };
+        let Some(metadata) = regular::metadata(&settings.path).at("read", &settings.path)? else {
+            return Ok(false);
+        };
+        // What follows the last whole entry may be another one by now.
+        let complete = self.parsed == self.length && metadata.len() == self.length;
+        Ok(complete && same_file(&open.metadata, &metadata))
+    }
+
+    /// The same as [`refresh`](Self::refresh) for a caller that holds the lock, which must not be taken twice.
+    fn catch_up(&mut self) -> Result<()> {
+        let Some(settings) = self.settings.clone() else { return Ok(()) };
+        let Some(metadata) = regular::metadata(&settings.path).at("read", &settings.path)? else {
+            self.forget();
+            return Ok(());
+        };
+        let known = self.open.as_ref().is_some_and(|open| same_file(&open.metadata, &metadata));
+        if !known || metadata.len() < self.parsed {
+            self.reopen()?;
+        }
+        self.read_tail()
+    }
+
+    fn forget(&mut self) {
+        *self = Log {
+            settings: self.settings.take(),
+            lock: self.lock.take(),
+            lock_timed_out: self.lock_timed_out,
+            index_rejected: self.index_rejected,
+            unreported: self.unreported,
+            ..Log::in_memory()
+        };
+    }
+
+    /// Forgets everything and opens the file that is there now.
+    fn reopen(&mut self) -> Result<()> {
+        self.forget();
+        let Some(settings) = &self.settings else { return Ok(()) };
+        if regular::metadata(&settings.path).at("read", &settings.path)?.is_none() {
+            return Ok(());
+        }
+        let mut file = match OpenOptions::new().read(true).append(settings.writable).open(&settings.path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+            result => result.at("open", &settings.path)?,
+        };
+        let metadata = file.metadata().at("read", &settings.path)?;
+        let mut head = Vec::new();
+        Read::by_ref(&mut file).take(log_head::LENGTH).read_to_end(&mut head).at("read", &settings.path)?;
+        // Without its salt no entry can be verified; the next append moves the file to the quarantine.
+        if let Some(salt) = log_head::salt(&head) {
+            self.parsed = log_head::LENGTH;
+            let path = settings.index();
+            let index = if self.index_rejected { None } else { Index::open(&path, salt, metadata.len()) };
+            if let Some(index) = index {
+                (self.parsed, self.sizes) = (index.covered, index.sizes);
+                self.index = Some(index);
+            } else if settings.writable
+                && file.metadata().is_ok_and(|now| Index::is_beyond(&path, salt, now.len()))
+            {
+                let _ = fs::remove_file(&path);
+            }
+            self.open = Some(Open { file, metadata, salt });
+        }
+        Ok(())
+    }
+
+    /// Reads everything after the last entry that was read.
+    fn read_tail(&mut self) -> Result<()> {
+        let (Some(open), Some(settings)) = (&self.open, &self.settings) else { return Ok(()) };
+        let (salt, path) = (open.salt, settings.path.clone());
+        let mut file = open.file.try_clone().at("read", &path)?;
+        file.seek(SeekFrom::Start(self.parsed)).at("read", &path)?;
+        let mut window = Vec::new();
+        loop {
+            let read = Read::by_ref(&mut file).take(READ_BYTES).read_to_end(&mut window).at("read", &path)?;
+            let end = self.parse(salt, self.parsed - log_head::LENGTH, &window);
+            self.parsed += end as u64;
+            window.drain(..end);
+            if read == 0 {
+                self.length = self.parsed + window.len() as u64;
+                return Ok(());
+            }
+        }
+    }
+
+    /// Registers the entries in `bytes`, which start `base` bytes after the file's head. Returns the end of the last.
+    fn parse(&mut self, salt: u32, base: u64, bytes: &[u8]) -> usize {
+        let Log { index, recent, sizes, .. } = self;
+        let scanned = entry::scan(salt, bytes, |at, entry| {
+            let length = entry.payload.len() as u32;
+            let size = Entry::length(entry.payload.len()) as u64;
+            let id = (entry.kind & !REMOVED, entry.key);
+            let location =
+                (entry.kind & REMOVED == 0).then_some(Location { offset: base + at as u64, length });
+            *if location.is_some() { &mut sizes.live } else { &mut sizes.dead } += size;
+            let old = match recent.insert(id, location) {
+                Some(known) => known,
+                // A damaged page is detected when its entry is asked for; until then only these sums are wrong.
+                None => index.as_mut().and_then(|index| index.find(&id).unwrap_or(None)),
+            };
+            if let Some(old) = old {
+                let size = Entry::length(old.length as usize) as u64;
+                sizes.live = sizes.live.saturating_sub(size);
+                sizes.dead += size;
+            }
+        });
+        self.sizes.dead += scanned.torn as u64;
+        self.sizes.damaged += scanned.damaged as u64;
+        self.unreported += scanned.damaged as u64;
+        scanned.end
+    }
+
+    /// Bytes at an offset from the end of the file's head; fewer if the file is shorter.
+    fn read(&mut self, offset: u64, length: usize) -> Result<&[u8]> {
+        let (Some(open), Some(settings)) = (&self.open, &self.settings) else {
+            return Ok(self.memory.get(offset as usize..offset as usize + length).unwrap_or_default());
+        };
+        // What follows may be an entry that is still being written.
+        self.pages.read(&open.file, self.parsed, log_head::LENGTH + offset, length).at("read", &settings.path)
+    }
+}

@@ -1,0 +1,246 @@
+//! Writing a [`Log`]: appending, compaction and the index.
+
+use std::collections::HashMap;
+use std::fs::{self, File};
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::time::Duration;
+
+use super::{Item, Log, READ_BYTES, REMOVED, Settings};
+use crate::digest::Digest;
+use crate::entry::{self, Entry, MAX_PAYLOAD};
+use crate::error::{At, Error, Result};
+use crate::failpoint::{self, reach};
+use crate::file_lock::FileGuard;
+use crate::index::Index;
+use crate::location::{Location, LogSizes};
+use crate::log_head;
+use crate::stamp::same_file;
+use crate::temp::{TempFile, sync_folder};
+
+/// Logs with fewer dead bytes than this are not compacted.
+const MIN_DEAD: u64 = 1 << 20;
+
+/// An index is rewritten when at least this many bytes of the log are not in it, and a sixteenth of all.
+const MIN_UNINDEXED: u64 = 64 << 10;
+
+/// How long an append waits for another process, once: a stopped process must not stop us. Appending without the lock is
+/// safe. Bytes of a log are never changed or cut off, and a writer without the lock finds out if a compaction replaced
+/// the file meanwhile.
+const LOCK_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// How often an append is repeated while compactions replace the file.
+const APPEND_ATTEMPTS: usize = 5;
+
+impl Log {
+    /// Appends all items as one write.
+    pub fn append(&mut self, items: &[Item<'_>]) -> Result<()> {
+        if let Some((_, _, payload)) = items.iter().find(|(_, _, payload)| payload.len() > MAX_PAYLOAD) {
+            return Err(Error::RecordTooLarge { length: payload.len(), limit: MAX_PAYLOAD });
+        }
+        let Some(settings) = self.settings.clone() else {
+            let bytes = encode(items, 0);
+            self.parse(0, self.memory.len() as u64, &bytes);
+            self.memory.extend_from_slice(&bytes);
+            return Ok(());
+        };
+        if !settings.writable || items.is_empty() {
+            return Ok(());
+        }
+        let guard = self.exclusive();
+        self.append_to_file(&settings, items, guard.is_some())
+    }
+
+    /// Appends to the file, which is `locked` or not.
+    pub(super) fn append_to_file(
+        &mut self,
+        settings: &Settings,
+        items: &[Item<'_>],
+        locked: bool,
+    ) -> Result<()> {
+        for _ in 0..APPEND_ATTEMPTS {
+            self.catch_up()?;
+            self.ensure_file(settings, locked)?;
+            let Some(open) = &self.open else { break };
+            let bytes = encode(items, open.salt);
+            // On an error a part of an entry may be left, which readers skip.
+            write_halves(&open.file, &bytes).at("append to", &settings.path)?;
+            if settings.sync {
+                open.file.sync_data().at("sync", &settings.path)?;
+            }
+            self.unsynced = true;
+            if locked && self.parsed == self.length {
+                let salt = open.salt;
+                self.parse(salt, self.parsed - log_head::LENGTH, &bytes);
+                self.parsed += bytes.len() as u64;
+                self.length = self.parsed;
+                return Ok(());
+            }
+            // Without the lock, the file may have been replaced between opening and writing it. The one that replaced
+            // it may lack these entries.
+            let written = open.metadata.clone();
+            self.catch_up()?;
+            if locked || self.open.as_ref().is_some_and(|open| same_file(&open.metadata, &written)) {
+                return Ok(());
+            }
+        }
+        let source = io::Error::other("other processes replace it repeatedly");
+        Err(Error::io("append to", &settings.path, source))
+    }
+
+    /// Removes an entry, for every process.
+    pub fn remove(&mut self, kind: u8, key: &Digest) -> Result<()> {
+        self.refresh()?;
+        if !self.contains(kind, key)? {
+            return Ok(());
+        }
+        self.append(&[(kind | REMOVED, *key, &[])])
+    }
+
+    /// Removes an entry that turned out damaged, for every process if possible and for this one in any case.
+    pub fn drop_entry(&mut self, kind: u8, key: &Digest) {
+        let _ = self.remove(kind, key);
+        self.recent.insert((kind, *key), None);
+    }
+
+    /// Makes what was appended survive a loss of power.
+    pub fn sync(&mut self) -> Result<()> {
+        if let (true, Some(open), Some(settings)) = (self.unsynced, &self.open, &self.settings) {
+            open.file.sync_data().at("sync", &settings.path)?;
+            settings.path.parent().into_iter().for_each(sync_folder);
+            self.unsynced = false;
+        }
+        Ok(())
+    }
+
+    /// True if enough of the file is dead or damaged that it should be rewritten.
+    pub fn wants_compaction(&self) -> bool {
+        let LogSizes { live, dead, damaged } = self.sizes;
+        damaged > 0 || (dead > live && dead > MIN_DEAD)
+    }
+
+    /// Rewrites the file with only those of its live entries that `keep` accepts. Other processes go on reading the old
+    /// file until their next refresh, and append to the new one. Does nothing where locks do not work; returns whether
+    /// the file was rewritten.
+    pub fn compact(&mut self, keep: impl Fn(u8, &Digest) -> bool) -> Result<bool> {
+        let Some(settings) = self.settings.clone().filter(|settings| settings.writable) else {
+            return Ok(false);
+        };
+        let Some(_guard) = self.exclusive() else { return Ok(false) };
+        self.catch_up()?;
+        let Some(open) = &self.open else { return Ok(false) };
+        let old_salt = open.salt;
+        let old_length = self.length;
+        let all = self.all()?.into_iter();
+        let mut locations: Vec<Location> =
+            all.filter(|((kind, key), _)| keep(*kind, key)).map(|(_, location)| location).collect();
+        locations.sort_unstable_by_key(|location| location.offset);
+
+        let salt = log_head::fresh_salt();
+        let mut temp = TempFile::create(&settings.temp, &failpoint::LOG)?;
+        let mut bytes = log_head::with(salt);
+        for location in locations {
+            let raw = self.read(location.offset, Entry::length(location.length as usize))?;
+            // Verified again, so that an entry damaged since it was read does not get good checksums.
+            if let Some(entry) = entry::decode(old_salt, raw) {
+                entry.encode(salt, &mut bytes);
+            }
+            if bytes.len() as u64 > READ_BYTES {
+                temp.write(&bytes)?;
+                bytes.clear();
+            }
+        }
+        temp.write(&bytes)?;
+        // Another process has appended without the lock.
+        let now = self.open.as_ref().and_then(|open| open.file.metadata().ok());
+        if now.is_none_or(|now| now.len() != old_length) {
+            return Ok(false);
+        }
+        // Always synced: the old file, which may be safely on the disk, is about to go.
+        temp.sync()?;
+        self.replace_file(&settings, temp, old_length)?;
+        Ok(true)
+    }
+
+    /// Renames a compacted log over the file and copies to it the entries appended to the old file without the lock
+    /// since then. `old_length` bytes of the old file were compacted.
+    pub(super) fn replace_file(&mut self, settings: &Settings, new: TempFile, old_length: u64) -> Result<()> {
+        let Some(old) = self.open.take() else { return Ok(()) };
+        new.persist(&settings.path)?;
+        settings.path.parent().into_iter().for_each(sync_folder);
+        // From here on, writers without the lock find out that the file was replaced.
+        let mut late = Vec::new();
+        let mut file = &old.file;
+        file.seek(SeekFrom::Start(old_length)).at("read", &settings.path)?;
+        file.read_to_end(&mut late).at("read", &settings.path)?;
+        self.catch_up()?;
+        let mut items: Vec<Item<'_>> = Vec::new();
+        entry::scan(old.salt, &late, |_, entry| items.push((entry.kind, entry.key, entry.payload)));
+        if items.is_empty() { Ok(()) } else { self.append_to_file(settings, &items, true) }
+    }
+
+    /// Rewrites the index if much of the log is not in it. A log without an index is read whole.
+    pub fn save_index(&mut self) -> Result<()> {
+        let (Some(settings), Some(open)) = (self.settings.clone(), &self.open) else { return Ok(()) };
+        let salt = open.salt;
+        let indexed = self.index.as_ref().map_or(0, |index| index.covered);
+        if !settings.writable || self.parsed - indexed < MIN_UNINDEXED.max(self.parsed / 16) {
+            return Ok(());
+        }
+        let all = self.all()?;
+        let path = settings.index();
+        Index::write(&path, &settings.temp, salt, self.parsed, self.sizes, &all)?;
+        // Another process may have replaced it by an older one, which lacks recent entries.
+        let index = Index::open(&path, salt, self.parsed).filter(|index| index.covered == self.parsed);
+        if index.is_some() {
+            (self.index, self.recent) = (index, HashMap::default());
+        }
+        Ok(())
+    }
+
+    pub(super) fn exclusive(&mut self) -> Option<FileGuard> {
+        let timeout = if self.lock_timed_out { Duration::ZERO } else { LOCK_TIMEOUT };
+        let guard = self.lock.as_ref()?.exclusive(timeout);
+        self.lock_timed_out = guard.is_none();
+        guard
+    }
+
+    /// Creates the file if there is none with a good head.
+    pub(super) fn ensure_file(&mut self, settings: &Settings, locked: bool) -> Result<()> {
+        if self.open.is_some() {
+            return Ok(());
+        }
+        let mut temp = TempFile::create(&settings.temp, &failpoint::LOG)?;
+        temp.write(&log_head::with(log_head::fresh_salt()))?;
+        self.catch_up()?;
+        if self.open.is_some() && !locked {
+            return Ok(());
+        }
+        if settings.path.exists() {
+            // Its head is damaged. Kept for inspection; if that fails, it is replaced.
+            let name = format!("{:016x}.log", u64::from(log_head::fresh_salt()));
+            let _ = fs::create_dir_all(&settings.quarantine);
+            let _ = fs::rename(&settings.path, settings.quarantine.join(name));
+        }
+        temp.persist(&settings.path)?;
+        self.catch_up()
+    }
+}
+
+fn encode(items: &[Item<'_>], salt: u32) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for (kind, key, payload) in items {
+        Entry { kind: *kind, key: *key, payload }.encode(salt, &mut bytes);
+    }
+    bytes
+}
+
+/// Appends in one call, so that even without a lock no other writer interferes; in two calls where a test may stop the
+/// process in the middle.
+fn write_halves(mut file: &File, bytes: &[u8]) -> io::Result<()> {
+    reach(failpoint::APPEND_BEFORE)?;
+    let (first, second) = bytes.split_at(if cfg!(feature = "failpoints") { bytes.len() / 2 } else { 0 });
+    file.write_all(first)?;
+    reach(failpoint::APPEND_MIDDLE)?;
+    file.write_all(second)?;
+    reach(failpoint::APPEND_AFTER)
+}

@@ -1,0 +1,83 @@
+//! Obstacles: whatever is found where a file or folder of the cache belongs and is not one, such as a folder named
+//! `records.log`. Obstacles are moved to the quarantine, so that the next run works as in a cache without them.
+
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use crate::log_head::fresh_salt;
+use crate::regular::is_broken_link;
+use crate::settings::Incident;
+
+/// The folder of what was moved out of the way. Emptied by every collection.
+pub(crate) const QUARANTINE: &str = "quarantine";
+
+const FOLDERS: [&str; 5] = ["temp", "blobs", "leases", "pins", "last"];
+
+const FILES: [&str; 7] =
+    ["records.log", "records.lock", "records.index", "blobs.log", "blobs.lock", "blobs.index", "runs.lock"];
+
+/// Moves every obstacle directly below `root` to the quarantine, and reports each.
+///
+/// Links that lead to a file or folder of the right kind are not obstacles. A link that leads nowhere is: a file must
+/// not be created at its target.
+pub(crate) fn clear_all(root: &Path) -> Vec<Incident> {
+    // The quarantine itself: nothing can be moved there before it is a folder.
+    let quarantine = root.join(QUARANTINE);
+    let mut found = Vec::new();
+    if is_obstacle(&quarantine, fs::Metadata::is_dir) && fs::remove_file(&quarantine).is_ok() {
+        let what = format!("{} is not a folder; removed", quarantine.display());
+        found.push(Incident { digest: None, what });
+    }
+    found.extend(FOLDERS.iter().filter_map(|name| clear(root, &root.join(name), Expected::Folder)));
+    found.extend(FILES.iter().filter_map(|name| clear(root, &root.join(name), Expected::File)));
+    found
+}
+
+/// The kind of entry that belongs at a path.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Expected {
+    File,
+    Folder,
+}
+
+/// Moves what lies at `path` to the quarantine of `root` if it is not `expected`.
+pub(crate) fn clear(root: &Path, path: &Path, expected: Expected) -> Option<Incident> {
+    let (name, right): (_, fn(&fs::Metadata) -> bool) = match expected {
+        Expected::File => ("file", fs::Metadata::is_file),
+        Expected::Folder => ("folder", fs::Metadata::is_dir),
+    };
+    if !is_obstacle(path, right) {
+        return None;
+    }
+    let outcome = quarantine(root, path).ok()?;
+    Some(Incident { digest: None, what: format!("{} is not a {name}; {outcome}", path.display()) })
+}
+
+/// Moves a folder at `path`, where a file is about to be renamed to, to the quarantine of `root`. Nothing else is in the
+/// way of a rename.
+pub(crate) fn clear_folder(root: &Path, path: &Path) {
+    if fs::symlink_metadata(path).is_ok_and(|found| found.is_dir()) {
+        let _ = quarantine(root, path);
+    }
+}
+
+/// True if something lies at `path` that is not `right` once links are followed.
+fn is_obstacle(path: &Path, right: fn(&fs::Metadata) -> bool) -> bool {
+    match fs::metadata(path) {
+        Ok(found) => !right(&found),
+        Err(error) => is_broken_link(path, &error),
+    }
+}
+
+/// Moves what lies at `path`, whatever it is, to the quarantine, or removes it where that is not possible. Links are
+/// moved, not followed. Returns what was done.
+fn quarantine(root: &Path, path: &Path) -> io::Result<String> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let target = root.join(QUARANTINE).join(format!("{name}.{:08x}", fresh_salt()));
+    let moved = fs::create_dir_all(root.join(QUARANTINE)).and_then(|()| fs::rename(path, &target));
+    match moved {
+        Ok(()) => Ok(format!("moved to {}", target.display())),
+        Err(_) => fs::remove_file(path).or_else(|_| fs::remove_dir_all(path)).map(|()| "removed".to_owned()),
+    }
+}

@@ -1,0 +1,61 @@
+//! [`Options`] and [`Fsync`]: how a cache folder is opened. [`Incident`]: what was found damaged in it.
+
+use std::fmt;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use crate::digest::Digest;
+
+/// The folder of this format below the cache folder. A new format gets a new folder.
+pub(crate) const FORMAT: &str = "v1";
+
+/// The kinds of entries in the log of records. Compaction keeps entries of other kinds unchanged.
+pub(crate) mod kind {
+    pub const RECORD: u8 = 1;
+    pub const MEMO: u8 = 3;
+    pub const HISTORY: u8 = 4;
+}
+
+/// When written data is forced onto the disk. It matters only for a loss of power, never for a killed process.
+/// Verified reads detect what a loss of power damaged, and it is computed again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Fsync {
+    /// Once, by [`Store::flush`](crate::Store::flush).
+    #[default]
+    Batch,
+    /// After every blob and record.
+    Always,
+    /// Never.
+    Off,
+}
+
+/// How to open a [`Store`](crate::Store).
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// When to sync.
+    pub fsync: Fsync,
+    /// Write nothing, even if the folder is writable. Folders that are not writable are detected without this.
+    pub read_only: bool,
+}
+
+/// Damage that was found and repaired or bypassed; worth one line of warning.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Incident {
+    /// The damaged blob; `None` if the damage was elsewhere.
+    pub digest: Option<Digest>,
+    /// The finding, and the action taken.
+    pub what: String,
+}
+
+impl fmt::Display for Incident {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.digest {
+            Some(digest) => write!(f, "damaged blob {}: {}", digest.short(), self.what),
+            None => f.write_str(&self.what),
+        }
+    }
+}
+
+/// Locks a mutex, ignoring poisoning: every change under these mutexes is complete before anything can panic.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,32 @@
+//! Parts of a node's work, which have keys and results of their own.
+
+use cache::Lease;
+
+use crate::value::artifact::AnyArtifact;
+use crate::value::counts::Effort;
+use crate::value::error::NodeError;
+
+/// Identifies a part of a node's work: an action of its own with its own key.
+#[derive(Debug, Clone, Copy)]
+pub struct Part<'a> {
+    /// Name in events: `r0`.
+    pub name: &'a str,
+    /// Version of the part's code; raised whenever its output changes.
+    pub version: u32,
+    /// The input ports whose content the part depends on.
+    pub inputs: &'a [&'static str],
+}
+
+/// Storage of parts: the engine's side of [`Context::part`].
+pub(crate) trait PartStore: Send + Sync {
+    /// The stored bytes of a part, and the time and counts that it took.
+    fn load(&self, part: Part<'_>, extra: &str) -> Option<(Vec<u8>, Effort)>;
+    /// Acquires the lease of a part, or returns an error that makes the engine try the node again once the lease is
+    /// free. Never waits: the same thread may hold the lease further up its stack.
+    fn claim(&self, part: Part<'_>, extra: &str) -> Result<Option<Lease>, NodeError>;
+    fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], spent: Effort) -> Result<(), NodeError>;
+    /// A part in memory, if it is still kept.
+    fn recall(&self, part: Part<'_>, extra: &str) -> Option<AnyArtifact>;
+    /// Keeps a part of the given size in memory.
+    fn keep(&self, part: Part<'_>, extra: &str, value: AnyArtifact, bytes: u64);
+}

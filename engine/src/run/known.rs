@@ -1,0 +1,79 @@
+//! Keys of a run (computed and being computed), and the paces of kinds.
+
+use std::collections::{BTreeMap, HashMap};
+
+use cache::{Digest, Store};
+
+use crate::kind::registry::KindEntry;
+use crate::record::pace::Pace;
+use crate::run::slot::{Life, Slot};
+
+/// The keys of a run.
+pub(crate) struct Known {
+    /// Name of the history that holds the keys of the graph's nodes.
+    history: String,
+    /// Nodes that ran, by key. Asked before the store, which may not hold everything.
+    made: HashMap<Digest, usize>,
+    /// Keys that are being computed, with the nodes that wait for each.
+    in_flight: HashMap<Digest, Vec<usize>>,
+    paces: BTreeMap<&'static str, Pace>,
+}
+
+impl Known {
+    /// No keys yet.
+    pub fn new(history: String) -> Self {
+        let (made, in_flight, paces) = (HashMap::new(), HashMap::new(), BTreeMap::new());
+        Self { history, made, in_flight, paces }
+    }
+
+    /// Name of the history that holds the keys of the graph's nodes.
+    pub fn history(&self) -> &str {
+        &self.history
+    }
+
+    /// The node of this run that computed a key.
+    pub fn made_by(&self, key: &Digest) -> Option<usize> {
+        self.made.get(key).copied()
+    }
+
+    /// Records that a node computed a key.
+    pub fn set_made(&mut self, key: Digest, index: usize) {
+        self.made.insert(key, index);
+    }
+
+    /// Makes a node wait for its key. Returns false if the key is not being computed.
+    pub fn follow(&mut self, key: &Digest, index: usize) -> bool {
+        let followers = self.in_flight.get_mut(key);
+        followers.map(|followers| followers.push(index)).is_some()
+    }
+
+    /// Records that a key is being computed.
+    pub fn begin(&mut self, key: Digest) {
+        self.in_flight.insert(key, Vec::new());
+    }
+
+    /// Records that the computation of a key ended, and returns the nodes that waited for it.
+    pub fn end(&mut self, key: &Digest) -> Vec<usize> {
+        self.in_flight.remove(key).unwrap_or_default()
+    }
+
+    /// Forecast in seconds for this much work of a kind.
+    pub fn seconds(&mut self, store: &Store, kind: &KindEntry, work: f64) -> Option<f64> {
+        self.paces.entry(kind.name).or_insert_with(|| Pace::of(store, kind)).seconds(work)
+    }
+
+    /// Compares the keys with the slots; for debug builds.
+    pub fn check(&self, slots: &[Slot]) {
+        let leading = slots.iter().filter(|slot| slot.leads());
+        let mut keys = 0;
+        for key in leading.filter_map(|slot| slot.key) {
+            let followers = self.in_flight.get(&key).map(Vec::as_slice).expect("what is computed is known");
+            for &follower in followers {
+                let follower = &slots[follower];
+                assert!(follower.life == Life::Following && follower.key == Some(key), "nodes that follow");
+            }
+            keys += 1;
+        }
+        assert_eq!(self.in_flight.len(), keys, "keys that are being computed");
+    }
+}

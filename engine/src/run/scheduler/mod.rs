@@ -1,0 +1,346 @@
+//! The scheduler: runs everything that is needed and not in the cache, on several threads and within a memory
+//! budget.
+//!
+//! One thread decides, the others compute. A node whose inputs are known by digest is *resolved*: its key is looked
+//! up in the store. On a miss, its input values are loaded (see `supply`) and its code is queued. Nothing here
+//! recurses over the graph.
+
+mod begin;
+mod failure;
+mod launch;
+mod placing;
+mod resolve;
+mod supply;
+
+use std::cell::LazyCell;
+use std::collections::{BTreeSet, VecDeque};
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
+use std::time::{Duration, Instant};
+
+use crate::graph::graph::Graph;
+use crate::graph::node::Wire;
+use crate::run::claims::Claims;
+use crate::run::engine::Engine;
+use crate::run::event::{Event, Totals};
+use crate::run::known::Known;
+use crate::run::memory::Memory;
+use crate::run::message::Message;
+use crate::run::options::{Outcome, RunOptions};
+use crate::run::queue::Queue;
+use crate::run::slot::{Life, Slot};
+use crate::run::trace::Tracer;
+use crate::run::unchanged;
+use crate::run::workers::{Work, Workers};
+use crate::text::diag::{Diagnostic, Diagnostics};
+use crate::value::cpu;
+use crate::value::error::NodeError;
+
+/// How often other processes are shown that the holder of this process's leases is at work.
+const RENEW_EVERY: Duration = Duration::from_secs(1);
+
+/// History of a graph is never trimmed to fewer nodes than this.
+const MIN_HISTORY: usize = 1024;
+
+/// A pending step of the scheduler.
+enum Task {
+    Resolve(usize),
+    Gather(usize),
+    /// Load an output of a node.
+    Bring(Wire),
+    Files(usize),
+}
+
+/// Work for a node that was not passed to a thread yet.
+struct Unstarted<'a> {
+    node: usize,
+    is_code: bool,
+    work: Work<'a>,
+}
+
+/// A run of a graph. Its parts maintain their own counters; the methods here and in the submodules decide.
+pub(crate) struct Run<'a> {
+    engine: &'a Engine,
+    graph: &'a Graph,
+    options: &'a RunOptions,
+    sender: Sender<Message>,
+    emit: &'a mut dyn FnMut(Event),
+    slots: Vec<Slot>,
+    todo: VecDeque<Task>,
+    /// Work that was not passed to a thread yet.
+    unstarted: Vec<Unstarted<'a>>,
+    /// The nodes whose code is to run.
+    queue: Queue,
+    /// Bytes of values and of running code.
+    memory: Memory,
+    /// Keys of this run.
+    known: Known,
+    /// Buffer for keys.
+    scratch: Vec<u8>,
+    /// The files of sinks.
+    claims: Claims,
+    /// True if all nodes were inspected and no file was written.
+    unchanged: bool,
+    /// Number of messages that threads are still to send.
+    owed: usize,
+    store_failed: bool,
+    /// Nodes whose stored values were missing.
+    gone: BTreeSet<usize>,
+    failures: Vec<Diagnostic>,
+    totals: Totals,
+    tracer: Tracer,
+    start: Instant,
+    start_cpu: Duration,
+}
+
+impl<'a> Run<'a> {
+    fn stopped(&self) -> bool {
+        self.options.cancel.load(Ordering::Relaxed)
+    }
+
+    /// Runs to the end. Threads start only if there is work for them.
+    pub fn run(&mut self, receiver: &Receiver<Message>) {
+        self.decide();
+        if self.unstarted.is_empty() {
+            return;
+        }
+        let workers = Workers::new(self.engine.threads(), self.engine.limits().jobs);
+        std::thread::scope(|scope| {
+            let _closing = workers.closing();
+            self.coordinate(scope, &workers, receiver);
+        });
+    }
+
+    /// Fails a node for which no thread could be started.
+    fn without_thread(&mut self, node: usize, is_code: bool, error: &std::io::Error) {
+        let error = NodeError::new(format!("cannot start a thread: {error}"))
+            .hint("ask for fewer threads with `--jobs`");
+        self.count_message(node);
+        if is_code {
+            self.end_running(node);
+            self.slots[node].storing = false;
+        }
+        match self.slots[node].life {
+            Life::Done => self.lose(node, Some(&error)),
+            _ => self.fail_or_lose(node, &error),
+        }
+    }
+
+    /// Does everything that needs no thread.
+    fn decide(&mut self) {
+        while !self.stopped() {
+            match self.todo.pop_front() {
+                Some(Task::Resolve(node)) => self.resolve(node),
+                Some(Task::Gather(node)) => self.gather(node),
+                Some(Task::Bring(wire)) => self.bring(wire),
+                Some(Task::Files(node)) => self.place_files(node),
+                // Both may fail nodes, which adds tasks.
+                None => {
+                    self.unpark();
+                    self.supply();
+                    self.launch();
+                    if self.todo.is_empty() {
+                        return;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Has a thread do work for a node, which ends with a message.
+    pub fn send(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
+        self.owed += 1;
+        self.slots[node].owed += 1;
+        self.unstarted.push(Unstarted { node, is_code: false, work: Box::new(act) });
+    }
+
+    /// Has a thread run the code of a node.
+    pub fn send_code(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
+        self.owed += 1;
+        self.slots[node].owed += 1;
+        self.unstarted.push(Unstarted { node, is_code: true, work: Box::new(act) });
+    }
+
+    /// Decides until nothing is left to do, or the run is cancelled and the threads are idle.
+    fn coordinate<'s>(
+        &mut self,
+        scope: &'s std::thread::Scope<'s, '_>,
+        workers: &'s Workers<'a>,
+        receiver: &Receiver<Message>,
+    ) {
+        let mut renewed = Instant::now();
+        loop {
+            if renewed.elapsed() >= RENEW_EVERY {
+                self.engine.store.renew_leases();
+                renewed = Instant::now();
+            }
+            self.decide();
+            for Unstarted { node, is_code, work } in std::mem::take(&mut self.unstarted) {
+                if let Err(error) = workers.hand(scope, is_code, work) {
+                    self.without_thread(node, is_code, &error);
+                }
+            }
+            let idle = self.todo.is_empty() && self.queue.nothing_waits();
+            if self.owed == 0 && (self.stopped() || idle) {
+                return;
+            }
+            // Short enough to notice a cancellation.
+            let patience = if self.queue.has_parked() { 5 } else { 100 };
+            match receiver.recv_timeout(Duration::from_millis(patience)) {
+                Ok(message) => self.receive(message),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+            while let Ok(message) = receiver.try_recv() {
+                self.receive(message);
+            }
+        }
+    }
+
+    /// Compares all counters with the slots.
+    fn check(&self) {
+        self.queue.check(&self.slots);
+        self.memory.check(self.graph, &self.slots);
+        self.known.check(&self.slots);
+        assert_eq!(self.owed, self.slots.iter().map(|slot| slot.owed).sum::<usize>(), "messages owed");
+        let unstarted = self.unstarted.len();
+        assert!(unstarted <= self.owed, "messages owed by work that waits for a thread");
+    }
+
+    /// Counts a message of a thread.
+    fn count_message(&mut self, node: usize) {
+        self.owed -= 1;
+        self.slots[node].owed -= 1;
+    }
+
+    fn receive(&mut self, message: Message) {
+        self.act_on(message);
+        // For large graphs this would dominate the run.
+        if cfg!(debug_assertions) && self.slots.len() < 1000 {
+            self.check();
+        }
+    }
+
+    fn act_on(&mut self, message: Message) {
+        match message {
+            Message::Event(event) => (self.emit)(event),
+            Message::Sources { node, sources } => {
+                self.count_message(node);
+                match sources {
+                    Ok(sources) => self.look_up(node, sources),
+                    Err(error) => self.fail(node, &error),
+                }
+            }
+            Message::Loaded { node, port, value } => {
+                self.count_message(node);
+                match value {
+                    Some(value) => self.arrive(node, port, value),
+                    None => self.missing(node, port),
+                }
+            }
+            Message::Busy { node, key, spent } => {
+                self.count_message(node);
+                self.end_running(node);
+                self.slots[node].effort.add(&spent);
+                self.park(node, key);
+            }
+            Message::Finished { node, outcome } => {
+                self.end_running(node);
+                match (outcome, self.slots[node].remaking) {
+                    (Ok(finished), Some(_)) => self.remade(node, *finished),
+                    (Ok(finished), None) => self.finished(node, *finished),
+                    (Err(error), _) => self.fail_or_lose(node, &error),
+                }
+            }
+            Message::Stored { node, error } => {
+                self.count_message(node);
+                self.slots[node].storing = false;
+                if let Some(error) = error {
+                    self.unstored(node, error);
+                }
+                self.memory.drop_unread(&mut self.slots[node]);
+            }
+            Message::Placed { node, placed } => {
+                self.count_message(node);
+                self.placed(node, placed);
+            }
+        }
+    }
+
+    fn end_running(&mut self, index: usize) {
+        self.queue.end(&self.slots[index]);
+        self.memory.release(&mut self.slots[index]);
+    }
+
+    /// A warning about stored values that were missing: one, however many there were, since they have one cause.
+    fn gone_text(&self) -> Option<String> {
+        const NAMED: usize = 3;
+        if self.gone.is_empty() {
+            return None;
+        }
+        if let (Some(&node), 1) = (self.gone.first(), self.gone.len()) {
+            let id = &self.graph.nodes[node].id;
+            return Some(format!(
+                "`{id}`: its stored value was missing from the cache and was computed again"
+            ));
+        }
+        let names = self.gone.iter().take(NAMED).map(|&node| format!("`{}`", self.graph.nodes[node].id));
+        let names = names.collect::<Vec<_>>().join(", ");
+        let more = match self.gone.len().saturating_sub(NAMED) {
+            0 => String::new(),
+            more => format!(" and {more} more nodes"),
+        };
+        Some(format!("stored values of {names}{more} were missing from the cache and were computed again"))
+    }
+
+    /// Ends the run. Returns its outcome and the end state of each node.
+    pub fn finish(mut self) -> (Outcome, Vec<Slot>) {
+        for index in 0..self.slots.len() {
+            let slot = &self.slots[index];
+            let over = matches!(slot.life, Life::Unwanted | Life::Done | Life::Failed | Life::Skipped);
+            if !over && slot.remaking != Some(Life::Done) {
+                self.slots[index].life = Life::Skipped;
+                self.report_skipped(index);
+            }
+        }
+        let store = &self.engine.store;
+        // Names of nodes that the graph once had, such as those of other values of an axis.
+        let most = MIN_HISTORY.max(2 * self.graph.nodes.len());
+        let names =
+            LazyCell::new(|| self.graph.nodes.iter().map(|node| node.id.as_str()).collect::<BTreeSet<_>>());
+        store.history_trim(self.known.history(), most, |name| names.contains(name));
+        let mut quiet = self.unchanged;
+        if let Err(error) = store.flush() {
+            let text = NodeError::from(error).to_string();
+            (self.emit)(Event::Warning { id: "cache-write", text });
+            quiet = false;
+        }
+        for incident in store.take_incidents() {
+            (self.emit)(Event::Warning { id: "cache-damage", text: incident.to_string() });
+            quiet = false;
+        }
+        if let Some(text) = self.gone_text() {
+            (self.emit)(Event::Warning { id: "cache-damage", text });
+        }
+        self.totals.peak_bytes = self.memory.peak();
+        self.totals.stopped = self.stopped();
+        if quiet && self.all_is_known() {
+            unchanged::keep(store, self.graph, &self.options.out, &self.slots);
+        }
+        self.totals.seconds = self.start.elapsed().as_secs_f64();
+        self.totals.cpu_seconds = (cpu::of_process() - self.start_cpu).as_secs_f64();
+        (self.emit)(Event::Done(self.totals.clone()));
+        let failures = (!self.failures.is_empty())
+            .then(|| Diagnostics::new(self.graph.source.clone(), std::mem::take(&mut self.failures)));
+        (Outcome { totals: self.totals, failures }, self.slots)
+    }
+
+    /// True if all sinks were up to date and nothing had to be done.
+    fn all_is_known(&self) -> bool {
+        let Totals { ran: 0, remade: 0, failed: 0, skipped: 0, stopped: false, .. } = self.totals else {
+            return false;
+        };
+        let asked = self.options.only.is_empty() && self.options.rough.is_empty();
+        asked && self.graph.nodes.iter().any(|node| node.sink_path.is_some())
+    }
+}

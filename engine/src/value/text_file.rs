@@ -1,0 +1,78 @@
+//! [`read_text`]: the text of a small file that a user names.
+
+use std::fs::{File, FileType};
+use std::io::{Error, ErrorKind, Read, Result};
+use std::path::Path;
+
+/// The maximum length in bytes of a graph file, of a file that it includes or uses as a subgraph, and of an overlay.
+pub const MAX_GRAPH_BYTES: u64 = 64 << 20;
+
+/// Reads a regular file of at most `limit` bytes of UTF-8. Pipes and devices, which may block for ever or have no end,
+/// are not opened.
+///
+/// # Errors
+/// Errors of the system, [`ErrorKind::InvalidInput`] with the type of what is not a regular file,
+/// [`ErrorKind::FileTooLarge`] above the limit, and [`ErrorKind::InvalidData`] if the file is not UTF-8.
+pub fn read_text(path: &Path, limit: u64) -> Result<String> {
+    let metadata = std::fs::metadata(path)?;
+    if !metadata.is_file() {
+        let what = format!("it is {}, not a regular file", type_name(metadata.file_type()));
+        return Err(Error::new(ErrorKind::InvalidInput, what));
+    }
+    let too_long = || {
+        let what = format!("it is longer than {} MiB, the limit of a graph file", limit >> 20);
+        Error::new(ErrorKind::FileTooLarge, what)
+    };
+    if metadata.len() > limit {
+        return Err(too_long());
+    }
+    let mut text = String::new();
+    // A file that grows meanwhile is not read beyond the limit either.
+    File::open(path)?.take(limit + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > limit { Err(too_long()) } else { Ok(text) }
+}
+
+fn type_name(found: FileType) -> &'static str {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::FileTypeExt;
+        if found.is_fifo() {
+            return "a pipe";
+        } else if found.is_socket() {
+            return "a socket";
+        } else if found.is_char_device() || found.is_block_device() {
+            return "a device";
+        }
+    }
+    if found.is_dir() { "a folder" } else { "something else" }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regular_files_up_to_the_limit_are_read_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("text");
+        std::fs::write(&path, "ä234").unwrap();
+        assert_eq!(read_text(&path, 5).unwrap(), "ä234");
+        assert_eq!(read_text(&path, 4).unwrap_err().kind(), ErrorKind::FileTooLarge);
+        std::fs::write(&path, [0xff]).unwrap();
+        assert_eq!(read_text(&path, 5).unwrap_err().kind(), ErrorKind::InvalidData);
+        let of = |path: &Path| read_text(path, 5).unwrap_err().to_string();
+        assert_eq!(of(folder.path()), "it is a folder, not a regular file");
+        if cfg!(unix) {
+            assert_eq!(of(Path::new("/dev/zero")), "it is a device, not a regular file");
+            let pipe = folder.path().join("pipe");
+            assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+            assert_eq!(of(&pipe), "it is a pipe, not a regular file");
+        }
+        // Sparse: nothing of it is read.
+        File::create(&path).unwrap().set_len(1 << 40).unwrap();
+        assert_eq!(
+            read_text(&path, MAX_GRAPH_BYTES).unwrap_err().to_string(),
+            "it is longer than 64 MiB, the limit of a graph file"
+        );
+    }
+}

@@ -1,0 +1,67 @@
+//! Options of a watch, and the graph that it is given.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::graph::graph::Graph;
+use crate::text::diag::{Diagnostics, Mistake};
+
+/// The watched graph as read at one moment.
+pub struct Load {
+    /// The graph and its targets (empty: the default ones), or its mistakes.
+    pub graph: Result<(Arc<Graph>, Vec<usize>), Refusal>,
+    /// The files of the graph itself, whether they exist or not.
+    pub texts: Vec<PathBuf>,
+}
+
+/// Reason why a graph cannot run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Refusal {
+    /// The mistakes with their places.
+    pub list: Vec<Mistake>,
+    /// The mistakes as text for a person.
+    pub text: String,
+    /// WatchedFiles that the graph names; a change to one may resolve the mistakes.
+    pub files: Vec<PathBuf>,
+}
+
+impl Refusal {
+    /// The mistakes of a graph; `colour` for terminals.
+    pub fn mistakes(diagnostics: &Diagnostics, colour: bool) -> Self {
+        let (list, files) = (diagnostics.mistakes(), diagnostics.files.clone());
+        Self { list, text: diagnostics.render(colour), files }
+    }
+
+    /// Any other cause, such as a file that cannot be read.
+    pub fn other(text: String) -> Self {
+        Self { list: Vec::new(), text, files: Vec::new() }
+    }
+}
+
+/// Options of a watch.
+#[derive(Debug, Clone)]
+pub struct WatchOptions {
+    /// Output folder of sinks.
+    pub out: PathBuf,
+    /// The parameter that previews limit.
+    pub refine: Option<&'static str>,
+    /// Inspects the files every half second and does not use notifications.
+    pub poll: bool,
+    /// Time without further changes before a change is handled.
+    pub settle: Duration,
+    /// Time before mistakes are reported, since a graph may be half written.
+    pub patience: Duration,
+}
+
+impl Default for WatchOptions {
+    fn default() -> Self {
+        Self {
+            out: PathBuf::from("out"),
+            refine: Some("samples"),
+            poll: false,
+            settle: Duration::from_millis(25),
+            patience: Duration::from_millis(200),
+        }
+    }
+}

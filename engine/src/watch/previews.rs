@@ -1,0 +1,58 @@
+//! The previews before a run that takes long.
+
+/// Time in seconds below which no preview is needed.
+const SOON: f64 = 0.5;
+
+/// Time in seconds below which the first preview computes all pixels.
+const AT_ONCE: f64 = 0.3;
+
+/// The reduction of a preview.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct Reduction {
+    /// Limit of the parameter.
+    pub level: u64,
+    /// Side of the blocks of pixels of which one is computed.
+    pub coarse: u64,
+}
+
+/// The previews for a parameter with maximum `most` and a total time of `seconds`, if known. The limits are the
+/// chunk boundaries of nodes that work in chunks, and 1. If even that takes long and a node supports it, the first
+/// preview computes a subset of the pixels.
+pub(crate) fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Reduction> {
+    let takes = |level: u64| seconds.map_or(f64::INFINITY, |all| all * level as f64 / most.max(1) as f64);
+    let block = match takes(1) {
+        ..=AT_ONCE => None,
+        // Blocks of 2 by 2 pixels take a quarter of the time.
+        time if time <= 4.0 * AT_ONCE => Some(2),
+        _ => Some(4),
+    };
+    let first = block.filter(|_| coarse && most > 0).map(|coarse| Reduction { level: 1, coarse });
+    let steps = std::iter::successors(Some(1_u64), |step| step.checked_mul(4));
+    // A preview is left out if the next one comes soon.
+    let levels = steps
+        .take_while(|step| *step < most)
+        .filter(|step| takes(step.saturating_mul(4).min(most)) > SOON)
+        .map(|level| Reduction { level, coarse: 1 });
+    first.into_iter().chain(levels).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pairs(most: u64, seconds: Option<f64>) -> Vec<(u64, u64)> {
+        levels(most, seconds, true).into_iter().map(|l| (l.level, l.coarse)).collect()
+    }
+
+    #[test]
+    fn what_takes_long_comes_roughly_first() {
+        assert_eq!(pairs(0, None), [], "nothing is refined");
+        assert_eq!(pairs(64, Some(0.4)), [], "soon there");
+        assert_eq!(pairs(64, Some(1.0)), [(16, 1)]);
+        assert_eq!(pairs(64, Some(64.0)), [(1, 2), (1, 1), (4, 1), (16, 1)]);
+        assert_eq!(pairs(64, Some(640.0)), [(1, 4), (1, 1), (4, 1), (16, 1)]);
+        assert_eq!(pairs(1, None), [(1, 4)], "one sample of many pixels");
+        assert_eq!(pairs(3, None), [(1, 4), (1, 1)]);
+        assert_eq!(levels(3, None, false), [Reduction { level: 1, coarse: 1 }], "no node can be coarse");
+    }
+}

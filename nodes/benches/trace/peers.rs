@@ -1,0 +1,54 @@
+//! One round of what `tests/tables/peers.py` compares with other programs: seconds as a line of JSON, pictures as files.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use nodes::kinds::path_trace::surroundings::Surroundings;
+use nodes::types::Images;
+
+use super::case::{Case, rgb};
+use super::ratio;
+
+fn write(path: &Path, images: &Images) {
+    let bytes: Vec<u8> = rgb(images).into_iter().flat_map(f32::to_le_bytes).collect();
+    std::fs::write(path, bytes).unwrap();
+}
+
+/// For each number of samples the CPU seconds of one thread, after loading: setting up, the receiver alone, the
+/// additional cost of the object, that of its shadow alone, and the filter. `without`, `with` and the denoised
+/// `with` go to a folder as RGB in little-endian f32.
+pub fn once(data: &Path, folder: &Path, numbers: &[u32]) {
+    let case = Case::load(data, "sunny_plane");
+    std::fs::create_dir_all(folder).unwrap();
+    for &samples in numbers {
+        let how = Surroundings::OPEN;
+        let alone = case.trace(1, samples, false, how);
+        let all = case.trace(1, samples, true, how);
+        let shadow = case.shadow(1, samples, how);
+        // One sample has no variance, so nothing can be filtered.
+        let (clean, filter) = ratio::clean(data, &all.out);
+        assert_eq!(
+            rgb(&shadow.out.with),
+            rgb(&all.out.with),
+            "the shadow is the same without the object layer"
+        );
+        let pictures = [
+            ("without", Arc::clone(&all.out.without)),
+            ("with", Arc::clone(&all.out.with)),
+            ("clean-without", clean.without),
+            ("clean-with", clean.with),
+        ];
+        for (name, images) in pictures {
+            write(&folder.join(format!("{name}-{samples}")), &images);
+        }
+        let told = serde_json::json!({
+            "samples": samples,
+            "setup": all.setup,
+            "without": alone.seconds,
+            "objects": all.seconds - alone.seconds,
+            "shadow": shadow.seconds - alone.seconds,
+            "filter": filter,
+        });
+        println!("{told}");
+    }
+}

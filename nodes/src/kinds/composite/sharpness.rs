@@ -1,0 +1,196 @@
+//! How sharp a background is, and an object blurred to the same.
+//!
+//! Captures are softer than renders: splats overlap, and photographs pass a lens. The width of the sharpest edges of the
+//! background says by how much. An edge that a Gaussian of standard deviation s blurs from contrast C has the greatest
+//! slope C / (s sqrt(2 pi)), so s follows from contrast and slope wherever one edge dominates its surroundings.
+
+use std::f64::consts::PI;
+
+use engine::{Context, NodeError};
+
+use crate::math::color::{luminance, srgb_from_linear};
+use crate::math::num;
+use crate::types::{Image, Linear};
+
+/// Half the side of the window in which an edge is looked at, in pixels.
+const REACH: usize = 4;
+/// Least contrast of an edge, in display values.
+const CONTRAST: f32 = 0.12;
+/// The blur of a background is that of this share of its edges, from the sharpest: the others are soft in the scene itself,
+/// such as penumbras and round things.
+const SHARPEST: f64 = 0.1;
+/// Fewer edges than this say nothing.
+const FEWEST: usize = 64;
+/// Blur of a render's own edges, in pixels: the standard deviation of its pixel filter, a box.
+const RENDERED: f64 = 0.288_675_134_594_812_9;
+/// Greatest blur that is matched, in pixels: a wider one is out of focus, not soft.
+pub(super) const MOST: f64 = 3.0;
+
+/// The blur of a background's sharpest edges around an object, in pixels: within twice the box of the pixels that the
+/// object covers. `None` where there are too few edges.
+pub(super) fn of_background(
+    background: &Image<Linear>,
+    object: &Image<Linear>,
+    cx: &Context,
+) -> Result<Option<f64>, NodeError> {
+    let Some([x0, y0, x1, y1]) = surroundings(object) else { return Ok(None) };
+    let (width, height) = (x1 - x0, y1 - y0);
+    let shown = |x: usize, y: usize| srgb_from_linear(luminance(background.rgb(x, y)).max(0.0));
+    let covered = |x: usize, y: usize| object.channels == 4 && object.pixel(x, y)[3] > 0.0;
+    let rows = cx.for_each_tile(height.saturating_sub(2 * REACH), |row| {
+        let y = y0 + row + REACH;
+        let mut widths = Vec::new();
+        for x in x0 + REACH..(x0 + width).saturating_sub(REACH) {
+            if covered(x, y) {
+                continue;
+            }
+            for (dx, dy) in [(1, 0), (0, 1)] {
+                let at = |k: usize| shown(x + dx * k - dx * REACH, y + dy * k - dy * REACH);
+                let line: [f32; 2 * REACH + 1] = std::array::from_fn(at);
+                widths.extend(edge_width(&line));
+            }
+        }
+        widths
+    })?;
+    let mut widths: Vec<f64> = rows.into_iter().flatten().collect();
+    if widths.len() < FEWEST {
+        return Ok(None);
+    }
+    let nth = (widths.len() as f64 * SHARPEST) as usize;
+    Ok(Some(*widths.select_nth_unstable_by(nth, f64::total_cmp).1))
+}
+
+/// Blur of one edge, in pixels: `None` unless the line rises or falls all the way, steepest in its middle.
+fn edge_width(line: &[f32; 2 * REACH + 1]) -> Option<f64> {
+    let slope = |k: usize| 0.5 * (line[k + 1] - line[k - 1]);
+    let middle = slope(REACH);
+    let contrast = (line[2 * REACH] - line[0]) * middle.signum();
+    let steepest = (1..2 * REACH).all(|k| slope(k) * middle.signum() <= middle.abs());
+    let steady = line.windows(2).all(|pair| (pair[1] - pair[0]) * middle.signum() > -0.1 * contrast);
+    if contrast < CONTRAST || !steepest || !steady {
+        return None;
+    }
+    // The slope over two pixels is that of the edge behind a box of two pixels, of variance 1/3.
+    let over_two = f64::from(contrast) / (f64::from(middle.abs()) * (2.0 * PI).sqrt());
+    Some((over_two * over_two - 1.0 / 3.0).max(0.0).sqrt())
+}
+
+/// The box of the covered pixels, grown by its own size on each side: `[x0, y0, x1, y1]`, the last two exclusive.
+fn surroundings(object: &Image<Linear>) -> Option<[usize; 4]> {
+    if object.channels != 4 {
+        return Some([0, 0, object.width, object.height]);
+    }
+    let covered = (0..object.width * object.height).filter(|at| object.samples[4 * at + 3] > 0.0);
+    let [x0, y0, x1, y1] = covered
+        .map(|at| [at % object.width, at / object.width])
+        .fold([usize::MAX, usize::MAX, 0, 0], |[x0, y0, x1, y1], [x, y]| {
+            [x0.min(x), y0.min(y), x1.max(x + 1), y1.max(y + 1)]
+        });
+    let (wide, high) = (x1.checked_sub(x0)?, y1.checked_sub(y0)?);
+    Some([
+        x0.saturating_sub(wide),
+        y0.saturating_sub(high),
+        (x1 + wide).min(object.width),
+        (y1 + high).min(object.height),
+    ])
+}
+
+/// The blur that takes a render to a background's, in pixels; variances of blurs add.
+pub(super) fn missing(background: f64) -> f64 {
+    (background * background - RENDERED * RENDERED).max(0.0).sqrt().min(MOST)
+}
+
+/// An image blurred by a Gaussian of `sigma` pixels, cut at three and normalised; outside of the image its edge pixels
+/// are repeated. Premultiplied colours and alpha are blurred alike, so no colour bleeds.
+pub(super) fn blurred(image: &Image<Linear>, sigma: f64, cx: &Context) -> Result<Image<Linear>, NodeError> {
+    let reach = (3.0 * sigma).ceil() as isize;
+    let weight = |k: isize| num::f64::exp(-0.5 * (k * k) as f64 / (sigma * sigma));
+    let total: f64 = (-reach..=reach).map(weight).sum();
+    let kernel: Vec<(isize, f64)> = (-reach..=reach).map(|k| (k, weight(k) / total)).collect();
+    let along = |from: &Image<Linear>, [dx, dy]: [isize; 2]| {
+        let (width, height, channels) = (from.width, from.height, from.channels);
+        let inside = |at: usize, step: isize, n: usize| at.saturating_add_signed(step).min(n - 1);
+        let rows = cx.for_each_tile(height, |y| {
+            let mut row = Vec::with_capacity(width * channels);
+            for x in 0..width {
+                for c in 0..channels {
+                    let term = |(k, weight): &(isize, f64)| {
+                        weight * f64::from(from.pixel(inside(x, dx * k, width), inside(y, dy * k, height))[c])
+                    };
+                    row.push(kernel.iter().map(term).sum::<f64>() as f32);
+                }
+            }
+            row
+        })?;
+        Ok::<_, NodeError>(Image::from_samples(width, height, channels, rows.concat()))
+    };
+    along(&along(image, [1, 0])?, [0, 1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::color::linear_from_srgb;
+    use crate::testing::context;
+
+    /// Vertical edges every 20 pixels in display values, blurred by a Gaussian; a small object in the middle.
+    fn stripes(sigma: f64) -> (Image<Linear>, Image<Linear>) {
+        let (width, height) = (160, 60);
+        let mut image = Image::new(width, height, 3);
+        for y in 0..height {
+            for x in 0..width {
+                // The mean over the pixel of the blurred edge, by eight points.
+                let value = (0..8).map(|k| {
+                    let p = x as f64 + (f64::from(k) + 0.5) / 8.0;
+                    let edges = (1..8).map(|edge| {
+                        let away = (p - 20.0 * f64::from(edge)) / sigma.max(1e-3);
+                        let sign = if edge % 2 == 0 { 1.0 } else { -1.0 };
+                        sign * 0.5 * (1.0 + libm::erf(away / 2.0_f64.sqrt()))
+                    });
+                    0.7 + 0.4 * edges.sum::<f64>()
+                });
+                let display = (value.sum::<f64>() / 8.0) as f32;
+                image.pixel_mut(x, y).fill(linear_from_srgb(display));
+            }
+        }
+        let mut object = Image::new(width, height, 4);
+        for y in 20..40 {
+            for x in 60..100 {
+                object.pixel_mut(x, y).fill(1.0);
+            }
+        }
+        (image, object)
+    }
+
+    // Within 0.15 pixels: the pixel itself and the slope over two pixels are known only as the variances of boxes.
+    // Mutation: the variance of the slope's box not subtracted.
+    #[test]
+    fn the_blur_of_edges_is_measured() {
+        for sigma in [0.0, 0.7, 1.2, 2.0] {
+            let (background, object) = stripes(sigma);
+            let found = of_background(&background, &object, &context()).unwrap().unwrap();
+            let expected = (sigma * sigma + 1.0 / 12.0).sqrt();
+            assert!((found - expected).abs() < 0.15, "{sigma}: {found}");
+        }
+    }
+
+    #[test]
+    fn a_background_without_edges_has_no_blur() {
+        let (mut background, object) = stripes(1.0);
+        background.samples.fill(0.25);
+        assert_eq!(of_background(&background, &object, &context()).unwrap(), None);
+    }
+
+    #[test]
+    fn blurring_keeps_the_sum_and_adds_the_variance() {
+        let mut image = Image::<Linear>::new(31, 31, 4);
+        image.pixel_mut(15, 15).fill(1.0);
+        let blurred = blurred(&image, 1.5, &context()).unwrap();
+        let weigh = |f: &dyn Fn(f64) -> f64| -> f64 {
+            (0..31 * 31).map(|at| f64::from(blurred.samples[4 * at]) * f((at % 31) as f64 - 15.0)).sum()
+        };
+        assert!((weigh(&|_| 1.0) - 1.0).abs() < 1e-5);
+        // Cutting at three sigmas takes 0.03 of the variance of 2.25.
+        assert!((weigh(&|x| x * x) - 2.25).abs() < 0.08, "{}", weigh(&|x| x * x));
+    }
+}

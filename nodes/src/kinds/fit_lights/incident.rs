@@ -1,0 +1,77 @@
+//! The light that points receive besides the sun.
+
+use engine::{Context, NodeError};
+use glam::{DVec3, Vec3};
+
+use super::place::{CLIPPED, Place, Seen};
+use super::shading::Shading;
+use crate::light::measure::spiral;
+use crate::math::color::luminance;
+use crate::math::equirect::uv;
+use crate::types::Environment;
+
+/// Number of directions over the whole sphere; a point sees half of them.
+const DIRECTIONS: usize = 384;
+/// Points of one tile.
+const TILE: usize = 128;
+/// Environment texels at least this bright are clipped in the panorama.
+pub(super) const WHITE: f32 = 0.95;
+
+/// Irradiance of one point, by origin. Radiance is what the capture shows, so it holds every bounce.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Incident {
+    /// From surfaces and sky that are not clipped.
+    pub known: Vec3,
+    /// From what is clipped, as if it were as bright as it shows: a lower bound.
+    pub clipped: Vec3,
+}
+
+/// The radiance of the environment in a direction, at most white, and true if it is clipped there.
+pub(super) fn shown(env: &Environment, direction: DVec3) -> (Vec3, bool) {
+    let (u, v) = uv(env.up, direction);
+    let (width, height) = (env.image.width, env.image.height);
+    let at = |t: f64, n: usize| ((t * n as f64) as usize).min(n - 1);
+    let rgb = env.image.rgb(at(u, width), at(v, height));
+    let most = rgb[0].max(rgb[1]).max(rgb[2]);
+    (Vec3::from(rgb) / most.max(1.0), luminance(rgb) >= WHITE)
+}
+
+/// The incident light of each point. A point of a surface receives what it would see: the captured colours of the place,
+/// and the environment where there is no surface.
+pub(super) fn incident(
+    place: &Place,
+    shading: &Shading,
+    env: &Environment,
+    cx: &Context,
+) -> Result<Vec<Incident>, NodeError> {
+    let directions: Vec<(DVec3, Vec3, bool)> = spiral(DIRECTIONS)
+        .into_iter()
+        .map(|direction| {
+            let (rgb, clipped) = shown(env, direction);
+            (direction, rgb, clipped)
+        })
+        .collect();
+    let solid_angle = (4.0 * std::f64::consts::PI / DIRECTIONS as f64) as f32;
+    let tiles = cx.for_each_tile(shading.points.len().div_ceil(TILE), |tile| {
+        let mut found = Vec::with_capacity(TILE);
+        for point in shading.points[tile * TILE..].iter().take(TILE) {
+            let from = point.position + point.normal * place.offset;
+            let mut sum = Incident::default();
+            for (direction, sky, sky_clipped) in &directions {
+                let cosine = point.normal.dot(*direction) as f32;
+                if cosine <= 0.0 {
+                    continue;
+                }
+                let (radiance, clipped) = match place.seen(from, *direction) {
+                    Seen::Sky => (*sky, *sky_clipped),
+                    Seen::Surface(colour) => (colour.min(Vec3::ONE), colour.max_element() > CLIPPED),
+                };
+                let part = if clipped { &mut sum.clipped } else { &mut sum.known };
+                *part += radiance * (cosine * solid_angle);
+            }
+            found.push(sum);
+        }
+        found
+    })?;
+    Ok(tiles.into_iter().flatten().collect())
+}

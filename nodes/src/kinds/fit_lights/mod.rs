@@ -1,0 +1,172 @@
+//! `fit-lights`: lights of an environment, corrected by what they light.
+
+use std::sync::Arc;
+
+use engine::{Context, Cost, Kind, NodeError, Notes, Sizes};
+use glam::DVec3;
+
+use crate::error::Error;
+use crate::light::measure::angles_deg;
+use crate::types::{Cell, Environment, Mesh, Report, Splats, Table};
+
+mod incident;
+mod pairs;
+mod place;
+mod relight;
+mod shading;
+mod sun;
+
+use self::place::Place;
+use self::shading::Shading;
+use self::sun::{Sun, Verdict};
+
+engine::params! {
+    /// Finds the sun of a recovered environment by the shadows that it casts in the captured place.
+    ///
+    /// A panorama clips the sun together with the sky around it, so a prediction can only spread the hidden light over
+    /// the clipped region. The place itself shows where the sun is: its captured colours jump where a shadow ends. For
+    /// each direction of the clipped regions, `fit-lights` computes which surface points the receiver mesh would leave
+    /// in the sun, and compares neighbouring points of like orientation: the ratio of their colours should be the ratio
+    /// of the light that they receive. The rest of that light is known, because it comes from surfaces and sky that are
+    /// not clipped. The comparison is robust, so differences in albedo cost precision but no bias.
+    ///
+    /// Where one direction explains the colours clearly better than all others, the sun is placed there with its fitted
+    /// irradiance and colour, and its region keeps the fitted glow in place of the predicted light. Otherwise the
+    /// environment is unchanged. Clipped mesh colours count as openings, so the sun may shine through a window.
+    pub struct FitLights {
+        /// Number of surface points to compare.
+        points: u32 = 12000, range(200, 200000), other("400");
+        /// By which share of its error a sun must improve the explanation of the colours to be accepted. True suns of
+        /// open places reach 0.1 to 0.3; chance stays below 0.01.
+        min_gain: f64 = 0.03, range(0.0, 1.0), other("0.9"), inert("the light of the test graph has no sun at any of the two");
+    }
+}
+
+engine::inputs! {
+    /// Inputs of `fit-lights`.
+    pub struct In {
+        /// The recovered light, with the point that it was captured at.
+        env: Arc<Environment>,
+        /// The mesh of the place; its vertex colours are used where no splats are wired.
+        receiver: Arc<Mesh>,
+        /// The splats of the place, which show its colours in finer detail than the vertices of a mesh.
+        splats: Option<Arc<Splats>>,
+    }
+}
+
+engine::outputs! {
+    /// Outputs of `fit-lights`.
+    pub struct Out {
+        /// The light with its sun in place; the input where no sun was found.
+        env: Arc<Environment>,
+        /// The sun that was found, or the best candidate, and how well it explains the colours of the place.
+        report: Arc<Report>,
+    }
+}
+
+impl Kind for FitLights {
+    const NAME: &'static str = "fit-lights";
+    const VERSION: u32 = 1;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn estimate(params: &Self, inputs: &In) -> Cost {
+        let tree = (inputs.receiver.triangles.len() as u64).saturating_mul(260);
+        let splats = inputs.splats.as_ref().map_or(0, |splats| splats.len() as u64).saturating_mul(16);
+        let texels = (inputs.env.image.samples.len() as u64).saturating_mul(4);
+        Cost {
+            bytes: tree
+                .saturating_add(splats)
+                .saturating_add(texels)
+                .saturating_add(u64::from(params.points) * 2000),
+        }
+    }
+
+    fn work(params: &Self, sizes: &Sizes) -> f64 {
+        f64::from(params.points) * 2000.0 + sizes.total()
+    }
+
+    fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let In { env, receiver, splats } = inputs;
+        let mut notes = Notes::none();
+        let Some(origin) = env.origin else {
+            let what =
+                "the environment does not say where it was captured, so it cannot be compared with the place";
+            return Err(NodeError::from(Error::Mismatch(what.to_owned()))
+                .at("env")
+                .hint("set `origin` where it is loaded"));
+        };
+        if splats.is_none() && receiver.colours.is_empty() {
+            let what = "the mesh has no vertex colours";
+            return Err(NodeError::from(Error::Mismatch(what.to_owned()))
+                .at("receiver")
+                .hint("wire `splats`, which show the colours of the place"));
+        }
+        let place = Place::new(&receiver);
+        let shading = Shading::sample(&place, splats.as_deref(), origin, params.points as usize, cx)?;
+        cx.count("points", shading.points.len() as u64);
+        let found = sun::find(&place, &shading, &env, cx)?;
+        let verdict = judge(params, found.as_ref(), &place, origin);
+        let (env, report) = match (&verdict, &found) {
+            (Verdict::Accepted, Some(sun)) => {
+                let (azimuth, elevation) = angles_deg(env.up, sun.direction);
+                notes.decision(
+                    "sun",
+                    format!(
+                        "the shadows of the place show a sun at azimuth {azimuth:.1}, elevation {elevation:.1} degrees: it is in \
+                         the light with irradiance {:.2}",
+                        sun.luminance()
+                    ),
+                );
+                (Arc::new(relight::with_sun(&env, sun)), report(&env, Some(sun), "accepted"))
+            }
+            (verdict, found) => {
+                notes.decision("no-sun", format!("the light is unchanged: {}", verdict.reason()));
+                let report = report(&env, found.as_ref(), verdict.reason());
+                (env, report)
+            }
+        };
+        Ok((Out { env, report: Arc::new(report) }, notes))
+    }
+}
+
+/// Whether the best candidate is a sun that lights the point of capture.
+fn judge(params: &FitLights, found: Option<&Sun>, place: &Place, origin: DVec3) -> Verdict {
+    match found {
+        None => Verdict::NothingToCompare,
+        Some(sun) if sun.gain < params.min_gain => Verdict::Unexplained,
+        Some(sun) if sun.rival > 0.6 * sun.gain => Verdict::Ambiguous,
+        Some(sun) if !place.is_open(origin, sun.direction) => Verdict::Hidden,
+        Some(_) => Verdict::Accepted,
+    }
+}
+
+fn report(env: &Environment, sun: Option<&Sun>, verdict: &str) -> Report {
+    let rows = sun.map(|sun| {
+        let (azimuth, elevation) = angles_deg(env.up, sun.direction);
+        let [red, green, blue] = sun.irradiance;
+        let numbers = [azimuth, elevation, red, green, blue, sun.error_stops, sun.glow, sun.gain, sun.rival]
+            .map(Cell::Number);
+        numbers.into_iter().chain([Cell::Text(verdict.to_owned())]).collect()
+    });
+    let columns = [
+        "azimuth (deg)",
+        "elevation (deg)",
+        "irradiance red",
+        "irradiance green",
+        "irradiance blue",
+        "standard error (stops)",
+        "glow over clipped white",
+        "gain",
+        "gain of the best other direction",
+        "verdict",
+    ];
+    Report {
+        title: "Lights fitted to the shading of the place".to_owned(),
+        tables: vec![Table::new("sun", columns, rows.into_iter().collect())],
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,53 @@
+//! Neighbouring points of like orientation, whose colours are compared.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
+use super::shading::{Point, Shading};
+use crate::geometry::sampling::hash;
+
+/// Neighbours lie within this share of the size of the surroundings.
+const REACH: f64 = 0.16;
+/// Least cosine between the normals of two neighbours.
+const ALIKE: f64 = 0.95;
+/// Pairs per point, at most.
+const PER_POINT: usize = 4;
+
+/// Indices of two points.
+pub(super) type Pair = [u32; 2];
+
+/// Up to four neighbours for each point, chosen by a hash of the two indices so that all distances within reach occur.
+pub(super) fn neighbours(shading: &Shading) -> Vec<Pair> {
+    let points = &shading.points;
+    let reach = REACH * shading.size;
+    let cell = |position: DVec3| (position / reach).floor().to_array().map(|v| v as i64);
+    let mut cells: BTreeMap<[i64; 3], Vec<u32>> = BTreeMap::new();
+    for (index, point) in points.iter().enumerate() {
+        cells.entry(cell(point.position)).or_default().push(index as u32);
+    }
+    let mut pairs = Vec::with_capacity(points.len() * PER_POINT);
+    for (index, point) in points.iter().enumerate() {
+        let [x, y, z] = cell(point.position);
+        let mut near: Vec<(u32, u32)> = Vec::new();
+        for step in 0..27 {
+            let at = [x + step % 3 - 1, y + step / 3 % 3 - 1, z + step / 9 - 1];
+            let others = cells.get(&at).into_iter().flatten().copied();
+            let fits =
+                |&other: &u32| other as usize != index && is_alike(point, &points[other as usize], reach);
+            near.extend(others.filter(fits).map(|other| (hash(index as u32, other), other)));
+        }
+        let kept = PER_POINT.min(near.len());
+        if kept < near.len() {
+            near.select_nth_unstable(kept);
+        }
+        near.truncate(kept);
+        near.sort_unstable();
+        pairs.extend(near.into_iter().map(|(_, other)| [index as u32, other]));
+    }
+    pairs
+}
+
+fn is_alike(a: &Point, b: &Point, reach: f64) -> bool {
+    a.normal.dot(b.normal) > ALIKE && a.position.distance_squared(b.position) < reach * reach
+}

@@ -1,0 +1,97 @@
+//! The receiver mesh as rays see it: a tree, its colours, and which triangles are clipped.
+
+use glam::{DVec3, Vec3};
+
+use crate::geometry::bvh::{Bvh, Hit, Ray};
+use crate::types::Mesh;
+
+/// A colour with a channel above this is clipped: a window, a lamp, or a glint.
+pub(super) const CLIPPED: f32 = 0.93;
+
+/// Rays start off a surface by this share of the diagonal of the mesh, since splats lie somewhat below or above it.
+const OFFSET: f64 = 0.002;
+
+/// The mesh of a place, ready for rays. Positions are relative to the middle of the mesh, in f32.
+pub(super) struct Place {
+    bvh: Bvh,
+    /// Corners of each triangle.
+    pub corners: Vec<[Vec3; 3]>,
+    /// Linear colours of the corners of each triangle; empty where the mesh has none.
+    colours: Vec<[Vec3; 3]>,
+    /// Middle of the mesh in world units.
+    middle: DVec3,
+    /// By how much rays start off a surface, in world units.
+    pub offset: f64,
+}
+
+/// The result of a ray.
+pub(super) enum Seen {
+    /// Nothing: the sky.
+    Sky,
+    /// A surface of this linear colour.
+    Surface(Vec3),
+}
+
+impl Place {
+    pub fn new(mesh: &Mesh) -> Self {
+        let (low, high) = (0..mesh.positions.len() as u32).map(|v| mesh.position(v)).fold(
+            (DVec3::INFINITY, DVec3::NEG_INFINITY),
+            |(low, high), p| {
+                if p.is_finite() { (low.min(p), high.max(p)) } else { (low, high) }
+            },
+        );
+        let middle = if low.is_finite() && high.is_finite() { (low + high) * 0.5 } else { DVec3::ZERO };
+        let corners: Vec<[Vec3; 3]> =
+            mesh.triangles.iter().map(|t| t.map(|v| (mesh.position(v) - middle).as_vec3())).collect();
+        let colours = if mesh.colours.is_empty() {
+            Vec::new()
+        } else {
+            mesh.triangles.iter().map(|t| t.map(|v| Vec3::from(mesh.colours[v as usize]))).collect()
+        };
+        let bvh = Bvh::build(&corners);
+        let diagonal = bvh.bounds().map_or(0.0, |(low, high)| f64::from((high - low).length()));
+        Self { bvh, corners, colours, middle, offset: OFFSET * diagonal }
+    }
+
+    /// A world position in the frame of the tree.
+    pub fn local(&self, position: DVec3) -> DVec3 {
+        position - self.middle
+    }
+
+    fn hit(&self, from: DVec3, direction: DVec3) -> Option<Hit> {
+        self.bvh.closest(Ray::new(from.as_vec3(), direction.as_vec3()), |_| true)
+    }
+
+    /// Distance to the first surface from a local point.
+    pub fn distance(&self, from: DVec3, direction: DVec3) -> f64 {
+        self.hit(from, direction).map_or(f64::INFINITY, |hit| f64::from(hit.t))
+    }
+
+    /// The first hit of a ray from a local point.
+    pub fn seen(&self, from: DVec3, direction: DVec3) -> Seen {
+        self.hit(from, direction).map_or(Seen::Sky, |hit| Seen::Surface(self.colour(&hit)))
+    }
+
+    /// Linear colour at a hit; black where the mesh has no colours.
+    fn colour(&self, hit: &Hit) -> Vec3 {
+        let Some([a, b, c]) = self.colours.get(hit.triangle as usize) else { return Vec3::ZERO };
+        *a * (1.0 - hit.b1 - hit.b2) + *b * hit.b1 + *c * hit.b2
+    }
+
+    /// Whether light from far away in a direction reaches a local point: nothing blocks it, or only surfaces whose
+    /// colours are clipped, such as a window.
+    pub fn lets_in(&self, from: DVec3, direction: DVec3) -> bool {
+        let ray = Ray::new(from.as_vec3(), direction.as_vec3());
+        !self.bvh.any(ray, |hit| self.colour(hit).max_element() <= CLIPPED)
+    }
+
+    /// [`Self::lets_in`] for a world position.
+    pub fn is_open(&self, position: DVec3, direction: DVec3) -> bool {
+        self.lets_in(self.local(position), direction)
+    }
+
+    /// The linear colour of a triangle's middle, where the mesh has colours.
+    pub fn middle_colour(&self, triangle: usize) -> Option<Vec3> {
+        self.colours.get(triangle).map(|[a, b, c]| (*a + *b + *c) / 3.0)
+    }
+}

@@ -1,0 +1,147 @@
+//! Probing of a mesh by vertical rays below an object's foot.
+
+use engine::{Context, NodeError, Notes};
+use glam::{DVec3, Vec3};
+
+use super::STEEPEST;
+use crate::geometry::bvh::{Bvh, Ray};
+use crate::geometry::support::{Foot, median};
+use crate::types::Mesh;
+
+/// Number of columns and of rows of rays.
+const GRID: u32 = 24;
+/// Largest thickness of a shell of ground, in metres. Rooms are higher: with normals that point out of a room, its
+/// floor faces down and the next surface that faces up is its ceiling.
+const SHELL: f64 = 2.0;
+
+/// A mesh with its tree, relative to the middle of a foot at the height of its base.
+pub(super) struct Ground {
+    pub(super) around: DVec3,
+    pub(super) corners: Vec<[Vec3; 3]>,
+    pub(super) bvh: Bvh,
+}
+
+/// Intersections of vertical lines through a foot with a mesh: positions relative to the middle of the foot,
+/// heights relative to its base, in world units.
+#[derive(Default)]
+pub(super) struct Columns {
+    /// Hits on surfaces that face up.
+    pub(super) up: Vec<[f64; 3]>,
+    /// Hits on surfaces that face down.
+    pub(super) down: Vec<[f64; 3]>,
+    /// True if any surface there is steeper than ground may be.
+    steep: bool,
+}
+
+impl Ground {
+    pub(super) fn new(mesh: &Mesh, foot: &Foot, up: DVec3) -> Self {
+        let around = foot.middle - up * (foot.middle.dot(up) - foot.base);
+        let corner = |i: u32| (mesh.position(i) - around).as_vec3();
+        let corners: Vec<_> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
+        Self { around, bvh: Bvh::build(&corners), corners }
+    }
+
+    /// The cosine between the normal of a triangle and up.
+    fn facing(&self, triangle: u32, up: DVec3) -> f64 {
+        let [a, b, c] = self.corners[triangle as usize].map(|p| p.as_dvec3());
+        (b - a).cross(c - a).normalize_or_zero().dot(up)
+    }
+
+    /// Intersections of a grid of vertical lines through the foot, within `reach` up and down.
+    pub(super) fn columns(
+        &self,
+        foot: &Foot,
+        up: DVec3,
+        reach: f64,
+        cx: &Context,
+    ) -> Result<Columns, NodeError> {
+        let axes = Foot::axes(up);
+        let mut columns = Columns::default();
+        for k in 0..GRID * GRID {
+            cx.check()?;
+            let place = [k % GRID, k / GRID].map(|i| (f64::from(2 * i + 1) / f64::from(GRID)) - 1.0);
+            let [x, y] = [0, 1].map(|a| place[a] * foot.half.dot(axes[a].abs()));
+            let start = axes[0] * x + axes[1] * y + up * reach;
+            let ray = Ray { t_max: (2.0 * reach) as f32, ..Ray::new(start.as_vec3(), -up.as_vec3()) };
+            let first = [columns.up.len(), columns.down.len()];
+            self.bvh.any(ray, |hit| {
+                let facing = self.facing(hit.triangle, up);
+                if facing.abs() >= STEEPEST {
+                    let side = if facing > 0.0 { &mut columns.up } else { &mut columns.down };
+                    side.push([x, y, reach - f64::from(hit.t)]);
+                }
+                columns.steep |= facing.abs() < STEEPEST;
+                false
+            });
+            // The tree returns hits in no order, and reports an edge twice.
+            columns.up[first[0]..].sort_by(|a, b| a[2].total_cmp(&b[2]));
+            columns.down[first[1]..].sort_by(|a, b| a[2].total_cmp(&b[2]));
+        }
+        Ok(columns)
+    }
+
+    /// The ground within reach: surfaces that face up, or if there are none those that face down, unless they are
+    /// the underside of a shell.
+    pub(super) fn ground(
+        &self,
+        foot: &Foot,
+        up: DVec3,
+        reach: f64,
+        cx: &Context,
+        notes: &mut Notes,
+    ) -> Result<Vec<[f64; 3]>, NodeError> {
+        let Columns { up: above, down, steep } = self.columns(foot, up, reach, cx)?;
+        match (above.is_empty(), down.is_empty()) {
+            (false, _) => Ok(above),
+            (true, false) => {
+                if let Some([under, upper]) = self.shell(&down, up, SHELL / cx.metres_per_unit()) {
+                    return Err(under_a_shell([reach, under, upper].map(|v| v * cx.metres_per_unit())));
+                }
+                let text = "no face below the object faces up, so faces that face down count as ground";
+                notes.warning("ground-looks-down", text);
+                Ok(down)
+            }
+            (true, true) if steep => {
+                let hint =
+                    "move the pose to less steep ground, or place the object by its pose without `snap`";
+                Err(NodeError::new("the ground under the object is steeper than 45 degrees")
+                    .at("pose")
+                    .hint(hint))
+            }
+            (true, true) => Ok(above),
+        }
+    }
+
+    /// The median height of surfaces that face down, and of surfaces that face up above them within `thickest`;
+    /// `None` if fewer than half of them have one.
+    fn shell(&self, down: &[[f64; 3]], up: DVec3, thickest: f64) -> Option<[f64; 2]> {
+        let axes = Foot::axes(up);
+        let pair = |&[x, y, height]: &[f64; 3]| {
+            let start = axes[0] * x + axes[1] * y + up * height;
+            let ray = Ray { t_max: thickest as f32, ..Ray::new(start.as_vec3(), up.as_vec3()) };
+            let hit = self.bvh.closest(ray, |hit| self.facing(hit.triangle, up) >= STEEPEST)?;
+            Some([height, height + f64::from(hit.t)])
+        };
+        let pairs: Vec<[f64; 2]> = down.iter().filter_map(pair).collect();
+        if 2 * pairs.len() <= down.len() {
+            return None;
+        }
+        let [under, upper] = [0, 1].map(|side| median(pairs.iter().map(|pair| pair[side]).collect()));
+        Some([under?, upper?])
+    }
+}
+
+/// Error that only the underside of a shell is within reach. The arguments are the reach, its height above the foot
+/// and that of its upper side, in metres.
+fn under_a_shell([reach, under, upper]: [f64; 3]) -> NodeError {
+    let side = if under > 0.0 { "above" } else { "below" };
+    let text = format!(
+        "no surface within {reach} m of the object's foot faces up: the one {:.2} m {side} it is the underside of a shell, whose \
+         upper side is {upper:.2} m above it",
+        under.abs()
+    );
+    // One centimetre more, rounded to centimetres.
+    let enough = ((upper * 100.0).round() + 1.0) / 100.0;
+    let hint = format!("move the pose up by {upper:.2} m, or raise `reach_metres` to {enough:.2}");
+    NodeError::new(text).at("pose").hint(hint)
+}

@@ -1,0 +1,98 @@
+//! Triangles of objects that coincide with the receiver, and how rays meet them there.
+
+use glam::Vec3;
+
+use super::aabb::Aabb;
+use super::face::margin;
+use super::objects::Objects;
+use super::receiver::Receiver;
+use super::supports::Ground;
+use super::surface::Surface;
+use super::touching::Touching;
+use crate::geometry::bvh::Hit;
+
+/// Minimum cosine between the normals of two surfaces that lie on each other; a surface that stands on another does
+/// not.
+const ALONG: f32 = 0.5;
+
+/// The triangles of objects that coincide with the receiver, whose camera hits may be moved to `ground`.
+pub fn find_touching(objects: &Objects, receiver: &Receiver, ground: &Ground) -> Touching {
+    let Some((low, high)) = objects.bvh.bounds() else { return Touching::default() };
+    let space = margin(&[low, high, low]);
+    let whole = Aabb { low, high }.grown(space);
+    // The part of the receiver within the bounds of the objects.
+    let (mut place, mut coarsest) = (None::<Aabb>, 0.0_f32);
+    receiver.bvh.visit(|corners| {
+        let here = Aabb::around(corners);
+        let meets = here.meets(&whole);
+        if let ([a, b, c], true) = (corners, meets) {
+            coarsest = coarsest.max(margin(&[*a, *b, *c]));
+            let here = here.common(whole);
+            place = Some(place.map_or(here, |place| place.joined(here)));
+        }
+        meets
+    });
+    // An object that was lifted off another may lie this far below the receiver.
+    let reach = 2.0 * (space + coarsest) + objects.lifted;
+    let touches = |corners: &[Vec3; 3]| {
+        let own = Aabb::around(corners).grown(reach);
+        if ground.is_base(corners, reach) {
+            return true;
+        }
+        let mut found = false;
+        if place.is_some_and(|place| own.meets(&place)) {
+            receiver.bvh.visit(|corners| {
+                let meets = !found && Aabb::around(corners).meets(&own);
+                found |= meets && corners.len() == 3;
+                meets
+            });
+        }
+        found
+    };
+    let mut all = Touching { triangles: vec![false; objects.corners.len()], held: None, reach };
+    for (_, triangles) in objects.parts_with_triangles().filter(|(part, _)| part.body.is_none()) {
+        for triangle in triangles {
+            let corners = &objects.corners[triangle];
+            if corners.iter().all(|corner| corner.is_finite()) && touches(corners) {
+                all.triangles[triangle] = true;
+                let own = Aabb::around(corners).grown(reach);
+                all.held = Some(all.held.map_or(own, |held| held.joined(own)));
+            }
+        }
+    }
+    if all.held.is_some() { all } else { Touching::default() }
+}
+
+impl Objects {
+    /// How far beyond an object's hit the receiver may be hit at the same place and still be behind it; 0 for an
+    /// object that does not lie on the receiver.
+    pub fn slack(&self, hit: &Hit, direction: Vec3) -> f32 {
+        if !self.touching.holds(hit.triangle) {
+            return 0.0;
+        }
+        self.touching.reach / self.normal(hit.triangle).dot(direction).abs().max(0.01)
+    }
+
+    /// How far below a point of the receiver rays to objects start, so as to hit the object that lies on it; `None`
+    /// where there is none.
+    pub fn covers(&self, position: Vec3, normal: Vec3) -> Option<f32> {
+        let touching = &self.touching;
+        if !touching.held?.holds(position) {
+            return None;
+        }
+        let lies =
+            |hit: &Hit| touching.holds(hit.triangle) && self.normal(hit.triangle).dot(normal).abs() > ALONG;
+        self.bvh.any(touching.across(position, normal), lies).then_some(touching.reach)
+    }
+
+    /// How far off an object's surface rays to the receiver start, so as to hit the receiver that it lies on: along
+    /// the normal, or against it if the ray came from there. `None` where the surface does not lie on the receiver.
+    pub fn bed(&self, hit: &Hit, direction: Vec3, surface: &Surface, receiver: &Receiver) -> Option<Vec3> {
+        let touching = &self.touching;
+        let lies = |hit: &Hit| receiver.normal(hit.triangle).dot(surface.normal).abs() > ALONG;
+        let found = touching.holds(hit.triangle)
+            && receiver.bvh.any(touching.across(surface.position, surface.normal), lies);
+        let from_there = hit.t * surface.normal.dot(direction).abs() <= 3.0 * touching.reach;
+        found.then(|| surface.normal * if from_there { -touching.reach } else { touching.reach })
+    }
+}

@@ -1,0 +1,70 @@
+//! `check`: every mistake of a graph file, without running it.
+
+mod sizes;
+
+use std::path::Path;
+
+use clap::Args;
+use engine::{Diagnostics, Graph};
+
+use crate::session::{Error, GraphArgs};
+use crate::terminal;
+
+/// Reads a graph and reports every mistake in it.
+///
+/// Of the files that loaders read only the headers are read.
+#[derive(Debug, Args)]
+pub struct Check {
+    #[command(flatten)]
+    graph: GraphArgs,
+    /// One JSON object a line on standard output: the mistakes, or a line that says that there are none
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl Check {
+    /// Exit code 0 for a graph that can run; mistakes are an error.
+    pub fn run(self) -> Result<u8, Error> {
+        let loaded = self.graph.load()?;
+        let graph = &loaded.graph;
+        graph.check_sources().map_err(Error::Graph)?;
+        sizes::check(graph).map_err(Error::Graph)?;
+        self.check_presets(graph)?;
+        // The default output folder of runs.
+        loaded.check_outputs(Path::new("out"))?;
+        let sinks = graph.nodes.iter().filter(|node| node.sink_path.is_some()).count();
+        let (name, nodes) = (&graph.source.name, graph.nodes.len());
+        if self.json {
+            terminal::json_line(
+                &serde_json::json!({"event": "checked", "file": name, "nodes": nodes, "sinks": sinks}),
+            );
+            return Ok(0);
+        }
+        terminal::print(&format!("{name}: {nodes} nodes, {sinks} sinks, no mistakes\n"))?;
+        if let Some(remark) = terminal::no_file(graph, &loaded.only) {
+            terminal::print(&format!("{remark}\n"))?;
+        }
+        Ok(0)
+    }
+
+    /// Checks each preset of the graph, also those that were not asked for.
+    fn check_presets(&self, graph: &Graph) -> Result<(), Error> {
+        let mut found: Option<Diagnostics> = None;
+        for name in graph.source.own_presets(&graph.root) {
+            if self.graph.preset.contains(&name) {
+                continue;
+            }
+            let source = graph.source.clone().with_preset(&name, &nodes::registry());
+            if let Err(mistakes) = Graph::parse(source, &nodes::registry(), graph.root.clone()) {
+                let of_preset = mistakes
+                    .list
+                    .into_iter()
+                    .map(|mistake| mistake.hint(format!("with the preset `{name}`")));
+                // The text of the graph comes first in all of them, so places are the same.
+                let all = found.get_or_insert_with(|| Diagnostics::new(mistakes.source, Vec::new()));
+                all.list.extend(of_preset);
+            }
+        }
+        found.map_or(Ok(()), |all| Err(Error::Graph(Diagnostics::new(all.source, all.list))))
+    }
+}

@@ -1,0 +1,105 @@
+//! `show`: the picture of any node, without editing the graph.
+
+mod sheet;
+
+use std::path::PathBuf;
+
+use clap::Args;
+use engine::{Engine, Graph, RunOptions, Wire};
+use nodes::types::{Environment, Images, NamedImage, Panorama, Picture, Views};
+
+use crate::session::{EngineArgs, Error, GraphArgs, find, on_interrupt};
+use crate::terminal::{self, Report};
+
+/// Writes the picture of any node, without editing the graph.
+///
+/// Computes the node where its result is not known. Linear light is shown with the sRGB curve; depths and other numbers are
+/// stretched from black (smallest) to white (largest); normals are shown as colours. Several views become a sheet.
+#[derive(Debug, Args)]
+pub struct Show {
+    #[command(flatten)]
+    graph: GraphArgs,
+    /// The node, or one of its outputs, such as `trace.depth`
+    node: String,
+    /// The PNG file to write [default: NODE.png in the folder `out`]
+    #[arg(long, short, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Exposure of linear light, in stops
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    exposure: f32,
+    #[command(flatten)]
+    engine: EngineArgs,
+}
+
+impl Show {
+    /// Writes the picture; the exit code is that of the run.
+    pub fn run(self) -> Result<u8, Error> {
+        let loaded = self.graph.load()?;
+        let graph = &loaded.graph;
+        let wire = output(graph, &self.node)?;
+        let kind = graph.nodes[wire.node].kind.outputs[wire.port].artifact.name;
+        if !["image", "views", "pano", "env"].contains(&kind) {
+            let how = "`show` draws outputs of the types image, views, pano and env";
+            return Err(Error::usage(format!("`{}` has the type {kind}; {how}", self.node)));
+        }
+        let name = format!("{}.png", self.node.replace(['/', '='], "_"));
+        let path = self.out.clone().unwrap_or_else(|| PathBuf::from("out").join(name));
+        loaded.check_output(&path)?;
+        let engine = self.engine.open()?;
+        let options = RunOptions { only: vec![wire.node], cancel: on_interrupt()?, ..RunOptions::default() };
+        let mut report = Report::lines(false);
+        if report.shows_forecast() {
+            report.expect(&engine.plan(graph, &options.only));
+        }
+        let outcome = engine.run(graph, &options, |event| report.show(&event));
+        if let Some(failures) = &outcome.failures {
+            terminal::mistakes(failures, false);
+        }
+        let code = outcome.totals.exit_code();
+        if !matches!(code, 0 | 3) {
+            return Ok(code);
+        }
+        let gone = || Error::usage(format!("the value of `{}` is not in the cache; run again", self.node));
+        let views = pictures(&engine, graph, wire, kind).ok_or_else(gone)?;
+        let (raster, ranges) = sheet::sheet(&views, self.exposure);
+        ranges.iter().for_each(|range| terminal::remark(range));
+        let bytes = nodes::io::png::write(&raster, true, &[]);
+        let bytes = bytes.map_err(|error| Error::of_file(&path, &error))?;
+        cache::publish_file(&path, &bytes)?;
+        terminal::print(&format!("{}\n", path.display()))?;
+        Ok(code)
+    }
+}
+
+/// The output that a name stands for: `trace.depth`, or `trace` for the first output.
+fn output(graph: &Graph, name: &str) -> Result<Wire, Error> {
+    // Nodes of subgraphs have dots in their names.
+    if let Some((node, output)) = name.rsplit_once('.')
+        && graph.find_all(name).is_empty()
+    {
+        let node = find(graph, node)?;
+        let outputs = &graph.nodes[node].kind.outputs;
+        let unknown = || {
+            let known: Vec<&str> = outputs.iter().map(|port| port.name).collect();
+            let node = &graph.nodes[node].id;
+            Error::usage(format!("`{node}` has no output `{output}`; it has {}", known.join(", ")))
+        };
+        let port = outputs.iter().position(|port| port.name == output).ok_or_else(unknown)?;
+        return Ok(Wire { node, port });
+    }
+    Ok(Wire { node: find(graph, name)?, port: 0 })
+}
+
+/// The pictures of an output, by view.
+fn pictures(engine: &Engine, graph: &Graph, wire: Wire, kind: &str) -> Option<Vec<NamedImage>> {
+    let single = |picture: Picture| Images::single("", picture).0;
+    Some(match kind {
+        "views" => {
+            let views = engine.value::<Views>(graph, wire)?.0.into_iter();
+            views.map(|view| NamedImage { name: view.camera.name, picture: view.colour }).collect()
+        }
+        "pano" => single(engine.value::<Panorama>(graph, wire)?.image),
+        "env" => single(engine.value::<Environment>(graph, wire)?.image.into()),
+        _ => engine.value::<Images>(graph, wire)?.0,
+    })
+}

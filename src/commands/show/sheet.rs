@@ -1,0 +1,105 @@
+//! Pictures of any encoding side by side, as a display shows them.
+
+use nodes::io::png::Raster;
+use nodes::math::color::{code8, srgb_from_linear};
+use nodes::math::num;
+use nodes::types::{NamedImage, Picture};
+
+/// Space between the pictures of a sheet, in pixels.
+const GAP: usize = 4;
+
+/// All views in a grid on black, and a line for each view whose numbers were stretched.
+pub(super) fn sheet(views: &[NamedImage], exposure: f32) -> (Raster, Vec<String>) {
+    let size = |of: fn((usize, usize, usize)) -> usize| {
+        views.iter().map(|v| of(v.picture.size())).max().unwrap_or(0)
+    };
+    let (cell_width, cell_height) = (size(|(width, ..)| width), size(|(_, height, _)| height));
+    // As square as the cells allow.
+    let columns = (1..=views.len().max(1))
+        .find(|columns| columns * cell_width >= views.len().div_ceil(*columns) * cell_height)
+        .unwrap_or(1);
+    let rows = views.len().div_ceil(columns);
+    let width = (columns * (cell_width + GAP)).saturating_sub(GAP);
+    let height = (rows * (cell_height + GAP)).saturating_sub(GAP);
+    let mut raster = Raster {
+        width,
+        height,
+        channels: 3,
+        largest: 255,
+        codes: vec![0; width * height * 3],
+        linear: false,
+        ignored: Vec::new(),
+    };
+    let mut ranges = Vec::new();
+    for (at, view) in views.iter().enumerate() {
+        let (x0, y0) = (at % columns * (cell_width + GAP), at / columns * (cell_height + GAP));
+        let (codes, range) = shown(&view.picture, exposure);
+        ranges.extend(range.map(|range| {
+            format!(
+                "{}{range}",
+                if view.name.is_empty() { String::new() } else { format!("{}: ", view.name) }
+            )
+        }));
+        let row = view.picture.size().0 * 3;
+        for (y, line) in codes.chunks_exact(row.max(1)).enumerate() {
+            let start = ((y0 + y) * width + x0) * 3;
+            raster.codes[start..start + row].copy_from_slice(line);
+        }
+    }
+    (raster, ranges)
+}
+
+/// The codes of a picture in RGB, and the range of numbers that are not colours.
+fn shown(picture: &Picture, exposure: f32) -> (Vec<u16>, Option<String>) {
+    let (_, _, channels) = picture.size();
+    let pixels = picture.samples().chunks_exact(channels.max(1));
+    let code = |value: f32| u16::from(code8(value));
+    // Alpha is left out: pictures are premultiplied, so they are shown on black.
+    let rgb = |pixel: &[f32]| if channels >= 3 { [pixel[0], pixel[1], pixel[2]] } else { [pixel[0]; 3] };
+    match picture {
+        Picture::Linear(_) => {
+            let factor = num::f64::exp2(f64::from(exposure)) as f32;
+            (pixels.flat_map(|p| rgb(p).map(|v| code(srgb_from_linear(v * factor)))).collect(), None)
+        }
+        Picture::Srgb(_) => (pixels.flat_map(|p| rgb(p).map(code)).collect(), None),
+        Picture::Data(_) if channels >= 3 => {
+            (pixels.flat_map(|p| rgb(p).map(|v| code(0.5 + 0.5 * v))).collect(), None)
+        }
+        Picture::Data(_) => {
+            let finite = || picture.samples().iter().copied().filter(|v| v.is_finite());
+            let (low, high) =
+                (finite().fold(f32::INFINITY, f32::min), finite().fold(f32::NEG_INFINITY, f32::max));
+            let range = if high > low { high - low } else { 1.0 };
+            let codes = pixels.flat_map(|p| {
+                // What has no number, such as the depth of the sky, is white.
+                let value = if p[0].is_finite() { (p[0] - low) / range } else { 1.0 };
+                [code(value); 3]
+            });
+            let text = (low <= high).then(|| format!("black is {low}, white {high}"));
+            (codes.collect(), text)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nodes::types::{Data, Image, Linear};
+
+    fn view(picture: Picture) -> NamedImage {
+        NamedImage { name: "a".to_owned(), picture }
+    }
+
+    #[test]
+    fn views_stand_in_a_grid_and_numbers_are_stretched() {
+        let light = Image::<Linear>::from_samples(2, 1, 3, vec![0.25, 0.25, 0.25, 0.0, 0.0, 0.0]);
+        let depth = Image::<Data>::from_samples(2, 1, 1, vec![2.0, f32::INFINITY]);
+        let (sheet, ranges) = sheet(&[view(light.into()), view(depth.into())], 2.0);
+        assert_eq!((sheet.width, sheet.height), (2, 2 + GAP), "below each other: two rows are squarer");
+        assert_eq!(sheet.codes[..6], [255, 255, 255, 0, 0, 0], "two stops brighter");
+        assert_eq!(sheet.codes[sheet.codes.len() - 6..], [0, 0, 0, 255, 255, 255], "infinitely far is white");
+        assert_eq!(ranges, ["a: black is 2, white 2"]);
+        let normal = Image::<Data>::from_samples(1, 1, 3, vec![-1.0, 0.0, 1.0]);
+        assert_eq!(shown(&normal.into(), 0.0).0, [0, 128, 255]);
+    }
+}

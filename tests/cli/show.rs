@@ -1,0 +1,63 @@
+//! `show`, `inspect` of pictures, and help.
+
+use crate::{INSERT, Place};
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn any_node_is_shown_without_editing_the_graph() {
+    let place = Place::new(INSERT);
+    for (node, size) in [("trace.depth", (96, 54)), ("pano", (64, 32)), ("env", (64, 32)), ("faces", (0, 0))]
+    {
+        let output = place.call(&["show", "graph.ron", node]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        assert_eq!(text(&output.stdout), format!("out/{node}.png\n"));
+        let shown = text(&place.call(&["inspect", &format!("out/{node}.png")]).stdout);
+        if node == "faces" {
+            // Six faces in a grid with gaps.
+            assert!(shown.contains("104x68 pixels") || shown.contains("68x104 pixels"), "{shown}");
+        } else {
+            assert!(shown.contains(&format!("{}x{} pixels", size.0, size.1)), "{shown}");
+        }
+    }
+    for (wrong, why) in [
+        ("demo.proxy", "`demo.proxy` has the type mesh"),
+        ("trace.deep", "`trace` has no output `deep`; it has"),
+        ("nobody", "no node `nobody`"),
+    ] {
+        let output = place.call(&["show", "graph.ron", wrong]);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(text(&output.stderr).contains(why), "{}", text(&output.stderr));
+    }
+}
+
+#[test]
+fn plates_and_cameras_are_compared_before_a_run() {
+    let place = Place::new(INSERT);
+    assert_eq!(place.call(&["check", "graph.ron"]).status.code(), Some(0));
+    place.run(&["--only", "save"]).good();
+    let plate = INSERT
+        .replace("nodes: (", "nodes: (plate: LoadImage(path: \"out/final.png\"),")
+        .replace("background: \"view\"", "background: \"plate\"")
+        .replace("width_px: 96, height_px: 54, fov", "width_px: 48, height_px: 54, fov");
+    place.write(&plate);
+    let output = place.call(&["check", "graph.ron"]);
+    assert_eq!(output.status.code(), Some(2));
+    let errors = text(&output.stderr);
+    assert!(errors.contains("`object` is 48x54 pixels, but `background` is 96x54"), "{errors}");
+}
+
+#[test]
+fn help_has_groups_and_an_example() {
+    let help = text(&Place::new("").call(&["--help"]).stdout);
+    for part in
+        ["Run a graph:\n", "Share and reproduce:\n", "Example:\n", "lightharmony run graph.ron", "Options:"]
+    {
+        assert!(help.contains(part), "{part} is missing in\n{help}");
+    }
+    let list = text(&Place::new("").call(&["nodes"]).stdout);
+    assert!(list.starts_with("load\n") && list.contains("\nwrite\n"), "{list}");
+    assert!(text(&Place::new("").call(&["nodes", "shadow"]).stdout).contains("shadow-ratio"));
+}

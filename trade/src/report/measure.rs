@@ -1,0 +1,93 @@
+//! The settings that a report measures.
+
+use std::collections::BTreeSet;
+
+use engine::PRESETS;
+
+use crate::attribution::{Attribution, attribution_settings, attributions};
+use crate::bench::{Bench, Miss};
+use crate::error::Error;
+use crate::metric::Metric;
+use crate::tunables::Assignment;
+
+/// Why there is nothing to report.
+#[derive(Debug)]
+pub enum Stop {
+    /// The user interrupted it.
+    Asked,
+    /// The time was over before the reference and the graph as it is were measured.
+    Late,
+    /// A setting failed.
+    Wrong(Error),
+}
+
+/// Indices of the points that a report shows, and the error that each node causes in the graph as it is.
+pub struct Measured {
+    /// The points of the presets, in the order of [`PRESETS`]; `None` where the time was over.
+    pub presets: [Option<usize>; 4],
+    /// The point of the preset `reference`.
+    pub reference: usize,
+    /// The point of the graph as it is.
+    pub now: usize,
+    /// The error of each node that has knobs, largest first.
+    pub attributions: Vec<Attribution>,
+    /// True if the time was over before everything was measured.
+    pub late: bool,
+}
+
+/// All settings that a report measures, in that order; with `reverse` also those in which all nodes but one are at the reference.
+pub fn settings(bench: &Bench<'_>, reverse: bool) -> Vec<Assignment> {
+    // The first one is what others are compared with.
+    let mut all = vec![bench.preset(REFERENCE), bench.now()];
+    all.extend((0..REFERENCE).rev().map(|level| bench.preset(level)));
+    let nodes = attribution_settings(bench);
+    all.extend(nodes.iter().map(|(_, alone, _)| alone.clone()));
+    all.extend(nodes.into_iter().filter(|_| reverse).map(|(_, _, all_but)| all_but));
+    let mut seen = BTreeSet::new();
+    all.retain(|setting| seen.insert(setting.clone()));
+    all
+}
+
+/// The index of `reference` in [`PRESETS`].
+const REFERENCE: usize = PRESETS.len() - 1;
+
+/// Measures the settings that a report shows, as far as there is time. Calls `each` after every setting that is new, with the
+/// index of its point.
+pub fn measure_all(
+    bench: &mut Bench<'_>,
+    metric: &Metric,
+    reverse: bool,
+    mut each: impl FnMut(&mut Bench<'_>, usize),
+) -> Result<Measured, Stop> {
+    let mut late = false;
+    let mut measure = |bench: &mut Bench<'_>, assignment: Assignment| -> Result<Option<usize>, Stop> {
+        let name = bench.name(&assignment);
+        let known = bench.points.len();
+        match bench.measure(&assignment) {
+            Ok(at) => {
+                if at == known {
+                    each(bench, at);
+                }
+                Ok(Some(at))
+            }
+            Err(Miss::Late) => {
+                late = true;
+                Ok(None)
+            }
+            Err(Miss::Stopped) => Err(Stop::Asked),
+            Err(Miss::Failed(why)) => Err(Stop::Wrong(Error::Setting { setting: name, why })),
+        }
+    };
+    let reference = bench.preset(REFERENCE);
+    let reference = measure(bench, reference)?.ok_or(Stop::Late)?;
+    let now = bench.now();
+    let now = measure(bench, now)?.ok_or(Stop::Late)?;
+    let mut presets = [None; 4];
+    presets[REFERENCE] = Some(reference);
+    for level in (0..REFERENCE).rev() {
+        let preset = bench.preset(level);
+        presets[level] = measure(bench, preset)?;
+    }
+    let attributions = attributions(bench, metric, reverse, measure)?;
+    Ok(Measured { presets, reference, now, attributions, late })
+}
