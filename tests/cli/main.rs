@@ -8,6 +8,7 @@ mod kill;
 mod layers;
 mod messages;
 mod names;
+mod reference;
 mod share;
 mod show;
 mod splats;

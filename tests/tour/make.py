@@ -89,7 +89,7 @@ python3 tests/tour/make.py target/release/lightharmony /tmp/tour > docs/tour.md
 ```
 
 `~` is that folder. Long outputs are cut, with a mark. Times are wall times of the machine that made the page,
-here two cores with nothing else to do.""")
+here two cores shared with other work.""")
 section("A first picture")
 transcript("lightharmony init first", most=6)
 transcript("lightharmony run graph.ron", "lightharmony run graph.ron", folder="first", most=20)

@@ -140,15 +140,15 @@ fn one_of_several_objects_that_is_not_seen_is_named() {
         // Behind the other one as the camera sees it.
         (
             ball(0.1, matte(0.5), DVec3::new(0.0, 1.5, -0.39)),
-            Some(("object-hidden", "the receiver hides object 1 ")),
+            Some(("object-hidden", "the receiver mesh hides object 1 ")),
         ),
         (
             ball(0.2, matte(0.5), DVec3::new(0.3, -0.5, -0.5)),
-            Some(("object-hidden", "the receiver hides object 1 ")),
+            Some(("object-hidden", "the receiver mesh hides object 1 ")),
         ),
         (
             ball(0.2, matte(0.5), DVec3::new(9.0, 0.0, 0.2)),
-            Some(("object-outside", "no picture shows object 1;")),
+            Some(("object-outside", "no view shows object 1;")),
         ),
         (ball(0.1, matte(0.5), DVec3::new(0.0, 0.0, 0.4)), None),
         (behind, None),
