@@ -80,7 +80,7 @@ const MOST_CUBES: usize = 1 << 16;
 
 impl Kind for ExtractMesh {
     const NAME: &'static str = "extract-mesh";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     type Params = Self;
     type In = In;
