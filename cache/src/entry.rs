@@ -93,19 +93,23 @@ pub(crate) fn scan<'a>(salt: u32, bytes: &'a [u8], mut found: impl FnMut(usize, 
     Scanned { end, torn, damaged }
 }
 
-/// How many bytes between two whole entries are entries cut short: those with a good head whose payload would extend
-/// beyond the gap, and the beginnings of heads at its end.
+/// Number of bytes in the gap between two whole entries that belong to entries cut short: a good head whose payload
+/// would extend beyond the next good head or the gap, and the beginning of a head.
 fn torn_bytes(salt: u32, gap: &[u8]) -> usize {
+    let length_at = |at: usize| gap[at..].first_chunk::<HEAD>().and_then(|head| length_in(salt, head));
     let (mut at, mut torn) = (0, 0);
     while at < gap.len() {
-        let rest = &gap[at..];
-        let cut = match rest.first_chunk::<HEAD>() {
-            Some(head) => length_in(salt, head).is_some_and(|length| length > rest.len()),
-            None => MAGIC.iter().zip(rest).all(|(a, b)| a == b),
+        let mut next = next_magic(gap, at + 1);
+        while next < gap.len() && length_at(next).is_none() {
+            next = next_magic(gap, next + 1);
+        }
+        let piece = &gap[at..next];
+        let cut = match length_at(at) {
+            Some(length) => length > piece.len(),
+            None => piece.len() < HEAD && MAGIC.iter().zip(piece).all(|(a, b)| a == b),
         };
-        let next = next_magic(gap, at + 1);
         if cut {
-            torn += next - at;
+            torn += piece.len();
         }
         at = next;
     }
@@ -183,8 +187,8 @@ mod tests {
             let joined = [&bytes[..cut], last].concat();
             let expected = Scanned { end: joined.len(), torn, damaged: 0 };
             assert_eq!(found(&joined), ([&starts[..4], &[cut]].concat(), expected), "cut at {cut}");
-            // Twice in a row, if as much as the magic is left of each.
-            if torn < MAGIC.len() {
+            // Twice in a row, if the head of each is left.
+            if torn < HEAD {
                 continue;
             }
             let twice = [&bytes[..cut], &bytes[starts[4]..cut], last].concat();

@@ -165,8 +165,8 @@ fn describe(kind: &KindEntry, width: usize) -> String {
         doc(&mut text, param.doc, COLUMN + 2, width);
         for (word, meaning) in (param.choices)() {
             let meaning = paragraphs(meaning).join(" ");
-            let head = format!("{}{word}: ", " ".repeat(COLUMN + 2));
-            text.push_str(&wrapped(&meaning, &head, COLUMN + 4, width));
+            let head = " ".repeat(COLUMN + 2);
+            text.push_str(&wrapped(&format!("{word}: {meaning}"), &head, COLUMN + 4, width));
         }
         if let Some(knob) = &param.knob {
             let set = PRESETS.iter().zip(knob.ladder).filter(|(_, value)| !value.is_empty());

@@ -68,7 +68,7 @@ fn collecting_pinning_and_copying() {
     assert!(code == 0 && text.starts_with("copied 2 results"), "everything: {text}");
     assert_eq!(printed(&place, &["pin"]), (0, "nothing is pinned\n".to_owned()));
     let (code, text) = printed(&place, &["pin", "graph.ron"]);
-    assert!(code == 0 && text.contains("2 of 2 results are known"), "{text}");
+    assert!(code == 0 && text.contains("pinned 2 known results of 2 nodes"), "{text}");
     let (code, text) = printed(&place, &["gc", "--max-size", "0"]);
     assert!(code == 0 && text.contains("2 results are pinned and stay"), "{text}");
     assert_eq!(place.run(&[]).good().nodes("cached"), ["pic", "save"]);

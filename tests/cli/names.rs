@@ -10,7 +10,7 @@ const FRAMES: &str = r#"Graph(
     scene: (up: "+z"),
     axes: (frame: Range(998, 1004)),
     nodes: (
-        demo:   DemoScene(place: Courtyard, splats: 500, width_px: 16, height_px: 16, truth_width_px: 32),
+        demo:   DemoScene(place: Courtyard, splats: 2000, width_px: 16, height_px: 16, truth_width_px: 32),
         camera: Camera(eye: (2.0, -2.5, Axis("frame")), target: (0.0, 0.0, 0.2), width_px: 16, height_px: 16, fov_y_deg: 40.0),
         view:   SplatRender(splats: "demo.splats", rig: "camera"),
         each:   WriteImage(image: "view", path: "f_{frame}_{frame:6}.png"),

@@ -250,12 +250,12 @@ mod tests {
     #[test]
     fn what_is_no_axis_says_so() {
         for (text, wanted) in [
-            ("Range(0, 0)", "has no value: steps of 1 lead nowhere from 0 to 0"),
-            ("Range(4, 0)", "has no value"),
+            ("Range(0, 0)", "has no values: steps of 1 from 0 do not approach 0 (exclusive)"),
+            ("Range(4, 0)", "has no values"),
             ("Range(0, 1e9)", "has more than 100000 values"),
             ("Range(0, NaN)", "is not a valid range"),
-            ("Range(0, 1, 0)", "its step is not 0"),
-            ("Range(0, inf, 1)", "its numbers are finite"),
+            ("Range(0, 1, 0)", "its step must not be 0"),
+            ("Range(0, inf, 1)", "its numbers must be finite"),
         ] {
             assert!(values(text).is_err_and(|why| why.contains(wanted)), "{text}");
         }
@@ -295,7 +295,7 @@ mod tests {
         assert!(wrong("Track(\"file\", [(0, 1)])").message.contains("needs an axis of numbers"));
         assert!(wrong("Track(\"frame\", [])").message.contains("ascend"));
         assert!(wrong("Track(\"frame\", [(1, 1), (1, 2)])").message.contains("ascend"));
-        assert!(wrong("Track(\"frame\", [(0, 1), (1, (1, 2))])").message.contains("of one length"));
+        assert!(wrong("Track(\"frame\", [(0, 1), (1, (1, 2))])").message.contains("of the same length"));
         assert!(wrong("Track(\"frame\", [(0, \"a\")])").message.contains("written"));
     }
 }

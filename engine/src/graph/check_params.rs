@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::graph::axis::{Axis, axes_read};
+use crate::graph::axis_names::with_value;
 use crate::graph::checker::{Check, Field, Template};
 use crate::graph::node::{FieldPlaces, Node};
 use crate::kind::fields::Fields;
@@ -172,13 +173,13 @@ fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
     }
     let mut plain = path.replace("{view}", "");
     for axis in axes {
-        plain = plain.replace(&format!("{{{}}}", axis.name), "");
+        plain = with_value(&plain, axis.name, |_| String::new());
     }
     if plain.contains(['{', '}']) {
         return Err("the only placeholders are `{view}`, the name of the view, and the names of axes");
     }
     // These characters have other meanings on other systems.
-    if path.contains(['\\', ':']) || path.chars().any(char::is_control) {
+    if plain.contains(['\\', ':']) || path.chars().any(char::is_control) {
         return Err("write `/` between folders, and no `\\` or `:`");
     }
     for part in std::path::Path::new(path).components() {

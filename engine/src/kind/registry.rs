@@ -71,6 +71,9 @@ impl<K: Kind> Step for StepOf<K> {
     }
 }
 
+/// [`Kind::former`]: a field name and all fields as written, by name and text.
+type FormerField = fn(&str, &[(&str, &str)]) -> Option<Former>;
+
 /// The engine's view of a kind.
 pub struct KindEntry {
     /// Kebab-case name.
@@ -104,7 +107,7 @@ pub struct KindEntry {
     /// True if a parameter names a source file.
     pub(crate) reads_files: bool,
     /// [`Kind::former`].
-    pub(crate) former: fn(&str, &[(&str, &str)]) -> Option<Former>,
+    pub(crate) former: FormerField,
     pub(crate) read: fn(&mut Fields<'_, '_>) -> Option<Arc<dyn Step>>,
 }
 

@@ -196,7 +196,7 @@ impl Recipe {
                     let path = source.file.path.display();
                     let what = if known.contains(&now) {
                         format!(
-                            "`{path}`, which `{}` reads, was not one of the source files of the picture",
+                            "`{path}`, which `{}` reads, was at another position among its files when the picture was made",
                             node.id
                         )
                     } else {

@@ -132,7 +132,7 @@ impl<'t> Parser<'t> {
                     parser.document.parameters = parser.block(span, how).unwrap_or_default();
                 }
                 "include" if parser.sort == FileKind::Graph => {
-                    parser.document.include = parser.value(name, span)
+                    parser.document.include = parser.value(name, span);
                 }
                 "presets" if parser.sort == FileKind::Graph => {
                     let how = "`presets` is written `presets: (draft: (trace: (samples: 4)))`";

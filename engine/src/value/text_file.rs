@@ -53,25 +53,25 @@ mod tests {
 
     #[test]
     fn regular_files_up_to_the_limit_are_read_and_nothing_else() {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = tempfile::tempdir().expect("works");
         let path = folder.path().join("text");
-        std::fs::write(&path, "ä234").unwrap();
-        assert_eq!(read_text(&path, 5).unwrap(), "ä234");
-        assert_eq!(read_text(&path, 4).unwrap_err().kind(), ErrorKind::FileTooLarge);
-        std::fs::write(&path, [0xff]).unwrap();
-        assert_eq!(read_text(&path, 5).unwrap_err().kind(), ErrorKind::InvalidData);
-        let of = |path: &Path| read_text(path, 5).unwrap_err().to_string();
+        std::fs::write(&path, "ä234").expect("works");
+        assert_eq!(read_text(&path, 5).expect("works"), "ä234");
+        assert_eq!(read_text(&path, 4).expect_err("is refused").kind(), ErrorKind::FileTooLarge);
+        std::fs::write(&path, [0xff]).expect("works");
+        assert_eq!(read_text(&path, 5).expect_err("is refused").kind(), ErrorKind::InvalidData);
+        let of = |path: &Path| read_text(path, 5).expect_err("is refused").to_string();
         assert_eq!(of(folder.path()), "it is a folder, not a regular file");
         if cfg!(unix) {
             assert_eq!(of(Path::new("/dev/zero")), "it is a device, not a regular file");
             let pipe = folder.path().join("pipe");
-            assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+            assert!(std::process::Command::new("mkfifo").arg(&pipe).status().expect("works").success());
             assert_eq!(of(&pipe), "it is a pipe, not a regular file");
         }
         // Sparse: nothing of it is read.
-        File::create(&path).unwrap().set_len(1 << 40).unwrap();
+        File::create(&path).expect("works").set_len(1 << 40).expect("works");
         assert_eq!(
-            read_text(&path, MAX_GRAPH_BYTES).unwrap_err().to_string(),
+            read_text(&path, MAX_GRAPH_BYTES).expect_err("is refused").to_string(),
             "it is longer than 64 MiB, the limit of a graph file"
         );
     }

@@ -390,10 +390,10 @@ mod tests {
             good: false,
         };
         let (path, written) = (PathBuf::from("out/a.png"), true);
-        sender.send(Input::Quit).unwrap();
+        sender.send(Input::Quit).expect("works");
         let event = Event::File { id: "save".to_owned(), path: path.clone(), written, preview: false };
-        sender.send(Input::Event(event)).unwrap();
-        sender.send(Input::Ended).unwrap();
+        sender.send(Input::Event(event)).expect("works");
+        sender.send(Input::Ended).expect("works");
         assert!(session.drain(), "it quits");
         assert!(session.shown.get(&path).is_some_and(|file| file.shown == Shown::Right));
         assert!(session.inputs.try_recv().is_err(), "nothing is left unread");

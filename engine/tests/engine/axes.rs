@@ -126,7 +126,7 @@ fn mistakes_of_axes_have_their_place() {
         (
             yaw,
             r#"a: Number(value: Axis("yaw")), s: WriteNumber(number: "a", path: "a.txt"),"#,
-            &["`a.txt` is one file", "put `{yaw}` into the path"],
+            &["`a.txt` names one file", "put `{yaw}` into the path"],
         ),
         (
             yaw,

@@ -183,7 +183,7 @@ fn a_lock_reports_what_differs() {
     std::fs::write(outer.path().join("far.txt"), "6").unwrap();
     let changed = known.differences(&lock(&graph));
     assert!(
-        matches!(&changed.before[..], [line] if line.starts_with("`../far.txt` has other content")),
+        matches!(&changed.before[..], [line] if line.starts_with("`../far.txt` has the content")),
         "{changed:?}"
     );
     let other = Lock { kinds: [("add".to_owned(), (2, "portable".to_owned()))].into(), ..known.clone() };
@@ -358,7 +358,11 @@ fn files_of_one_name_are_those_that_were_read_in_order() {
     };
     assert!(settle("c").is_ok() && settle("").is_ok());
     let errors = settle("b").unwrap_err().to_string();
-    assert!(errors.contains("`c`, with the files that were read") && errors.contains("--inputs"), "{errors}");
+    assert!(
+        errors.contains("is or contains `c` with the files this picture was made from")
+            && errors.contains("--inputs"),
+        "{errors}"
+    );
 }
 
 #[test]
@@ -381,9 +385,9 @@ fn files_that_cannot_be_distinguished_are_refused() {
     };
     assert_eq!(others(r#"path: "../a/p.txt", more: ["../b/p.txt"]"#), [""; 0]);
     let swapped = others(r#"path: "../b/p.txt", more: ["../a/p.txt"]"#);
-    assert!(swapped.len() == 2 && swapped[0].contains("not in the place"), "{swapped:?}");
+    assert!(swapped.len() == 2 && swapped[0].contains("at another position"), "{swapped:?}");
     assert_eq!(others(r#"path: "../a/p.txt", more: ["../a/p.txt"]"#).len(), 1);
-    assert!(others(r#"path: "../a/p.txt""#)[0].contains("does not read `p.txt`"));
+    assert!(others(r#"path: "../a/p.txt""#)[0].contains("no longer reads `p.txt`"));
     assert_eq!(others(r#"path: "../a/p.txt", more: ["../b/p.txt", "../z.txt"]"#).len(), 1);
 }
 

@@ -34,8 +34,8 @@ fn a_short_node_runs_though_large_ones_have_every_thread() {
     lab.run("a: Number(), s: Slow(value: \"a\", millis: 20)");
     let log = lab.run(
         "a: Number(),
-         one: Slow(value: \"a\", millis: 1500), two: Slow(value: \"one\", millis: 1500),
-         three: Slow(value: \"a\", millis: 2500), four: Slow(value: \"a\", millis: 2500),
+         one: Slow(value: \"a\", millis: 1500), two: Slow(value: \"one\", millis: 1600),
+         three: Slow(value: \"a\", millis: 2500), four: Slow(value: \"a\", millis: 2600),
          b: Slow(value: \"a\", millis: 50), c: Slow(value: \"b\", millis: 20),
          w: Scale(value: \"c\")",
     );

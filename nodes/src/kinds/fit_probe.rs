@@ -159,7 +159,7 @@ mod tests {
                     [a.fx - b.fx, a.fy - b.fy, a.cx - b.cx, a.cy - b.cy].iter().all(|off| off.abs() < 1e-9)
                 );
             }
-            assert_eq!(reported.contains("in place of"), enough < side, "{reported}");
+            assert_eq!(reported.contains("instead of"), enough < side, "{reported}");
             let (kept, reported) = run(side, roughness, lit(128, disc_deg), false);
             assert_eq!(*kept, smaller(side), "{reported}");
         }

@@ -74,7 +74,7 @@ impl Kind for Plane {
         let [right, forward, up] = equirect::axes(cx.up()).map(turned);
         let middle = at.translation();
         let straight = right.cross(forward).dot(up);
-        if !middle.is_finite() || !(straight > 0.5) {
+        if !middle.is_finite() || straight.is_nan() || straight <= 0.5 {
             return Err(NodeError::new("the pose is not finite, or has no ground plane").at("at"));
         }
         let sides = [params.width_metres, params.depth_metres];

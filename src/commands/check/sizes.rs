@@ -141,7 +141,7 @@ mod tests {
         std::fs::write(folder.path().join("plate.png"), bytes).expect("it is written");
         let text = format!(
             r#"Graph(version: 1, scene: (up: "+z"), nodes: (
-                demo:  DemoScene(place: Courtyard, splats: 500, width_px: 32, height_px: 24),
+                demo:  DemoScene(place: Courtyard, splats: 2000, width_px: 32, height_px: 24),
                 pose:  Pose(), put: Place(object: "demo.object", pose: "pose"),
                 cam:   {camera},
                 plate: LoadImage(path: "plate.png"),

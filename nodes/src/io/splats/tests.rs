@@ -392,7 +392,7 @@ fn what_follows_the_splats_is_reported() {
 fn unknown_content_is_refused_in_words() {
     for (bytes, says) in [
         (&b""[..], "empty"),
-        (b"\x89PNG\r\n\x1a\n rest of a picture, not a scene", "no known format"),
+        (b"\x89PNG\r\n\x1a\n rest of a picture, not a scene", "not a known format"),
         (b"{\"frames\": []}", "neither glTF nor"),
         (b"ply\nformat ascii 1.0\nend_header\n", "binary_little_endian"),
         (b"ply\nformat binary_little_endian 1.0\nelement face 0\nend_header\n", "no element `vertex`"),

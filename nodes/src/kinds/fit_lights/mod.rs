@@ -35,7 +35,7 @@ engine::params! {
     /// environment is unchanged. Clipped mesh colours count as openings, so the sun may shine through a window.
     pub struct FitLights {
         /// Number of surface points to compare.
-        points: u32 = 12000, range(200, 200000), other("400");
+        points: u32 = 12000, range(200, 200000), other("400"), inert("the panorama of the test graph is not clipped above the horizon");
         /// By which share of its error a sun must improve the explanation of the colours to be accepted. True suns of
         /// open places reach 0.1 to 0.3; chance stays below 0.01.
         min_gain: f64 = 0.03, range(0.0, 1.0), other("0.9"), inert("the light of the test graph has no sun at any of the two");

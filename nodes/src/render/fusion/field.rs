@@ -246,7 +246,7 @@ impl<'a> Field<'a> {
             let blocks: Vec<usize> =
                 (0..self.blocks.len()).filter(|i| self.blocks[*i].cube.level == level).collect();
             let field = &*self;
-            let changes = cx.for_each_tile(blocks.len(), |i| field.from_finer(&field.blocks[blocks[i]]))?;
+            let changes = cx.for_each_tile(blocks.len(), |i| field.inherited(&field.blocks[blocks[i]]))?;
             for (block, changes) in blocks.into_iter().zip(changes).filter(|(_, changes)| !changes.is_empty())
             {
                 let block = &mut self.blocks[block];
@@ -261,7 +261,7 @@ impl<'a> Field<'a> {
     }
 
     /// The corners of a block that finer ones share: number, distance and views.
-    fn from_finer(&self, block: &Block) -> Vec<(usize, f32, u8)> {
+    fn inherited(&self, block: &Block) -> Vec<(usize, f32, u8)> {
         let level = block.cube.level;
         let side = self.levels.cell_of(level) * SIDE as f32;
         if self.levels.distance_to(block.cube) - 1.8 * side >= self.levels.reach[level as usize - 1] {

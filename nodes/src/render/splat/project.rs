@@ -21,8 +21,8 @@ use crate::types::Splats;
 const CHUNK_BITS: u32 = 13;
 const CHUNK: usize = 1 << CHUNK_BITS;
 
-/// A splat on the image plane. Its alpha at the pixel centre (x, y) is `opacity * 2^-(t^2 + s^2)` with `t = l11 (x
-/// - u) + l21 (y - v)` and `s = l22 (y - v)`: the Cholesky factor of the inverse covariance, which keeps needles
+/// A splat on the image plane. Its alpha at the pixel centre (x, y) is `opacity * 2^-(t^2 + s^2)` with
+/// `t = l11 (x - u) + l21 (y - v)` and `s = l22 (y - v)`: the Cholesky factor of the inverse covariance, which keeps needles
 /// exact where `a dx^2 + 2 b dx dy + c dy^2` cancels. Fits one cache line, since tiles access footprints in random
 /// order.
 #[derive(Debug, Clone, Copy)]

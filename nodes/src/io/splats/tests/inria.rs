@@ -145,7 +145,7 @@ fn sog_meta_of_other_versions_and_wrong_codebooks_are_refused() {
     assert!(says("{}").contains("missing field"));
     assert!(says("{\"version\": 9}").contains("version 9"));
     assert!(says("{\"version\": 2}").contains("missing field"));
-    assert!(says("[").contains("no SOG"));
+    assert!(says("[").contains("not a SOG"));
 }
 
 /// An untrusted scene reads files in its own folder only. Mutation: the check of names dropped.

@@ -292,7 +292,7 @@ fn mirrors_show_no_texels() {
     let mut env = constant(Up::PlusZ, [0.0; 3], 16);
     let texels = env.image.samples.iter_mut().enumerate();
     texels.for_each(|(i, v)| {
-        *v = 0.2 + crate::geometry::sampling::unit(crate::geometry::sampling::mix(i as u32))
+        *v = 0.2 + crate::geometry::sampling::unit(crate::geometry::sampling::mix(i as u32));
     });
     let sky = EnvironmentLight::new(&env);
     let mirror = Material { metallic: 1.0, roughness: 0.0, ..matte(1.0) };

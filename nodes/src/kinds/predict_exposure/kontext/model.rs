@@ -102,7 +102,7 @@ impl Kontext<'_> {
             made.iter().map(learned::flux::samples).collect::<Result<Vec<_>, _>>().map_err(error)?;
         let gains = gains(&small, &exposures);
         if mask.contains(&true) {
-            enter(books, (width, height), &small, &gains, pixels, mask, cx)?;
+            record(books, (width, height), &small, &gains, pixels, mask, cx)?;
         }
         let (mut log2_gain, mut still) = (vec![0.0; mask.len()], 0);
         for (at, gain) in log2_gain.iter_mut().enumerate().filter(|(at, _)| mask[*at]) {

@@ -52,7 +52,7 @@ fn depth_is_where_the_splat_is_densest_along_the_ray() {
             );
         }
     }
-    assert!(pixels > 1000 && held > 5 && far > 5, "{pixels} pixels, {held} held, {far} far off");
+    assert!(pixels > 1000 && far > 5, "{pixels} pixels, {held} held, {far} far off");
 }
 
 /// A floor of flat splats a metre under the eye, turned a little by `tilt` at random.

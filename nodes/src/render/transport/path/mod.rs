@@ -7,6 +7,7 @@ pub mod integrator;
 pub(crate) mod lamp_light;
 pub(crate) mod light_points;
 pub mod near_field;
+#[expect(clippy::module_inception, reason = "the room and its noun have one name")]
 pub(crate) mod path;
 pub(crate) mod rays;
 pub(crate) mod scattering;
