@@ -172,7 +172,7 @@ fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
 
     place.write(r#"Graph(version: 1, scene: (up: "+z"), nodes: (photo: LoadImage(path: "out/final.png"), save: WriteImage(image: "photo", path: "b.png")))"#);
     let (code, reported) = error(&["--max-work", "1e9"]);
-    assert!(code == Some(2) && reported.contains("no knob affects `photo`"), "{reported}");
+    assert!(code == Some(2) && reported.contains("no knob changes `photo`"), "{reported}");
 }
 
 /// A preset that sets a field that varies along an axis gives other nodes, so comparing pictures fails with that

@@ -128,7 +128,7 @@ mod tests {
 
     const GRAPH: &str = r#"Graph(
         version: 1, scene: (up: "+z", seed: 1), nodes: (
-            demo: DemoScene(place: Courtyard, splats: 500, width_px: 16, height_px: 12),
+            demo: DemoScene(place: Courtyard, splats: 2000, width_px: 16, height_px: 16),
             view: SplatRender(splats: "demo.splats", rig: "demo.rig", alpha_cut: 0.03),
             save: WriteImage(image: "view.colour", path: "a.png"),
         ),

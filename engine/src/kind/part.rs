@@ -17,7 +17,7 @@ pub struct Part<'a> {
     pub inputs: &'a [&'static str],
 }
 
-/// Storage of parts: the engine's side of [`Context::part`].
+/// Storage of parts: the engine's side of `Context::part`.
 pub(crate) trait PartStore: Send + Sync {
     /// The stored bytes of a part, and the time and counts that it took.
     fn load(&self, part: Part<'_>, extra: &str) -> Option<(Vec<u8>, Effort)>;

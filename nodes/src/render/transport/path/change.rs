@@ -26,7 +26,7 @@ const RAYS: f32 = 1.0;
 pub struct ChangeSampling<'a> {
     /// Sampled directions of the part of the sky that the objects can block.
     pub drawn: &'a [DrawnDirection],
-    /// Probability that the sample estimates the change: see [`asks`].
+    /// Probability that the sample estimates the change: see [`estimates_change`].
     pub probability: f32,
     /// Start of rays to the objects.
     pub start: Vec3,

@@ -37,7 +37,7 @@ pub struct Scene<'a> {
 }
 
 /// The contents of the paths of a sample and the sampling of their first vertex. A sub-path that differs gets a
-/// changed copy, by [`Integrator::with`].
+/// changed copy, by `Integrator::with`.
 #[derive(Debug, Clone, Copy)]
 pub struct Pass<'a> {
     /// Random numbers.

@@ -67,7 +67,7 @@ impl Objects {
         around
     }
 
-    /// The largest number of nested bodies found at sample points of their surfaces, if it exceeds [`MOST`].
+    /// The largest number of nested bodies found at sample points of their surfaces, if it exceeds `MOST`.
     pub fn nested_too_deep(&self) -> Option<usize> {
         if self.bodies.len() <= MOST {
             return None;

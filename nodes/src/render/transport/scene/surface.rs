@@ -13,7 +13,7 @@ pub struct Surface {
     pub position: Vec3,
     /// Unit geometric normal on the side of the viewer.
     pub normal: Vec3,
-    /// Offset of rays that leave the surface: see [`super::face`].
+    /// Offset of rays that leave the surface: see `super::face`.
     pub margin: f32,
     /// Scattering function.
     pub bsdf: Bsdf,
