@@ -11,7 +11,7 @@ use super::levels::{Cube, Levels, SIDE};
 /// Corners along the side of a cube. Those on its sides belong to its neighbours as well, which hold the same numbers.
 pub const CORNERS: usize = SIDE as usize + 1;
 /// Corners of a cube.
-const ALL: usize = CORNERS * CORNERS * CORNERS;
+pub(super) const ALL: usize = CORNERS * CORNERS * CORNERS;
 
 /// How far from the surface distances are reported apart, in cells.
 const BAND: f32 = 3.0;
@@ -30,7 +30,9 @@ const VIEWS: u8 = 2;
 pub struct Block {
     pub cube: Cube,
     /// Distance to the surface in world units, negative behind it; 0 where no view says.
-    distance: Box<[f32; ALL]>,
+    pub(super) distance: Box<[f32; ALL]>,
+    /// Standard deviation of the distances that views report at the surface, in world units.
+    pub(super) deviation: f32,
     /// Views that see the surface near each corner, or through it; 0 where none does.
     views: Box<[u8; ALL]>,
     /// Bits of the cells all of whose corners have a distance.
@@ -129,6 +131,8 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
     let half = 0.5 * SIDE as f32 * cell;
     let (middle, radius) = (place(0, 0, 0) + Vec3::splat(half), half * 1.7321);
     let (mut sums, mut weights, mut counts) = ([0.0_f32; ALL], [0.0_f32; ALL], [0_u8; ALL]);
+    // Of what views see as a surface alone: weights, distances and their squares.
+    let mut at_surface = [[0.0_f32; 3]; ALL];
     let mut row = Row::default();
     for view in views.iter().filter(|view| view.may_see(middle, radius, BEHIND * band)) {
         for z in 0..CORNERS {
@@ -156,6 +160,10 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
                     } else {
                         weight *= cosine * cosine;
                         counts[at] = counts[at].saturating_add(u8::from(weight > 0.0));
+                        let by_weight = weight * distance;
+                        let [all, sum, squares] = &mut at_surface[at];
+                        (*all, *sum) = (*all + weight, *sum + by_weight);
+                        *squares += by_weight * distance;
                     }
                     sums[at] += weight * distance;
                     weights[at] += weight;
@@ -163,14 +171,28 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
             }
         }
     }
-    let mut block =
-        Block { cube, distance: Box::new([0.0; ALL]), views: Box::new([0; ALL]), whole: [0; SIDE as usize] };
+    let mut block = Block {
+        cube,
+        distance: Box::new([0.0; ALL]),
+        deviation: 0.0,
+        views: Box::new([0; ALL]),
+        whole: [0; SIDE as usize],
+    };
+    let mut deviations: Vec<f32> = Vec::new();
     for at in 0..ALL {
         if weights[at] > 0.0 {
             block.distance[at] = sums[at] / weights[at];
             block.views[at] = counts[at].max(1);
+            let [all, sum, squares] = at_surface[at];
+            if counts[at] >= VIEWS && block.distance[at].abs() < cell {
+                let mean = sum / all;
+                deviations.push((squares / all - mean * mean).max(0.0).sqrt());
+            }
         }
     }
+    // The median: at edges, where views see other surfaces, the deviation is not noise.
+    deviations.sort_unstable_by(f32::total_cmp);
+    block.deviation = deviations.get(deviations.len() / 2).copied().unwrap_or(0.0);
     block.mark_whole();
     block
 }
@@ -223,6 +245,7 @@ impl<'a> Field<'a> {
             kept.collect::<Vec<_>>()
         })?;
         let mut field = Self { levels, blocks: groups.into_iter().flatten().collect() };
+        field.flatten(cx)?;
         field.join_levels(cx)?;
         Ok(field)
     }

@@ -5,7 +5,7 @@
 use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*, u32x8};
 
 use super::bin::TILE;
-use super::peak::{COUNTS_DOWN_TO, Peak, SHEET};
+use super::peak::{COUNTS_DOWN_TO, HELD_COUNTS, Peak, SHEET};
 use super::project::Footprint;
 use super::tile::{Blended, Pixel, Task};
 use super::{DepthMode, Sort};
@@ -251,12 +251,15 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
                     }
                     RAY_MEDIAN => {
                         let inverse = columns[vector / TILE] * inverse_step + inverse_of[vector % TILE];
-                        let inverse = inverse.max(peak.least as f32).min(peak.most as f32);
+                        let (least, most) = (peak.least as f32, peak.most as f32);
+                        let held = inverse.simd_lt(least) | inverse.simd_gt(most);
+                        let inverse = inverse.max(least).min(most);
                         let sum = &mut pixels.depth_weight[vector];
                         (f32x8::from_slice(simd, sum) + weight * inverse).store_slice(sum);
                         // A sheet that hides less than a half gives way to what lies elsewhere.
                         let open = before.simd_gt(half_seen);
                         let counted = (before * (1.0 / COUNTS_DOWN_TO) as f32).min(1.0) * alpha;
+                        let counted = held.select(counted * HELD_COUNTS as f32, counted);
                         let counted = going.select(counted, zero);
                         let sum = f32x8::from_slice(simd, &pixels.sheet[vector]);
                         let all = f32x8::from_slice(simd, &pixels.sheet_weight[vector]);

@@ -2,7 +2,7 @@
 
 use super::DepthMode;
 use super::bin::TILE;
-use super::peak::{COUNTS_DOWN_TO, SHEET};
+use super::peak::{COUNTS_DOWN_TO, HELD_COUNTS, SHEET};
 use super::tile::{Blended, Pixel, Task};
 use crate::math::num;
 
@@ -84,7 +84,10 @@ pub(super) fn blend(task: &Task<'_, '_>) -> Blended {
                             depth[at] = 1.0 / inverse;
                         }
                         depth_weight[at] += weight * inverse;
-                        let counted = alpha * (transmittance[at] * (1.0 / COUNTS_DOWN_TO)).min(1.0);
+                        let held = inverse <= peak.least || inverse >= peak.most;
+                        let counted = alpha
+                            * (transmittance[at] * (1.0 / COUNTS_DOWN_TO)).min(1.0)
+                            * if held { HELD_COUNTS } else { 1.0 };
                         let [sum, all] = &mut sheet[at];
                         let (near, open) =
                             ((inverse * *all - *sum).abs() <= SHEET * *sum, transmittance[at] > 0.5);

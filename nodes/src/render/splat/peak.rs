@@ -25,6 +25,10 @@ pub(super) const SHEET: f64 = 0.02;
 /// others are of the sheet as those in front are, but what hides behind it is not.
 pub(super) const COUNTS_DOWN_TO: f64 = 0.25;
 
+/// The share with which a splat counts in the mean of a sheet where its peak is held: that is not where the surface is, but better
+/// than nothing where no other splat is visible.
+pub(super) const HELD_COUNTS: f64 = 0.01;
+
 /// The peaks of a splat over the pixels around its centre. One line of the cache, as a footprint.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
