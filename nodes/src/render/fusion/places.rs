@@ -22,6 +22,8 @@ const AZIMUTHS: usize = 12;
 const RISES: [f32; 3] = [-1.2, 0.0, 1.6];
 /// The share of what is seen from a place that may lie nearer than the clearance.
 const NEARER: f64 = 0.02;
+/// Metres of room that a given place has at least; one of less stands in something.
+const BLOCKED_METRES: f64 = 0.02;
 /// Degrees across of the views from above.
 const STEEP_DEG: f64 = 70.0;
 /// Where they stand: metres above the ground and aside, tried from the first to the last.
@@ -49,6 +51,8 @@ pub struct Places {
     pub eyes: Vec<Vec3>,
     /// Number of given places, which come first.
     pub given: usize,
+    /// Given places that stand in something, and were left out.
+    pub blocked: usize,
     /// Clearance, in world units.
     pub clearance: f32,
     /// Places that turned out too near to something.
@@ -138,6 +142,7 @@ impl Places {
             views: Vec::new(),
             eyes: Vec::new(),
             given: 0,
+            blocked: 0,
             clearance: 0.0,
             failed: 0,
             steep: 0,
@@ -149,7 +154,12 @@ impl Places {
             cx.check()?;
             let faces = ground.around(seed, places.eyes.len(), cx)?;
             let distances = distances(&faces);
-            nearest.push(distances[(NEARER * distances.len() as f64) as usize]);
+            let room = distances[(NEARER * distances.len() as f64) as usize];
+            if f64::from(room) < BLOCKED_METRES * ground.metre {
+                places.blocked += 1;
+                continue;
+            }
+            nearest.push(room);
             all.extend(distances.iter().filter(|d| d.is_finite()));
             places.eyes.push(seed);
             places.views.extend(faces);
@@ -162,6 +172,9 @@ impl Places {
         // Half of what is nearest to the given place in the middle: where one can stand, one can stand again.
         let roomy = nearest.get(nearest.len() / 2).copied().unwrap_or(f32::INFINITY);
         places.clearance = ((0.35 * ground.metre) as f32).min(0.5 * roomy);
+        if places.given == 0 {
+            return Ok(places);
+        }
         if places.clearance.is_finite() && places.clearance > 0.0 {
             places.grow(ground, focus, most, up, progress, cx)?;
         }
