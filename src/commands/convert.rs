@@ -144,7 +144,7 @@ impl Convert {
             check_folder(&self.output)?;
             let frame = if turned && gltf(&self.input) { MeshFrame::Gltf } else { MeshFrame::World };
             let path = InputFile(self.input.display().to_string());
-            let params = LoadMesh { path, colours: ColourEncoding::Auto, frame };
+            let params = LoadMesh { path, colours: ColourEncoding::Auto, frame, matrix: None };
             let (out, notes) = LoadMesh::run(&params, load_mesh::In {}, &cx)?;
             Ok((encode_mesh(&out.mesh, format, turned.then_some((up, 1.0))), out.mesh, notes))
         };

@@ -97,5 +97,5 @@ fn converting_makes_no_folder_and_no_empty_scene() {
     // Splats of 1000 units are cut to 379, which is more than a note.
     std::fs::write(place.path("large.ply"), room(1.0, 10.8)).unwrap();
     let (code, text) = printed(&place.call(&["convert", "large.ply", "large.spz", "--up", "+z"]));
-    assert!(code == Some(0) && text.contains("warning 2100 of 2700 axes lie beyond"), "{text}");
+    assert!(code == Some(0) && text.contains("warning 2100 of 2700 axes are outside"), "{text}");
 }
