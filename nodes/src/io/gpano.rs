@@ -164,7 +164,7 @@ mod tests {
             ["1e9", "1e9", "128", "64", "0", "0"],
         ] {
             let reported = place(wrong, [128, 64]).expect_err("is refused");
-            assert!(reported.contains("part"), "{reported}");
+            assert!(reported.contains("crop"), "{reported}");
         }
         assert!(place(half, [128, 128]).is_err());
         assert_eq!(GPano::find(b"GPano:FullPanoWidthPixels=\"no\""), None);

@@ -33,7 +33,6 @@ struct World {
     object: Arc<Object>,
     pose: Pose,
     rig: Rig,
-    near: f64,
     /// Height below which the mesh is the receiver.
     below: f64,
     metres_per_unit: f64,
@@ -71,7 +70,6 @@ impl World {
             object: self.object.clone(),
             pose,
             rig,
-            near: self.near * scale,
             below: self.below * scale + by.z,
             metres_per_unit: self.metres_per_unit / scale,
             origin: by,
@@ -88,9 +86,8 @@ impl World {
         let (splats, rig, pose) =
             (Arc::new(self.splats.clone()), Arc::new(self.rig.clone()), Arc::new(self.pose.clone()));
         let draw = |rig: &Arc<Rig>| {
-            let drawing = Drawing { near: self.near, ..Drawing::default() };
             let inputs = splat_render::In { splats: splats.clone(), rig: rig.clone(), limit: None };
-            SplatRender::run(&(SplatRender::default(), drawing), inputs, &cx).unwrap().0
+            SplatRender::run(&(SplatRender::default(), Drawing::default()), inputs, &cx).unwrap().0
         };
         let probe = CubeRig { height_metres: 0.3, size_px: 32, ..CubeRig::default() };
         let probe = CubeRig::run(&probe, cube_rig::In { at: pose.clone() }, &cx).unwrap().0.rig;
@@ -164,7 +161,6 @@ fn the_whole_insertion_does_not_depend_on_where_or_how_large_the_world_is() {
         object: Arc::new(run.value("demo.object")),
         pose: run.value("pose.pose"),
         rig: run.value("demo.rig"),
-        near: 0.2,
         below: 2.037,
         metres_per_unit: 1.0,
         origin: DVec3::ZERO,

@@ -94,7 +94,7 @@ mod tests {
         assert_eq!(said(weights.conv("a", Some(3), 1, 0)), what);
         let bytes = file(Dtype::F32, vec![1], &f32::NAN.to_le_bytes());
         let weights = Weights::parse("w", &bytes).expect("parses");
-        assert_eq!(said(weights.conv("a", None, 1, 0)), "`w`: tensor `a.weight` holds NaN at 0");
+        assert_eq!(said(weights.conv("a", None, 1, 0)), "`w`: tensor `a.weight` contains NaN at 0");
         let bytes = file(Dtype::U8, vec![4], &[0; 4]);
         let weights = Weights::parse("w", &bytes).expect("parses");
         assert!(said(weights.conv("a", None, 1, 0)).contains("holds U8"));

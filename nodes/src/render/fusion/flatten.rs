@@ -18,7 +18,7 @@ const FEWEST: f64 = 64.0;
 /// Length of the mean normal of a surface that faces one way.
 const COHERENT: f64 = 0.5;
 /// The share of the points that lie on the plane within its noise, where not all do.
-const ON_PLANE: f64 = 0.7;
+const ON_PLANE: f64 = 0.9;
 /// Blocks whose distances are held twice.
 const GROUP: usize = 1024;
 
