@@ -23,18 +23,7 @@ pub struct Nodes {
 /// and the last one.
 const STAGES: [(&str, &[&str]); 7] = [
     ("load", &["demo-scene"]),
-    (
-        "prepare",
-        &[
-            "crop-mesh",
-            "extract-mesh",
-            "override-material",
-            "plane",
-            "run-colmap",
-            "run-program",
-            "train-splats",
-        ],
-    ),
+    ("prepare", &["crop-mesh", "extract-mesh", "override-material", "plane"]),
     ("place", &["camera", "cube-rig", "fit-probe", "place", "pose", "snap"]),
     ("light", &["fit-lights", "fuse-hdr", "predict-exposure", "score-env", "splat-panorama", "stitch"]),
     (

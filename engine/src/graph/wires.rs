@@ -27,7 +27,7 @@ pub(crate) struct Named<'t> {
     pub scope: usize,
 }
 
-/// The meaning of a name.
+/// The node or output that a name refers to.
 pub(crate) struct End<'n> {
     pub node: usize,
     /// The output, if the name contains one.
