@@ -16,7 +16,15 @@
 //! # Ok::<(), cache::Error>(())
 //! ```
 //!
-//! # Guarantees - No reader ever gets bytes with another digest, or a record that was not stored completely. - What was stored successfully is not lost when a process is killed ([`Store::put_record`] has the one exception). A loss of power may lose what was stored since the last [`Store::flush`] (see [`Fsync`]), and never makes anything wrong. - No lock has to be removed, and no repair has to be run: processes may start, stop and be killed at any time. - Damage affects only the blob or record that contains it, is reported once as an [`Incident`], and is then removed. - Anything of the wrong type at the path of a file or folder of the cache is moved to the quarantine. Nothing is created at the target of a dangling link.
+//! # Guarantees
+//! - No reader ever gets bytes with another digest, or a record that was not stored completely.
+//! - What was stored successfully is not lost when a process is killed ([`Store::put_record`] has the one
+//!   exception). A loss of power may lose what was stored since the last [`Store::flush`] (see [`Fsync`]), and
+//!   never makes anything wrong.
+//! - No lock has to be removed, and no repair has to be run: processes may start, stop and be killed at any time.
+//! - Damage affects only the blob or record that contains it, is reported once as an [`Incident`], and is then removed.
+//! - Anything of the wrong type at the path of a file or folder of the cache is moved to the quarantine. Nothing is
+//!   created at the target of a dangling link.
 //!
 //! # Format 1 on disk
 //! ```text

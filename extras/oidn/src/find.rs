@@ -53,7 +53,8 @@ fn but(others: &[PathBuf]) -> String {
 /// Looks for the library in the folder that `LIGHTHARMONY_OIDN` names; where that is not set, in those of
 /// `LD_LIBRARY_PATH` and the usual ones. A graph cannot name it, because loading a library runs its code.
 ///
-/// # Errors If none of them holds a file of the library's name with a version.
+/// # Errors
+/// If none of them holds a file of the library's name with a version.
 pub fn find() -> Result<Found, Missing> {
     find_in(folders(std::env::var_os(FOLDER), std::env::var_os("LD_LIBRARY_PATH")))
 }

@@ -49,7 +49,8 @@ pub struct Surfaces<'a> {
 impl Found {
     /// Loads the library. It stays loaded until the program ends, since its threads may still run.
     ///
-    /// # Errors If the file is not the library, or needs other libraries that are missing.
+    /// # Errors
+    /// If the file is not the library, or needs other libraries that are missing.
     pub fn load(&self) -> Result<Library, Error> {
         let path = self.path.display().to_string();
         let failed = |why: libloading::Error| {

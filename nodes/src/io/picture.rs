@@ -216,7 +216,7 @@ fn finite(
         }
     }
     notes.count("not-a-number", lost, "samples are not numbers and were set to 0");
-    notes.count("infinite", capped, "samples are infinite and were set to 65504, the largest half");
+    notes.count("infinite", capped, "samples are infinite and were set to 65504, the largest 16-bit float");
     Ok(samples)
 }
 

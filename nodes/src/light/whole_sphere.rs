@@ -116,7 +116,12 @@ pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
         match *pixel {
             [y] | [y, _] => rgb.extend([y; 3]),
             [r, g, b] | [r, g, b, _] => rgb.extend([r, g, b]),
-            _ => return Err(Error::Mismatch(format!("{} channels are not colours", image.channels))),
+            _ => {
+                return Err(Error::Mismatch(format!(
+                    "the picture has {} channels; colour has 1 to 4",
+                    image.channels
+                )));
+            }
         }
     }
     Ok(rgb)
@@ -132,7 +137,11 @@ pub(crate) fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<
             [y, a] => ([y; 3], a),
             [r, g, b] => ([r, g, b], 1.0),
             [r, g, b, a] => ([r, g, b], a),
-            _ => return Err(Error::Mismatch(format!("{channels} channels are not colours"))),
+            _ => {
+                return Err(Error::Mismatch(format!(
+                    "the picture has {channels} channels; colour has 1 to 4"
+                )));
+            }
         };
         let [r, g, b] = colour.map(|v| v.clamp(0.0, f32::MAX));
         pixels.push([r, g, b, a.clamp(0.0, 1.0)]);

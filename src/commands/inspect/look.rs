@@ -152,7 +152,7 @@ pub(super) fn of_panorama(file: &Path, bytes: &[u8]) -> Result<Drawn, NodeError>
     let (width, height, channels) = picture.size();
     if width != 2 * height {
         let what = format!("{width} by {height} pixels are not a panorama, which is twice as wide as high");
-        return Err(NodeError::new(what).hint("a program for pictures shows it"));
+        return Err(NodeError::new(what).hint("open it in an image viewer"));
     }
     let decode = |v: f32| if matches!(picture, Picture::Srgb(_)) { linear_from_srgb(v) } else { v };
     let pixel = |x: usize, y: usize| {

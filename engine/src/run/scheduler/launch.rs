@@ -16,7 +16,7 @@ use crate::value::error::NodeError;
 use crate::value::root::FileHead;
 use crate::value::units::bytes_text;
 
-/// First and longest pause before a node asks again for a key that is being computed elsewhere.
+/// The first and the longest pause before the scheduler requests a key again that is being computed elsewhere.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
 /// Forecast in seconds below which a node does not wait for others to end.

@@ -153,7 +153,10 @@ fn harmonics<'a>(
     let Some(element) = header.find("sh") else { return Ok(None) };
     let wrong = |what: String| Error::format(file, what);
     if element.count != count {
-        return Err(wrong(format!("{} rows `sh` for {count} splats", element.count)));
+        return Err(wrong(format!(
+            "the element `sh` has {} rows, but there are {count} splats",
+            element.count
+        )));
     }
     let fields = element.fields.len();
     if ![9, 24, 45].contains(&fields) {

@@ -20,7 +20,9 @@ impl Geometry<'_> {
                 accessor.ok_or_else(|| self.bad(format!("{semantic} of instances names no accessor")))?;
             let numbers = self.numbers(&accessor)?;
             if numbers.width != width || *count.get_or_insert(accessor.count()) != accessor.count() {
-                return Err(self.bad(format!("{semantic} of instances does not fit the others")));
+                return Err(self.bad(format!(
+                    "the attribute {semantic} of the instances has the wrong type, or not as many values as the others"
+                )));
             }
             Ok(numbers.values)
         };
