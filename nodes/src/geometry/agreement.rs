@@ -16,15 +16,15 @@ pub struct Depths<'a> {
 /// Counts of pixels of a view.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Agreement {
-    /// Number of pixels that objects cover, and of those where solid splats are in front of the object.
+    /// Number of pixels that objects cover.
     pub objects: u64,
-    /// See [`Self::objects`].
+    /// Number of object pixels at which solid splats are in front of the object.
     pub before_objects: u64,
     /// Number of pixels with solid splats and without an object.
     pub solid: u64,
-    /// Number of these pixels that also show the mesh.
+    /// Number of pixels counted in `solid` that also show the mesh.
     pub both: u64,
-    /// Number of these pixels at which the depths agree.
+    /// Number of pixels counted in `both` at which the depths agree.
     pub agree: u64,
     /// Median ratio of the depth of the mesh to that of the splats, over pixels that show both; 1 without such
     /// pixels.
@@ -46,7 +46,7 @@ const SHARE_BEFORE: f64 = 0.2;
 const SHARE_AGREE: f64 = 0.1;
 /// Share of the pixels with solid splats below which the mesh counts as not visible at all.
 const SHARE_BOTH: f64 = 0.01;
-/// Smallest number of pixels for a finding.
+/// Minimum number of pixels for a finding.
 const PIXELS: u64 = 40;
 
 impl Agreement {

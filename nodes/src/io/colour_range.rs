@@ -1,22 +1,22 @@
-//! Range of the colours of points: the number that is white, which files do not state.
+//! Range of the colours of points: the value of white, which files do not state.
 
 use super::ply::Scalar;
 
-/// White of a file.
+/// The value of white in a file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Range {
-    /// The number that is white.
+    /// The value that is white.
     pub white: f64,
     /// True if it was inferred from the numbers and not from their type.
     pub guessed: bool,
 }
 
-/// Share of the numbers that must lie above 1 for floats to be taken as numbers up to 255, so that a stray number
-/// has no effect.
+/// Fraction of the numbers that must exceed 1 for floats to be interpreted as numbers up to 255, so that a single
+/// wrong number has no effect.
 const SHARE: f64 = 0.01;
-/// Largest number that counts as white with rounding.
+/// Maximum value that counts as white with rounding.
 const SLACK: f64 = 1.5;
-/// Largest number of a range up to 255, with rounding.
+/// Maximum value of a range up to 255, with rounding.
 const BYTE: f64 = 255.5;
 
 impl Range {

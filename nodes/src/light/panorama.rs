@@ -10,7 +10,7 @@ use crate::math::{color, equirect};
 use crate::types::{Data, Image, Linear, Panorama, Picture, Srgb};
 
 engine::choices! {
-    /// Content of pixels where nothing was seen.
+    /// Content of pixels without splats.
     pub enum Holes {
         /// A smooth fill from the surroundings (push-pull over a pyramid; Gortler et al. 1996, section 3.4).
         PushPull,
@@ -30,9 +30,9 @@ pub(crate) struct Unfilled {
     pub width: usize,
     /// True if the panorama is to be display-encoded.
     pub encoded: bool,
-    /// As in [`Panorama`].
+    /// Axis of the world that points up.
     pub up: Up,
-    /// As in [`Panorama`].
+    /// Point that the panorama was rendered from, in world units.
     pub origin: DVec3,
 }
 

@@ -48,7 +48,8 @@ pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Note
     Ok(laid(&picture, placement))
 }
 
-/// The number of pixels of the whole sphere relative to those of the picture: 1 unless it is a part.
+/// Ratio of the number of pixels of the whole sphere to that of the picture: 1 unless the picture is a part of a
+/// sphere.
 pub(crate) fn growth(file: &FileHead<'_>) -> f64 {
     let mut head = Vec::new();
     let read = file.open().and_then(|reader| reader.take(gpano::HEAD as u64).read_to_end(&mut head).ok());
@@ -159,8 +160,7 @@ pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
     (pixels.into_iter().flat_map(colour).collect(), alpha)
 }
 
-/// Rotates the pixels of `N` samples by shifting every row to the left: light in front moves to the left of
-/// forward.
+/// Rotates the pixels of `N` samples by shifting every row to the left: light in front moves to the left.
 pub(crate) fn turn<const N: usize>(
     pixels: &[[f32; N]],
     width: usize,

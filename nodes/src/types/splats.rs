@@ -11,7 +11,7 @@ use super::rig::{Camera, Rig};
 pub enum SplatEncoding {
     /// Display values, similar to sRGB: nearly every capture.
     Srgb,
-    /// Linear light, if the file says so.
+    /// Linear light, if the file specifies it.
     Linear,
 }
 
@@ -38,7 +38,7 @@ pub struct Splats {
     pub sh: Vec<[f32; 3]>,
     /// Encoding of the colours.
     pub encoding: SplatEncoding,
-    /// True when the file says that it was trained with a screen-space antialiasing filter.
+    /// True if the file specifies training with a screen-space antialiasing filter.
     pub antialiased: bool,
 }
 
