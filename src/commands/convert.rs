@@ -1,4 +1,4 @@
-//! `convert`: a scene of splats in another format.
+//! `convert`: writes a scene of splats in another format.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -36,7 +36,7 @@ pub struct Convert {
 }
 
 impl Convert {
-    /// Exit code 0, or 1 where the file cannot be read or written.
+    /// Converts the scene. Returns exit code 0, or 1 if a file cannot be read or written.
     pub fn run(self) -> Result<u8, Error> {
         let Some(format) = SaveFormat::of_path(&self.output.to_string_lossy()) else {
             terminal::error(&format!("`{}`: the ending must be .ply or .spz", self.output.display()));
@@ -91,7 +91,7 @@ impl Convert {
     }
 }
 
-/// Refuses an output whose folder does not exist, as `cp` does: a typing mistake should not create one.
+/// Rejects an output whose folder does not exist, as `cp` does, since a typing mistake should not create a folder.
 fn check_folder(output: &Path) -> Result<(), NodeError> {
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
     let Some(folder) = folder.filter(|folder| !folder.is_dir()) else { return Ok(()) };
@@ -99,7 +99,7 @@ fn check_folder(output: &Path) -> Result<(), NodeError> {
     Err(NodeError::new(what).hint("create it first"))
 }
 
-/// Warns where the floor of a scene indicates another up axis than the one that was assumed.
+/// Warns if the floor of a scene indicates another up axis than the assumed one.
 fn warn_of_floor(scene: &Splats, up: Up, notes: &mut Notes, cx: &Context) -> Result<(), NodeError> {
     cx.check()?;
     let level = nodes::geometry::level::of_splats(scene, None).filter(|level| level.is_sure());

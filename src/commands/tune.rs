@@ -1,4 +1,4 @@
-//! `tune`: settings of the knobs that reach an error with little work, found by measuring.
+//! `tune`: finds settings of the knobs that reach an error with little work, by measuring.
 
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -58,7 +58,8 @@ pub struct Tune {
 }
 
 impl Tune {
-    /// Exit code 0 where the goal was reached, 1 where it was not, 130 where it was interrupted.
+    /// Runs the search. Returns exit code 0 if the goal was reached, 1 if it was not, 130 if the search was
+    /// interrupted.
     pub fn run(self) -> Result<u8, Error> {
         let begin = Instant::now();
         let wanted = self.wanted()?;

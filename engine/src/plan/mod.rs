@@ -1,4 +1,4 @@
-//! What a run would do, and what earlier runs did: plans, last values, locks, differences.
+//! Plans of runs, and comparisons of earlier ones: last values, locks, differences.
 
 pub(crate) mod diff;
 pub(crate) mod last_values;

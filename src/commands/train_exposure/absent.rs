@@ -1,4 +1,4 @@
-//! `train-exposure` in a build without a tensor library.
+//! `train-exposure` in a build without the feature `learned`.
 
 use std::ffi::OsString;
 
@@ -18,7 +18,7 @@ pub struct TrainExposure {
 }
 
 impl TrainExposure {
-    /// Exit code 2.
+    /// Prints the error and returns exit code 2.
     #[expect(clippy::unnecessary_wraps, reason = "as that of every verb")]
     pub fn run(self) -> Result<u8, Error> {
         terminal::error(

@@ -214,7 +214,7 @@ fn fields(scan: &mut Scan<'_>) -> Result<Vec<Field>, Error> {
     }
 }
 
-/// Reads one attribute, of which the first word has been read.
+/// Reads one attribute. Its first word has been read already and is `first`.
 fn attribute<'a>(scan: &mut Scan<'a>, first: &'a str, prim: Option<&mut Prim>) -> Result<(), Error> {
     let mut name = first;
     loop {
