@@ -32,7 +32,7 @@ pub(crate) enum Blobs {
     Memory(Mutex<HashMap<Digest, Vec<u8>>>),
     /// Blobs in a cache folder.
     Disk(Box<Disk>),
-    /// No storage: nothing is kept.
+    /// No storage: no blob is kept.
     Nowhere,
 }
 
@@ -42,7 +42,7 @@ pub(crate) struct Disk {
     root: PathBuf,
     settings: Settings,
     fsync: Fsync,
-    /// The log of small blobs, opened on first use: a run with nothing to do reads no blob.
+    /// The log of small blobs, opened on first use, since a run with nothing to compute reads no blob.
     small: Mutex<Option<Log>>,
     /// Damaged blobs that could be neither moved nor removed.
     bad: Mutex<BTreeSet<Digest>>,

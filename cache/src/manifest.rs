@@ -63,7 +63,8 @@ pub enum Value {
     Digest(Digest),
 }
 
-/// One difference between two manifests: a value that changed, was added (`old` is `None`) or removed (`new` is `None`).
+/// One difference between two manifests: a value that was changed, added (`old` is `None`) or removed (`new` is
+/// `None`).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Change {
     /// The path, as in [`Line::path`].

@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Identifies a state of a file by the result of one `stat`. Two equal stamps *probably* mean equal content;
+/// The state of a file, identified by the result of one `stat`. Two equal stamps *probably* mean equal content;
 /// [`is_settled`](Self::is_settled) says when they certainly do.
 #[derive(Clone, Copy, Debug)]
 pub struct FileStamp {

@@ -27,8 +27,8 @@ pub struct Convert {
     /// Keep the coordinates as stored, whatever the formats define
     #[arg(long, conflicts_with = "up")]
     as_stored: bool,
-    /// Write SPZ version 4; the default is version 3, which every reader knows, unless harmonics of degree 4 need
-    /// version 4
+    /// Write SPZ version 4; the default is version 3, which every reader supports, unless harmonics of degree 4
+    /// need version 4
     #[arg(long)]
     spz4: bool,
     #[command(flatten)]

@@ -15,7 +15,7 @@ use crate::terminal;
 #[derive(Debug, Clone, Args)]
 pub struct MemoryArgs {
     /// Maximum memory for the scene, such as 4G; 0, the default, is three quarters of the free memory. A file whose
-    /// header asks for more is not read
+    /// header requires more is not read
     #[arg(long, value_name = "SIZE")]
     memory: Option<String>,
 }

@@ -130,7 +130,7 @@ impl Standing {
         };
         let cameras = cameras.map(|path| rig(path, camera_matrix, &cx)).transpose()?;
         let stand = level::upright(&place, axes(up)[2], cameras.as_deref())
-            .ok_or_else(|| NodeError::new(format!("`{}` has no splats that are seen", splats.display())))?;
+            .ok_or_else(|| NodeError::new(format!("`{}` has no visible splats", splats.display())))?;
         Ok(Self { splats: place, cameras, up, by, confidence, matrix, camera_matrix, stand })
     }
 }

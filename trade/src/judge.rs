@@ -314,7 +314,8 @@ fn touched(picture: &Images, background: &Images) -> Option<Images> {
 }
 
 /// The pictures that reach the targets, each once, with the name of the node that makes it, and remarks on those
-/// that are left out. Layers of an EXR file are judged only if there is nothing else, since each has its own units.
+/// that are left out. Layers of an EXR file are judged only if there are no other pictures, since each layer has
+/// its own units.
 pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
     let is_picture =
         |wire: &Wire| graph.nodes[wire.node].kind.outputs[wire.port].artifact.name == Images::TYPE;

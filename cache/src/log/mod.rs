@@ -212,7 +212,7 @@ impl Log {
         std::mem::take(&mut self.unreported)
     }
 
-    /// Reads what other processes appended since the last call. Returns whether there was anything to read.
+    /// Reads what other processes appended since the last call. Returns whether there were new bytes.
     pub fn refresh(&mut self) -> Result<bool> {
         if self.is_current()? {
             return Ok(false);

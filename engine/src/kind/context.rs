@@ -321,8 +321,8 @@ impl Context {
         self.root.file(file)
     }
 
-    /// Returns an error that asks for another run if these files differ from those that `sources` listed; for kinds
-    /// that list a folder again when they run. Outside a run nothing was listed, and every file is accepted.
+    /// Returns an error that requests another run if these files differ from those that `sources` listed; for kinds
+    /// that list a folder again when they run. In a detached context every file is accepted, since no list exists.
     pub fn check_listed(&self, files: &[SourceFile]) -> Result<(), NodeError> {
         if self.parts.is_none() && self.sources.is_empty() {
             return Ok(());

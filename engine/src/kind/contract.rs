@@ -93,7 +93,7 @@ pub struct Preview {
     /// Parameters that previews reduce, with their values there: a whole number is an upper limit, anything else replaces
     /// the value.
     pub rough: &'static [(&'static str, &'static str)],
-    /// Inputs used only to choose a resolution; presets do not raise knobs that feed nothing else.
+    /// Inputs used only to choose a resolution; presets do not raise knobs that affect only such inputs.
     pub looks: &'static [&'static str],
 }
 

@@ -157,7 +157,7 @@ impl WatchedFiles {
         self.stamps.len()
     }
 
-    /// Treats these files as changed at the next inspection, whatever their stamps are.
+    /// Marks files as changed for the next inspection, even if their stamps are equal.
     pub fn suspect(&mut self, paths: impl IntoIterator<Item = PathBuf>) {
         self.touched.extend(paths);
     }

@@ -1,5 +1,5 @@
-//! Open Image Denoise, Intel's denoiser, which Blender also uses; loaded if it is installed. It is not part of a
-//! default build; the feature `oidn` of `lightharmony` adds it.
+//! Open Image Denoise, the denoiser of Intel, which Blender also uses. It is loaded at run time if it is installed.
+//! It is not part of a default build; the feature `oidn` of `lightharmony` adds it.
 //!
 //! The crate handles the library and arrays of colours, and does not know graphs or images. [`find()`] looks for
 //! the library and reports where it looked; [`Found::load`] loads it; [`Library::denoise`] filters one picture on

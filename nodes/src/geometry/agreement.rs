@@ -7,7 +7,7 @@ pub struct Depths<'a> {
     pub splats: &'a [f32],
     /// Coverage of the splats, 0 to 1.
     pub coverage: &'a [f32],
-    /// Planar depth of the front surface, object or mesh; +inf where there is none.
+    /// Planar depth of the nearest surface, object or mesh; +inf without a surface.
     pub surface: &'a [f32],
     /// Coverage of the inserted objects, 0 to 1.
     pub objects: &'a [f32],
@@ -34,8 +34,8 @@ pub struct Agreement {
 /// Minimum coverage at which splats count as solid, and objects as visible.
 const SOLID: f32 = 0.9;
 const DRAWN: f32 = 0.5;
-/// Factor by which splats must be nearer to count as in front of an object, since an object touches the ground that
-/// it stands on.
+/// Ratio of depths below which splats count as in front of an object. It is less than 1, since an object touches
+/// the ground that it stands on.
 const BEFORE: f32 = 0.85;
 /// Largest logarithm of the ratio of depths that agree: a proxy mesh may be off by a tenth.
 const AGREE: f64 = 0.2;

@@ -20,9 +20,9 @@ const SLACK: f64 = 1.5;
 const BYTE: f64 = 255.5;
 
 impl Range {
-    /// The range of a type. For integers the largest number is white; those of 32 bits use the codes of 8 bits, as
-    /// programs that write all integers with one type do. Floats end at 1, unless a hundredth of them or more lies
-    /// beyond 1.5 and none beyond 255.5.
+    /// The range of a type. For integers the largest number of the type is white; those of 32 bits contain 8-bit
+    /// codes, since some programs write all integers with one type. For floats 1 is white, unless at least a
+    /// hundredth of them exceeds 1.5 and none exceeds 255.5.
     pub fn of<I: Iterator<Item = f64>>(scalar: Scalar, numbers: impl FnOnce() -> I) -> Self {
         match scalar {
             Scalar::I32 | Scalar::U32 => Self { white: 255.0, guessed: false },

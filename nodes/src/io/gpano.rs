@@ -4,7 +4,7 @@
 
 use crate::error::Error;
 
-/// Length of the part of a file that is searched: metadata lies before the picture.
+/// Length of the part of a file that is searched, since metadata is stored before the picture.
 pub const HEAD: usize = 1 << 20;
 
 /// Maximum length of the metadata, which is that of a JPEG segment.

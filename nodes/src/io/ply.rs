@@ -267,7 +267,8 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Reads one row: `visit` gets the position of each property and its numbers (one, or a list).
+    /// Reads one row. `visit` is called with the position of each property and its numbers (one, or those of a
+    /// list).
     pub fn row(&mut self, element: &Element, mut visit: impl FnMut(usize, &[f64])) -> Result<(), Error> {
         for (index, property) in element.properties.iter().enumerate() {
             match property.count {

@@ -51,7 +51,7 @@ pub(crate) fn finish(
     let open = alpha.iter().filter(|a| **a < hole_alpha).count();
     let most = alpha.iter().copied().fold(0.0, f32::max);
     if most <= 0.0 {
-        notes.degraded("nothing-seen", "nothing is seen in any direction: the panorama is a hole");
+        notes.degraded("nothing-seen", "no splat is visible in any direction: the panorama is empty");
     } else if open == alpha.len() {
         let text = format!(
             "the largest alpha is {most:.2e}, below `hole_alpha` {hole_alpha}: all pixels count as holes"

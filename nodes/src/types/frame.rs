@@ -25,13 +25,13 @@ impl Similarity {
         let (linear, offset) = (DMat3::from_mat4(m), m.w_axis.truncate());
         let error = |what: &str| {
             Err(NodeError::new(what).at("matrix").hint(
-                "only a rotation, one scale for all axes and a shift keep splats and lenses what they are",
+                "splats and cameras can only be transformed by a rotation, a uniform scale and a translation",
             ))
         };
         if rows[12..] != [0.0, 0.0, 0.0, 1.0] {
             return Err(NodeError::new("the last row of `matrix` must be 0, 0, 0, 1")
                 .at("matrix")
-                .hint("the matrix is written row after row; the shift ends the first three rows"));
+                .hint("the matrix is written row by row; the first three rows end with the translation"));
         }
         let determinant = linear.determinant();
         if !(determinant.is_finite() && offset.is_finite()) || determinant == 0.0 {

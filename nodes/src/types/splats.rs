@@ -133,7 +133,7 @@ pub struct View {
     /// RGB premultiplied by alpha over black, and alpha: 4 channels, f32, unclipped; tagged with the
     /// encoding the splats were trained in.
     pub colour: Picture,
-    /// Planar z in world units, one channel; +inf where nothing was seen.
+    /// Planar z in world units, one channel; +inf where no splat is visible.
     pub depth: Image<Data>,
 }
 

@@ -97,7 +97,8 @@ pub fn relative(folder: &Path, file: &Path) -> Result<String, NodeError> {
     } else {
         file
     };
-    let unreadable = || NodeError::new(format!("`{}` is not UTF-8, which graphs are", path.display()));
+    let unreadable =
+        || NodeError::new(format!("the path `{}` is not UTF-8, which graph files require", path.display()));
     Ok(path.to_str().ok_or_else(unreadable)?.to_owned())
 }
 
@@ -195,7 +196,7 @@ fn photo(path: &Path, files: &Files<'_>, cameras: Option<&Rig>) -> Result<Photo,
     let name = path.file_stem().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let camera = cameras.into_iter().flat_map(|rig| &rig.cameras).find(|camera| camera.name == name);
     let camera = camera.ok_or_else(|| {
-        NodeError::new(format!("no camera of `--cameras` is named `{name}` as the photograph is"))
+        NodeError::new(format!("no camera of `--cameras` has the name of the photograph, `{name}`"))
             .hint("`--photo` takes a picture of the capture, undistorted, whose camera is in the file")
     })?;
     Ok(Photo { path: relative(files.folder, path)?, camera: camera.name.clone() })

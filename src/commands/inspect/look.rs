@@ -105,7 +105,7 @@ pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, No
         let word = if standing.by == UpBy::Format { "defined by the file format" } else { "a GUESS" };
         let _ = writeln!(
             lines,
-            "{:>14}  up is {word}; the views below hold for `scene: (up: \"{}\")`",
+            "{:>14}  up is {word}; the views below apply to `scene: (up: \"{}\")`",
             "note",
             standing.up.name()
         );
@@ -137,11 +137,11 @@ pub(super) fn of_mesh(mesh: &Mesh, declared: Option<Up>) -> Result<Drawn, NodeEr
         let points = || (0..mesh.positions.len() as u32).map(|v| mesh.position(v));
         let low = points().fold(DVec3::INFINITY, DVec3::min);
         let [x, y, z] = (points().fold(DVec3::NEG_INFINITY, DVec3::max) - low).to_array();
-        let text = "wide, high and deep, in metres as glTF has them";
+        let text = "width, height and depth, in metres as glTF defines";
         let _ = writeln!(lines, "{:>14}  {x:.3} x {y:.3} x {z:.3}, {text}", "size");
     }
     let stand = level::upright(&splats, axes(up)[2], None)
-        .ok_or_else(|| NodeError::new("the mesh has no surface that could be seen"))?;
+        .ok_or_else(|| NodeError::new("the mesh has no visible surface"))?;
     let cx = splats::context(up);
     let png = Shown { splats: &splats, stand: &stand, cameras: None, up }.draw(&mut lines, &cx)?;
     Ok((png, lines))

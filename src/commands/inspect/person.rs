@@ -97,7 +97,7 @@ impl Lines {
         let scale = &level.scale;
         let metres = scale.metres_per_unit.map_or_else(
             || format!("not known: {}", scale.reason),
-            |m| format!("{m:.3} m a unit ({:.2}): {}", scale.confidence, scale.reason),
+            |m| format!("{m:.3} m per unit ({:.2}): {}", scale.confidence, scale.reason),
         );
         self.line("scale", metres);
     }

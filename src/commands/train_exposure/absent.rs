@@ -9,7 +9,7 @@ use crate::terminal;
 
 const MISSING: &str = "This build lacks the feature `learned`: build with `cargo build --release --features learned`, whose `--help` lists the options; see docs/light.md and docs/kontext.md.";
 
-/// Reports the missing feature, whatever the arguments.
+/// Prints that the feature `learned` is missing; arguments are ignored.
 #[derive(Debug, Args)]
 #[command(after_help = MISSING)]
 pub struct TrainExposure {

@@ -19,8 +19,8 @@ use crate::terminal::training::Follow;
 pub struct TrainExposure {
     /// A folder of whole HDR panoramas, .exr or .hdr, at least 256x128
     panoramas: PathBuf,
-    /// The file of weights to write; finished networks are kept next to it, so that an interrupted training
-    /// continues where it was
+    /// The file of weights to write; finished networks are kept next to it, so that an interrupted training can be
+    /// continued
     #[arg(long, default_value = "exposure.safetensors")]
     out: PathBuf,
     /// Random seed

@@ -49,7 +49,7 @@ pub fn search(
     SearchResult { best: search.best(), tried: search.tried, finished }
 }
 
-/// Maximum number of forecasts followed from one position.
+/// Maximum number of forecasts that are followed from one position.
 const FOLLOWED: usize = 5;
 /// Minimum forecast saving of the cost or the error that is worth measuring.
 const GAIN: f64 = 0.01;

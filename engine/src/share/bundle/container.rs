@@ -223,7 +223,7 @@ impl<R: Read + Seek> Bundle<R> {
     /// Reads and validates the index.
     ///
     /// # Errors
-    /// [`BundleError`] for anything that this program would not write.
+    /// [`BundleError`] for an index that this program would not write.
     pub fn open(mut from: R) -> Result<Self, BundleError> {
         let failed = |source| BundleError::Io { what: "cannot read the bundle".to_owned(), source };
         let whole = from.seek(SeekFrom::End(0)).map_err(failed)?;

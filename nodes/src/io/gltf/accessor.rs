@@ -10,7 +10,7 @@ use crate::error::Error;
 pub struct Numbers {
     /// Number of components per element.
     pub width: usize,
-    /// All numbers in order; integers are normalised if the accessor says so.
+    /// All numbers in order. Integers are normalised if the accessor specifies it.
     pub values: Vec<f64>,
 }
 

@@ -76,7 +76,7 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Erro
         let coarser = own.range(wanted..).next();
         let Some((_, span)) = coarser.or_else(|| own.range(..wanted).next_back()) else { continue };
         if lod.filenames.get(span.file).is_none() {
-            return Err(wrong(format!("a place names file {} of {}", span.file, lod.filenames.len())));
+            return Err(wrong(format!("a region refers to file {} of {}", span.file, lod.filenames.len())));
         }
         let end = span.offset.checked_add(span.count);
         let end = end.ok_or_else(|| wrong("a range of splats is impossibly long".to_owned()))?;
@@ -110,7 +110,7 @@ fn joined(file: &str, mut spans: Vec<(u64, u64)>) -> Result<Ranges, Error> {
         let (start, end) = (usize::try_from(start).map_err(beyond)?, usize::try_from(end).map_err(beyond)?);
         match all.last_mut() {
             Some((_, last)) if start < *last => {
-                return Err(Error::format(file, "two places of one level share splats"));
+                return Err(Error::format(file, "two regions of one level share splats"));
             }
             Some((_, last)) if start == *last => *last = end,
             _ => all.push((start, end)),
