@@ -1,4 +1,5 @@
-//! Links of the pages lead to files and headings that exist, and the user pages do not depend on the evidence.
+//! Checks that links in the pages lead to files and headings that exist, and that pages for users do not depend on
+//! the evidence.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use std::collections::BTreeSet;
@@ -8,7 +9,7 @@ fn workspace() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Every page, relative to the workspace.
+/// The paths of all pages, relative to the workspace.
 fn pages() -> Vec<PathBuf> {
     let mut pages = vec![PathBuf::from("README.md"), PathBuf::from("CHANGELOG.md")];
     for folder in ["docs", "docs/evidence"] {
@@ -56,7 +57,7 @@ fn links(page: &Path) -> Vec<String> {
     text.split("](").skip(1).map(target).filter(|link| !link.starts_with("http")).collect()
 }
 
-/// A path without `..`.
+/// Returns a path without components `..`.
 fn plain(path: &Path) -> PathBuf {
     let mut plain = PathBuf::new();
     for part in path.components() {

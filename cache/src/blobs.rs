@@ -1,4 +1,4 @@
-//! [`Blobs`]: content by its digest. Small blobs share a log, each larger one is a file.
+//! [`Blobs`]: stored contents, found by their digest. Small blobs share a log; each larger one is a file.
 
 use std::collections::{BTreeSet, HashMap};
 use std::fs::{self, File, Metadata, OpenOptions};
@@ -32,7 +32,7 @@ pub(crate) enum Blobs {
     Memory(Mutex<HashMap<Digest, Vec<u8>>>),
     /// Blobs in a cache folder.
     Disk(Box<Disk>),
-    /// No storage: nothing is kept.
+    /// No storage: no blob is kept.
     Nowhere,
 }
 
@@ -42,7 +42,7 @@ pub(crate) struct Disk {
     root: PathBuf,
     settings: Settings,
     fsync: Fsync,
-    /// The log of small blobs, opened on first use: a run with nothing to do reads no blob.
+    /// The log of small blobs, opened on first use, since a run with nothing to compute reads no blob.
     small: Mutex<Option<Log>>,
     /// Damaged blobs that could be neither moved nor removed.
     bad: Mutex<BTreeSet<Digest>>,
@@ -103,7 +103,7 @@ impl Blobs {
         log.save_index()
     }
 
-    /// Reads what other processes appended to the log of small blobs, if it was opened.
+    /// Reads what other processes appended to the log of small blobs, if the log is open.
     pub fn refresh(&self) {
         if let Blobs::Disk(disk) = self
             && let Some(log) = lock(&disk.small).as_mut()
@@ -140,7 +140,7 @@ impl Blobs {
         }
     }
 
-    /// Removes blobs.
+    /// Removes the blobs with these digests.
     pub fn remove(&self, dead: &BTreeSet<Digest>) -> Result<()> {
         let Blobs::Disk(disk) = self else { return Ok(()) };
         self.remove_files(dead)?;
@@ -150,7 +150,7 @@ impl Blobs {
         })
     }
 
-    /// Removes those of the blobs that are files, which needs no free space.
+    /// Removes those of the blobs that are files of their own, which needs no free space.
     pub fn remove_files(&self, dead: &BTreeSet<Digest>) -> Result<()> {
         let Blobs::Disk(disk) = self else { return Ok(()) };
         for digest in dead {

@@ -2,7 +2,8 @@
 
 use std::hash::Hasher;
 
-/// Mixes the first 8 bytes of a digest with the kind of the entry; digests are uniform, so nothing more is needed.
+/// Hash of a digest and the kind of its entry, which mixes the kind with the first 8 bytes of the digest. Digests
+/// are uniform, so no stronger hash is needed.
 #[derive(Debug, Default)]
 pub(crate) struct DigestHasher(u64);
 

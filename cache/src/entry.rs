@@ -69,7 +69,7 @@ pub(crate) struct Scanned {
     pub damaged: usize,
 }
 
-/// Calls `found` for every whole entry in `bytes`, with its offset. Damage costs only the entries that contain it.
+/// Calls `found` for every whole entry in `bytes`, with its offset. Damage loses only the entries that contain it.
 pub(crate) fn scan<'a>(salt: u32, bytes: &'a [u8], mut found: impl FnMut(usize, Entry<'a>)) -> Scanned {
     let (mut at, mut end, mut torn, mut damaged) = (0, 0, 0, 0);
     while at < bytes.len() {
@@ -93,8 +93,9 @@ pub(crate) fn scan<'a>(salt: u32, bytes: &'a [u8], mut found: impl FnMut(usize, 
     Scanned { end, torn, damaged }
 }
 
-/// Number of bytes in the gap between two whole entries that belong to entries cut short: a good head whose payload
-/// would extend beyond the next good head or the gap, and the beginning of a head.
+/// Number of bytes in the gap between two whole entries that belong to entries cut short. Such an entry is an
+/// undamaged head whose payload would extend beyond the next head or beyond the gap, or only the beginning of a
+/// head.
 fn torn_bytes(salt: u32, gap: &[u8]) -> usize {
     let length_at = |at: usize| gap[at..].first_chunk::<HEAD>().and_then(|head| length_in(salt, head));
     let (mut at, mut torn) = (0, 0);
@@ -116,13 +117,13 @@ fn torn_bytes(salt: u32, gap: &[u8]) -> usize {
     torn
 }
 
-/// The next place at or after `from` where an entry may start, or the end.
+/// Offset of the next place at or after `from` where an entry may start, or the length of `bytes` if there is none.
 fn next_magic(bytes: &[u8], from: usize) -> usize {
     let next = bytes[from..].windows(MAGIC.len()).position(|window| window == MAGIC);
     next.map_or(bytes.len(), |skip| from + skip)
 }
 
-/// CRC-32 of `parts` one after another.
+/// CRC-32 of the concatenation of `parts`, started from `start`.
 pub(crate) fn checksum(start: u32, parts: &[&[u8]]) -> u32 {
     let mut hasher = crc32fast::Hasher::new_with_initial(start);
     parts.iter().for_each(|part| hasher.update(part));

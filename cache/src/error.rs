@@ -1,13 +1,13 @@
-//! [`Error`]: why an operation on a cache folder failed, always with the operation and the path.
+//! [`Error`]: the reason why an operation on a cache folder failed, always with the operation and the path.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// An error of a cache operation. What was stored before stays valid after any of them.
+/// Errors of cache operations. After each of them everything stored before is still valid.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// No room is left: the file system is full, the user's quota is used up, or the file would be larger than a
-    /// process may write (`ulimit -f`).
+    /// There is no space left: the file system is full, the user's quota is used up, or the file would be larger
+    /// than a process may write (`ulimit -f`).
     #[error("{}: cannot {operation} {}", no_room(source), path.display())]
     Full {
         /// The operation that failed, as a verb: "write", "append to".
@@ -27,21 +27,21 @@ pub enum Error {
         /// The error of the system.
         source: io::Error,
     },
-    /// A record is longer than an entry of the log may be.
+    /// The record is longer than an entry of the log may be.
     #[error("a record of {length} bytes is larger than the limit of {limit} bytes")]
     RecordTooLarge {
-        /// Its length in bytes.
+        /// Length of the record in bytes.
         length: usize,
         /// The maximum length in bytes.
         limit: usize,
     },
-    /// A collection waited, but a run was active the whole time.
+    /// The collection waited for active runs, but they did not end in time.
     #[error("the cache is in use: a run is active, and did not end within {} s", waited.as_secs())]
     InUse {
         /// Time that the collection waited.
         waited: std::time::Duration,
     },
-    /// A file was to be published over something that is not a file, such as a folder or a device.
+    /// The path to be published is not a regular file but, for example, a folder or a device.
     #[error("{} is not a regular file and was not replaced", path.display())]
     NotAFile {
         /// The path that was to be written.
@@ -64,7 +64,7 @@ impl Error {
         }
     }
 
-    /// True if the system reports that this place cannot be written at all.
+    /// True if the error means that the location is read-only.
     pub(crate) fn is_read_only(&self) -> bool {
         let Error::Io { source, .. } = self else { return false };
         matches!(source.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem)
@@ -79,7 +79,7 @@ fn no_room(source: &io::Error) -> &'static str {
     }
 }
 
-/// Adds the operation and the path to an error of the system.
+/// Extension of results that adds the operation and the path to an error of the system.
 pub(crate) trait At<T> {
     /// Adds `operation`, a verb that fits before a path, and `path`.
     fn at(self, operation: &'static str, path: &Path) -> Result<T>;

@@ -1,9 +1,9 @@
 //! Named places where a test can stop the process or simulate an error of the disk.
 //!
-//! Active only with the feature `failpoints`; without it every place is an empty inlined function. The environment
-//! variable `LIGHTHARMONY_FAILPOINT=name:count` aborts the process (like `kill -9`, without destructors) when the place
-//! `name` is reached for the `count`-th time, counted from 1 over all threads. With `name:count:error` the place returns
-//! an I/O error instead, and with `name:count:full` the error of a full disk.
+//! They are active only with the feature `failpoints`; without it [`reach`] is an empty inlined function. The
+//! environment variable `LIGHTHARMONY_FAILPOINT=name:count` aborts the process (like `kill -9`, without
+//! destructors) when the place `name` is reached for the `count`-th time, counted from 1 over all threads. With
+//! `name:count:error` the place returns an I/O error instead, and with `name:count:full` the error of a full disk.
 
 /// Every place, in the order in which a write reaches them.
 pub const NAMES: &[&str] = &[
@@ -101,7 +101,7 @@ pub(crate) const GC_RECORDS_GONE: &str = "gc.records-gone";
 /// The place where a collection has removed one blob, but not yet the others.
 pub(crate) const GC_BLOB_GONE: &str = "gc.blob-gone";
 
-/// Reaches the place `name`.
+/// Does nothing: failpoints are disabled.
 #[cfg(not(feature = "failpoints"))]
 #[inline(always)]
 pub(crate) fn reach(_name: &'static str) -> std::io::Result<()> {
@@ -146,7 +146,7 @@ mod active {
         Some(Armed { name, count, effect, reached: AtomicU64::new(0) })
     }
 
-    /// Reaches the place `name`: aborts or fails here if the environment asks for it.
+    /// Failpoint `name`: aborts the process or returns an error if the environment variable names it.
     pub(crate) fn reach(name: &'static str) -> io::Result<()> {
         let Some(armed) = armed().filter(|armed| armed.name == name) else { return Ok(()) };
         if armed.reached.fetch_add(1, Ordering::Relaxed) + 1 != armed.count {

@@ -29,7 +29,8 @@ impl FileLock {
         Ok(FileLock(Arc::new(file.at("open", path)?)))
     }
 
-    /// Locks exclusively, waiting for at most `timeout`. Returns `None` after that, or if locks do not work.
+    /// Locks the file exclusively, waiting for at most `timeout`. Returns `None` after that, or if the file system
+    /// has no locks.
     pub fn exclusive(&self, timeout: Duration) -> Option<FileGuard> {
         let start = Instant::now();
         loop {
@@ -43,8 +44,8 @@ impl FileLock {
         }
     }
 
-    /// Locks together with other readers, waiting for writers until `cancelled`. Returns `None` after that, or if
-    /// locks do not work.
+    /// Takes a shared lock, waiting for writers until `cancelled` returns true. Returns `None` after that, or if
+    /// the file system has no locks.
     pub fn shared_when_free(&self, cancelled: &dyn Fn() -> bool) -> Option<FileGuard> {
         loop {
             match self.0.try_lock_shared() {
@@ -55,7 +56,7 @@ impl FileLock {
         }
     }
 
-    /// Tries once to lock together with other readers.
+    /// Tries once to take a shared lock.
     pub fn shared(&self) -> Option<FileGuard> {
         self.0.try_lock_shared().ok().map(|()| FileGuard(Arc::clone(&self.0)))
     }

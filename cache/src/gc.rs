@@ -20,7 +20,8 @@ use crate::obstacle::QUARANTINE;
 use crate::settings::{kind, lock};
 use crate::store::Store;
 
-/// The share of the maximum size down to which a collection removes, so that the next run does not need another one.
+/// Fraction of the maximum size that a collection reduces the cache to, so that the next run does not require
+/// another one.
 const LOW_WATER: f64 = 0.9;
 
 /// Limits of a collection.
@@ -30,7 +31,7 @@ pub struct Limits {
     pub max_size: Option<u64>,
     /// The maximum time since the last use of a result.
     pub max_age: Option<Duration>,
-    /// Only report what would be removed.
+    /// True to only report what would be removed.
     pub dry_run: bool,
 }
 
@@ -49,13 +50,13 @@ pub struct Collected {
     pub pinned: usize,
 }
 
-/// Returns the digests of the blobs that the payload of a record names.
+/// Function that returns the digests of the blobs that the payload of a record names.
 pub type Names<'a> = &'a dyn Fn(&[u8]) -> Vec<Digest>;
 
 /// A record that may be removed.
 struct Candidate {
     key: Digest,
-    /// Stored size of the record.
+    /// Stored size of the record in bytes.
     bytes: u64,
     blobs: Vec<Digest>,
     /// Last use, in seconds since 1970.
@@ -64,13 +65,13 @@ struct Candidate {
 
 /// A stored blob.
 struct BlobUse {
-    /// Stored size.
+    /// Stored size in bytes.
     bytes: u64,
     /// Last use, in seconds since 1970.
     used: u64,
-    /// The number of records that name it.
+    /// Number of records that name the blob.
     named: usize,
-    /// The number of those records that are not removed.
+    /// Number of those records that are not removed.
     readers: usize,
 }
 
@@ -78,8 +79,9 @@ impl Store {
     /// Removes the least recently used results beyond the limits, and blobs that no record names. `names` returns the
     /// blobs that a record names.
     ///
-    /// Runs and collections exclude each other, so nothing is removed that an active run needs; active runs are waited
-    /// for until `timeout`. Pinned records are kept whatever the limits are. A killed collection leaves nothing wrong.
+    /// Runs and collections exclude each other, so that nothing is removed that an active run needs. Waits for
+    /// active runs for at most `timeout`. Pinned records are kept whatever the limits are. The cache stays valid if
+    /// a collection is killed.
     ///
     /// # Errors
     /// [`Error::InUse`] if a run is active for longer than `timeout`, and errors of the system.
@@ -181,7 +183,7 @@ impl Store {
         Ok(collected)
     }
 
-    /// Every record, and the size of all memos and history.
+    /// Returns every record, and the total size in bytes of all memos and history.
     fn candidates(&self, names: Names<'_>) -> Result<(Vec<Candidate>, u64)> {
         let mut records = lock(self.records());
         records.refresh()?;
@@ -238,7 +240,7 @@ fn last_used(records: &mut Log) -> Result<BTreeMap<Digest, u64>> {
     Ok(used)
 }
 
-/// Every blob that is a file.
+/// Returns the digest and metadata of every blob that is a file.
 pub(crate) fn blob_files(root: &Path) -> Vec<(Digest, fs::Metadata)> {
     let folders = fs::read_dir(root.join("blobs")).into_iter().flatten().flatten();
     let files = folders.flat_map(|folder| fs::read_dir(folder.path()).into_iter().flatten().flatten());

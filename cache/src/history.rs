@@ -7,10 +7,11 @@ use crate::digest::Digest;
 use crate::digest_hasher::DigestHasher;
 use crate::entry::MAX_PAYLOAD;
 
-/// The name of the table with the last use of each other table: by its key, in seconds since 1970, 8 bytes.
+/// Name of the table that contains the time of last use of every other table: the key of the table, and seconds
+/// since 1970 in 8 bytes.
 pub(crate) const USED: &str = "used";
 
-/// Names and values. Each row is stored with the lengths of both in front.
+/// Rows of names and values. Each row is stored as the lengths of both, followed by both.
 #[derive(Debug, Default)]
 pub(crate) struct Table {
     stored: Vec<u8>,
@@ -63,12 +64,12 @@ impl Table {
         (found == name.as_bytes()).then_some(value)
     }
 
-    /// Sets a value, replacing the one before.
+    /// Sets a value, replacing any previous one.
     pub fn put(&mut self, name: &str, value: &[u8]) {
         self.written.insert(name.to_owned(), value.to_vec());
     }
 
-    /// Removes the rows that `keep` refuses, if there are more than `limit` rows in all.
+    /// Removes the rows for whose names `keep` returns false, if there are more than `limit` rows in all.
     pub fn trim(&mut self, limit: usize, keep: impl Fn(&str) -> bool) {
         let new = self.written.keys().filter(|name| self.get_stored(name).is_none()).count();
         if self.offsets.len() + new <= limit {
@@ -87,7 +88,7 @@ impl Table {
         self.offsets.get(&hash(name.as_bytes())).copied()
     }
 
-    /// True if there is anything to store.
+    /// True if there are changes to store.
     pub fn is_changed(&self) -> bool {
         self.trimmed || !self.written.is_empty()
     }
@@ -135,13 +136,15 @@ fn row(bytes: &[u8], at: usize) -> Option<(&[u8], &[u8])> {
     Some((name, rest.get(..value as usize)?))
 }
 
-/// FNV-1a, since names are short. If two names have equal hashes, only the later one is found.
+/// The FNV-1a hash of a name, which is fast for short names. If two names have equal hashes, only the later one is
+/// found.
 fn hash(name: &[u8]) -> u64 {
     name.iter()
         .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3))
 }
 
-/// Seconds since 1970, 0 before. A time in the future counts as now, so that it keeps nothing longer.
+/// Seconds from 1970 to `time`; 0 for earlier times. A time in the future is replaced by the present, so that a
+/// wrong clock keeps nothing longer.
 pub(crate) fn seconds(time: SystemTime) -> u64 {
     let now = SystemTime::now();
     time.min(now).duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())

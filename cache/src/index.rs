@@ -37,7 +37,7 @@ pub(crate) struct Index {
     pages: Vec<Option<Box<[u8; PAGE]>>>,
 }
 
-/// A page that cannot be read or whose checksum is wrong.
+/// Error of a page that cannot be read or whose checksum is wrong.
 pub(crate) struct Damaged;
 
 impl From<io::Error> for Damaged {
@@ -47,7 +47,8 @@ impl From<io::Error> for Damaged {
 }
 
 impl Index {
-    /// Opens the index of the log with this salt and length in bytes; `None` if there is none that fits.
+    /// Opens the index of the log with this salt and length in bytes. Returns `None` if the index is missing,
+    /// damaged or belongs to another log.
     pub fn open(path: &Path, salt: u32, length: u64) -> Option<Index> {
         let mut file = regular::open(path, OpenOptions::new().read(true)).ok()?;
         let size = file.metadata().ok()?.len();
@@ -173,7 +174,8 @@ impl Index {
     }
 }
 
-/// Pads the last page and ends it with its checksum, which starts from the log's salt and the number of the page.
+/// Pads the last page and ends it with its checksum, which starts from the salt of the log xor the number of the
+/// page.
 fn seal(bytes: &mut Vec<u8>, salt: u32) {
     let start = bytes.len().saturating_sub(1) / PAGE * PAGE;
     bytes.resize(start + PAGE - 4, 0);

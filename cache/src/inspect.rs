@@ -82,9 +82,10 @@ impl Store {
         })
     }
 
-    /// Reads and verifies everything. With `repair`, damaged blobs are quarantined, records that name missing blobs are
-    /// removed, and damaged logs are rewritten. No run requires that: reading repairs, too, whatever it reads.
-    /// `progress` gets the fraction that is done, in 0..1, and returns whether to continue.
+    /// Reads and verifies everything. With `repair`, damaged blobs are quarantined, records that name missing blobs
+    /// are removed, and damaged logs are rewritten. Runs never require this, since every read verifies and repairs
+    /// what it reads. `progress` is called with the fraction that is done, from 0 to 1, and returns whether to
+    /// continue.
     ///
     /// # Errors
     /// If something cannot be read or written.

@@ -1,7 +1,7 @@
 //! [`KeyWriter`]: encodes everything that a result depends on.
 //!
-//! The encoding is unambiguous. Its BLAKE3 hash is the key, and the encoding itself is the manifest: both are made of the
-//! same bytes, so they cannot disagree, and a manifest costs nothing until it is read.
+//! The encoding is unambiguous. Its BLAKE3 hash is the key, and the encoding itself is the manifest: both are made
+//! of the same bytes, so they always agree, and a manifest costs no time until it is read.
 
 use crate::digest::Digest;
 use crate::manifest::{FORMAT, Manifest, tag, write_length};
@@ -15,7 +15,7 @@ pub struct Key {
     pub manifest: Manifest,
 }
 
-/// The reason that a key cannot be made.
+/// Errors that prevent a key from being made.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum KeyError {
     /// A number was NaN, which does not equal itself and so cannot identify anything.
@@ -73,25 +73,25 @@ impl KeyWriter {
         self.encoding.extend_from_slice(fields);
     }
 
-    /// A string.
+    /// Writes a string.
     pub fn str(&mut self, name: &str, value: &str) {
         self.field(tag::STR, name);
         self.text(value);
     }
 
-    /// An unsigned number.
+    /// Writes an unsigned number.
     pub fn u64(&mut self, name: &str, value: u64) {
         self.field(tag::U64, name);
         self.encoding.extend_from_slice(&value.to_le_bytes());
     }
 
-    /// A signed number.
+    /// Writes a signed number.
     pub fn i64(&mut self, name: &str, value: i64) {
         self.field(tag::I64, name);
         self.encoding.extend_from_slice(&value.to_le_bytes());
     }
 
-    /// A 64-bit float: by its bits, except that -0 is 0. NaN is refused by `finish`.
+    /// Writes the bits of a 64-bit float; -0 is written as 0. After NaN, `finish` returns an error.
     pub fn f64(&mut self, name: &str, value: f64) {
         self.field(tag::F64, name);
         self.refused |= value.is_nan();
@@ -99,41 +99,42 @@ impl KeyWriter {
         self.encoding.extend_from_slice(&(value + 0.0).to_bits().to_le_bytes());
     }
 
-    /// A 32-bit float: by its bits, except that -0 is 0. NaN is refused by `finish`.
+    /// Writes the bits of a 32-bit float; -0 is written as 0. After NaN, `finish` returns an error.
     pub fn f32(&mut self, name: &str, value: f32) {
         self.field(tag::F32, name);
         self.refused |= value.is_nan();
         self.encoding.extend_from_slice(&(value + 0.0).to_bits().to_le_bytes());
     }
 
-    /// A boolean.
+    /// Writes a boolean.
     pub fn bool(&mut self, name: &str, value: bool) {
         self.field(tag::BOOL, name);
         self.encoding.push(u8::from(value));
     }
 
-    /// Short opaque bytes. For long content write its digest: the manifest contains every byte given here.
+    /// Writes a short sequence of opaque bytes. For long content write its digest instead, since the manifest
+    /// contains all bytes given here.
     pub fn bytes(&mut self, name: &str, value: &[u8]) {
         self.field(tag::BYTES, name);
         write_length(&mut self.encoding, value.len());
         self.encoding.extend_from_slice(value);
     }
 
-    /// A digest of content.
+    /// Writes the digest of a content.
     pub fn digest(&mut self, name: &str, value: Digest) {
         self.field(tag::DIGEST, name);
         self.encoding.extend_from_slice(value.as_bytes());
     }
 
-    /// Fields under a common name: the paths of the fields that `inside` writes are `name.field`.
+    /// Writes fields under a common name: the paths of the fields that `inside` writes are `name.field`.
     pub fn group(&mut self, name: &str, inside: impl FnOnce(&mut KeyWriter)) {
         self.field(tag::GROUP, name);
         inside(self);
         self.encoding.push(tag::END);
     }
 
-    /// Items in order: the paths of those that `items` writes are `name[0]`, `name[1]` and so on. Items usually have
-    /// empty names.
+    /// Writes a list: the paths of the items that `items` writes are `name[0]`, `name[1]` and so on. Items usually
+    /// have empty names.
     pub fn list(&mut self, name: &str, items: impl FnOnce(&mut KeyWriter)) {
         self.field(tag::LIST, name);
         items(self);

@@ -1,8 +1,8 @@
-//! The results of the lookups of a graph's last run, in one file: the next run reads them at once, where records would
-//! cost a search each.
+//! The results of all lookups of a graph's last run in one file, which the next run reads in place of searching for
+//! each record.
 //!
-//! It only saves time. A file that is missing, damaged, or of another run is ignored, and every collection and repair
-//! removes all of them, so that they never name a record that was removed.
+//! The file only saves time. If it is missing, damaged, or of another run, it is ignored. Every collection and
+//! repair removes all such files, so that they never name a record that was removed.
 
 use std::fs;
 use std::path::{Path, PathBuf};

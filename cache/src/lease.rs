@@ -1,9 +1,9 @@
-//! [`Lease`]: the right to compute a key, so that of several processes one computes and the others wait.
+//! [`Lease`]: the right to compute a key, so that one of several processes computes it and the others wait.
 //!
-//! A lease is a kernel lock on a file, so it ends with its process even if that is killed. It only saves work:
-//! where locks do not work, everybody gets every lease. Holders renew their leases, which sets the time of the
-//! file. A holder that does not, such as a stopped process, is not waited for: equal keys give equal bytes, so
-//! computing twice is safe.
+//! A lease is a kernel lock on a file, so it ends with its process even if that is killed. Leases only save work:
+//! where locks are not supported, every request is granted. Holders renew their leases by setting the time of the
+//! file. Other processes do not wait for a holder that fails to do so, such as a stopped process: equal keys give
+//! equal bytes, so computing twice is safe.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, TryLockError};
@@ -26,10 +26,10 @@ pub const STALLED_AFTER: Duration = Duration::from_secs(10);
 pub enum LeaseState {
     /// The lease is held until it is dropped.
     Acquired(Lease),
-    /// Another thread or process has it.
+    /// The lease is held by another thread or process.
     Busy,
-    /// Another process has it and has not renewed it for [`STALLED_AFTER`], for example because it is stopped. The
-    /// key may be computed here, too, under this lease, which excludes nobody.
+    /// The lease is held by another process that has not renewed it for [`STALLED_AFTER`], for example because it
+    /// is stopped. The caller may compute the key under the returned lease, which excludes no other process.
     Stalled(Lease),
 }
 
@@ -41,7 +41,7 @@ pub struct Lease {
 }
 
 impl Lease {
-    /// A lease that excludes nobody.
+    /// A lease that excludes no other process.
     pub(crate) fn unlocked() -> Lease {
         Lease { held: None }
     }
@@ -64,7 +64,7 @@ impl Drop for Lease {
 #[derive(Debug, Default)]
 pub(crate) struct Leases {
     held: Mutex<Vec<Weak<File>>>,
-    /// For each lease held elsewhere: the time of its file, and the moment since which that has not changed.
+    /// For each lease held elsewhere, the time of its file and the moment since which that time has not changed.
     awaited: Mutex<BTreeMap<Digest, (Option<SystemTime>, Instant)>>,
 }
 
@@ -103,7 +103,7 @@ impl Leases {
     }
 }
 
-/// Tries once to lock the file at `path`, creating it.
+/// Tries once to lock the file at `path`, and creates it if it is missing.
 pub(crate) fn try_lease(path: &Path) -> LeaseState {
     loop {
         match try_lock(path) {
@@ -118,7 +118,7 @@ pub(crate) fn try_lease(path: &Path) -> LeaseState {
     }
 }
 
-/// `None` if the file was removed by its holder between our opening and our locking it.
+/// Opens and locks the file at `path`. Returns `None` if its holder removed the file between the two steps.
 fn try_lock(path: &Path) -> Result<Option<File>, TryLockError> {
     let file = match (regular::open_or_create(path), path.parent()) {
         (Err(error), Some(folder)) if error.kind() == io::ErrorKind::NotFound => {
@@ -130,7 +130,7 @@ fn try_lock(path: &Path) -> Result<Option<File>, TryLockError> {
     lock_opened(path, file)
 }
 
-/// Locks a file opened at `path`; `None` if the path now leads to another file or to none.
+/// Locks a file opened at `path`. Returns `None` if `path` now leads to another file or to none.
 fn lock_opened(path: &Path, file: File) -> Result<Option<File>, TryLockError> {
     file.try_lock()?;
     let ours = file.metadata().map_err(TryLockError::Error)?;

@@ -1,4 +1,4 @@
-//! Storage of results between runs, as bytes and digests. This crate has no notion of graphs or images.
+//! Storage of results between runs, as bytes and digests. This crate does not know graphs or images.
 //!
 //! - [`Digest`] identifies content; [`KeyWriter`] makes the [`Key`] of a result, and its readable [`Manifest`].
 //! - [`Store`] is a cache folder. It contains *blobs* (content by its digest), *records* (results by their key), *memos*
@@ -18,11 +18,12 @@
 //!
 //! # Guarantees
 //! - No reader ever gets bytes with another digest, or a record that was not stored completely.
-//! - What a put acknowledged is not lost when a process is killed ([`Store::put_record`] has the one exception). A loss
-//!   of power may lose what was stored since the last [`Store::flush`] (see [`Fsync`]), and never makes anything wrong.
+//! - What was stored successfully is not lost when a process is killed ([`Store::put_record`] has the one
+//!   exception). A loss of power may lose what was stored since the last [`Store::flush`] (see [`Fsync`]), and
+//!   never makes anything wrong.
 //! - No lock has to be removed, and no repair has to be run: processes may start, stop and be killed at any time.
 //! - Damage affects only the blob or record that contains it, is reported once as an [`Incident`], and is then removed.
-//! - Whatever lies where a file or folder of the cache belongs, and is not one, is moved to the quarantine. Nothing is
+//! - Anything of the wrong type at the path of a file or folder of the cache is moved to the quarantine. Nothing is
 //!   created at the target of a dangling link.
 //!
 //! # Format 1 on disk

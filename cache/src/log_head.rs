@@ -28,7 +28,7 @@ pub(crate) fn salt(head: &[u8]) -> Option<u32> {
     if head.len() as u64 == LENGTH { read(head).or_else(|| read(&head[32..])) } else { None }
 }
 
-/// A random number, so that entries of another log inside a payload are not taken for entries of this one.
+/// A random salt, so that entries of another log inside a payload are not mistaken for entries of this log.
 pub(crate) fn fresh_salt() -> u32 {
     RandomState::new().hash_one(std::process::id()) as u32
 }

@@ -63,7 +63,8 @@ pub enum Value {
     Digest(Digest),
 }
 
-/// One difference between two manifests: a value that changed, was added (`old` is `None`) or removed (`new` is `None`).
+/// One difference between two manifests: a value that was changed, added (`old` is `None`) or removed (`new` is
+/// `None`).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Change {
     /// The path, as in [`Line::path`].
@@ -75,7 +76,7 @@ pub struct Change {
 }
 
 impl Manifest {
-    /// The manifest with this encoding.
+    /// Wraps an encoding as a manifest, without checking it.
     pub(crate) fn from_encoding(encoding: Vec<u8>) -> Manifest {
         Manifest { encoding }
     }
@@ -92,7 +93,7 @@ impl Manifest {
         &self.encoding
     }
 
-    /// The encoding, whose memory [`KeyWriter::in_memory_of`](crate::KeyWriter::in_memory_of) can reuse.
+    /// Returns the encoding, whose memory [`KeyWriter::in_memory_of`](crate::KeyWriter::in_memory_of) can reuse.
     pub fn into_bytes(self) -> Vec<u8> {
         self.encoding
     }
@@ -136,7 +137,7 @@ impl Manifest {
         changes
     }
 
-    /// The path of the first NaN.
+    /// The path of the first field that is NaN.
     pub(crate) fn first_nan(&self) -> Option<String> {
         let mut found = None;
         self.decode(|path, value| {
@@ -150,7 +151,7 @@ impl Manifest {
         found
     }
 
-    /// Calls `each` with every field until it returns false. `None` if the encoding is damaged.
+    /// Calls `each` with every field until it returns false. Returns `None` if the encoding is damaged.
     fn decode(&self, mut each: impl FnMut(&str, Value) -> bool) -> Option<()> {
         let mut reader = Reader { rest: &self.encoding };
         if reader.text()? != FORMAT {
@@ -232,7 +233,7 @@ fn push_name(path: &mut String, name: &str) {
     }
 }
 
-/// Lines by their place: the path, and a number that distinguishes lines with the same path.
+/// Identifies each line by its path and a number that distinguishes lines with the same path.
 fn numbered(lines: Vec<Line>) -> Vec<((String, usize), Value)> {
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
     let place = |line: Line| {

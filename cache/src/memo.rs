@@ -1,4 +1,5 @@
-//! Memos: the digest of a file as of a [`FileStamp`], so that an unchanged file is not read again.
+//! Memos: stored digests of files, each with the [`FileStamp`] for which it is valid, so that an unchanged file is
+//! not read again.
 
 use std::fs::OpenOptions;
 use std::io::{self, Read};

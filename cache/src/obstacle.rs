@@ -9,7 +9,7 @@ use crate::log_head::fresh_salt;
 use crate::regular::is_broken_link;
 use crate::settings::Incident;
 
-/// The folder that obstacles and damaged blobs are moved to. Emptied by every collection.
+/// The folder that obstacles and damaged blobs are moved to. Every collection empties it.
 pub(crate) const QUARANTINE: &str = "quarantine";
 
 const FOLDERS: [&str; 5] = ["temp", "blobs", "leases", "pins", "last"];
@@ -41,7 +41,7 @@ pub(crate) enum Expected {
     Folder,
 }
 
-/// Moves what lies at `path` to the quarantine of `root` if it is not `expected`.
+/// Moves the object at `path` to the quarantine of `root` unless it is of the type `expected`.
 pub(crate) fn clear(root: &Path, path: &Path, expected: Expected) -> Option<Incident> {
     let (name, right): (_, fn(&fs::Metadata) -> bool) = match expected {
         Expected::File => ("file", fs::Metadata::is_file),
@@ -54,15 +54,15 @@ pub(crate) fn clear(root: &Path, path: &Path, expected: Expected) -> Option<Inci
     Some(Incident { digest: None, what: format!("{} is not a {name}; {outcome}", path.display()) })
 }
 
-/// Moves a folder at `path`, where a file is about to be renamed to, to the quarantine of `root`. Nothing else is in the
-/// way of a rename.
+/// Moves a folder at `path`, where a file is about to be renamed to, to the quarantine of `root`. Only a folder
+/// prevents a rename.
 pub(crate) fn clear_folder(root: &Path, path: &Path) {
     if fs::symlink_metadata(path).is_ok_and(|found| found.is_dir()) {
         let _ = quarantine(root, path);
     }
 }
 
-/// True if something lies at `path` that is not `right` once links are followed.
+/// True if an object at `path` exists and `right` returns false for its metadata; links are followed.
 fn is_obstacle(path: &Path, right: fn(&fs::Metadata) -> bool) -> bool {
     match fs::metadata(path) {
         Ok(found) => !right(&found),
@@ -70,8 +70,8 @@ fn is_obstacle(path: &Path, right: fn(&fs::Metadata) -> bool) -> bool {
     }
 }
 
-/// Moves what lies at `path`, whatever it is, to the quarantine, or removes it where that is not possible. Links are
-/// moved, not followed. Returns what was done.
+/// Moves the object at `path`, of any type, to the quarantine, or removes it if it cannot be moved. Links are
+/// moved, not followed. Returns a description of the action.
 fn quarantine(root: &Path, path: &Path) -> io::Result<String> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let target = root.join(QUARANTINE).join(format!("{name}.{:08x}", fresh_salt()));

@@ -1,4 +1,4 @@
-//! [`PageCache`]: parts of a file kept in memory, so that neighbouring entries cost one read.
+//! [`PageCache`]: parts of a file kept in memory, so that neighbouring entries are read at once.
 
 use std::collections::BTreeMap;
 use std::fs::File;

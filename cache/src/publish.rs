@@ -19,8 +19,8 @@ pub fn publish_file(path: &Path, bytes: &[u8]) -> Result<()> {
     publish_through(path, |to| to.write_all(bytes).at("write", path))
 }
 
-/// Like [`publish_file`], for content that is produced in pieces: `write` gets the writer to use. If it fails, the
-/// path keeps its old content.
+/// Like [`publish_file`], for content that is produced in pieces: `write` is called with the writer. If it fails,
+/// the file at `path` is unchanged.
 ///
 /// # Errors
 /// Those of `write`, and of [`publish_file`].

@@ -1,5 +1,5 @@
-//! Opening regular files only: a pipe would block for ever, a device may have no end, and a file must not be
-//! created at the target of a dangling link.
+//! Opens regular files only: a pipe would block forever, a device may have no end, and a file must not be created
+//! at the target of a dangling link.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Read};
@@ -66,7 +66,7 @@ pub(crate) fn metadata(path: &Path) -> io::Result<Option<Metadata>> {
     }
 }
 
-/// True if `error`, the result of following the link at `path`, says that the link leads nowhere: its target does
+/// True if `error`, the result of following the link at `path`, means that the link leads nowhere: its target does
 /// not exist, or is the link itself.
 pub(crate) fn is_broken_link(path: &Path, error: &io::Error) -> bool {
     error.kind() != io::ErrorKind::PermissionDenied

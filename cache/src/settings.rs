@@ -1,4 +1,4 @@
-//! [`Options`] and [`Fsync`]: how a cache folder is opened. [`Incident`]: what was found damaged in it.
+//! [`Options`] and [`Fsync`]: how a cache folder is opened. [`Incident`]: damage that was found in it.
 
 use std::fmt;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -19,12 +19,12 @@ pub(crate) mod kind {
 /// process. Verified reads detect what a loss of power damaged, and it is computed again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fsync {
-    /// Once, by [`Store::flush`](crate::Store::flush).
+    /// Sync once, in [`Store::flush`](crate::Store::flush).
     #[default]
     Batch,
-    /// After every blob and record.
+    /// Sync after every blob and record.
     Always,
-    /// Never.
+    /// Never sync.
     Off,
 }
 
@@ -33,11 +33,12 @@ pub enum Fsync {
 pub struct Options {
     /// The policy for syncing.
     pub fsync: Fsync,
-    /// Write nothing, even if the folder is writable. Folders that are not writable are detected without this.
+    /// True to write nothing, even if the folder is writable. Folders that are not writable are detected without
+    /// this.
     pub read_only: bool,
 }
 
-/// Damage that was found and repaired or bypassed; worth one line of warning.
+/// Damage that was found, and repaired or bypassed. It merits one line of warning.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Incident {
     /// The damaged blob; `None` if the damage was elsewhere.

@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Identifies a state of a file by the result of one `stat`. Two equal stamps *probably* mean equal content;
+/// The state of a file, identified by the result of one `stat`. Two equal stamps *probably* mean equal content;
 /// [`is_settled`](Self::is_settled) says when they certainly do.
 #[derive(Clone, Copy, Debug)]
 pub struct FileStamp {
@@ -77,8 +77,9 @@ impl FileStamp {
         bytes
     }
 
-    /// True if the last change was long enough before the stamp was taken that any later change must give a different
-    /// stamp (git's rule for "racily clean" files). Never true for a file whose time is in the future.
+    /// True if the last change was long enough before the stamp was taken that any later change must give a
+    /// different stamp (the rule of git for "racily clean" files). Never true for a file whose time is in the
+    /// future.
     pub fn is_settled(&self) -> bool {
         self.mtime_ns.max(self.ctime_ns).saturating_add(GRANULARITY_NS) < self.taken_ns
     }

@@ -1,5 +1,5 @@
-//! [`Store`]: one cache folder, or a replacement for one. Written here, since no embedded database has many writing
-//! processes, opens in less than a millisecond and survives a kill at any point.
+//! [`Store`]: one cache folder, or a store in memory. It is not based on an embedded database, since none supports
+//! many writing processes, opens in less than a millisecond and survives a kill at any moment.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -54,9 +54,10 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens the cache in `folder`, creating it if necessary. If it cannot be written, or the disk is full, it is opened
-    /// read-only (and is empty if it does not exist); see [`why_read_only`](Self::why_read_only). Whatever is found where
-    /// a file or folder of the cache belongs, and is not one, is moved to the quarantine and reported as an [`Incident`].
+    /// Opens the cache in `folder`, creating it if necessary. If it cannot be written, or the disk is full, it is
+    /// opened read-only, and a cache that does not exist is then empty; see [`why_read_only`](Self::why_read_only).
+    /// Anything of the wrong type at the path of a file or folder of the cache is moved to the quarantine and
+    /// reported as an [`Incident`].
     ///
     /// # Errors
     /// If `folder` is not a folder or cannot be read; see [`unavailable`](Self::unavailable).
@@ -237,10 +238,10 @@ impl Store {
 
     // --- records ---
 
-    /// Stores `payload` under `key`, replacing what was stored. Once this returns, no killed or stopped process undoes
-    /// it, with one exception: the record is lost if it was written without the lock, because another process was stopped
-    /// while it held that, and then this other process is killed after it replaced the log by a compacted one and before
-    /// it copied the record. The cost is that the result is computed again.
+    /// Stores `payload` under `key`, replacing what was stored. Once this returns, no killed or stopped process
+    /// undoes it, with one exception: the record is lost if it was written without the lock, because another
+    /// process was stopped while it held the lock, and then this other process is killed after it replaced the log
+    /// by a compacted one and before it copied the record. The cost is that the result is computed again.
     ///
     /// # Errors
     /// If it cannot be written, or is longer than 16 MiB: see [`Error`].
@@ -351,7 +352,8 @@ impl Store {
         self.with_table(table, |table| table.get(name).map(<[u8]>::to_vec))
     }
 
-    /// Removes the values whose names `keep` refuses from a table of history, if it has more than `limit` values.
+    /// Removes values from a table of history if it has more than `limit` values: those for whose names `keep`
+    /// returns false.
     pub fn history_trim(&self, table: &str, limit: usize, keep: impl Fn(&str) -> bool) {
         self.with_table(table, |table| table.trim(limit, keep));
     }
@@ -390,8 +392,8 @@ impl Store {
 
     // --- leases ---
 
-    /// Requests the right to compute `key`. Whoever gets it must look for the record again: the previous holder may have
-    /// stored it.
+    /// Requests the right to compute `key`. The new holder must look for the record again: the previous holder may
+    /// have stored it.
     pub fn lease(&self, key: &Digest) -> LeaseState {
         match &self.folder {
             Some(folder) if !self.is_read_only() => {
@@ -452,8 +454,8 @@ impl Store {
         reach(failpoint::FLUSH_AFTER).at("flush", folder)
     }
 
-    /// Removes what killed processes left in the cache folder: leases and temporary files. Returns the number of the
-    /// latter.
+    /// Removes files that killed processes left in the cache folder: leases and temporary files. Returns the number
+    /// of temporary files removed.
     pub fn sweep(&self) -> usize {
         let Some(folder) = self.folder.as_deref().filter(|_| !self.is_read_only()) else { return 0 };
         let leases = fs::read_dir(folder.join("leases")).into_iter().flatten().flatten();
@@ -472,12 +474,12 @@ impl Drop for Store {
     }
 }
 
-/// The start of the current day in seconds since 1970: uses of results are recorded by day.
+/// The start of the current day in seconds since 1970. Uses of results are recorded by day.
 pub fn today() -> u64 {
     seconds(SystemTime::now()) / DAY_SECONDS * DAY_SECONDS
 }
 
-/// Creates the cache folder, marked so that backup programs leave it out.
+/// Creates the cache folder, with a mark by which backup programs skip it.
 fn create_folder(folder: &Path, root: &Path) -> Result<()> {
     if root.is_dir() {
         return Ok(());

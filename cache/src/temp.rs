@@ -113,7 +113,8 @@ impl Drop for TempFile {
     }
 }
 
-/// Forces the names in a folder onto the disk. Not every system can do that; a verified read detects what is lost then.
+/// Forces the names in a folder onto the disk. Not every system supports this; a verified read detects what is lost
+/// then.
 pub(crate) fn sync_folder(folder: &Path) {
     let _ = File::open(folder).and_then(|folder| folder.sync_all());
 }

@@ -17,12 +17,12 @@ const SUFFIX: &str = ".lightharmony-folder";
 /// that killed processes left.
 pub struct TempFolder {
     path: PathBuf,
-    /// The open folder; `None` where the system cannot open folders.
+    /// The open folder, which is locked; `None` where the system cannot open folders.
     _held: Option<File>,
 }
 
 impl TempFolder {
-    /// Creates a folder in `parent`. The caller may rename it, and it is kept then.
+    /// Creates a folder in `parent`. If the caller renames the folder, it is kept.
     ///
     /// # Errors
     /// If the folder cannot be created.

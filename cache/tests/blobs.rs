@@ -1,4 +1,4 @@
-//! Blobs: reading returns the right bytes or nothing, whatever happens to the files.
+//! Tests of blobs: reading returns the right bytes or nothing, whatever happens to the files.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs;

@@ -1,4 +1,4 @@
-//! Collections, verification and copies of a cache.
+//! Tests of collections, of verification and of copies of a cache.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs::{self, File};

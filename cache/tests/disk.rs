@@ -1,6 +1,6 @@
-//! Full disks and folders that cannot be written. The disk is a small tmpfs in a namespace of the child process;
-//! where the system does not permit mounting one, the test says so and passes: `kill.rs` injects the same error
-//! everywhere.
+//! Tests with full disks and with folders that cannot be written. The disk is a small tmpfs in a namespace of the
+//! child process. Where the system does not permit mounting one, the test prints that and passes: `kill.rs` injects
+//! the same error everywhere.
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic and speak")]
 

@@ -1,4 +1,5 @@
-//! The index of a log only saves time: whatever happens to it or to the log, reading returns what was stored.
+//! Tests of the index of a log, which only saves time: whatever happens to the index or to the log, reading returns
+//! what was stored.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs;
@@ -6,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use cache::{Digest, Fsync, Options, Store};
 
-/// Enough records that the log gets an index.
+/// Number of records, large enough that the log gets an index.
 const COUNT: u32 = 1500;
 
 fn open(folder: &Path) -> Store {

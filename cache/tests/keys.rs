@@ -1,4 +1,4 @@
-//! Keys: different sequences of fields have different digests, and the manifest says how they differ.
+//! Tests of keys: different sequences of fields have different digests, and the manifest says how they differ.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use cache::{Change, Digest, Key, KeyError, KeyWriter, Manifest};
@@ -65,7 +65,7 @@ fn meaning(fields: &[(String, Field)]) -> String {
     fields.iter().map(|(name, field)| format!("{name:?}: {}, ", one(field))).collect()
 }
 
-/// Sequences of few and similar values, so that many are nearly equal.
+/// Generates sequences of few and similar values, so that many are nearly equal.
 fn fields() -> impl Strategy<Value = Vec<(String, Field)>> {
     let name = prop::sample::select(vec!["", "a", "b", "ab", "(", ")", "a)"]).prop_map(str::to_owned);
     let leaf = prop_oneof![

@@ -1,5 +1,5 @@
-//! Kills a process, or simulates an error of its disk, at every named place, and checks the cache.
-//! Needs the feature `failpoints`. The children are this test program again, running `child`.
+//! Kills a process, or simulates an error of its disk, at every named place, and checks the cache. Needs the
+//! feature `failpoints`. The child processes are this test program, with the test `child`.
 #![cfg(feature = "failpoints")]
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -24,7 +24,7 @@ fn key(n: u8) -> Digest {
 
 const ROUNDS: u8 = 6;
 
-/// Does everything at least once, and logs what was acknowledged.
+/// Performs each operation of the store at least once, and logs those that were acknowledged.
 fn work(folder: &Path) -> Result<()> {
     let mut acknowledged = OpenOptions::new().create(true).append(true).open(folder.join("log")).unwrap();
     // One write per line, so that a kill leaves no half line.
@@ -81,7 +81,7 @@ fn child() {
     }
 }
 
-/// Runs a child that stops at a place. Returns whether it stopped.
+/// Runs a child process that stops at a failpoint. Returns whether it stopped.
 fn run(folder: &Path, failpoint: Option<&str>) -> bool {
     let mut command = Command::new(std::env::current_exe().unwrap());
     command.args(["--exact", "child", "--ignored", "--nocapture"]).env("CACHE_TEST_FOLDER", folder);
@@ -96,7 +96,7 @@ fn run(folder: &Path, failpoint: Option<&str>) -> bool {
     !output.status.success()
 }
 
-/// Checks that everything acknowledged is stored, and nothing is wrong.
+/// Checks that every acknowledged result is stored, and that no wrong result is.
 fn check(folder: &Path, what: &str) {
     let log = fs::read_to_string(folder.join("log")).unwrap_or_default();
     let store = open(&folder.join("cache")).unwrap();
@@ -130,7 +130,7 @@ fn check(folder: &Path, what: &str) {
     }
 }
 
-/// The counts at which children are stopped at each place; `work` reaches no place more often.
+/// The counts at which child processes are stopped at each failpoint; `work` reaches no failpoint more often.
 const COUNTS: [u64; 5] = [1, 2, 3, 7, 12];
 
 #[test]

@@ -1,4 +1,4 @@
-//! Memos: an unchanged file is not read, a changed one always is read.
+//! Tests of memos: an unchanged file is not read, a changed file always is.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs::{self, File};

@@ -1,5 +1,6 @@
-//! A run completes whatever is at the path of a file or folder of the cache: the obstacle is moved away,
-//! nothing is created or changed through a link, and nothing waits for a pipe.
+//! Tests with objects of the wrong type in the cache folder. A run completes whatever is at the path of a file or
+//! folder of the cache: the obstacle is moved away, nothing is created or changed through a link, and no operation
+//! waits for a pipe.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -20,7 +21,7 @@ fn large() -> Vec<u8> {
     vec![3; 9000]
 }
 
-/// Does everything that a run does, and checks the results.
+/// Performs every operation that a run performs, and checks the results.
 fn work(store: &Store) {
     let running = store.begin_run("graph", &|| false);
     let LeaseState::Acquired(lease) = store.lease(&Digest::of(b"key")) else { panic!("the lease is busy") };

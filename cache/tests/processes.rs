@@ -1,4 +1,4 @@
-//! Several processes on one cache. The children are this test program again, running `child`.
+//! Tests with several processes on one cache. The child processes are this test program, with the test `child`.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs;

@@ -1,4 +1,4 @@
-//! Records: whatever happens to the file, reading returns what was stored, or nothing.
+//! Tests of records: whatever happens to the file, reading returns what was stored, or nothing.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::collections::BTreeMap;

@@ -5,9 +5,9 @@
 //!
 //! - A graph file is RON text. [`Graph::parse`] parses and checks it against the registry and reports all mistakes
 //!   together as [`Diagnostics`], with places and advice. [`apply`] adds settings (`--set node.field=value`).
-//! - [`Engine::run`] computes the targets of a graph. Each node has a [key](crate#keys). Results whose key is in the store
-//!   are not computed again; the rest runs on several threads within a memory budget. Progress is reported as
-//!   [`Event`]s. [`Engine::plan`] shows what a run would do, and why.
+//! - [`Engine::run`] computes the targets of a graph. Each node has a [key](crate#keys). Results whose key is in
+//!   the store are not computed again; the other nodes run on several threads within a memory budget. Progress is
+//!   reported as [`Event`]s. [`Engine::plan`] shows what a run would do, and why.
 //! - Values are [`Artifact`]s. Their encoded bytes are stored, compared and digested.
 //!
 //! ```
@@ -68,16 +68,17 @@
 //! ```
 //!
 //! # Keys
-//! The key of a node is a digest of its kind and version, all parameters including defaults, the content of its inputs
-//! and of the files it reads, its numeric profile, and the context fields that the kind declares. Names, layout, folders,
-//! times and threads are not part of it. Since inputs enter by content, a node with an unchanged result ends the rerun of
-//! the nodes below. A key is written together with its [`Manifest`], the readable form that explanations compare.
+//! The key of a node is a digest of its kind and version, all parameters including defaults, the content of its
+//! inputs and of the files it reads, its numeric profile, and the context fields that the kind declares. Names,
+//! layout, folders, times and threads are not part of it. Since inputs enter by content, the nodes below a node
+//! with an unchanged result do not run again. A key is written together with its [`Manifest`], the readable form
+//! that explanations compare.
 //!
 //! # Guarantees
 //! - Results do not depend on the number of threads, the order in which nodes run, or the content of the cache.
 //! - A node that fails affects only the nodes that depend on it. A panic in its code is a failure of the node.
 //! - Damage to the cache costs time and one warning. A run that is cancelled or killed keeps what is finished.
-//! - Nothing recurses over the graph: a chain may be as long as memory allows.
+//! - No code recurses over the graph: a chain may be as long as memory allows.
 //!
 //! # Modules
 //! The folders of `src` are layers: `value`, `text`, `kind`, `graph`, `record`, `run`, `plan`, `watch`, `share`. A module

@@ -1,4 +1,4 @@
-//! `completions` and `manual`: made from the table of verbs.
+//! `completions` and `manual`: shell completions and manual pages, made from the table of verbs.
 
 use clap::{Args, Command};
 

@@ -30,8 +30,8 @@ pub struct Convert {
     /// Keep the coordinates as stored, whatever the formats define
     #[arg(long, conflicts_with = "up")]
     as_stored: bool,
-    /// Write SPZ version 4; the default is version 3, which every reader knows, unless harmonics of degree 4 need
-    /// version 4
+    /// Write SPZ version 4; the default is version 3, which every reader supports, unless harmonics of degree 4
+    /// need version 4
     #[arg(long)]
     spz4: bool,
     #[command(flatten)]
@@ -39,7 +39,7 @@ pub struct Convert {
 }
 
 impl Convert {
-    /// Exit code 0, or 1 where the file cannot be read or written.
+    /// Converts the scene. Returns exit code 0, or 1 if a file cannot be read or written.
     pub fn run(self) -> Result<u8, Error> {
         if let Some(converted) = self.mesh()? {
             return Ok(converted);
@@ -172,7 +172,7 @@ fn check_folder(output: &Path) -> Result<(), NodeError> {
     Err(NodeError::new(what).hint("create it first"))
 }
 
-/// Warns where the floor of a scene indicates another up axis than the one that was assumed.
+/// Warns if the floor of a scene indicates another up axis than the assumed one.
 fn warn_of_floor(scene: &Splats, up: Up, notes: &mut Notes, cx: &Context) -> Result<(), NodeError> {
     cx.check()?;
     let level = nodes::geometry::level::of_splats(scene, None).filter(|level| level.is_sure());

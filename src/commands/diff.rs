@@ -1,4 +1,4 @@
-//! `diff`: how two graphs, bundles, pictures or runs differ.
+//! `diff`: the differences between two graphs, bundles, pictures or runs.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -41,8 +41,8 @@ pub struct Diff {
     engine: EngineArgs,
 }
 
-/// The pixels of a picture, or the channels of an OpenEXR file without a picture of its own; else why it cannot be
-/// read.
+/// The pixels of a picture, or the channels of an OpenEXR file that has no colour picture. An error is the reason
+/// why the file cannot be read.
 fn pixels(path: &Path) -> Result<Arc<Images>, String> {
     let whole = path.canonicalize().map_err(|error| error.to_string())?;
     let file = InputFile(whole.to_str().ok_or("its path is not UTF-8")?.to_owned());
@@ -59,7 +59,7 @@ fn pixels(path: &Path) -> Result<Arc<Images>, String> {
     }
 }
 
-/// The channels of an OpenEXR file that has only layers, by name, as data.
+/// The channels of an OpenEXR file that has only layers, each as data under its name.
 fn layers(name: &str, bytes: &[u8]) -> Option<Images> {
     let Planes { width, height, channels, .. } = exr::read(name, bytes).ok()?;
     let view = |Channel { name, samples }| {
@@ -69,7 +69,8 @@ fn layers(name: &str, bytes: &[u8]) -> Option<Images> {
     Some(Images(channels.into_iter().map(view).collect()))
 }
 
-/// The difference of the files of two sinks: pictures by their pixels, and whether only their recipes differ.
+/// The difference between the files of two sinks. Pictures are compared by their pixels; if these are equal, the
+/// difference is that of their recipes.
 fn files_difference(a: &Files, b: &Files) -> Difference {
     let views = |files: &Files| files.0.iter().map(|file| file.view.clone()).collect::<Vec<_>>();
     if views(a) != views(b) {
@@ -100,7 +101,7 @@ fn files_difference(a: &Files, b: &Files) -> Difference {
     }
 }
 
-/// The recipe of a picture; `None` for another file, or a picture that carries none.
+/// The recipe of a picture; `None` for other files and for a picture without a recipe.
 fn recipe(path: &Path) -> Result<Option<Recipe>, Error> {
     if !is_picture(path) {
         return Ok(None);
@@ -111,11 +112,11 @@ fn recipe(path: &Path) -> Result<Option<Recipe>, Error> {
     text.map(|text| Recipe::parse(&text)).transpose().map_err(named)
 }
 
-/// Lines about nodes, a few for many instances of one node.
+/// Lines about nodes, limited to a few for many instances of one node.
 #[derive(Default)]
 struct Lines {
     text: String,
-    /// The node of the last lines, and the number of these lines.
+    /// The node of the last lines.
     node: String,
     count: usize,
 }
@@ -160,12 +161,12 @@ fn cut(text: &str) -> String {
 struct Side {
     loaded: Loaded,
     engine: Engine,
-    /// The folder of a temporary store for the results of a bundle.
+    /// Temporary folder of the store that contains the results of a bundle.
     _place: Option<TempFolder>,
 }
 
 impl Diff {
-    /// Prints what differs; exit code 1 where anything does.
+    /// Prints the differences. Returns exit code 1 if there are any.
     pub fn run(self) -> Result<u8, Error> {
         let pictures = is_picture(&self.a) && is_picture(&self.b);
         let (a, b) = (recipe(&self.a)?, recipe(&self.b)?);
@@ -244,7 +245,7 @@ impl Diff {
         Ok(u8::from(!equal))
     }
 
-    /// The results that differ, and the nodes without a known result.
+    /// Describes the results that differ, and the nodes without a known result.
     fn differences(&self, came: &ResultDifferences) -> String {
         let mut lines = Lines::default();
         for node in &came.unequal {

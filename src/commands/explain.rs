@@ -1,4 +1,4 @@
-//! `explain`: why a node would run again, and what its key consists of.
+//! `explain`: the reasons why a node would run again, and the content of its key.
 
 use clap::Args;
 use engine::{Graph, bytes_text};
@@ -26,7 +26,7 @@ pub struct Explain {
 }
 
 impl Explain {
-    /// Prints the causes, the nodes on the way to them, and the time and memory that the node took.
+    /// Prints the causes, the nodes on the way to them, and the time and memory of the last run of the node.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;
@@ -81,7 +81,8 @@ impl Explain {
     }
 }
 
-/// A line of a key with the index of the wire: each wire has three fields, type, format and content.
+/// A line of a key in which the index of the field is replaced by that of its wire; each wire has three fields:
+/// type, format and content.
 fn by_wire(graph: &Graph, index: usize, line: &str) -> String {
     let numbered = || {
         let (name, rest) = line.split_once('[')?;

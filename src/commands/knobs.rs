@@ -1,4 +1,4 @@
-//! `knobs`: the parameters that trade work for accuracy in a graph.
+//! `knobs`: lists the parameters of a graph that trade work for accuracy.
 
 use clap::Args;
 use engine::{GraphKnob, PRESETS};

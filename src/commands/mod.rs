@@ -1,4 +1,4 @@
-//! The verbs, one file or folder each.
+//! The verbs, with one file or folder for each.
 
 mod cache;
 mod check;
@@ -31,11 +31,11 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::session::Error;
 
-/// Exit codes, for scripts.
+/// Exit codes, as shown in the help of verbs.
 const EXIT_STATUS: &str = "Exit status: 0 done; 1 a node failed, or a difference or damage was found, or a goal was not reached; 2 a \
 mistake in the graph or the command line; 3 done, but degraded (a note explains why); 130 interrupted.";
 
-/// The verbs by what they are for.
+/// The groups of verbs in `--help`, with their titles.
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Begin", &["init", "nodes", "inspect", "convert"]),
     ("Run a graph", &["run", "watch", "check", "plan", "explain", "show", "graph"]),
@@ -44,7 +44,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
     ("Maintain", &["cache", "completions", "manual", "train-exposure"]),
 ];
 
-/// A first session, for `--help`.
+/// The example in `--help`.
 const EXAMPLE: &str = "Example:
   lightharmony init chair && cd chair
   lightharmony run graph.ron                         # writes out/picture.png
@@ -132,7 +132,7 @@ enum RunVerb {
 }
 
 impl Command {
-    /// Parses the command line; ends the process for mistakes and `--help`.
+    /// Parses the command line. Ends the process after mistakes and `--help`.
     pub fn read() -> Self {
         // A run with nothing to do ends before clap's table of all verbs is built.
         if std::env::args_os().nth(1).is_some_and(|verb| verb == "run") {
@@ -143,7 +143,7 @@ impl Command {
         Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
     }
 
-    /// The command line whose help lists the verbs in groups.
+    /// The definition of the command line, with the verbs in groups in its help.
     fn grouped() -> clap::Command {
         let command = Self::command();
         let about = |verb: &&str| {
@@ -158,7 +158,7 @@ impl Command {
         command.before_help(text).help_template(TEMPLATE)
     }
 
-    /// Returns true if standard output is JSON, so that errors are printed there as well.
+    /// True if standard output is JSON, so that errors are printed there as JSON as well.
     pub fn prints_json(&self) -> bool {
         match &self.verb {
             Verb::Run(verb) => verb.json,

@@ -1,4 +1,4 @@
-//! `nodes`: the kinds, from the same table that checks graphs.
+//! `nodes`: lists and describes the kinds, from the same table that the check of graphs uses.
 
 use clap::Args;
 use engine::{Arity, KindEntry, PRESETS, PortSpec, Registry, Role};
@@ -19,22 +19,11 @@ pub struct Nodes {
     markdown: bool,
 }
 
-/// The stages of a pipeline, in order, with the kinds of each. Kinds whose name begins with `load-` or `write-` belong to the first
-/// and the last one.
+/// The stages of a pipeline, in order, with the kinds of each. Kinds whose names begin with `load-` or `write-`
+/// belong to the first and the last stage without being listed.
 const STAGES: [(&str, &[&str]); 7] = [
     ("load", &["demo-scene"]),
-    (
-        "prepare",
-        &[
-            "crop-mesh",
-            "extract-mesh",
-            "override-material",
-            "plane",
-            "run-colmap",
-            "run-program",
-            "train-splats",
-        ],
-    ),
+    ("prepare", &["crop-mesh", "extract-mesh", "override-material", "plane"]),
     ("place", &["camera", "cube-rig", "fit-probe", "place", "pose", "snap"]),
     ("light", &["fit-lights", "fuse-hdr", "predict-exposure", "score-env", "splat-panorama", "stitch"]),
     (
@@ -75,7 +64,7 @@ impl Nodes {
     }
 }
 
-/// The stage of a kind; kinds that no stage names belong to `other`.
+/// The stage of a kind; `other` for kinds that are not in a stage.
 fn stage(name: &str) -> &'static str {
     let named = STAGES.iter().find(|(_, kinds)| kinds.contains(&name)).map(|(stage, _)| *stage);
     named.unwrap_or(match name {
@@ -105,7 +94,8 @@ fn in_list(kind: &KindEntry, width: usize) -> String {
     wrapped(&first_sentence(kind.doc), &format!("  {}", kind.name), 22, width)
 }
 
-/// The kinds that mention a word: in their names, else in their docs, their ports or parameters.
+/// Lists the kinds that mention a word: in their names or, if there are none, in their documentation, ports or
+/// parameters.
 fn found(registry: &Registry, word: &str, width: usize) -> Result<String, Error> {
     let lower = word.to_lowercase();
     let has = |text: &str| text.to_lowercase().contains(&lower);
@@ -139,7 +129,7 @@ fn found(registry: &Registry, word: &str, width: usize) -> Result<String, Error>
     Ok(text)
 }
 
-/// Column at which text next to names begins.
+/// Column at which the text next to names begins.
 const COLUMN: usize = 23;
 
 fn describe(kind: &KindEntry, width: usize) -> String {
@@ -181,7 +171,7 @@ fn describe(kind: &KindEntry, width: usize) -> String {
     text
 }
 
-/// The paragraphs of a doc, with an empty line between two; items of lists follow each other.
+/// Appends the paragraphs of a documentation text, with an empty line between them, except between items of a list.
 fn doc(text: &mut String, doc: &str, indent: usize, width: usize) {
     for (at, paragraph) in paragraphs(doc).iter().enumerate() {
         match paragraph.strip_prefix("- ").or_else(|| paragraph.strip_prefix("* ")) {
@@ -259,7 +249,7 @@ fn markdown(kind: &KindEntry) -> String {
     text
 }
 
-/// The first sentence of a doc, on one line.
+/// The first sentence of a documentation text, in one line.
 fn first_sentence(doc: &str) -> String {
     let text = paragraphs(doc).into_iter().next().unwrap_or_default();
     // A sentence ends before a capital.

@@ -1,4 +1,4 @@
-//! `pack`: a graph, its inputs and its results as one file.
+//! `pack`: writes a graph, its inputs and its results to one file.
 
 use std::path::PathBuf;
 

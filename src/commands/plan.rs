@@ -1,4 +1,4 @@
-//! `plan`: what a run would compute and why.
+//! `plan`: prints what a run would compute, and why.
 
 use clap::Args;
 use engine::{Engine, Event, Fate, Forecast, Graph, Planned, bytes_text};
@@ -62,7 +62,7 @@ impl Plan {
     }
 }
 
-/// Exit code 1 where a node would fail.
+/// Returns exit code 1 if a node would fail, otherwise 0.
 fn exit_code(plan: &[Planned]) -> u8 {
     u8::from(plan.iter().any(|node| matches!(node.fate, Fate::Fails(_))))
 }

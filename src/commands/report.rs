@@ -1,4 +1,4 @@
-//! `report`: one page on what a graph costs, how large its error is, and which node causes it.
+//! `report`: writes a page on the cost of a graph, its error, and the nodes that cause the error.
 
 use std::path::PathBuf;
 use std::time::Instant;

@@ -1,4 +1,4 @@
-//! `tune`: settings of the knobs that reach an error with little work, found by measuring.
+//! `tune`: finds settings of the knobs that reach an error with little work, by measuring.
 
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -39,8 +39,8 @@ pub struct Tune {
     /// Find the least error with at most this much work, in rays (other counts are weighted as rays)
     #[arg(long, value_name = "RAYS", allow_negative_numbers = true)]
     max_work: Option<f64>,
-    /// The measure of error to minimise where a cost is bounded: flip (default), flip95, rmse, psnr, ciede2000,
-    /// mae, relmse, with the prefix `touched.`, `object.` or `shadow.` if wanted
+    /// The measure of error to minimise when a cost is bounded: flip (default), flip95, rmse, psnr, ciede2000, mae,
+    /// relmse; optionally with the prefix `touched.`, `object.` or `shadow.`
     #[arg(long, value_name = "METRIC", conflicts_with = "max_error")]
     metric: Option<String>,
     /// Maximum number of settings to measure
@@ -58,7 +58,8 @@ pub struct Tune {
 }
 
 impl Tune {
-    /// Exit code 0 where the goal was reached, 1 where it was not, 130 where it was interrupted.
+    /// Runs the search. Returns exit code 0 if the goal was reached, 1 if it was not, 130 if the search was
+    /// interrupted.
     pub fn run(self) -> Result<u8, Error> {
         let begin = Instant::now();
         let wanted = self.wanted()?;

@@ -1,4 +1,4 @@
-//! `unpack`: a bundle as a folder.
+//! `unpack`: unpacks a bundle into a folder.
 
 use std::fs::File;
 use std::path::PathBuf;
@@ -9,7 +9,7 @@ use engine::{Bundle, bytes_text};
 use crate::session::{EngineArgs, Error};
 use crate::terminal;
 
-/// Unpacks a bundle into a new folder, or nothing where any part of it is damaged.
+/// Unpacks a bundle into a new folder. If any part of the bundle is damaged, no folder is created.
 #[derive(Debug, Args)]
 pub struct Unpack {
     /// The bundle

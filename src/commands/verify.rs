@@ -1,4 +1,4 @@
-//! `verify`: recomputes nodes of a bundle and compares.
+//! `verify`: recomputes nodes of a bundle and compares their results.
 
 use std::fs::File;
 use std::num::NonZero;
@@ -34,7 +34,7 @@ pub struct Verify {
 }
 
 impl Verify {
-    /// Prints one line per node; exit code 1 where a result differs from the bundle.
+    /// Prints one line per node. Returns exit code 1 if a result differs from the bundle.
     pub fn run(self) -> Result<u8, Error> {
         let named = |error: engine::BundleError| Error::of_file(&self.bundle, &error);
         let file = File::open(&self.bundle);

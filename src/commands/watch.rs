@@ -40,7 +40,7 @@ pub struct Watch {
     poll: bool,
 }
 
-/// Why a bundle or a picture is not watched.
+/// The reason why a bundle or a picture cannot be watched.
 const WRITTEN_ONCE: &str = "a bundle or a picture does not change; to edit and watch a bundle, \
     `lightharmony unpack` it and watch the `graph.ron` in the folder";
 

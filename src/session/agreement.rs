@@ -1,17 +1,17 @@
-//! After a run: do the splats and the mesh of a place agree in the views that were wanted?
+//! A check after a run: whether the splats and the mesh of a place agree in the wanted views.
 
 use engine::{Engine, Graph, Wire};
 use nodes::geometry::agreement::{Agreement, Depths};
 use nodes::types::{Images, Picture};
 
-/// Number of pairs of a picture of splats and a trace that are compared; more would only repeat what they say.
+/// Maximum number of compared pairs of a picture of splats and a trace. More pairs would give the same findings.
 const MOST_PAIRS: usize = 4;
 
 /// Finding of a pair of nodes: its id, and its text with the names of the nodes.
 pub type Finding = (&'static str, String);
 
-/// Compares each picture of splats with each trace of the same cameras that have a mesh of the place. Values that are not
-/// in the cache are left out: the run that computed them has said what they show.
+/// Compares each picture of splats with each trace of the same cameras that has a mesh of the place. Values that
+/// are not in the cache are left out, since the run that computed them reported its findings.
 pub fn findings(engine: &Engine, graph: &Graph) -> Vec<Finding> {
     let mut found = Vec::new();
     for (splats, trace) in pairs(graph).into_iter().take(MOST_PAIRS) {
@@ -23,15 +23,16 @@ pub fn findings(engine: &Engine, graph: &Graph) -> Vec<Finding> {
     found
 }
 
-/// The wires of an input by its name.
+/// The wires of an input with this name.
 fn wires<'a>(graph: &'a Graph, node: usize, input: &str) -> &'a [Wire] {
     let node = &graph.nodes[node];
     let at = node.kind.inputs.iter().position(|port| port.name == input);
     at.and_then(|at| node.inputs.get(at)).map_or(&[], Vec::as_slice)
 }
 
-/// Pairs of `splat-render` without a limit and `path-trace` with a receiver, by the same cameras. Where splats before the
-/// objects are drawn too, nothing before them is missed.
+/// Pairs of a `splat-render` without `limit` and a `path-trace` with a receiver that have the same cameras. A trace
+/// that is the `limit` of any `splat-render` is left out, since splats in front of its objects are then drawn as
+/// well.
 fn pairs(graph: &Graph) -> Vec<(usize, usize)> {
     let of = |kind: &str| -> Vec<usize> {
         (0..graph.nodes.len()).filter(|&node| graph.nodes[node].kind.name == kind).collect()
@@ -50,7 +51,7 @@ fn pairs(graph: &Graph) -> Vec<(usize, usize)> {
     pairs
 }
 
-/// The first view of a pair.
+/// Compares the first view of a pair.
 fn of_pair(engine: &Engine, graph: &Graph, splats: usize, trace: usize) -> Option<Vec<Finding>> {
     let picture = |node: usize, output: &str| -> Option<Picture> {
         let port = graph.nodes[node].kind.outputs.iter().position(|port| port.name == output)?;

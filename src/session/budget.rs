@@ -1,5 +1,5 @@
-//! A bound on error or time for a whole run, as values that override its graph. So the number of samples is fixed
-//! before the run, is written into the recipes of its pictures, and can be reproduced.
+//! A limit on error or time for a whole run, applied as values that override the graph. The number of samples is
+//! therefore fixed before the run, is written into the recipes of its pictures, and can be reproduced.
 
 use std::sync::Arc;
 
@@ -19,7 +19,7 @@ type Fields = Vec<(String, &'static str, String)>;
 /// Settings that override a graph, such as `trace.samples=16`.
 pub type Chosen = Vec<String>;
 
-/// The error for a graph without samples to bound.
+/// The error for a graph in which no node takes samples.
 fn no_samples() -> Error {
     Error::usage(
         "no node of this graph takes samples that an error or a time could bound; `path-trace` does, where its \
@@ -28,8 +28,8 @@ fn no_samples() -> Error {
 }
 
 /// Sets an error bound for every node that takes samples until one is reached. The maximum is the number of samples
-/// of the graph: fewer samples in a preset are meant for runs without an error bound. Returns the settings that
-/// undo the preset.
+/// in the graph, since fewer samples in a preset are meant for runs without an error bound. Also returns the
+/// settings that undo the preset.
 pub fn to_error(loaded: Loaded, error: f64) -> Result<(Loaded, Chosen), Error> {
     let takes = |knob: &GraphKnob| knob.parameter == ERROR;
     let knobs = loaded.graph.knobs(&loaded.only).into_iter().filter(takes);
@@ -44,7 +44,7 @@ pub fn to_error(loaded: Loaded, error: f64) -> Result<(Loaded, Chosen), Error> {
     Ok((Loaded { graph, ..loaded }, chosen))
 }
 
-/// The numbers of samples of the graph, where a preset sets fewer.
+/// The numbers of samples in the graph, for nodes in which a preset sets fewer.
 fn raised(loaded: &Loaded) -> Fields {
     let graph = &loaded.graph;
     let bare = graph.source.without_presets();
@@ -63,8 +63,8 @@ fn raised(loaded: &Loaded) -> Fields {
     more.collect()
 }
 
-/// Returns the graph with the minimum number of samples where a node that takes samples has no forecast; `None`
-/// where all have one. A run of it gives all forecasts, and its samples are kept.
+/// Returns the graph with the minimum number of samples if a node that takes samples has no forecast, and `None` if
+/// all have one. A run of this graph gives all forecasts, and its samples are kept.
 pub fn pilot(loaded: &Loaded, engine: &Engine) -> Result<Option<(Arc<Graph>, Chosen)>, Error> {
     let own = samples(&loaded.graph, &loaded.only);
     if own.is_empty() {
@@ -95,7 +95,7 @@ pub fn to_time(loaded: Loaded, engine: &Engine, seconds: f64) -> Result<(Loaded,
     }
 }
 
-/// The knobs that set numbers of samples, and their values.
+/// The knobs that are numbers of samples, with their values.
 fn samples(graph: &Graph, only: &[usize]) -> Vec<(GraphKnob, u64)> {
     let counts = |knob: &GraphKnob| {
         !knob.varies
@@ -113,7 +113,7 @@ fn settings(fields: &Fields) -> Chosen {
     fields.iter().map(|(node, parameter, value)| format!("{node}.{parameter}={value}")).collect()
 }
 
-/// The graph with at most `most` samples.
+/// Returns the graph with at most `most` samples per node.
 fn capped(graph: &Graph, own: &[(GraphKnob, u64)], most: u64) -> Result<Arc<Graph>, Error> {
     laid(graph, "--time", &fields(own, most))
 }

@@ -73,7 +73,7 @@ impl EngineArgs {
     }
 }
 
-/// A flag that the first Ctrl-C sets; the second one ends the process.
+/// Returns a flag that the first Ctrl-C sets. The second Ctrl-C ends the process.
 pub fn on_interrupt() -> Result<Arc<AtomicBool>, Error> {
     let cancel = Arc::new(AtomicBool::new(false));
     let again = cancel.clone();
@@ -85,7 +85,8 @@ pub fn on_interrupt() -> Result<Arc<AtomicBool>, Error> {
     Ok(cancel)
 }
 
-/// The folder of the cache: the named one, else that of the environment variable, else the user's cache folder.
+/// The folder of the cache: the named one, otherwise that of the environment variable, otherwise the user's cache
+/// folder.
 pub fn cache_folder(named: Option<&Path>) -> Result<PathBuf, Error> {
     match (named, std::env::var_os("LIGHTHARMONY_CACHE")) {
         (Some(folder), _) => Ok(folder.to_owned()),

@@ -11,10 +11,10 @@ pub enum Error {
     /// The graph file has mistakes, which are printed with their places.
     #[error("{0}")]
     Graph(Diagnostics),
-    /// The command line, or a file that it names, is not usable. The text says what is wrong and what to write instead.
+    /// The command line, or a file that it names, cannot be used. The text has the problem and the remedy.
     #[error("{0}")]
     Usage(String),
-    /// The cache, or a file to write, failed: the text has the path and the reason of the system.
+    /// The cache cannot be used, or a file cannot be written. The text has the path and the error of the system.
     #[error("{0}")]
     Cache(String),
     /// Standard output cannot be written.
@@ -23,17 +23,17 @@ pub enum Error {
 }
 
 impl Error {
-    /// A mistake of the user, with what to write instead.
+    /// An error about the command line, with the problem and the remedy.
     pub fn usage(text: impl Into<String>) -> Self {
         Self::Usage(text.into())
     }
 
-    /// A file that cannot be read: `what` is its role, such as `overlay`.
+    /// The error for a file that cannot be read. `what` is its role, such as `overlay`.
     pub fn unreadable(what: &str, path: &Path, source: &std::io::Error) -> Self {
         Self::Usage(format!("cannot read the {what} `{}`: {source}", path.display()))
     }
 
-    /// A file and why it cannot be used.
+    /// The error for a file that cannot be used, with the reason.
     pub fn of_file(path: &Path, source: &dyn Display) -> Self {
         Self::Usage(format!("`{}`: {source}", path.display()))
     }
@@ -72,7 +72,7 @@ impl From<cache::Error> for Error {
     }
 }
 
-/// The chain of causes: what was tried on which path, and the reason of the system.
+/// The chain of causes: the operation, the path and the error of the system.
 pub(super) fn causes(error: cache::Error) -> String {
     engine::NodeError::from(error).to_string()
 }

@@ -61,12 +61,12 @@ pub struct Loaded {
 }
 
 impl Loaded {
-    /// Refuses sinks that would overwrite the graph or a file it reads.
+    /// Rejects sinks that would overwrite the graph or a file that it reads.
     pub fn check_outputs(&self, out: &Path) -> Result<(), Error> {
         self.graph.check_outputs(&self.only, out, &self.texts).map_err(Error::Graph)
     }
 
-    /// Refuses an output path that is the graph or a file it reads.
+    /// Rejects an output path that is the graph or a file that it reads.
     pub fn check_output(&self, path: &Path) -> Result<(), Error> {
         let read = ReadFiles::new(self.texts.iter().cloned().chain(self.graph.files()));
         if read.has(path) {
@@ -87,8 +87,8 @@ impl GraphArgs {
         })
     }
 
-    /// Like [`load`](Self::load), for work on knobs; prints a remark for a picture, whose recipe lacks presets and
-    /// names of its graph.
+    /// Like [`load`](Self::load), for work on knobs. Prints a remark for a picture, whose recipe has neither the
+    /// presets nor the names of its graph.
     pub fn load_to_turn(&self) -> Result<Loaded, Error> {
         if is_picture(&self.graph) {
             terminal::remark(
@@ -136,7 +136,7 @@ impl GraphArgs {
         known.reparse(text, nodes::registry)
     }
 
-    /// Checks a graph that was read, and opens an engine. A wrong graph leaves no cache behind.
+    /// Checks a graph that was read, and opens an engine. For a graph with mistakes no cache is created.
     pub fn check_with(
         &self,
         origin: Origin,
@@ -198,7 +198,7 @@ impl GraphArgs {
         Ok(Origin { source, root, lock, recipe, unpacked })
     }
 
-    /// Adds a hint to mistakes of `--set`: how to write a list of numbers in a shell.
+    /// Adds a hint to mistakes of `--set`, about writing a list of numbers in a shell.
     fn with_shell_forms(&self, error: Error) -> Error {
         let Error::Graph(mut mistakes) = error else { return error };
         for setting in &self.set {

@@ -1,4 +1,4 @@
-//! The lock of a graph, and whether the graph still agrees with it.
+//! The lock of a graph, and the check that the graph agrees with it.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -33,7 +33,7 @@ fn unreadable(path: &Path, error: &std::io::Error) -> Error {
     }
 }
 
-/// Refuses a graph whose kinds or inputs are not those of its lock.
+/// Rejects a graph whose kinds or inputs differ from those of its lock.
 pub fn refuse(engine: &Engine, graph: &Graph, only: &[usize], lock: &Lock) -> Result<(), Error> {
     let now = engine.lock(graph, only)?;
     let differences = lock.differences(&now).before;

@@ -1,4 +1,4 @@
-//! The parts that most verbs need first: a checked graph, a store, threads.
+//! Preparations that most verbs share: a checked graph, a store, threads.
 
 pub mod agreement;
 pub mod budget;

@@ -1,4 +1,4 @@
-//! The nodes that the command line names.
+//! Resolution of the names of nodes on the command line.
 
 use std::collections::BTreeSet;
 
@@ -11,7 +11,7 @@ const FRAME: &str = "frame";
 /// Maximum number of names in a message.
 const MOST: usize = 40;
 
-/// The nodes of `--only` and `--frames`; none where neither is given.
+/// The nodes of `--only` and `--frames`; an empty list if neither is given.
 pub fn wanted(graph: &Graph, only: &[String], frames: Option<&str>) -> Result<Vec<usize>, Error> {
     if only.iter().any(|name| name.trim().is_empty()) {
         return Err(Error::usage("`--only` takes names of nodes separated by single commas"));
@@ -23,7 +23,7 @@ pub fn wanted(graph: &Graph, only: &[String], frames: Option<&str>) -> Result<Ve
     }
 }
 
-/// The nodes whose value of the axis `frame` lies in a range.
+/// The nodes whose value of the axis `frame` is in a range.
 fn at_frames(graph: &Graph, nodes: Vec<usize>, frames: &str) -> Result<Vec<usize>, Error> {
     let wrong = || {
         let how = "write the first and the last one, such as 1001-1050, or one, such as 7";
@@ -56,7 +56,7 @@ fn at_frames(graph: &Graph, nodes: Vec<usize>, frames: &str) -> Result<Vec<usize
     Ok(found)
 }
 
-/// The node of a name, or an error that lists the nodes of the graph.
+/// The node with this name. The error lists the nodes of the graph.
 pub fn find(graph: &Graph, name: &str) -> Result<usize, Error> {
     match find_all(graph, name)?.as_slice() {
         [node] => Ok(*node),
@@ -67,7 +67,7 @@ pub fn find(graph: &Graph, name: &str) -> Result<usize, Error> {
     }
 }
 
-/// Every instance of the node with this name; a node that varies along an axis has several.
+/// Every instance of the node with this name. A node that varies along an axis has several.
 fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
     let found = graph.find_all(name);
     if !found.is_empty() {
@@ -107,7 +107,7 @@ fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
     )))
 }
 
-/// The values of an axis that nodes have: all if they are few, else the first and the last.
+/// The values of an axis at some nodes: all if they are few, otherwise the first and the last.
 fn values_of(graph: &Graph, nodes: &[usize], axis: &str) -> String {
     const FEW: usize = 6;
     let value = |&node: &usize| {

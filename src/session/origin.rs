@@ -1,4 +1,4 @@
-//! The sources of a graph: a graph file, a bundle, a picture that carries its recipe.
+//! The origin of a graph: a graph file, a bundle, or a picture with a recipe.
 
 use std::fs::File;
 use std::io::Read;
@@ -21,17 +21,17 @@ pub struct Origin {
     pub unpacked: Option<TempFolder>,
 }
 
-/// Returns true if a file is a bundle or a picture, which do not change once written.
+/// True if a file is a bundle or a picture, which do not change after they are written.
 pub fn is_written_once(path: &Path) -> bool {
     head(path) == BUNDLE || is_picture(path)
 }
 
-/// Returns true if a file is a picture of a format that can carry a recipe.
+/// True if a file is a picture of a format that can contain a recipe.
 pub fn is_picture(path: &Path) -> bool {
     nodes::io::recipe::is_picture(&head(path))
 }
 
-/// The first bytes of a file that can be read.
+/// The first bytes of a file; empty if it cannot be read.
 fn head(path: &Path) -> Vec<u8> {
     let mut head = Vec::new();
     let _ = File::open(path).and_then(|file| file.take(8).read_to_end(&mut head));
@@ -52,7 +52,7 @@ pub struct OriginArgs {
 /// First bytes of a bundle.
 const BUNDLE: &[u8] = b"LHbundle";
 
-/// Maximum bytes of a picture and of a graph; bundles are streamed.
+/// Maximum size of a picture or graph in bytes. Bundles are streamed.
 const LARGEST_PICTURE: u64 = 4 << 30;
 const LARGEST_GRAPH: u64 = engine::MAX_GRAPH_BYTES;
 const MOST_AT_ONCE: u64 = 16 << 20;
@@ -96,7 +96,8 @@ impl Origin {
         )
     }
 
-    /// A graph file. One in the folder of an unpacked bundle is untrusted as long as the marker file exists.
+    /// Opens a graph file. If it is in the folder of an unpacked bundle, it is untrusted while the marker file
+    /// exists.
     fn own(
         mut source: Source,
         folder: PathBuf,
@@ -152,7 +153,7 @@ impl Origin {
     }
 }
 
-/// Reads the text of a graph whose first bytes were read, up to the maximum length.
+/// Reads the text of a graph, whose first bytes have been read, up to the maximum length.
 fn graph_text(mut bytes: Vec<u8>, from: impl Read) -> std::io::Result<String> {
     let wrong = |what: &str| std::io::Error::new(std::io::ErrorKind::InvalidData, what);
     from.take(LARGEST_GRAPH + 1 - bytes.len() as u64).read_to_end(&mut bytes)?;

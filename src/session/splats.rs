@@ -1,4 +1,4 @@
-//! Reads a scene of splats from a file, outside a graph, for `convert` and `inspect`.
+//! Reading of a scene of splats from a file, outside of a graph, for `convert` and `inspect`.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use crate::terminal;
 #[derive(Debug, Clone, Args)]
 pub struct MemoryArgs {
     /// Maximum memory for the scene, such as 4G; 0, the default, is three quarters of the free memory. A file whose
-    /// header asks for more is not read
+    /// header requires more is not read
     #[arg(long, value_name = "SIZE")]
     memory: Option<String>,
 }
@@ -28,8 +28,8 @@ impl MemoryArgs {
     }
 }
 
-/// An error for a file or folder that needs more than `memory` bytes to be read, by its header: a file of a few
-/// megabytes may claim any number of splats.
+/// Returns an error if reading a file or folder requires more than `memory` bytes according to its headers, since a
+/// file of a few megabytes may claim any number of splats.
 pub fn check_memory(path: &Path, memory: u64) -> Result<(), NodeError> {
     let file = InputFile(path.display().to_string());
     let root = SourceRoot::new("");
@@ -87,7 +87,7 @@ pub fn context(up: Up) -> Context {
     Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, "")
 }
 
-/// Refuses a path that is neither a file nor a folder: a device or a pipe may never end.
+/// Rejects a path that is neither a file nor a folder, since devices and pipes may never end.
 pub fn check(path: &Path) -> Result<(), NodeError> {
     let name = path.display();
     let found = std::fs::metadata(path).map_err(|e| NodeError::new(format!("cannot read `{name}`: {e}")))?;
@@ -106,14 +106,14 @@ pub fn load(path: &Path, frame: Frame, cx: &Context) -> Result<(Arc<Splats>, Not
     Ok((out.splats, notes))
 }
 
-/// Prints why a file cannot be used; returns the exit code.
+/// Prints why a file cannot be used, and returns the exit code.
 pub fn failed(error: &NodeError) -> u8 {
     let hint = error.advice().map(|hint| format!("\n  hint: {hint}")).unwrap_or_default();
     terminal::error(&format!("{error}{hint}"));
     1
 }
 
-/// Notes as lines of text.
+/// Formats notes as lines of text.
 pub fn lines(notes: &Notes) -> String {
     let word = |level: Level| match level {
         Level::Count | Level::Decision => "note",

@@ -1,4 +1,4 @@
-//! How a capture stands: its splats and cameras, brought into a world whose up holds.
+//! The orientation of a capture: its splats and cameras are transformed to a world in which up is known.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,40 +14,41 @@ use nodes::math::num;
 use nodes::types::frame::Similarity;
 use nodes::types::{Rig, Splats};
 
-/// An axis within this many degrees of the measured up is taken for it.
+/// Maximum angle in degrees at which an axis is used in place of the measured up direction.
 const STRAIGHT_DEG: f64 = 2.5;
-/// A guess from this confidence on is better than the habit of trainers.
+/// Minimum confidence of a guess that replaces the usual convention of trainers.
 const LEANING: f64 = 0.5;
 
-/// What up rests on.
+/// The basis on which the up direction was determined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum UpBy {
-    /// The floor, or the cameras.
+    /// Measured from the floor or the cameras.
     Measured,
-    /// The format of the file.
+    /// Defined by the format of the file.
     Format,
-    /// A guess.
+    /// Guessed.
     Guessed,
 }
 
-/// A capture that stands upright.
+/// A capture that was rotated upright.
 #[derive(Debug)]
 pub struct Standing {
-    /// The splats in the world.
+    /// The splats in world space.
     pub splats: Arc<Splats>,
-    /// The cameras in the world.
+    /// The cameras in world space.
     pub cameras: Option<Arc<Rig>>,
-    /// Up of the world.
+    /// The axis of the world that points up.
     pub up: Up,
-    /// What it rests on.
+    /// The basis on which it was determined.
     pub by: UpBy,
-    /// Chance that it is right, 0 to 1.
+    /// Probability that it is correct, 0 to 1.
     pub confidence: f64,
-    /// What turns the splats so that `up` holds, after what their format says.
+    /// Transform of the splats to the world, row by row, applied after that of their format; `None` for the
+    /// identity.
     pub matrix: Option<[f64; 16]>,
-    /// What turns the cameras, which no format turns.
+    /// Transform of the cameras to the world, row by row. Formats of cameras define none. `None` for the identity.
     pub camera_matrix: Option<[f64; 16]>,
-    /// Floor, ceiling and scale in the world.
+    /// Floor, ceiling and scale in world space.
     pub stand: LevelEstimate,
 }
 
@@ -80,8 +81,8 @@ fn degrees(a: DVec3, b: DVec3) -> f64 {
     num::atan2(a.cross(b).length(), a.dot(b)).to_degrees()
 }
 
-/// Up of the world, what turns the capture to it, what it rests on and how sure that is. A declared frame was turned to
-/// +z by its loader.
+/// Determines the up axis of the world, the transform of the capture to it, the basis, and the confidence. Loaders
+/// have already rotated captures with a declared frame to +z.
 fn upright(measured: Option<&LevelEstimate>, declared: Option<Up>) -> (Up, Option<[f64; 16]>, UpBy, f64) {
     let sure = measured.filter(|found| found.is_sure());
     let leaning = measured.filter(|found| declared.is_none() && found.confidence >= LEANING);
@@ -104,7 +105,7 @@ fn upright(measured: Option<&LevelEstimate>, declared: Option<Up>) -> (Up, Optio
 }
 
 impl Standing {
-    /// Reads a capture and finds out how it stands.
+    /// Reads a capture and determines its orientation.
     pub fn of(splats: &Path, cameras: Option<&Path>) -> Result<Self, NodeError> {
         // A folder is a SOG scene, which says nothing about axes.
         let bytes = std::fs::read(splats).unwrap_or_default();
@@ -129,7 +130,7 @@ impl Standing {
         };
         let cameras = cameras.map(|path| rig(path, camera_matrix, &cx)).transpose()?;
         let stand = level::upright(&place, axes(up)[2], cameras.as_deref())
-            .ok_or_else(|| NodeError::new(format!("`{}` has no splats that are seen", splats.display())))?;
+            .ok_or_else(|| NodeError::new(format!("`{}` has no visible splats", splats.display())))?;
         Ok(Self { splats: place, cameras, up, by, confidence, matrix, camera_matrix, stand })
     }
 }

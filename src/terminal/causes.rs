@@ -25,13 +25,13 @@ pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
 
 /// One difference between two keys of a node.
 pub struct Cause {
-    /// `` `pose.yaw_deg` 30.0 -> 35.0 ``.
+    /// Text of the difference, such as `` `pose.yaw_deg` 30.0 -> 35.0 ``.
     pub text: String,
-    /// The input node whose result differs, where that is the cause.
+    /// The input node whose result differs, if that is the cause.
     pub above: Option<usize>,
 }
 
-/// The causes that the changes of a node's key stand for. A wire is several fields of a key and gives one cause.
+/// Converts the changes of a node's key to causes. A wire has several fields in a key and gives one cause.
 pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
     let node = &graph.nodes[index];
     let mut causes = Vec::new();
@@ -116,7 +116,7 @@ fn other_files(graph: &Graph, index: usize, read: &[&str], dropped: &[&str]) -> 
     }
 }
 
-/// The origin of a wire, as text and as a node.
+/// The origin of a wire, as a text and as a node.
 fn end(graph: &Graph, index: usize, port: usize, wire: usize) -> (String, Option<usize>) {
     let Some(wire) = graph.nodes[index].inputs[port].get(wire) else { return ("nothing".to_owned(), None) };
     let above = &graph.nodes[wire.node];
@@ -124,7 +124,7 @@ fn end(graph: &Graph, index: usize, port: usize, wire: usize) -> (String, Option
     (format!("{}.{output}", above.id), Some(wire.node))
 }
 
-/// The cause of a change that is not a wire.
+/// The cause for a change that is not in a wire.
 fn plain_cause(graph: &Graph, index: usize, change: &Change) -> String {
     let node = &graph.nodes[index];
     let value = |value: &Option<String>| value.clone().unwrap_or_else(|| "nothing".to_owned());
@@ -146,11 +146,11 @@ fn plain_cause(graph: &Graph, index: usize, change: &Change) -> String {
 pub struct Trail {
     /// Indented lines for each node on the path, with its changes.
     pub lines: Vec<String>,
-    /// The first causes.
+    /// The first causes, as texts.
     pub roots: Vec<String>,
 }
 
-/// Walks from a node up to the causes of its next or last run.
+/// Walks up from a node to the causes of its next or last run.
 pub fn trail(engine: &Engine, graph: &Graph, plan: &[Planned], node: usize) -> Trail {
     let mut trail = Trail { lines: Vec::new(), roots: Vec::new() };
     let mut seen = vec![false; plan.len()];

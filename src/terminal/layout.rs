@@ -1,13 +1,14 @@
-//! Text laid out for the width of the terminal.
+//! Layout of text for the width of the terminal.
 
 use textwrap::Options;
 
-/// Width where standard output is not a terminal.
+/// Width if standard output is not a terminal, in characters.
 const WIDTH: usize = 100;
-/// The range of widths: longer lines are hard to read, and shorter ones leave no room next to a column of names.
+/// Range of widths in characters. Longer lines are hard to read, and shorter ones leave no space next to a column
+/// of names.
 const WIDTHS: std::ops::RangeInclusive<usize> = 40..=120;
 
-/// The width to lay text out for, in characters.
+/// The width for laid-out text, in characters.
 pub fn width() -> usize {
     let width = terminal_size::terminal_size().map_or(WIDTH, |(width, _)| usize::from(width.0));
     width.clamp(*WIDTHS.start(), *WIDTHS.end())

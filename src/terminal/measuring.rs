@@ -20,16 +20,16 @@ pub struct Measuring(Rc<RefCell<State>>);
 struct State {
     bar: ProgressBar,
     begin: Instant,
-    /// Total number of settings, where that is known.
+    /// Total number of settings, if known.
     of: Option<usize>,
-    /// The remaining settings, and when that was computed.
+    /// Forecast for the remaining settings, and the time at which it was computed.
     left: Option<(Outlook, Instant)>,
     /// The running node and its progress, from 0 to 1.
     node: Option<(String, f32)>,
 }
 
 impl Measuring {
-    /// A display for `of` settings, where that number is known.
+    /// A display for `of` settings, if their number is known.
     pub fn new(of: Option<usize>) -> Self {
         let target = if std::io::stderr().is_terminal() {
             ProgressDrawTarget::stderr_with_hz(12)
@@ -92,7 +92,7 @@ impl State {
     }
 }
 
-/// `setting 3 of 14, preview, trace 45 %, about 12 s left`.
+/// Formats the state of the bar: `setting 3 of 14, preview, trace 45 %, about 12 s left`.
 fn text(
     name: &str,
     before: usize,
@@ -114,7 +114,7 @@ fn text(
     parts.join(", ")
 }
 
-/// `14 settings, about 12 s`, before anything is measured.
+/// Formats the forecast before the first measurement: `14 settings, about 12 s`.
 pub fn outlook_text(outlook: &Outlook) -> String {
     let Outlook { settings, seconds, unknown } = outlook;
     let s = if *settings == 1 { "" } else { "s" };

@@ -5,13 +5,14 @@ use std::io::{IsTerminal, Write};
 use engine::{Diagnostics, Event, Graph};
 use serde::Serialize;
 
-/// Prints the error that ended a verb on standard error.
+/// Prints to standard error the error that ended a verb.
 pub fn error(message: &str) {
     let styled = message.starts_with("error") || message.starts_with('\u{1b}');
     let _ = writeln!(std::io::stderr(), "{}{message}", if styled { "" } else { "error: " });
 }
 
-/// Prints mistakes with their places: as a line of JSON on standard output, or underlined on standard error.
+/// Prints mistakes with their places: as a line of JSON on standard output, or with the excerpts underlined on
+/// standard error.
 pub fn mistakes(found: &Diagnostics, json: bool) {
     if json {
         return json_line(&Event::Mistakes { list: found.mistakes(), text: String::new() });
@@ -31,7 +32,7 @@ pub fn no_file(graph: &Graph, only: &[usize]) -> Option<String> {
     ))
 }
 
-/// The names of some nodes, cut after the first 40.
+/// The names of some nodes, at most the first 40.
 fn names(graph: &Graph, nodes: impl Iterator<Item = usize>) -> String {
     const MOST: usize = 40;
     let mut names: Vec<&str> = nodes.take(MOST + 1).map(|node| graph.nodes[node].id.as_str()).collect();
@@ -41,24 +42,24 @@ fn names(graph: &Graph, nodes: impl Iterator<Item = usize>) -> String {
     names.join(", ")
 }
 
-/// Prints one line of JSON on standard output. A closed pipe does not stop the program.
+/// Prints one line of JSON to standard output. A closed pipe does not stop the program.
 pub fn json_line(value: &impl Serialize) {
     if let Ok(line) = serde_json::to_string(value) {
         let _ = writeln!(std::io::stdout().lock(), "{line}");
     }
 }
 
-/// Prints a remark on standard error.
+/// Prints a remark to standard error.
 pub fn remark(message: &str) {
     let _ = writeln!(std::io::stderr(), "{message}");
 }
 
-/// Returns true if standard error shows colours.
+/// True if standard error supports colours.
 pub fn colours() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
 }
 
-/// Prints to standard output; a closed pipe is not an error.
+/// Prints a text to standard output. A closed pipe is not an error.
 pub fn print(text: &str) -> std::io::Result<()> {
     use std::io::ErrorKind;
     match std::io::stdout().lock().write_all(text.as_bytes()) {

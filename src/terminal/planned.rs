@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::causes::reason;
 
-/// The plan of a node, and what it took when it last ran.
+/// The plan of a node, and the time, memory and counts of its last run.
 pub fn planned_json(engine: &Engine, graph: &Graph, index: usize, node: &Planned) -> Value {
     let (fate, changes, after) = match &node.fate {
         Fate::Unwanted => ("unwanted", &[][..], None),

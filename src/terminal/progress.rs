@@ -1,4 +1,4 @@
-//! Progress of a run and the time that is left.
+//! Progress of a run and the remaining time.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use super::words::seconds_text;
 /// A node whose code runs.
 #[derive(Debug)]
 struct Running {
-    /// Start of the node.
+    /// Time at which the node started.
     begin: f64,
     forecast: Option<f64>,
     /// Progress, from 0 to 1.
@@ -17,7 +17,7 @@ struct Running {
 }
 
 impl Running {
-    /// Seconds left at time `now`; `None` where there is neither a forecast nor progress.
+    /// Remaining time in seconds at time `now`; `None` if there is neither a forecast nor progress.
     ///
     /// The estimate moves from the forecast to the measured pace as the node progresses.
     fn left(&self, now: f64) -> Option<f64> {
@@ -34,25 +34,26 @@ impl Running {
     }
 }
 
-/// Progress of a run and the time that is left. Times are in seconds of one clock.
+/// Progress of a run and the remaining time. Times are in seconds of one clock.
 #[derive(Debug, Default)]
 pub struct Progress {
-    /// Forecasts of the nodes that may run and have not begun, by name, if the plan has names.
+    /// Forecasts of the nodes that may run and have not started, by name, if the plan has names.
     planned: BTreeMap<String, Option<f64>>,
-    /// The sum of the forecasts of the nodes that have not begun.
+    /// Sum of the forecasts of the nodes that have not started.
     waiting: f64,
     /// Number of these nodes without a forecast.
     unknown: usize,
     running: BTreeMap<String, Running>,
-    /// Number of nodes that may run, and of those that are done.
+    /// Number of nodes that may run.
     open: usize,
+    /// Number of these nodes that are done.
     done: usize,
-    /// Start of the run.
+    /// Time at which the run started.
     begin: f64,
 }
 
 impl Progress {
-    /// A run with a plan.
+    /// The progress of a run with a plan.
     pub fn planned(plan: &[Planned], now: f64) -> Self {
         let open = plan.iter().filter(|node| !matches!(node.fate, Fate::Known | Fate::Unwanted));
         let planned = open.map(|node| (node.id.clone(), node.forecast)).collect();
@@ -65,7 +66,7 @@ impl Progress {
         Self { waiting: seconds, unknown: untimed, open, begin: now, ..Self::default() }
     }
 
-    /// Records that the code of a node begins.
+    /// Records that the code of a node starts.
     pub fn start(&mut self, id: &str, forecast: Option<f64>, now: f64) {
         self.not_waiting(id, forecast);
         self.running.insert(id.to_owned(), Running { begin: now, forecast, fraction: 0.0 });
@@ -97,7 +98,7 @@ impl Progress {
         }
     }
 
-    /// Seconds left, and the number of nodes without a forecast, which are not included.
+    /// Remaining time in seconds, and the number of nodes without a forecast, which are not included in it.
     fn left(&self, now: f64) -> (f64, usize) {
         let left = self.running.values().map(|node| node.left(now));
         left.fold((self.waiting, self.unknown), |(sum, unknown), left| match left {
@@ -106,7 +107,8 @@ impl Progress {
         })
     }
 
-    /// The share of the run that is done, from 0 to 1: by time where all forecasts are known, else by nodes.
+    /// Fraction of the run that is done, from 0 to 1: of the time if all forecasts are known, otherwise of the
+    /// nodes.
     pub fn fraction(&self, now: f64) -> f64 {
         let (elapsed, (left, unknown)) = ((now - self.begin).max(0.0), self.left(now));
         let of = if unknown == 0 && elapsed + left > 0.0 {
@@ -118,7 +120,7 @@ impl Progress {
         of.clamp(0.0, 1.0)
     }
 
-    /// `3 of 12 nodes, trace 45 %, about 12 s left`.
+    /// Formats the state of the bar: `3 of 12 nodes, trace 45 %, about 12 s left`.
     pub fn text(&self, now: f64) -> String {
         const MOST: usize = 2;
         let mut parts =
@@ -141,7 +143,7 @@ impl Progress {
         parts.join(", ")
     }
 
-    /// Returns true if the code of a node runs.
+    /// True if the code of a node is running.
     pub fn is_running(&self) -> bool {
         !self.running.is_empty()
     }

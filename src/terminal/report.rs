@@ -15,7 +15,7 @@ use super::words::{counts_text, forecast_text, seconds_text, totals_text};
 pub enum Report {
     /// One JSON object per line on standard output.
     Json,
-    /// Lines on standard error, paths of written files on standard output; a bar where it is a terminal.
+    /// Lines on standard error, with a bar if it is a terminal, and paths of written files on standard output.
     Lines(Box<Lines>),
 }
 
@@ -24,7 +24,7 @@ pub struct Lines {
     bar: ProgressBar,
     progress: Progress,
     begin: Instant,
-    /// Also print cached nodes, counts and all notes.
+    /// True to also print cached nodes, counts and all notes.
     verbose: bool,
     colour: bool,
     /// Notes that were printed: `watch` prints each of them once.
@@ -36,12 +36,12 @@ pub struct Lines {
 }
 
 impl Report {
-    /// JSON lines.
+    /// A report as JSON lines.
     pub fn json() -> Self {
         Report::Json
     }
 
-    /// Lines of text; `verbose` also prints cached nodes, counts and all notes.
+    /// A report as lines of text; `verbose` also prints cached nodes, counts and all notes.
     pub fn lines(verbose: bool) -> Self {
         let target = if std::io::stderr().is_terminal() {
             ProgressDrawTarget::stderr_with_hz(12)
@@ -60,7 +60,7 @@ impl Report {
         }))
     }
 
-    /// Returns true if a bar with a forecast is shown, which needs a plan.
+    /// True if a bar with a forecast is shown, which requires a plan.
     pub fn shows_forecast(&self) -> bool {
         matches!(self, Report::Lines(lines) if !lines.bar.is_hidden())
     }

@@ -1,4 +1,4 @@
-//! Progress and interruption of trainings.
+//! Progress and interruption of training.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::output::remark;
 
-/// Shows the progress of a training: a bar on a terminal, elsewhere a line on stderr per tenth of a stage.
+/// Shows the progress of a training: a bar on a terminal, otherwise a line on standard error per tenth of a stage.
 pub struct Follow {
     bar: ProgressBar,
     tenth: Option<u64>,
@@ -15,7 +15,7 @@ pub struct Follow {
 }
 
 impl Follow {
-    /// A display; from now on Ctrl-C stops the training.
+    /// Creates the display. From then on, Ctrl-C stops the training.
     pub fn new() -> Self {
         let stopped = Arc::new(AtomicBool::new(false));
         let flag = stopped.clone();
@@ -28,7 +28,7 @@ impl Follow {
         Self { bar, tenth: None, stopped }
     }
 
-    /// The flag that Ctrl-C sets.
+    /// Returns the flag that Ctrl-C sets.
     pub fn stopped(&self) -> Arc<AtomicBool> {
         self.stopped.clone()
     }
@@ -52,7 +52,7 @@ impl Follow {
     }
 }
 
-/// The line to print without a terminal, once another tenth is done.
+/// Returns the line to print without a terminal, if another tenth is done.
 fn line(tenth: &mut Option<u64>, text: &str, at: u64, of: u64) -> Option<String> {
     let now = at.saturating_mul(10) / of.max(1);
     (tenth.replace(now) != Some(now)).then(|| format!("{text}: {at}/{of}"))

@@ -1,8 +1,9 @@
-//! Numbers, times and tables in words.
+//! Formatting of numbers, times and tables.
 
 use engine::{Counts, Forecast, Totals};
 
-/// `5 of 14 nodes may run, about 8.0 s`. The time of a node whose kind never ran is unknown, not 0.
+/// Formats a forecast: `5 of 14 nodes may run, about 8.0 s`. The time of a node whose kind never ran is unknown,
+/// not 0.
 pub fn forecast_text(forecast: &Forecast) -> String {
     let Forecast { open, wanted, seconds, untimed } = forecast;
     let mut text = format!("{open} of {wanted} nodes may run");
@@ -28,7 +29,7 @@ pub fn seconds_text(seconds: f64) -> String {
     }
 }
 
-/// `   rays 1.2 M, ..`, or nothing.
+/// Formats counts: `   rays 1.2 M, ..`; empty without counts.
 pub fn counts_text(counts: &Counts) -> String {
     let texts: Vec<String> = counts.iter().map(|(name, n)| format!("{name} {}", number_text(*n))).collect();
     if texts.is_empty() { String::new() } else { format!("   {}", texts.join(", ")) }
@@ -43,7 +44,7 @@ fn number_text(n: u64) -> String {
     }
 }
 
-/// `3 ran, 9 cached in 2.1 s`.
+/// Formats totals: `3 ran, 9 cached in 2.1 s`.
 pub fn totals_text(totals: &Totals) -> String {
     let mut parts = vec![format!("{} ran", totals.ran), format!("{} cached", totals.cached)];
     for (n, word) in [

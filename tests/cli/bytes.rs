@@ -1,4 +1,4 @@
-//! The same bytes for any number of threads, any folder and any order.
+//! Tests that results have the same bytes for any number of threads, any folder and any order.
 
 use crate::{INSERT, Place};
 
@@ -53,7 +53,8 @@ fn two_processes_on_one_cache_agree() {
     assert!(!a.is_empty() && a == b);
 }
 
-/// Forty loaders and forty sinks: enough that processes meet at every moment of a node.
+/// Sixteen processes compute each key once. Forty loaders and forty sinks are enough that processes meet at every
+/// stage of a node.
 #[test]
 fn sixteen_processes_on_one_cache_compute_each_key_once() {
     const NODES: usize = 80;

@@ -1,4 +1,4 @@
-//! Nodes that run again after an edit, checked on the event stream of real runs.
+//! Tests of which nodes run again after an edit, by the events of real runs.
 
 use crate::{INSERT, Place, RunLog};
 
@@ -69,20 +69,21 @@ fn edits_rerun_what_they_touch_and_nothing_else() {
     assert_eq!(ran(&place, INSERT).nodes("ran"), [""; 0]);
 }
 
-/// A triangle of half a metre in the object's own units.
+/// A triangle with a side of half a metre, as glTF.
 pub(crate) const OBJECT: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
 "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
 "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}],
 "bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36,
 "uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAAAAPwAAAAAAAAAAAAAAAAAAAD8AAAAA"}]}"#;
 
-/// A floor, and a step of 3 cm on it where the object stands.
+/// A floor with a step of 3 cm, on which the object stands.
 const FLOOR: &str = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n\
     element face 4\nproperty list uchar int vertex_indices\nend_header\n-3 -3 0\n3 -3 0\n3 3 0\n-3 3 0\n\
     -0.1 -0.1 0.03\n0.1 -0.1 0.03\n0.1 0.1 0.03\n-0.1 0.1 0.03\n3 0 1 2\n3 0 2 3\n3 4 5 6\n3 4 6 7\n";
 
-/// Another scale of the capture with an object of the same size in the picture: the same bytes for receiver,
-/// object, camera and sky, but twice the error of the mesh.
+/// After a change of `metres_per_unit`, with the object scaled so that it has the same size in the picture, all
+/// inputs of the trace have the same bytes, but `contact_metres` is another distance. The parts that depend on it
+/// run again.
 #[test]
 fn what_another_metre_changes_is_traced_again() {
     let graph = |metres_per_unit: f64| {
@@ -120,8 +121,8 @@ fn what_another_metre_changes_is_traced_again() {
     assert_ne!(kept.outputs(), before, "the step is within 4 cm, not within 2");
 }
 
-/// `--exhaustive` is in the keys of the kinds with checks that skip work: these run again, and since their outputs are equal
-/// byte for byte, the nodes after them do not.
+/// `--exhaustive` is in the keys of the kinds with checks that skip work: these kinds run again, and since their
+/// outputs are equal byte for byte, the nodes below do not.
 #[test]
 fn exhaustive_runs_do_all_work_and_change_nothing() {
     let place = Place::new(INSERT);

@@ -1,16 +1,17 @@
-//! `kill -9` at any moment: every following run completes with the bytes of an undisturbed one.
+//! Tests with `kill -9` at any moment: every following run completes with the bytes of an undisturbed one.
 
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 
 use crate::{INSERT, Place};
 
-/// Number of times a cold run is killed; `LIGHTHARMONY_KILLS` sets another number.
+/// Number of times that a run with an empty cache is killed; `LIGHTHARMONY_KILLS` sets another number.
 fn rounds() -> usize {
     std::env::var("LIGHTHARMONY_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(12)
 }
 
-/// Kills a run after this many lines of output, so that the moments spread over the run on a machine of any speed.
+/// Kills a run after this many lines of output, so that the moments are spread over the run on a machine of any
+/// speed.
 fn kill_after(place: &Place, lines: usize) {
     let mut command = place.command(&["run", "graph.ron", "--json"]);
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
@@ -38,7 +39,7 @@ fn killed_runs_leave_nothing_wrong_behind() {
     }
 }
 
-/// A picture, a report, a few blobs: every kind of write, in milliseconds.
+/// A graph with a picture, a report and a few blobs: it writes all types of files, in milliseconds.
 const TINY: &str = r#"Graph(
     version: 1,
     scene: (up: "+z", seed: 3),

@@ -1,4 +1,4 @@
-//! Layers for a compositing program.
+//! Tests of layers for a compositing program.
 
 use nodes::io::exr::{self, Planes};
 

@@ -1,4 +1,4 @@
-//! The program as a person runs it: the real binary, real files, small pictures.
+//! Tests of the program as a person runs it: the real binary, real files, small pictures.
 #![allow(clippy::unwrap_used, missing_docs, reason = "a test may stop at the first surprise")]
 
 mod bytes;
@@ -26,7 +26,7 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-/// A whole insertion on a small demo scene, every knob turned down.
+/// A whole insertion in a small demo scene, with the cheapest value of every knob.
 pub const INSERT: &str = r#"Graph(
     version: 1,
     scene: (up: "+z", seed: 3),
@@ -51,7 +51,7 @@ pub const INSERT: &str = r#"Graph(
 )
 "#;
 
-/// A folder with a graph, an output folder and a cache of its own.
+/// A folder with a graph, an output folder and its own cache.
 pub struct Place {
     pub folder: tempfile::TempDir,
 }
@@ -88,7 +88,7 @@ impl Place {
         self.command(arguments).output().unwrap()
     }
 
-    /// `run graph.ron --json` with more arguments.
+    /// Runs `run graph.ron --json` with additional arguments.
     pub fn run(&self, arguments: &[&str]) -> RunLog {
         let output = self.call(&[&["run", "graph.ron", "--json"], arguments].concat());
         let text = String::from_utf8(output.stdout).unwrap();
@@ -105,8 +105,8 @@ impl Place {
     }
 }
 
-/// The files of a folder, without the temporary rest of a killed write: later runs remove it, but not while it may
-/// belong to a living process.
+/// The files of a folder, except temporary files of a killed write. Later runs remove these, but not while they may
+/// belong to a live process.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
@@ -119,7 +119,7 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 }
 
 impl RunLog {
-    /// Names of the nodes that ended in a state, in order of the alphabet.
+    /// Names of the nodes that ended in a state, in alphabetical order.
     pub fn nodes(&self, state: &str) -> Vec<&str> {
         let of = |event: &&Value| event["event"] == "node" && event["state"] == state;
         let mut names: Vec<&str> =
@@ -134,7 +134,7 @@ impl RunLog {
         self.events.iter().filter(of).filter_map(|event| event["part"].as_str()).collect()
     }
 
-    /// Every note as (node, stable name, text).
+    /// Every note as (node, id, text).
     pub fn notes(&self) -> Vec<(String, String, String)> {
         let mut all = Vec::new();
         for event in self.events.iter().filter(|event| event["event"] == "node") {

@@ -1,4 +1,4 @@
-//! Error messages and exit codes.
+//! Tests of error messages and exit codes.
 
 use crate::{INSERT, Place};
 
@@ -213,7 +213,8 @@ fn what_a_choice_holds_wrongly_is_reported() {
     }
 }
 
-/// Names of former versions, in the graph, by `--set` and in an overlay, are errors that print the new spelling.
+/// Names of parameters of former versions, in the graph, in `--set` and in an overlay, are errors that print the
+/// new spelling.
 #[test]
 fn former_parameters_are_errors_with_the_new_spelling() {
     let graph = INSERT.replace("samples: 4", "samples: 4, env_block: FrontFace(max_layers: 2), bounce: Env");

@@ -1,10 +1,10 @@
-//! How nodes, frames and fields are named on the command line, and what a wrong name is answered with.
+//! Tests of the names of nodes, frames and fields on the command line, and of the errors for wrong names.
 
 use std::collections::BTreeSet;
 
 use crate::Place;
 
-/// Six frames of a picture that takes no time, and a film of them.
+/// A graph with six frames of a small picture, and a film of them.
 const FRAMES: &str = r#"Graph(
     version: 1,
     scene: (up: "+z"),

@@ -1,10 +1,10 @@
-//! Files as other tools write them, through whole graphs.
+//! Tests of whole graphs with files as other tools write them.
 
 use std::fmt::Write as _;
 
 use crate::{INSERT, Place};
 
-/// Some round splats around the origin, as INRIA PLY in ASCII.
+/// A few round splats around the origin, as INRIA PLY in ASCII.
 fn ball() -> String {
     let fields = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
     let mut text = "ply\nformat ascii 1.0\nelement vertex 20\n".to_owned();
@@ -17,7 +17,7 @@ fn ball() -> String {
     text
 }
 
-/// An axis of numbers takes the cameras of a file one after the other: a picture for each.
+/// An axis of numbers selects the cameras of a file one after the other, and each gives a picture.
 #[test]
 fn an_axis_with_a_range_takes_one_camera_after_the_other() {
     let place = Place::new(
@@ -45,7 +45,7 @@ fn an_axis_with_a_range_takes_one_camera_after_the_other() {
     assert!(pictures[0] != pictures[1] && pictures[1] != pictures[2]);
 }
 
-/// A mesh in metres that is read as one in centimetres is reported, and one that agrees is not.
+/// A mesh in metres that is read in centimetres is reported; a mesh that agrees with the splats is not.
 #[test]
 fn a_mesh_of_another_frame_is_reported() {
     let reports = |place: &Place| {

@@ -1,4 +1,4 @@
-//! Sharing a graph: as a bundle, as a picture with its recipe, with a lock.
+//! Tests of sharing a graph: as a bundle, as a picture with its recipe, with a lock.
 
 use std::path::Path;
 use std::process::Output;
@@ -15,14 +15,14 @@ const GRAPH: &str = r#"Graph(version: 1, scene: (up: "+z"), nodes: (
 ))
 "#;
 
-/// A Radiance picture of 3 by 2 pixels.
+/// A Radiance picture of 3 x 2 pixels.
 fn radiance(shift: u8) -> Vec<u8> {
     let mut bytes = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 3\n".to_vec();
     bytes.extend((0..6).flat_map(|i| [20 * i + shift, 90, 200 - i, 128]));
     bytes
 }
 
-/// A project in its own folder, whose graph reads a file next to it and one elsewhere.
+/// A project in its own folder, whose graph reads a file next to it and a file elsewhere.
 fn place() -> Place {
     let place = Place::new("");
     for folder in ["project", "photos"] {
@@ -43,7 +43,7 @@ fn good(output: Output) -> String {
     text(&output.stdout)
 }
 
-/// The error message, with this exit code.
+/// Checks the exit code and returns the error message.
 fn bad(output: Output, code: i32) -> String {
     assert_eq!(output.status.code(), Some(code), "{}{}", text(&output.stdout), text(&output.stderr));
     text(&output.stderr)

@@ -1,4 +1,4 @@
-//! `show`, `inspect` of pictures, and help.
+//! Tests of `show`, of `inspect` with pictures, and of the help.
 
 use crate::{INSERT, Place};
 

@@ -1,11 +1,11 @@
-//! `inspect` and `convert`: their output and their refusals.
+//! Tests of `inspect` and `convert`: their output and their errors.
 
 use std::fmt::Write as _;
 
 use crate::Place;
 
-/// An INRIA PLY with flat splats in a floor and round ones above it, +z up, 10 times `scale` wide; `log` is the
-/// logarithm of `scale`.
+/// An INRIA PLY with a floor of flat splats and round ones above it. +z is up, the width is 10 times `scale`; `log`
+/// is the logarithm of `scale`.
 fn room(scale: f32, log: f32) -> Vec<u8> {
     let fields = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
     let mut text = "ply\nformat binary_little_endian 1.0\nelement vertex 900\n".to_owned();

@@ -1,4 +1,5 @@
-//! Stopped at any moment: the exit code reports it, finished results are kept, and the next run completes.
+//! Tests of interrupted runs: at any moment the exit code reports the interruption, finished results are kept, and
+//! the next run completes.
 #![cfg(unix)]
 
 use std::io::{BufRead, BufReader};
@@ -8,7 +9,7 @@ use serde_json::Value;
 
 use crate::{INSERT, Place};
 
-/// Number of times a run is stopped; `LIGHTHARMONY_STOPS` sets another number.
+/// Number of times that a run is interrupted; `LIGHTHARMONY_STOPS` sets another number.
 fn rounds() -> usize {
     std::env::var("LIGHTHARMONY_STOPS").ok().and_then(|n| n.parse().ok()).unwrap_or(6)
 }

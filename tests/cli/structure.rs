@@ -1,4 +1,4 @@
-//! The rooms of the program: which file imports which.
+//! Tests of the modules of the program: which file imports which.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use std::path::Path;
 #[allow(dead_code, reason = "the rooms of the program are in no table")]
 mod arrows;
 
-/// The rooms from the lowest to the highest: a file imports only its own room and those below.
+/// The modules from the lowest to the highest: a file imports only from its own module and those below.
 const ROOMS: [&str; 3] = ["terminal", "session", "commands"];
 
 // A verb in a folder has files that belong to it alone.

@@ -1,4 +1,4 @@
-//! Knobs, presets, and the verbs that use them.
+//! Tests of knobs, presets, and the verbs that use them.
 
 use serde_json::Value;
 
@@ -25,7 +25,7 @@ fn knobs_tell_what_they_reach_and_presets_set_them() {
     assert_eq!(line.split_whitespace().nth(2), Some("16"), "{text}");
 }
 
-/// `--max-error` sets the error of nodes that take samples; a run that misses it is degraded.
+/// `--max-error` sets the error of nodes that take samples; a run that does not reach it is degraded.
 #[test]
 fn a_run_is_given_an_error() {
     let place = Place::new(INSERT);
@@ -59,7 +59,7 @@ fn a_run_is_given_an_error() {
     assert!(reported.code == 2 && reported.events[0]["message"].as_str().unwrap().contains("takes samples"));
 }
 
-/// A time becomes a number of samples before the run, from the times of earlier runs of the kind.
+/// `--time` sets the number of samples before the run, according to earlier runs of the kind.
 #[test]
 fn a_run_is_given_a_time() {
     let place = Place::new(&INSERT.replace("samples: 4", "samples: 16"));
@@ -122,8 +122,7 @@ fn knobs_show_what_the_graphs_own_presets_say_and_the_range() {
     assert_eq!(probe.split_whitespace().nth(3), Some("32"), "{probe}");
 }
 
-/// A photograph may be the background, outputs that no knob affects are left out, and a search reports how it
-/// ended.
+/// A photograph may be the background, outputs that no knob affects are left out, and a search reports its outcome.
 #[test]
 fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
     let few = "presets: (draft: (trace: (samples: 1)), preview: (trace: (samples: 2)), final: (trace: (samples: 3)), \
@@ -175,8 +174,8 @@ fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
     assert!(code == Some(2) && reported.contains("no knob changes `photo`"), "{reported}");
 }
 
-/// A preset that sets a field that varies along an axis gives other nodes, so comparing pictures fails with that
-/// reason.
+/// With a preset that sets a field that varies along an axis, the graph has other nodes. Comparing pictures then
+/// fails with that reason.
 #[test]
 fn a_preset_that_takes_an_axis_away_is_named() {
     let graph = r#"Graph(version: 1, scene: (up: "+z"), axes: (q: List([4, 16])),

@@ -1,4 +1,4 @@
-//! One graph, twelve pictures: nodes that the turn does not affect run once.
+//! Tests of one graph with twelve pictures: nodes that the rotation does not affect run once.
 
 use crate::{INSERT, Place};
 

@@ -1,4 +1,4 @@
-//! `watch` as a front end sees it: JSON lines, real files, a real listener.
+//! Tests of `watch` as a front end uses it: JSON lines, real files, notifications of the system.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, ChildStdout, Stdio};
@@ -17,7 +17,7 @@ const GRAPH: &str = r#"Graph(
 )
 "#;
 
-/// A picture of one pixel, as bright as the exponent says.
+/// A picture of one pixel whose brightness is proportional to two to the power of `exponent`.
 fn photo(exponent: u8) -> Vec<u8> {
     let head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n";
     [head.as_slice(), &[128, 64, 32, exponent]].concat()
@@ -36,7 +36,7 @@ impl Watch {
         Self { child, lines }
     }
 
-    /// All output until it is idle.
+    /// Returns all output until the watch is idle.
     fn rest(&mut self) -> Vec<Value> {
         let mut events: Vec<Value> = Vec::new();
         while events.last().is_none_or(|event| event["event"] != "idle") {

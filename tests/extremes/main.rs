@@ -19,14 +19,14 @@ const MUTATIONS: &str = include_str!("mutations.tsv");
 #[derive(Debug)]
 struct Test {
     name: String,
-    /// Relative to the workspace.
+    /// Path relative to the workspace.
     file: String,
 }
 
 /// One changed expression.
 struct Mutation {
     test: &'static str,
-    /// Relative to the workspace.
+    /// Path relative to the workspace.
     file: &'static str,
     before: &'static str,
     after: &'static str,
@@ -61,7 +61,7 @@ fn workspace() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The sources below a folder, in order of path.
+/// Adds the source files below a folder, in order of path.
 fn sources(folder: &Path, into: &mut Vec<PathBuf>) {
     let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
     entries.sort();
@@ -74,7 +74,8 @@ fn sources(folder: &Path, into: &mut Vec<PathBuf>) {
     }
 }
 
-/// The file of each test function of the workspace, by name; the names of several functions have several files.
+/// The files of each test function of the workspace, by its name. A name that several functions have has several
+/// files.
 fn tests() -> BTreeMap<String, Vec<String>> {
     let mut files = Vec::new();
     for folder in ["cache", "engine", "extras", "nodes", "src", "tests", "trade"] {

@@ -1,15 +1,15 @@
 //! Reads which files of a crate import which, for tests of its structure.
 //!
-//! A crate is made of *rooms*: the folders of its `src`, in a fixed order. A file may import files of its own room and
-//! of the rooms below it. Only code counts: comments, `$crate` in macros and unit tests are left out.
+//! A crate consists of *rooms*: the folders of its `src`, in a fixed order. A file may import from files of its own
+//! room and of the rooms below it. Comments, `$crate` in macros and unit tests are ignored.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// The imports of each file: `graph/check` to the paths that it names below `crate::`, such as `text::diag::Code`.
+/// The imports of each file: for `graph/check` the paths below `crate::` that it names, such as `text::diag::Code`.
 pub type Imports = BTreeMap<String, BTreeSet<String>>;
 
-/// The files of a crate, without `lib.rs` and `main.rs`, with what they import.
+/// Reads the imports of all files of a crate except `lib.rs` and `main.rs`.
 pub fn imports(src: &Path) -> Imports {
     let mut found = Imports::new();
     let mut open = vec![src.to_owned()];
@@ -33,8 +33,8 @@ pub fn imports(src: &Path) -> Imports {
     found
 }
 
-/// The imports that lead to a room above that of the file, or to the root of the crate, as `from -> path`. `order` has
-/// the rooms from the lowest to the highest.
+/// The imports that lead to a room above that of the file, or to the root of the crate, in the form `from -> path`.
+/// `order` has the rooms from the lowest to the highest.
 pub fn upward(imports: &Imports, order: &[&str]) -> Vec<String> {
     let height = |path: &str| {
         let room = path.split(['/', ':']).next().unwrap_or_default();
@@ -47,8 +47,8 @@ pub fn upward(imports: &Imports, order: &[&str]) -> Vec<String> {
         .collect()
 }
 
-/// The rooms of a crate, which are the names in its `src` but those of `others`; and those of the table below `heading` in
-/// `docs/architecture.md`, from the last to the first.
+/// The rooms of a crate, which are the names in its `src` except those in `others`; and the rooms in the table
+/// below `heading` in `docs/architecture.md`, from the last to the first.
 pub fn rooms(folder: &Path, others: &[&str], heading: &str) -> (BTreeSet<String>, Vec<String>) {
     let entries = std::fs::read_dir(folder.join("src")).unwrap();
     let names =
@@ -129,7 +129,7 @@ fn paths_named(module: &str, text: &str) -> BTreeSet<String> {
     paths
 }
 
-/// Reads one tree of a `use` item, `a::{b, c::d}`, and gives what is left behind it.
+/// Reads one tree of a `use` item, `a::{b, c::d}`, and returns the text after it.
 fn read_tree<'t>(text: &'t str, above: &str, paths: &mut BTreeSet<String>) -> &'t str {
     let text = text.trim_start();
     if let Some(mut rest) = text.strip_prefix('{') {
@@ -159,7 +159,7 @@ fn read_tree<'t>(text: &'t str, above: &str, paths: &mut BTreeSet<String>) -> &'
     }
 }
 
-/// A crate whose imports are known: every form that a path has, one arrow that goes up, and one circle.
+/// The imports of a crate are read correctly: every form of a path, one import that goes up, and one circle.
 #[test]
 fn arrows_are_read() {
     let text = "//! crate::docs::no\nuse crate::a::{self, b::C, d::{E, F as G}};\nuse super::near;\n\

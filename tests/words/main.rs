@@ -1,8 +1,9 @@
-//! Plain English in comments, messages and pages: fails on the words of `words.tsv`, which lists a replacement for
-//! each.
+//! Checks for plain English in comments, messages and pages: fails on the words of `words.tsv`, which lists a
+//! replacement for each.
 //!
-//! A pattern is a sequence of words and punctuation; `*` stands for any word, and `^` for the start of a doc comment.
-//! `allowed.txt` has longer phrases in which a pattern is right. Code between backticks or in a fence does not count.
+//! A pattern is a sequence of words and punctuation; `*` stands for any word, and `^` for the start of a doc
+//! comment. `allowed.txt` has longer phrases in which a pattern is right. Code between backticks or in a fence does
+//! not count.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may stop at the first surprise")]
 
 mod text;
@@ -14,7 +15,7 @@ use text::{Origin, Passage, Token};
 const WORDS: &str = include_str!("words.tsv");
 const ALLOWED: &str = include_str!("allowed.txt");
 
-/// The folders and files that are held to the list.
+/// The folders and files that are checked.
 const HELD: &[&str] = &[
     "README.md",
     "CHANGELOG.md",
@@ -53,7 +54,7 @@ fn stands(tokens: &[Token], at: usize, phrase: &[&str]) -> bool {
         })
 }
 
-/// The patterns found in a passage: line, words, and what to write instead.
+/// The patterns found in a passage: line, words, and the replacement.
 fn found(passage: &Passage) -> Vec<(usize, String, &'static str)> {
     let tokens = passage.tokens();
     let allowed: Vec<Vec<&str>> = ALLOWED.lines().map(split).collect();
@@ -84,7 +85,7 @@ fn found(passage: &Passage) -> Vec<(usize, String, &'static str)> {
     found
 }
 
-/// The files below a path that hold prose, in order of path.
+/// Adds the files below a path that contain prose, in order of path.
 fn files(path: &Path, into: &mut Vec<PathBuf>) {
     if path.is_dir() {
         let mut entries: Vec<PathBuf> =

@@ -5,7 +5,7 @@
 pub enum Origin {
     /// A doc comment, `///` or `//!`.
     Doc,
-    /// Any other comment, a string literal, a page.
+    /// Any other comment, a string literal, or a page.
     Other,
 }
 
@@ -28,7 +28,7 @@ pub fn of_rust(source: &str) -> Vec<Passage> {
     reader.passages
 }
 
-/// The comments of a graph file.
+/// The comments of a graph file, as passages.
 pub fn of_graph(source: &str) -> Vec<Passage> {
     let lines = source.lines().enumerate().filter_map(|(index, line)| {
         let outside = |at: &usize| line[..*at].matches('"').count() % 2 == 0;
@@ -38,7 +38,7 @@ pub fn of_graph(source: &str) -> Vec<Passage> {
     vec![Passage { origin: Origin::Other, lines: lines.collect() }]
 }
 
-/// A page of the docs.
+/// The prose of a page of the docs.
 pub fn of_page(source: &str) -> Vec<Passage> {
     let lines = source.lines().enumerate().map(|(index, line)| (index + 1, line.to_owned()));
     vec![Passage { origin: Origin::Other, lines: lines.collect() }]
@@ -92,7 +92,7 @@ impl Passage {
     }
 }
 
-/// Walks a Rust file from token to token as far as comments and literals need it.
+/// Reader of a Rust file that recognises comments and literals.
 struct Reader {
     chars: Vec<char>,
     at: usize,
@@ -129,7 +129,7 @@ impl Reader {
         }
     }
 
-    /// Leaves the end of the line to be read.
+    /// Reads a line comment, up to but not including the end of the line.
     fn line_comment(&mut self) {
         let line = self.line;
         let mut text = String::new();
@@ -151,7 +151,7 @@ impl Reader {
         }
     }
 
-    /// Leaves the last character of the comment to be read.
+    /// Reads a block comment, up to but not including its last character.
     fn block_comment(&mut self) {
         let mut lines = vec![(self.line, String::new())];
         while self.at < self.chars.len() && (self.peek(0), self.peek(1)) != ('*', '/') {
@@ -164,7 +164,7 @@ impl Reader {
         self.passages.push(Passage { origin: Origin::Other, lines });
     }
 
-    /// Leaves the closing quote to be read.
+    /// Reads a string, up to but not including its closing quote.
     fn string(&mut self) {
         self.next();
         let mut lines = vec![(self.line, String::new())];
@@ -187,7 +187,7 @@ impl Reader {
         self.passages.push(Passage { origin: Origin::Other, lines });
     }
 
-    /// Leaves the last character of the literal to be read.
+    /// Reads a raw string, up to but not including its last character.
     fn raw_string(&mut self) {
         let hashes = self.chars[self.at + 1..].iter().take_while(|c| **c == '#').count();
         if self.peek(1 + hashes) != '"' {
@@ -207,7 +207,7 @@ impl Reader {
         self.passages.push(Passage { origin: Origin::Other, lines });
     }
 
-    /// `'\n'`, `'\''`: leaves the closing quote to be read.
+    /// Reads an escaped character, such as `' '` or `'\''`, up to but not including its closing quote.
     fn escaped_character(&mut self) {
         self.at += 3;
         while self.at < self.chars.len() && self.peek(0) != '\'' {

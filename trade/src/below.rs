@@ -1,12 +1,12 @@
-//! Search for settings that cost less than a bound: all of them measured, or as many as permitted.
+//! Search for settings that cost less than a bound: all of them, or as many as may be measured.
 
 use std::collections::BTreeSet;
 
 use crate::search::{Steps, Tried};
 
-/// A raised knob may save work elsewhere, since light then takes other paths. The margin for such savings is at
-/// least this share of the cost, and at least [`TIMES`] the largest measured saving. The result holds as far as no
-/// setting saves more, which is measured and not proved.
+/// Minimum margin for savings, as a share of the cost. A raised knob may save work elsewhere, since light then
+/// takes other paths. The margin is also at least [`TIMES`] the largest measured saving. The result is correct if
+/// no setting saves more than the margin, which is measured and not proved.
 const MARGIN: f64 = 0.05;
 /// Factor on the largest measured saving.
 const TIMES: f64 = 2.0;
@@ -14,7 +14,7 @@ const TIMES: f64 = 2.0;
 /// Settings that cost less than a bound.
 #[derive(Debug, PartialEq)]
 pub struct Below {
-    /// The cheapest position with every knob at its minimum.
+    /// The cheapest position among those with every knob at its minimum.
     pub least: Tried,
     /// All settings below the bound, provided that raising knobs saves no more than the margin; includes known
     /// ones.
@@ -54,11 +54,11 @@ impl Saved {
     }
 }
 
-/// Finds everything that costs less than a bound, from the positions with every knob at its minimum upwards. Values
-/// without an order are all tried. A position that exceeds the bound by so much that raising its knobs would have
-/// to save more than a margin is not continued; the margin is measured from `known` positions and from those on the
-/// way. At most `most` positions are measured, first those above the positions with the least error. `None` if
-/// measuring ended before the first.
+/// Finds everything that costs less than a bound, from the positions with every knob at its minimum upwards. For
+/// knobs whose values have no order, all values are tried. A position that exceeds the bound by so much that
+/// raising its knobs would have to save more than a margin is not continued; the margin is measured from `known`
+/// positions and from those on the way. At most `most` positions are measured, first those above the positions with
+/// the least error. `None` if measuring ended before the first.
 pub fn below(
     knobs: &[Steps],
     known: &[Tried],
@@ -90,7 +90,7 @@ pub fn below(
 }
 
 /// Every position that costs less than a bound, or would if a margin were saved, with its neighbours, from the
-/// minimum upwards; and whether the list is complete.
+/// minimum upwards; and true if the list is complete.
 fn upwards(
     knobs: &[Steps],
     bound: f64,

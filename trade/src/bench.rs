@@ -30,9 +30,9 @@ pub struct NodeCost {
     pub kind: &'static str,
     /// Work, in rays.
     pub work: f64,
-    /// Wall time of its code when it ran.
+    /// Wall time of its code when it ran, in seconds.
     pub seconds: f64,
-    /// CPU time of its code when it ran.
+    /// CPU time of its code when it ran, in seconds.
     pub cpu_seconds: f64,
     /// Deterministic counts of its run.
     pub counts: Counts,
@@ -44,42 +44,43 @@ pub struct NodeCost {
     pub key: Option<Digest>,
 }
 
-/// The graph at one assignment.
+/// Measurements of the graph at one assignment.
 pub struct Point {
     /// The setting of each knob.
     pub assignment: Assignment,
     /// Sum of the work of the nodes, in rays.
     pub work: f64,
-    /// Sum of the wall times of the nodes.
+    /// Sum of the wall times of the nodes, in seconds.
     pub seconds: f64,
-    /// Sum of the CPU times of the nodes.
+    /// Sum of the CPU times of the nodes, in seconds.
     pub cpu_seconds: f64,
     /// All nodes that the pictures need, in the order of the file.
     pub nodes: Vec<NodeCost>,
-    /// Errors of the pictures against the reference.
+    /// Errors of the pictures relative to the reference.
     pub off: Vec<Off>,
 }
 
 impl Point {
-    /// The number of actions of a run: nodes of equal keys count once.
+    /// Number of actions of a run, where nodes with equal keys count once.
     pub fn actions(&self) -> usize {
         self.nodes.iter().filter_map(|node| node.key).collect::<BTreeSet<_>>().len()
     }
 }
 
-/// Receives each event of the runs: the name of the setting, how many settings were measured before, and the event.
+/// Callback for the events of runs, with the name of the setting, the number of settings measured before, and the
+/// event.
 pub type Observer<'e> = Box<dyn FnMut(&str, usize, &Event) + 'e>;
 
-/// A graph whose knobs can be turned.
+/// A graph at different settings of its knobs.
 pub struct Bench<'e> {
     engine: &'e Engine,
     registry: Registry,
     base: Graph,
-    /// The name of the graph, under which its own runs are remembered.
+    /// Name of the graph, under which the history of its own runs is stored.
     name: String,
     outputs: Vec<Output>,
     targets: Vec<usize>,
-    /// The knobs, and other fields that the presets of the graph set.
+    /// The knobs, and other fields set by the presets of the graph.
     pub tunables: Vec<Tunable>,
     /// Pictures that are not judged.
     pub unjudged: Vec<String>,
@@ -92,7 +93,7 @@ pub struct Bench<'e> {
     /// Time at which measuring ends.
     deadline: Option<Instant>,
     truth: Option<Truth>,
-    /// The metric required for every picture; a picture without it does not count, and the reason is reported.
+    /// The metric required for every picture. A picture without it is not judged, and the reason is reported.
     metric: Option<Metric>,
     /// Measured settings; the first point is the reference.
     pub points: Vec<Point>,
@@ -104,7 +105,7 @@ fn targets(outputs: &[Output]) -> Vec<usize> {
     nodes.into_iter().collect()
 }
 
-/// The reason why there is no point.
+/// Reasons why a setting could not be measured.
 pub enum Miss {
     /// The user interrupted the run.
     Stopped,
@@ -191,7 +192,8 @@ impl<'e> Bench<'e> {
         &self.targets
     }
 
-    /// The plan of a run at a setting, by the history of the graph itself. `None` if the graph has mistakes at that setting.
+    /// The plan of a run at a setting, based on the history of the graph itself. `None` if the graph has mistakes
+    /// at that setting.
     pub(crate) fn plan(&self, assignment: &Assignment) -> Option<Vec<Planned>> {
         let source = Source::new(self.name.clone(), &*self.base.source.text);
         let source = source.overlaid("knobs", &self.overlay(assignment));
@@ -204,9 +206,9 @@ impl<'e> Bench<'e> {
         self.metric = Some(metric.clone());
     }
 
-    /// Leaves out beforehand the pictures whose size a knob sets, so that no knob is turned that affects them
-    /// alone: their files would get worse without a measured error. They are found by comparing the reference with
-    /// the preset farthest from it; both are measured again afterwards, so failures are reported then.
+    /// Leaves out pictures whose size a knob sets, before the search, so that knobs that affect only these are not
+    /// changed: those pictures would get worse without a measured error. They are found by comparing the reference
+    /// with the preset farthest from it. Both are measured again afterwards, and failures are reported then.
     pub fn leave_out_resized(&mut self) -> Result<(), Error> {
         if self.outputs.len() < 2 {
             return Ok(());
@@ -261,7 +263,7 @@ impl<'e> Bench<'e> {
         )
     }
 
-    /// Name of an assignment: that of a preset, or its differences from the graph.
+    /// Name of an assignment: that of a preset, or the list of its differences from the graph.
     pub fn name(&self, assignment: &Assignment) -> String {
         if let Some(level) = (0..PRESETS.len()).rev().find(|&level| self.preset(level) == *assignment) {
             return PRESETS[level].to_owned();
@@ -285,8 +287,8 @@ impl<'e> Bench<'e> {
         Ok(graph)
     }
 
-    /// The point of an assignment, which is measured if it is not known. The first measured point is the reference
-    /// for all others.
+    /// Returns the index of the point of an assignment, which is measured unless it is known. The first measured
+    /// point is the reference for all others.
     pub fn measure(&mut self, assignment: &Assignment) -> Result<usize, Miss> {
         if let Some(known) = self.points.iter().position(|point| point.assignment == *assignment) {
             return Ok(known);
@@ -346,9 +348,9 @@ impl<'e> Bench<'e> {
         Ok(self.points.len() - 1)
     }
 
-    /// Errors of pictures against the reference; the first pictures become the reference. If there are pictures of
-    /// colours, pictures of data such as depth are not judged, since other measures apply to them. Pictures whose
-    /// size a knob sets are not judged either.
+    /// Computes the errors of pictures relative to the reference. The first pictures become the reference. If there
+    /// are colour pictures, pictures of data such as depth are not judged, since other measures apply to them.
+    /// Pictures whose size a knob sets are not judged either.
     fn off(&mut self, graph: &Graph, pictures: &mut Vec<Arc<Images>>) -> Result<Vec<Off>, Miss> {
         if self.truth.is_none() {
             let data: Vec<bool> = pictures.iter().map(|images| holds_data(images)).collect();
@@ -384,7 +386,7 @@ impl<'e> Bench<'e> {
     }
 
     /// Marks pictures for which the metric cannot be computed, such as HDR-FLIP of a picture that is black over
-    /// half of its area: they do not count for the error, and their other values are reported.
+    /// half of its area: they are not included in the error, but their other values are reported.
     fn mark_uncomputed(&mut self) -> Result<(), Miss> {
         let Some((truth, metric)) = self.truth.as_ref().zip(self.metric.clone()) else { return Ok(()) };
         let why =
@@ -414,7 +416,7 @@ impl<'e> Bench<'e> {
         Ok(())
     }
 
-    /// Stops judging some pictures.
+    /// Stops the judging of some pictures.
     fn leave_out(&mut self, pictures: &mut Vec<Arc<Images>>, which: &[bool], why: &str) {
         for at in (0..which.len()).rev().filter(|at| which[*at]) {
             let Output { name, .. } = self.outputs.remove(at);
@@ -428,7 +430,7 @@ impl<'e> Bench<'e> {
         }
     }
 
-    /// The remarks that were not reported yet.
+    /// Returns the remarks that were not reported yet.
     pub fn new_remarks(&mut self) -> &[String] {
         let reported = std::mem::replace(&mut self.reported, self.remarks.len());
         &self.remarks[reported..]
@@ -458,7 +460,7 @@ impl<'e> Bench<'e> {
         Ok(names.zip(self.pictures(&graph)?).collect())
     }
 
-    /// The reports that nodes of a point gave, by node and output.
+    /// The reports that nodes of a point output, by node and output.
     pub fn reports_at(&self, point: usize) -> Vec<(String, Report)> {
         let Ok(graph) = self.graph(&self.points[point].assignment) else { return Vec::new() };
         let wanted = graph.above(&self.targets);
@@ -475,7 +477,8 @@ impl<'e> Bench<'e> {
         reports
     }
 
-    /// FLIP of each pixel between pictures and those of the reference, by output, or why it was not computed.
+    /// FLIP of each pixel between pictures and those of the reference, by output, or the reason why it was not
+    /// computed.
     pub fn flip_maps(&self, pictures: &[(String, Arc<Images>)]) -> Vec<Result<FlipMaps, NodeError>> {
         self.truth.as_ref().map(|truth| truth.flip_maps(&self.outputs, pictures)).unwrap_or_default()
     }

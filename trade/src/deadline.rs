@@ -1,4 +1,4 @@
-//! A time after which a run is stopped.
+//! Deadlines: a run is stopped at a given time.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,7 +25,7 @@ impl Deadline {
         Self { end: Some(end), thread: Some(std::thread::spawn(wait)) }
     }
 
-    /// Ends the wait; returns true if the time had been reached.
+    /// Ends the wait. Returns true if the deadline was reached.
     pub fn end(mut self) -> bool {
         drop(self.end.take());
         self.thread.take().is_some_and(|thread| thread.join().unwrap_or(false))

@@ -1,34 +1,34 @@
-//! The reasons why a graph cannot be measured.
+//! Errors of measuring a graph.
 
 use engine::Diagnostics;
 
-/// The reason why a graph cannot be measured.
+/// Errors of measuring a graph.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The graph has mistakes.
+    /// The graph has mistakes, which are contained.
     #[error("{0}")]
     Graph(Diagnostics),
-    /// A measure of error that does not exist.
+    /// A measure of error with this name does not exist.
     #[error("`{text}` is not a measure of error; write one of {known}, {regions}")]
     Metric {
-        /// The text as it was written.
+        /// Text as it was written.
         text: String,
-        /// The measures.
+        /// Names of the measures.
         known: String,
-        /// The regions that may precede the name of a measure.
+        /// Regions that may precede the name of a measure.
         regions: &'static str,
     },
-    /// A bound that cannot be read.
+    /// A bound on an error cannot be parsed.
     #[error(
         "`{text}` is not a bound of an error; write METRIC=VALUE, such as flip=0.02, with a value of 0 or more and one of \
          {known}, {regions}"
     )]
     Bound {
-        /// The text as it was written.
+        /// Text as it was written.
         text: String,
-        /// The measures.
+        /// Names of the measures.
         known: String,
-        /// The regions that may be named in front.
+        /// The regions that may precede the name of a measure.
         regions: &'static str,
     },
     /// None of the wanted nodes makes a picture.
@@ -45,7 +45,7 @@ pub enum Error {
     /// The metric is not defined for these pictures.
     #[error("`{metric}` cannot be computed for every picture here; it needs {needs}")]
     NotComputed {
-        /// The metric as it was named.
+        /// The metric as it was written.
         metric: String,
         /// The requirement of the metric.
         needs: &'static str,

@@ -1,4 +1,4 @@
-//! A self-contained page: tables, plots and pictures in one file.
+//! Self-contained HTML pages: tables, plots and pictures in one file.
 
 use std::fmt::Write as _;
 
@@ -40,23 +40,23 @@ svg{max-width:100%;height:auto}.frame{fill:none;stroke:var(--off)}.grid{stroke:v
 pre{background:var(--head);padding:.8em;overflow:auto}code,pre{font-size:.92em}";
 
 impl Page {
-    /// A heading.
+    /// Adds a heading.
     pub fn heading(&mut self, text: &str) {
         // Writing to a string cannot fail, here and below.
         let _ = writeln!(self.body, "<h2>{}</h2>", escaped(text));
     }
 
-    /// A paragraph of plain words.
+    /// Adds a paragraph of text.
     pub fn words(&mut self, text: &str) {
         let _ = writeln!(self.body, "<p>{}</p>", marked(text));
     }
 
-    /// Text as it is, such as an overlay.
+    /// Adds preformatted text, such as an overlay.
     pub fn code(&mut self, text: &str) {
         let _ = writeln!(self.body, "<pre>{}</pre>", escaped(text));
     }
 
-    /// A few values with their names, in large letters.
+    /// Adds a few values with their names, in large letters.
     pub fn facts(&mut self, facts: &[(&str, String)]) {
         self.body.push_str("<dl class=\"facts\">");
         for (name, value) in facts {
@@ -65,7 +65,7 @@ impl Page {
         self.body.push_str("</dl>\n");
     }
 
-    /// A table. Columns of words are aligned left.
+    /// Adds a table. Columns of text are aligned to the left.
     pub fn table(&mut self, columns: &[&str], rows: &[Vec<String>]) {
         let class = |column: usize| {
             let mut cells = rows.iter().filter_map(|row| row.get(column)).filter(|cell| !cell.is_empty());
@@ -87,7 +87,7 @@ impl Page {
         self.body.push_str("</table></div>\n");
     }
 
-    /// The tables of a node's report.
+    /// Adds the tables of a node's report.
     pub fn report(&mut self, name: &str, report: &Report) {
         for table in &report.tables {
             let _ = writeln!(self.body, "<h3>{}: {}</h3>", escaped(name), escaped(&table.name));
@@ -98,7 +98,7 @@ impl Page {
         }
     }
 
-    /// Pictures side by side, as space permits, each at most `widest` pixels wide.
+    /// Adds pictures side by side, as many as fit, each at most `widest` pixels wide.
     pub fn pictures(&mut self, pictures: &[(&Picture, String)], widest: usize) {
         self.body.push_str("<div class=\"row\">\n");
         for (picture, caption) in pictures {
@@ -117,7 +117,7 @@ impl Page {
         self.body.push_str("</div>\n");
     }
 
-    /// Plots side by side, as space permits.
+    /// Adds plots side by side, as many as fit.
     pub fn plots(&mut self, plots: &[(&str, String)]) {
         self.body.push_str("<div class=\"row plots\">\n");
         for (name, svg) in plots {
@@ -126,7 +126,7 @@ impl Page {
         self.body.push_str("</div>\n");
     }
 
-    /// The whole file.
+    /// Returns the content of the file.
     pub fn finish(self, title: &str) -> String {
         let title = escaped(title);
         format!(
@@ -138,7 +138,7 @@ impl Page {
     }
 }
 
-/// Text within HTML, with text between two backticks as code.
+/// Escapes text for HTML and formats text between two backticks as code.
 fn marked(text: &str) -> String {
     let parts: Vec<&str> = text.split('`').collect();
     // A backtick without a second one is itself.
@@ -152,7 +152,7 @@ fn marked(text: &str) -> String {
     parts.iter().enumerate().map(part).collect()
 }
 
-/// True if a cell holds a number or a text for a missing one: `1.2 M`, `40 dB`, `not computed`.
+/// True if a cell contains a number, or a text in place of one: `1.2 M`, `40 dB`, `not computed`.
 fn is_number(cell: &str) -> bool {
     let (first, rest) = cell.split_once(' ').unwrap_or((cell, ""));
     let unit = matches!(rest, "" | "k" | "M" | "G" | "%" | "dB");
@@ -176,7 +176,7 @@ fn code(value: f32) -> u16 {
     u16::from(nodes::math::color::code8(value))
 }
 
-/// A picture as a display shows it, on black.
+/// Converts a picture to display codes, on black.
 fn shown(picture: &Picture) -> Option<Raster> {
     let (width, height, channels) = picture.size();
     let linear = matches!(picture, Picture::Linear(_));
@@ -187,8 +187,8 @@ fn shown(picture: &Picture) -> Option<Raster> {
     })
 }
 
-/// A colour map of the square root, from black at 0 through red and yellow to white at 1, so that small values are
-/// visible.
+/// Converts values to colours: from black at 0 through red and yellow to white at 1, by the square root, so that
+/// small values are visible.
 fn heat(picture: &Picture) -> Option<Raster> {
     let (width, height, channels) = picture.size();
     let pixels = picture.samples().chunks_exact(channels.max(1));
@@ -199,7 +199,7 @@ fn heat(picture: &Picture) -> Option<Raster> {
     (channels >= 1).then(|| raster(width, height, pixels.flat_map(colour).collect()))
 }
 
-/// The mean of blocks, so that the picture is at most `widest` pixels wide.
+/// Averages blocks of pixels, so that the picture is at most `widest` pixels wide.
 fn halved(of: Raster, widest: usize) -> Raster {
     // A low picture stays wider, so that a row of it is left.
     let step = of.width.div_ceil(widest.max(1)).min(of.height).max(1);

@@ -22,15 +22,16 @@ pub struct Output {
     /// Linear light for pictures written to OpenEXR only, else the values of an 8-bit display.
     pub space: Space,
     inserted: Option<Insertion>,
-    /// The reason why the requested metric is not computed for it; only its other values are reported then.
+    /// The reason why the requested metric is not computed for it; `None` if it is. Its other values are still
+    /// reported.
     pub uncomputed: Option<String>,
 }
 
 /// The inputs of a picture made by one `composite`, or by several stacked ones.
 struct Insertion {
-    /// The background of the first one.
+    /// The background of the first `composite`.
     background: Wire,
-    /// The inserted objects, from the first one on.
+    /// The inserted objects, starting with the first one.
     layers: Vec<Layer>,
 }
 
@@ -63,13 +64,14 @@ impl Insertion {
     }
 }
 
-/// Pictures of the reference, and for those with an inserted object its regions and baselines.
+/// The pictures of the reference, with regions and baselines for those with inserted objects.
 pub struct Truth {
     pictures: Vec<Arc<Images>>,
     inserted: Vec<Option<Inserted>>,
 }
 
-/// The parts of a picture that objects change, by name, and the two pictures that miss all of them or their shadows.
+/// The parts of a picture that objects change, by name, and two baselines: the picture without the objects, and the
+/// picture without their shadows.
 #[derive(Clone)]
 struct Inserted {
     regions: Vec<(&'static str, Arc<Images>)>,
@@ -135,7 +137,7 @@ impl Truth {
         self.inserted.remove(at);
     }
 
-    /// Errors of pictures, by output, view and region.
+    /// Computes the errors of pictures, by output, view and region.
     pub fn off(&self, outputs: &[Output], pictures: &[Arc<Images>]) -> Result<Vec<Off>, NodeError> {
         let mut all = Vec::new();
         for (index, (output, picture)) in outputs.iter().zip(pictures).enumerate() {
@@ -162,7 +164,8 @@ impl Truth {
         outputs.iter().zip(&self.pictures).map(why).collect()
     }
 
-    /// FLIP of each pixel, by output, with the reasons for missing views; or the reason why it was not computed.
+    /// Computes FLIP of each pixel, by output, with the reasons for missing views. An error is the reason why FLIP
+    /// was not computed.
     pub fn flip_maps(
         &self,
         outputs: &[Output],
@@ -180,23 +183,23 @@ impl Truth {
 
 /// FLIP of each pixel of the views of a picture.
 pub struct FlipMaps {
-    /// A map per view that has one.
+    /// One map for each view that has one.
     pub maps: Arc<Images>,
-    /// Views without a map, with the reason.
+    /// Views without a map, each with the reason.
     pub missing: Vec<String>,
 }
 
-/// True if a picture holds numbers other than colours.
+/// True if a picture contains data other than colours.
 pub fn holds_data(images: &Images) -> bool {
     images.0.iter().any(|view| matches!(view.picture, Picture::Data(_)))
 }
 
-/// True if a picture holds light two stops above white, such as an environment.
+/// True if a picture contains light two stops above white, as environments do.
 pub fn is_bright(images: &Images) -> bool {
     images.0.iter().any(|view| view.picture.samples().iter().any(|v| *v > 4.0))
 }
 
-/// `compare` as a library: its report, the map of FLIP, and its notes.
+/// Runs the kind `compare`. Returns its report, the map of FLIP, and its notes.
 fn compare(
     image: &Arc<Images>,
     reference: &Arc<Images>,
@@ -231,7 +234,7 @@ fn detached() -> Context {
     )
 }
 
-/// An object that is in none of the views of a background.
+/// The picture of an object that is visible in no view of a background.
 fn absent(background: &Images) -> Images {
     let empty = |view: &NamedImage| {
         let (width, height, _) = view.picture.size();
@@ -255,8 +258,8 @@ fn off_of(output: &str, columns: &[String], row: &[Cell]) -> Option<Off> {
     Some(Off { output, view, region, judged, pixels: *pixels, values, counts: true })
 }
 
-/// Regions changed by objects: all pixels that they cover, shade or light (`touched`), those covered by more than
-/// half (`object`), and the rest (`shadow`).
+/// Regions changed by objects: all pixels that they cover, shade or light (`touched`), those of which they cover
+/// more than half (`object`), and the other ones (`shadow`).
 fn regions(
     picture: &Images,
     nothing: &Images,
@@ -311,7 +314,8 @@ fn touched(picture: &Images, background: &Images) -> Option<Images> {
 }
 
 /// The pictures that reach the targets, each once, with the name of the node that makes it, and remarks on those
-/// that are left out. Layers of an EXR file are judged only if there is nothing else, since each has its own units.
+/// that are left out. Layers of an EXR file are judged only if there are no other pictures, since each layer has
+/// its own units.
 pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
     let is_picture =
         |wire: &Wire| graph.nodes[wire.node].kind.outputs[wire.port].artifact.name == Images::TYPE;

@@ -9,9 +9,9 @@ use crate::tunables::presets;
 pub struct KnobRow {
     /// The knob.
     pub knob: GraphKnob,
-    /// Its value in each preset; `None` where it varies along an axis there.
+    /// Value in each preset; `None` for a preset in which it varies along an axis.
     pub levels: [Option<String>; 4],
-    /// The range of the parameter.
+    /// Range of the parameter, if it is a number.
     pub range: Option<(f64, f64)>,
 }
 

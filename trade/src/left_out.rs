@@ -1,4 +1,4 @@
-//! Work that a run skipped because a check found that the scene does not need it, and the finding of each check.
+//! Work that a run skipped because a check found that the scene does not need it, with the findings.
 
 use std::collections::BTreeSet;
 
@@ -11,28 +11,28 @@ use crate::plot::tick_text;
 struct Skip {
     what: &'static str,
     check: &'static str,
-    /// The setting that forces it.
+    /// Name of the setting that forces the work.
     force: &'static str,
-    /// The kinds that perform the check.
+    /// Names of the kinds that perform the check.
     kinds: &'static [&'static str],
-    /// True if it was skipped, and the finding of the check.
+    /// Function that returns true if the work was skipped, and the finding of the check.
     judge: fn(&Evidence<'_>) -> Option<(bool, String)>,
 }
 
 /// The finding of a check at a node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeftOut {
-    /// The work that is skipped unless a check requires it.
+    /// Description of the work that is skipped unless a check requires it.
     pub what: &'static str,
-    /// The nodes; several with the same finding are listed together.
+    /// Names of the nodes; nodes with the same finding are listed together.
     pub nodes: Vec<String>,
-    /// `None` if there was nothing to check.
+    /// True if the work was skipped; `None` if there was nothing to check.
     pub left_out: Option<bool>,
     /// The finding of the check.
     pub found: String,
-    /// The check.
+    /// Description of the check.
     pub check: &'static str,
-    /// The setting that forces it.
+    /// Name of the setting that forces the work.
     pub force: &'static str,
 }
 
@@ -51,7 +51,7 @@ impl Evidence<'_> {
         self.node.counts.get(name).copied().unwrap_or_default()
     }
 
-    /// The cells of a column of a table of its own report.
+    /// The cells of a column in a table of the node's own report.
     fn column(&self, table: &str, column: &str) -> Vec<&Cell> {
         let own = |(name, _): &&(String, Report)| {
             name.strip_prefix(&self.node.id).is_some_and(|rest| rest.starts_with('.'))
@@ -179,7 +179,7 @@ const SKIPS: [Skip; 8] = [
     },
 ];
 
-/// Skipped and forced work in the order of `docs/trade.md`, including checks that no node of a run makes.
+/// Lists the skipped and forced work in the order of `docs/trade.md`, including checks that no node of a run makes.
 pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut> {
     let mut all: Vec<LeftOut> = Vec::new();
     for Skip { what, check, force, kinds, judge } in SKIPS {

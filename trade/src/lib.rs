@@ -2,8 +2,8 @@
 //! and the page that shows what each node costs and how much error it causes.
 //!
 //! A [`bench::Bench`] runs a graph at settings of its knobs and compares the pictures with those of the preset
-//! `reference`. [`tune`] searches with it, [`report`] makes a page of it. Nothing here prints: a verb of the command
-//! line does.
+//! `reference`. [`tune`] uses it for searches, and [`report`] to make a page. This crate prints nothing; the verbs
+//! of the command line do.
 
 pub mod attribution;
 pub mod below;

@@ -6,10 +6,10 @@ use crate::error::Error;
 use crate::off::Off;
 use crate::plot;
 
-/// A measure of error, in which less is better, and the part of the picture that it is taken over.
+/// A measure of error for which less is better, in a region of the picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Metric {
-    /// The name as requested: `touched.flip`.
+    /// Name as requested, such as `touched.flip`.
     pub name: String,
     region: &'static str,
     of: Of,
@@ -19,13 +19,13 @@ pub struct Metric {
 enum Of {
     /// A column of `compare`.
     Column(&'static str),
-    /// The root of the mean square of display values.
+    /// Root of the mean square error of display values.
     Rmse,
-    /// The same, in decibels.
+    /// PSNR in decibels, computed from the same error.
     Psnr,
 }
 
-/// The parts of a picture that errors are taken over.
+/// The regions of a picture for which errors are measured.
 const REGIONS: [&str; 4] = ["whole", "touched", "object", "shadow"];
 
 /// The prefixes that select a region, for messages.
@@ -44,7 +44,7 @@ const METRICS: [(&str, Of); 7] = [
 ];
 
 impl Metric {
-    /// The metric of a name, such as `flip`, `touched.rmse`; the prefix `whole.` is optional.
+    /// The metric with a name, such as `flip` or `touched.rmse`; the prefix `whole.` is optional.
     pub fn of(name: &str) -> Option<Self> {
         let (region, metric) = name.split_once('.').unwrap_or(("whole", name));
         let region = REGIONS.into_iter().find(|known| *known == region)?;
@@ -52,19 +52,19 @@ impl Metric {
         Some(Self { name: name.to_owned(), region, of: *of })
     }
 
-    /// The metric of a name, or an error that lists those there are.
+    /// The metric with a name. The error lists the known metrics.
     pub fn named(name: &str) -> Result<Self, Error> {
         let unknown = || Error::Metric { text: name.to_owned(), known: Self::known(), regions: IN_FRONT };
         Self::of(name).ok_or_else(unknown)
     }
 
-    /// A bound such as `flip=0.02`, or an error that says how to write one.
+    /// Parses a bound such as `flip=0.02`. The error explains the form.
     pub fn bounded(text: &str) -> Result<(Self, f64), Error> {
         let wrong = || Error::Bound { text: text.to_owned(), known: Self::known(), regions: IN_FRONT };
         Self::bound(text).ok_or_else(wrong)
     }
 
-    /// A bound `flip=0.02`; PSNR in dB, which becomes a root mean square.
+    /// Parses a bound such as `flip=0.02`. A bound on PSNR, in dB, is converted to a root mean square.
     pub fn bound(text: &str) -> Option<(Self, f64)> {
         let (name, value) = text.split_once('=')?;
         let metric = Self::of(name.trim())?;
@@ -73,7 +73,7 @@ impl Metric {
         Some((metric, bound))
     }
 
-    /// An error as printed: PSNR in dB, where more is better; `None` is not computed.
+    /// Formats an error. PSNR is in dB, where more is better; `None` becomes "not computed".
     pub fn shown(&self, error: Option<f64>) -> String {
         match error {
             None => "not computed".to_owned(),
@@ -87,8 +87,8 @@ impl Metric {
         number(if self.of == Of::Psnr { decibels(error) } else { error })
     }
 
-    /// The note of `compare` with the reason why it is not computed for pictures of colours; `None` if it always
-    /// is.
+    /// Id of the note of `compare` with the reason why the metric is not computed for colour pictures; `None` if it
+    /// always is.
     pub fn missing_note(&self) -> Option<&'static str> {
         match self.of {
             Of::Column("flip mean" | "flip p95") => Some("no-flip"),
@@ -97,7 +97,7 @@ impl Metric {
         }
     }
 
-    /// The requirement for computing it, for messages.
+    /// The requirement of the metric, for messages.
     pub fn needs(&self) -> &'static str {
         match (self.region, self.of) {
             ("touched" | "object" | "shadow", _) => {
@@ -108,7 +108,7 @@ impl Metric {
         }
     }
 
-    /// The available metrics, for messages.
+    /// The names of all metrics, for messages.
     pub fn known() -> String {
         METRICS.map(|(name, _)| name).join(", ")
     }
@@ -133,7 +133,7 @@ impl Metric {
     }
 }
 
-/// PSNR of values of which the largest is 1.
+/// PSNR in dB of values with a maximum of 1.
 fn decibels(rmse: f64) -> f64 {
     // Not -0 dB, where no light is common.
     if rmse > 0.0 { 0.0 - 20.0 * nodes::math::num::f64::log10(rmse) } else { f64::INFINITY }

@@ -11,18 +11,18 @@ pub struct Off {
     pub view: String,
     /// `whole`, `touched`, `object` or `shadow`.
     pub region: String,
-    /// The judged picture: `image`, or a baseline.
+    /// Name of the judged picture: `image`, or a baseline.
     pub judged: String,
     /// Number of pixels of the region.
     pub pixels: u64,
     /// Values by column of `compare`.
     pub values: BTreeMap<String, f64>,
-    /// True if a missing value leaves the error unknown; false if that was reported before.
+    /// True if the error is unknown when a value is missing; false if the missing value was reported before.
     pub counts: bool,
 }
 
 impl Off {
-    /// The value of a column; for FLIP that of HDR-FLIP if the picture is judged in linear light.
+    /// The value of a column; for FLIP, that of HDR-FLIP if the picture is judged in linear light.
     pub fn value(&self, column: &str) -> Option<f64> {
         self.values.get(column).or_else(|| self.values.get(&format!("hdr-{column}"))).copied()
     }

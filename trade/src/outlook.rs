@@ -1,4 +1,4 @@
-//! Forecasts how long measuring will take.
+//! Forecast of the time that measuring takes.
 
 use std::collections::BTreeMap;
 
@@ -12,23 +12,23 @@ use crate::tunables::{Assignment, Tunable};
 pub struct Outlook {
     /// Number of settings that are not measured yet.
     pub settings: usize,
-    /// Seconds, without the unknown runs.
+    /// Time in seconds, without the runs that have no forecast.
     pub seconds: f64,
-    /// Number of runs of nodes without a forecast, whose kinds never ran.
+    /// Number of runs of nodes without a forecast, since their kinds never ran.
     pub unknown: usize,
 }
 
 /// The tunables that the result of a node depends on.
 struct Reach {
-    /// The tunables at the node and above it.
+    /// The tunables of the node and of the nodes above it.
     tunables: Vec<usize>,
-    /// The tunable whose steps are cached in parts, such as `samples`: a larger value costs the difference.
+    /// The tunable whose steps are cached in parts, such as `samples`; a larger value costs only the difference.
     refines: Option<usize>,
 }
 
 impl Bench<'_> {
-    /// Forecasts the time to measure some settings. A node with equal settings at and above it is counted once, and
-    /// not at all if it was measured.
+    /// Forecasts the time to measure some settings. A node with equal settings at and above it counts once, and not
+    /// at all if it was measured.
     pub fn outlook(&self, settings: &[Assignment]) -> Outlook {
         let graph = self.base();
         let reach = reach(graph, &self.tunables);
@@ -65,7 +65,8 @@ impl Bench<'_> {
         outlook
     }
 
-    /// Seconds that a node takes at a setting: those of the most similar measured setting, else by the plan.
+    /// Time in seconds that a node takes at a setting: that of the most similar measured setting, otherwise that of
+    /// the plan.
     fn cost(
         &self,
         node: usize,

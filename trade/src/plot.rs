@@ -1,5 +1,5 @@
-//! A plot of error over cost, as SVG without anything around it. Written here, since crates of charts draw no links
-//! and no text on hover.
+//! A plot of error against cost, as SVG. No crate is used, since crates for charts support neither links nor text
+//! on hover.
 
 use std::fmt::Write as _;
 
@@ -9,11 +9,11 @@ pub struct Dot {
     pub cost: f64,
     /// Error, on the vertical axis.
     pub error: f64,
-    /// Shown next to it, and when the mouse is over it.
+    /// Name, shown next to the point and as text on hover.
     pub name: String,
-    /// True if no other point is better in both.
+    /// True if no other point has both a lower cost and a lower error.
     pub front: bool,
-    /// True if its name is written.
+    /// True if the name is shown next to the point.
     pub named: bool,
 }
 
@@ -24,8 +24,8 @@ const RIGHT: f64 = 120.0;
 const TOP: f64 = 20.0;
 const BOTTOM: f64 = 46.0;
 
-/// A plot as SVG; `shown` formats an error. Both axes are logarithmic. An error of 0 is drawn on a separate line
-/// below the smallest other error. `None` if there is nothing to plot.
+/// Draws a plot as SVG; `shown` formats an error. Both axes are logarithmic. An error of 0 is drawn on a separate
+/// line below the smallest other error. `None` if there is nothing to plot.
 pub fn svg(
     dots: &[Dot],
     cost: &str,
@@ -123,8 +123,8 @@ pub fn svg(
     Some(text)
 }
 
-/// The box of the name of a dot: left, baseline, width and height. It is to the right of the dot, above or below it,
-/// where there is no other name; else above.
+/// The box of a dot's label: left, baseline, width and height. It is right of the dot, at the first of three
+/// heights where it overlaps no other label; at the first height if all overlap.
 fn place_of_name(name: &str, (x, y): (f64, f64), others: &[[f64; 4]]) -> [f64; 4] {
     let at = |dy: f64| [x + 7.0, y + dy, 6.5 * name.len() as f64, 11.0];
     let apart =
@@ -133,7 +133,7 @@ fn place_of_name(name: &str, (x, y): (f64, f64), others: &[[f64; 4]]) -> [f64; 4
     free.unwrap_or(at(-5.0))
 }
 
-/// 1, 2 and 5 times powers of ten between two logarithms; only powers where that would be many.
+/// The values 1, 2 and 5 times powers of ten between two logarithms; only powers of ten for a wide range.
 fn ticks(low: f64, high: f64) -> Vec<f64> {
     let decades = low.floor() as i32..=high.ceil() as i32;
     let steps: &[f64] = if high - low < 2.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };
@@ -141,7 +141,7 @@ fn ticks(low: f64, high: f64) -> Vec<f64> {
     all.filter(|v| (low..=high).contains(&nodes::math::num::f64::log10(*v))).collect()
 }
 
-/// A number in few letters: `1.2 M`, `0.004`, `2e-6`.
+/// Formats a number with few characters: `1.2 M`, `0.004`, `2e-6`.
 pub fn tick_text(value: f64) -> String {
     let short = |value: f64, unit: &str| {
         let digits = if value < 9.995 {

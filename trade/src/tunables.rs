@@ -4,7 +4,7 @@ use engine::{Diagnostics, Graph, KnobKind, PRESETS, Registry};
 
 use crate::error::Error;
 
-/// One knob of the graph with the values it may take, from the least work to the least error.
+/// One knob of the graph with its possible values, from the least work to the least error.
 pub struct Tunable {
     /// Name of the node.
     pub node: String,
@@ -40,7 +40,7 @@ impl Tunable {
 /// For each tunable the index of its value.
 pub type Assignment = Vec<usize>;
 
-/// A graph at each of its presets.
+/// The graph at each of its presets.
 pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> {
     let preset = |name: &str| {
         let source = graph.source.clone().with_preset(name, registry);
@@ -52,8 +52,8 @@ pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> 
     Ok([draft?, preview?, finer?, reference?])
 }
 
-/// Checks that another form of a graph has the same nodes, so that an index means the same in both; the error is
-/// the reason. Setting a field that varies along an axis removes the axis from the nodes below.
+/// Checks that another version of a graph has the same nodes, so that an index means the same in both. The error is
+/// the reason. A preset that sets a field that varies along an axis removes the axis from the nodes below.
 pub fn same_nodes(graph: &Graph, form: &Graph) -> Result<(), String> {
     let ids = |graph: &Graph| graph.nodes.iter().map(|node| node.id.clone()).collect::<Vec<_>>();
     let (all, others) = (ids(graph), ids(form));
@@ -68,8 +68,9 @@ pub fn same_nodes(graph: &Graph, form: &Graph) -> Result<(), String> {
     }
 }
 
-/// The knobs above some nodes with their values, and other fields that the graph's own presets set there: a
-/// reference may set another threshold or crop. Fields that vary along an axis stay as they are.
+/// The knobs of some nodes and the nodes above them, with their values, and other fields of these nodes that the
+/// graph's own presets set, since a reference may set another threshold or crop. Fields that vary along an axis are
+/// left out.
 pub fn tunables(graph: &Graph, targets: &[usize], registry: &Registry) -> Result<Vec<Tunable>, Error> {
     let laid = presets(graph, registry)?;
     for (name, form) in PRESETS.iter().zip(&laid) {
@@ -154,7 +155,7 @@ fn equal(a: &str, b: &str) -> bool {
     a == b || a.parse::<f64>().is_ok_and(|a| b.parse() == Ok(a))
 }
 
-/// Inserts a value by size, which falls along some lists; in front if it is not a number.
+/// Inserts a value in order of size, which decreases in some lists; at the front if it is not a number.
 fn insert(values: &mut Vec<String>, value: &str, kind: KnobKind) {
     if values.iter().any(|known| equal(known, value)) {
         return;
@@ -184,7 +185,7 @@ mod tests {
     use super::*;
     use engine::{Source, SourceRoot};
 
-    /// A graph that estimates the light from a coarse panorama first.
+    /// A graph that first estimates the light from a coarse panorama.
     const FITTED: &str = r#"Graph(
         version: 1, scene: (up: "+z", seed: 1), nodes: (
             demo:   DemoScene(splats: 4000, width_px: 36, height_px: 26),

@@ -1,4 +1,4 @@
-//! `tune`: the search for settings of the knobs, and its result in words and as JSON.
+//! `tune`: the search for settings of the knobs, and its result as text and as JSON.
 
 use engine::PRESETS;
 use serde_json::{Value, json};
@@ -14,7 +14,7 @@ use crate::tunables::Assignment;
 /// The unit of the cost of a setting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unit {
-    /// Deterministic counts, weighed as rays.
+    /// Rays, with other deterministic counts converted to rays.
     Rays,
     /// CPU seconds of node code, as measured when it ran.
     CpuSeconds,
@@ -51,7 +51,7 @@ pub struct Tuned {
     pub best: Option<usize>,
     /// The preset that reaches the goal at the lowest cost, or the best one within the cost.
     pub naive: Option<(&'static str, Tried)>,
-    /// Settings that cost less than half of that preset, if the best setting does not.
+    /// Settings that cost less than half of that preset, if the best setting does not; `None` otherwise.
     pub half: Option<Below>,
     /// True if the search finished.
     pub finished: bool,
@@ -59,7 +59,7 @@ pub struct Tuned {
     pub left: usize,
     /// True if the time for measuring ran out.
     pub late: bool,
-    /// The error that ended measuring, if any.
+    /// The error that ended measuring; `None` if no error did.
     pub wrong: Option<Error>,
 }
 
@@ -88,20 +88,20 @@ pub fn tune(bench: &mut Bench<'_>, wanted: &Wanted, each: impl FnMut(&mut Bench<
     Tuned { tried, best, naive, half, finished, left, late, wrong }
 }
 
-/// Measures settings, within the budget.
+/// Measures settings within the budget.
 struct Measuring<'t, 'e, E> {
     wanted: &'t Wanted,
     bench: &'t mut Bench<'e>,
     /// Number of settings that may still be measured.
     left: usize,
-    /// True if the time for measuring is over.
+    /// True if the time for measuring ran out.
     late: bool,
     wrong: Option<Error>,
     each: E,
 }
 
 impl<E: FnMut(&mut Bench<'_>, usize)> Measuring<'_, '_, E> {
-    /// Cost and error; `None` ends the search.
+    /// Returns the cost and error of an assignment; `None` ends the search.
     fn measure(&mut self, assignment: &[usize]) -> Option<(f64, f64)> {
         let assignment = assignment.to_vec();
         let known = self.bench.points.len();
@@ -139,7 +139,7 @@ impl<E: FnMut(&mut Bench<'_>, usize)> Measuring<'_, '_, E> {
 }
 
 impl Tuned {
-    /// The reason why the search ended; `stopped` is true if the user interrupted it.
+    /// The reason why the search ended. `stopped` is true if the user interrupted it.
     pub fn ended(&self, stopped: bool) -> &'static str {
         match (self.finished, stopped) {
             (true, _) => "changing any one knob by one step does not help",
@@ -163,7 +163,7 @@ impl Tuned {
         format!("{text}; {} settings measured: {}", self.tried.len(), self.ended(stopped))
     }
 
-    /// The setting nearest to a goal that none reaches.
+    /// Describes the setting nearest to a goal that no setting reaches.
     pub fn nearest(&self, wanted: &Wanted, stopped: bool) -> String {
         let least = |of: fn(&Tried) -> f64| self.tried.iter().map(of).reduce(f64::min);
         let nearest = match wanted.goal {
@@ -190,7 +190,8 @@ impl Tuned {
         }
     }
 
-    /// A row per setting measured: mark, work, CPU seconds, error, name; the first row is the heading.
+    /// The rows of a table with one row per measured setting: mark, work, CPU seconds, error, name. The first row
+    /// is the heading.
     pub fn rows(&self, bench: &Bench<'_>, metric: &Metric) -> Vec<Vec<String>> {
         let front = pareto(&self.tried);
         let mut rows = vec![["", "work", "CPU-s", "error", "setting"].map(str::to_owned).to_vec()];
@@ -241,7 +242,8 @@ impl Tuned {
     }
 }
 
-/// The preset to choose without a search: the cheapest that reaches the goal, or the best within a cost.
+/// The preset that a user would choose without a search: the cheapest that reaches the goal, or the best within a
+/// cost.
 fn naive(starts: &[Assignment], tried: &[Tried], goal: Goal) -> Option<(&'static str, Tried)> {
     let presets = PRESETS.into_iter().rev().zip(starts);
     let known =
@@ -250,7 +252,7 @@ fn naive(starts: &[Assignment], tried: &[Tried], goal: Goal) -> Option<(&'static
     search::best(&tried, goal).map(|at| (names[at], tried[at].clone()))
 }
 
-/// The result of the search for settings below half the cost of the preset, and how far it holds.
+/// Describes the result of the search for settings below half the cost of the preset, and its limits.
 fn none_below_half(metric: &Metric, half: &Below) -> String {
     let least = half.all.iter().map(|t| t.error).reduce(f64::min);
     let found = match least {

@@ -1,8 +1,8 @@
-//! Work: deterministic counts of a run, weighed into one number.
+//! Work: deterministic counts of a run, combined into one number.
 
 use engine::Counts;
 
-/// Weight of a count, in rays: its CPU time relative to that of a ray of `path-trace`, measured over settings by
+/// Weights of counts, in rays: the CPU time relative to that of a ray of `path-trace`, measured over settings by
 /// `tests/tables/weights.py`. `docs/evidence/trade.md` has the measurements and how well they predict single nodes.
 /// Other counts have no weight.
 const WEIGHTS: [(&str, f64); 7] = [

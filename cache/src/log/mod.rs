@@ -39,7 +39,7 @@ pub(crate) struct Settings {
     pub temp: PathBuf,
     pub quarantine: PathBuf,
     pub writable: bool,
-    /// Sync after every append.
+    /// True to sync after every append.
     pub sync: bool,
 }
 
@@ -51,7 +51,7 @@ pub(crate) struct Log {
     lock: Option<FileLock>,
     /// The index of the first part of the file.
     index: Option<Index>,
-    /// True if an index turned out wrong; none is read again.
+    /// True if an index was found to be wrong; no index is read from then on.
     index_rejected: bool,
     /// The entries after the part that is indexed; `None` for one that was removed.
     recent: HashMap<EntryId, Option<Location>, BuildHasherDefault<DigestHasher>>,
@@ -63,10 +63,10 @@ pub(crate) struct Log {
     /// The length of the file when it was last read.
     length: u64,
     sizes: LogSizes,
-    /// Damaged bytes that were not reported yet.
+    /// Number of damaged bytes that have not been reported.
     unreported: u64,
     unsynced: bool,
-    /// The last request for the lock timed out; the next one does not wait.
+    /// True if the last request for the lock timed out; the next one does not wait.
     lock_timed_out: bool,
 }
 
@@ -107,7 +107,7 @@ impl Log {
         }
     }
 
-    /// Opens the log, creating it where allowed, and reads its index.
+    /// Opens the log, creating it unless it is read-only, and reads its index.
     pub fn open(settings: Settings) -> Result<Log> {
         let settings = Arc::new(settings);
         let lock = if settings.writable { Some(FileLock::open(&settings.lock)?) } else { None };
@@ -212,7 +212,7 @@ impl Log {
         std::mem::take(&mut self.unreported)
     }
 
-    /// Reads what other processes appended since the last call. Returns whether there was anything to read.
+    /// Reads what other processes appended since the last call. Returns whether there were new bytes.
     pub fn refresh(&mut self) -> Result<bool> {
         if self.is_current()? {
             return Ok(false);
@@ -261,7 +261,7 @@ impl Log {
         };
     }
 
-    /// Forgets everything and opens the file that is there now.
+    /// Discards the state in memory and opens the file that is at the path now.
     fn reopen(&mut self) -> Result<()> {
         self.forget();
         let Some(settings) = &self.settings else { return Ok(()) };

@@ -20,12 +20,14 @@ use crate::temp::{TempFile, sync_folder};
 /// Logs with fewer dead bytes than this are not compacted.
 const MIN_DEAD: u64 = 1 << 20;
 
-/// An index is rewritten when at least this many bytes of the log are not in it, and a sixteenth of all.
+/// An index is rewritten when at least this many bytes, and at least a sixteenth of the log, are not in it.
 const MIN_UNINDEXED: u64 = 64 << 10;
 
-/// Maximum time that an append waits for another process, once, so that a stopped process does not block others.
-/// Appending without the lock is safe. Bytes of a log are never changed or cut off, and a writer without the lock
-/// finds out if a compaction replaced the file meanwhile.
+/// Maximum time that an append waits for another process, so that a stopped process does not block others. After
+/// one timeout, appends do not wait again.
+///
+/// Appending without the lock is safe: bytes of a log are never changed or cut off, and a writer without the lock
+/// detects whether a compaction replaced the file meanwhile.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Maximum number of attempts of an append while compactions replace the file.
@@ -102,7 +104,7 @@ impl Log {
         self.recent.insert((kind, *key), None);
     }
 
-    /// Makes what was appended survive a loss of power.
+    /// Syncs the file, so that appended entries survive a loss of power.
     pub fn sync(&mut self) -> Result<()> {
         if let (true, Some(open), Some(settings)) = (self.unsynced, &self.open, &self.settings) {
             open.file.sync_data().at("sync", &settings.path)?;
@@ -204,7 +206,7 @@ impl Log {
         guard
     }
 
-    /// Creates the file if there is none with a good head.
+    /// Creates the file unless one with an undamaged head exists.
     pub(super) fn ensure_file(&mut self, settings: &Settings, locked: bool) -> Result<()> {
         if self.open.is_some() {
             return Ok(());

@@ -1,4 +1,4 @@
-//! Axes: one node with many values.
+//! Axes: one node of the file becomes many, each with a value of the axis.
 //!
 //! `axes: (yaw: List([0.0, 15.0]))` defines the values and `yaw_deg: Axis("yaw")` reads them. Each such call in a
 //! field is replaced by the text of a value, and the field is read once per point; see `expand`.
@@ -29,7 +29,7 @@ pub(crate) struct Axis<'t> {
 /// Maximum number of values of an axis.
 const MOST_VALUES: usize = 100_000;
 
-/// The notation of the values.
+/// Notation of the values of an axis.
 #[derive(Deserialize)]
 enum Values<'t> {
     /// Start, end (exclusive) and step (1 by default).
@@ -105,7 +105,7 @@ fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
     Ok((0..count as usize).map(text).collect())
 }
 
-/// A call in a field in place of a value.
+/// A call in a field, which stands for a value.
 #[derive(Deserialize)]
 enum Call<'t> {
     /// The value of an axis.

@@ -13,7 +13,7 @@ pub(crate) struct Padding {
     fraction: usize,
 }
 
-/// Maximum number of digits after the point; more are the result of arithmetic.
+/// Maximum number of digits after the point to which values are padded; longer fractions come from arithmetic.
 const MOST_FRACTION: usize = 6;
 /// Maximum number of digits in a path.
 const MOST_DIGITS: usize = 32;
@@ -58,7 +58,7 @@ pub(crate) fn file_text(value: &str, padding: Option<Padding>, width: Option<usi
     }
 }
 
-/// The placeholders of an axis in a path: `{frame}`, or `{frame:4}` with a number of digits.
+/// The placeholders of an axis in a path, each with its range and number of digits: `{frame}`, or `{frame:4}`.
 fn holders<'p>(path: &'p str, axis: &str) -> impl Iterator<Item = (Range<usize>, Option<usize>)> + 'p {
     let open = format!("{{{axis}");
     let length = open.len();
@@ -106,8 +106,8 @@ pub(crate) fn is_asked_for(value: &str, asked: &str) -> bool {
     }
 }
 
-/// The rest of `values`, such as `x=1/y=2`, after the value of an axis; all of it if the value does not match. A
-/// value may contain slashes.
+/// The rest of `values`, such as `x=1/y=2`, after the value of an axis; all of `values` if the value does not
+/// match. A value may contain slashes.
 pub(crate) fn after_value<'v>(values: &'v str, axis: &str, value: &str) -> &'v str {
     let Some(asked) = values.strip_prefix(axis).and_then(|rest| rest.strip_prefix('=')) else {
         return values;

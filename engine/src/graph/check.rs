@@ -1,12 +1,12 @@
-//! The check of a graph: kinds, parameters and files. Wires are checked in `wires`. All mistakes are reported
-//! together.
+//! The check of a graph: kinds, parameters and files. Wires are checked in `wires`. All mistakes are collected and
+//! reported together.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
 use crate::graph::axis::{Axis, axes_read};
-use crate::graph::check_params::places;
+use crate::graph::check_values::places;
 use crate::graph::checker::{Check, GATHER, Template, at_each};
 use crate::graph::graph::{Graph, Parts};
 use crate::graph::node::Node;
@@ -236,7 +236,8 @@ impl<'t, 'a> Check<'t, 'a> {
         (self.mistakes() == before).then_some(Template { node, raw, fields, own, gathers })
     }
 
-    /// Adds the use of the subgraph to mistakes inside it, and the place of reading to mistakes in given values.
+    /// Adds the use of the subgraph as a note to mistakes inside it, and the place of reading to mistakes in given
+    /// values.
     fn add_use(&mut self, node: &RawNode<'t>, before: usize) {
         let scope = &self.scopes[node.scope];
         let Some((used, _)) = &scope.used else { return };

@@ -55,7 +55,7 @@ impl Grid {
         point
     }
 
-    /// The point at which each axis has the value with index `at(axis)`.
+    /// Index of the point at which each axis has the value with index `at(axis)`.
     fn index(&self, at: impl Fn(usize) -> usize) -> usize {
         self.axes.iter().fold(0, |index, (axis, size)| index * size + at(*axis))
     }
@@ -134,8 +134,8 @@ impl<'t> Check<'t, '_> {
         (self.mistakes() == before).then(|| Gather { node, output: output.map(str::to_owned), over })
     }
 
-    /// The instances of all nodes in the order of the file, or nothing after a mistake. `order` is a topological
-    /// order of the templates.
+    /// The instances of all nodes in the order of the file, or an empty list after a mistake. `order` is a
+    /// topological order of the templates.
     pub fn instances(&mut self, templates: &[Option<Template<'_, 't>>], order: &[usize]) -> Vec<Node> {
         let before = self.mistakes();
         let grids = self.grids(templates, order);

@@ -39,7 +39,7 @@ struct Links {
     consumers: Lists,
 }
 
-/// Lists of indices, stored in one allocation.
+/// Lists of indices in one allocation.
 #[derive(Default)]
 pub(crate) struct Lists {
     ends: Vec<usize>,
@@ -57,7 +57,7 @@ impl Lists {
         &self.items[start..self.ends[index]]
     }
 
-    /// For each of `count` items, the lists that contain it, in order.
+    /// The reverse relation: for each of `count` items, the lists that contain it, in order.
     fn reversed(&self, count: usize) -> Self {
         let mut ends = vec![0; count];
         self.items.iter().for_each(|&item| ends[item] += 1);
@@ -320,7 +320,7 @@ impl Graph {
     }
 }
 
-/// The suffix of a node name for an axis value: `/yaw=15.0`.
+/// The suffix of a node name for an axis value, such as `/yaw=15.0`.
 fn segment((axis, value): &(String, String)) -> String {
     format!("/{axis}={}", value.trim_matches('"'))
 }

@@ -80,8 +80,8 @@ impl Graph {
         knobs
     }
 
-    /// Marks the nodes that a target shows: itself and the nodes above it, except through [`Preview::looks`]
-    /// inputs.
+    /// Marks the nodes whose results a target shows: the target and the nodes above it, except through
+    /// [`Preview::looks`] inputs.
     ///
     /// [`Preview::looks`]: crate::Preview::looks
     fn shown_by(&self, target: usize) -> Vec<bool> {
@@ -97,9 +97,9 @@ impl Graph {
         shown
     }
 
-    /// Parameters above the given targets that differ in another form of this graph, for example under a preset,
-    /// except the [`Graph::knobs`]: (node, parameter, canonical values here and there). Instances along axes are
-    /// left out.
+    /// Parameters above the given targets that differ in another version of this graph, for example under a preset:
+    /// node, parameter, and the canonical values in this and in the other graph. The [`Graph::knobs`] and instances
+    /// along axes are left out.
     pub fn fields_otherwise(
         &self,
         other: &Self,

@@ -3,7 +3,7 @@
 pub(crate) mod axis;
 pub(crate) mod axis_names;
 pub(crate) mod check;
-pub(crate) mod check_params;
+pub(crate) mod check_values;
 pub(crate) mod checker;
 pub(crate) mod expand;
 pub(crate) mod graph;

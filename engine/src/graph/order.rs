@@ -1,6 +1,6 @@
 //! The topological order of a graph, and diagnostics for cycles.
 //!
-//! Nothing here recurses, so a chain may be as long as memory allows.
+//! No function recurses, so a chain may be as long as memory allows.
 
 use std::collections::BTreeMap;
 use std::ops::Range;

@@ -20,8 +20,8 @@ impl ReadFiles {
         Self(places)
     }
 
-    /// True if writing to `path` would change one of the files: it is one, or a link to one, or a link on the way
-    /// to one.
+    /// True if writing to `path` would change one of the files: `path` is the file, a link to it, or a link on the
+    /// way to it.
     pub fn has(&self, path: &Path) -> bool {
         !self.0.is_empty() && places_of(path, &mut HashMap::new()).any(|place| self.0.contains(&place))
     }
@@ -41,7 +41,7 @@ fn places_of(path: &Path, folders: &mut HashMap<PathBuf, PathBuf>) -> impl Itera
     [Some(place), end].into_iter().flatten()
 }
 
-/// The location of a folder of which a part does not exist yet.
+/// The location, after links are resolved, of a folder that does not exist or exists only in part.
 fn in_steps(folder: &Path) -> PathBuf {
     let mut at = PathBuf::new();
     for part in std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned()).components() {

@@ -1,9 +1,9 @@
 //! Applies a small edit of the text to a checked graph without parsing all of it.
 //!
-//! The edit may change parameters of one node, or comments and white space between nodes. Anything else, and any
-//! mistake, is left to [`Graph::parse`](crate::Graph::parse), which gives the same graph. The scanner reads
-//! forwards, and nothing that ends in `)` depends on the text after it. So if the text of a node is still one node,
-//! or the text between nodes differs in white space only, the rest of the file is unaffected.
+//! The edit may change parameters of one node, or comments and white space between nodes. For any other edit, and
+//! for any mistake, the caller uses [`Graph::parse`](crate::Graph::parse), which gives the same graph. The scanner
+//! reads forwards, and nothing that ends in `)` depends on the text after it. So if the text of a node is still one
+//! node, or the text between nodes differs in white space only, the rest of the file is unaffected.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -102,7 +102,7 @@ fn is_field(kind: &KindEntry, name: &str) -> bool {
     kind.params.iter().any(|param| param.name == name) || kind.inputs.iter().any(|port| port.name == name)
 }
 
-/// The ranges in which two texts differ; the text around them is equal.
+/// Returns the ranges in which two texts differ; the text around them is equal.
 fn difference(old: &str, new: &str) -> (Range<usize>, Range<usize>) {
     const AT_ONCE: usize = 64;
     let (a, b) = (old.as_bytes(), new.as_bytes());

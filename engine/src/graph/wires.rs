@@ -15,7 +15,7 @@ use crate::text::scan::Scanner;
 use crate::text::subgraph::value_of;
 use crate::text::values::{form_of, parse_value};
 
-/// Number of wires to missing nodes that get a suggestion.
+/// Maximum number of wires to missing nodes for which a similar name is suggested.
 const MOST_SUGGESTIONS: usize = 20;
 /// Maximum number of wires of an input.
 const MOST_WIRES: usize = 1_000_000;
@@ -27,7 +27,7 @@ pub(crate) struct Named<'t> {
     pub scope: usize,
 }
 
-/// The meaning of a name.
+/// The node or output that a name refers to.
 pub(crate) struct End<'n> {
     pub node: usize,
     /// The output, if the name contains one.

@@ -19,7 +19,7 @@ use crate::value::cpu;
 use crate::value::error::NodeError;
 use crate::value::root::{InputFile, SourceFile, SourceRoot};
 
-/// A part of the context. A kind declares the ones it reads, and only those enter its keys.
+/// Fields of the context. A kind declares those that it reads, and only those enter its keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ContextField {
     /// [`Scene::up`].
@@ -165,12 +165,12 @@ impl Context {
         cancelled
     }
 
-    /// Cancels the run; for tests of kinds.
+    /// Cancels the run, in tests of kinds.
     pub fn stop(&self) {
         self.cancel.store(true, Ordering::Relaxed);
     }
 
-    /// A context that cancels the run once progress reaches `fraction`; for tests of kinds.
+    /// Makes the context cancel the run once progress reaches `fraction`, in tests of kinds.
     pub fn stopping_at(self, fraction: f32) -> Self {
         let cancel = self.cancel.clone();
         let progress = move |done| {
@@ -181,7 +181,7 @@ impl Context {
         Self { progress: Box::new(progress), ..self }
     }
 
-    /// A context with these files listed as sources; for tests of kinds.
+    /// Makes the context list these files as sources, in tests of kinds.
     pub fn having_listed(mut self, files: &[SourceFile]) -> Self {
         let read = |file: &SourceFile| {
             let content = std::fs::read(&file.path).unwrap_or_default();
@@ -191,7 +191,7 @@ impl Context {
         self
     }
 
-    /// An error if the run was cancelled; for loops without tiles.
+    /// Returns an error if the run was cancelled; for loops without tiles.
     pub fn check(&self) -> Result<(), NodeError> {
         if self.cancelled() { Err(NodeError::cancelled()) } else { Ok(()) }
     }
@@ -201,8 +201,8 @@ impl Context {
         (self.progress)(done.clamp(0.0, 1.0));
     }
 
-    /// Runs `f` for every index below `n` on several threads and returns the results in index order, so that sums
-    /// over them do not depend on the number of threads.
+    /// Runs `f` for every index below `n` on several threads. The results are in index order, so that sums over
+    /// them do not depend on the number of threads.
     pub fn for_each_tile<T: Send>(
         &self,
         n: usize,
@@ -223,7 +223,7 @@ impl Context {
         run_tiles(self.threads.as_deref(), n, &|| self.cancelled(), &|index| self.on_cpu(|| tile(index)))
     }
 
-    /// Runs code of the node and adds the CPU time of this thread to that of the node.
+    /// Runs code of the node and adds the CPU time that this thread spent to that of the node.
     pub(crate) fn on_cpu<T>(&self, code: impl FnOnce() -> T) -> T {
         let (value, spent) = cpu::measured(code);
         self.cpu.fetch_add(spent.as_nanos() as u64, Ordering::Relaxed);
@@ -287,9 +287,10 @@ impl Context {
         Ok(Arc::new(made))
     }
 
-    /// A part that is kept in memory and never stored, for values that are faster to compute than to read, such as
-    /// a tree of triangles. It serves other nodes with the same inputs and, in `watch`, later runs, until it is
-    /// evicted. If two nodes need it at once, both compute it, so that neither waits. The code must not count work.
+    /// Computes a part that is kept in memory and never stored, or takes it from memory, for values that are faster
+    /// to compute than to read, such as a tree of triangles. It serves other nodes with the same inputs and, in
+    /// `watch`, later runs, until it is evicted. If two nodes need it at once, both compute it, so that neither
+    /// waits. The code must not count work.
     ///
     /// # Errors
     /// If `extra` has no canonical form.
@@ -320,8 +321,8 @@ impl Context {
         self.root.file(file)
     }
 
-    /// Returns an error that asks for another run if these files differ from those that `sources` listed; for kinds
-    /// that list a folder again when they run. Outside a run nothing was listed, and every file is accepted.
+    /// Returns an error that requests another run if these files differ from those that `sources` listed; for kinds
+    /// that list a folder again when they run. In a detached context every file is accepted, since no list exists.
     pub fn check_listed(&self, files: &[SourceFile]) -> Result<(), NodeError> {
         if self.parts.is_none() && self.sources.is_empty() {
             return Ok(());
@@ -334,7 +335,7 @@ impl Context {
         Err(NodeError::new(format!("`{name}` changed while the graph was running")).hint("run again"))
     }
 
-    /// The bytes of a source file. It is an error if the file changed since its digest was taken.
+    /// The bytes of a source file. Returns an error if the file changed since its digest was taken.
     ///
     /// # Panics
     /// If the kind's `sources` did not list the file.

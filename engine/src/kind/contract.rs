@@ -15,8 +15,8 @@ pub struct Cost {
 }
 
 impl Cost {
-    /// The sum of counts times bytes each; saturates, so a node that needs too much is refused rather than admitted as
-    /// a small one.
+    /// The sum of count times bytes over all items. It saturates, so that a node that needs too much memory is
+    /// refused and not admitted as a small one.
     pub fn of(items: impl IntoIterator<Item = (u64, u64)>) -> Self {
         let add = |sum: u64, (count, each): (u64, u64)| sum.saturating_add(count.saturating_mul(each));
         Self { bytes: items.into_iter().fold(0, add) }
@@ -51,7 +51,7 @@ pub enum Keep {
     Cheap,
 }
 
-/// The replacement of a parameter of a former version.
+/// The replacement for a parameter of a former version.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Former {
     /// The parameters that went together, reported as one.
@@ -63,7 +63,8 @@ pub struct Former {
 }
 
 impl Former {
-    /// Parameters that forced work which changes no byte: `--exhaustive` does so for a whole run.
+    /// Parameters that forced work without an effect on the output; the option `--exhaustive` now does so for a
+    /// whole run.
     pub fn exhaustive(fields: &'static [&'static str], last: u32) -> Self {
         let instead = "remove it; `--exhaustive` forces all such work in a run".to_owned();
         Self { fields, last, instead }
@@ -77,11 +78,11 @@ pub enum ViewCount {
     Unknown,
     /// This many views.
     Known(usize),
-    /// The number of views of the first of these inputs that is wired and known.
+    /// Equal to the number of views of the first of these inputs that is wired and whose number is known.
     As(&'static [&'static str]),
 }
 
-/// Ways to reduce the work of a kind: for previews while watching, for presets, and in forecasts.
+/// Ways to reduce the work of a kind for previews while watching and for presets, and facts for forecasts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Preview {
     /// A parameter (such as `samples`) whose work is cached in chunks: raising it computes only the added chunks, and a
@@ -92,12 +93,12 @@ pub struct Preview {
     /// Parameters that previews reduce, with their values there: a whole number is an upper limit, anything else replaces
     /// the value.
     pub rough: &'static [(&'static str, &'static str)],
-    /// Inputs used only to choose a resolution; presets do not raise knobs that feed nothing else.
+    /// Inputs used only to choose a resolution; presets do not raise knobs that affect only such inputs.
     pub looks: &'static [&'static str],
 }
 
 impl Preview {
-    /// Nothing is reduced.
+    /// No work can be reduced.
     pub const NONE: Self = Self { refines: None, coarse: None, rough: &[], looks: &[] };
 }
 
@@ -155,8 +156,8 @@ pub trait Kind: 'static {
         Ok(Vec::new())
     }
 
-    /// The replacement of the field `name`, if a former version had it. `fields` are all fields of the node as
-    /// written, by name and text.
+    /// The replacement for the field `name`, if a former version of the kind had it. `fields` are the names and
+    /// texts of all fields of the node.
     fn former(_name: &str, _fields: &[(&str, &str)]) -> Option<Former> {
         None
     }

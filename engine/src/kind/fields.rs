@@ -7,7 +7,7 @@ use crate::text::diag::{Code, Diagnostic, shown};
 use crate::text::document::RawField;
 use crate::text::values::{parse_value, value_mistake, with_article};
 
-/// Reads a value. A choice whose fields all have defaults may be written without its brackets: `Room` is `Room()`.
+/// Reads a value. A choice whose fields all have defaults may be written without parentheses: `Room` is `Room()`.
 fn read_value<T: ParamType>(text: &str) -> Result<T, ron::Error> {
     parse_value::<T>(text).or_else(|error| {
         let is_word = text.starts_with(|c: char| c.is_ascii_uppercase())

@@ -200,7 +200,7 @@ impl ParamType for OutputFile {
     }
 }
 
-/// A parameter of unknown type.
+/// A parameter whose type is known only at run time.
 pub trait ParamValue {
     /// [`ParamType::key_text`].
     fn key_text(&self) -> Result<Option<String>, NotCanonical>;

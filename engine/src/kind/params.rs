@@ -43,7 +43,7 @@ pub trait Params: Sized + std::fmt::Debug + Clone + PartialEq + Send + Sync + 's
     fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
 }
 
-/// The parameters of a kind followed by shared ones. The documentation is that of the former.
+/// The parameters of a kind, followed by those that several kinds share. The documentation is that of the kind.
 impl<Own: Params, Shared: Params> Params for (Own, Shared) {
     const DOC: &'static str = Own::DOC;
     fn specs() -> Vec<ParamSpec> {
@@ -60,7 +60,8 @@ impl<Own: Params, Shared: Params> Params for (Own, Shared) {
     }
 }
 
-/// Declares the parameters of a kind. Where every one has a default, so has the struct, for code that has no graph.
+/// Declares the parameters of a kind. If every parameter has a default, the struct implements `Default`, for code
+/// that does not read a graph.
 ///
 /// ```
 /// engine::params! {

@@ -6,7 +6,7 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::counts::Effort;
 use crate::value::error::NodeError;
 
-/// Identifies a part of a node's work: an action of its own with its own key.
+/// The identity of a part of a node's work: an action with its own key.
 #[derive(Debug, Clone, Copy)]
 pub struct Part<'a> {
     /// Name in events: `r0`.
@@ -17,15 +17,15 @@ pub struct Part<'a> {
     pub inputs: &'a [&'static str],
 }
 
-/// Storage of parts: the engine's side of `Context::part`.
+/// Storage of parts: the side of `Context::part` that the engine implements.
 pub(crate) trait PartStore: Send + Sync {
     /// The stored bytes of a part, and the time and counts that it took.
     fn load(&self, part: Part<'_>, extra: &str) -> Option<(Vec<u8>, Effort)>;
     /// Acquires the lease of a part, or returns an error that makes the engine try the node again once the lease is
-    /// free. Never waits: the same thread may hold the lease further up its stack.
+    /// free. Never waits, since a caller on the same thread may hold the lease.
     fn claim(&self, part: Part<'_>, extra: &str) -> Result<Option<Lease>, NodeError>;
     fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], spent: Effort) -> Result<(), NodeError>;
-    /// A part in memory, if it is still kept.
+    /// Returns a part that is still in memory.
     fn recall(&self, part: Part<'_>, extra: &str) -> Option<AnyArtifact>;
     /// Keeps a part of the given size in memory.
     fn keep(&self, part: Part<'_>, extra: &str, value: AnyArtifact, bytes: u64);

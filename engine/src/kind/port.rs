@@ -95,7 +95,7 @@ pub trait Inputs: Sized {
 pub trait Outputs: Sized {
     /// The ports, in the order of declaration.
     fn ports() -> Vec<PortSpec>;
-    /// One value per port, in the same order.
+    /// Returns one value per port, in the order of the ports.
     fn give(self) -> Vec<AnyArtifact>;
 }
 

@@ -14,8 +14,8 @@ use crate::value::error::{NodeError, guarded};
 use crate::value::note::Notes;
 use crate::value::root::{FileHead, SourceFile, SourceRoot};
 
-/// The parameters and code of a kind whose type is unknown. A panic in the code of a kind is an error of every method, so
-/// that no caller has to guard against it.
+/// The parameters and code of a kind whose type is known only at run time. Every method turns a panic in the code
+/// of the kind into an error, so that callers need not catch it.
 pub(crate) trait Step: Send + Sync {
     fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
     fn check(&self) -> Result<(), NodeError>;

@@ -47,7 +47,7 @@ impl ParamType for Up {
     }
 }
 
-/// The `scene` block of a graph: what every node shares.
+/// The `scene` block of a graph: settings that all nodes share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scene {
     /// The axis that points up.
@@ -56,7 +56,7 @@ pub struct Scene {
     pub metres_per_unit: f64,
     /// Seed of all random numbers in the graph.
     pub seed: u64,
-    /// True if work is done even if checks show that it changes no byte; see [`crate::Context::exhaustive`].
+    /// True if work is done even where checks show that it changes no byte; see [`crate::Context::exhaustive`].
     pub exhaustive: bool,
 }
 

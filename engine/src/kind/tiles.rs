@@ -32,7 +32,7 @@ impl Drop for Busy<'_> {
 }
 
 impl Threads {
-    /// At most `limit` threads compute at once, exceeded only for the time of one tile.
+    /// A set of threads of which at most `limit` compute at once. Within the time of one tile, more may.
     pub fn new(limit: usize) -> Self {
         Self { limit: limit.max(1), busy: AtomicUsize::new(0), helpers: OnceLock::new() }
     }
@@ -117,7 +117,7 @@ struct Tiles<'t> {
 }
 
 impl<'t> Tiles<'t> {
-    /// The loop of the node's own thread.
+    /// Runs tiles on the thread of the node until none is left.
     fn lead<'s>(&'s self, scope: &rayon::Scope<'s>) {
         for _ in 0..self.most {
             self.call_helper(scope);
@@ -138,8 +138,8 @@ impl<'t> Tiles<'t> {
         }
     }
 
-    /// One turn of a helper. It then spawns its next turn instead of looping, since it may run on a thread that
-    /// waits for its own tiles.
+    /// Runs one tile on a helper, which then spawns its next turn instead of looping, since it may run on a thread
+    /// that waits for its own tiles.
     fn help<'s>(&'s self, scope: &rayon::Scope<'s>) {
         let start = Instant::now();
         loop {
@@ -156,7 +156,7 @@ impl<'t> Tiles<'t> {
         }
     }
 
-    /// Runs the next tile; false if all were started.
+    /// Runs the next tile. Returns false if all were started.
     fn run_next(&self) -> bool {
         if self.ended.load(Ordering::Relaxed) {
             return false;

@@ -24,7 +24,7 @@ pub enum NodeDifference {
 }
 
 /// Differences between two graphs: `scene` and the nodes by name, in the order of the first graph, then nodes that
-/// only the second has. Written defaults, layout and comments do not count.
+/// only the second has. Written defaults, layout and comments make no difference.
 pub fn graph_differences(a: &Graph, b: &Graph) -> Vec<(String, NodeDifference)> {
     let mut found = Vec::new();
     let scene = |graph: &Graph| {

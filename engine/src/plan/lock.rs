@@ -10,7 +10,7 @@ use crate::run::engine::Engine;
 use crate::text::source::Source;
 use crate::value::error::NodeError;
 
-/// Raised when the fields of a lock change.
+/// Version of the format of locks; raised when their fields change.
 const FORMAT: u32 = 1;
 
 /// The inputs, kinds and results of a graph. The text is RON in a fixed order, equal for equal graphs.
@@ -27,7 +27,7 @@ pub struct Lock {
     pub results: BTreeMap<String, BTreeMap<String, String>>,
 }
 
-/// Why a text is not a lock.
+/// Errors of parsing a lock.
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
     /// The text does not parse.
@@ -35,7 +35,7 @@ pub enum LockError {
     Form {
         /// Name of the file.
         name: String,
-        /// Cause.
+        /// Reason for the error.
         why: String,
     },
     /// The lock has another format.
@@ -51,9 +51,9 @@ pub enum LockError {
 /// Differences between a lock and the current state, one line each.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct LockDifferences {
-    /// Kinds and inputs that differ: a run would not be the same.
+    /// Kinds and inputs that differ, so that a new run would differ.
     pub before: Vec<String>,
-    /// Results that differ: the runs were not the same.
+    /// Results that differ, so that the earlier runs differed.
     pub results: Vec<String>,
 }
 

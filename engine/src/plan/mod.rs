@@ -1,4 +1,4 @@
-//! The steps of a run beforehand, and the results of earlier runs: plans, last values, locks, differences.
+//! Plans of runs, and comparisons of earlier ones: last values, locks, differences.
 
 pub(crate) mod diff;
 pub(crate) mod last_values;

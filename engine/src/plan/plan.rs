@@ -1,4 +1,4 @@
-//! Plans: what a run would do and why, without running anything that takes time.
+//! Plans: what a run would do and why. A plan computes nothing that takes time.
 //!
 //! A node is known if its key is in the store. If it is not, the keys of the nodes below depend on its result. A
 //! plan runs kinds that are [`INSTANT`](crate::Kind::INSTANT) (a pose, a rig), so that it shows exactly which nodes
@@ -32,7 +32,7 @@ pub enum Fate {
     Known,
     /// Its record is in the cache but its values are gone; its code runs again if a reader needs them.
     Lost,
-    /// Its code would run.
+    /// Its code would run, for this reason.
     Runs(Why),
     /// Depends on the result of this node above it, which would run.
     Follows(String),
@@ -40,7 +40,7 @@ pub enum Fate {
     Fails(String),
 }
 
-/// The reason why a node would run.
+/// The reason for which a node would run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Why {
     /// No node of this name ran in this graph file, or its record is gone.
@@ -56,7 +56,7 @@ pub struct Planned {
     pub id: String,
     /// Kind of the node.
     pub kind: &'static str,
-    /// Planned treatment.
+    /// Planned treatment of the node.
     pub fate: Fate,
     /// Forecast of its time in seconds, from earlier runs of its kind; `None` if there are none or if it would not
     /// run. Cached parts make it shorter.
@@ -75,7 +75,7 @@ pub struct Past {
 }
 
 impl Forecast {
-    /// Sums up a plan.
+    /// Summarises a plan.
     pub fn of(plan: &[Planned]) -> Self {
         let wanted = || plan.iter().filter(|node| node.fate != Fate::Unwanted);
         let open = || wanted().filter(|node| node.fate != Fate::Known);
@@ -163,7 +163,7 @@ impl Engine {
     }
 }
 
-/// State of a plan: what is known of each node without running it. Nodes are visited in topological order.
+/// State of a plan: known facts about each node, without running it. Nodes are visited in topological order.
 pub(crate) struct Outlook<'a> {
     engine: &'a Engine,
     graph: &'a Graph,
@@ -312,7 +312,7 @@ impl<'a> Outlook<'a> {
     }
 }
 
-/// Share of the work that is new if only the refined parameter changed.
+/// Share of the work that is new if only the parameter `refines` changed, from 0 to 1.
 fn new_share(fate: &Fate, refines: Option<&str>) -> f64 {
     let Fate::Runs(Why::Changed(changes)) = fate else { return 1.0 };
     let ([Change { path, old: Some(old), new: Some(new) }], Some(refines)) = (changes.as_slice(), refines)
@@ -330,7 +330,7 @@ fn written(old: &Manifest, new: &Manifest) -> Vec<Change> {
     Manifest::difference(old, new).into_iter().map(as_written).collect()
 }
 
-/// Keys hold parameters as strings of RON; this removes the outer quotes.
+/// Removes the outer quotes of parameters, which keys contain as strings of RON.
 fn as_written(change: Change) -> Change {
     let plain = |value: String| parse_value::<String>(&value).unwrap_or(value);
     Change { path: change.path, old: change.old.map(plain), new: change.new.map(plain) }

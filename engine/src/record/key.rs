@@ -10,7 +10,7 @@ use crate::graph::node::Wire;
 use crate::kind::context::{ContextField, ReadSource};
 use crate::record::record::Output;
 
-/// Part of every key; raised when the form of keys or records changes.
+/// Part of every key; changed when the encoding of keys or records changes.
 pub(crate) const FORMAT: &str = "lightharmony action 1";
 const PART_FORMAT: &str = "lightharmony part 1";
 

@@ -9,9 +9,9 @@ use crate::kind::registry::KindEntry;
 
 /// Name of the history of paces.
 const HISTORY: &str = "pace";
-/// Number of runs kept per kind.
+/// Number of runs kept for each kind.
 const KEPT: usize = 16;
-/// Bytes per run.
+/// Length of the record of a run in bytes.
 const RUN: usize = 16;
 
 /// (work, seconds) of the last runs of a kind, newest first.
@@ -27,7 +27,7 @@ impl Pace {
         Self(runs.filter(sound).collect())
     }
 
-    /// Adds a run.
+    /// Adds a run of a kind that took `seconds` for `work`.
     pub fn learn(store: &Store, kind: &KindEntry, work: f64, seconds: f64) {
         let mut runs = Self::of(store, kind).0;
         runs.insert(0, (work.max(1.0), seconds));

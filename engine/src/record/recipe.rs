@@ -88,8 +88,8 @@ pub(crate) fn recipe<'s>(
     text + &files
 }
 
-/// The last component of a path. The name of a folder written as `.` or `..` depends on where the graph is, so it
-/// becomes `.` ([`ANY_FOLDER`]).
+/// Returns the last component of a path. If it is `.` or `..`, it depends on the location of the graph, and
+/// [`ANY_FOLDER`] is returned.
 pub(crate) fn last(path: &str) -> &str {
     let path = path.trim_end_matches('/');
     match path.rsplit('/').next().unwrap_or(path) {
@@ -98,7 +98,7 @@ pub(crate) fn last(path: &str) -> &str {
     }
 }
 
-/// Stands for a folder with any name.
+/// The name in a recipe that stands for a folder with any name.
 pub(crate) const ANY_FOLDER: &str = ".";
 
 /// The name of a source file as written at the end of a recipe, on one line.
@@ -106,7 +106,8 @@ pub(crate) fn one_line_name(path: &str) -> String {
     last(path).replace(char::is_control, "_")
 }
 
-/// The name of a picture is not part of how it was made, except for its extension and whether it has `{view}`.
+/// Returns the part of the name of a picture that affects how the picture is made: its extension, and whether it
+/// has `{view}`.
 fn output_name(path: &str) -> String {
     let ending = last(path)
         .rsplit_once('.')

@@ -1,4 +1,4 @@
-//! Records: what is stored of a result besides its values.
+//! Records: the stored data about a result, except its values.
 
 use cache::{Digest, Manifest};
 
@@ -26,7 +26,7 @@ pub(crate) struct FileRecord {
     pub digest: Digest,
 }
 
-/// Time, memory and counts of a node's code, for forecasts and for people. Not part of any key.
+/// Time, memory and counts of a node's code, for forecasts and for display. They are not part of any key.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Spent {
     /// Wall time in seconds, including that of parts from the cache.

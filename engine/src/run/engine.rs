@@ -21,7 +21,7 @@ pub struct Engine {
     pub(crate) warm: Option<Warm>,
 }
 
-/// Limits of a run.
+/// Limits that apply to all runs.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Limits {
     /// Number of threads.
@@ -39,7 +39,7 @@ impl Engine {
         Self { store: Arc::new(store), jobs, memory, limits, threads, prepared: OnceLock::new(), warm: None }
     }
 
-    /// The limits of runs.
+    /// Returns the limits, which are determined on the first call.
     pub(crate) fn limits(&self) -> Limits {
         *self.limits.get_or_init(|| {
             let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);

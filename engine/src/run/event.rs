@@ -9,7 +9,7 @@ use crate::text::diag::Mistake;
 use crate::value::counts::Counts;
 use crate::value::note::Note;
 
-/// How a node or a part ended.
+/// The way in which a node or a part ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum State {
@@ -50,7 +50,7 @@ pub enum Event {
         id: String,
         /// Name of the part.
         part: String,
-        /// How it ended: ran or cached.
+        /// Its end: ran or cached.
         state: State,
         /// Key of the part.
         #[serde(serialize_with = "hex")]
@@ -84,9 +84,9 @@ pub enum Event {
         id: String,
         /// Kind of the node.
         kind: &'static str,
-        /// How it ended.
+        /// The way in which it ended.
         state: State,
-        /// Its key; absent if something that it needs failed.
+        /// Its key; absent if a node that it depends on failed.
         #[serde(serialize_with = "hex_option")]
         key: Option<Digest>,
         /// Wall time of its code in seconds.
@@ -115,11 +115,11 @@ pub enum Event {
         #[serde(skip_serializing_if = "std::ops::Not::not")]
         preview: bool,
     },
-    /// A warning of the engine itself, such as a damaged cache entry that was recomputed.
+    /// A warning of the engine, such as a damaged cache entry that was recomputed.
     Warning {
         /// Stable name in kebab-case.
         id: &'static str,
-        /// One line for a person.
+        /// Text in one line.
         text: String,
     },
     /// The run ended.
@@ -229,12 +229,13 @@ fn hex_option<S: Serializer>(digest: &Option<Digest>, to: S) -> Result<S::Ok, S:
 /// Summary of a plan.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Forecast {
-    /// Nodes that may run; fewer if results turn out equal.
+    /// Number of nodes that may run, an upper bound: a node is skipped if its recomputed inputs equal those of its
+    /// last run.
     pub open: usize,
     /// Nodes that the targets need.
     pub wanted: usize,
     /// Forecast in seconds of the nodes that may run.
     pub seconds: f64,
-    /// Nodes among these without a forecast.
+    /// Number of nodes that may run and have no forecast.
     pub untimed: usize,
 }

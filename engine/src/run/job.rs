@@ -27,8 +27,9 @@ use crate::value::counts::Effort;
 use crate::value::error::{NodeError, NodeErrorKind, guarded};
 use crate::value::files::Files;
 
-/// Counts of every node: bytes in memory of its inputs and source files, and of its outputs.
+/// Name of the count of the bytes in memory of a node's inputs and source files.
 const BYTES_READ: &str = "bytes_read";
+/// Name of the count of the bytes in memory of a node's outputs.
 const BYTES_MADE: &str = "bytes_made";
 
 /// A node whose code runs on a thread.
@@ -41,12 +42,12 @@ pub(crate) struct Job<'a> {
     pub inputs: Vec<Vec<AnyArtifact>>,
     pub input_digests: Vec<(&'static str, Vec<Digest>)>,
     pub key: Digest,
-    /// The action. It has no key if only values are needed, since its record exists then.
+    /// The action. It has no key if only values are needed, since the record exists in that case.
     pub action: Action,
-    /// True if only values are needed.
+    /// True if the node runs only because its values are needed; its record exists.
     pub remake: bool,
     pub work: f64,
-    /// Memory in bytes that it was admitted with.
+    /// Memory in bytes that was reserved for it.
     pub memory: u64,
     pub tracer: Tracer,
     pub cancel: Arc<AtomicBool>,
@@ -281,7 +282,7 @@ fn of_part(key: Digest, part: Part<'_>) -> Name {
     (key, "part", part.version)
 }
 
-/// A value out of the store; `None` if it is missing, damaged or of another form.
+/// Reads a value from the store. Returns `None` if it is missing, damaged or of another format.
 pub(crate) fn stored_value(store: &Store, artifact: &ArtifactType, digest: &Digest) -> Option<AnyArtifact> {
     let bytes = store.get_blob(digest).ok()??;
     guarded(|| {

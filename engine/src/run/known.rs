@@ -1,4 +1,4 @@
-//! Keys of a run (computed and being computed), and the paces of kinds.
+//! Keys of a run, both finished and in progress, and the paces of kinds.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -12,7 +12,7 @@ use crate::run::slot::{Life, Slot};
 pub(crate) struct Known {
     /// Name of the history that holds the keys of the graph's nodes.
     history: String,
-    /// Nodes that ran, by key. Asked before the store, which may not hold everything.
+    /// Nodes that ran, by key. Looked up before the store, which may lack some results.
     made: HashMap<Digest, usize>,
     /// Keys that are being computed, with the nodes that wait for each.
     in_flight: HashMap<Digest, Vec<usize>>,
@@ -62,7 +62,7 @@ impl Known {
         self.paces.entry(kind.name).or_insert_with(|| Pace::of(store, kind)).seconds(work)
     }
 
-    /// Compares the keys with the slots; for debug builds.
+    /// Checks in debug builds that the keys agree with the slots.
     pub fn check(&self, slots: &[Slot]) {
         let leading = slots.iter().filter(|slot| slot.leads());
         let mut keys = 0;

@@ -1,4 +1,4 @@
-//! Accounts for memory: bytes of values that may still be read, and estimates of running code.
+//! Accounting for memory: bytes of values that may still be read, and estimates of running code.
 
 use crate::graph::graph::Graph;
 use crate::run::slot::{Life, Slot};
@@ -70,7 +70,7 @@ impl Memory {
         }
     }
 
-    /// Compares the counters with the slots; for debug builds.
+    /// Checks in debug builds that the counters agree with the slots.
     pub fn check(&self, graph: &Graph, slots: &[Slot]) {
         assert_eq!(self.held, slots.iter().map(Slot::bytes).sum::<u64>(), "bytes of values");
         assert_eq!(self.reserved, slots.iter().map(|slot| slot.reserved).sum::<u64>(), "bytes reserved");

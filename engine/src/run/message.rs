@@ -65,7 +65,7 @@ impl<'s, F: FnOnce(NodeError) -> Message> Owed<'s, F> {
         self.cancel();
     }
 
-    /// Another message has been sent in place of this one.
+    /// Drops the obligation, because another message was sent in place of this one.
     pub fn cancel(mut self) {
         self.otherwise = None;
     }

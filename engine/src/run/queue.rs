@@ -30,10 +30,10 @@ pub(crate) struct Queue {
     /// Topological position of each node.
     rank: Vec<usize>,
     ready: Line,
-    /// Nodes that wait for a thread, including reruns for values.
+    /// Nodes that wait for a thread, including those that run again for their values.
     queued: Line,
     parked: Vec<Parked>,
-    /// Nodes that are [`Life::Gathering`] or [`Life::Queued`], except reruns for values.
+    /// Nodes that are [`Life::Gathering`] or [`Life::Queued`], except those that run again for their values.
     supplied: Count,
     running: Count,
 }
@@ -65,7 +65,7 @@ impl Line {
         self.short.remove(&place);
     }
 
-    /// The next node if `count` nodes are ahead and the limit is `jobs`.
+    /// The next node, or `None` if `count` nodes are ahead of it and `jobs` permits no more.
     fn next(&self, count: Count, jobs: usize) -> Option<usize> {
         let line = match count {
             Count { all, .. } if all < jobs => &self.all,
@@ -208,7 +208,7 @@ impl Queue {
         }
     }
 
-    /// Compares the queue with the slots; for debug builds.
+    /// Checks in debug builds that the queue agrees with the slots.
     pub fn check(&self, slots: &[Slot]) {
         let lives = |life: Life| slots.iter().enumerate().filter(move |(_, slot)| slot.life == life);
         let places =

@@ -33,7 +33,7 @@ pub(crate) fn targets(
     Ok(files.iter().map(|file| (path(file), file.digest)).collect())
 }
 
-/// The result of [`place`] if all files are known to be up to date without reading them.
+/// The result of [`place`] if all files are known to be up to date without reading them; `None` otherwise.
 pub(crate) fn in_place(
     store: &Store,
     targets: &[(PathBuf, Digest)],

@@ -63,7 +63,7 @@ pub(crate) struct Slot {
     /// One entry per output; empty without values.
     values: Vec<Value>,
     pub waiters: Vec<(usize, Waiter)>,
-    /// The stage before its code was started again for its values, which it returns to afterwards.
+    /// The stage before its code was started again for its values; the node returns to that stage afterwards.
     pub remaking: Option<Life>,
     /// True if its values are lost because the rerun failed.
     pub lost: bool,
@@ -80,7 +80,7 @@ pub(crate) struct Slot {
     pub short: bool,
     /// Memory reserved for its code, in bytes.
     pub reserved: u64,
-    /// Estimated memory in bytes; `None` until the kind was asked.
+    /// Estimated memory in bytes; `None` before the first estimate.
     pub cost: Option<u64>,
     /// How it ended; reported once its files are up to date.
     pub end: Option<State>,
@@ -166,7 +166,7 @@ impl Slot {
         self.entry(port).loading = false;
     }
 
-    /// Drops everything that is only needed during a run.
+    /// Drops all data that is needed only during a run.
     pub fn rest(&mut self) {
         self.drop_values();
         self.waiters.clear();

@@ -3,7 +3,7 @@
 //!
 //! A run depends on the text of the graph, the kinds in it, the source files, and the output files. Text, kinds and
 //! program are compared by digest or stamp; source files are found again; and files are compared by a stamp that
-//! reflects any later change. If anything differs or is uncertain, the run is an ordinary one.
+//! reflects any later change. If any of them differs or is uncertain, the run is an ordinary one.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -56,7 +56,7 @@ fn name(source: &Source, root: &SourceRoot) -> String {
     format!("unchanged\n{}", history_name(source, root))
 }
 
-/// Digest of everything that a run depends on except kinds and files.
+/// Digest of everything that a run depends on, except kinds and files.
 fn premise(source: &Source, root: &SourceRoot, out: &Path) -> Option<Digest> {
     let mut of = Encoder::default();
     of.str(FORMAT);

@@ -1,5 +1,5 @@
-//! A cache of values in memory, limited in bytes. Written here, since the crate `lru` limits the number of entries,
-//! and crates that limit bytes evict by estimated frequency of use.
+//! A cache of values in memory, limited in bytes. No existing crate fits: `lru` limits the number of entries, and
+//! crates that limit bytes evict by estimated frequency of use.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Mutex, PoisonError};
@@ -42,7 +42,7 @@ impl Output {
 }
 
 impl Entries {
-    /// Returns a value and marks it as used last.
+    /// Returns a value and marks it as the most recently used.
     fn touch(&mut self, name: &Name) -> Option<AnyArtifact> {
         let kept = self.values.get_mut(name)?;
         self.ages.remove(&kept.used);

@@ -104,7 +104,7 @@ impl<'a> Workers<'a> {
         }
     }
 
-    /// Ends the threads, once all work is done, when the returned guard is dropped.
+    /// Returns a guard that, when it is dropped, ends the threads after all work is done.
     pub fn closing(&self) -> Closing<'_, 'a> {
         Closing(self)
     }

@@ -123,7 +123,7 @@ impl<'s> Pairs<'s> {
         }
     }
 
-    /// Pairs the inputs of pairs, starting at the sinks.
+    /// Pairs the inputs of all pairs, starting at the sinks.
     fn follow(&mut self) {
         while let Some((a, b)) = self.open.pop_front() {
             let in_b: BTreeMap<&str, Vec<usize>> = inputs(&self.b[b]).into_iter().collect();

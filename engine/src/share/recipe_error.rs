@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use crate::text::diag::Diagnostics;
 
-/// Why a recipe cannot run.
+/// Errors of making a graph from a recipe.
 #[derive(Debug, thiserror::Error)]
 pub enum RecipeError {
     /// The recipe is missing or has another format.

@@ -1,7 +1,7 @@
 //! Turns the recipe in a picture back into a graph that can run.
 //!
 //! A recipe names its source files without folders, with digests. They are found by name and digest in folders
-//! given by the user, so that either the same graph runs or nothing does.
+//! given by the user, so that only the same graph can run.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -214,5 +214,5 @@ impl Recipe {
     }
 }
 
-/// The message if not all files could be inspected.
+/// The addition to a message if not all files could be inspected.
 const CUT: &str = "(the folders of `--inputs` contain too many files to search; name smaller folders)";

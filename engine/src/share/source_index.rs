@@ -136,16 +136,16 @@ impl SourceIndex {
         if missing.is_empty() { Ok(paths) } else { Err(missing) }
     }
 
-    /// The file that is the first of `run`, a group of files read, and the number of files of the group in its
-    /// folder.
+    /// Finds the file that is the first of `run`, a group of source files. Returns its path and the number of files
+    /// of the group in its folder.
     fn file(&self, run: &[Read], store: &Store) -> Option<(String, usize)> {
         self.best(run.len(), self.first_of(run, store), |path| {
             path.parent().map_or(1, |folder| 1 + self.held(folder, &run[1..], store))
         })
     }
 
-    /// The folder of this name that contains the start of `run`, and the number of files of the run in it. Among
-    /// equal ones, the innermost.
+    /// Finds the folder of this name that contains the start of `run`. Returns its path and the number of files of
+    /// the run in it. Among folders with equal numbers, the innermost one is returned.
     fn folder(&self, name: &str, run: &[Read], store: &Store) -> Option<(String, usize)> {
         let inside = |path: &&Path| self.roots.iter().any(|root| path.starts_with(root));
         let is_meant = |path: &&Path| {

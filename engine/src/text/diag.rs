@@ -108,7 +108,7 @@ impl Diagnostic {
     }
 }
 
-/// Maximum number of diagnostics shown; nobody reads more at once.
+/// Maximum number of diagnostics shown.
 const MOST_SHOWN: usize = 100;
 
 /// The mistakes in one text, in the order of their places.
@@ -190,7 +190,7 @@ impl Diagnostics {
     }
 }
 
-/// A span within its piece of the text, cut to its first line.
+/// Returns a span relative to its piece of the text, cut to its first line.
 fn place(text: &str, piece: &Range<usize>, span: &Range<usize>) -> Range<usize> {
     let start = text.floor_char_boundary(span.start.clamp(piece.start, piece.end));
     let end = text.ceil_char_boundary(span.end.clamp(start, piece.end));
@@ -206,7 +206,7 @@ impl std::fmt::Display for Diagnostics {
 
 impl std::error::Error for Diagnostics {}
 
-/// A text for use in a message: long texts are cut.
+/// A text for use in a message, cut if it is long.
 pub(crate) fn shown(text: &str) -> std::borrow::Cow<'_, str> {
     match text.char_indices().nth(60) {
         None => text.into(),

@@ -63,7 +63,7 @@ pub(crate) struct Document<'t> {
     pub scopes: Vec<Scope<'t>>,
     /// Names of nodes that could not be parsed, so that wires to them are not reported as well.
     pub broken: Vec<Cow<'t, str>>,
-    /// False if something may seem missing only because it could not be parsed.
+    /// False if a name may seem missing only because its definition could not be parsed.
     pub whole: bool,
 }
 

@@ -14,7 +14,7 @@ pub struct Setting {
     pub value: String,
 }
 
-/// Why a setting cannot be applied.
+/// Errors of parsing a setting.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EditError {
     /// The form is not `node.field=value`.
@@ -50,8 +50,8 @@ pub fn apply(source: &Source, settings: &[Setting]) -> Source {
     })
 }
 
-/// Converts shell input to RON. Shells tend to remove quotes, so input that is not valid RON, and a lower-case word
-/// or a path, is taken as a string.
+/// Converts shell input to RON. Shells tend to remove quotes, so input that is not valid RON is taken as a string,
+/// and so is a lower-case word or a path.
 fn ron_text(value: &str) -> String {
     let first = value.chars().next().unwrap_or_default();
     let is_ron = matches!(value, "true" | "false")
@@ -65,7 +65,7 @@ fn ron_text(value: &str) -> String {
     }
 }
 
-/// RON text with the content of every string replaced.
+/// Returns RON text with the content of every string replaced.
 pub(crate) fn replace_strings(text: &str, mut with: impl FnMut(&str) -> String) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;

@@ -14,8 +14,9 @@ use crate::text::values::parse_value;
 use crate::value::root::{InputFile, SourceRoot};
 use crate::value::text_file::{MAX_GRAPH_BYTES, read_text};
 
-/// Limits on the number of included files and on their total bytes.
+/// Maximum number of included files.
 const MOST_FILES: usize = 1000;
+/// Maximum total size of the included files in bytes.
 const MOST_BYTES: u64 = 256 << 20;
 
 impl Source {
@@ -231,8 +232,8 @@ fn with_includes<'t>(
     whole
 }
 
-/// The chosen preset of a graph: that of every file that defines it, the graph's own last, so that it overrides
-/// those of included files.
+/// Returns the chosen preset of a graph: that of every file that defines it, the graph's own last, so that it
+/// overrides those of included files.
 fn preset<'t>(
     document: &Document<'t>,
     source: &'t Source,

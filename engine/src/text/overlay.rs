@@ -126,7 +126,8 @@ fn lay<'t>(fields: &mut Vec<RawField<'t>>, over: Vec<RawField<'t>>) {
 /// built-in one.
 pub const PRESETS: [&str; 4] = ["draft", "preview", "final", "reference"];
 
-/// The text of an overlay that sets fields (node, parameter, value in RON), nodes in order of first appearance.
+/// The text of an overlay that sets fields, each given as node, parameter and value in RON. Nodes are in order of
+/// first appearance.
 pub fn overlay_text<'s>(fields: impl IntoIterator<Item = (&'s str, &'s str, &'s str)>) -> String {
     let mut nodes: Vec<(&str, String)> = Vec::new();
     for (node, parameter, value) in fields {

@@ -1,7 +1,7 @@
 //! The scanner of RON text: it finds where names, values and brackets begin and end.
 //!
 //! Values are skipped here and parsed later by `ron`. So one pass finds all places, and a mistake affects only the
-//! field that contains it. Nothing recurses, however deeply brackets are nested.
+//! field that contains it. The scanner does not recurse, however deeply brackets are nested.
 
 use std::ops::Range;
 
@@ -12,8 +12,8 @@ pub(crate) struct Scanner<'t> {
     pub text: &'t str,
     pub at: usize,
     pub diagnostics: Vec<Diagnostic>,
-    /// An unterminated string, comment or bracket was reported; mistakes in the text that it contains are not
-    /// reported.
+    /// True after an unterminated string, comment or bracket was reported; mistakes in the text that it contains
+    /// are not reported.
     endless: bool,
 }
 

@@ -59,10 +59,10 @@ impl PieceRole {
 
 /// Precedes the role and the name of a piece.
 const MARK: &str = "\n//@@ ";
-/// Start of a text whose marks separate pieces. In any other text they are comments.
+/// First line of a text whose marks separate pieces. In any other text, marks are ordinary comments.
 const PACKED: &str = "//@@ packed\n";
 
-/// The role and name in the rest of a line behind a mark.
+/// Parses the role and name in the rest of a line after a mark.
 fn parse_mark(line: &str) -> Option<(PieceRole, &str)> {
     let (role, name) = line.split_once(' ')?;
     PieceRole::NAMED.iter().find(|(known, _)| *known == role).map(|(_, role)| (*role, name))
@@ -206,7 +206,7 @@ pub(crate) fn folder_of(piece: &Piece) -> &str {
     }
 }
 
-/// A path relative to a folder in normal form, so that every file has one name.
+/// Returns a path relative to a folder in normal form, so that every file has one name.
 pub(crate) fn plain(folder: &str, path: &str) -> String {
     if path.starts_with('/') {
         return path.to_owned();

@@ -24,9 +24,11 @@ pub(crate) const FILE: &str = "graph";
 /// The value of a parameter without a default.
 const REQUIRED: &str = "Required";
 
-/// Limits on the number of uses, on the number of all nodes, and on the depth of nesting.
+/// Maximum number of uses of subgraphs.
 const MOST_USES: usize = 100_000;
+/// Maximum number of nodes after all uses are expanded.
 const MOST_NODES: usize = 1_000_000;
+/// Maximum depth of nested uses.
 const DEEPEST: usize = 32;
 /// Maximum length of a field after parameters are inserted, in bytes.
 const LONGEST: usize = 1 << 18;
@@ -34,7 +36,7 @@ const LONGEST: usize = 1 << 18;
 /// Documents of the files used as subgraphs, by the names of their pieces.
 pub(crate) type SubgraphFiles<'t> = BTreeMap<&'t str, Document<'t>>;
 
-/// Makes the diagnostic for a named file that was not read.
+/// Function that makes the diagnostic for a named file that was not read.
 type Lost<'l> = dyn Fn(&str, Range<usize>) -> Diagnostic + 'l;
 
 /// Replaces each `Subgraph` by the nodes of its file and applies overlays to all nodes. `folder_at` returns the
@@ -106,7 +108,7 @@ pub(crate) fn expand<'t>(
 
 type Used<'f, 't> = (&'f Document<'t>, Scope<'t>, Vec<Diagnostic>);
 
-/// The document and scope of a `Subgraph` node, with the mistakes in the values that it is given.
+/// Returns the document and scope of a `Subgraph` node, and reports mistakes in the values that it is given.
 fn use_of<'f, 't>(
     node: &RawNode<'t>,
     scopes: &[Scope<'t>],
@@ -219,8 +221,9 @@ pub(crate) fn value_of<'s, 't>(
     })
 }
 
-/// The text of a field with parameters replaced by their values, and its place: that of the value if the field
-/// consists of one parameter only. With `folder_at`, paths are made relative to the folder of the graph.
+/// Returns the text of a field with parameters replaced by their values, and its place, which is that of the value
+/// if the field consists of one parameter only. With `folder_at`, paths are made relative to the folder of the
+/// graph.
 pub(crate) fn in_place<'t>(
     field: &RawField<'t>,
     scopes: &[Scope<'t>],

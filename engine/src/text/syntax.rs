@@ -1,7 +1,7 @@
 //! The parser of RON text into nodes and fields with their places.
 //!
-//! The scanner finds the structure, and `ron` parses the values later. So the parser needs no knowledge of kinds,
-//! detects duplicates, and reports all mistakes together.
+//! The scanner finds the structure, and `ron` parses the values later. The parser therefore does not need the
+//! kinds, detects duplicates, and reports all mistakes together.
 
 use std::ops::Range;
 
@@ -261,7 +261,7 @@ impl<'t> Parser<'t> {
         self.scan.text.get(start..self.scan.at).unwrap_or(name)
     }
 
-    /// Skips to what looks like the next field: an identifier with a colon, or text after a comma.
+    /// Skips to the probable start of the next field: an identifier with a colon, or text after a comma.
     fn after_mistake(&mut self) {
         loop {
             self.scan.skip_space();

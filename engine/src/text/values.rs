@@ -16,7 +16,7 @@ pub(crate) fn parse_value<'t, T: serde::Deserialize<'t>>(text: &'t str) -> Resul
     options().from_str(text).map_err(|error| error.code)
 }
 
-/// The everyday name of the form of a value.
+/// The ordinary name of the form of a value, such as "a list".
 pub(crate) fn form_of(text: &str) -> &'static str {
     match text.bytes().next().unwrap_or_default() {
         b'"' => "text",
@@ -40,7 +40,7 @@ pub(crate) fn with_article(described: &str) -> String {
     format!("{article}{described}")
 }
 
-/// The list with its brackets, for numbers separated by commas without brackets.
+/// Adds the missing brackets to numbers separated by commas.
 fn numbers_without_brackets(described: &str, text: &str) -> Option<String> {
     let numbers: Vec<&str> = text.split(',').map(str::trim).collect();
     let all =
@@ -53,7 +53,8 @@ fn numbers_without_brackets(described: &str, text: &str) -> Option<String> {
     }
 }
 
-/// The mistake inside a group or list of numbers of the right form: their count, or an item that is not a number.
+/// Describes the mistake inside a group or list of numbers of the right form: a wrong count, or an item that is not
+/// a number.
 fn wrong_items(described: &str, text: &str) -> Option<String> {
     let (numbers, sort) = (described.contains("number"), form_of(text));
     let wanted: Option<usize> =

@@ -13,7 +13,7 @@ use crate::value::error::guarded;
 /// The encoding is canonical: equal values give equal bytes on every machine, since the content digest of a value
 /// is the digest of its encoded bytes. Every key holds the type name and the format as well.
 pub trait Artifact: Send + Sync + Sized + 'static {
-    /// Name of the type, in kebab-case; two ports connect when their names are equal.
+    /// Name of the type in kebab-case; ports can be connected if their names are equal.
     const TYPE: &'static str;
     /// Version of the byte layout; raised whenever `encode` changes.
     const FORMAT: u32;
@@ -22,7 +22,7 @@ pub trait Artifact: Send + Sync + Sized + 'static {
     fn encode(&self, to: &mut Encoder);
     /// Reads what [`Artifact::encode`] wrote. Never panics, whatever the bytes are.
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt>;
-    /// Memory held, in bytes. Used for admission, so an estimate is enough.
+    /// Memory of the value in bytes; an estimate is enough, since it is used for admission.
     fn bytes(&self) -> usize;
     /// Size in units that the work of readers grows with: pixels, splats, triangles.
     fn size(&self) -> u64 {
@@ -170,7 +170,7 @@ impl<'a> Decoder<'a> {
         Ok(head)
     }
 
-    /// Reads a count of elements of `size` bytes each; an error where fewer bytes remain.
+    /// Reads a count of elements of `size` bytes each. Returns an error if fewer bytes remain.
     pub fn length(&mut self, size: usize) -> Result<usize, Corrupt> {
         let count = self.u64()?;
         match usize::try_from(count) {
@@ -179,7 +179,7 @@ impl<'a> Decoder<'a> {
         }
     }
 
-    /// Reads a 32-bit count of elements of at least `size` bytes each; an error where fewer bytes remain.
+    /// Reads a 32-bit count of elements of at least `size` bytes each. Returns an error if fewer bytes remain.
     pub(crate) fn count(&mut self, size: usize) -> Result<usize, Corrupt> {
         let count = self.u32()? as usize;
         match count.checked_mul(size) {
@@ -200,7 +200,7 @@ impl<'a> Decoder<'a> {
         Ok(end - length..end)
     }
 
-    /// Reads a slice or text without copying it.
+    /// Reads a slice or a text without copying it.
     pub(crate) fn raw(&mut self) -> Result<&'a [u8], Corrupt> {
         let count = self.length(1)?;
         self.take(count)
@@ -221,17 +221,17 @@ impl<'a> Decoder<'a> {
         }
     }
 
-    /// Reads text.
+    /// Reads a text.
     pub fn str(&mut self) -> Result<String, Corrupt> {
         String::from_utf8(self.u8s()?).map_err(|_| Corrupt("text is not UTF-8".to_owned()))
     }
 
-    /// Reads another artifact.
+    /// Reads an artifact.
     pub fn artifact<A: Artifact>(&mut self) -> Result<A, Corrupt> {
         A::decode(self)
     }
 
-    /// Succeeds when no bytes remain.
+    /// Returns an error if bytes remain.
     pub fn end(&self) -> Result<(), Corrupt> {
         if self.rest.is_empty() {
             Ok(())

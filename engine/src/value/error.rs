@@ -6,7 +6,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use cache::Digest;
 
-/// Why a node failed: a message, the field to blame, and advice.
+/// The failure of a node: a message, the responsible field, and advice.
 #[derive(Debug)]
 pub struct NodeError {
     pub(crate) kind: NodeErrorKind,
@@ -38,7 +38,7 @@ impl NodeError {
         Self { kind: NodeErrorKind::Busy(key), field: None, hint: None }
     }
 
-    /// Names the parameter or input to blame; its text is underlined.
+    /// Names the responsible parameter or input; its text is underlined.
     pub fn at(mut self, field: &'static str) -> Self {
         self.field.get_or_insert(field);
         self
@@ -76,7 +76,8 @@ impl std::fmt::Display for NodeError {
     }
 }
 
-/// Any typed error of a crate of kinds becomes the failure of a node. The message includes its chain of causes.
+/// Converts any typed error of a crate of kinds into the failure of a node. The message includes its chain of
+/// causes.
 impl<E: StdError + Send + Sync + 'static> From<E> for NodeError {
     fn from(error: E) -> Self {
         let mut message = error.to_string();

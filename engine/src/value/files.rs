@@ -5,8 +5,8 @@ use crate::value::artifact::{Artifact, Corrupt, Decoder, Difference, Encoder};
 /// One file of a sink.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FileBytes {
-    /// Name of the view that the file shows; replaces `{view}` in the path. Empty for a file that is not about one
-    /// view.
+    /// Name of the view that the file shows, which replaces `{view}` in the path. Empty for a file that does not
+    /// belong to one view.
     pub view: String,
     /// Content of the file.
     pub bytes: Vec<u8>,

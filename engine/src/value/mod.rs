@@ -1,4 +1,4 @@
-//! Values, errors, notes and paths: the basis of all other rooms.
+//! Values, errors, notes and paths: the basis of all other modules.
 
 pub(crate) mod artifact;
 pub(crate) mod counts;

@@ -6,14 +6,14 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
-    /// Something was counted, such as broken rows that were dropped.
+    /// Number of certain items, such as broken rows that were dropped.
     Count,
     /// A choice that the node made by itself, such as how the receiver blocks the environment.
     Decision,
     /// The result is valid, but the user should look at this.
     Warning,
-    /// The result is less than what was asked for. Inherited by everything made from it, and shown in the exit
-    /// code.
+    /// The result is less than what was requested. All results made from it inherit this, and it determines the
+    /// exit code.
     Degraded,
 }
 
@@ -24,7 +24,7 @@ pub struct Note {
     pub level: Level,
     /// Stable name in kebab-case, such as `zero-quaternion`, for tests and filters.
     pub id: String,
-    /// One line for a person.
+    /// Text in one line.
     pub text: String,
 }
 

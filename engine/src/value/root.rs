@@ -1,4 +1,4 @@
-//! Paths of the files that a graph reads: any path for a graph of one's own, a few folders for an untrusted one.
+//! Paths of the files that a graph reads: any path for a trusted graph, and a few folders for an untrusted one.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -49,13 +49,13 @@ pub struct SourceRoot {
 }
 
 impl SourceRoot {
-    /// A root for a graph of one's own. Paths are relative to `folder`, the folder of the graph file.
+    /// A root for a trusted graph. Paths are relative to `folder`, the folder of the graph file.
     pub fn new(folder: impl Into<PathBuf>) -> Self {
         Self { folder: folder.into(), confined: None }
     }
 
-    /// A root for an untrusted graph: nothing outside of `folder` and the folders of `also` is read, whatever names
-    /// and links say, and links below the output folder are not followed.
+    /// A root for an untrusted graph: no file outside of `folder` and the folders of `also` is read, whatever names
+    /// and links refer to, and links below the output folder are not followed.
     ///
     /// # Errors
     /// If one of the folders does not exist.
@@ -111,7 +111,7 @@ impl SourceRoot {
     }
 
     /// True if a file belongs to an unpacked bundle while the graph does not. If such a file were included, it
-    /// could read whatever the graph may.
+    /// could read all files that the graph may read.
     pub fn is_strange(&self, path: &Path) -> bool {
         // Links are followed to the folder that contains the text.
         let folder = || path.canonicalize().ok()?.parent().and_then(bundle_around);
@@ -124,7 +124,8 @@ impl SourceRoot {
     }
 }
 
-/// A path that cannot be opened, since its first part is not a folder. The rest of it explains the error message.
+/// A path that cannot be opened, since its first part is not a folder. The rest of the path is text that appears in
+/// the error message.
 const OUTSIDE: &str = "/dev/null/outside of what this graph may read";
 
 /// A file that a node reads: a path relative to the graph file, or absolute. Its content digest enters the key in

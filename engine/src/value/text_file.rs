@@ -7,8 +7,8 @@ use std::path::Path;
 /// The maximum length in bytes of a graph file, of a file that it includes or uses as a subgraph, and of an overlay.
 pub const MAX_GRAPH_BYTES: u64 = 64 << 20;
 
-/// Reads a regular file of at most `limit` bytes of UTF-8. Pipes and devices, which may block for ever or have no end,
-/// are not opened.
+/// Reads a regular file of at most `limit` bytes of UTF-8. Pipes and devices, which may block forever or have no
+/// end, are not opened.
 ///
 /// # Errors
 /// Errors of the system, [`ErrorKind::InvalidInput`] with the type of what is not a regular file,

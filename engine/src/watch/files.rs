@@ -23,7 +23,7 @@ pub(crate) struct WatchedFiles {
     failure: Option<String>,
     /// Stamp of each file when it was last inspected; `None` if it is missing.
     stamps: BTreeMap<PathBuf, Option<FileStamp>>,
-    /// The paths (links on the way and the last name) that determine what each watched file is.
+    /// The paths that determine each watched file: links on the way, and the last name.
     names: BTreeMap<PathBuf, PathBuf>,
     /// Folders with notifications, and the identity that each had then.
     folders: BTreeMap<PathBuf, Option<Identity>>,
@@ -35,7 +35,7 @@ pub(crate) struct WatchedFiles {
 type Identity = (u64, u64);
 
 impl WatchedFiles {
-    /// Watches nothing yet. Without notifications, only [`look`](Self::look) finds changes.
+    /// Watches no files yet. Without notifications, only [`look`](Self::look) finds changes.
     pub fn new(notifier: Result<Box<dyn Notifier>, String>) -> Self {
         let (notifier, failure) = match notifier {
             Ok(notifier) => (Some(notifier), None),
@@ -56,7 +56,7 @@ impl WatchedFiles {
         self.notifier.is_some()
     }
 
-    /// Reason for missing notifications; returned once.
+    /// Returns the reason for missing notifications, once.
     pub fn take_failure(&mut self) -> Option<String> {
         self.failure.take()
     }
@@ -157,7 +157,7 @@ impl WatchedFiles {
         self.stamps.len()
     }
 
-    /// Treats these files as changed at the next inspection, whatever their stamps are.
+    /// Marks files as changed for the next inspection, even if their stamps are equal.
     pub fn suspect(&mut self, paths: impl IntoIterator<Item = PathBuf>) {
         self.touched.extend(paths);
     }
@@ -171,7 +171,7 @@ fn identity(folder: &Path) -> Option<Identity> {
     stamp(folder).map(|stamp| (stamp.dev, stamp.inode))
 }
 
-/// Maximum number of links on the way to a file; more are taken for a cycle.
+/// Maximum number of links on the way to a file; a longer chain counts as a cycle.
 const MOST_LINKS: usize = 40;
 
 /// The paths that determine what an absolute path refers to: each link on the way and its own last name, in folders

@@ -14,7 +14,7 @@ pub(crate) enum Input {
     Quit,
 }
 
-/// Ends a watch from another thread, or makes it inspect its files.
+/// Handle to end a watch from another thread, or to make it inspect its files.
 #[derive(Clone)]
 pub struct Handle(pub(crate) Sender<Input>);
 

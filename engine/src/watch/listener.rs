@@ -10,7 +10,7 @@ use crate::watch::handle::Handle;
 
 struct Listener(RecommendedWatcher);
 
-/// Sends notifications to `handle`, or returns why there are none.
+/// Starts notifications, which are sent to `handle`. Returns an error text if the system provides none.
 pub(crate) fn listen(handle: Handle) -> Result<Box<dyn Notifier>, String> {
     let notified = move |event: notify::Result<notify::Event>| match event {
         // Reading is frequent and does not matter.

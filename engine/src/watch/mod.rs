@@ -1,4 +1,4 @@
-//! Running again whenever a file changes.
+//! Watching: a graph runs again whenever one of its files changes.
 
 pub(crate) mod files;
 pub(crate) mod handle;

@@ -9,7 +9,7 @@ use crate::text::diag::{Diagnostics, Mistake};
 
 /// The watched graph as read at one moment.
 pub struct Load {
-    /// The graph and its targets (empty: the default ones), or its mistakes.
+    /// The graph and its targets, or its mistakes. An empty list stands for the default targets.
     pub graph: Result<(Arc<Graph>, Vec<usize>), Refusal>,
     /// The files of the graph itself, whether they exist or not.
     pub texts: Vec<PathBuf>,
@@ -33,7 +33,7 @@ impl Refusal {
         Self { list, text: diagnostics.render(colour), files }
     }
 
-    /// Any other cause, such as a file that cannot be read.
+    /// A refusal for any other reason, such as a file that cannot be read.
     pub fn other(text: String) -> Self {
         Self { list: Vec::new(), text, files: Vec::new() }
     }
@@ -46,11 +46,11 @@ pub struct WatchOptions {
     pub out: PathBuf,
     /// The parameter that previews limit.
     pub refine: Option<&'static str>,
-    /// Inspects the files every half second and does not use notifications.
+    /// True to inspect the files every half second in place of notifications.
     pub poll: bool,
     /// Time without further changes before a change is handled.
     pub settle: Duration,
-    /// Time before mistakes are reported, since a graph may be half written.
+    /// Time before mistakes are reported, since a graph may be only partly written.
     pub patience: Duration,
 }
 

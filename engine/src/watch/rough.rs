@@ -1,4 +1,4 @@
-//! Reduced forms of a graph for previews.
+//! Reduced versions of a graph for previews.
 
 use std::sync::Arc;
 

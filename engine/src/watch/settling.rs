@@ -1,4 +1,4 @@
-//! Waits until changes settle: shortly after the last one, but not too long after the first.
+//! Delay of changes: they are handled shortly after the last one, and a limited time after the first.
 
 use std::time::{Duration, Instant};
 
@@ -12,7 +12,8 @@ pub(crate) struct Settling {
 }
 
 impl Settling {
-    /// Inspects `settle` after the last notification, and at most `longest` after the first.
+    /// Creates the state. The files are to be inspected `settle` after the last notification, and at most `longest`
+    /// after the first.
     pub fn new(settle: Duration, longest: Duration) -> Self {
         Self { settle, longest, pending: None }
     }
@@ -22,7 +23,7 @@ impl Settling {
         self.wait(now, self.settle);
     }
 
-    /// Inspects after `patience`, since something may be incomplete.
+    /// Postpones the inspection by `patience`, since a file may be incomplete.
     pub fn wait(&mut self, now: Instant, patience: Duration) {
         let first = self.pending.map_or(now, |(first, _)| first);
         let latest = first + self.longest.max(patience);
@@ -34,7 +35,7 @@ impl Settling {
         self.pending.map(|(_, due)| due)
     }
 
-    /// True if it is time to inspect; true once.
+    /// True once, when the time of the inspection has come.
     pub fn take(&mut self, now: Instant) -> bool {
         let come = self.due().is_some_and(|due| due <= now);
         if come {

@@ -1,9 +1,9 @@
 //! Watching: runs a graph again whenever one of its files changes.
 //!
-//! One thread decides. It sleeps until a notification, an event of the run, or the time of the next inspection. A
-//! run has its own thread and is cancelled by a newer graph; finished nodes are kept. Long runs are preceded by
-//! previews that limit a parameter (`samples`). Since the work of such nodes is cached in chunks, each run computes
-//! only what the one before did not.
+//! One thread controls the runs. It sleeps until a notification, an event of the run, or the time of the next
+//! inspection. A run has its own thread and is cancelled by a newer graph; finished nodes are kept. Long runs are
+//! preceded by previews that limit a parameter (`samples`). Since the work of such nodes is cached in chunks, each
+//! run computes only the samples that the one before did not.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -28,7 +28,7 @@ use crate::watch::settling::Settling;
 const LONGEST: Duration = Duration::from_millis(300);
 /// Interval of inspections without notifications.
 const POLL: Duration = Duration::from_millis(500);
-/// Interval of inspections with notifications, which network drives omit and systems lose.
+/// Interval of inspections with notifications, which network drives do not send and systems may lose.
 const CHECK: Duration = Duration::from_secs(2);
 /// The result of waiting.
 enum Next {
@@ -64,9 +64,9 @@ impl Watch {
         self.handle.clone()
     }
 
-    /// Watches until [`Handle::quit`]. `load` reads the graph, at the start and after every change; its argument is
-    /// true if no source file of a node changed, so that a graph with the same text need not be checked again.
-    /// Returns the files that do not show the current graph.
+    /// Watches until [`Handle::quit`] is called. `load` reads the graph at the start and after every change; its
+    /// argument is true if no source file of a node changed, so that a graph with the same text need not be checked
+    /// again. Returns the files that do not show the current graph.
     pub fn run(
         self,
         engine: &Engine,
@@ -112,7 +112,7 @@ struct Session<'a, L, T> {
     load: L,
     emit: T,
     shown: BTreeMap<PathBuf, SinkFile>,
-    /// True if the graph has mistakes but may be half written.
+    /// True if the graph has mistakes that may be due to a partly written file.
     suspected: bool,
     /// True if the last run was successful.
     good: bool,
@@ -173,7 +173,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         self.pass(current, graph, only, Vec::new())
     }
 
-    /// Runs once, until the end or until a newer graph.
+    /// Runs a graph once, until it ends or a newer graph exists.
     fn pass(&mut self, current: &Load, graph: &Graph, only: &[usize], rough: Vec<usize>) -> Next {
         let cancel = Arc::new(AtomicBool::new(false));
         let options = RunOptions {
@@ -204,8 +204,8 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         })
     }
 
-    /// Waits for the end of a run that was cancelled. Returns whether the watch is to quit; the remaining events of
-    /// the run are handled even then, so that the list of files that do not show the graph is correct.
+    /// Waits for the end of a cancelled run and returns whether the watch is to quit. The remaining events are
+    /// handled in any case, so that the list of files that do not show the graph is correct.
     fn drain(&mut self) -> bool {
         let mut quit = false;
         while let Ok(input) = self.inputs.recv() {
@@ -270,7 +270,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    /// The graph to run, if its meaning changed, or if its results are not up to date.
+    /// Returns the graph to run if its meaning changed or its results are not up to date.
     fn changed(&mut self, current: &Load, running: bool) -> Option<Load> {
         let changed = self.files.look();
         if changed.is_empty() {

@@ -1,4 +1,5 @@
-//! Small arithmetic kinds whose results are easy to check; the engine's tests run them instead of rendering.
+//! Small arithmetic kinds whose results are easy to check. The tests of the engine run these kinds and do not
+//! render.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -10,23 +11,23 @@ use engine::{
     SourceRoot,
 };
 
-/// Every kind of this file.
+/// The table of all kinds of this file.
 pub fn registry() -> Registry {
     Registry::new(entries())
 }
 
-/// All kinds of this file, with `entry` in place of the kind of the same name.
+/// The table of all kinds of this file, with `entry` in place of the kind of the same name.
 pub fn registry_with(entry: KindEntry) -> Registry {
     let others = entries().into_iter().filter(|other| other.name != entry.name);
     Registry::new(others.collect()).with(entry)
 }
 
-/// All kinds of this file, but with a `scale` that returns another result under the same name and version.
+/// The table of all kinds of this file, in which `scale` returns another result under the same name and version.
 pub fn registry_of_a_cheat() -> Registry {
     registry_with(KindEntry::of::<Cheat>())
 }
 
-/// See [`registry_of_a_cheat`].
+/// A `scale` with another result; see [`registry_of_a_cheat`].
 pub struct Cheat;
 impl Kind for Cheat {
     const NAME: &'static str = "scale";
@@ -92,7 +93,7 @@ impl Artifact for Num {
     }
 }
 
-/// Many numbers: large enough for a file of its own in the cache.
+/// Many numbers: enough that they have a file of their own in the cache.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Numbers(pub Vec<f64>);
 
@@ -124,7 +125,7 @@ fn give(value: f64) -> Ran {
     Ok((Gives { number: Arc::new(Num(value)) }, Notes::none()))
 }
 
-/// Declares a kind of one number in, one number out.
+/// Declares a kind with one number as input and one as output.
 macro_rules! simple {
     ($name:ident = $kebab:literal, $in:ty, |$params:ident, $inputs:ident, $cx:ident| $run:expr $(, $item:item)*) => {
         impl Kind for $name {
@@ -163,7 +164,7 @@ simple!(
 );
 
 engine::params! {
-    /// Reads digits from several files, one after another; a folder means the `.txt` files in it.
+    /// Reads digits from several files, one after the other. A folder stands for the `.txt` files in it.
     pub struct LoadDigits {
         /// A file or folder.
         path: InputFile, other("\"b.txt\"");
@@ -206,7 +207,7 @@ simple!(
 );
 
 engine::params! {
-    /// A constant.
+    /// Outputs a constant.
     pub struct Number {
         /// The number.
         value: f64 = 1.0, range(-1e6, 1e6), other("2.0");
@@ -215,7 +216,7 @@ engine::params! {
 simple!(Number = "number", Nothing, |params, _inputs, _cx| give(params.value), const INSTANT: bool = true;);
 
 engine::params! {
-    /// The sum of its inputs, in order.
+    /// Adds its inputs, in order.
     pub struct Add {
         /// Added to the sum.
         bias: f64 = 0.0, other("1.0");
@@ -227,7 +228,7 @@ simple!(Add = "add", Terms, |params, inputs, cx| {
 });
 
 engine::params! {
-    /// A product.
+    /// Multiplies its input by a factor.
     pub struct Scale {
         /// The factor.
         by: f64 = 2.0, range(-100.0, 100.0), other("3.0");
@@ -241,7 +242,7 @@ simple!(
 );
 
 engine::choices! {
-    /// The choice of a whole number.
+    /// Direction of rounding.
     pub enum Towards {
         /** The nearest. */ Nearest,
         /** The one below. */ Down,
@@ -249,9 +250,9 @@ engine::choices! {
     }
 }
 engine::params! {
-    /// A whole number near the input: many inputs give the same one.
+    /// Rounds its input to an integer, so that many inputs give the same output.
     pub struct Round {
-        /// The direction of rounding.
+        /// Direction of rounding.
         towards: Towards = Towards::Nearest, other("Down");
     }
 }
@@ -267,17 +268,17 @@ simple!(
 );
 
 engine::params! {
-    /// The whole part and the rest.
+    /// Splits a number into its integral and fractional part.
     pub struct Split {}
 }
 engine::outputs! {
-    /// Two numbers and a list.
+    /// Outputs of [`Split`].
     pub struct Parts {
-        /// The whole part.
+        /// The integral part.
         whole: Arc<Num>,
-        /// The rest.
+        /// The fractional part.
         rest: Arc<Num>,
-        /// Both.
+        /// Both parts.
         both: Arc<Numbers>,
     }
 }
@@ -295,7 +296,7 @@ impl Kind for Split {
 }
 
 engine::params! {
-    /// The seed of the graph.
+    /// Outputs the seed of the graph.
     pub struct Seeded {}
 }
 simple!(
@@ -306,7 +307,7 @@ simple!(
 );
 
 engine::params! {
-    /// A number for the axis that points up.
+    /// Outputs a number that depends on the axis that points up.
     pub struct UpAxis {}
 }
 simple!(
@@ -317,13 +318,13 @@ simple!(
 );
 
 engine::params! {
-    /// The mean of `samples` numbers near the input, in parts of 16.
+    /// Computes the mean of `samples` numbers near the input, in parts of 16.
     pub struct Series {
         /// The number of samples.
         samples: u32 = 32, range(1, 4096), other("48");
         /// Step between computed samples; 1 computes all of them.
         coarse: u32 = 1, range(1, 64), other("2");
-        /// Scales the mean; no part depends on it.
+        /// Factor of the mean; no part depends on it.
         gain: f64 = 1.0, other("2.0");
         /// Duration of a part; no part depends on it.
         millis: u64 = 0, inert("time is not part of the result");
@@ -352,9 +353,9 @@ simple!(
 );
 
 engine::params! {
-    /// Its input, through a part kept in memory for others, plus a number.
+    /// Adds a number to its input, which comes through a part kept in memory for other nodes.
     pub struct Prepared {
-        /// Added.
+        /// The number to add.
         plus: f64 = 0.0, other("1.0");
     }
 }
@@ -375,7 +376,7 @@ simple!(Prepared = "prepared", One, |params, inputs, cx| {
 });
 
 engine::params! {
-    /// The numbers from the input upwards.
+    /// Outputs consecutive numbers, starting with the input.
     pub struct Ramp {
         /// Number of numbers.
         count: u32 = 2000, range(1, 100000000), other("3000");
@@ -398,9 +399,9 @@ impl Kind for Ramp {
 }
 
 engine::params! {
-    /// The sum of a list.
+    /// Sums a list.
     pub struct Sum {
-        /// The number of times the sum is counted.
+        /// Number of times that the sum is counted.
         times: u32 = 1, range(1, 10), other("2");
     }
 }
@@ -413,7 +414,7 @@ simple!(
 );
 
 engine::params! {
-    /// Passes a number on, or fails.
+    /// Passes a number on, or fails if it is too large.
     pub struct Refuse {
         /// The largest number that is passed on.
         above: f64 = 10.0, other("20.0");
@@ -428,9 +429,9 @@ simple!(Refuse = "refuse", One, |params, inputs, _cx| {
 });
 
 engine::params! {
-    /// Passes a number on with a note.
+    /// Passes a number on and adds a note.
     pub struct Remark {
-        /// Marks the result as less than asked for.
+        /// True to mark the result as degraded.
         degraded: bool = false, other("true");
     }
 }
@@ -452,7 +453,7 @@ impl Kind for Remark {
 }
 
 engine::params! {
-    /// Passes a number on after a while, unless stopped.
+    /// Passes a number on after a time, unless it is cancelled.
     pub struct Slow {
         /// Duration.
         millis: u32 = 50, unit("ms"), inert("only the time differs"), other("1");
@@ -475,7 +476,7 @@ simple!(
 );
 
 engine::params! {
-    /// Passes a number on through tiles that sleep.
+    /// Passes a number on after tiles that sleep.
     pub struct Tiled {
         /// Number of tiles.
         tiles: u32 = 4, range(1, 100000), inert("only the time differs");
@@ -496,13 +497,13 @@ simple!(
     }
 );
 
-/// Number of [`Heavy`] nodes that run now, and the maximum so far.
+/// Number of [`Heavy`] nodes that are running, and the maximum so far.
 pub static HEAVY: (AtomicUsize, AtomicUsize) = (AtomicUsize::new(0), AtomicUsize::new(0));
 
 engine::params! {
-    /// Passes a number on and claims memory for it.
+    /// Passes a number on, with a large estimate of its memory.
     pub struct Heavy {
-        /// Claimed memory.
+        /// Estimated memory.
         megabytes: u32 = 1, unit("MB"), inert("claims memory only"), other("2");
     }
 }
@@ -522,9 +523,9 @@ simple!(
 );
 
 engine::params! {
-    /// Panics if its number is not zero.
+    /// Panics unless its number is zero.
     pub struct Panic {
-        /// Panics already in the estimate.
+        /// True to panic already in the estimate.
         early: bool = false, other("true");
     }
 }
@@ -544,7 +545,7 @@ simple!(
 static DRIFTS: AtomicUsize = AtomicUsize::new(0);
 
 engine::params! {
-    /// Returns another number each time it runs, which no kind may do.
+    /// Returns another number each time it runs, which no kind is permitted to do.
     pub struct Drift {}
 }
 simple!(
@@ -559,7 +560,7 @@ engine::params! {
     pub struct WriteNumber {
         /// The file.
         path: OutputFile, other("\"b.txt\"");
-        /// One file per number instead of one for all.
+        /// True for one file per number instead of one file for all numbers.
         each: bool = false, other("true");
         /// Names of the views instead of `a`, `b` and so on.
         views: Vec<String> = Vec::new(), other("[\"x\"]");
@@ -587,7 +588,7 @@ impl Kind for WriteNumber {
 }
 
 engine::params! {
-    /// Writes down how its number was made.
+    /// Writes the recipe of its number to a file.
     pub struct WriteRecipe {
         /// The file.
         path: OutputFile, other("\"b.txt\"");

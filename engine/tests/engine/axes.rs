@@ -1,4 +1,4 @@
-//! One node, many values: how often each node runs, and the mistakes that are reported.
+//! Tests of axes: how often each node runs, and the mistakes that are reported.
 
 use crate::lab::{Lab, Log};
 

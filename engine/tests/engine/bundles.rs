@@ -1,4 +1,4 @@
-//! Shared graphs: packed, unpacked elsewhere, verified, confined, locked.
+//! Tests of shared graphs: packed, unpacked elsewhere, verified, confined, locked.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -301,7 +301,7 @@ fn a_bundle_holds_what_a_graph_includes() {
     assert!(error.contains("`\"n.txt\"` in `../shared/part.ron`"), "{error}");
 }
 
-/// A folder with files of digits, the result of a `LoadDigits` with these fields, and its recipe.
+/// A folder with files of digits, a graph with a `LoadDigits` with these fields, and the recipe of its result.
 fn digits(fields: &str) -> (Lab, Graph, tempfile::TempDir, Recipe) {
     let (lab, outer) = (Lab::on_disk(), tempfile::tempdir().unwrap());
     let files =

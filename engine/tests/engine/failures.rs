@@ -1,4 +1,4 @@
-//! Nodes that fail, warn, return less than asked for, or are stopped.
+//! Tests of nodes that fail, warn, return a degraded result, or are cancelled.
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};

@@ -1,11 +1,12 @@
-//! Damage to the cache between runs costs time and one warning, never a wrong result.
+//! Tests of damage to the cache between runs. It costs time and one warning, and never gives a wrong result.
 
 use std::fs;
 use std::path::Path;
 
 use crate::lab::{Lab, Log, graph_text};
 
-/// A graph with two lists stored as files, small results, parts and a cheap loader, twice in a row.
+/// A graph with two lists stored as files, small results, parts and a cheap loader. Its second half is computed
+/// from the result of the first.
 const GRAPH: &str = r#"
     a: LoadNumber(path: "a.txt"),
     first: Ramp(value: "a", count: 3000),
@@ -17,7 +18,7 @@ const GRAPH: &str = r#"
     save: WriteNumber(number: ["twice", "mean"], path: "save.txt"),
 "#;
 
-/// A graph whose last steps are new, so that everything below `second` needs values from the store.
+/// The graph with changed last steps, so that all nodes below `second` need values from the store.
 fn edited() -> String {
     let third =
         "third: Sum(numbers: \"first\", times: 2), more: WriteNumber(number: \"third\", path: \"more.txt\"),";

@@ -1,6 +1,7 @@
-//! Bytes changed at random, from fixed seeds: nothing panics, and every run that completes is right.
+//! Tests with bytes changed at random, from fixed seeds: no change causes a panic, and every run that completes has
+//! the right result.
 //!
-//! A few hundred rounds here; `LIGHTHARMONY_FUZZ_SECONDS` sets the duration of each test.
+//! Each test runs a few hundred rounds; `LIGHTHARMONY_FUZZ_SECONDS` sets another duration of each test.
 
 use std::time::{Duration, Instant};
 
@@ -9,7 +10,7 @@ use engine::{Engine, Event, Graph, RunOptions, Source, apply};
 
 use crate::lab::{Lab, graph_text};
 
-/// Counter-based random numbers, the same on every machine.
+/// Counter-based random numbers that are the same on every machine.
 struct Random(u64);
 
 impl Random {
@@ -25,7 +26,7 @@ impl Random {
     }
 }
 
-/// The rounds, each with its own random numbers.
+/// The random numbers of each round.
 fn rounds(usual: u64) -> impl Iterator<Item = Random> {
     let seconds = std::env::var("LIGHTHARMONY_FUZZ_SECONDS").ok().and_then(|text| text.parse().ok());
     let end = seconds.map(|seconds| Instant::now() + Duration::from_secs(seconds));
@@ -34,7 +35,7 @@ fn rounds(usual: u64) -> impl Iterator<Item = Random> {
         .map(|round: u64| Random(round << 32))
 }
 
-/// Makes one to four changes: bytes are flipped, removed, repeated, inserted or overwritten.
+/// Makes one to four changes: flips, removes, repeats, inserts or overwrites bytes.
 fn mutate(bytes: &mut Vec<u8>, random: &mut Random, tokens: &[&str]) {
     for _ in 0..=random.below(4) {
         let at = random.below(bytes.len());
@@ -125,7 +126,7 @@ fn graph_files() {
     assert!(good > 0 && bad > good / 20, "{good} good, {bad} bad");
 }
 
-/// A run that may end in any way but a panic, with the invariants of its events; returns the number of nodes
+/// Runs a graph. The run may end in any way but a panic, and its events are checked. Returns the number of nodes
 /// reported.
 fn run(lab: &Lab, engine: &Engine, graph: &Graph) -> usize {
     let options = RunOptions { out: lab.path("out"), ..RunOptions::default() };

@@ -1,4 +1,4 @@
-//! A graph of several files: includes, overlays, and the positions of mistakes.
+//! Tests of graphs of several files: includes, overlays, and the positions of mistakes.
 
 use engine::{Graph, Source, SourceRoot};
 

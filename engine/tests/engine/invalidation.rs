@@ -1,4 +1,4 @@
-//! Changes that make a node run again, and changes that do not.
+//! Tests of changes that make a node run again, and of changes that do not.
 
 use std::time::Duration;
 
@@ -24,7 +24,7 @@ fn labs() -> [Lab; 2] {
     })
 }
 
-/// A lab where the graph has run once.
+/// A lab in which the graph has run once.
 fn warm() -> Lab {
     let lab = Lab::on_disk();
     lab.write("a.txt", "4\n");

@@ -1,5 +1,5 @@
-//! A process that is killed at any moment leaves a cache from which the next run completes, with the bytes of an
-//! undisturbed run, without a repair and without a warning.
+//! Tests of killed processes. A process that is killed at any moment leaves a cache from which the next run
+//! completes, with the bytes of an undisturbed run and without a repair or a warning.
 
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
@@ -15,7 +15,7 @@ use crate::lab::{Lab, graph_text};
 const FOLDER: &str = "ENGINE_TEST_FOLDER";
 const FAILPOINT: &str = "LIGHTHARMONY_FAILPOINT";
 
-/// A graph with large and small results, parts, a loader and several files, which takes some tens of milliseconds.
+/// A graph with large and small results, parts, a loader and several files. A run takes some tens of milliseconds.
 fn graph() -> String {
     let lists: String = (0..4)
         .map(|n| {
@@ -29,7 +29,7 @@ fn graph() -> String {
     graph_text(&format!("a: LoadNumber(path: \"a.txt\"),\n{lists}"))
 }
 
-/// Not a test of its own: the process that the other tests start and kill.
+/// The process that the other tests start and kill. It is not a test itself.
 #[test]
 #[ignore = "a part of the other tests"]
 fn child() {

@@ -1,4 +1,4 @@
-//! A folder, a cache and an engine to run graphs in, and the log of events to assert on.
+//! A folder, a cache and an engine for runs of graphs, and a log of their events.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -10,24 +10,24 @@ use engine::{Diagnostics, Engine, Event, Graph, Outcome, Registry, RunOptions, S
 
 use crate::arithmetic::registry;
 
-/// A place to run graphs.
+/// A folder in which graphs can be run.
 pub struct Lab {
     pub folder: tempfile::TempDir,
     pub registry: Registry,
-    /// The engine that keeps everything, for a lab without a disk.
+    /// The engine with its cache, for a lab without a folder for the cache.
     pub memory: Option<Engine>,
     pub jobs: usize,
     pub budget: u64,
     pub options: Options,
 }
 
-/// A graph of these nodes and the usual scene.
+/// The text of a graph with these nodes and the usual scene.
 pub fn graph_text(nodes: &str) -> String {
     format!("Graph(version: 1, scene: (up: \"+z\", seed: 7), nodes: (\n{nodes}\n))\n")
 }
 
 impl Lab {
-    /// A lab with a cache on disk, which every run opens again as a new process would.
+    /// A lab with a cache on disk. Every run opens it again, like a new process.
     pub fn on_disk() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let (jobs, budget) = (2, 1 << 30);
@@ -48,7 +48,7 @@ impl Lab {
         std::fs::write(self.path(name), text).unwrap();
     }
 
-    /// A file that a sink wrote.
+    /// The content of a file that a sink wrote.
     pub fn out(&self, name: &str) -> String {
         std::fs::read_to_string(self.path("out").join(name)).unwrap()
     }
@@ -109,7 +109,7 @@ impl Lab {
         self.run_until(text, only, |_, _| {})
     }
 
-    /// Runs a graph and shows every event to `watch`, which may set the flag that stops the run.
+    /// Runs a graph and calls `watch` for every event; it may set the flag that cancels the run.
     pub fn run_until(&self, text: &str, only: &[&str], watch: impl FnMut(&Event, &AtomicBool)) -> Log {
         match &self.memory {
             Some(engine) => self.run_on(engine, text, only, watch),
@@ -188,7 +188,7 @@ impl Log {
         ids.join(" ")
     }
 
-    /// Names of the nodes whose code ran, in order of the alphabet.
+    /// Names of the nodes whose code ran, in alphabetical order.
     pub fn ran(&self) -> String {
         self.in_state(State::Ran)
     }
@@ -209,7 +209,7 @@ impl Log {
         self.outcome.totals.exit_code()
     }
 
-    /// Names of the nodes that ran again for their values.
+    /// Names of the nodes that ran again because their values were needed.
     pub fn remade(&self) -> String {
         let mut ids: Vec<&str> = self
             .events
@@ -223,7 +223,7 @@ impl Log {
         ids.join(" ")
     }
 
-    /// Names of the files; those that were written are marked with a star.
+    /// Names of the files; a star marks those that were written.
     pub fn files(&self) -> String {
         let mut names: Vec<String> = self
             .events
@@ -240,7 +240,7 @@ impl Log {
         names.join(" ")
     }
 
-    /// Names of the warnings of the engine.
+    /// Ids and texts of the warnings of the engine.
     pub fn warnings(&self) -> Vec<(&'static str, String)> {
         self.events
             .iter()
@@ -251,7 +251,7 @@ impl Log {
             .collect()
     }
 
-    /// Number of parts that ran, and of parts from the cache.
+    /// Number of parts that ran, and number of parts from the cache.
     pub fn parts(&self) -> (usize, usize) {
         let count = |wanted: State| {
             self.events

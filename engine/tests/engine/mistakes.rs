@@ -1,4 +1,4 @@
-//! Mistakes in graph files, as printed.
+//! Tests of the texts that report mistakes in graph files.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crate::lab::{Lab, graph_text};
 use crate::shapes::spent;
 
-/// Compares with a file of this folder, or writes it if `UPDATE_SNAPSHOTS` is set.
+/// Compares a text with a file of this folder, or writes the file if `UPDATE_SNAPSHOTS` is set.
 fn assert_snapshot(name: &str, expected: &str, found: &str) {
     if std::env::var_os("UPDATE_SNAPSHOTS").is_some() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/engine/mistakes");

@@ -1,4 +1,4 @@
-//! A panic anywhere in the code of a kind is the failure of its node: it never ends the process and never hangs.
+//! Tests of panics in the code of a kind: they make the node fail, and never end the process or make it hang.
 
 use std::sync::Arc;
 use std::sync::mpsc;
@@ -13,9 +13,9 @@ use crate::arithmetic::{Nothing, Num, registry};
 use crate::lab::{Lab, graph_text};
 
 engine::params! {
-    /// Panics at one place of its code.
+    /// Panics at one place in its code.
     pub struct Burst {
-        /// The place.
+        /// The place at which to panic.
         at: String = String::new(), other("\"run\"");
         /// A file to read.
         path: InputFile, other("\"b.txt\"");
@@ -109,9 +109,9 @@ impl Kind for Burst {
 }
 
 engine::params! {
-    /// Reads a fuse.
+    /// Reads a [`Fuse`].
     pub struct Defuse {
-        /// Changes the key.
+        /// A parameter that changes only the key.
         by: f64 = 1.0, other("2.0");
     }
 }
@@ -147,7 +147,7 @@ fn nodes(at: &str, by: f64) -> String {
     )
 }
 
-/// Runs `act` on a thread of its own; panics where it does not end.
+/// Runs `act` on another thread; panics if it does not end.
 fn in_time(what: &str, act: impl FnOnce() + Send + 'static) {
     let (done, ended) = mpsc::channel();
     let thread = std::thread::spawn(move || {

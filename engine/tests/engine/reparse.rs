@@ -1,4 +1,4 @@
-//! A graph updated by an edit equals the graph of its new text.
+//! Tests of edits: a graph updated by an edit equals the graph parsed from the new text.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ fn text() -> String {
     )
 }
 
-/// Every key, note and mistake of a run from nothing, with its place.
+/// Every key, note and mistake of a run with an empty cache, with its place.
 fn run(lab: &Lab, graph: &Graph) -> (Vec<String>, String) {
     let engine = Engine::new(Store::in_memory(), 1, 1 << 30);
     let options = RunOptions { out: lab.path("out"), ..RunOptions::default() };
@@ -38,7 +38,7 @@ fn shape(graph: &Graph) -> String {
     format!("{:?} {:?} {:?}", nodes.map(node).collect::<Vec<_>>(), graph.order(), graph.scene)
 }
 
-/// Replaces a part that occurs once in a text.
+/// Replaces a part of a text that occurs once in it.
 fn with(text: &str, old: &str, new: &str) -> String {
     assert_eq!(text.matches(old).count(), 1, "{old}");
     text.replace(old, new)
@@ -94,7 +94,7 @@ fn parameters_and_comments_are_read_alone_and_all_else_is_not() {
     assert!(graph.reparse(axes.replace("by: 2.0", "by: 3.0"), registry).is_none(), "one of several nodes");
 }
 
-/// Random edits, one after the other, each applied in both ways.
+/// After random edits, one after the other, the updated graph equals the parsed graph of the text.
 #[test]
 fn whatever_was_edited_it_is_the_graph_of_its_text() {
     const PIECES: [&str; 18] = [

@@ -1,4 +1,4 @@
-//! How graphs run: parts, sinks, wanted nodes, memory, threads, stores and other processes.
+//! Tests of runs: parts, sinks, wanted nodes, memory, threads, stores and other processes.
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -29,7 +29,8 @@ fn more_samples_compute_only_new_parts() {
     }
 }
 
-/// Mutation: `keep` left empty in `StoredParts`; the key without the inputs' digests.
+/// A part kept in memory is computed once for equal inputs. Mutation: `keep` left empty in `StoredParts`; the key
+/// without the inputs' digests.
 #[test]
 fn what_stays_in_memory_is_made_once_for_equal_inputs() {
     let lab = Lab { jobs: 1, ..Lab::on_disk() };

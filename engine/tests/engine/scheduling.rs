@@ -1,4 +1,4 @@
-//! Assignment of threads to nodes: small nodes never wait for the end of large ones.
+//! Tests of the assignment of threads to nodes: small nodes do not wait for large ones to end.
 
 use engine::{Event, State};
 

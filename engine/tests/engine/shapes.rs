@@ -1,17 +1,18 @@
-//! Graphs of many nodes: nothing recurses over them, and time grows linearly.
+//! Tests of graphs of many nodes: no code recurses over them, and time grows linearly.
 
 use std::time::{Duration, Instant};
 
 use crate::lab::{Lab, graph_text};
 
-/// CPU time of this thread, which is the deciding one; wall time where the system does not report it.
+/// CPU time of this thread, which is the one that schedules; wall time if the system does not report CPU time.
 pub fn spent(start: Instant) -> Duration {
     let reported = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanos = reported.and_then(|text| text.split(' ').next()?.parse().ok());
     nanos.map_or_else(|| start.elapsed(), Duration::from_nanos)
 }
 
-/// Parses, runs cold and runs warm in memory, and returns the time of the deciding thread.
+/// Parses a graph and runs it twice in memory, first with an empty cache. Returns the CPU time of this thread for
+/// each of the three steps.
 fn times(nodes: &str, count: usize) -> [Duration; 3] {
     let lab = Lab::in_memory();
     let text = graph_text(nodes);
@@ -31,8 +32,9 @@ fn times(nodes: &str, count: usize) -> [Duration; 3] {
     [parsed, cold_time, warm_time]
 }
 
-/// Ten times the nodes take about ten times as long, and never a hundred times. A busy machine only adds to a
-/// time, so the smallest of a few counts; work that grows faster takes long every time.
+/// Checks that ten times the nodes take about ten times as long, and not a hundred times. Other load on the machine
+/// only adds to a time, so each test uses the smallest of a few times; work that grows faster than linearly is slow
+/// every time.
 fn assert_linear(times: impl Fn(usize) -> [Duration; 3], count: usize) {
     let small = times(count);
     let allowed = small.map(|small| small.max(Duration::from_millis(2)) * 40);

@@ -1,10 +1,10 @@
-//! Subgraphs: the nodes of a file, once per use, each time with other values.
+//! Tests of subgraphs: the nodes of a file, once per use, each time with other values.
 
 use engine::{Source, SourceRoot};
 
 use crate::lab::{Lab, graph_text};
 
-/// Adds its inputs, scales the sum and writes it.
+/// A subgraph that adds its inputs, scales the sum and writes it.
 const TWICE: &str = r#"Graph(
     version: 1,
     parameters: (value: Required, by: 2.0, path: "unnamed.txt"),

@@ -1,4 +1,5 @@
-//! A run that finds everything unchanged reports the same as an ordinary one; any difference makes it ordinary.
+//! Tests of runs without changes: a run that finds everything unchanged reports the same as an ordinary one, and
+//! any difference makes it ordinary.
 
 use std::fs;
 use std::path::Path;
@@ -15,7 +16,7 @@ fn text() -> String {
     )
 }
 
-/// Makes memos of files that have not changed for long enough.
+/// Makes files old enough that memos of them are valid.
 fn settle(lab: &Lab, names: &[&str]) {
     let engine = lab.engine();
     for path in names.iter().map(|name| lab.path(name)) {
@@ -26,7 +27,7 @@ fn settle(lab: &Lab, names: &[&str]) {
     engine.store().flush().unwrap();
 }
 
-/// A graph that was run, and run again with nothing to do.
+/// A lab with a graph that was run twice, the second time with nothing to do.
 fn ready() -> (Lab, Log) {
     let lab = Lab::on_disk();
     lab.write("a.txt", "3");
@@ -49,7 +50,7 @@ fn is_unchanged(lab: &Lab) -> bool {
     again(lab, &text(), &lab.registry, "out").is_some()
 }
 
-/// The events without times, sorted.
+/// The events, sorted and without times.
 fn reported(events: &[Event]) -> Vec<String> {
     let line = |event: &Event| match event {
         Event::Done(totals) => {

@@ -1,4 +1,4 @@
-//! A run in a process that ran the graph before visits only changed nodes, and gives the results of a whole run.
+//! Tests of repeated runs in one process: they visit only changed nodes, and give the results of a whole run.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,7 +20,7 @@ fn text() -> String {
     )
 }
 
-/// The end of each reported node.
+/// The end state of each reported node.
 type Ends = BTreeMap<String, String>;
 
 fn run(engine: &Engine, graph: &Graph, out: &Path) -> (Ends, Outcome) {
@@ -92,7 +92,8 @@ fn only_what_an_edit_reaches_is_reported_of() {
     assert_eq!(names(&run(&engine, &graph, &other).0), "v w x", "another folder");
 }
 
-/// Random edits, one after the other: a run with kept state and a run from nothing agree.
+/// After random edits, one after the other, a run with kept state gives the same results as a run with an empty
+/// cache.
 #[test]
 fn whatever_happens_it_is_what_a_whole_run_gives() {
     const EDITS: [(&str, [&str; 3]); 7] = [

@@ -1,4 +1,5 @@
-//! A graph runs again when its files change. Every step waits for the event that ends it, however long that takes.
+//! Tests of watching: a graph runs again when its files change. Every step waits for the event that ends it,
+//! however long that takes.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -17,7 +18,7 @@ struct Session {
     thread: Option<std::thread::JoinHandle<Vec<PathBuf>>>,
 }
 
-/// Far longer than any step.
+/// A time much longer than any step.
 const LONG: Duration = Duration::from_secs(120);
 
 impl Session {
@@ -40,7 +41,7 @@ impl Session {
         Self { lab, handle, events, thread: Some(std::thread::spawn(run)) }
     }
 
-    /// A session whose graph reads a file that exists from the start.
+    /// A session whose graph reads a file that exists at the start.
     fn of(nodes: &str) -> Self {
         let lab = Lab::on_disk();
         lab.write("five.txt", "5");
@@ -52,7 +53,7 @@ impl Session {
         self.lab.write("graph.ron", &graph_text(nodes));
     }
 
-    /// Everything up to and including the first matching event.
+    /// Returns all events up to and including the first matching one.
     fn until(&self, found: impl Fn(&Event) -> bool) -> Vec<Event> {
         let mut events = Vec::new();
         loop {
@@ -67,7 +68,7 @@ impl Session {
         }
     }
 
-    /// All events until the watch is idle.
+    /// Returns all events until the watch is idle.
     fn rest(&self) -> Vec<Event> {
         self.until(|event| matches!(event, Event::Idle { .. }))
     }
@@ -277,8 +278,8 @@ fn looking_finds_what_listening_would() {
     assert_eq!(ran(&watch.rest()), ["one", "save", "sum"]);
 }
 
-/// Clocks that jump, saves within one tick, half-written files: the final output equals that of a plain run on the
-/// final files.
+/// Clocks that jump, saves within one tick, half-written files: the final output equals that of an ordinary run on
+/// the final files.
 #[test]
 fn clocks_that_jump_and_half_files_end_as_a_plain_run() {
     let watch = Session::of(SUM);

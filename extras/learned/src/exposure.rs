@@ -1,11 +1,11 @@
-//! Training of the exposure network, which predicts where in a panorama the light is that clipping hides. The total
-//! amount is fitted separately, before. A small network scores each clipped cell, and the softmax of the scores
-//! distributes the amount. Unlike a regression per cell, this can put all light into one cell.
+//! Training of the exposure network, which predicts the positions in a panorama of the light that clipping hides.
+//! The total amount is fitted before, separately. A small network scores each clipped cell, and the softmax of the
+//! scores distributes the amount. Unlike a regression per cell, this can put all light into one cell.
 
 use candle_core::{D, Device, Result, Tensor, Var};
 
-/// Photographed panoramas, each with the same number of clipped cells: a random choice of them, or padded with
-/// cells of weight 0. Row by row.
+/// Photographed panoramas in arrays with one row per panorama. Each has the same number of clipped cells: a random
+/// choice of its own, or its own padded with cells of weight 0.
 pub struct Examples {
     /// Number of panoramas.
     pub count: usize,
@@ -20,9 +20,10 @@ pub struct Examples {
     pub log_flux: Vec<f32>,
     /// Hidden flux of each cell and of the cells that it represents.
     pub hidden: Vec<f32>,
-    /// Cosine to the plane on which contrast is measured, for cells near the dominant light, else 0.
+    /// Cosine of the angle to the normal of the plane on which contrast is measured, for cells near the dominant
+    /// light; 0 for others.
     pub near: Vec<f32>,
-    /// Cosine to that plane for the other cells, else 0.
+    /// Cosine of the angle to the normal of that plane for cells far from the dominant light; 0 for others.
     pub far: Vec<f32>,
     /// For each panorama: visible flux in total, on the plane from near the light, and on the plane from elsewhere;
     /// the same three of the ground truth; hidden flux; hidden flux by the fitted amount.
@@ -64,7 +65,7 @@ impl Default for Recipe {
     }
 }
 
-/// Mean and spread of each number.
+/// Mean and standard deviation of each column.
 #[derive(Debug, Clone)]
 pub struct Scale {
     /// Means.
@@ -94,7 +95,7 @@ impl Scale {
         Self { mean, spread }
     }
 
-    /// Values in units of the spread, cut off at `limit`.
+    /// Divides the difference from the mean by the standard deviation, and limits the result to ± `limit`.
     pub fn apply(&self, values: &mut [f32], limit: f32) {
         for row in values.chunks_exact_mut(self.mean.len()) {
             for ((v, mean), spread) in row.iter_mut().zip(&self.mean).zip(&self.spread) {
@@ -140,7 +141,7 @@ impl Random {
     }
 }
 
-/// Slope of the units below 0.
+/// Slope of the activation function below 0.
 const LEAK: f64 = 0.1;
 
 fn unit(x: &Tensor) -> Result<Tensor> {
@@ -190,7 +191,7 @@ impl Weights {
         [&self.linear, &self.cell, &self.overview, &self.bias, &self.out]
     }
 
-    /// The log of the share of each cell.
+    /// The logarithm of the share of each cell.
     fn forward(&self, overview: &Tensor, features: &Tensor, log_flux: &Tensor) -> Result<Tensor> {
         let (n, cells, columns) = features.dims3()?;
         let flat = features.reshape((n * cells, columns))?;
@@ -281,7 +282,7 @@ impl Batch {
     }
 }
 
-/// The moments of Adam.
+/// The moments of the gradients in the Adam optimiser.
 struct Adam {
     first: Vec<Tensor>,
     second: Vec<Tensor>,

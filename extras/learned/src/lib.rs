@@ -1,7 +1,7 @@
 //! Code that needs a tensor library: training of the exposure network that `nodes` ships, and the diffusion backend
-//! of `predict-exposure`. Nothing here is in a default build; the feature `learned` of `lightharmony` brings it in.
+//! of `predict-exposure`. It is not part of a default build; the feature `learned` of `lightharmony` adds it.
 //!
-//! The crate knows tensors and files of weights, and neither graphs nor images: `nodes` hands it arrays.
+//! The crate does not know graphs or images: `nodes` passes arrays to it.
 
 pub mod exposure;
 pub mod flux;

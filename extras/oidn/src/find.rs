@@ -7,18 +7,19 @@ use std::path::{Path, PathBuf};
 /// version.
 const FILE: &str = "libOpenImageDenoise.so.2";
 const CORE: &[u8] = b"libOpenImageDenoise_core.so.";
-/// Names the folder of the library, if it is not one of the usual ones.
+/// Environment variable with the folder of the library, if it is not one of the usual ones.
 const FOLDER: &str = "LIGHTHARMONY_OIDN";
-/// Folders of shared libraries: of what an administrator has built, of Debian, of Fedora, of Arch.
+/// Usual folders of shared libraries: for libraries built by an administrator, and those of Debian, Fedora and
+/// Arch.
 const USUAL: [&str; 5] =
     ["/usr/local/lib", "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib"];
 
 /// The library on disk.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Found {
-    /// Its file. It contains the version, so its bytes differ between versions.
+    /// Path of the file. It contains the version, so its bytes differ between versions.
     pub path: PathBuf,
-    /// `2.3.3`.
+    /// Version, such as `2.3.3`.
     pub version: String,
 }
 
@@ -28,12 +29,12 @@ pub struct Found {
 pub struct Missing {
     /// The searched folders, in order.
     pub looked: Vec<PathBuf>,
-    /// Files of its name that are another version or not the library.
+    /// Files with the name of the library that are another version or not the library.
     pub others: Vec<PathBuf>,
 }
 
 impl Missing {
-    /// The remedy.
+    /// The remedy in the error message.
     pub const HINT: &str =
         "install it (https://www.openimagedenoise.org), or set LIGHTHARMONY_OIDN to the folder that holds it";
 }
@@ -53,7 +54,8 @@ fn but(others: &[PathBuf]) -> String {
 /// Looks for the library in the folder that `LIGHTHARMONY_OIDN` names; where that is not set, in those of
 /// `LD_LIBRARY_PATH` and the usual ones. A graph cannot name it, because loading a library runs its code.
 ///
-/// # Errors If none of them holds a file of the library's name with a version.
+/// # Errors
+/// If none of them holds a file of the library's name with a version.
 pub fn find() -> Result<Found, Missing> {
     find_in(folders(std::env::var_os(FOLDER), std::env::var_os("LD_LIBRARY_PATH")))
 }

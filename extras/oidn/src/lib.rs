@@ -1,7 +1,7 @@
-//! Open Image Denoise, Intel's denoiser, which Blender also uses; loaded if it is installed. Nothing here is
-//! in a default build; the feature `oidn` of `lightharmony` brings it in.
+//! Open Image Denoise, the denoiser of Intel, which Blender also uses. It is loaded at run time if it is installed.
+//! It is not part of a default build; the feature `oidn` of `lightharmony` adds it.
 //!
-//! The crate handles the library and arrays of colours, and knows neither graphs nor images. [`find()`] looks for
+//! The crate handles the library and arrays of colours, and does not know graphs or images. [`find()`] looks for
 //! the library and reports where it looked; [`Found::load`] loads it; [`Library::denoise`] filters one picture on
 //! the thread that calls it. Version 2 for Linux is supported; version 1 has other function names.
 
@@ -14,7 +14,7 @@ pub use library::{Library, MEMORY_BYTES, Surfaces};
 /// An error of loading or using the library.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
-    /// The caller stopped it.
+    /// The caller stopped the filter.
     #[error("stopped")]
     Stopped,
     /// The file is not the expected library.
@@ -28,7 +28,7 @@ pub enum Error {
     /// The library reported an error.
     #[error("Open Image Denoise {version} failed: {why}")]
     Failed {
-        /// Its version.
+        /// Version of the library.
         version: String,
         /// The library's message.
         why: String,
@@ -43,7 +43,7 @@ mod tests {
 
     const SIZE: [usize; 2] = [48, 40];
 
-    /// The library, where it is installed; else the name of the skipped test is printed.
+    /// Returns the library if it is installed. Otherwise prints the name of the skipped test.
     fn installed(test: &str) -> Option<Library> {
         match find() {
             Ok(found) => Some(found.load().expect("what is installed can be loaded")),
@@ -54,7 +54,7 @@ mod tests {
         }
     }
 
-    /// Grey of 1 left of the middle, 0.25 right of it, with the noise of few samples.
+    /// A picture that is 1 left of the middle and 0.25 right of it, with the noise of few samples.
     fn noisy() -> Vec<f32> {
         let pixel = |i: usize| {
             let noise = ((i as u32).wrapping_mul(0x9e37_79b9) >> 16) as f32 / 65536.0;

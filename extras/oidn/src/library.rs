@@ -42,14 +42,15 @@ pub struct Library {
 pub struct Surfaces<'a> {
     /// Reflectance, 0 to 1.
     pub albedo: &'a [f32],
-    /// Normals, 0 where there is none.
+    /// Normals; 0 where there is no surface.
     pub normal: &'a [f32],
 }
 
 impl Found {
     /// Loads the library. It stays loaded until the program ends, since its threads may still run.
     ///
-    /// # Errors If the file is not the library, or needs other libraries that are missing.
+    /// # Errors
+    /// If the file is not the library, or needs other libraries that are missing.
     pub fn load(&self) -> Result<Library, Error> {
         let path = self.path.display().to_string();
         let failed = |why: libloading::Error| {
@@ -88,14 +89,14 @@ impl Found {
 }
 
 impl Library {
-    /// Its version: `2.3.3`.
+    /// The version of the library, such as `2.3.3`.
     pub fn version(&self) -> &str {
         &self.version
     }
 
-    /// Filters a picture of linear light, `width` x `height` pixels of three floats from row to row, on this
-    /// thread. `goes_on` is called repeatedly and returns false to stop. The same library on the same type of
-    /// processor gives the same bytes; another one may not.
+    /// Filters a picture of linear light, `width` x `height` pixels of three floats, row by row, on the calling
+    /// thread. `goes_on` is called repeatedly and returns false to stop. The bytes are reproducible with the same
+    /// library on the same type of processor.
     ///
     /// # Errors
     /// If `goes_on` returned false, or the library reports an error.
@@ -143,7 +144,7 @@ impl Library {
         Ok(out)
     }
 
-    /// The first error of the device since it was last asked.
+    /// The first error of the device since the last call.
     ///
     /// # Safety
     /// The device must be one of this library's, or null.

@@ -7,7 +7,7 @@ pub struct Depths<'a> {
     pub splats: &'a [f32],
     /// Coverage of the splats, 0 to 1.
     pub coverage: &'a [f32],
-    /// Planar depth of the front surface, object or mesh; +inf where there is none.
+    /// Planar depth of the nearest surface, object or mesh; +inf without a surface.
     pub surface: &'a [f32],
     /// Coverage of the inserted objects, 0 to 1.
     pub objects: &'a [f32],
@@ -16,15 +16,15 @@ pub struct Depths<'a> {
 /// Counts of pixels of a view.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Agreement {
-    /// Number of pixels that objects cover, and of those where solid splats are in front of the object.
+    /// Number of pixels that objects cover.
     pub objects: u64,
-    /// See [`Self::objects`].
+    /// Number of object pixels at which solid splats are in front of the object.
     pub before_objects: u64,
     /// Number of pixels with solid splats and without an object.
     pub solid: u64,
-    /// Number of these pixels that also show the mesh.
+    /// Number of pixels counted in `solid` that also show the mesh.
     pub both: u64,
-    /// Number of these pixels at which the depths agree.
+    /// Number of pixels counted in `both` at which the depths agree.
     pub agree: u64,
     /// Median ratio of the depth of the mesh to that of the splats, over pixels that show both; 1 without such
     /// pixels.
@@ -34,8 +34,8 @@ pub struct Agreement {
 /// Minimum coverage at which splats count as solid, and objects as visible.
 const SOLID: f32 = 0.9;
 const DRAWN: f32 = 0.5;
-/// Factor by which splats must be nearer to count as in front of an object, since an object touches the ground that
-/// it stands on.
+/// Ratio of depths below which splats count as in front of an object. It is less than 1, since an object touches
+/// the ground that it stands on.
 const BEFORE: f32 = 0.85;
 /// Largest logarithm of the ratio of depths that agree: a proxy mesh may be off by a tenth.
 const AGREE: f64 = 0.2;
@@ -46,7 +46,7 @@ const SHARE_BEFORE: f64 = 0.2;
 const SHARE_AGREE: f64 = 0.1;
 /// Share of the pixels with solid splats below which the mesh counts as not visible at all.
 const SHARE_BOTH: f64 = 0.01;
-/// Smallest number of pixels for a finding.
+/// Minimum number of pixels for a finding.
 const PIXELS: u64 = 40;
 
 impl Agreement {

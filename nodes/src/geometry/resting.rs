@@ -7,8 +7,8 @@ use crate::geometry::support::Level;
 
 /// Number of columns and of rows in which an object and the ground are sampled.
 const GRID: usize = 24;
-/// Deviations of the ground's height that count as noise when contacts are searched: about one of a few hundred
-/// positions lies this high.
+/// Number of standard deviations of the ground's height that count as noise when contacts are searched: about one
+/// of a few hundred positions is higher.
 const DEVIATIONS: f64 = 2.5;
 /// Number of rotations to make an object lie on its contacts; each is much smaller than the one before.
 const TURNS: u32 = 4;
@@ -24,7 +24,7 @@ pub struct Relief<'a> {
     pub corners: &'a [[Vec3; 3]],
     /// Unit vectors of the world: across, along, up.
     pub axes: [DVec3; 3],
-    /// Search distance up and down.
+    /// Maximum distance up and down that is searched, in world units.
     pub reach: f64,
     /// The plane fitted to the ground.
     pub plane: Level,
@@ -40,7 +40,7 @@ pub struct Rest {
 }
 
 impl Relief<'_> {
-    /// The height of the ground at a position: of several levels, the one nearest to the plane.
+    /// Returns the height of the ground at a position; of several levels, the one nearest to the plane.
     fn height(&self, x: f64, y: f64) -> Option<f64> {
         let [across, along, up] = self.axes;
         let start = across * x + along * y + up * self.reach;

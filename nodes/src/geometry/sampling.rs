@@ -17,7 +17,7 @@ pub fn mix(mut x: u32) -> u32 {
     x ^ (x >> 16)
 }
 
-/// A hash of two words.
+/// Hashes two words.
 #[inline]
 pub fn hash(a: u32, b: u32) -> u32 {
     mix(a.wrapping_mul(0x9e37_79b9) ^ mix(b.wrapping_add(0x85eb_ca6b)))
@@ -34,8 +34,8 @@ fn scramble_reversed(mut x: u32, seed: u32) -> u32 {
     x ^ x.wrapping_mul(0x53a2_2864)
 }
 
-/// Index bits to the second Sobol' dimension, bit-reversed. Its matrix is Pascal's triangle modulo 2, the Kronecker
-/// power of [[1, 1], [0, 1]], so five masked shifts are enough.
+/// Maps index bits to the second Sobol' dimension, bit-reversed. The matrix is Pascal's triangle modulo 2, the
+/// Kronecker power of [[1, 1], [0, 1]], so that five masked shifts suffice.
 #[inline]
 fn pascal(mut x: u32) -> u32 {
     x ^= (x >> 16) & 0x0000_ffff;
@@ -84,7 +84,7 @@ impl Points {
         Self { stream: hash(self.stream, number), index: self.index }
     }
 
-    /// A point of the unit square, as 32-bit fractions, for a pair of dimensions.
+    /// Returns a point of the unit square, as 32-bit fractions, for a pair of dimensions.
     #[inline]
     pub fn bits(&self, pair: u32) -> [u32; 2] {
         let seed = hash(self.stream, pair);
@@ -95,7 +95,8 @@ impl Points {
         [x.reverse_bits(), y.reverse_bits()]
     }
 
-    /// [`bits`](Self::bits) of eight points, each with its own pair of dimensions: first numbers, then second ones.
+    /// Computes [`bits`](Self::bits) of eight points, each with its own pair of dimensions. Returns the first
+    /// coordinates, then the second ones.
     #[inline(always)]
     pub fn bits_of_eight<S: Simd>(simd: S, points: &[Self; 8], pairs: &[u32; 8]) -> [[u32; 8]; 2] {
         let (mut streams, mut indices) = ([0; 8], [0; 8]);
@@ -191,9 +192,9 @@ pub fn circle(turns: f32) -> (f32, f32) {
 /// A discrete distribution over indices, sampled by inversion in O(1) expected time.
 #[derive(Debug, Clone)]
 pub struct Discrete {
-    /// Cumulative probability before each index, from 0; and, for an equal number of equal steps of probability,
-    /// the index that contains the start of the step. The last entry holds 1. Stored together, since a sample reads
-    /// both.
+    /// For each index, the cumulative probability before it, from 0. In addition, for an equal number of equal
+    /// steps of probability, the index that contains the start of the step. The last entry holds 1. Both are stored
+    /// together, since every sample reads both.
     cells: Vec<(f64, u32)>,
 }
 

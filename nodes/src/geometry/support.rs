@@ -4,18 +4,18 @@ use glam::{DMat3, DVec3};
 
 use crate::types::{Placed, Primitive};
 
-/// The box around an object and the part of it near the ground, in world units.
+/// The box around an object and around its foot, the part near the ground, in world units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Foot {
     /// Least coordinates of the object.
     pub low: DVec3,
     /// Greatest coordinates of the object.
     pub high: DVec3,
-    /// Its lowest height along up.
+    /// Height of the lowest point of the object along up.
     pub base: f64,
     /// Middle of the foot.
     pub middle: DVec3,
-    /// Half the size of the region in which ground is searched: the foot and a margin.
+    /// Half the size of the region in which the ground is searched, which is the foot with a margin.
     pub half: DVec3,
 }
 

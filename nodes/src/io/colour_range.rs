@@ -1,28 +1,28 @@
-//! Range of the colours of points: the number that is white, which files do not state.
+//! Range of the colours of points: the value of white, which files do not state.
 
 use super::ply::Scalar;
 
-/// White of a file.
+/// The value of white in a file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Range {
-    /// The number that is white.
+    /// The value that is white.
     pub white: f64,
     /// True if it was inferred from the numbers and not from their type.
     pub guessed: bool,
 }
 
-/// Share of the numbers that must lie above 1 for floats to be taken as numbers up to 255, so that a stray number
-/// has no effect.
+/// Fraction of the numbers that must exceed 1 for floats to be interpreted as numbers up to 255, so that a single
+/// wrong number has no effect.
 const SHARE: f64 = 0.01;
-/// Largest number that counts as white with rounding.
+/// Maximum value that counts as white with rounding.
 const SLACK: f64 = 1.5;
-/// Largest number of a range up to 255, with rounding.
+/// Maximum value of a range up to 255, with rounding.
 const BYTE: f64 = 255.5;
 
 impl Range {
-    /// The range of a type. For integers the largest number is white; those of 32 bits use the codes of 8 bits, as
-    /// programs that write all integers with one type do. Floats end at 1, unless a hundredth of them or more lies
-    /// beyond 1.5 and none beyond 255.5.
+    /// The range of a type. For integers the largest number of the type is white; those of 32 bits contain 8-bit
+    /// codes, since some programs write all integers with one type. For floats 1 is white, unless at least a
+    /// hundredth of them exceeds 1.5 and none exceeds 255.5.
     pub fn of<I: Iterator<Item = f64>>(scalar: Scalar, numbers: impl FnOnce() -> I) -> Self {
         match scalar {
             Scalar::I32 | Scalar::U32 => Self { white: 255.0, guessed: false },

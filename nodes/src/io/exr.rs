@@ -1,5 +1,5 @@
-//! OpenEXR: reading one flat part as named f32 channels, and writing one part of named channels, with
-//! reproducible bytes. Written by blocks here, since the parallel writer of the crate is not deterministic.
+//! OpenEXR: reading one flat part as named f32 channels, and writing one part of named channels, with reproducible
+//! bytes. Blocks are written here, since the parallel writer of the crate is not deterministic.
 
 use std::io::Cursor;
 
@@ -18,7 +18,7 @@ use super::png::believable;
 use super::progress::{Progress, TrackedReader};
 use crate::error::Error;
 
-/// One plane of numbers.
+/// One channel of numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
     /// Full name in the file: `R`, `R0.G`, `Z`.
@@ -38,7 +38,7 @@ pub struct Planes {
     pub channels: Vec<Channel>,
     /// Number of parts in the file; one of them is read.
     pub parts: usize,
-    /// Name of the part that was read; empty without one.
+    /// Name of the part that was read; empty if it has no name.
     pub part: String,
     /// Names of all flat parts that have one.
     pub part_names: Vec<String>,
@@ -46,11 +46,12 @@ pub struct Planes {
     pub layer: String,
     /// True when the data window is not the display window.
     pub cropped: bool,
-    /// x and y of red, green, blue and white, if the file has chromaticities.
+    /// The chromaticities: x and y of red, green, blue and white; `None` if the file has none.
     pub primaries: Option<[[f32; 2]; 4]>,
 }
 
-/// x and y of red, green, blue and white of sRGB (Rec. ITU-R BT.709), the default of files without chromaticities.
+/// The chromaticities of sRGB (Rec. ITU-R BT.709), which are the default for files without chromaticities: x and y
+/// of red, green, blue and white.
 const REC_709: [[f32; 2]; 4] = [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06], [0.3127, 0.3290]];
 
 /// True if chromaticities differ from those of sRGB by more than rounding; false without any.
@@ -70,13 +71,13 @@ impl Planes {
         differ_from_srgb(self.primaries.as_ref())
     }
 
-    /// A channel by its full name.
+    /// Returns a channel by its full name.
     pub fn find(&self, name: &str) -> Option<&[f32]> {
         self.channels.iter().find(|channel| channel.name == name).map(|channel| channel.samples.as_slice())
     }
 }
 
-/// Reads half, float and whole-number channels.
+/// Reads a file with channels of 16-bit floats, 32-bit floats or integers.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Planes, Error> {
     read_for(file, bytes, Progress::UNTRACKED)
 }
@@ -91,7 +92,7 @@ fn part_name(header: &Header) -> String {
     header.own_attributes.layer_name.as_ref().map_or_else(String::new, ToString::to_string)
 }
 
-/// True if a part has colours without a layer, or a single grey plane.
+/// True if a part has colour channels without a layer name, or a single grey channel.
 fn has_colours(header: &Header) -> bool {
     let has = |name: &str| header.channels.list.iter().any(|channel| channel.name.eq(name));
     let all = |names: [&str; 3]| names.into_iter().all(has);
@@ -136,7 +137,7 @@ pub fn choose_part<'a>(headers: &'a [Header], layer: &str) -> Option<(&'a Header
     Some((first, layer.to_owned()))
 }
 
-/// Reads the channels of one part only.
+/// Reader that reads the channels of one part only.
 struct Only<'a, R> {
     part: &'a Header,
     read: R,
@@ -264,11 +265,11 @@ pub enum Depth {
 /// Number of row blocks that are compressed at a time.
 const BATCH: usize = 16;
 
-/// Largest finite half.
+/// Largest finite 16-bit float.
 const HALF_MAX: f32 = 65_504.0;
 
 /// Writes one part. `encoding` and `recipe` become the attributes `lightharmony:encoding` and `comments`. Returns
-/// the bytes and the number of values that did not fit into a half.
+/// the bytes and the number of values that exceed a 16-bit float.
 pub fn write(
     width: usize,
     height: usize,

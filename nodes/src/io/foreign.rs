@@ -5,7 +5,7 @@ use crate::error::Error;
 /// UTF-8 bytes that some editors put in front of a text.
 pub const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// JSON without a byte-order mark in front and without the NUL and blank bytes that fill a chunk up at its end.
+/// Strips JSON of a byte-order mark in front, and of the NUL and blank bytes that fill a chunk up at its end.
 pub fn json_text(bytes: &[u8]) -> &[u8] {
     let mut text = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
     while let [rest @ .., 0 | b' ' | b'\t' | b'\r' | b'\n'] = text {
@@ -14,8 +14,8 @@ pub fn json_text(bytes: &[u8]) -> &[u8] {
     text
 }
 
-/// A file that a program of another kind left in place of the real one, or that no reader here can decode; each
-/// with what to do. The readers call it before they look for a format of their own.
+/// Rejects placeholders that other programs leave in place of a file, and formats that no reader supports, each
+/// with a remedy. Readers call this before they detect their own formats.
 ///
 /// # Errors
 /// [`Error::Unsupported`] that names the format of the file.

@@ -1,16 +1,16 @@
 //! Placement of a partial panorama on the sphere, as cameras and stitching programs store it: the Photo Sphere XMP
 //! metadata of Google (namespace `http://ns.google.com/photos/1.0/panorama/`), which Hugin, PTGui and phones use.
-//! Searched as text, since two properties do not justify an XML parser.
+//! The metadata is searched as text, since a few properties do not justify an XML parser.
 
 use crate::error::Error;
 
-/// Length of the part of a file that is searched: metadata lies before the picture.
+/// Length of the part of a file that is searched, since metadata is stored before the picture.
 pub const HEAD: usize = 1 << 20;
 
-/// Largest length of the metadata: a segment of JPEG.
+/// Maximum length of the metadata, which is that of a JPEG segment.
 const PACKET: usize = 1 << 16;
 
-/// Largest number of pixels of a whole sphere.
+/// Maximum number of pixels of a whole sphere.
 const MOST: u64 = 1 << 28;
 
 /// The part of a sphere that a picture shows, in pixels of the picture that the metadata was written for.
@@ -31,7 +31,7 @@ pub struct GPano {
 /// Position of a picture in a whole sphere, in pixels of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Placement {
-    /// Width and height of the whole.
+    /// Width and height of the whole sphere.
     pub size: [usize; 2],
     /// Upper left corner of the picture.
     pub at: [usize; 2],

@@ -1,5 +1,5 @@
-//! Radiance pictures (`.hdr`): shared-exponent RGBE, flat or run-length encoded. Decoded here, since the decoder of
-//! `image` ignores `EXPOSURE` and `COLORCORR` and cannot be cancelled.
+//! Radiance pictures (`.hdr`): shared-exponent RGBE, flat or run-length encoded. The decoder of the crate `image`
+//! is not used, since it ignores `EXPOSURE` and `COLORCORR` and cannot be cancelled.
 
 use super::png::believable;
 use super::progress::Progress;
@@ -13,13 +13,13 @@ pub struct Radiance {
     pub height: usize,
     /// Three samples per pixel, finite and at least 0.
     pub rgb: Vec<f32>,
-    /// x and y of red, green, blue and white, if the file has them.
+    /// The chromaticities: x and y of red, green, blue and white; `None` if the file has none.
     pub primaries: Option<[[f32; 2]; 4]>,
-    /// Lines of the header that have no meaning and are left out.
+    /// Lines of the header that are unknown and ignored.
     pub ignored: Vec<String>,
 }
 
-/// One axis of the line that gives size and orientation.
+/// One axis of the header line with size and orientation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Side {
     /// True for x, false for y.
@@ -193,8 +193,8 @@ fn scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
     Some(())
 }
 
-/// Plain texels, or the older run-length code: a texel (1, 1, 1, n) repeats the previous one n times, and several
-/// in a row are the bytes of one number.
+/// Reads a scanline of plain texels, or of the older run-length code: a texel (1, 1, 1, n) repeats the previous one
+/// n times, and several such texels in a row are the bytes of one number.
 fn flat_scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
     let (mut x, mut shift) = (0, 0);
     while x < scan.len() {

@@ -1,4 +1,4 @@
-//! Size of a picture from the first bytes of its file, to estimate memory before it is read.
+//! Size of a picture from the first bytes of its file, which allows estimating memory before the file is read.
 
 use std::io::{BufRead, Read, Seek, SeekFrom};
 
@@ -10,7 +10,7 @@ use super::exr::choose_part;
 use super::hdr::sides;
 use super::ply;
 
-/// Size and format of a picture by the head of its file, not validated.
+/// Size and format of a picture from the head of its file, without validation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Head {
     /// Width and height in pixels.
@@ -19,7 +19,7 @@ pub struct Head {
     pub channels: u64,
     /// Bytes per pixel that the decoder returns.
     pub decoded: u64,
-    /// True for linear light in floats, false for codes.
+    /// True for linear light in floats; false for integer codes.
     pub floats: bool,
 }
 
@@ -52,7 +52,7 @@ impl Head {
         width.saturating_mul(height)
     }
 
-    /// Largest memory for reading the picture as floats beyond the file, and the bytes of the floats.
+    /// Largest memory beyond the file for reading the picture as floats, and the size of the floats, both in bytes.
     pub fn as_floats(&self) -> [u64; 2] {
         let samples = self.pixels().saturating_mul(self.channels);
         if self.floats {
@@ -67,7 +67,8 @@ impl Head {
         [codes.saturating_add(decoding.max(floats)), floats]
     }
 
-    /// Largest memory for reading the picture as 8-bit texels, and the bytes of the texels.
+    /// Largest memory beyond the file for reading the picture as 8-bit texels, and the size of the texels, both in
+    /// bytes.
     pub fn as_texels(&self) -> [u64; 2] {
         let texels = self.pixels().saturating_mul(4);
         let codes = self.pixels().saturating_mul(2 * self.channels);
@@ -81,8 +82,8 @@ fn bytes<const N: usize>(reader: &mut impl Read) -> Option<[u8; N]> {
     Some(bytes)
 }
 
-/// Reads a PNG after the first half of its signature: the second half, length and type of the first chunk, width,
-/// height, depth, colour.
+/// Reads a PNG after the first half of its signature: the second half, the length and type of the first chunk,
+/// width, height, depth and colour type.
 fn png(reader: &mut impl Read) -> Option<Head> {
     let head: [u8; 22] = bytes(reader)?;
     let number = |at: usize| Some(u64::from(u32::from_be_bytes(*head.get(at..)?.first_chunk()?)));
@@ -97,7 +98,7 @@ fn png(reader: &mut impl Read) -> Option<Head> {
     Some(Head { size: [number(12)?, number(16)?], channels, decoded: channels * (1 + wide), floats: false })
 }
 
-/// Reads segments up to that of the frame, which has the size.
+/// Reads segments up to the frame header, which has the size.
 fn jpeg(reader: &mut (impl Read + Seek)) -> Option<Head> {
     loop {
         let [0xff, marker] = bytes::<2>(reader)? else { return None };
@@ -118,7 +119,7 @@ fn jpeg(reader: &mut (impl Read + Seek)) -> Option<Head> {
     }
 }
 
-/// Reads a Radiance header: the line with the size follows an empty line.
+/// Reads a Radiance header, in which the line with the size follows an empty line.
 fn radiance(reader: &mut impl BufRead) -> Option<Head> {
     let mut line = String::new();
     let (mut all, mut last) = (reader.take(1 << 20), false);
@@ -142,7 +143,8 @@ fn webp(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     Some(Head { size: [u64::from(width), u64::from(height)], channels: 4, decoded: 4, floats: false })
 }
 
-/// The part that is read without a layer. Another one may be named, so `decoded` is that of the largest flat part.
+/// Reads the head of the part that is used when no layer is named. Since another part may be named, `decoded` is
+/// that of the largest flat part.
 fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     let meta = MetaData::read_from_buffered(reader, false).ok()?;
     let (header, _) = choose_part(&meta.headers, "")?;
@@ -165,14 +167,14 @@ fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     Some(Head { size: [width, height], channels, decoded, floats: true })
 }
 
-/// Header of a PLY; `None` if it is longer than 64 KiB or invalid.
+/// Reads the header of a PLY file. Returns `None` if it is longer than 64 KiB or invalid.
 pub fn ply_header(reader: &mut impl BufRead) -> Option<ply::Header> {
     let mut head = Vec::new();
     reader.take(1 << 16).read_to_end(&mut head).ok()?;
     ply::header("", &head).ok()
 }
 
-/// Elements of a PLY by name, with the number of rows and of properties.
+/// The elements of a PLY by name, with the numbers of rows and of properties.
 pub fn elements_of(header: &ply::Header) -> Vec<(String, u64, u64)> {
     header.elements.iter().map(|e| (e.name.clone(), e.rows, e.properties.len() as u64)).collect()
 }

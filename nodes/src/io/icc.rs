@@ -1,15 +1,16 @@
-//! ICC profiles (ICC.1:2022), read by `moxcms`: sRGB, linear light, or a profile that is not converted.
+//! ICC profiles (ICC.1:2022), read by `moxcms`. They are recognised as sRGB or as linear light; other profiles are
+//! not converted.
 
 use moxcms::{ColorProfile, DataColorSpace, ParsingOptions, ProfileText, ToneReprCurve, Xyzd};
 
 use crate::math::color::linear_from_srgb;
 use crate::math::num;
 
-/// Largest profile that is read, in bytes. Profiles of displays have a few kilobytes, those of printers up to 3
-/// million.
+/// Maximum length of a profile in bytes. Profiles of displays have a few kilobytes, those of printers up to 3
+/// million bytes.
 pub const LARGEST: usize = 16 << 20;
 
-/// Meaning of the codes of a picture by its profile.
+/// Meaning of the codes of a picture according to its profile.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Meaning {
     /// True if codes are proportional to light.
@@ -18,8 +19,8 @@ pub struct Meaning {
     pub ignored: Option<String>,
 }
 
-/// Reads a profile. Primaries and curve are compared with those of sRGB (IEC 61966-2-1) by value, since a name such
-/// as `Linear sRGB` does not identify the curve.
+/// Reads a profile. Its primaries and curve are compared with those of sRGB (IEC 61966-2-1) by value, since names
+/// are not reliable: the curve of a profile called `Linear sRGB` may be any.
 pub fn meaning(profile: &[u8]) -> Meaning {
     let options = ParsingOptions { max_profile_size: LARGEST, ..ParsingOptions::default() };
     let Ok(profile) = ColorProfile::new_from_slice_with_options(profile, options) else {
@@ -50,7 +51,7 @@ pub fn meaning(profile: &[u8]) -> Meaning {
     }
 }
 
-/// The name of a profile, of at most 64 characters.
+/// The name of a profile, cut to 64 characters.
 fn name(profile: &ColorProfile) -> Option<String> {
     let text = match profile.description.as_ref()? {
         ProfileText::PlainString(text) => text,
@@ -86,7 +87,8 @@ fn follows(curve: &ToneReprCurve, wanted: impl Fn(f64) -> f64) -> bool {
     })
 }
 
-/// Linear light of a code from 0 to 1 (10.6 and 10.18 of the standard); `None` if the form of the curve is unknown.
+/// Linear light of a code from 0 to 1, by sections 10.6 and 10.18 of the specification; `None` if the form of the
+/// curve is unknown.
 fn light(curve: &ToneReprCurve, code: f64) -> Option<f64> {
     let value = match curve {
         ToneReprCurve::Lut(table) => match table[..] {

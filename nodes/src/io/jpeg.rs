@@ -10,7 +10,7 @@ use super::png::{Raster, believable};
 use super::progress::{Progress, TrackedReader, TrackedWriter};
 use crate::error::Error;
 
-/// Reads a JPEG as RGB codes; grey pictures have three equal channels.
+/// Reads a JPEG as RGB codes. The channels of grey pictures are equal.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
     read_for(file, bytes, Progress::UNTRACKED)
 }
@@ -55,7 +55,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
     Ok(Raster { width, height, channels: 3, largest: 255, codes, ignored, linear: meaning.linear })
 }
 
-/// Writes 8-bit RGB or grey codes as a JPEG of a quality from 1 to 100, with an optional comment.
+/// Writes 8-bit RGB or grey codes as a JPEG with a quality from 1 to 100 and an optional comment.
 pub fn write(raster: &Raster, quality: u8, comment: Option<&str>) -> Result<Vec<u8>, Error> {
     write_for(raster, quality, comment, Progress::UNTRACKED)
 }

@@ -15,12 +15,12 @@ pub enum MeshFormat {
     Ply,
     /// Binary glTF 2, with linear colours in f32.
     Glb,
-    /// Wavefront OBJ, in the coordinates of the world, with display colours behind the coordinates of each vertex.
+    /// Wavefront OBJ, in the coordinates of the world, with display colours after the coordinates of each vertex.
     Obj,
 }
 
 impl MeshFormat {
-    /// The format that the ending of a path names.
+    /// The format according to the extension of a path.
     pub fn of_path(path: &str) -> Option<Self> {
         match path.rsplit_once('.')?.1.to_ascii_lowercase().as_str() {
             "ply" => Some(Self::Ply),

@@ -25,7 +25,7 @@ engine::choices! {
         Srgb,
         /// Linear light.
         Linear,
-        /// Not a colour: a mask, a depth, a ratio.
+        /// Data that are not colours: a mask, a depth, a ratio.
         Data,
     }
 }
@@ -128,11 +128,11 @@ fn whole(
     Ok((raster.width, raster.height, channels, samples, linear))
 }
 
-/// A warning about primaries.
+/// Text of the warning about primaries that differ from those of sRGB.
 const OTHER_PRIMARIES: &str =
     "the chromaticities of the file differ from sRGB and are ignored; convert it to linear Rec. 709";
 
-/// Reports parts of an EXR file that are ignored.
+/// Adds notes about parts of an EXR file that are ignored.
 fn tell(planes: &exr::Planes, by_default: bool, notes: &mut Notes) {
     if planes.parts > 1 && by_default {
         notes.warning(
@@ -153,7 +153,7 @@ fn tell(planes: &exr::Planes, by_default: bool, notes: &mut Notes) {
     }
 }
 
-/// The planes of a layer: colour with optional alpha, a vector, or a single plane.
+/// Selects the planes of a layer: colour with optional alpha, a vector, or a single plane.
 fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a [f32]>, Error> {
     let prefix = if layer.is_empty() { String::new() } else { format!("{layer}.") };
     let all = |letters: &[&str]| {
@@ -176,7 +176,7 @@ fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a
     found.ok_or_else(|| no_layer(name, planes, layer, chroma))
 }
 
-/// The error about a missing layer, with the layers of the file.
+/// The error about a missing layer, which lists the layers of the file.
 fn no_layer(name: &str, planes: &exr::Planes, layer: &str, chroma: bool) -> Error {
     let what = match layer {
         _ if chroma => "holds luminance and chroma (Y, RY, BY), which are not read as colour".to_owned(),
@@ -195,7 +195,7 @@ fn no_layer(name: &str, planes: &exr::Planes, layer: &str, chroma: bool) -> Erro
     Error::format(name, format!("{text}; its channels are {}", channels.join(", ")))
 }
 
-/// Replaces NaN, and infinite samples unless the picture is data.
+/// Replaces NaN by 0 and, unless the picture is data, infinite samples by the largest 16-bit float.
 fn finite(
     mut samples: Vec<f32>,
     data: bool,
@@ -216,7 +216,7 @@ fn finite(
         }
     }
     notes.count("not-a-number", lost, "samples are not numbers and were set to 0");
-    notes.count("infinite", capped, "samples are infinite and were set to 65504, the largest half");
+    notes.count("infinite", capped, "samples are infinite and were set to 65504, the largest 16-bit float");
     Ok(samples)
 }
 

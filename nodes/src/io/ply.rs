@@ -1,5 +1,5 @@
-//! PLY files: the header, then rows of scalars and lists, ASCII or binary in either byte order. Written here, since
-//! crates for PLY allocate by the counts of the header, which a hostile file may claim at will.
+//! PLY files: the header, then rows of scalars and lists, ASCII or binary in either byte order. No crate is used,
+//! since crates for PLY allocate memory by the counts in the header, which are arbitrary in a hostile file.
 
 use super::foreign::{BYTE_ORDER_MARK, refuse_foreign};
 use crate::error::Error;
@@ -9,9 +9,9 @@ use crate::error::Error;
 pub enum Format {
     /// ASCII: words separated by white space.
     Ascii,
-    /// Packed, least significant byte first.
+    /// Binary, least significant byte first.
     Little,
-    /// Packed, most significant byte first.
+    /// Binary, most significant byte first.
     Big,
 }
 
@@ -112,7 +112,7 @@ pub struct Property {
 pub struct Element {
     /// Name in the file: `vertex`, `face`.
     pub name: String,
-    /// Number of rows that the header claims.
+    /// Number of rows according to the header.
     pub rows: u64,
     /// Columns.
     pub properties: Vec<Property>,
@@ -216,7 +216,7 @@ pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
     Ok(Header { format, elements, comments, body: at })
 }
 
-/// NaN and infinities as C libraries print them: `-nan(ind)`, `1.#INF`, `-1.#IND`.
+/// Parses NaN and infinities as C libraries print them: `-nan(ind)`, `1.#INF`, `-1.#IND`.
 fn odd_float(text: &str) -> Option<f64> {
     let lower = text.to_ascii_lowercase();
     let size = lower.trim_start_matches(['+', '-']);
@@ -227,7 +227,7 @@ fn odd_float(text: &str) -> Option<f64> {
         .then_some(f64::NAN)
 }
 
-/// Reads the body row by row.
+/// Reader of the body, row by row.
 pub struct Rows<'a> {
     file: &'a str,
     format: Format,
@@ -248,8 +248,8 @@ impl<'a> Rows<'a> {
         self.rest
     }
 
-    /// The number of rows of an element, refused when the rest of the file cannot hold them. Call it
-    /// before making room for them.
+    /// The number of rows of an element. It is an error if the rest of the file cannot hold them. Call this before
+    /// allocating memory for them.
     pub fn believable(&self, element: &Element) -> Result<usize, Error> {
         // The last word of an ASCII file may lack its separator.
         let left = self.rest.len() as u64 + u64::from(self.format == Format::Ascii);
@@ -267,7 +267,8 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Reads one row: `visit` gets the position of each property and its numbers (one, or a list).
+    /// Reads one row. `visit` is called with the position of each property and its numbers (one, or those of a
+    /// list).
     pub fn row(&mut self, element: &Element, mut visit: impl FnMut(usize, &[f64])) -> Result<(), Error> {
         for (index, property) in element.properties.iter().enumerate() {
             match property.count {

@@ -12,10 +12,10 @@ use super::progress::{Progress, TrackedReader};
 pub use super::raster::Raster;
 use crate::error::Error;
 
-/// Largest number of samples of a picture.
+/// Maximum number of samples of a picture.
 const SAMPLE_LIMIT: u64 = 1 << 31;
 
-/// Checks that a picture is not empty, and not larger than its bytes can hold. `ratio` is the largest number of
+/// Checks that a picture is not empty, and that its bytes can hold its samples. `ratio` is the largest number of
 /// samples per byte in this format.
 pub fn believable(
     file: &str,
@@ -96,7 +96,8 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
     Ok(Raster { width, height, channels, largest, codes, ignored, linear })
 }
 
-/// The meaning of the colour profile of a PNG; `None` without one. Inflates at most [`icc::LARGEST`] bytes.
+/// The meaning of the colour profile of a PNG; `None` if it has no profile. Inflates at most [`icc::LARGEST`]
+/// bytes.
 fn profile(bytes: &[u8]) -> Option<icc::Meaning> {
     let mut rest = bytes.get(8..)?;
     loop {
@@ -126,7 +127,7 @@ fn profile(bytes: &[u8]) -> Option<icc::Meaning> {
 }
 
 /// Writes codes as a PNG: 8 bits where `largest` is 255, else 16. `srgb` declares that colour samples are
-/// sRGB-encoded; `texts` are keywords and texts of its metadata. Fixed filter and compression.
+/// sRGB-encoded; `texts` are keywords and texts of its metadata. Filter and compression are fixed.
 pub fn write(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
     write_for(raster, Packing::Small, srgb, texts, Progress::UNTRACKED)
 }

@@ -29,7 +29,7 @@ enum Deflate {
 }
 
 impl Deflate {
-    /// A compressor with this capacity, so that its memory is known in advance.
+    /// Creates a compressor with this capacity, so that its memory is known in advance.
     fn new(packing: Packing, room: usize) -> std::io::Result<Self> {
         let room = Vec::with_capacity(room);
         Ok(match packing {
@@ -94,8 +94,8 @@ fn row(raster: &Raster, y: usize) -> Vec<u8> {
     }
 }
 
-/// Row `y` after the number of its filter: the one whose bytes, as signed numbers, have the smallest sum of
-/// magnitudes.
+/// Row `y` after the number of its filter, which is the filter whose bytes, as signed numbers, have the smallest
+/// sum of magnitudes.
 fn filtered(raster: &Raster, y: usize, packing: Packing) -> Vec<u8> {
     let back = raster.channels * if raster.largest == 255 { 1 } else { 2 };
     let now = row(raster, y);
@@ -122,7 +122,8 @@ const UP: u8 = 2;
 const AVERAGE: u8 = 3;
 const PAETH: u8 = 4;
 
-/// The number of a filter and the filtered row; `back` is the distance in bytes to the previous pixel.
+/// Applies a filter. Returns its number and the filtered row; `back` is the distance in bytes to the previous
+/// pixel.
 fn apply(filter: u8, back: usize, above: &[u8], now: &[u8]) -> Vec<u8> {
     let mut made = Vec::with_capacity(now.len() + 1);
     made.push(filter);
@@ -153,7 +154,8 @@ fn apply(filter: u8, back: usize, above: &[u8], now: &[u8]) -> Vec<u8> {
     made
 }
 
-/// The one of left, above and upper left that is nearest to left + above - upper left; in this order if equal.
+/// Returns the neighbour (left, above or upper left) that is nearest to left + above - upper left; the first of
+/// them in this order if several are.
 fn paeth(a: u8, b: u8, c: u8) -> u8 {
     let (toward_a, toward_b) = (i16::from(b) - i16::from(c), i16::from(a) - i16::from(c));
     let (pa, pb, pc) = (toward_a.abs(), toward_b.abs(), (toward_a + toward_b).abs());

@@ -1,8 +1,8 @@
 //! Progress and cancellation for codecs: maps the progress of a codec to a range of the node's progress.
 //!
-//! Codecs of other crates know nothing of runs. They read from [`TrackedReader`] and write to [`TrackedWriter`], which check every few
-//! thousand bytes and fail once the run is cancelled; the engine then treats the node as cancelled, whatever error
-//! the codec returns.
+//! Codecs of other crates cannot be cancelled. They read from [`TrackedReader`] and write to [`TrackedWriter`],
+//! which check every few thousand bytes and fail once the run is cancelled; the engine then treats the node as
+//! cancelled, whatever error the codec returns.
 
 use std::io::{self, BufRead, Read, Seek, SeekFrom, Write};
 
@@ -10,7 +10,7 @@ use engine::Context;
 
 use crate::error::Error;
 
-/// Number of compressed bytes between two checks. Deflate expands them to 4 MB at most, some 20 ms of work.
+/// Number of compressed bytes between two checks. Deflate expands them to at most 4 MB, which takes about 20 ms.
 const STEP: usize = 4096;
 
 /// Number of samples converted between two checks: whole pixels of 1 to 4 channels.
@@ -25,7 +25,7 @@ pub struct Progress<'a> {
 }
 
 impl<'a> Progress<'a> {
-    /// Work outside of any run, without progress and cancellation.
+    /// Progress of work outside of any run, without cancellation.
     pub const UNTRACKED: Progress<'static> = Progress { cx: None, from: 0.0, to: 1.0 };
 
     /// The work of a node between two values of its progress.
@@ -79,7 +79,7 @@ impl<'a> Progress<'a> {
     }
 }
 
-/// The cancellation as an error of a codec.
+/// Converts a cancellation to an error of a codec.
 fn stopped(error: Error) -> io::Error {
     io::Error::other(error)
 }

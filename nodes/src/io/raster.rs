@@ -3,20 +3,20 @@
 use super::progress::Progress;
 use crate::error::Error;
 
-/// A decoded picture: samples as stored, divided by the largest code, not linearised, alpha straight.
+/// A decoded picture of integer codes, as stored: not linearised, with straight alpha.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Raster {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha.
+    /// Number of channels: 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha.
     pub channels: usize,
     /// Largest code in the file: 255 or 65535.
     pub largest: u16,
     /// Codes, row by row.
     pub codes: Vec<u16>,
-    /// True if the colour profile says that codes are linear light.
+    /// True if codes are linear light according to the colour profile.
     pub linear: bool,
     /// Metadata of the file that is not used, such as a gamma other than that of sRGB.
     pub ignored: Vec<String>,

@@ -10,10 +10,10 @@ pub fn is_picture(bytes: &[u8]) -> bool {
     [&b"\x89PNG"[..], &b"\xff\xd8\xff"[..], &b"v/1\x01"[..]].iter().any(|magic| bytes.starts_with(magic))
 }
 
-/// Largest size of a recipe in a PNG, whose text may be compressed: 1 MB could become 1 GB.
+/// Maximum size in bytes of a recipe in a PNG. Its text may be compressed, and 1 MB could expand to 1 GB.
 const LONGEST: usize = 16 << 20;
 
-/// The recipe in a picture; `None` if it has none or one that is too long, or is damaged before it.
+/// The recipe in a picture; `None` if the picture has no recipe, has one that is too long, or is damaged before it.
 pub fn recipe(bytes: &[u8]) -> Option<String> {
     match bytes {
         [0x89, b'P', ..] => in_png(bytes),
@@ -36,7 +36,7 @@ fn in_exr(bytes: &[u8]) -> Option<String> {
     meta.headers.first()?.own_attributes.comments.as_ref().map(ToString::to_string)
 }
 
-/// The recipe in the comments of a JPEG; one that is longer than a segment continues in the next.
+/// The recipe in the comments of a JPEG. A recipe that is longer than a segment continues in the next one.
 fn in_jpeg(bytes: &[u8]) -> Option<String> {
     let mut rest = bytes.get(2..)?;
     let mut comment = Vec::new();

@@ -4,7 +4,7 @@ use engine::Up;
 
 use crate::math::equirect::{axes, direction, pixel_solid_angle};
 
-/// Energy of an equirectangular picture.
+/// Energy of an equirectangular picture, for comparison before and after a step.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Energy {
     /// Integral of luminance over the sphere.

@@ -1,4 +1,4 @@
-//! Energy tables: the light of a panorama, in total and of each of its lights, after each step that resamples it.
+//! Energy tables: the light of a panorama after each step that resamples it, in total and for each of its lights.
 
 use std::f64::consts::{PI, TAU};
 
@@ -16,8 +16,8 @@ const LISTED: usize = 32;
 /// A pixel with a luminance above this fraction of white belongs to a light.
 const BRIGHT: f64 = 0.95;
 
-/// A bright region, and the angles from its centre within which light counts for it: fully up to the first, partly
-/// up to the second, since resampling spreads it.
+/// A bright region, and the angles from its centre within which light is attributed to it: fully up to the first,
+/// partly up to the second, since resampling spreads light.
 struct Light {
     centre: DVec3,
     angles: [f64; 2],
@@ -71,7 +71,7 @@ fn find(up: Up, width: usize, luminance: &[f64], margin: f64) -> Vec<Light> {
 
 impl EnergyTable {
     /// A table for the lights of a panorama with this luminance, row by row: the regions brighter than 0.95. Light
-    /// around a region counts for it with a weight that falls to 0 over `margin` (radians, above 0).
+    /// around a region is attributed to it with a weight that falls to 0 over `margin` (radians, above 0).
     pub fn new(up: Up, width: usize, luminance: &[f64], margin: f64) -> Self {
         Self { up, lights: find(up, width, luminance, margin), steps: Vec::new() }
     }

@@ -1,7 +1,7 @@
 //! Number of columns that an environment needs, by the materials of objects and by its lights.
 //!
-//! Every node before this one has a cost per pixel of the panorama. A texel blurs the light over its width, which
-//! is not visible in a reflection that the material blurs more, nor in the edge of a shadow, which is as wide as
+//! Every node before this one has a cost per pixel of the panorama. A texel blurs the light over its width. This is
+//! not visible in a reflection that the material blurs more, and not in the edge of a shadow, which is as wide as
 //! the light.
 
 use std::f64::consts::PI;
@@ -15,12 +15,13 @@ use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 use crate::types::{Environment, Material, Object, Placed};
 
-/// Texels across the lobe of the smoothest material, at half of its maximum.
+/// Number of texels across the lobe of the smoothest material, at half of its maximum.
 const ACROSS_LOBE: f64 = 4.0;
-/// Texels across the smallest light.
+/// Number of texels across the smallest light.
 const ACROSS_LIGHT: f64 = 8.0;
-/// A light exceeds the mean by this factor, and counts if it gives this share of the total.
+/// Factor by which a light exceeds the mean luminance.
 const BRIGHT: f64 = 16.0;
+/// Minimum share of a light in the total power for it to count.
 const SHARE: f64 = 0.05;
 /// Smallest number of columns.
 const LEAST: usize = 64;
@@ -60,7 +61,7 @@ impl EnvResolution {
         }
     }
 
-    /// Reports if half of the columns or fewer are enough.
+    /// Adds a note if at most half of the columns are needed.
     pub(crate) fn report(&self, environment: &Environment, notes: &mut Notes) {
         let there = environment.image.width;
         if 2 * self.columns > there {

@@ -7,14 +7,14 @@ use crate::types::{Image, Linear};
 
 /// Exponent of the tone curve: samples are raised to 1 / this before the median is taken.
 const GAMMA: f64 = 2.4;
-/// Value of the median after that.
+/// Value that the median has after the tone curve.
 const MIDDLE: f64 = 0.5;
-/// Largest share of the sphere above white.
+/// Maximum share of the sphere above white.
 const ABOVE_WHITE: f64 = 0.15;
 
 /// A channel of display colours above this, in linear light, counts as clipped.
 pub(crate) const WHITE: f32 = 0.9;
-/// Codes of darker values have too few steps, so light is compared with at least this.
+/// Lower limit of compared light, since the codes of darker values have too few steps.
 pub(crate) const DARKEST: f64 = 1e-4;
 
 /// The factor that scales the light of a panorama to EV 0, as a photographer would meter it: the median of its
@@ -60,7 +60,7 @@ pub(crate) struct Shown {
 }
 
 impl Shown {
-    /// A pixel of a picture that is clipped at white.
+    /// Converts a pixel of a picture that is clipped at white.
     pub fn display(ev: f64, rgb: [f32; 3]) -> Self {
         Self { ev, rgb, clipped: max3(rgb) > WHITE }
     }

@@ -1,6 +1,6 @@
 //! Typical light level of a picture, for bounds relative to it.
 
-/// Samples darker than this fraction of the bright ones count as unlit: they are rounding and noise.
+/// Samples darker than this fraction of the bright ones count as unlit, since they are rounding errors and noise.
 const DARKEST: f64 = 1e-6;
 
 /// The median of lit samples, 0 if there are none. A mean would be dominated by a sun. Lit samples are finite and

@@ -69,7 +69,7 @@ pub fn linear_pixels(picture: &Picture, transfer: Transfer) -> LinearPixels {
     LinearPixels { width, height, rgb, broken, negative, ceiling }
 }
 
-/// The largest of three.
+/// The largest component.
 pub fn max3(rgb: [f32; 3]) -> f32 {
     rgb[0].max(rgb[1]).max(rgb[2])
 }

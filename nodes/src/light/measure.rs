@@ -40,14 +40,14 @@ struct Texel {
     place: [usize; 2],
 }
 
-/// The number of columns and rows that each texel is split into, so that there are about `columns` of them in
-/// total.
+/// The number of columns and rows that each texel is split into, so that the environment has about `columns`
+/// columns in total.
 fn cuts(env: &Environment, columns: usize) -> [usize; 2] {
     [columns / env.image.width, columns / 2 / env.image.height].map(|parts| parts.max(1))
 }
 
-/// Calls `give` for every texel of an environment, row by row; large texels are split, since a texel of many
-/// degrees is not a point.
+/// Calls `give` for every texel of an environment, row by row. Large texels are split, since a texel that is many
+/// degrees wide cannot be treated as a point.
 fn each_texel(env: &Environment, [across, down]: [usize; 2], mut give: impl FnMut(Texel)) {
     let (width, height) = (env.image.width * across, env.image.height * down);
     for y in 0..height {

@@ -10,7 +10,7 @@ use crate::math::{color, equirect};
 use crate::types::{Data, Image, Linear, Panorama, Picture, Srgb};
 
 engine::choices! {
-    /// Content of pixels where nothing was seen.
+    /// Content of pixels without splats.
     pub enum Holes {
         /// A smooth fill from the surroundings (push-pull over a pyramid; Gortler et al. 1996, section 3.4).
         PushPull,
@@ -30,9 +30,9 @@ pub(crate) struct Unfilled {
     pub width: usize,
     /// True if the panorama is to be display-encoded.
     pub encoded: bool,
-    /// As in [`Panorama`].
+    /// Axis of the world that points up.
     pub up: Up,
-    /// As in [`Panorama`].
+    /// Point that the panorama was rendered from, in world units.
     pub origin: DVec3,
 }
 
@@ -51,7 +51,7 @@ pub(crate) fn finish(
     let open = alpha.iter().filter(|a| **a < hole_alpha).count();
     let most = alpha.iter().copied().fold(0.0, f32::max);
     if most <= 0.0 {
-        notes.degraded("nothing-seen", "nothing is seen in any direction: the panorama is a hole");
+        notes.degraded("nothing-seen", "no splat is visible in any direction: the panorama is empty");
     } else if open == alpha.len() {
         let text = format!(
             "the largest alpha is {most:.2e}, below `hole_alpha` {hole_alpha}: all pixels count as holes"

@@ -1,4 +1,4 @@
-//! Spheres in two lights: the visible error on a matte, a glossy and a mirror object.
+//! Spheres in two lights: the visible difference on a matte, a glossy and a mirror object.
 
 use engine::{Context, NodeError};
 use glam::DVec3;
@@ -13,9 +13,9 @@ const SIZE: usize = 32;
 pub enum Sphere {
     /// White and matte.
     Diffuse,
-    /// A normalised lobe around the mirror direction, the cosine to the power of 24 (Phong).
+    /// Glossy: a normalised lobe around the mirror direction, the cosine to the power of 24 (Phong).
     Glossy,
-    /// A mirror: the cell of light nearest to the mirror direction.
+    /// A mirror, which shows the cell of light nearest to the mirror direction.
     Mirror,
 }
 

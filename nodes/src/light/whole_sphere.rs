@@ -48,7 +48,8 @@ pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Note
     Ok(laid(&picture, placement))
 }
 
-/// The number of pixels of the whole sphere relative to those of the picture: 1 unless it is a part.
+/// Ratio of the number of pixels of the whole sphere to that of the picture: 1 unless the picture is a part of a
+/// sphere.
 pub(crate) fn growth(file: &FileHead<'_>) -> f64 {
     let mut head = Vec::new();
     let read = file.open().and_then(|reader| reader.take(gpano::HEAD as u64).read_to_end(&mut head).ok());
@@ -116,7 +117,12 @@ pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
         match *pixel {
             [y] | [y, _] => rgb.extend([y; 3]),
             [r, g, b] | [r, g, b, _] => rgb.extend([r, g, b]),
-            _ => return Err(Error::Mismatch(format!("{} channels are not colours", image.channels))),
+            _ => {
+                return Err(Error::Mismatch(format!(
+                    "the picture has {} channels; colour has 1 to 4",
+                    image.channels
+                )));
+            }
         }
     }
     Ok(rgb)
@@ -132,7 +138,11 @@ pub(crate) fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<
             [y, a] => ([y; 3], a),
             [r, g, b] => ([r, g, b], 1.0),
             [r, g, b, a] => ([r, g, b], a),
-            _ => return Err(Error::Mismatch(format!("{channels} channels are not colours"))),
+            _ => {
+                return Err(Error::Mismatch(format!(
+                    "the picture has {channels} channels; colour has 1 to 4"
+                )));
+            }
         };
         let [r, g, b] = colour.map(|v| v.clamp(0.0, f32::MAX));
         pixels.push([r, g, b, a.clamp(0.0, 1.0)]);
@@ -150,8 +160,7 @@ pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
     (pixels.into_iter().flat_map(colour).collect(), alpha)
 }
 
-/// Rotates the pixels of `N` samples by shifting every row to the left: light in front moves to the left of
-/// forward.
+/// Rotates the pixels of `N` samples by shifting every row to the left: light in front moves to the left.
 pub(crate) fn turn<const N: usize>(
     pixels: &[[f32; N]],
     width: usize,

@@ -28,7 +28,7 @@ pub fn srgb_from_linear(linear: f32) -> f32 {
     (encoded as f32).copysign(linear)
 }
 
-/// Linear light of each 8-bit sRGB code.
+/// Table of the linear light of each 8-bit sRGB code.
 pub fn linear_from_srgb8() -> [f32; 256] {
     std::array::from_fn(|code| linear_from_srgb(code as f32 / 255.0))
 }

@@ -1,7 +1,7 @@
 //! Portable transcendental functions: the same bits on every machine.
 //!
-//! Each calls the pure-Rust `libm` in f64 and, for f32, rounds once; on all inputs measured that is
-//! the correctly rounded f32. IEEE `+ - * / sqrt floor round trunc` need no wrapper, since they give the same bits
+//! Each calls the pure-Rust `libm` in f64 and, for f32, rounds once; on all measured inputs the result is the
+//! correctly rounded f32. IEEE `+ - * / sqrt floor round trunc` need no wrapper, since they give the same bits
 //! everywhere.
 
 macro_rules! unary {
@@ -50,7 +50,7 @@ pub fn sin_cos(x: core::primitive::f64) -> (core::primitive::f64, core::primitiv
     libm::sincos(x)
 }
 
-/// Sum in f64 in the order of the slice.
+/// Sum in f64 in the order of the iterator.
 pub fn ordered_sum(values: impl IntoIterator<Item = core::primitive::f32>) -> core::primitive::f64 {
     values.into_iter().fold(0.0, |sum, v| sum + core::primitive::f64::from(v))
 }

@@ -1,4 +1,4 @@
-//! Frames of reference of files.
+//! Frames of reference of files, and transforms between frames.
 
 use engine::{NodeError, Up};
 use glam::{DMat3, DMat4, DVec3, DVec4};
@@ -6,32 +6,32 @@ use glam::{DMat3, DMat4, DVec3, DVec4};
 /// A rotation, a uniform scale and a translation: the transforms that keep the shape of a capture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Similarity {
-    /// Orthogonal, without a mirror.
+    /// Rotation, without a reflection.
     pub rotation: DMat3,
-    /// Above 0.
+    /// Scale, above 0.
     pub scale: f64,
-    /// Added last, in world units.
+    /// Translation, applied last, in world units.
     pub offset: DVec3,
 }
 
 impl Similarity {
-    /// What changes nothing.
+    /// The transform that changes nothing.
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, scale: 1.0, offset: DVec3::ZERO };
 
-    /// Of 16 numbers, row after row. An error at the field `matrix` where they are not a similarity: axes scaled unevenly,
-    /// sheared or mirrored by more than the rounding of a text file.
+    /// Converts a matrix of 16 numbers, row by row. Returns an error at the field `matrix` if it is not a
+    /// similarity: if its axes are scaled unevenly, sheared or mirrored by more than the rounding of a text file.
     pub fn of_rows(rows: &[f64; 16]) -> Result<Self, NodeError> {
         let m = DMat4::from_cols_array(rows).transpose();
         let (linear, offset) = (DMat3::from_mat4(m), m.w_axis.truncate());
         let error = |what: &str| {
             Err(NodeError::new(what).at("matrix").hint(
-                "only a rotation, one scale for all axes and a shift keep splats and lenses what they are",
+                "splats and cameras can only be transformed by a rotation, a uniform scale and a translation",
             ))
         };
         if rows[12..] != [0.0, 0.0, 0.0, 1.0] {
             return Err(NodeError::new("the last row of `matrix` must be 0, 0, 0, 1")
                 .at("matrix")
-                .hint("the matrix is written row after row; the shift ends the first three rows"));
+                .hint("the matrix is written row by row; the first three rows end with the translation"));
         }
         let determinant = linear.determinant();
         if !(determinant.is_finite() && offset.is_finite()) || determinant == 0.0 {
@@ -53,17 +53,17 @@ impl Similarity {
         Ok(Self { rotation: DMat3::from_cols(x, y, x.cross(y)), scale, offset })
     }
 
-    /// Of a parameter that may be left out.
+    /// Converts an optional parameter; without it the transform is the identity.
     pub fn of_parameter(rows: Option<&[f64; 16]>) -> Result<Self, NodeError> {
         rows.map_or(Ok(Self::IDENTITY), Self::of_rows)
     }
 
-    /// A point after it.
+    /// Transforms a point.
     pub fn point(&self, p: DVec3) -> DVec3 {
         self.rotation * p * self.scale + self.offset
     }
 
-    /// This one after another.
+    /// The composition: `first`, followed by this transform.
     #[must_use]
     pub fn after(&self, first: &Self) -> Self {
         Self {
@@ -73,7 +73,7 @@ impl Similarity {
         }
     }
 
-    /// The numbers row after row, as [`Self::of_rows`] reads them.
+    /// The 16 numbers of the matrix, row by row, as [`Self::of_rows`] reads them.
     pub fn rows(&self) -> [f64; 16] {
         let linear = self.rotation * self.scale;
         let m = DMat4::from_cols(

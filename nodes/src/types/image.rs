@@ -173,7 +173,7 @@ impl Images {
         Self(vec![NamedImage { name: name.into(), picture: picture.into() }])
     }
 
-    /// The picture of a view: the one with that name, or the only one.
+    /// Returns the picture of a view: the one with that name, or the only one.
     pub fn view(&self, name: &str) -> Option<&Picture> {
         let named = self.0.iter().find(|image| image.name == name);
         named.or(if self.0.len() == 1 { self.0.first() } else { None }).map(|image| &image.picture)

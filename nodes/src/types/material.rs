@@ -20,7 +20,7 @@ pub struct Sampler {
     pub wrap_u: Wrap,
     /// Along v.
     pub wrap_v: Wrap,
-    /// True to take the texel that contains the point, instead of bilinear interpolation.
+    /// True for the texel that contains the point; false for bilinear interpolation.
     pub nearest: bool,
 }
 
@@ -115,9 +115,9 @@ pub enum AlphaMode {
 /// KHR_materials_clearcoat: a clear layer of index 1.5 on top of all others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Clearcoat {
-    /// Strength, 0 to 1; red.
+    /// Strength, 0 to 1; red channel of the texture.
     pub strength: Map,
-    /// Perceptual roughness, 0 to 1; green.
+    /// Perceptual roughness, 0 to 1; green channel.
     pub roughness: Map,
     /// Normal map of the layer, independent of that of the layers below.
     pub normal: Option<NormalMap>,
@@ -128,14 +128,14 @@ pub struct Clearcoat {
 pub struct Sheen {
     /// Reflectance; black for none.
     pub colour: ColourMap,
-    /// Perceptual roughness, 0 to 1; alpha.
+    /// Perceptual roughness, 0 to 1; alpha channel.
     pub roughness: Map,
 }
 
 /// KHR_materials_specular: the reflectance of the dielectric.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Specular {
-    /// Scales the reflectance, 0 to 1; alpha.
+    /// Factor of the reflectance, 0 to 1; alpha channel.
     pub strength: Map,
     /// Tints the reflectance at normal incidence; may exceed 1.
     pub colour: ColourMap,
@@ -144,31 +144,32 @@ pub struct Specular {
 /// KHR_materials_anisotropy: brushed surfaces.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Anisotropy {
-    /// 0 to 1; blue.
+    /// Strength, 0 to 1; blue channel.
     pub strength: f32,
     /// Direction of the brush in radians, counter-clockwise from the tangent.
     pub rotation: f32,
-    /// Direction in red and green as -1 to 1, strength in blue.
+    /// Texture with the direction in red and green as -1 to 1, and the strength in blue.
     pub texture: Option<TextureRef>,
 }
 
 /// KHR_materials_iridescence: a thin film on the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Iridescence {
-    /// Strength, 0 to 1; red.
+    /// Strength, 0 to 1; red channel.
     pub strength: Map,
     /// Index of refraction of the film.
     pub ior: f32,
     /// Thickness in nanometres where the texture is 0 and where it is 1.
     pub thickness_nm: [f32; 2],
-    /// Interpolates between the two; green. Without it the film has the second thickness.
+    /// Texture that interpolates between the two, in its green channel. Without it the film has the second
+    /// thickness.
     pub thickness_texture: Option<TextureRef>,
 }
 
 /// KHR_materials_diffuse_transmission: leaves, paper and cloth lit from behind.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiffuseTransmission {
-    /// Fraction of the diffuse light that leaves on the other side, 0 to 1; alpha.
+    /// Fraction of the diffuse light that leaves on the other side, 0 to 1; alpha channel.
     pub strength: Map,
     /// The colour of that light.
     pub colour: ColourMap,
@@ -203,7 +204,8 @@ pub struct Material {
     pub unlit: bool,
     /// KHR_materials_ior: index of refraction, 1.5 by default; 1 for no interface.
     pub ior: f32,
-    /// KHR_materials_transmission: fraction of the light below the surface that passes through, 0 to 1; red.
+    /// KHR_materials_transmission: fraction of the light below the surface that passes through, 0 to 1; red
+    /// channel.
     pub transmission: Map,
     /// KHR_materials_volume: the surface bounds a medium that refracts light and absorbs it with these coefficients
     /// per metre. `None` for a thin wall.
@@ -264,7 +266,7 @@ impl Material {
         bumps.or(brush)
     }
 
-    /// True if it emits light.
+    /// True if the material emits light.
     pub fn shines(&self) -> bool {
         self.unlit || self.emissive != [0.0; 3]
     }
@@ -283,7 +285,8 @@ impl Material {
         Ok(material)
     }
 
-    /// Visits every field in the order of the encoding. Reading and writing share this walk, so they cannot differ.
+    /// Visits every field in the order of the encoding. Encoding and decoding share this function, so that they
+    /// always agree.
     fn walk(&mut self, f: &mut impl Fields) -> Result<(), Corrupt> {
         f.numbers(&mut self.base_colour)?;
         f.texture(&mut self.base_colour_texture)?;
@@ -329,7 +332,7 @@ impl Material {
     }
 }
 
-/// Action of a walk for each type of field.
+/// Visitor of the fields of a material, with a method for each type.
 trait Fields: Sized {
     fn numbers(&mut self, v: &mut [f32]) -> Result<(), Corrupt>;
     fn tag(&mut self, v: &mut u8, largest: u8) -> Result<(), Corrupt>;
@@ -399,7 +402,7 @@ trait Fields: Sized {
     }
 }
 
-/// Initial value of a reference for a reader.
+/// Initial value of a reference, which a decoder overwrites.
 const NOTHING: TextureRef = TextureRef {
     texture: 0,
     uv_set: 0,

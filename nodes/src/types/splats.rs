@@ -11,7 +11,7 @@ use super::rig::{Camera, Rig};
 pub enum SplatEncoding {
     /// Display values, similar to sRGB: nearly every capture.
     Srgb,
-    /// Linear light, if the file says so.
+    /// Linear light, if the file specifies it.
     Linear,
 }
 
@@ -38,7 +38,7 @@ pub struct Splats {
     pub sh: Vec<[f32; 3]>,
     /// Encoding of the colours.
     pub encoding: SplatEncoding,
-    /// True when the file says that it was trained with a screen-space antialiasing filter.
+    /// True if the file specifies training with a screen-space antialiasing filter.
     pub antialiased: bool,
 }
 
@@ -133,7 +133,7 @@ pub struct View {
     /// RGB premultiplied by alpha over black, and alpha: 4 channels, f32, unclipped; tagged with the
     /// encoding the splats were trained in.
     pub colour: Picture,
-    /// Planar z in world units, one channel; +inf where nothing was seen.
+    /// Planar z in world units, one channel; +inf where no splat is visible.
     pub depth: Image<Data>,
 }
 

@@ -2,7 +2,7 @@
 
 use engine::NodeError;
 
-/// Checks a name of a view, which becomes part of paths.
+/// Checks the name of a view, which becomes part of paths.
 pub(crate) fn check_name(name: &str) -> Result<(), NodeError> {
     if name.is_empty()
         || name.contains(['/', '\\', '{', '}'])

@@ -1,4 +1,4 @@
-//! `cache`: maintains the cache. No run needs it to be correct.
+//! `cache`: maintenance of the cache. The results of runs never depend on it.
 
 use std::path::{Path, PathBuf};
 
@@ -73,7 +73,7 @@ struct Copy {
 }
 
 impl Cache {
-    /// Runs the verb; gives the exit code.
+    /// Runs the verb and returns the exit code.
     pub fn run(self) -> Result<u8, Error> {
         let folder = cache_folder(self.cache.as_deref())?;
         if matches!(self.verb, Verb::Gc(_)) && !folder.exists() {

@@ -1,4 +1,4 @@
-//! `check`: every mistake of a graph file, without running it.
+//! `check`: reports every mistake of a graph file, without running it.
 
 mod sizes;
 
@@ -23,7 +23,7 @@ pub struct Check {
 }
 
 impl Check {
-    /// Exit code 0 for a graph that can run; mistakes are an error.
+    /// Checks the graph. Returns exit code 0 for a graph that can run; mistakes are an error.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;
@@ -47,7 +47,7 @@ impl Check {
         Ok(0)
     }
 
-    /// Checks each preset of the graph, also those that were not asked for.
+    /// Checks each preset of the graph, including those that were not requested.
     fn check_presets(&self, graph: &Graph) -> Result<(), Error> {
         let mut found: Option<Diagnostics> = None;
         for name in graph.source.own_presets(&graph.root) {

@@ -1,4 +1,4 @@
-//! Detects pictures whose sizes do not match, from cameras and file headers.
+//! Detection of pictures whose sizes do not match, from cameras and file headers.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use nodes::kinds::load_image::LoadImage;
 /// Width and height of each view in pixels.
 type Sizes = Vec<[u64; 2]>;
 
-/// Kinds whose pictures have the size of one of their inputs, and that input.
+/// Kinds whose pictures have the size of one of their inputs, each with that input.
 const FOLLOWS: [(&str, &str); 7] = [
     ("splat-render", "rig"),
     ("path-trace", "rig"),
@@ -23,7 +23,7 @@ const FOLLOWS: [(&str, &str); 7] = [
     ("region-masks", "object"),
 ];
 
-/// The inputs that `composite` puts over each other.
+/// The inputs that `composite` combines.
 const LAYERS: [&str; 4] = ["background", "object", "shadow", "front"];
 
 /// Mistakes for each `composite` whose inputs have different sizes, as far as sizes are known without a run.
@@ -56,7 +56,7 @@ pub fn check(graph: &Graph) -> Result<(), Diagnostics> {
     if mistakes.is_empty() { Ok(()) } else { Err(Diagnostics::new(graph.source.clone(), mistakes)) }
 }
 
-/// False if no view of one side has the size of a view of the other.
+/// False if no view of one list has the size of a view of the other.
 fn fit(a: &Sizes, b: &Sizes) -> bool {
     a.is_empty() || b.is_empty() || a.iter().any(|size| b.contains(size))
 }
@@ -67,7 +67,7 @@ fn wire(graph: &Graph, node: usize, input: &str) -> Option<Wire> {
     node.inputs[port].first().copied()
 }
 
-/// The sizes of an output; `None` where only a run knows them.
+/// The sizes of an output; `None` if they are known only after a run.
 fn sizes(graph: &Graph, wire: Wire, known: &mut [Option<Option<Sizes>>]) -> Option<Sizes> {
     // From the node up to the first one with a size of its own; graphs may be deep.
     let (mut at, mut path) = (wire, Vec::new());
@@ -91,7 +91,7 @@ fn sizes(graph: &Graph, wire: Wire, known: &mut [Option<Option<Sizes>>]) -> Opti
     found
 }
 
-/// The sizes of the pictures or cameras that a node makes or loads itself.
+/// The sizes of the pictures or cameras that a node makes or loads.
 fn own(graph: &Graph, node: usize) -> Option<Sizes> {
     let node = &graph.nodes[node];
     let pair = |width: u32, height: u32| vec![[u64::from(width), u64::from(height)]];

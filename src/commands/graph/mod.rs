@@ -52,7 +52,7 @@ fn too_large() -> Error {
     Error::usage("this graph is too large to draw as SVG; draw it with `--format dot` and Graphviz")
 }
 
-/// (word, fill colour) of a state.
+/// The word and the fill colour of a state.
 fn state(fate: &Fate) -> (&'static str, &'static str) {
     match fate {
         Fate::Known => ("known", "#cfe8cf"),
@@ -64,7 +64,7 @@ fn state(fate: &Fate) -> (&'static str, &'static str) {
     }
 }
 
-/// Each wire as (from node, output, to node, input).
+/// Each wire as (from node, its output, to node, its input).
 fn wires(graph: &Graph) -> Vec<(usize, &'static str, usize, &'static str)> {
     let mut all = Vec::new();
     for (below, node) in graph.nodes.iter().enumerate() {

@@ -12,7 +12,7 @@ use super::state;
 const HEIGHT: usize = 52;
 const GAP: (usize, usize) = (60, 18);
 const MARGIN: usize = 20;
-/// Width reserved per letter; few letters are wider.
+/// Width reserved for a letter in pixels; few letters are wider.
 const LETTER: usize = 8;
 
 /// An entry of a column: a node, or the wires of a node that continue to a later column.
@@ -22,7 +22,7 @@ struct Entry {
     passes: bool,
 }
 
-/// Maximum number of entries: a long chain whose wires all end in one node would have millions.
+/// Maximum number of entries, since a long chain whose wires all end in one node would have millions.
 const MOST_ENTRIES: usize = 50_000;
 
 /// The SVG text; `None` for a graph that is too large.
@@ -116,14 +116,14 @@ fn columns(graph: &Graph) -> Option<Vec<Vec<Entry>>> {
     Some(columns)
 }
 
-/// The nodes whose entries in the column before have a wire to an entry.
+/// The nodes whose entries in the previous column have a wire to an entry.
 fn above<'g>(graph: &'g Graph, entry: &'g Entry) -> &'g [usize] {
     if entry.passes { std::slice::from_ref(&entry.node) } else { graph.reads(entry.node) }
 }
 
-/// The row of each node in one column.
+/// The row of each node within one column.
 struct Rows {
-    /// For each node the column and the row.
+    /// For each node, its column and its row.
     of: Vec<(usize, usize)>,
     column: usize,
 }
@@ -133,7 +133,7 @@ impl Rows {
         Self { of: vec![(0, 0); graph.nodes.len()], column: 0 }
     }
 
-    /// Replaces the column, in time that depends only on its length.
+    /// Replaces the column, in time proportional to its length.
     fn set(&mut self, column: &[Entry]) {
         self.column += 1;
         column.iter().enumerate().for_each(|(row, entry)| self.of[entry.node] = (self.column, row));

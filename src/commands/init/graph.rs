@@ -1,4 +1,4 @@
-//! The graph that `init` writes, and what it assumed, line by line.
+//! The graph that `init` writes, and the list of its assumptions.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -9,7 +9,7 @@ use glam::DVec3;
 use super::survey::{SIZE, Survey, is_known};
 use crate::session::standing::UpBy;
 
-/// A text as a graph has it, in quotes.
+/// Writes a text as a string of a graph file, in quotes.
 fn quoted(text: &str) -> String {
     let mut out = String::from("\"");
     for c in text.chars() {
@@ -28,7 +28,7 @@ fn quoted(text: &str) -> String {
     out + "\""
 }
 
-/// A number as a graph has it: with a point, and without the digits of rounding.
+/// Writes a number as in a graph file: with a decimal point, and without digits that come from rounding.
 fn number(value: f64) -> String {
     let text = format!("{value:.9}");
     let text = text.trim_end_matches('0');
@@ -41,7 +41,7 @@ fn vector(v: DVec3) -> String {
     format!("({x}, {y}, {z})")
 }
 
-/// A length with few digits for a person.
+/// Writes a length with few digits, for messages.
 fn length(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     // Not -0.
@@ -61,7 +61,7 @@ fn matrix(rows: Option<&[f64; 16]>) -> String {
     format!(",\n            matrix: (\n                {},\n            )", rows.join(",\n                "))
 }
 
-/// The graph.
+/// Writes the graph.
 pub fn text(survey: &Survey) -> String {
     let s = survey;
     let arranged = &s.arranged;
@@ -243,7 +243,7 @@ pub fn text(survey: &Survey) -> String {
     o
 }
 
-/// A confidence for a person.
+/// Describes a confidence in words.
 fn sure(confidence: f64) -> String {
     let word = if confidence >= nodes::geometry::level::SURE {
         "sure"
@@ -255,7 +255,7 @@ fn sure(confidence: f64) -> String {
     format!("{word} ({confidence:.2})")
 }
 
-/// What was assumed: a line each, with how sure it is and where it is written.
+/// Lists the assumptions, one per line, each with its confidence and its place in the graph.
 pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
     let s = survey;
     let at = |begin: &str| {

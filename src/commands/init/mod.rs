@@ -1,4 +1,4 @@
-//! `init`: a folder with a first graph, of a synthetic scene or of files of the user.
+//! `init`: creates a folder with a first graph, of a synthetic scene or of files of the user.
 
 mod graph;
 mod survey;
@@ -24,7 +24,7 @@ pub struct Init {
     /// The captured place: a file or folder of splats (PLY, SPZ, SOG, .splat, .ksplat, glTF)
     #[arg(long, requires = "object")]
     splats: Option<PathBuf>,
-    /// What to insert: glTF or GLB
+    /// The object to insert: glTF or GLB
     #[arg(long, requires = "splats")]
     object: Option<PathBuf>,
     /// A mesh of the place, in the frame of the splats; without it one is made from the splats
@@ -33,7 +33,7 @@ pub struct Init {
     /// The cameras of the capture (COLMAP, nerfstudio, INRIA, our JSON), in the frame of the splats
     #[arg(long, requires = "splats")]
     cameras: Option<PathBuf>,
-    /// A photograph of the place as the background; one of `--cameras` has its name
+    /// A photograph of the place as the background; a camera of `--cameras` must have the same name
     #[arg(long, requires = "cameras")]
     photo: Option<PathBuf>,
 }
@@ -62,8 +62,8 @@ To share it: `lightharmony pack graph.ron picture.lhb`; the receiver runs `light
 ";
 
 impl Init {
-    /// Writes the files; refuses where the graph exists already. The other files are kept where they exist, since
-    /// most folders of a repository have them. Exit code 0, or 1 where a file cannot be used.
+    /// Writes the files. It is an error if the graph exists. Other existing files are kept, since most folders of a
+    /// repository have them. Returns exit code 0, or 1 if a file cannot be used.
     pub fn run(self) -> Result<u8, Error> {
         let path = |name: &str| self.folder.join(name);
         let is_there = |name: &str| std::fs::symlink_metadata(path(name)).is_ok();

@@ -1,4 +1,4 @@
-//! What `init` finds out about files: how the place stands, and where the object may.
+//! Facts about the files that are given to `init`: the orientation of the place, and a place for the object.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use nodes::types::Rig;
 use crate::session::splats;
 use crate::session::standing::Standing;
 
-/// Scenes with a radius in between are taken to be in metres where nothing says otherwise.
+/// Range of the radius, in units, of scenes that are assumed to be in metres if their scale is unknown.
 const METRIC: [f64; 2] = [1.0, 100.0];
 /// Width and height of the first picture.
 pub const SIZE: [u32; 2] = [960, 540];
@@ -21,57 +21,58 @@ pub const SIZE: [u32; 2] = [960, 540];
 /// The files of the user.
 #[derive(Debug, Clone, Copy)]
 pub struct Files<'a> {
-    /// Where the graph will lie.
+    /// Folder of the graph.
     pub folder: &'a Path,
-    /// The place.
+    /// Files of the captured place.
     pub splats: &'a Path,
-    /// What to insert.
+    /// File of the object to insert.
     pub object: &'a Path,
-    /// A mesh of the place.
+    /// File of a mesh of the place.
     pub mesh: Option<&'a Path>,
-    /// The cameras of the capture.
+    /// File of the cameras of the capture.
     pub cameras: Option<&'a Path>,
-    /// A photograph of the place.
+    /// File of a photograph of the place.
     pub photo: Option<&'a Path>,
 }
 
-/// A photograph and the camera of its name.
+/// A photograph, and the camera of the same name.
 #[derive(Debug, Clone)]
 pub struct Photo {
-    /// Path for the graph.
+    /// Path of the photograph as written in the graph.
     pub path: String,
     /// Name of the camera.
     pub camera: String,
 }
 
-/// All that the graph is made of.
+/// All values from which the graph is written.
 #[derive(Debug)]
 pub struct Survey {
-    /// Paths as the graph has them.
+    /// Path of the splats as written in the graph.
     pub splats: String,
-    /// As above.
+    /// Path of the object as written in the graph.
     pub object: String,
-    /// As above.
+    /// Path of the mesh as written in the graph.
     pub mesh: Option<String>,
-    /// As above.
+    /// Path of the cameras as written in the graph.
     pub cameras: Option<String>,
     /// The photograph.
     pub photo: Option<Photo>,
-    /// The place as it stands in the world of the graph.
+    /// The capture, rotated upright, in world space.
     pub standing: Standing,
-    /// Metres in a unit, as the graph has it.
+    /// Metres per unit as written in the graph.
     pub metres_per_unit: f64,
-    /// Box of the object.
+    /// Bounding box of the object.
     pub extents: Extents,
-    /// Place, size and camera.
+    /// Position and size of the object, and the camera.
     pub arranged: Arrangement,
-    /// Translation of the pose: where the origin of the object's file lies.
+    /// Translation of the pose: the position of the origin of the object's file, in world units.
     pub translation: DVec3,
-    /// Turn of the object, in degrees.
+    /// Rotation of the object about up, in degrees.
     pub yaw_deg: f64,
 }
 
-/// A path as a graph in `folder` names the file: relative where both lie below a folder other than the root.
+/// The path of a file as written in a graph in `folder`: relative if both are below a common folder other than the
+/// root.
 pub fn relative(folder: &Path, file: &Path) -> Result<String, NodeError> {
     let absolute = |path: &Path| -> Result<PathBuf, NodeError> {
         // The folder may not be there yet.
@@ -96,12 +97,13 @@ pub fn relative(folder: &Path, file: &Path) -> Result<String, NodeError> {
     } else {
         file
     };
-    let unreadable = || NodeError::new(format!("`{}` is not UTF-8, which graphs are", path.display()));
+    let unreadable =
+        || NodeError::new(format!("the path `{}` is not UTF-8, which graph files require", path.display()));
     Ok(path.to_str().ok_or_else(unreadable)?.to_owned())
 }
 
 impl Survey {
-    /// Looks at the files.
+    /// Reads the files and derives the values of the graph.
     pub fn of(files: &Files<'_>) -> Result<Self, NodeError> {
         for file in [Some(files.splats), Some(files.object), files.mesh, files.cameras, files.photo]
             .into_iter()
@@ -152,13 +154,13 @@ impl Survey {
         })
     }
 
-    /// Digits behind the point that lengths in this scene need.
+    /// Number of decimal places of lengths in this scene.
     pub fn decimals(&self) -> usize {
         decimals(&self.standing.stand)
     }
 }
 
-/// Whether the scale of a scene was measured well enough to be written.
+/// True if the scale of a scene is known well enough to be written to the graph.
 pub fn is_known(stand: &LevelEstimate) -> bool {
     stand.scale.metres_per_unit.is_some() && stand.scale.confidence >= 0.5
 }
@@ -171,7 +173,8 @@ fn three_digits(value: f64) -> f64 {
     (value / unit).round() * unit
 }
 
-/// The scale that is written: what was measured, or metres, or what makes the scene ten metres wide.
+/// The scale that is written, in metres per unit: the measured one if it is confident, else 1 if the radius of the
+/// scene is plausible in metres, else a power of ten that makes the radius plausible.
 fn metres(stand: &LevelEstimate) -> f64 {
     match &stand.scale {
         Scale { metres_per_unit: Some(metres), confidence, .. } if *confidence >= 0.5 => rounded(*metres, 4),
@@ -193,13 +196,14 @@ fn photo(path: &Path, files: &Files<'_>, cameras: Option<&Rig>) -> Result<Photo,
     let name = path.file_stem().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let camera = cameras.into_iter().flat_map(|rig| &rig.cameras).find(|camera| camera.name == name);
     let camera = camera.ok_or_else(|| {
-        NodeError::new(format!("no camera of `--cameras` is named `{name}` as the photograph is"))
+        NodeError::new(format!("no camera of `--cameras` has the name of the photograph, `{name}`"))
             .hint("`--photo` takes a picture of the capture, undistorted, whose camera is in the file")
     })?;
     Ok(Photo { path: relative(files.folder, path)?, camera: camera.name.clone() })
 }
 
-/// Digits behind the point: a hundredth of what is seen in the scene, at least millimetres of metres.
+/// Number of decimal places of coordinates: the smallest number, at least 2, for which the radius of the scene is
+/// 2000 steps or more.
 fn decimals(stand: &LevelEstimate) -> usize {
     let (mut digits, mut size) = (0, stand.radius);
     while size < 2000.0 && digits < 9 {
@@ -215,7 +219,7 @@ fn rounded(value: f64, decimals: usize) -> f64 {
     if whole == 0.0 { 0.0 } else { whole }
 }
 
-/// The yaw with which the front of an object (+z of glTF) looks towards a direction, and a little past it.
+/// The yaw, in degrees, at which the front of an object (+z of glTF) points in a direction or slightly past it.
 fn facing(towards: DVec3, up: Up) -> f64 {
     let [right, forward, _] = axes(up);
     // Front of glTF in the world is the opposite of forward.
@@ -224,7 +228,7 @@ fn facing(towards: DVec3, up: Up) -> f64 {
     (angle / 5.0).round() * 5.0
 }
 
-/// A vector turned about up, counter-clockwise seen from above.
+/// Rotates a vector about up, counter-clockwise seen from above.
 fn yaw(up: Up, degrees: f64, v: DVec3) -> DVec3 {
     let [right, forward, above] = axes(up);
     let (s, c) = nodes::math::num::sin_cos(degrees.to_radians());

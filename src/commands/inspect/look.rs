@@ -1,4 +1,4 @@
-//! The picture of `inspect`: a plan from above and views, and the lines that belong to it.
+//! The picture of `inspect`: a plan from above and some views, with lines that describe it.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -17,23 +17,23 @@ use nodes::types::{Mesh, Picture, Rig, Splats};
 use crate::session::splats;
 use crate::session::standing::{Standing, UpBy};
 
-/// A picture as PNG, and lines to print.
+/// A picture as PNG, and the lines to print.
 type Drawn = (Vec<u8>, String);
 
 /// Side of the plan, in pixels.
 const SIDE: usize = 1000;
 /// Width and height of a view, in pixels.
 const VIEW: [usize; 2] = [664, 498];
-/// Views.
+/// Number of views.
 const VIEWS: usize = 4;
-/// Width and height of the cameras that are printed.
+/// Width and height of the printed cameras, in pixels.
 const PRINTED: [u32; 2] = [1280, 720];
-/// Height of the eyes, in metres.
+/// Height of the eyes above the floor, in metres.
 const EYES: f64 = 1.55;
-/// Width of a panorama's picture, in pixels.
+/// Width of the picture of a panorama, in pixels.
 const PANORAMA: usize = 1600;
 
-/// What stands in the world.
+/// The contents of the plan and the views.
 struct Shown<'a> {
     splats: &'a Splats,
     stand: &'a LevelEstimate,
@@ -91,13 +91,13 @@ impl Shown<'_> {
     }
 }
 
-/// A matrix as a graph has it, in one line.
+/// Writes a matrix as in a graph file, row by row in one line.
 fn row_major(rows: &[f64; 16]) -> String {
     let numbers: Vec<String> = rows.iter().map(|v| format!("{:?}", (v * 1e9).round() / 1e9 + 0.0)).collect();
     format!("({})", numbers.join(", "))
 }
 
-/// The picture of a capture, which is brought upright first.
+/// Draws a capture, which is rotated upright first.
 pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, NodeError> {
     let standing = Standing::of(file, cameras)?;
     let mut lines = String::new();
@@ -105,7 +105,7 @@ pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, No
         let word = if standing.by == UpBy::Format { "defined by the file format" } else { "a GUESS" };
         let _ = writeln!(
             lines,
-            "{:>14}  up is {word}; the views below hold for `scene: (up: \"{}\")`",
+            "{:>14}  up is {word}; the views below apply to `scene: (up: \"{}\")`",
             "note",
             standing.up.name()
         );
@@ -124,7 +124,8 @@ pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, No
     Ok((png, lines))
 }
 
-/// The picture of a mesh, or of an object by its base colours; up is what its format says, or its floor.
+/// Draws a mesh, or an object with its base colours. Up is the axis defined by the format, otherwise that of the
+/// estimated floor.
 pub(super) fn of_mesh(mesh: &Mesh, declared: Option<Up>) -> Result<Drawn, NodeError> {
     let measured = level::of_mesh(mesh, None).filter(LevelEstimate::is_sure);
     let axis = measured.as_ref().and_then(LevelEstimate::axis);
@@ -136,23 +137,23 @@ pub(super) fn of_mesh(mesh: &Mesh, declared: Option<Up>) -> Result<Drawn, NodeEr
         let points = || (0..mesh.positions.len() as u32).map(|v| mesh.position(v));
         let low = points().fold(DVec3::INFINITY, DVec3::min);
         let [x, y, z] = (points().fold(DVec3::NEG_INFINITY, DVec3::max) - low).to_array();
-        let text = "wide, high and deep, in metres as glTF has them";
+        let text = "width, height and depth, in metres as glTF defines";
         let _ = writeln!(lines, "{:>14}  {x:.3} x {y:.3} x {z:.3}, {text}", "size");
     }
     let stand = level::upright(&splats, axes(up)[2], None)
-        .ok_or_else(|| NodeError::new("the mesh has no surface that could be seen"))?;
+        .ok_or_else(|| NodeError::new("the mesh has no visible surface"))?;
     let cx = splats::context(up);
     let png = Shown { splats: &splats, stand: &stand, cameras: None, up }.draw(&mut lines, &cx)?;
     Ok((png, lines))
 }
 
-/// The picture of a panorama, tone-mapped, with its horizon and the direction that the centre column shows.
+/// Draws a panorama, tone-mapped, with its horizon and the direction of its centre column.
 pub(super) fn of_panorama(file: &Path, bytes: &[u8]) -> Result<Drawn, NodeError> {
     let picture = of_bytes(&file.display().to_string(), bytes)?;
     let (width, height, channels) = picture.size();
     if width != 2 * height {
         let what = format!("{width} by {height} pixels are not a panorama, which is twice as wide as high");
-        return Err(NodeError::new(what).hint("a program for pictures shows it"));
+        return Err(NodeError::new(what).hint("open it in an image viewer"));
     }
     let decode = |v: f32| if matches!(picture, Picture::Srgb(_)) { linear_from_srgb(v) } else { v };
     let pixel = |x: usize, y: usize| {

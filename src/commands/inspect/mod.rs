@@ -1,4 +1,4 @@
-//! `inspect`: the properties of a scene of splats, a mesh or a picture.
+//! `inspect`: prints the properties of a scene of splats, a mesh or a picture.
 
 mod look;
 mod other;
@@ -30,7 +30,7 @@ pub struct Inspect {
     /// Writes a picture (PNG): a plan from above with a grid, and views whose cameras are printed
     #[arg(long, value_name = "PNG")]
     picture: Option<PathBuf>,
-    /// The cameras of the capture, which say which way is up and where it looks right
+    /// The cameras of the capture, which indicate the up direction and good views
     #[arg(long, requires = "picture")]
     cameras: Option<PathBuf>,
     #[command(flatten)]
@@ -41,7 +41,7 @@ pub struct Inspect {
 #[derive(Serialize)]
 struct Answer<'a> {
     file: String,
-    /// `splats`, `mesh` or `picture`.
+    /// Type of the content: `splats`, `mesh` or `picture`.
     holds: &'static str,
     format: Option<&'static str>,
     /// The up axis that the format defines; the coordinates are as stored in any case.
@@ -56,7 +56,7 @@ struct Answer<'a> {
 }
 
 impl Inspect {
-    /// Exit code 0, or 1 where the file cannot be read.
+    /// Prints the properties. Returns exit code 0, or 1 if the file cannot be read.
     pub fn run(self) -> Result<u8, Error> {
         let memory = self.memory.bytes()?;
         if let Err(error) = splats::check(&self.file).and_then(|()| splats::check_memory(&self.file, memory))
@@ -116,7 +116,7 @@ impl Inspect {
         Ok(splats::failed(&failed))
     }
 
-    /// Writes the picture, where one is wanted, and prints what belongs to it.
+    /// Writes the picture, if one is requested, and prints its lines.
     fn draw(&self, make: impl FnOnce() -> Result<(Vec<u8>, String), NodeError>) -> Result<u8, Error> {
         let Some(path) = &self.picture else { return Ok(0) };
         let (png, lines) = match make() {

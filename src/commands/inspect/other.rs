@@ -1,19 +1,19 @@
-//! Files that are neither splats nor a mesh: their type, and the kinds that read them.
+//! Files that are neither splats nor a mesh: their type, and the kinds of nodes that read them.
 
 use std::path::Path;
 
-/// First bytes of image files.
+/// First bytes of picture files, one entry per format.
 const PICTURES: [&[u8]; 6] =
     [b"#?", b"\x76\x2f\x31\x01", b"\x89PNG", b"\xff\xd8\xff", b"RIFF", b"\x00\x00\x00\x0cjP"];
-/// Keys of the camera files that `load-cameras` reads: of trainers, of nerfstudio and of Instant-NGP.
+/// Keys that identify the camera files that `load-cameras` reads: of trainers, of nerfstudio and of Instant-NGP.
 const CAMERAS: [&str; 5] = ["\"fx\"", "\"rotation\"", "\"camera_angle_x\"", "\"frames\"", "\"fl_x\""];
 
-/// Whether a file, by its head, is a picture.
+/// True if a file is a picture, by its first bytes.
 pub(super) fn is_picture(bytes: &[u8]) -> bool {
     PICTURES.iter().any(|begin| bytes.starts_with(begin))
 }
 
-/// The sort of a file that is not a scene, and what reads it; `None` where it is unknown.
+/// Describes a file that is not a scene, and names the kind that reads it; `None` for unknown files.
 pub(super) fn other(path: &Path, bytes: &[u8]) -> Option<String> {
     let ends_with = |end: &str| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(end));
     if is_picture(bytes) {

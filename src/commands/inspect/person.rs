@@ -16,7 +16,8 @@ struct Ruler {
 }
 
 impl Ruler {
-    /// At least three digits after the decimal point, and at least four significant digits of `size`.
+    /// Chooses digits for lengths of a scene of this size: at least three after the decimal point, and at least
+    /// four significant ones of `size`.
     fn of(size: f64) -> Self {
         let (mut digits, mut scaled) = (0, size);
         while (0.0..1000.0).contains(&scaled) && digits < 10 {
@@ -96,7 +97,7 @@ impl Lines {
         let scale = &level.scale;
         let metres = scale.metres_per_unit.map_or_else(
             || format!("not known: {}", scale.reason),
-            |m| format!("{m:.3} m a unit ({:.2}): {}", scale.confidence, scale.reason),
+            |m| format!("{m:.3} m per unit ({:.2}): {}", scale.confidence, scale.reason),
         );
         self.line("scale", metres);
     }
@@ -108,7 +109,7 @@ impl Lines {
     }
 }
 
-/// The whole text.
+/// Formats the answer as text.
 pub fn person(answer: &Answer<'_>) -> String {
     let mut text = Lines(String::new());
     let format = answer.format.map(|format| format!(" ({format})")).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! The size and the brightness of a picture.
+//! The size and brightness of a picture.
 
 use nodes::io::picture::of_bytes;
 use nodes::math::color::luminance;
@@ -6,7 +6,7 @@ use nodes::math::num;
 use nodes::types::Picture;
 use serde::Serialize;
 
-/// The size and the brightness of a picture.
+/// The size and brightness of a picture.
 #[derive(Debug, Serialize, PartialEq)]
 pub(super) struct Inspection {
     /// Width in pixels.
@@ -16,9 +16,9 @@ pub(super) struct Inspection {
     pub channels: usize,
     /// `linear`, `srgb` or `data`, as the file defines it.
     pub encoding: &'static str,
-    /// Pixel and luminance of the brightest pixel, of linear pictures.
+    /// The brightest pixel; only for linear pictures.
     pub peak: Option<Peak>,
-    /// Mean luminance, of linear pictures.
+    /// Mean luminance; only for linear pictures.
     pub mean: Option<f64>,
 }
 
@@ -55,7 +55,7 @@ pub(super) fn inspect(bytes: &[u8]) -> Option<Inspection> {
     Some(found)
 }
 
-/// A luminance with its stops above or below white.
+/// Formats a luminance, with its distance from white in stops.
 pub(super) fn brightness(luminance: f64) -> String {
     match luminance {
         l if l > 0.0 => {

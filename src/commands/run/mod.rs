@@ -1,4 +1,4 @@
-//! `run`: computes what is not known and writes the files of the sinks.
+//! `run`: computes the results that are not in the cache and writes the files of the sinks.
 
 mod trace;
 
@@ -52,11 +52,11 @@ pub struct Run {
     verbose: bool,
 }
 
-/// Maximum number of nodes for which a forecast is worth the time of a plan.
+/// Maximum number of nodes for which a plan is made to get a forecast, since a plan takes time.
 const MOST_PLANNED: usize = 2000;
 
 impl Run {
-    /// Runs the graph; gives the exit code of the run.
+    /// Runs the graph and returns the exit code of the run.
     pub fn run(self) -> Result<u8, Error> {
         let begin = Instant::now();
         let time = self.time.as_deref().map(time).transpose()?;
@@ -155,8 +155,8 @@ impl Run {
         Ok(outcome.totals.exit_code())
     }
 
-    /// Reports the last run again if nothing has changed; see [`run_unchanged`]. Not used with options that need
-    /// the graph.
+    /// Reports the last run again if nothing has changed; see [`run_unchanged`]. Returns `None` for options that
+    /// need the graph.
     fn unchanged(&self, origin: &Origin) -> Result<Option<Outcome>, Error> {
         let asked = self.max_error.is_some() || self.time.is_some() || self.locked || self.trace.is_some();
         if asked || !self.graph.only.is_empty() || self.graph.frames.is_some() {
@@ -173,8 +173,8 @@ impl Run {
         if self.json { Report::json() } else { Report::lines(self.verbose) }
     }
 
-    /// Runs everything except the sinks with the minimum number of samples, if the time of a sample is not known
-    /// yet. Returns an exit code if it failed or was interrupted.
+    /// Runs all nodes except the sinks with the minimum number of samples, if the time of a sample is unknown.
+    /// Returns an exit code if the run failed or was interrupted.
     fn pilot(&self, loaded: &Loaded, engine: &Engine, cancel: &Arc<AtomicBool>) -> Result<Option<u8>, Error> {
         let Some((graph, chosen)) = budget::pilot(loaded, engine)? else { return Ok(None) };
         let why = "the time of a sample is not known yet, so these are taken first and kept";
@@ -202,7 +202,7 @@ impl Run {
         Ok((outcome.totals.stopped || outcome.failures.is_some()).then(|| outcome.totals.exit_code()))
     }
 
-    /// The graph with the number of samples that fits the time, which is printed.
+    /// Returns the graph with the number of samples that fits the time, and prints that number.
     fn in_time(&self, loaded: Loaded, engine: &Engine, time: Duration) -> Result<Loaded, Error> {
         let seconds = time.as_secs_f64();
         let (loaded, chosen, forecast) = budget::to_time(loaded, engine, seconds)?;
@@ -214,7 +214,7 @@ impl Run {
         Ok(loaded)
     }
 
-    /// Prints the settings that were laid over the graph, and why.
+    /// Prints the settings that override the graph, and the reason.
     fn print_chosen(&self, mut object: Value, chosen: &[String], why: &str) {
         if self.json {
             (object["event"], object["settings"]) = (json!("chosen"), json!(chosen));

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use engine::{Event, State};
 use serde_json::{Value, json};
 
-/// Collects what the threads of a run did.
+/// Collects the work of the threads of a run.
 #[derive(Default)]
 pub struct Trace {
     spans: Vec<Value>,

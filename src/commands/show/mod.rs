@@ -1,4 +1,4 @@
-//! `show`: the picture of any node, without editing the graph.
+//! `show`: writes the picture of any node, without editing the graph.
 
 mod sheet;
 
@@ -32,7 +32,7 @@ pub struct Show {
 }
 
 impl Show {
-    /// Writes the picture; the exit code is that of the run.
+    /// Writes the picture. Returns the exit code of the run.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;
@@ -71,7 +71,7 @@ impl Show {
     }
 }
 
-/// The output that a name stands for: `trace.depth`, or `trace` for the first output.
+/// Resolves the name of an output: `trace.depth`, or `trace` for the first output.
 fn output(graph: &Graph, name: &str) -> Result<Wire, Error> {
     // Nodes of subgraphs have dots in their names.
     if let Some((node, output)) = name.rsplit_once('.')

@@ -1,4 +1,4 @@
-//! Pictures of any encoding side by side, as a display shows them.
+//! Sheets: pictures of any encoding side by side, as a display shows them.
 
 use nodes::io::png::Raster;
 use nodes::math::color::{code8, srgb_from_linear};
@@ -8,7 +8,7 @@ use nodes::types::{NamedImage, Picture};
 /// Space between the pictures of a sheet, in pixels.
 const GAP: usize = 4;
 
-/// All views in a grid on black, and a line for each view whose numbers were stretched.
+/// Draws all views in a grid on black. Also returns a line for each view whose values were stretched.
 pub(super) fn sheet(views: &[NamedImage], exposure: f32) -> (Raster, Vec<String>) {
     let size = |of: fn((usize, usize, usize)) -> usize| {
         views.iter().map(|v| of(v.picture.size())).max().unwrap_or(0)
@@ -49,7 +49,7 @@ pub(super) fn sheet(views: &[NamedImage], exposure: f32) -> (Raster, Vec<String>
     (raster, ranges)
 }
 
-/// The 8-bit RGB codes of a picture and, if it is not a colour, the range of its numbers.
+/// The 8-bit RGB codes of a picture and, if it is not a colour picture, the range of its values.
 fn shown(picture: &Picture, exposure: f32) -> (Vec<u16>, Option<String>) {
     let (_, _, channels) = picture.size();
     let pixels = picture.samples().chunks_exact(channels.max(1));

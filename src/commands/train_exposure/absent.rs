@@ -1,4 +1,4 @@
-//! `train-exposure` in a build without a tensor library.
+//! `train-exposure` in a build without the feature `learned`.
 
 use std::ffi::OsString;
 
@@ -9,7 +9,7 @@ use crate::terminal;
 
 const MISSING: &str = "This build lacks the feature `learned`: build with `cargo build --release --features learned`, whose `--help` lists the options; see docs/light.md and docs/kontext.md.";
 
-/// Reports the missing feature, whatever the arguments.
+/// Prints that the feature `learned` is missing; arguments are ignored.
 #[derive(Debug, Args)]
 #[command(after_help = MISSING)]
 pub struct TrainExposure {
@@ -18,7 +18,7 @@ pub struct TrainExposure {
 }
 
 impl TrainExposure {
-    /// Exit code 2.
+    /// Prints the error and returns exit code 2.
     #[expect(clippy::unnecessary_wraps, reason = "as that of every verb")]
     pub fn run(self) -> Result<u8, Error> {
         terminal::error(

@@ -19,8 +19,8 @@ use crate::terminal::training::Follow;
 pub struct TrainExposure {
     /// A folder of whole HDR panoramas, .exr or .hdr, at least 256x128
     panoramas: PathBuf,
-    /// The file of weights to write; finished networks are kept next to it, so that an interrupted training
-    /// continues where it was
+    /// The file of weights to write; finished networks are kept next to it, so that an interrupted training can be
+    /// continued
     #[arg(long, default_value = "exposure.safetensors")]
     out: PathBuf,
     /// Random seed
@@ -62,7 +62,7 @@ enum Backend {
 }
 
 impl TrainExposure {
-    /// Exit code 0, 1 where a file cannot be read or written, or 130 when interrupted.
+    /// Trains the model. Returns exit code 0, 1 if a file cannot be read or written, or 130 if it is interrupted.
     pub fn run(self) -> Result<u8, Error> {
         match self.train() {
             Ok(code) => Ok(code),
@@ -128,7 +128,7 @@ impl TrainExposure {
     }
 }
 
-/// The HDR panoramas in a folder, by name.
+/// The HDR panoramas in a folder, in order of their names.
 fn panoramas(folder: &Path) -> Result<Vec<PathBuf>, String> {
     let failed = |error: std::io::Error| format!("cannot read `{}`: {error}", folder.display());
     let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)
@@ -153,8 +153,8 @@ fn read_folder(folder: &Path) -> Result<Vec<(String, nodes::types::Image<nodes::
     panoramas(folder)?.iter().map(read).collect()
 }
 
-/// Mean and median of the errors of panoramas outside the training set, in stops; `of` names the photographs in the
-/// rows.
+/// A table of the mean and median errors, in stops, of panoramas outside the training set. `of` names the
+/// photographs in the rows.
 fn table(of: &str, scores: &[Score]) -> String {
     if scores.is_empty() {
         return String::new();

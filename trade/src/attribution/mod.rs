@@ -4,14 +4,14 @@ use crate::bench::Bench;
 use crate::metric::Metric;
 use crate::tunables::Assignment;
 
-/// The gain of setting one node to the reference, and the cost of leaving it as it is.
+/// Effects of one node on the error: the gain of setting it to the reference, and the cost of leaving it unchanged.
 #[derive(Debug)]
 pub struct Attribution {
     /// Name of the node.
     pub node: String,
     /// Error with this node alone at the reference.
     pub alone: Option<f64>,
-    /// Error with all other nodes at the reference: the node's own error. `None` if it was not measured.
+    /// Error with all other nodes at the reference, which is the node's own error; `None` if it was not measured.
     pub all_but: Option<f64>,
     /// Work with this node alone at the reference.
     pub work_alone: f64,
@@ -22,17 +22,17 @@ pub struct Attribution {
 pub enum Blame<'a> {
     /// The node with the largest own error, and that error.
     Makes(&'a str, f64),
-    /// Setting it to the reference helps most; its own error was not measured.
+    /// The node that reduces the error most when it is set to the reference; its own error was not measured.
     Helps(&'a str),
-    /// No node causes an error, or none helps.
+    /// No node causes an error, or no node reduces it.
     None,
     /// The error was not computed.
     Unknown,
 }
 
 impl<'a> Blame<'a> {
-    /// The node that causes the most error. `attributions` are sorted, worst first; `error` is that of the graph
-    /// with its own settings.
+    /// Finds the node that causes the most error. `attributions` are sorted, worst first; `error` is that of the
+    /// graph with its own settings.
     pub fn of(attributions: &'a [Attribution], error: Option<f64>) -> Self {
         let Some(first) = attributions.first() else { return Self::Unknown };
         match (first.all_but, first.alone, error) {
@@ -45,8 +45,8 @@ impl<'a> Blame<'a> {
     }
 }
 
-/// For each node with knobs the settings that attribute error to it: with it alone at the reference, and with all other nodes
-/// there.
+/// For each node with knobs, the settings that attribute error to it: with only this node at the reference, and
+/// with all other nodes at the reference.
 pub fn attribution_settings(bench: &Bench<'_>) -> Vec<(String, Assignment, Assignment)> {
     let (now, reference) = (bench.now(), bench.preset(3));
     let with = |node: &str, of: &Assignment, others: &Assignment| -> Assignment {
@@ -63,8 +63,8 @@ pub fn attribution_settings(bench: &Bench<'_>) -> Vec<(String, Assignment, Assig
 }
 
 /// Every node with a tunable, the worst first: the one with the largest own error; among equal ones, the one that
-/// leaves the smallest error when set to the reference. `measure` returns the index of a point, or `None` if the
-/// time is over, which ends the attribution with the nodes measured so far; its failure ends the attribution.
+/// leaves the smallest error when set to the reference. `measure` returns the index of a point, or `None` when the
+/// time is over, which ends the attribution with the nodes measured so far. An error of `measure` is returned.
 pub fn attributions<E>(
     bench: &mut Bench<'_>,
     metric: &Metric,

@@ -1,4 +1,5 @@
-//! One node of a graph is made bad on purpose: is it named, and does `tune` find cheap settings all the same?
+//! Tests in which one node of a graph gets bad settings: it must be named, and `tune` must still find cheap
+//! settings.
 
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
@@ -35,8 +36,8 @@ const BAD: [(&str, &str, &str, &str); 5] = [
     ),
 ];
 
-/// The bad node for which `tune` is run as well; only one, since each takes seconds. `docs/evidence/trade.md` has
-/// the others.
+/// The bad node for which `tune` is also run. It is only one, since each takes seconds; `docs/evidence/trade.md`
+/// has the others.
 const TUNED: &str = "probe";
 
 fn bench<'e>(engine: &'e Engine, text: &str) -> Bench<'e> {
@@ -96,7 +97,8 @@ fn the_bad_node_is_named_and_cheap_settings_are_found_all_the_same() {
     none_is_to_blame_of_nothing();
 }
 
-/// If the background of a composite is another composite, both inserted objects count, and the baselines lack both.
+/// If the background of a composite is another composite, both inserted objects are included in the regions, and
+/// the baselines lack both.
 fn objects_may_stand_on_one_another(engine: &Engine) {
     let more = "side: Pose(translation: (-0.7, 0.3, 0.0)), next: Place(object: \"demo.object\", pose: \"side\"),
         first: PathTrace(receiver: \"floor\", objects: [\"next\"], rig: \"demo.rig\", env: \"env\", samples: 4),
@@ -129,7 +131,7 @@ fn objects_may_stand_on_one_another(engine: &Engine) {
     }
 }
 
-/// A graph without an error has no bottleneck.
+/// A graph without an error has no node that causes it.
 fn none_is_to_blame_of_nothing() {
     let blamed = |all_but: Option<f64>, alone: Option<f64>, error: Option<f64>| {
         let all = [Attribution { node: "trace".to_owned(), alone, all_but, work_alone: 1.0 }];
@@ -146,13 +148,13 @@ fn none_is_to_blame_of_nothing() {
     assert_eq!(blamed(None, None, None), "unknown");
 }
 
-/// The row of docs/evidence/trade.md for a node that was made bad.
+/// The row of `docs/evidence/trade.md` for a bad node.
 fn row_of(what: &str) -> &'static str {
     let page = include_str!("../../../docs/evidence/trade.md");
     page.lines().find(|line| line.starts_with(&format!("| {what} |"))).unwrap()
 }
 
-/// The table of the page agrees with this program.
+/// Checks that the table of the page agrees with this program.
 fn the_page_says(what: &str, names: [&str; 2], errors: [f64; 4]) {
     let row = row_of(what);
     let mut said = row.split(['|', ' ']).filter_map(|word| word.trim().parse::<f64>().ok());
@@ -164,8 +166,7 @@ fn the_page_says(what: &str, names: [&str; 2], errors: [f64; 4]) {
     assert!(names.iter().all(|name| row.contains(&format!("`{name}`"))), "{names:?}: {row}");
 }
 
-/// The backdrop in the holes of the background exists without the object, so it does not count as changed by the
-/// object.
+/// The backdrop in the holes of the background exists without the object, so it is not in the region `touched`.
 fn holes_are_not_touched(engine: &Engine) {
     let measure = |backdrop: &str| {
         let with = format!("object: \"trace.object\", backdrop: {backdrop}");
@@ -187,8 +188,8 @@ fn holes_are_not_touched(engine: &Engine) {
     assert!((black.1 - white.1).abs() < 0.1 * black.1, "{black:?} {white:?}");
 }
 
-/// A picture whose size a knob sets is no longer judged once the size differs; layers are judged if nothing else
-/// is.
+/// A picture whose size is set by a knob is not judged once the size differs. Layers are judged if there are no
+/// other pictures.
 fn what_is_judged(engine: &Engine) {
     let save = "save:   WriteImage(image: \"final\", path: \"final.png\")";
     let pano =
@@ -273,8 +274,8 @@ fn what_varies_stays(engine: &Engine) {
     }
 }
 
-/// The counts of every node at each preset are the same on every machine, so a change shows here; updated with
-/// `UPDATE_GOLDEN=1`.
+/// The counts of every node at each preset are the same on every machine, so that any change is noticed. They are
+/// updated with `UPDATE_GOLDEN=1`.
 fn counts_are_known(mut bench: Bench<'_>) {
     let mut text = "preset\tnode\tcounts\n".to_owned();
     for (level, name) in engine::PRESETS.iter().enumerate() {
@@ -294,8 +295,8 @@ fn counts_are_known(mut bench: Bench<'_>) {
     assert_eq!(text, std::fs::read_to_string(file).unwrap(), "if it is meant, run with UPDATE_GOLDEN=1");
 }
 
-/// `tune` to an error that `preview` reaches comfortably costs less than half of the cheapest preset that does.
-/// Returns the cost found, and its share of the preset's.
+/// Checks that `tune`, for an error that `preview` reaches comfortably, finds less than half the cost of the
+/// cheapest such preset. Returns the cost found, and its share of that of the preset.
 fn cheap_settings(bench: &mut Bench<'_>, metric: &Metric, node: &str) -> (f64, f64) {
     let goal = Goal::Error(0.02);
     let steps = bench.steps();
@@ -316,7 +317,7 @@ fn cheap_settings(bench: &mut Bench<'_>, metric: &Metric, node: &str) -> (f64, f
     (found.cost, found.cost / naive)
 }
 
-/// Where `draft` is good enough, nothing costs less than half of it, which one measurement shows.
+/// Checks that, if `draft` is good enough, no setting costs less than half of it, which one measurement shows.
 fn nothing_below_half(bench: &mut Bench<'_>, metric: &Metric, steps: &[Steps], tried: &[Tried]) {
     let draft = bench.preset(0);
     let draft = measured(bench, draft).unwrap();

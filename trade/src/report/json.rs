@@ -10,7 +10,7 @@ use crate::bench::{Bench, Point};
 use crate::left_out::{LeftOut, left_out};
 use crate::metric::{Metric, number};
 
-/// Everything that was measured, for programs.
+/// All measurements as JSON.
 pub fn as_json(bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attribution]) -> Value {
     let error = |error: Option<f64>| error.map(|error| metric.value(error));
     let values = |values: &BTreeMap<String, f64>| -> BTreeMap<String, Value> {
@@ -57,7 +57,7 @@ pub fn as_json(bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[A
     })
 }
 
-/// The tables of a node's report.
+/// The tables of a node's report as JSON.
 fn tables(report: &Report) -> Value {
     let cell = |cell: &Cell| match cell {
         Cell::Text(text) => json!(text),

@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::metric::Metric;
 use crate::tunables::Assignment;
 
-/// The reason why there is nothing to report.
+/// Reasons why there is no report.
 #[derive(Debug)]
 pub enum Stop {
     /// The user interrupted it.
@@ -23,19 +23,20 @@ pub enum Stop {
 
 /// Indices of the points that a report shows, and the error that each node causes with the graph's own settings.
 pub struct Measured {
-    /// The points of the presets, in the order of [`PRESETS`]; `None` if the time ran out before.
+    /// The points of the presets, in the order of [`PRESETS`]; `None` for a preset that was not reached in time.
     pub presets: [Option<usize>; 4],
     /// The point of the preset `reference`.
     pub reference: usize,
     /// The point of the graph with its own settings.
     pub now: usize,
-    /// The error of each node that has knobs, largest first.
+    /// The error caused by each node that has knobs, largest first.
     pub attributions: Vec<Attribution>,
     /// True if the time ran out before everything was measured.
     pub late: bool,
 }
 
-/// All settings that a report measures, in that order; with `reverse` also those in which all nodes but one are at the reference.
+/// All settings that a report measures, in that order; with `reverse`, also those in which all nodes except one are
+/// at the reference.
 pub fn settings(bench: &Bench<'_>, reverse: bool) -> Vec<Assignment> {
     // The first one is what others are compared with.
     let mut all = vec![bench.preset(REFERENCE), bench.now()];
@@ -51,8 +52,8 @@ pub fn settings(bench: &Bench<'_>, reverse: bool) -> Vec<Assignment> {
 /// The index of `reference` in [`PRESETS`].
 const REFERENCE: usize = PRESETS.len() - 1;
 
-/// Measures the settings that a report shows, as far as there is time. Calls `each` after every setting that is new, with the
-/// index of its point.
+/// Measures the settings that a report shows, until the time is over. Calls `each` after every setting that is new,
+/// with the index of its point.
 pub fn measure_all(
     bench: &mut Bench<'_>,
     metric: &Metric,

@@ -1,4 +1,4 @@
-//! The page of `report`.
+//! The HTML page of `report`.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use crate::off::Off;
 use crate::plot::{self, Dot, tick_text};
 use crate::search::{Tried, pareto};
 
-/// The page of a measured graph.
+/// Makes the page of a measured graph.
 pub fn page(bench: &Bench<'_>, metric: &Metric, measured: &Measured) -> Result<Page, Miss> {
     let Measured { presets, now, attributions, .. } = measured;
     let now = *now;
@@ -68,7 +68,7 @@ pub fn page(bench: &Bench<'_>, metric: &Metric, measured: &Measured) -> Result<P
     Ok(page)
 }
 
-/// The most important facts.
+/// Adds the most important values to the page.
 fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attribution]) {
     let point = &bench.points[now];
     let worst = point.nodes.iter().flat_map(|node| &node.notes).map(|note| note.level).max();

@@ -1,11 +1,11 @@
-//! Forecasts the combined effect of changes to knobs from the effect of each alone.
+//! Forecasts of the combined effect of changes to knobs from the effect of each change alone.
 
 use super::tried::Tried;
 
 /// Maximum number of combinations kept while others are added to them.
 const COMBINATIONS: usize = 2000;
 
-/// Effect of a change: costs are multiplied, and squares of errors add up, as for independent causes.
+/// Effect of a change: costs are multiplied, and the squares of errors are added, as for independent causes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Effect {
     cost: f64,
@@ -29,7 +29,7 @@ impl Effect {
         Self { cost: 1.0 / self.cost, square: -self.square }
     }
 
-    /// The position that results from applying the effect.
+    /// Returns the position that results from applying the effect to another.
     fn on(self, from: &Tried, assignment: Vec<usize>) -> Tried {
         let error = (from.error * from.error + self.square).max(0.0).sqrt();
         Tried { assignment, cost: from.cost * self.cost, error }

@@ -1,4 +1,4 @@
-//! The search for settings: knobs changed one at a time, and together by forecast.
+//! The search for settings: knobs are changed one at a time, and then together by forecast.
 
 mod forecast;
 mod tried;
@@ -35,9 +35,9 @@ pub struct Steps {
 /// From the best start that reaches the goal, every knob is changed alone, by one step. The effect of all
 /// combinations on cost and error is then forecast, and the best one is measured. This is repeated a few times,
 /// each time with the forecast corrected by the measurement. The whole procedure starts again from any better
-/// position. Changes that save cost are tried first, then those that reduce the bounded value, then half steps. A
-/// start may waste cost on knobs with little effect, or on two that help only together, so the search is repeated
-/// from the start that misses the goal by the least.
+/// position. Changes that save cost are tried first, then those that reduce the bounded value, then half steps. If
+/// a start spends cost on knobs with little effect, or on two that help only together, the search may miss better
+/// positions, so it is repeated from the start that misses the goal by the least.
 pub fn search(
     starts: &[Vec<usize>],
     knobs: &[Steps],
@@ -49,11 +49,11 @@ pub fn search(
     SearchResult { best: search.best(), tried: search.tried, finished }
 }
 
-/// Maximum number of forecasts followed from one position.
+/// Maximum number of forecasts that are followed from one position.
 const FOLLOWED: usize = 5;
 /// Minimum forecast saving of the cost or the error that is worth measuring.
 const GAIN: f64 = 0.01;
-/// Number of changes that miss the goal from which the search continues.
+/// Maximum number of positions that miss the goal after one change and from which the search continues.
 const BEYOND: usize = 3;
 
 struct Search<'s, M> {
@@ -64,7 +64,7 @@ struct Search<'s, M> {
 }
 
 impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
-    /// Runs the whole search; `None` if measuring ended first.
+    /// Runs the whole search. Returns `None` if measuring ended first.
     fn whole(&mut self, starts: &[Vec<usize>]) -> Option<()> {
         for start in starts {
             self.measured(start)?;
@@ -203,8 +203,8 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(next.filter(|&next| self.bounded(next) < self.bounded(from)))
     }
 
-    /// The unmeasured assignment with the best forecast for the goal, if it is better than all known ones; else the
-    /// one nearest to the goal.
+    /// The unmeasured assignment with the best forecast for the goal, if that is better than all known positions;
+    /// otherwise the one nearest to the goal.
     fn forecast(&self, from: usize, fitting: bool) -> Option<Vec<usize>> {
         let (here, goal) = (&self.tried[from], self.goal);
         let bar = self.best().map_or(f64::INFINITY, |best| (1.0 - GAIN) * self.tried[best].paid(goal));

@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// A model in which each step doubles the cost and halves the error of a knob, as for noise and resolution; errors
-/// of knobs are independent.
+/// A model in which each step of a knob doubles its cost and halves its error, as for noise and resolution. The
+/// errors of knobs are independent.
 fn model(weights: &'static [(f64, f64)]) -> impl FnMut(&[usize]) -> Option<(f64, f64)> {
     move |assignment| {
         let value = |(&at, &(cost, error)): (&usize, &(f64, f64))| {

@@ -3,9 +3,9 @@
 /// The goal of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
-    /// The least work whose error is at most this.
+    /// Least work with at most this error.
     Error(f64),
-    /// The least error whose cost is at most this.
+    /// Least error with at most this cost.
     Cost(f64),
 }
 
@@ -36,14 +36,15 @@ impl Tried {
         self.bounded(goal) <= most
     }
 
-    /// True if it serves the goal better than another that fits.
+    /// True if it fulfils the goal better than another position that reaches it.
     pub(super) fn beats(&self, other: &Self, goal: Goal) -> bool {
         let key = |t: &Self| [t.paid(goal), t.bounded(goal)];
         key(self) < key(other)
     }
 }
 
-/// The points that no other point beats in both cost and error, sorted by cost; of equal points the first.
+/// The indices of the points that no other point beats in both cost and error, sorted by cost; of equal points the
+/// first.
 pub fn pareto(tried: &[Tried]) -> Vec<usize> {
     let mut by_cost: Vec<usize> = (0..tried.len()).collect();
     by_cost.sort_by(|&a, &b| {
@@ -62,7 +63,7 @@ pub fn pareto(tried: &[Tried]) -> Vec<usize> {
     by_cost
 }
 
-/// The best position for a goal of those that fit; of equal ones the first.
+/// The index of the best position for a goal among those that reach it; of equal ones the first.
 pub fn best(tried: &[Tried], goal: Goal) -> Option<usize> {
     let fitting = (0..tried.len()).filter(|&at| tried[at].fits(goal));
     fitting.reduce(|a, b| if tried[b].beats(&tried[a], goal) { b } else { a })

@@ -21,7 +21,7 @@ use crate::run::trace::Tracer;
 use crate::value::cpu;
 
 impl<'a> Run<'a> {
-    /// A run that has not started.
+    /// Creates a run that has not started.
     pub fn new(
         engine: &'a Engine,
         graph: &'a Graph,

@@ -21,7 +21,7 @@ impl Run<'_> {
         self.give_up(index, Life::Failed);
     }
 
-    /// Skips a node. Other nodes with its key are tried, since their inputs may be in memory.
+    /// Skips a node. Waiting nodes with the same key are tried instead, since their inputs may be in memory.
     pub fn skip(&mut self, index: usize) {
         for follower in self.take_followers(index) {
             self.slots[follower].life = Life::Waiting;

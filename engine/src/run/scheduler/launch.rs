@@ -16,8 +16,9 @@ use crate::value::error::NodeError;
 use crate::value::root::FileHead;
 use crate::value::units::bytes_text;
 
-/// First and longest pause before a node asks again for a key that is being computed elsewhere.
+/// First pause before the scheduler requests a key again that is being computed elsewhere.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
+/// Longest such pause.
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
 /// Forecast in seconds below which a node does not wait for others to end.
 const SHORT: f64 = 1.0;

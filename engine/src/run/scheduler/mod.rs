@@ -1,9 +1,9 @@
 //! The scheduler: runs everything that is needed and not in the cache, on several threads and within a memory
 //! budget.
 //!
-//! One thread decides, the others compute. A node whose inputs are known by digest is *resolved*: its key is looked
-//! up in the store. On a miss, its input values are loaded (see `supply`) and its code is queued. Nothing here
-//! recurses over the graph.
+//! One thread schedules and the others compute. A node whose inputs are known by digest is *resolved*: its key is
+//! looked up in the store. On a miss, its input values are loaded (see `supply`) and its code is queued. No
+//! function recurses over the graph.
 
 mod begin;
 mod failure;
@@ -58,7 +58,8 @@ struct Unstarted<'a> {
     work: Work<'a>,
 }
 
-/// A run of a graph. Its parts maintain their own counters; the methods here and in the submodules decide.
+/// A run of a graph. The parts maintain their own counters; the methods here and in the submodules make the
+/// decisions.
 pub(crate) struct Run<'a> {
     engine: &'a Engine,
     graph: &'a Graph,
@@ -111,7 +112,7 @@ impl<'a> Run<'a> {
         });
     }
 
-    /// Fails a node for which no thread could be started.
+    /// Handles the failure to start a thread for a node: the node fails.
     fn without_thread(&mut self, node: usize, is_code: bool, error: &std::io::Error) {
         let error = NodeError::new(format!("cannot start a thread: {error}"))
             .hint("ask for fewer threads with `--jobs`");
@@ -126,7 +127,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Does everything that needs no thread.
+    /// Performs all steps that need no thread.
     fn decide(&mut self) {
         while !self.stopped() {
             match self.todo.pop_front() {
@@ -147,21 +148,21 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Has a thread do work for a node, which ends with a message.
+    /// Passes work for a node to a thread, which ends it with a message.
     pub fn send(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
         self.owed += 1;
         self.slots[node].owed += 1;
         self.unstarted.push(Unstarted { node, is_code: false, work: Box::new(act) });
     }
 
-    /// Has a thread run the code of a node.
+    /// Passes the code of a node to a thread.
     pub fn send_code(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
         self.owed += 1;
         self.slots[node].owed += 1;
         self.unstarted.push(Unstarted { node, is_code: true, work: Box::new(act) });
     }
 
-    /// Decides until nothing is left to do, or the run is cancelled and the threads are idle.
+    /// Schedules until no work is left, or the run is cancelled and the threads are idle.
     fn coordinate<'s>(
         &mut self,
         scope: &'s std::thread::Scope<'s, '_>,
@@ -197,7 +198,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Compares all counters with the slots.
+    /// Checks that all counters agree with the slots.
     fn check(&self) {
         self.queue.check(&self.slots);
         self.memory.check(self.graph, &self.slots);
@@ -272,7 +273,8 @@ impl<'a> Run<'a> {
         self.memory.release(&mut self.slots[index]);
     }
 
-    /// A warning about stored values that were missing: one, however many there were, since they have one cause.
+    /// The warning about stored values that were missing. There is one warning for all of them, since they have one
+    /// cause.
     fn gone_text(&self) -> Option<String> {
         const NAMED: usize = 3;
         if self.gone.is_empty() {
@@ -335,7 +337,7 @@ impl<'a> Run<'a> {
         (Outcome { totals: self.totals, failures }, self.slots)
     }
 
-    /// True if all sinks were up to date and nothing had to be done.
+    /// True if all sinks were up to date and no work was done.
     fn all_is_known(&self) -> bool {
         let Totals { ran: 0, remade: 0, failed: 0, skipped: 0, stopped: false, .. } = self.totals else {
             return false;

@@ -47,7 +47,7 @@ impl Run<'_> {
         });
     }
 
-    /// Handles the outcome of writing.
+    /// Handles the outcome of writing the files of a sink.
     pub fn placed(&mut self, index: usize, placed: Result<Option<Placed>, NodeError>) {
         if self.slots[index].life != Life::Placing {
             return;

@@ -18,8 +18,8 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
 
 impl<'a> Run<'a> {
-    /// Lets ready nodes load their inputs: as many as there are threads, and no more while memory is full, so that
-    /// the values of a wide graph are not loaded all at once.
+    /// Requests the inputs of ready nodes: as many nodes at once as there are threads, and no more while memory is
+    /// full, so that the values of a wide graph are not loaded all at once.
     pub fn supply(&mut self) {
         while let Some(index) = self.queue.next_ready()
             && (self.memory.has_room() || self.queue.is_idle())
@@ -167,7 +167,7 @@ impl<'a> Run<'a> {
         self.keep_for_later(index);
     }
 
-    /// Offers the values of a node to the cache that outlives the run.
+    /// Puts the values of a node into the cache that outlives the run.
     pub fn keep_for_later(&self, index: usize) {
         let Some(warm) = &self.engine.warm else { return };
         let slot = &self.slots[index];
@@ -185,7 +185,7 @@ impl<'a> Run<'a> {
         self.memory.drop_unread(&mut self.slots[index]);
     }
 
-    /// Continues everything that waited for a value.
+    /// Continues all consumers that waited for a value.
     fn wake(&mut self, index: usize, port: usize) {
         let waiters = std::mem::take(&mut self.slots[index].waiters);
         let (woken, rest): (Vec<_>, Vec<_>) = waiters.into_iter().partition(|(wanted, _)| *wanted == port);

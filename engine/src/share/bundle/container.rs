@@ -31,7 +31,7 @@ const FORMAT: u32 = 1;
 const HEAD: usize = 52;
 const LONGEST_INDEX: u64 = 64 << 20;
 
-/// Why a bundle cannot be read or written.
+/// Errors of reading or writing a bundle.
 #[derive(Debug, thiserror::Error)]
 pub enum BundleError {
     /// The file is not a bundle.
@@ -191,7 +191,7 @@ fn head(index: &[u8]) -> Vec<u8> {
     head
 }
 
-/// Copies `length` bytes and returns their digest; fewer are an error.
+/// Copies `length` bytes and returns their digest. Returns an error if there are fewer.
 fn copy(from: &mut impl Read, to: &mut impl Write, length: u64) -> io::Result<Digest> {
     let (mut digest, mut left, mut buffer) = (DigestWriter::new(), length, vec![0; 1 << 16]);
     while left > 0 {
@@ -223,7 +223,7 @@ impl<R: Read + Seek> Bundle<R> {
     /// Reads and validates the index.
     ///
     /// # Errors
-    /// [`BundleError`] for anything that this program would not write.
+    /// [`BundleError`] for an index that this program would not write.
     pub fn open(mut from: R) -> Result<Self, BundleError> {
         let failed = |source| BundleError::Io { what: "cannot read the bundle".to_owned(), source };
         let whole = from.seek(SeekFrom::End(0)).map_err(failed)?;
@@ -339,7 +339,7 @@ impl<R: Read + Seek> Bundle<R> {
         self.files.iter().find(|(name, _)| name == file).map(|(_, content)| *content)
     }
 
-    /// Copies a content; an error if its digest is wrong.
+    /// Copies a content. Returns an error if its digest is wrong.
     pub(crate) fn copy(&mut self, content: usize, to: &mut impl Write) -> Result<(), BundleError> {
         let (offset, length, digest) = self.contents[content];
         let failed = |source| BundleError::Io { what: "cannot copy from the bundle".to_owned(), source };
@@ -351,7 +351,7 @@ impl<R: Read + Seek> Bundle<R> {
         Ok(())
     }
 
-    /// Reads a content into memory; it cannot be longer than the bundle.
+    /// Reads a content into memory. Its length is at most that of the bundle.
     pub(crate) fn read(&mut self, content: usize) -> Result<Vec<u8>, BundleError> {
         let mut bytes = Vec::new();
         self.copy(content, &mut bytes)?;

@@ -3,8 +3,8 @@
 //! [`Engine::pack`](crate::Engine::pack) writes a bundle, [`Bundle::open`](crate::Bundle::open) reads it,
 //! [`Bundle::unpack`](crate::Bundle::unpack) turns it into a folder, and [`verify`](crate::verify()) recomputes
 //! some of its results. The byte format is documented in `container`. Bundles are untrusted: names that lead
-//! elsewhere are rejected before anything is written, incomplete data is never written, and a graph from a bundle
-//! runs confined ([`SourceRoot::confined`](crate::SourceRoot)).
+//! outside the target folder are rejected before anything is written, incomplete data is never written, and a graph
+//! from a bundle runs confined ([`SourceRoot::confined`](crate::SourceRoot)).
 
 pub(crate) mod container;
 pub(crate) mod names;

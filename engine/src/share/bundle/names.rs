@@ -6,7 +6,7 @@ use crate::value::root::BUNDLE_MARK;
 
 /// The graph file in a bundle.
 pub(crate) const GRAPH: &str = "graph.ron";
-/// Its lock.
+/// Name of the lock file in a bundle.
 pub(crate) const LOCK: &str = "graph.lock";
 
 /// Maximum length of a name in bytes.
@@ -16,7 +16,7 @@ const LONGEST_PART: usize = 240;
 /// Names that some systems reserve for devices.
 const DEVICES: [&str; 4] = ["con", "prn", "aux", "nul"];
 
-/// Why a name is not valid in a bundle; `None` if it is.
+/// The reason why a name is not valid in a bundle; `None` if it is valid.
 pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
     if name.is_empty() || name.len() > LONGEST {
         return Some("it is empty or very long");
@@ -42,7 +42,7 @@ pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
     })
 }
 
-/// The first name that conflicts with another one: equal except for case, or a folder of it.
+/// The first name that conflicts with another one: they are equal except for case, or one is a folder of the other.
 pub(crate) fn clash<'n>(names: impl Iterator<Item = &'n str>) -> Option<String> {
     let (mut files, mut folders) = (BTreeSet::new(), BTreeSet::new());
     for name in names {

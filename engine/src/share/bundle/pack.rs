@@ -132,7 +132,7 @@ impl Engine {
 /// The paths of source files in the bundle: unchanged if they are next to the graph, otherwise in `inputs/N/`, one
 /// folder for each folder that the graph names.
 struct Places {
-    /// For each node, the folders that move: from, to.
+    /// For each node, the folders that are renamed: old and new path.
     moved: Vec<BTreeMap<String, String>>,
 }
 
@@ -225,8 +225,8 @@ fn is_dots(path: &str) -> bool {
     matches!(path.trim_end_matches('/').rsplit('/').next(), Some("." | ".."))
 }
 
-/// The folder of a path as written, without the slash; the slash itself for a file in the root. A folder written as
-/// `.` or `..` is its own folder, since its name is unknown.
+/// The parent folder of a path as written, without a trailing slash; `/` for a file in the root. A path that ends
+/// in `.` or `..` is returned unchanged, since the folder's real name is unknown.
 fn folder(path: &str) -> &str {
     let path = path.trim_end_matches('/');
     match path.rsplit_once('/') {

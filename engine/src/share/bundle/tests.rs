@@ -18,7 +18,7 @@ fn bundle() -> Vec<u8> {
     bytes
 }
 
-/// Opens and unpacks a bundle; returns the files. Nothing else may remain, whatever happens.
+/// Opens and unpacks a bundle and returns the files. No other file may remain, even after an error.
 fn unpack(bytes: &[u8]) -> Result<Vec<String>, BundleError> {
     let place = tempfile::tempdir().expect("a folder");
     let target = place.path().join("target");
@@ -41,7 +41,7 @@ fn unpack(bytes: &[u8]) -> Result<Vec<String>, BundleError> {
     result.map(|()| list(&target))
 }
 
-/// A bundle of this index and these contents.
+/// Seals an index and contents as a bundle.
 fn sealed(index: &[u8], contents: &[u8]) -> Vec<u8> {
     [&head(index), index, contents].concat()
 }
@@ -120,8 +120,9 @@ fn sizes_are_not_believed() {
     assert!(Bundle::open(Cursor::new(long)).is_err());
 }
 
-/// Mutations of the index with a matching digest, which the other tests never reach. For a longer run:
-/// `LIGHTHARMONY_FUZZ_SECONDS=600 cargo test --release -p lightharmony-engine mutations`.
+/// Mutates the index of a bundle with a matching digest, which the other tests do not reach: no mutation panics or
+/// leaves a file. For a longer run: `LIGHTHARMONY_FUZZ_SECONDS=600 cargo test --release -p lightharmony-engine
+/// mutations`.
 #[test]
 fn mutations_of_the_index_never_panic_and_leave_nothing() {
     let bytes = bundle();

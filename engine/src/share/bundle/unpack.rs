@@ -14,8 +14,8 @@ use crate::share::bundle::names::{GRAPH, LOCK};
 use crate::value::root::BUNDLE_MARK;
 
 impl<R: Read + Seek> Bundle<R> {
-    /// Creates the folder `target` with the graph, its lock and its source files. Everything is written next to the
-    /// target, verified, and then renamed; after an error nothing remains. Links are never created.
+    /// Creates the folder `target` with the graph, its lock and its source files. The files are written to a folder
+    /// next to the target, verified, and then renamed; after an error no file remains. Links are never created.
     ///
     /// # Errors
     /// If the bundle is invalid, the target exists and is not empty, or the disk is full.
@@ -90,7 +90,7 @@ impl<R: Read + Seek> Bundle<R> {
     }
 
     /// Copies a record into a store. Values that are not in `kept` are marked as not stored, so that their absence
-    /// is not taken for damage.
+    /// does not count as damage.
     pub(super) fn put_record(
         &mut self,
         store: &Store,

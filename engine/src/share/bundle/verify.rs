@@ -38,7 +38,7 @@ pub struct VerifyOptions<'a> {
     pub memory: u64,
     /// Folder for temporary files.
     pub folder: &'a Path,
-    /// Set from outside to cancel.
+    /// Flag that cancels the verification when it is set from outside.
     pub cancel: Arc<AtomicBool>,
 }
 
@@ -80,8 +80,8 @@ impl Verified {
     }
 }
 
-/// Reads a whole bundle, recomputes some of its nodes and compares the results. Of the bundle, only the results of
-/// nodes that were not chosen are trusted.
+/// Reads a whole bundle, recomputes some of its nodes and compares the results. Only the results of nodes that were
+/// not chosen are taken from the bundle without a check.
 ///
 /// # Errors
 /// If the bundle is invalid or its graph cannot run.

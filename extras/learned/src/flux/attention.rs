@@ -1,4 +1,4 @@
-//! Attention of all tokens to all tokens, computed for a block of queries at a time.
+//! Attention between all tokens, computed for one block of queries at a time.
 
 use candle_core::{D, Tensor};
 
@@ -10,8 +10,8 @@ use super::watch::Watch;
 /// 720.
 pub const MAX_SCORES: usize = 1 << 25;
 
-/// Queries, keys and values are heads x tokens x head; the result is tokens x (heads * head). Scores are
-/// weighed in f32 at least.
+/// Attention of queries to keys and values, each heads x tokens x head; the result is tokens x (heads * head).
+/// Scores are computed in f32 or in a wider type.
 pub fn attention(
     q: &Tensor,
     k: &Tensor,

@@ -1,8 +1,8 @@
 //! Gradients of the low-rank updates of the blocks, computed one block at a time.
 //!
-//! Only the input of each block is kept on the way forward; on the way back each block is computed again. So only
-//! one block needs memory, for its intermediate values and for the gradients of its frozen weights, which the
-//! tensor library always computes. For the whole model those gradients would take 48 GB.
+//! The forward pass keeps only the input of each block, and the backward pass computes each block again. So memory
+//! is needed for one block at a time, for its intermediate values and for the gradients of its frozen weights,
+//! which the tensor library always computes. For the whole model those gradients would take 48 GB.
 
 use std::collections::HashMap;
 
@@ -32,7 +32,7 @@ pub struct Given<'a> {
 
 impl Transformer {
     /// The loss, one number computed by `loss` from the velocity, and its gradients with respect to `vars`, which
-    /// are in updates of layers of blocks.
+    /// must belong to updates of layers in blocks.
     pub fn gradients(
         &self,
         given: &Given<'_>,
@@ -95,7 +95,7 @@ fn back(outputs: &[(&Tensor, &Tensor)]) -> Result<GradStore> {
     Ok(sum.backward()?)
 }
 
-/// Gradients of variables, collected from blocks.
+/// Gradients of variables, collected from all blocks.
 struct Found<'a> {
     vars: &'a [Var],
     of: HashMap<TensorId, Tensor>,
@@ -112,7 +112,7 @@ impl Found<'_> {
         Ok(())
     }
 
-    /// The gradient of a block's input, which every block reads.
+    /// The gradient of the input of a block. It is an error if the block does not read the input.
     fn gradient(&self, input: &Var, grads: &GradStore) -> Result<Tensor> {
         Ok(match grads.get(input) {
             Some(gradient) => gradient.detach(),

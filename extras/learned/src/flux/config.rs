@@ -1,4 +1,4 @@
-//! The sizes of the transformer, from its file.
+//! The sizes of the transformer, derived from its file.
 
 use std::path::Path;
 
@@ -13,13 +13,13 @@ use super::source::Source;
 pub struct Config {
     /// Length of a token within the network.
     pub hidden: usize,
-    /// Heads of attention; each has `hidden / heads` numbers.
+    /// Number of heads of attention; each has `hidden / heads` channels.
     pub heads: usize,
     /// Width of the hidden layer of each perceptron.
     pub mlp: usize,
-    /// Length of a token of the picture: four latent pixels.
+    /// Length of a token of the picture in numbers: four latent pixels.
     pub in_channels: usize,
-    /// Length of a token of text.
+    /// Length of a token of text, in numbers.
     pub context: usize,
     /// Length of the vector that summarizes the text.
     pub pooled: usize,
@@ -29,9 +29,9 @@ pub struct Config {
     pub axes: [usize; 3],
     /// True if the strength of guidance is an input.
     pub guidance: bool,
-    /// Blocks in which text and picture have weights of their own.
+    /// Number of blocks in which text and picture have weights of their own.
     pub double_blocks: usize,
-    /// Blocks in which text and picture share weights.
+    /// Number of blocks in which text and picture share weights.
     pub single_blocks: usize,
 }
 
@@ -153,7 +153,7 @@ impl Config {
         Ok(())
     }
 
-    /// The axes of `config.json` next to a file, if there is one that describes a transformer.
+    /// The axes in the `config.json` next to a file; `None` unless that file exists and describes a transformer.
     fn beside(&self, file: &Path) -> Result<Option<[usize; 3]>> {
         let path = file.with_file_name("config.json");
         let Ok(text) = std::fs::read(&path) else { return Ok(None) };

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 /// An error of the diffusion backend, with the file and a remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A file that cannot be read, is damaged, or has another format.
+    /// A file cannot be read, is damaged, or has another format.
     #[error("`{}`: {what}", file.display())]
     File {
         /// The file.
@@ -13,10 +13,10 @@ pub enum Error {
         /// The problem and the remedy.
         what: String,
     },
-    /// Values that do not belong together: sizes, options.
+    /// Sizes or options do not match.
     #[error("{0}")]
     Mismatch(String),
-    /// [`Watch::check`](super::Watch::check) asked to stop.
+    /// [`Watch::check`](super::Watch::check) requested to stop.
     #[error("stopped")]
     Stopped,
     /// The tensor library failed, for instance out of memory on a GPU.
@@ -30,7 +30,7 @@ impl Error {
         Self::File { file: file.to_owned(), what: what.into() }
     }
 
-    /// The error for a file that the system cannot read or write.
+    /// Returns a function that converts an error of the system into an error about `file`.
     pub(crate) fn io(file: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         move |error| Self::file(file, error.to_string())
     }

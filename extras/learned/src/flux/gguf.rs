@@ -16,7 +16,7 @@ const MAX_TEXT: u64 = 1 << 20;
 /// Maximum number of tensors; the full-size model has 780.
 const MAX_TENSORS: u64 = 1 << 20;
 
-/// The tensors of the file, which must be open at its start.
+/// Reads the entries of all tensors of the file, which must be open at its start.
 pub(crate) fn header(file: &mut File, path: &Path, index: usize) -> Result<BTreeMap<String, Entry>> {
     let length = file.metadata().map_err(Error::io(path))?.len();
     let mut header = Header { file: BufReader::new(file), path };
@@ -95,7 +95,7 @@ impl Header<'_> {
         String::from_utf8(bytes).map_err(|_| self.wrong("a name is not UTF-8".to_owned()))
     }
 
-    /// Skips a value. Arrays of arrays are refused: no file for this model has them.
+    /// Skips a value. Arrays of arrays are an error, since files for this model do not contain them.
     fn skip(&mut self, kind: u32) -> Result<()> {
         const TEXT: u32 = 8;
         const ARRAY: u32 = 9;
@@ -163,7 +163,7 @@ fn width(kind: u32) -> Option<u64> {
     }
 }
 
-/// The format of a type code, and the numbers and bytes per block.
+/// The format of a type code, with the number of weights and of bytes per block.
 fn format(code: u32) -> Option<(Format, usize, usize)> {
     let plain = |dtype: DType| (Format::Plain(dtype), 1, dtype.size_in_bytes());
     let blocks = |dtype: GgmlDType| (Format::Blocks(dtype), dtype.block_size(), dtype.type_size());

@@ -1,4 +1,5 @@
-//! Editing a picture: encode it, turn noise into a picture conditioned on it step by step, and decode that.
+//! Editing of a picture: it is encoded, noise is turned step by step into a new picture conditioned on it, and the
+//! result is decoded.
 
 use std::path::PathBuf;
 
@@ -35,7 +36,7 @@ pub struct Files {
 pub struct Settings {
     /// Steps from noise to picture.
     pub steps: usize,
-    /// Strength with which the model follows the prompt; it was trained with this number as an input.
+    /// Strength with which the model follows the prompt. The strength is an input of the network.
     pub guidance: f32,
     /// Seed of the noise.
     pub seed: u64,
@@ -59,7 +60,7 @@ pub struct Kontext {
 }
 
 impl Kontext {
-    /// Reads everything. `dtype` is the type of the computation in the transformer.
+    /// Loads all files. `dtype` is the type of the computation in the transformer.
     pub fn load(files: &Files, device: &Device, dtype: DType) -> Result<Self> {
         // Small files first: what is wrong with them is then known before 24 GB are read.
         let source = Source::open(&files.transformer)?;
@@ -94,9 +95,9 @@ impl Kontext {
         normals(seed, stream, shape, self.transformer.device())
     }
 
-    /// The edited picture, of the same size, in 0..1. `picture` is 3 x height x width in 0..1, display-encoded.
-    /// Both sizes are multiples of 16; the width of a seamless picture is a multiple of 32. `noise` comes from
-    /// [`Kontext::noise`].
+    /// Edits a picture. Returns one of the same size, with values from 0 to 1. `picture` is 3 x height x width in
+    /// 0..1, display-encoded. Both sizes are multiples of 16; the width of a seamless picture is a multiple of 32.
+    /// `noise` comes from [`Kontext::noise`].
     pub fn edit(
         &self,
         picture: &Tensor,
@@ -196,7 +197,7 @@ impl Kontext {
     }
 }
 
-/// A part of a computation, which covers the progress of the whole from `from` to `to`.
+/// A part of a computation: the progress of the whole between `from` and `to`.
 struct Span<'a> {
     watch: &'a mut dyn Watch,
     from: f64,

@@ -31,7 +31,7 @@ impl Matrix {
         })
     }
 
-    /// The weights in f32.
+    /// Converts the weights to f32.
     pub(crate) fn to_f32(&self) -> Result<Tensor> {
         self.widened(DType::F32)
     }
@@ -50,9 +50,9 @@ pub struct Update {
     pub scale: f64,
 }
 
-/// A linear layer, and the low-rank updates on it. They are applied separately rather than merged into the weights:
-/// it costs `rank / width` more work, loses nothing to the type of the weights, and is the same for quantised ones
-/// and in training.
+/// A linear layer and its low-rank updates. Updates are applied separately and not merged into the weights. This
+/// costs `rank / width` more work, but is not rounded to the type of the weights, and works in the same way for
+/// quantised weights and in training.
 #[derive(Debug)]
 pub struct Linear {
     name: String,

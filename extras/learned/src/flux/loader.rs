@@ -9,14 +9,14 @@ use super::linear::{Linear, Matrix};
 use super::names::Layout;
 use super::source::{Format, Source, Stored};
 
-/// Memory of a network once it is loaded.
+/// Statistics of a network for estimating its memory.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Number of tensors read.
     pub tensors: u64,
     /// Number of weights in these tensors.
     pub weights: u64,
-    /// Bytes that stay in memory.
+    /// Bytes that stay in memory after loading.
     pub resident: u64,
     /// Number of weights in the largest matrix, which is converted to the type of the computation while it is used.
     pub largest: u64,
@@ -28,7 +28,7 @@ pub struct Loader<'a> {
     source: &'a Source,
     layout: Layout,
     device: &'a Device,
-    /// True if nothing is read, and shapes are only checked and counted.
+    /// True if only shapes are checked and counted, and no data are read.
     survey: bool,
     asked: BTreeSet<String>,
     wrong: Vec<String>,
@@ -48,7 +48,7 @@ impl<'a> Loader<'a> {
         Self { survey: true, ..Self::new(source, layout, &Device::Cpu) }
     }
 
-    /// `module.weight` of `rows` x `columns` and, where `bias`, `module.bias`.
+    /// Loads the linear layer with `module.weight` of `rows` x `columns` and, if `bias`, with `module.bias`.
     pub fn linear(&mut self, module: &str, rows: usize, columns: usize) -> Result<Linear> {
         let pieces = self.layout.pieces(module);
         let keys = |ending: &str| -> Vec<String> {
@@ -70,7 +70,7 @@ impl<'a> Loader<'a> {
         self.rows(&[key], length, None)?.to_f32()
     }
 
-    /// A tensor of exactly this shape, in f32, by the name it has in the file.
+    /// Reads a tensor of exactly this shape, in f32, by its name in the file.
     pub fn tensor(&mut self, key: &str, shape: &[usize]) -> Result<Tensor> {
         if self.wants(key, |there| there == shape) && !self.survey {
             self.source.read_f32(key, self.device)
@@ -79,7 +79,7 @@ impl<'a> Loader<'a> {
         }
     }
 
-    /// Tensors stacked by their first axis.
+    /// Reads tensors and stacks them along their first axis.
     fn rows(&mut self, keys: &[String], rows: usize, columns: Option<usize>) -> Result<Matrix> {
         let shape: Vec<usize> = [rows].into_iter().chain(columns).collect();
         let found: usize = keys.iter().filter_map(|key| self.source.shape(key)?.first()).sum();
@@ -101,7 +101,7 @@ impl<'a> Loader<'a> {
         Ok(Matrix::Plain(if parts.len() == 1 { parts.remove(0) } else { Tensor::cat(&parts, 0)? }))
     }
 
-    /// True if there is a tensor of that name with a fitting shape, which is then counted.
+    /// Returns true if a tensor with that name and a fitting shape exists. The tensor is then counted.
     fn wants(&mut self, key: &str, fits: impl Fn(&[usize]) -> bool) -> bool {
         self.asked.insert(key.to_owned());
         let Some(entry) = self.source.entries().get(key) else {
@@ -122,7 +122,7 @@ impl<'a> Loader<'a> {
         fit
     }
 
-    /// Ends loading: an error names the missing, unfitting and unused tensors.
+    /// Ends loading. An error names the missing, unfitting and unused tensors.
     pub fn finish(self) -> Result<Tally> {
         if !self.wrong.is_empty() {
             let shown = self.wrong.iter().take(6).cloned().collect::<Vec<_>>().join("; ");

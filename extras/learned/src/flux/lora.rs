@@ -85,12 +85,12 @@ impl Lora {
         Ok(Self { updates })
     }
 
-    /// The updates of a layer.
+    /// The updates for a layer.
     pub fn updates(&self, module: &str) -> Vec<Update> {
         self.updates.get(module).cloned().unwrap_or_default()
     }
 
-    /// Number of layers it changes.
+    /// Number of layers that the file changes.
     pub fn layers(&self) -> usize {
         self.updates.len()
     }

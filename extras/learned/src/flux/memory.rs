@@ -1,4 +1,4 @@
-//! Estimated memory of an edit, before anything is read.
+//! Estimate of the memory of an edit, before any file is read.
 
 use super::attention::MAX_SCORES;
 use super::config::Config;
@@ -6,12 +6,12 @@ use super::conv::MAX_UNROLLED;
 use super::loader::Tally;
 use super::vae::VaeConfig;
 
-/// Bytes that an edit needs, computing in f32.
+/// Memory of an edit in bytes, with computation in f32.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Memory {
-    /// Weights, as they stay in memory.
+    /// Weights as they are kept in memory.
     pub weights: u64,
-    /// The largest matrix while it is converted for use.
+    /// The largest matrix after conversion to the type of the computation.
     pub widened: u64,
     /// Peak memory of the computation.
     pub activations: u64,

@@ -1,5 +1,5 @@
-//! Flux.1 Kontext, with which the paper predicts what a panorama looks like at a darker exposure: an image-editing
-//! diffusion model, a LoRA that teaches it this one edit, and a fixed prompt. The weights are the user's to supply.
+//! Flux.1 Kontext, an image-editing diffusion model with which the paper predicts the look of a panorama at a
+//! darker exposure. A LoRA teaches it this one edit, and the prompt is fixed. The user supplies the weights.
 
 use candle_core::Tensor;
 
@@ -51,7 +51,7 @@ pub use watch::Watch;
 
 pub use candle_core::{DType, Device};
 
-/// A GPU where the build knows one (feature `cuda`) and there is one; else the CPU.
+/// Returns a GPU if the build supports one (feature `cuda`) and one is present, otherwise the CPU.
 pub fn device() -> Result<Device> {
     Ok(Device::cuda_if_available(0)?)
 }

@@ -16,12 +16,12 @@ fn mixed(seed: u64, stream: u64, index: u64) -> u64 {
     x
 }
 
-/// A random number, uniform in (0, 1).
+/// Returns a random number, uniform in (0, 1).
 pub fn uniform(seed: u64, stream: u64, index: u64) -> f64 {
     ((mixed(seed, stream, index) >> 12) as f64 + 0.5) / (1_u64 << 52) as f64
 }
 
-/// A standard normal random number (Box and Muller 1958; one of each pair is used).
+/// Returns a standard normal random number (Box and Muller 1958; one of each pair is used).
 pub fn normal(seed: u64, stream: u64, index: u64) -> f64 {
     let radius = (-2.0 * libm::log(uniform(seed, stream, 2 * index))).sqrt();
     radius * libm::cos(std::f64::consts::TAU * uniform(seed, stream, 2 * index + 1))

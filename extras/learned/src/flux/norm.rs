@@ -1,4 +1,4 @@
-//! Norms, computed in f32 at least, whatever the type of their input.
+//! Normalizations, computed in f32 or f64 whatever the type of the input.
 
 use candle_core::{D, DType, Tensor};
 
@@ -32,7 +32,7 @@ pub fn root_mean_square(x: &Tensor, scale: &Tensor) -> Result<Tensor> {
 }
 
 /// Normalizes each group of channels to mean 0 and variance 1, then applies the scale and shift of each channel.
-/// Channels x height x width.
+/// The input is channels x height x width.
 pub fn group(x: &Tensor, groups: usize, scale: &Tensor, shift: &Tensor) -> Result<Tensor> {
     let (channels, height, width) = x.dims3()?;
     let rows = x.reshape((groups, channels / groups * height, width))?;

@@ -18,7 +18,7 @@ pub struct Prompt {
     pub pooled: Tensor,
 }
 
-/// The longest text the model was trained with.
+/// Maximum number of tokens of text in the training of the model.
 const MAX_TOKENS: usize = 512;
 
 impl Prompt {

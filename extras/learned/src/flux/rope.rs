@@ -13,8 +13,8 @@ pub fn grid(frame: f32, rows: usize, columns: usize) -> Vec<Place> {
     (0..rows).flat_map(|row| (0..columns).map(move |column| [frame, row as f32, column as f32])).collect()
 }
 
-/// Cosines and sines, tokens x (half a head), f32. Places stay f32 and angles are made in f64, whatever type the
-/// weights have: eight bits distinguish only 256 columns.
+/// Cosines and sines, tokens x (half a head), f32. Places are f32 and angles f64, whatever the type of the weights,
+/// since a type with 8 bits of precision distinguishes only 256 columns.
 #[derive(Debug, Clone)]
 pub struct Rotations {
     /// Cosine of the angle by which each pair of numbers is turned.

@@ -44,8 +44,8 @@ pub enum Stored {
     Blocks(QTensor),
 }
 
-/// The tensors of a safetensors file, of the shards that belong together, or of a GGUF file. Opening
-/// reads headers only: a 24 GB file costs a few milliseconds.
+/// The tensors of a safetensors file, of the shards that belong together, or of a GGUF file. Opening reads only
+/// headers, and takes a few milliseconds for a file of 24 GB.
 #[derive(Debug)]
 pub struct Source {
     files: Vec<PathBuf>,
@@ -53,7 +53,7 @@ pub struct Source {
     metadata: BTreeMap<String, String>,
 }
 
-/// A header longer than this is damage: that of the full-size model has 130 kB.
+/// Maximum length of a header in bytes; a longer one is damaged. The header of the full-size model has 130 kB.
 const MAX_HEADER: u64 = 1 << 26;
 
 impl Source {
@@ -83,7 +83,7 @@ impl Source {
         Ok(source)
     }
 
-    /// The first file, which messages name for all files.
+    /// The first file, which stands for all files in messages.
     pub fn path(&self) -> &Path {
         &self.files[0]
     }
@@ -98,7 +98,7 @@ impl Source {
         &self.metadata
     }
 
-    /// The shape of a tensor, if there is one of that name.
+    /// The shape of the tensor with that name; `None` if it does not exist.
     pub fn shape(&self, name: &str) -> Option<&[usize]> {
         self.entries.get(name).map(|entry| entry.shape.as_slice())
     }

@@ -23,9 +23,9 @@ use super::watch::Watch;
 pub struct TrainSettings {
     /// Rank of every update.
     pub rank: usize,
-    /// The update is `alpha / rank * up * down`.
+    /// Numerator of the scale of updates: each is `alpha / rank * up * down`.
     pub alpha: f64,
-    /// Maximum change of a weight per step.
+    /// Learning rate: the approximate change of a weight per step.
     pub rate: f64,
     /// The strength of guidance during training; 1 for the published model.
     pub guidance: f32,
@@ -59,7 +59,8 @@ pub struct Trainer {
     done: u64,
 }
 
-/// The layers that are trained: all of attention and of the perceptrons, but not those that make modulations.
+/// True for the layers that are trained: all layers of attention and of the perceptrons, but not those that compute
+/// modulations.
 fn trained(module: &str) -> bool {
     (module.starts_with("transformer_blocks.") || module.starts_with("single_transformer_blocks."))
         && !module.contains(".norm")
@@ -162,7 +163,8 @@ impl Trainer {
         Ok(sum / 4.0)
     }
 
-    /// One step on one pair; gives its loss. The noise level is drawn from a logit-normal distribution.
+    /// Performs one step on one pair and returns its loss. The noise level is drawn from a logit-normal
+    /// distribution.
     pub fn step(&mut self, pair: &Pair, watch: &mut dyn Watch) -> Result<f32> {
         let level = 1.0 / (1.0 + libm::exp(-normal(self.settings.seed, LEVELS, self.done)));
         let (loss, gradients) = self.gradients(pair, level as f32, self.done, watch)?;
@@ -192,7 +194,7 @@ impl Trainer {
         Ok(loss)
     }
 
-    /// Steps so far.
+    /// Number of steps so far.
     pub fn done(&self) -> u64 {
         self.done
     }

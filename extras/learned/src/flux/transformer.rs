@@ -96,12 +96,12 @@ impl Transformer {
         })
     }
 
-    /// Its sizes.
+    /// The sizes of the transformer.
     pub fn config(&self) -> &Config {
         &self.config
     }
 
-    /// The device of its weights.
+    /// The device of the weights.
     pub fn device(&self) -> &Device {
         &self.device
     }
@@ -116,7 +116,7 @@ impl Transformer {
             .chain(self.singles.iter_mut().flat_map(Single::linears))
     }
 
-    /// Adds a LoRA with a strength; 1 is as it was trained. Several add up.
+    /// Adds a LoRA. A strength of 1 is that of its training. Several LoRAs add up.
     pub fn attach(&mut self, lora: &Lora, strength: f64) -> Result<()> {
         for layer in self.linears() {
             for mut update in lora.updates(layer.name()) {
@@ -160,7 +160,7 @@ impl Transformer {
         self.end(&both.narrow(0, texts, pictures)?, &shared, watch)
     }
 
-    /// The part before the blocks.
+    /// Computes everything before the blocks.
     pub(super) fn begin(
         &self,
         tokens: &Tensor,
@@ -198,7 +198,7 @@ impl Transformer {
         Ok(Begun { rotations, mood: silu(&mood)?, txt, img })
     }
 
-    /// The part after the blocks.
+    /// Computes everything after the blocks.
     pub(super) fn end(&self, img: &Tensor, shared: &Shared<'_>, watch: &mut dyn Watch) -> Result<Tensor> {
         let [shift, scale] = modulation(&self.last_modulation, &shared.mood)?;
         let img = modulated(img, &scale, &shift)?;

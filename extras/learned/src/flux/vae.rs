@@ -95,7 +95,7 @@ impl VaeConfig {
 /// Number of picture sizes: three halvings give an eighth.
 const LEVELS: usize = 4;
 
-/// Names of the parts in the file. Ours are the authors' names.
+/// Names of the parts in the file. The names in this crate are those of the authors.
 struct Names {
     original: bool,
     levels: usize,
@@ -285,7 +285,7 @@ impl Stage {
     }
 }
 
-/// The autoencoder.
+/// The autoencoder of Flux.1.
 pub struct Vae {
     config: VaeConfig,
     encoder: Vec<Stage>,
@@ -303,7 +303,7 @@ impl Vae {
     }
 
     /// Reads the weights, in the layout of `diffusers` or of the authors (`ae.safetensors`), and computes in f32 or
-    /// f64; 16-bit types are known to overflow in this network.
+    /// f64, since 16-bit types overflow in this network.
     pub fn load(path: &Path, device: &Device, dtype: DType) -> Result<Self> {
         Self::survey(path)?;
         let source = Source::open(path)?;
@@ -360,13 +360,13 @@ impl Vae {
         Ok(Self { config, encoder, decoder })
     }
 
-    /// Its sizes.
+    /// The sizes of the autoencoder.
     pub fn config(&self) -> &VaeConfig {
         &self.config
     }
 
-    /// A picture, 3 x height x width in -1..1, to latents of an eighth of the size. The encoder gives a distribution;
-    /// its mean is taken, so that the same picture always gives the same latents.
+    /// Encodes a picture, 3 x height x width in -1..1, to latents of an eighth of the size. The encoder gives a
+    /// distribution, and its mean is returned, so that the same picture always gives the same latents.
     pub fn encode(&self, picture: &Tensor, edge: Edge, watch: &mut dyn Watch) -> Result<Tensor> {
         let mut x = picture.clone();
         for stage in &self.encoder {
@@ -381,7 +381,7 @@ impl Vae {
         Ok(scaled)
     }
 
-    /// The inverse: latents to a picture, about -1..1.
+    /// Decodes latents to a picture with values of about -1 to 1.
     pub fn decode(&self, latents: &Tensor, edge: Edge, watch: &mut dyn Watch) -> Result<Tensor> {
         let mut x = ((latents / self.config.scale)? + self.config.shift)?;
         for stage in &self.decoder {

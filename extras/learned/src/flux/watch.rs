@@ -4,9 +4,9 @@ use candle_core::Tensor;
 
 use super::error::Result;
 
-/// Follows a computation.
+/// Observer of a computation.
 pub trait Watch {
-    /// Called between pieces of work; [`Error::Stopped`](super::Error::Stopped) ends it.
+    /// Called between units of work; [`Error::Stopped`](super::Error::Stopped) ends the computation.
     fn check(&mut self) -> Result<()> {
         Ok(())
     }
@@ -14,9 +14,9 @@ pub trait Watch {
     /// Reports the progress, from 0 to 1.
     fn progress(&mut self, _done: f64) {}
 
-    /// An intermediate value, by its name in the layout of `diffusers`; for comparison with other code.
+    /// Reports an intermediate value under its name in the layout of `diffusers`, for comparison with other code.
     fn value(&mut self, _name: &str, _value: &Tensor) {}
 }
 
-/// Neither follows nor stops.
+/// An observer that does nothing.
 impl Watch for () {}

@@ -1,4 +1,4 @@
-//! Files of users: shards, quantised files, wrong LoRAs, damaged headers.
+//! Tests with files of users: shards, quantised files, wrong LoRAs, damaged headers.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -19,7 +19,7 @@ fn save(tensors: &BTreeMap<String, Tensor>, path: &Path) {
     candle_core::safetensors::save(&map, path).unwrap();
 }
 
-/// A few steps on a picture of 128 x 64.
+/// Runs an edit of a few steps on a picture of 128 x 64.
 fn edited(transformer: &Path, folder: &Path, seamless: bool) -> Kontext2 {
     let reference = reference();
     let files = Files {

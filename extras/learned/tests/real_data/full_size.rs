@@ -1,5 +1,5 @@
-//! The published model: every key of its files finds its place, and how much memory it would take. Its files are
-//! sparse here, with a header only; no weight is read.
+//! Tests of the published model: every key of its files is assigned, and the estimate of its memory. The files are
+//! sparse, with a header only, and no weight is read.
 
 use std::fs::File;
 use std::io::{Seek, Write};

@@ -1,5 +1,5 @@
-//! Comparison with the reference: every tensor that `diffusers` computes for a small model with random weights.
-//! Other tests that need such a model are here, too.
+//! Tests against the reference: every tensor that `diffusers` computes for a small model with random weights.
+//! Includes other tests that need such a model.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "tests")]
 

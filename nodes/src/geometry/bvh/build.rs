@@ -9,8 +9,8 @@ use super::collapse::{Branch, Collapse};
 use super::triangles::Packet;
 use super::{Bvh, LEAF, LEAF_SHIFT, Node, STACK, WIDE};
 
-/// Largest number of triangles with the same centre. The builder joins one pair of them per pass, so its time is
-/// quadratic in their number.
+/// Largest number of triangles with the same centre. The builder joins one pair of such triangles per pass, so its
+/// time is quadratic in their number.
 const CROWD: usize = 1024;
 
 impl Bvh {
@@ -64,7 +64,7 @@ fn most_in_one_place(boxes: &[(Vec3, Vec3)]) -> usize {
     centres.chunk_by(|a, b| a == b).map(<[_]>::len).max().unwrap_or(0)
 }
 
-/// Choice of the children that are folded into a node.
+/// The rule by which children are folded into a node.
 #[derive(Clone, Copy)]
 pub(super) enum Opens {
     /// The set with the fewest nodes for rays: see [`Collapse`].
@@ -210,7 +210,8 @@ fn fullest(tree: &[Branch], counts: &[u32], node: u32) -> Vec<u32> {
     children
 }
 
-/// A tree split at the median of the widest axis: not the fastest, but with logarithmic depth for any triangles.
+/// Builds a tree by splitting at the median of the widest axis. It is not the fastest tree, but its depth is
+/// logarithmic for any triangles.
 pub(super) fn balanced(boxes: &[(Vec3, Vec3)], order: &mut [u32], first: u32, tree: &mut Vec<Branch>) -> u32 {
     let at = tree.len() as u32;
     if order.len() <= 4 {

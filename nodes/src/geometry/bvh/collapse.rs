@@ -2,21 +2,21 @@
 
 use super::WIDE;
 
-/// A binary tree before folding: boxes come from the leaves, so only the topology is stored.
+/// A branch of a binary tree before folding. Only the topology is stored, since boxes are computed from the leaves.
 #[derive(Clone, Copy)]
 pub(super) enum Branch {
     Inner(u32, u32),
     Leaf { first: u32, count: u32 },
 }
 
-/// For each number of places, from none to all, that a branch may occupy among the children of a node: the number
-/// given to its left side; 0 if the branch occupies one place itself.
+/// How a branch divides the places among the children of a node that it may occupy. For each number of places, from
+/// none to all: the number given to its left side; 0 if the branch occupies one place itself.
 type Shares = [u8; WIDE + 1];
 
 /// The selection with the fewest nodes visited by rays: of all ways to leave out inner branches of a binary tree,
 /// the one with the smallest surface of the remaining ones (Ylitie, Karras and Laine 2017, Efficient Incoherent Ray
-/// Traversal on GPUs Through Compressed Wide BVHs, section 3.1). The usual greedy choice, to open the largest child
-/// first, made rays in a room visit a quarter more nodes.
+/// Traversal on GPUs Through Compressed Wide BVHs, section 3.1). With the usual greedy choice, which opens the
+/// largest child first, rays in a room visited a quarter more nodes.
 pub(super) struct Collapse(Vec<Shares>);
 
 impl Collapse {

@@ -21,7 +21,7 @@ use triangles::{Packet, Sheared};
 /// A half-line from `origin`, up to `t_max` lengths of `direction`.
 #[derive(Debug, Clone, Copy)]
 pub struct Ray {
-    /// Start point, which is not part of the ray.
+    /// Start point; hits at the start point itself do not count.
     pub origin: Vec3,
     /// Direction; distances are in units of its length.
     pub direction: Vec3,
@@ -54,19 +54,20 @@ pub struct Hit {
 /// Number of children of a node.
 const WIDE: usize = 8;
 
-/// Eight boxes: `bounds[axis][0]` the lower faces, `[1]` the upper ones.
+/// A node with eight boxes: `bounds[axis][0]` has the lower faces, `bounds[axis][1]` the upper ones.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(32))]
 struct Node {
     bounds: [[[f32; WIDE]; 2]; 3],
-    /// Node index, or [`LEAF`] + packets in bits 26 to 30 + index of the first packet.
+    /// For each child the index of a node, or [`LEAF`] + packets in bits 26 to 30 + index of the first packet.
     children: [u32; WIDE],
 }
 
 const LEAF: u32 = 1 << 31;
 const LEAF_SHIFT: u32 = 26;
 const LEAF_FIRST: u32 = (1 << LEAF_SHIFT) - 1;
-/// Boxes are entered up to this factor beyond the nearest hit, which covers the rounding of both.
+/// Factor by which the nearest hit may be exceeded at the entry of a box, which covers the rounding of both
+/// distances.
 const SLACK: f32 = 1.0 + 1.0 / 65_536.0;
 
 /// Runs a traversal with wide vector registers if the machine has them. Products are not fused with sums, so all

@@ -1,4 +1,5 @@
-//! The stack of a traversal: one per thread, since clearing one per ray took a fortieth of the time of tracing.
+//! The stack of a traversal. There is one per thread, since clearing one per ray took a fortieth of the time of
+//! tracing.
 
 use std::cell::Cell;
 
@@ -9,7 +10,7 @@ pub(super) const STACK: usize = 256;
 pub(super) type Stack = [(u32, f32); STACK];
 
 thread_local! {
-    /// The stack of this thread, while no traversal uses it.
+    /// The stack of this thread; `None` while a traversal uses it.
     static SPARE: Cell<Option<Box<Stack>>> = const { Cell::new(None) };
 }
 

@@ -1,4 +1,4 @@
-//! Step counts of traversals, on request: counting always would cost a tenth of the time of rays.
+//! Step counts of traversals, on request, since counting always would take a tenth of the time of rays.
 
 use std::cell::Cell;
 
@@ -12,7 +12,7 @@ pub struct Steps {
 }
 
 thread_local! {
-    /// Counts of this thread, while counting.
+    /// Counts of this thread; `None` unless counting is on.
     static COUNTED: Cell<Option<Steps>> = const { Cell::new(None) };
 }
 

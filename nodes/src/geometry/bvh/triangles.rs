@@ -50,13 +50,14 @@ impl Sheared {
 }
 
 impl Packet {
-    /// A packet without triangles: lanes of NaN, which no test accepts as inside or as an edge. With points
-    /// instead, every packet with an empty lane would be tested to the end, since a point lies on its own edges.
+    /// A packet without triangles. Its lanes are NaN, which no test accepts as inside or as an edge. With points
+    /// instead, every packet with an empty lane would pass all tests up to the last one, since a point lies on its
+    /// own edges.
     pub(super) const EMPTY: Self = Self { corners: [[Vec4::NAN; 3]; 3], ids: [u32::MAX; 4] };
 
     /// Tests four triangles. Corners are projected along the ray one by one, so neighbours have the same projected
     /// corners. The sign of an edge function of two corners is exact, because rounding is monotone and 0 is
-    /// resolved in f64. So no ray passes between neighbours, not even at corners.
+    /// resolved in f64. So a ray cannot pass between neighbours, even at corners.
     #[inline(always)]
     pub(super) fn intersect(&self, ray: &Sheared, limit: f32, mut hit: impl FnMut(Hit) -> bool) -> bool {
         let [a, b, c] = &self.corners;

@@ -9,21 +9,21 @@ use crate::types::Mesh;
 /// Summary of a mesh.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Inspection {
-    /// Vertices.
+    /// Number of vertices.
     pub vertices: usize,
-    /// Triangles that have an area.
+    /// Number of triangles that have an area.
     pub triangles: usize,
     /// True when the vertices have colours.
     pub coloured: bool,
-    /// Box of all vertices; `None` without any.
+    /// Box around all vertices; `None` for a mesh without vertices.
     pub bounds: Option<Extent>,
-    /// Sum of the triangles' areas, in square units.
+    /// Total area of the triangles, in square world units.
     pub area: f64,
     /// Number of edges with a single triangle (after merging vertices at the same point): the rims of holes.
     pub open_edges: usize,
     /// Number of edges with three triangles or more, or with two that disagree on which side is outside.
     pub odd_edges: usize,
-    /// The floor.
+    /// The estimated floor, if any.
     pub floor: Option<FloorGuess>,
     /// Warnings.
     pub findings: Vec<Finding>,
@@ -36,7 +36,7 @@ impl Inspection {
     }
 }
 
-/// Inspects a mesh.
+/// Computes the summary of a mesh.
 pub fn inspect(mesh: &Mesh) -> Inspection {
     let bounds = (!mesh.positions.is_empty()).then(|| {
         let axis = |k: usize, of: fn(f32, f32) -> f32| {
@@ -97,8 +97,8 @@ fn cross([a, b, c]: [DVec3; 3]) -> DVec3 {
     (b - a).cross(c - a)
 }
 
-/// A triangle as a patch of surface with this area. It is not a random sample: each ten-thousandth of the whole
-/// counts as an observation.
+/// Converts a triangle to a patch of surface with this area. A triangle is not a random sample, so each
+/// ten-thousandth of the whole area counts as one observation.
 fn patch(corners: [DVec3; 3], whole: f64) -> Patch {
     let cross = cross(corners);
     let length = cross.length();

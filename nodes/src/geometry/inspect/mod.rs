@@ -22,7 +22,8 @@ impl Extent {
     }
 }
 
-/// The estimated floor. There is no estimate if flat pieces of surface are spread out as much as chance explains.
+/// The estimated floor. There is no estimate if the distribution of flat pieces of surface can be explained by
+/// chance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FloorGuess {
     /// The axis that seems to point up: `+z`.
@@ -77,12 +78,12 @@ struct Patch {
     /// Unit normal, if the piece is flat.
     normal: Option<[f64; 3]>,
     weight: f64,
-    /// Its contribution to the variance of a sum of weights: the square of its weight, as one observation.
+    /// Contribution to the variance of a sum of weights: the square of the weight, for one observation.
     variance: f64,
 }
 
-/// Number of standard deviations by which the flat area in a slab must exceed chance. The maximum over 384 slabs
-/// counts, and weights differ strongly: for noise, the maximum reached 4 in 200 tries.
+/// Number of standard deviations by which the flat area in a slab must exceed chance. The threshold applies to the
+/// maximum over 384 slabs, and weights differ strongly: for noise, the maximum reached 4 in 200 tries.
 const SIGNIFICANT: f64 = 8.0;
 
 /// Sums over the patches in a slab, or over all patches.
@@ -92,7 +93,7 @@ struct Slab {
     all: f64,
     /// Weight of the patches that lie flat in it.
     flat: f64,
-    /// Variance of the weights, for all patches and for the flat ones.
+    /// Variance of the weights of all patches, and of the weights of the flat ones.
     variance: f64,
     flat_variance: f64,
 }

@@ -26,11 +26,11 @@ pub struct Sizes {
 /// Opacities, 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Opacities {
-    /// Median.
+    /// Median opacity.
     pub median: f64,
-    /// Fraction below 1/255, which no renderer draws.
+    /// Fraction of splats with an opacity below 1/255, which renderers do not draw.
     pub unseen: f64,
-    /// Fraction above 0.95.
+    /// Fraction of splats with an opacity above 0.95.
     pub opaque: f64,
 }
 
@@ -80,7 +80,7 @@ fn sorted(scale: [f32; 3]) -> [f64; 3] {
     scale
 }
 
-/// Inspects a scene.
+/// Computes the summary of a scene.
 pub fn inspect(splats: &Splats, cx: &Context) -> Result<Inspection, NodeError> {
     let mut found = Inspection {
         splats: splats.len(),

@@ -5,13 +5,13 @@ use glam::DVec3;
 use super::patch::Patch;
 use crate::math::num;
 
-/// Number of directions over half a sphere that are tried, about 2.5 degrees apart.
+/// Number of directions over half a sphere that are tested; they are about 2.5 degrees apart.
 const DIRECTIONS: usize = 3000;
-/// Number of patches that a direction is tried on.
+/// Number of patches with which a direction is tested.
 const SAMPLED: usize = 20_000;
 /// Number of layers that the scene is divided into.
 const LAYERS: usize = 64;
-/// Cosine (of 15 degrees) above which two axes count as one.
+/// Cosine of 15 degrees: two axes that are nearer to each other count as one.
 const APART: f64 = 0.966;
 
 /// Unit vectors spread evenly over half a sphere (a Fibonacci lattice).
@@ -25,13 +25,13 @@ pub(super) fn half_sphere(count: usize) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// A regular subset of the patches, for fast sums.
+/// A regular subset of at most `most` patches, so that sums over them are fast.
 fn sample(patches: &[Patch], most: usize) -> Vec<Patch> {
     patches.iter().step_by(patches.len().div_ceil(most).max(1)).copied().collect()
 }
 
-/// Concentration of surface in few layers perpendicular to an axis: the weight of the patches that
-/// lie flat in a layer, with the square of their share.
+/// Concentration of surface in few layers perpendicular to an axis: the root of
+/// the sum, over layers, of the squared share of the patches that lie flat in the layer.
 fn layering(patches: &[Patch], axis: DVec3, centre: DVec3, radius: f64) -> f64 {
     let mut layers = [0.0; LAYERS + 2];
     let (mut total, per) = (0.0, LAYERS as f64 / (2.0 * radius));

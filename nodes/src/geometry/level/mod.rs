@@ -29,7 +29,7 @@ const LAYERED: f64 = 6.0;
 const LEAST_LAYERING: f64 = 0.045;
 /// Minimum number of patches of ground for a reliable estimate.
 const LEAST_OBSERVATIONS: f64 = 150.0;
-/// Minimum confidence of a direction that counts as reliable.
+/// Minimum confidence for a direction to be reliable.
 pub const SURE: f64 = 0.95;
 /// Largest confidence of an estimate from splats alone.
 const MOST: f64 = 0.99;
@@ -39,17 +39,17 @@ const MOST: f64 = 0.99;
 pub struct LevelEstimate {
     /// Unit vector that points up, in the frame of the scene.
     pub up: [f64; 3],
-    /// Probability that `up` is correct within 5 degrees, 0 to 1, by the evidence.
+    /// Probability that `up` is correct within 5 degrees, 0 to 1, according to the evidence.
     pub confidence: f64,
     /// Height of the floor along `up`, in world units.
     pub floor: f64,
     /// Probability that this is the floor, 0 to 1.
     pub floor_confidence: f64,
-    /// Height of the ceiling along `up`, where there is one.
+    /// Height of the ceiling along `up`, in world units; `None` without a ceiling.
     pub ceiling: Option<f64>,
-    /// Middle of the scene, in world units.
+    /// Centre of the scene, in world units.
     pub centre: [f64; 3],
-    /// Radius of the scene around it without background, in world units.
+    /// Radius of the scene around its centre, without background, in world units.
     pub radius: f64,
     /// The evidence for `up` and against the opposite direction.
     pub evidence: Evidence,

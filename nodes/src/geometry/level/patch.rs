@@ -7,7 +7,7 @@ use crate::types::{Mesh, SplatEncoding, Splats};
 
 /// Opacity below which splats count as fog.
 const FAINT: f32 = 0.1;
-/// Maximum number of patches that are examined; of more, every second, third, .. is used.
+/// Maximum number of patches that are examined; if there are more, every n-th one is used.
 const MOST: usize = 300_000;
 /// Radius of the scene, in median distances of the centres from their median.
 const CORE: f64 = 2.2;
@@ -17,7 +17,7 @@ const WIDEST: f64 = 0.02;
 /// A piece of surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Patch {
-    /// Position of its middle, in world units.
+    /// Position of the centre, in world units.
     pub middle: DVec3,
     /// Unit normal of either sign, if it is flat.
     pub normal: Option<DVec3>,
@@ -36,12 +36,12 @@ impl Patch {
     }
 }
 
-/// The pieces of a scene within its core, and those outside of it.
+/// The patches of a scene within its core, and those outside of it.
 #[derive(Debug)]
 pub(super) struct Patches {
-    /// Pieces within the core.
+    /// Patches within the core.
     pub core: Vec<Patch>,
-    /// Pieces outside of the core: sky and background.
+    /// Patches outside of the core: sky and background.
     pub far: Vec<Patch>,
     /// Median of all middles (the point of least mean distance).
     pub centre: DVec3,
@@ -50,7 +50,7 @@ pub(super) struct Patches {
 }
 
 impl Patches {
-    /// The pieces of a scene of splats.
+    /// The patches of a scene of splats.
     pub fn of_splats(splats: &Splats) -> Self {
         let stride = splats.len().div_ceil(MOST).max(1);
         let chosen: Vec<usize> =
@@ -70,7 +70,7 @@ impl Patches {
         found
     }
 
-    /// The pieces of a mesh: its triangles.
+    /// The patches of a mesh: its triangles.
     pub fn of_mesh(mesh: &Mesh) -> Self {
         let stride = mesh.triangles.len().div_ceil(MOST).max(1);
         let patch = |of: &[u32; 3]| {

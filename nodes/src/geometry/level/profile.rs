@@ -1,4 +1,4 @@
-//! A scene along an axis: the evidence for each of its two directions being up.
+//! A scene along an axis: the evidence for either direction of the axis being up.
 
 use glam::DVec3;
 use serde::Serialize;
@@ -21,7 +21,7 @@ pub(super) struct Profile {
     pub up: DVec3,
     /// Height of the lowest large layer along `up`, in world units.
     pub floor: f64,
-    /// Height of the highest large layer, or of the highest surface.
+    /// Height of the highest large layer, or of the highest surface, in world units.
     pub top: f64,
     /// Share of all surface that lies flat in the lowest layer beyond chance, minus the share below it.
     pub ground: f64,
@@ -33,7 +33,7 @@ pub(super) struct Profile {
     pub cover: f64,
     /// Share of the plan that the lid covers, 0 to 1.
     pub lid_cover: f64,
-    /// Balance of the surface above and below the floor, including the background.
+    /// Balance of the surface above the floor against that below it, including the background.
     pub side: f64,
     /// Balance of surfaces other than walls between both layers: the lower half against the upper half.
     pub things: f64,
@@ -41,9 +41,9 @@ pub(super) struct Profile {
     pub things_share: f64,
     /// Balance of level surfaces between both layers.
     pub levels: f64,
-    /// Their share of all surface.
+    /// Share of level surfaces in all surface.
     pub levels_share: f64,
-    /// Luma of the upper fifth less that of the floor.
+    /// Luma of the upper fifth minus that of the floor.
     pub light: f64,
     /// Balance of the background: above against below.
     pub sky: f64,
@@ -69,14 +69,14 @@ impl Profile {
     }
 }
 
-/// Logarithms of odds, by their source.
+/// Evidence for a direction being up, by source, as logarithms of odds.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Evidence {
-    /// One large level surface with everything above it.
+    /// Evidence of one large level surface with everything above it.
     pub ground: f64,
-    /// Furniture is low, and table tops and seats face up.
+    /// Evidence of furniture, which is low, and of table tops and seats, which face up.
     pub things: f64,
-    /// Ceilings and sky are brighter than floors, and the background is above the floor.
+    /// Evidence of light: ceilings and sky are brighter than floors, and the background is above the floor.
     pub light: f64,
 }
 

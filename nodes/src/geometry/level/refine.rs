@@ -1,4 +1,4 @@
-//! The floor as a plane, and up as its normal.
+//! Refinement of the floor to a plane, whose normal is the up direction.
 
 use glam::DVec3;
 
@@ -9,12 +9,12 @@ use crate::geometry::support::Level;
 
 /// Number of rounds of the fit; each uses half the height around the plane of the one before.
 const ROUNDS: usize = 4;
-/// Largest slope of a floor that `up` is measured by (8 degrees).
+/// Maximum slope of a floor whose normal is used as `up`, as rise over run: 8 degrees.
 const STEEP: f64 = 0.14;
 /// Minimum share of the plan that a ceiling covers.
 const CEILING_COVER: f64 = 0.3;
 
-/// The orientation of a scene, to within the noise of its floor.
+/// The orientation of a scene, up to the noise of its floor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stand {
     pub up: DVec3,

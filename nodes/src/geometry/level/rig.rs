@@ -1,4 +1,4 @@
-//! Estimates the up direction from the cameras of a capture, which people hold level.
+//! Estimate of the up direction from the cameras of a capture, since people hold cameras level.
 
 use glam::{DMat3, DVec3};
 
@@ -10,7 +10,7 @@ use crate::types::Rig;
 
 /// Minimum number of cameras.
 const FEWEST: usize = 3;
-/// Cosine of the angle within which cameras and surfaces agree: 20 degrees.
+/// Cosine of 20 degrees, the maximum angle at which cameras and surfaces agree.
 const AGREE: f64 = 0.94;
 /// Weight of level cameras, as a logarithm of odds.
 const COUNT: f64 = 5.0;
@@ -20,9 +20,9 @@ const COUNT: f64 = 5.0;
 pub(super) struct Held {
     /// The up direction; it may point down if `signed` is false.
     pub up: DVec3,
-    /// False if all cameras were held on their side, since it may be either side.
+    /// False if all cameras were held on their side, so that the sign of the direction is unknown.
     pub signed: bool,
-    /// Degree to which they were held level, 0 to 1.
+    /// Degree to which the cameras were held level, 0 to 1.
     pub level: f64,
 }
 

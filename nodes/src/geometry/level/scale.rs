@@ -1,4 +1,4 @@
-//! Estimates the length of a unit from the scene.
+//! Estimate of the length of a unit from the scene.
 
 use serde::Serialize;
 
@@ -7,9 +7,9 @@ use super::refine::Stand;
 use crate::geometry::support::median;
 use crate::types::Rig;
 
-/// Height at which people hold a camera, in metres: the middle of 1.1 to 1.9.
+/// Range of the height at which people hold a camera, in metres; its middle is used.
 const HELD: [f64; 2] = [1.1, 1.9];
-/// Height of rooms, in metres.
+/// Range of the height of rooms, in metres.
 const ROOM: [f64; 2] = [2.2, 3.4];
 
 /// The length of a unit.
@@ -19,7 +19,7 @@ pub struct Scale {
     pub metres_per_unit: Option<f64>,
     /// Probability that it is correct within a fifth, 0 to 1.
     pub confidence: f64,
-    /// The evidence, for a person: "the ceiling is 2.69 units over the floor".
+    /// The evidence in words: "the ceiling is 2.69 units over the floor".
     pub reason: String,
 }
 
@@ -29,7 +29,8 @@ impl Scale {
     }
 }
 
-/// The scale by features of known size. A height that is plausible in metres counts as metres.
+/// Estimates the scale from features of known size. If a height is plausible in metres, the unit is taken to be a
+/// metre.
 pub(super) fn scale(stand: &Stand, patches: &Patches, cameras: Option<&Rig>) -> Scale {
     let of = |length: f64, [least, most]: [f64; 2], what: &str, chances: [f64; 2]| {
         let fits = (least..=most).contains(&length);

@@ -6,7 +6,7 @@ use super::*;
 use crate::math::num;
 use crate::types::Camera;
 
-/// A number from 0 to 1 for each index and use.
+/// A pseudo-random number from 0 to 1 for index `i` and purpose `of`.
 fn unit(i: usize, of: usize) -> f64 {
     let mut x = (i as u64 * 61 + of as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -24,7 +24,7 @@ fn about(axis: DVec3, angle: f64) -> DMat3 {
     to * from.transpose()
 }
 
-/// Ten rotations that look arbitrary, and the six that bring up to an axis.
+/// Ten arbitrary rotations, and the six that map up to an axis.
 fn rotations() -> Vec<DMat3> {
     let arbitrary = (0..10).map(|i| {
         let axis = DVec3::new(unit(i, 0) - 0.5, unit(i, 1) - 0.5, unit(i, 2) - 0.5);
@@ -41,7 +41,7 @@ impl Made {
         Self(crate::testing::no_splats())
     }
 
-    /// A rectangle of flat splats with half sides `u` and `v`.
+    /// Adds a rectangle of flat splats with half sides `u` and `v`.
     fn sheet(&mut self, count: usize, middle: [f64; 3], [u, v]: [DVec3; 2], luma: f32) {
         let normal = u.cross(v).normalize();
         let turn = turn(DVec3::Z, normal);
@@ -65,7 +65,7 @@ impl Made {
         s.sh.push([(luma - 0.5) / 0.282_094_8; 3]);
     }
 
-    /// A box on the floor.
+    /// Adds a box on the floor.
     fn thing(&mut self, [x, y]: [f64; 2], [a, b, h]: [f64; 3]) {
         let (i, j, k) = (DVec3::X * a, DVec3::Y * b, DVec3::Z * h * 0.5);
         self.sheet(200, [x, y, h], [i, j], 0.4);
@@ -171,7 +171,8 @@ fn cameras(turn: DMat3, roll: f64, count: usize) -> Rig {
     Rig { cameras: (0..count).map(camera).collect() }
 }
 
-/// Noise gives no estimate; level cameras determine up, and cameras held on their side leave two answers.
+/// Noise gives no estimate. Level cameras determine up, and cameras held on their side leave two possible
+/// directions.
 #[test]
 fn cameras_say_what_surfaces_do_not() {
     let mut noise = Made::new();

@@ -8,14 +8,14 @@ use crate::error::Error;
 
 /// Numbers of an accessor.
 pub struct Numbers {
-    /// Numbers per element.
+    /// Number of components per element.
     pub width: usize,
-    /// All numbers in order; integers are normalised if the accessor says so.
+    /// All numbers in order. Integers are normalised if the accessor specifies it.
     pub values: Vec<f64>,
 }
 
 impl Numbers {
-    /// Elements as arrays; `None` if the width differs.
+    /// The elements as arrays of `N` numbers; `None` if their width differs.
     pub fn arrays<const N: usize>(&self) -> Option<&[[f64; N]]> {
         if self.width == N { Some(self.values.as_chunks::<N>().0) } else { None }
     }
@@ -95,7 +95,7 @@ impl File {
     }
 }
 
-/// One number, normalised as in section 3.11 of the glTF specification.
+/// Reads one number, normalised as in section 3.11 of the glTF specification.
 fn number(raw: &[u8], data: DataType, normalized: bool) -> f64 {
     let (value, largest) = match (data, raw) {
         (DataType::I8, &[a]) => (f64::from(a as i8), 127.0),

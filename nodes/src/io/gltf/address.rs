@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::io::base64;
 
-/// The bytes of a `data:` address, or `None` for another type of address.
+/// Decodes a `data:` address. Returns `None` for other addresses.
 pub(super) fn inline(name: &str, uri: &str) -> Option<Result<Vec<u8>, Error>> {
     let data = uri.strip_prefix("data:")?;
     Some(match data.split_once(";base64,") {
@@ -15,7 +15,7 @@ pub(super) fn inline(name: &str, uri: &str) -> Option<Result<Vec<u8>, Error>> {
     })
 }
 
-/// The path that an address names, with `%20` and the like decoded.
+/// The path that an address names, with escapes such as `%20` decoded.
 pub(crate) fn path(name: &str, uri: &str) -> Result<String, Error> {
     let mut out = Vec::with_capacity(uri.len());
     let mut rest = uri.bytes();

@@ -1,11 +1,11 @@
-//! The container: GLB, or JSON alone.
+//! The container of glTF: GLB, or JSON alone.
 
 use std::io::Read;
 use std::path::Path;
 
 use crate::error::Error;
 
-/// The JSON and binary chunks of a GLB.
+/// Splits a GLB into its JSON and binary chunks.
 pub(super) fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Option<Vec<u8>>), Error> {
     let short = || Error::format(name, "the GLB is cut off");
     let word = |at: usize| -> Result<usize, Error> {
@@ -29,8 +29,8 @@ pub(super) fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Option
     Ok((text, (word(next + 4)? == 0x004e_4942).then(|| blob.to_vec())))
 }
 
-/// The JSON of a file that is glTF by its first bytes, and whether it is binary (GLB); nothing else is read. `None`
-/// for any other file.
+/// Reads the JSON of a file that is glTF by its first bytes, and whether the file is binary (GLB). No other data
+/// are read. Returns `None` for any other file.
 pub fn json_of(path: &Path) -> std::io::Result<Option<(Vec<u8>, bool)>> {
     json_in(&mut std::fs::File::open(path)?)
 }

@@ -152,11 +152,11 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     Ok(File { name: name.to_owned(), document, json, blob })
 }
 
-/// Name of the extension of specular-glossiness, which the crate does not read.
+/// Name of the extension for specular-glossiness, which the crate `gltf` does not read.
 pub(crate) const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
 
-/// Replaces specular-glossiness by metallic-roughness as Blender does: the diffuse colour and its texture are the base
-/// colour, nothing is metal, and roughness is one minus glossiness. The specular colour is left out.
+/// Replaces specular-glossiness by metallic-roughness as Blender does: the diffuse colour and its texture become
+/// the base colour, metallic is 0, and roughness is one minus glossiness. The specular colour is left out.
 fn specular_glossiness(json: &mut Value) {
     for material in json.get_mut("materials").and_then(Value::as_array_mut).into_iter().flatten() {
         let Some(gloss) = material["extensions"].get(SPECULAR_GLOSSINESS).cloned() else { continue };
@@ -202,7 +202,7 @@ fn other_format(name: &str, bytes: &[u8]) -> Option<&'static str> {
     by_bytes.map(|(_, format)| *format).or_else(|| by_name().map(|(_, format)| *format))
 }
 
-/// Checks the accessors of primitives, since the checks of the crate index them before testing that they exist.
+/// Checks the accessors of primitives, since the crate uses them as indices before it tests that they exist.
 fn check_accessors(name: &str, json: &Value) -> Result<(), Error> {
     let count = json["accessors"].as_array().map_or(0, Vec::len) as u64;
     let known = |index: &Value| index.as_u64().is_none_or(|index| index < count);
@@ -226,7 +226,7 @@ impl File {
         Error::format(&self.name, what)
     }
 
-    /// Other files that its buffers and, if wanted, pictures refer to; each once, in order.
+    /// The other files that the buffers and, if requested, the pictures refer to; each once, in order.
     pub fn beside(&self, want: Want) -> Result<Vec<String>, Error> {
         let lists: &[&str] = if want == Want::Geometry { &["buffers"] } else { &["buffers", "images"] };
         let mut paths = BTreeSet::new();
@@ -240,7 +240,7 @@ impl File {
         Ok(paths.into_iter().collect())
     }
 
-    /// The bytes of every buffer; `read` reads another file by its relative path.
+    /// The bytes of every buffer. `read` reads another file by its relative path.
     pub fn buffers<E: From<Error>>(
         &self,
         mut read: impl FnMut(&str) -> Result<Vec<u8>, E>,
@@ -280,7 +280,7 @@ impl File {
             .ok_or_else(|| self.bad(format!("buffer view {} lies outside of its buffer", view.index())))
     }
 
-    /// A picture as 8-bit codes.
+    /// Decodes a picture to 8-bit codes.
     pub fn picture<E: From<Error>>(
         &self,
         index: usize,

@@ -1,4 +1,4 @@
-//! A GLB file, built part by part.
+//! A GLB file that is built part by part.
 
 use serde_json::{Value, json};
 
@@ -13,21 +13,22 @@ pub(super) struct Part {
     pub material: Option<usize>,
 }
 
-/// Collects parts and materials.
+/// Collects parts and materials of a file.
 #[derive(Debug, Default)]
 pub(super) struct Builder {
     binary: Vec<u8>,
     views: Vec<Value>,
     accessors: Vec<Value>,
     primitives: Vec<Value>,
-    /// Materials of glTF.
+    /// Materials as JSON of glTF.
     pub materials: Vec<Value>,
     images: Vec<Value>,
     textures: Vec<Value>,
 }
 
-/// `FLOAT` and `UNSIGNED_INT` of glTF.
+/// The component type `FLOAT` of glTF.
 const FLOAT: u32 = 5126;
+/// The component type `UNSIGNED_INT` of glTF.
 const WORD: u32 = 5125;
 
 impl Builder {
@@ -46,7 +47,7 @@ impl Builder {
         self.column(FLOAT, shape, rows.len(), rows.as_flattened().iter().flat_map(|v| v.to_le_bytes()))
     }
 
-    /// Adds a mesh; one without triangles is left out.
+    /// Adds a mesh, unless it has no triangles.
     pub fn add(&mut self, part: &Part) {
         if part.indices.is_empty() || part.positions.is_empty() {
             return;

@@ -23,7 +23,7 @@ pub enum Foreign {
 }
 
 impl Foreign {
-    /// The format by the extension of the name, since neither format has a distinctive start.
+    /// The format according to the extension of the name, since neither format has a distinctive start.
     pub fn of(name: &str) -> Option<Self> {
         let lower = name.to_ascii_lowercase();
         match lower.rsplit_once('.')?.1 {
@@ -34,7 +34,7 @@ impl Foreign {
     }
 }
 
-/// The other files that a file refers to: materials and their pictures, by relative path.
+/// The other files that a file refers to, by relative path: materials and their pictures.
 pub fn beside(path: &str, bytes: &[u8], mut read: impl FnMut(&str) -> Option<Vec<u8>>) -> Vec<String> {
     match Foreign::of(path) {
         Some(Foreign::Obj) => obj::beside(bytes, &mut read),
@@ -42,7 +42,7 @@ pub fn beside(path: &str, bytes: &[u8], mut read: impl FnMut(&str) -> Option<Vec
     }
 }
 
-/// The bytes of a file as GLB, if it is OBJ or STL; other files are returned unchanged.
+/// Converts an OBJ or STL file to GLB; other files are returned unchanged.
 pub fn as_gltf<'a>(
     path: &InputFile,
     bytes: &'a [u8],

@@ -20,7 +20,7 @@ fn relative(path: &str) -> Option<String> {
         .then_some(path)
 }
 
-/// The values of lines that begin with a word.
+/// The values of all lines that begin with a word.
 fn values<'a>(bytes: &'a [u8], word: &'a str) -> impl Iterator<Item = String> + 'a {
     bytes.split(|b| *b == b'\n').filter_map(move |line| {
         let line = std::str::from_utf8(line).ok()?.trim();
@@ -29,7 +29,7 @@ fn values<'a>(bytes: &'a [u8], word: &'a str) -> impl Iterator<Item = String> + 
     })
 }
 
-/// The file of a texture without the options before it, such as `-s 1 1 1`.
+/// The file name in a texture statement, without the options before it, such as `-s 1 1 1`.
 fn map_path(value: &str) -> Option<String> {
     let mut words = value.split_ascii_whitespace().peekable();
     while let Some(option) = words.peek().copied().filter(|word| word.starts_with('-')) {
@@ -49,7 +49,7 @@ fn map_path(value: &str) -> Option<String> {
     relative(&words.collect::<Vec<_>>().join(" "))
 }
 
-/// Files of materials, then pictures that they name.
+/// Names of the files of materials, followed by those of the pictures that they name.
 pub(super) fn beside(bytes: &[u8], read: &mut impl FnMut(&str) -> Option<Vec<u8>>) -> Vec<String> {
     let libraries: BTreeSet<String> = values(bytes, "mtllib").filter_map(|name| relative(&name)).collect();
     let mut files = Vec::new();

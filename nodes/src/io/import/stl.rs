@@ -1,4 +1,4 @@
-//! STL, by the crate `stl_io`: triangles alone, in text or binary.
+//! STL files, read by the crate `stl_io`: only triangles, in text or binary.
 
 use std::collections::HashMap;
 use std::io::Cursor;
@@ -9,8 +9,9 @@ use super::glb::{Builder, Part};
 use crate::error::Error;
 use crate::io::foreign::refuse_foreign;
 
-/// Number of bytes before the triangles of a binary file, and of each triangle.
+/// Number of bytes before the triangles of a binary file.
 const HEADER: usize = 84;
+/// Number of bytes of each triangle in a binary file.
 const TRIANGLE: usize = 50;
 
 /// Reads the triangles; vertices at the same position are merged.

@@ -43,7 +43,7 @@ pub struct Reader<'a> {
 }
 
 impl Accessor {
-    /// The buffer view it reads.
+    /// Index of the buffer view that the accessor reads.
     pub fn view(&self, file: &str) -> Result<usize, Error> {
         if self.sparse.is_some() {
             return Err(Error::unsupported(file, "sparse accessors"));

@@ -1,7 +1,7 @@
 //! Little-endian numbers from a file.
 //!
-//! Every reader checks the size of the data first, in one place, with a message that has the numbers. Reads are
-//! then in bounds; if a check were wrong, these functions return 0 and do not panic.
+//! Every reader first checks the size of the data in one place, with the numbers in the error message, so that all
+//! reads are in bounds. If such a check were wrong, these functions would return 0 and not panic.
 
 use crate::error::Error;
 
@@ -10,37 +10,37 @@ fn array<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     bytes.get(at..end).and_then(|b| b.try_into().ok()).unwrap_or([0; N])
 }
 
-/// The byte at `at`.
+/// Reads the byte at `at`.
 pub fn u8_at(bytes: &[u8], at: usize) -> u8 {
     bytes.get(at).copied().unwrap_or(0)
 }
 
-/// Two bytes at `at`.
+/// Reads a 16-bit number at `at`.
 pub fn u16_at(bytes: &[u8], at: usize) -> u16 {
     u16::from_le_bytes(array(bytes, at))
 }
 
-/// Four bytes at `at`.
+/// Reads a 32-bit number at `at`.
 pub fn u32_at(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes(array(bytes, at))
 }
 
-/// Eight bytes at `at`.
+/// Reads a 64-bit number at `at`.
 pub fn u64_at(bytes: &[u8], at: usize) -> u64 {
     u64::from_le_bytes(array(bytes, at))
 }
 
-/// An IEEE single at `at`.
+/// Reads a 32-bit float at `at`.
 pub fn f32_at(bytes: &[u8], at: usize) -> f32 {
     f32::from_le_bytes(array(bytes, at))
 }
 
-/// An IEEE double at `at`.
+/// Reads a 64-bit float at `at`.
 pub fn f64_at(bytes: &[u8], at: usize) -> f64 {
     f64::from_le_bytes(array(bytes, at))
 }
 
-/// An IEEE half at `at`, exactly.
+/// Reads a 16-bit float at `at`, which is converted exactly.
 pub fn f16_at(bytes: &[u8], at: usize) -> f64 {
     let bits = u16_at(bytes, at);
     let (exponent, mantissa) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023));
@@ -54,7 +54,7 @@ pub fn f16_at(bytes: &[u8], at: usize) -> f64 {
     if bits >> 15 == 1 { -value } else { value }
 }
 
-/// `length` bytes from `start`, or an error that names the missing data.
+/// The `length` bytes from `start`, or an error that describes the missing data.
 pub fn range<'a>(
     file: &str,
     bytes: &'a [u8],

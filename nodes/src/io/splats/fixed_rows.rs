@@ -13,14 +13,14 @@ use crate::io::ply::{self, Format, Scalar};
 /// A field of a row.
 #[derive(Debug, Clone, Copy)]
 pub struct Field {
-    /// Bytes from the start of the row.
+    /// Offset from the start of the row in bytes.
     pub at: usize,
     /// Type of the stored number.
     pub scalar: Scalar,
 }
 
 impl Field {
-    /// Its value in a row.
+    /// Reads the value of the field in a row.
     #[inline]
     pub fn get(self, row: &[u8]) -> f64 {
         match self.scalar {
@@ -41,11 +41,11 @@ impl Field {
 pub struct Element {
     /// Name in the file: `vertex`.
     pub name: String,
-    /// Number of rows that the header promises.
+    /// Number of rows according to the header.
     pub count: usize,
-    /// Bytes of a row.
+    /// Length of a row in bytes.
     pub stride: usize,
-    /// Names and places of the fields, in order.
+    /// Names and positions of the fields, in order.
     pub fields: Vec<(String, Field)>,
     /// Start of the rows in the file; `None` after rows of varying length.
     start: Option<usize>,
@@ -53,12 +53,12 @@ pub struct Element {
 }
 
 impl Element {
-    /// The field with a name, if there is one.
+    /// The field with a name; `None` if it does not exist.
     pub fn find(&self, name: &str) -> Option<Field> {
         self.fields.iter().find(|(known, _)| known == name).map(|(_, field)| *field)
     }
 
-    /// The bytes of the rows, or an error with the number of rows that the file holds.
+    /// The bytes of the rows. If the file is too short, the error has the number of rows that it holds.
     pub fn rows<'a>(&self, file: &str, bytes: &'a [u8]) -> Result<&'a [u8], Error> {
         let Some(start) = self.start.filter(|_| !self.varies) else {
             let feature = format!("a list property in or before the element `{}`", self.name);
@@ -123,7 +123,7 @@ impl FixedRows {
         Ok(Self { elements, end: start, comments: header.comments })
     }
 
-    /// The element with a name, if there is one.
+    /// The element with a name; `None` if it does not exist.
     pub fn find(&self, name: &str) -> Option<&Element> {
         self.elements.iter().find(|element| element.name == name)
     }

@@ -2,7 +2,7 @@
 //! of their nodes; GLB, or JSON with external or embedded buffers. The compression extension
 //! `KHR_gaussian_splatting_compression_spz_2` is an SPZ file in a buffer view.
 //!
-//! glTF is Y-up and in metres, so the splats are rotated and scaled as objects are.
+//! glTF is y-up and in metres, so splats are rotated and scaled in the same way as objects.
 
 use std::collections::BTreeMap;
 
@@ -135,14 +135,14 @@ impl Document {
         serde_json::from_slice(json_text(json)).map_err(|e| Error::format(file, format!("not glTF: {e}")))
     }
 
-    /// The files that contain its buffers.
+    /// Names of the files that contain its buffers.
     pub fn files(&self, file: &str) -> Result<Vec<String>, Error> {
         let uris = self.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
         uris.filter(|uri| !uri.starts_with("data:")).map(|uri| address::path(file, uri)).collect()
     }
 }
 
-/// The chunks of a GLB file (glTF 2.0, section 4.4): JSON, and optionally binary.
+/// Splits a GLB file (glTF 2.0, section 4.4) into the JSON and the optional binary chunk.
 pub(super) fn chunks<'a>(file: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>), Error> {
     let head = range(file, bytes, 0, 20, "the header")?;
     if u32_at(head, 4) != 2 {
@@ -285,7 +285,7 @@ pub(super) fn load(
     all.ok_or_else(|| Error::format(file, "no splats").into())
 }
 
-/// The encoding of the colours; an error if the file requires other settings than ours.
+/// The encoding of the colours. It is an error if the file requires settings that are not supported.
 fn encoding(file: &str, splatting: &Splatting) -> Result<SplatEncoding, Error> {
     for (what, reported, done) in
         [("kernel", &splatting.kernel, "ellipse"), ("projection", &splatting.projection, "perspective")]

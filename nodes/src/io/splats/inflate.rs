@@ -6,11 +6,11 @@ use std::io::Read;
 
 use crate::error::Error;
 
-/// Largest ratio of deflate: 258 bytes from 2 bits, about 1032 to 1 (RFC 1951, section 3.2.5).
+/// Maximum ratio of deflate: 258 bytes from 2 bits, about 1032 to 1 (RFC 1951, section 3.2.5).
 pub const DEFLATE_RATIO: usize = 1032;
 
-/// Unpacks a whole gzip stream of at most `limit(first 16 bytes)` bytes; its checksum is verified. Also returns the
-/// number of bytes after it.
+/// Unpacks a whole gzip stream and verifies its checksum. The maximum length of the output is `limit` of its first
+/// 16 bytes. Also returns the number of bytes after it.
 pub fn gunzip(
     file: &str,
     packed: &[u8],

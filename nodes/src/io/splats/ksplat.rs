@@ -1,6 +1,7 @@
 //! `.ksplat` (mkkellogg/GaussianSplats3D, `SplatBuffer.js`): a header of 4096 bytes, 1024 bytes per section, then
-//! the sections, each with its buckets and rows. Level 0 stores floats; levels 1 and 2 store centres as 16-bit
-//! offsets from the centre of their bucket and the rest as halves, level 2 the harmonics as bytes.
+//! the sections, each with its buckets and rows. Level 0 stores 32-bit floats. Levels 1 and 2 store centres as
+//! 16-bit offsets from the centre of their bucket and other fields as 16-bit floats, except that level 2 stores
+//! harmonics as bytes.
 
 use engine::{NodeError, Notes};
 
@@ -15,7 +16,7 @@ const SECTION_HEADER: usize = 1024;
 /// Half the range of a harmonic stored as a byte, if the file does not define it (`Constants.js`).
 const HALF_RANGE: f64 = 1.5;
 
-/// Layout of a row for each level.
+/// Layout of a row at a level of compression.
 struct Level {
     real: usize,
     harmonic: usize,
@@ -33,8 +34,9 @@ const LEVELS: [Level; 3] = [
     Level { real: 2, harmonic: 1, scale: 6, rotation: 12, colour: 20, harmonics: 24, steps: 32_767 },
 ];
 
-/// True if the bytes begin like such a file, even a truncated one: version 0.1 and up, a known level, at least one
-/// section, no more sections in use than there are, and the same for splats, whose maximum some writers leave out.
+/// True if the bytes begin like such a file, even a truncated one: the version is at least 0.1, the level is known,
+/// there is at least one section, and the numbers of sections and splats in use do not exceed the maximum numbers
+/// (some writers omit that of splats).
 pub(super) fn is_ksplat(bytes: &[u8]) -> bool {
     let [sections, used_sections, room, used] = [4, 8, 12, 16].map(|at| u32_at(bytes, at));
     bytes.len() >= 22
@@ -63,7 +65,7 @@ struct Section<'a> {
 }
 
 impl<'a> Section<'a> {
-    /// Reads the header at `head` and finds its data at `at`, which is advanced.
+    /// Reads the header of a section at `head`. Its data start at `at`, which is advanced.
     fn read(file: &str, bytes: &'a [u8], head: &[u8], level: &Level, at: &mut usize) -> Result<Self, Error> {
         let (count, room) = (u32_at(head, 0) as usize, u32_at(head, 4) as usize);
         let (bucket_size, buckets) = (u32_at(head, 8) as usize, u32_at(head, 12) as usize);

@@ -45,7 +45,7 @@ pub use sh_turn::ShTurn;
 pub use source::Format;
 pub(crate) use spz::{COLOUR_SCALE as SPZ_COLOUR_SCALE, rotation_10 as spz_rotation};
 
-/// Reads the bytes of another file that the current one refers to.
+/// Function that reads the bytes of another file that the current one refers to.
 pub(crate) type Fetch<'a> = dyn Fn(&str) -> Result<Vec<u8>, NodeError> + 'a;
 
 /// Settings for all readers.
@@ -53,12 +53,12 @@ pub(crate) struct Reading<'a> {
     pub(crate) cx: &'a Context,
     pub(crate) placing: Placing,
     pub(crate) max_extent: f64,
-    /// What the user does to it in the world.
+    /// The additional transform in the world that the user requested.
     pub(crate) matrix: Similarity,
 }
 
 impl Reading<'_> {
-    /// Rows of a file without sections; see [`parts::read_rows`].
+    /// Reads rows of a file without sections; see [`parts::read_rows`].
     fn rows(
         &self,
         count: usize,
@@ -68,7 +68,7 @@ impl Reading<'_> {
         parts::read_rows(0, count, turn, self.cx, read)
     }
 
-    /// Rows of a section that begins at row `first` of the file.
+    /// Reads rows of a section that begins at row `first` of the file.
     fn rows_from(
         &self,
         first: usize,
@@ -79,7 +79,8 @@ impl Reading<'_> {
         parts::read_rows(first, count, turn, self.cx, read)
     }
 
-    /// The transform into the world, by the format of the file and the user's parameters; the decision is noted.
+    /// The transform into the world, according to the format of the file and the user's parameters. Adds a note
+    /// about the decision.
     fn world(&self, file: &str, declared: Option<Up>, metres: bool, notes: &mut Notes) -> Option<Similarity> {
         let (turn, text) = self.placing.turn(declared, metres);
         if let Some(text) = text {
@@ -126,7 +127,7 @@ impl Loaded {
         Ok(self)
     }
 
-    /// Extends to a higher degree with coefficients of 0.
+    /// Extends the harmonics to a higher degree with coefficients of 0.
     fn widen(&mut self, degree: u32) {
         if self.sh_degree == degree {
             return;

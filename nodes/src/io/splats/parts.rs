@@ -23,13 +23,14 @@ pub struct Part {
     pub finer: bool,
 }
 
-/// True without NaN or infinity: the largest magnitude as bits, which vectorises where a search does not.
+/// True if no value is NaN or infinite. Compares the bits of the largest magnitude, which can be vectorised,
+/// whereas a search cannot.
 fn all_finite(values: &[f32]) -> bool {
     values.iter().fold(0, |most, value| (value.to_bits() & 0x7fff_ffff).max(most)) < 0x7f80_0000
 }
 
 /// Reads `count` rows in parallel with `read(index, sh)`, which appends the colour of a row; for a row with an
-/// error it need not remove the colour. `first` is the index of the first row in the file.
+/// error it may leave a partial colour. `first` is the index of the first row in the file.
 pub fn read_rows(
     first: usize,
     count: usize,

@@ -38,12 +38,12 @@ struct Layout {
     sh_degree: u32,
     mean: [Field; 3],
     colour: Colour,
-    /// All of them, in the order of the file: channel by channel.
+    /// Fields of the other coefficients, in the order of the file: channel by channel.
     rest: Vec<Field>,
-    /// Start of these fields, if they are consecutive floats.
+    /// Start of these fields in the row, if they are consecutive 32-bit floats.
     rest_run: Option<usize>,
     opacity: Field,
-    /// Scales; only two in files of 2DGS, whose splats have no thickness.
+    /// Fields of the scales; only two in files of 2DGS, whose splats have no thickness.
     scale: [Option<Field>; 3],
     rotation: [Field; 4],
     filter: Option<Field>,
@@ -138,7 +138,7 @@ impl Layout {
     }
 }
 
-/// Loads a file whose header was read.
+/// Loads a file, given its header.
 pub(super) fn load(
     file: &str,
     bytes: &[u8],
@@ -180,7 +180,7 @@ pub(super) fn load(
     Ok(loaded)
 }
 
-/// An error for a file that is a mesh by its header.
+/// Returns an error if the file is a mesh according to its header.
 pub(super) fn refuse_mesh(file: &str, header: &ply::Header) -> Result<(), NodeError> {
     let find = |name: &str| header.elements.iter().find(|element| element.name == name);
     let faces = find("face").map_or(0, |face| face.rows);

@@ -44,7 +44,7 @@ fn fields<const N: usize>(
     Ok(found)
 }
 
-/// `bits` of `word` from `shift` on, as a number from 0 to 1.
+/// Extracts `bits` bits of `word` from bit `shift` on, as a number from 0 to 1.
 fn unit(word: u32, shift: u32, bits: u32) -> f64 {
     let largest = (1_u32 << bits) - 1;
     f64::from(word >> shift & largest) / f64::from(largest)
@@ -54,7 +54,7 @@ fn three(word: u32) -> [f64; 3] {
     [unit(word, 21, 11), unit(word, 11, 10), unit(word, 0, 11)]
 }
 
-/// `f_rest_*` of a byte: 256 steps over -4 to 4, the ends exact.
+/// Decodes `f_rest_*` from a byte: 256 steps from -4 to 4, with exact ends.
 fn harmonic(byte: u8) -> f32 {
     let t = match byte {
         0 => 0.0,
@@ -64,7 +64,7 @@ fn harmonic(byte: u8) -> f32 {
     (t - 0.5) * 8.0
 }
 
-/// Loads a file whose header was read.
+/// Loads a file, given its header.
 pub(super) fn load(
     file: &str,
     bytes: &[u8],
@@ -141,7 +141,7 @@ pub(super) fn load(
     Ok(loaded)
 }
 
-/// Rows, stride and places of the fields of the element `sh`, channel by channel.
+/// The element `sh`: its rows, their length in bytes, and the offsets of the fields, channel by channel.
 type Harmonics<'a> = (&'a [u8], usize, Vec<usize>);
 
 fn harmonics<'a>(
@@ -153,7 +153,10 @@ fn harmonics<'a>(
     let Some(element) = header.find("sh") else { return Ok(None) };
     let wrong = |what: String| Error::format(file, what);
     if element.count != count {
-        return Err(wrong(format!("{} rows `sh` for {count} splats", element.count)));
+        return Err(wrong(format!(
+            "the element `sh` has {} rows, but there are {count} splats",
+            element.count
+        )));
     }
     let fields = element.fields.len();
     if ![9, 24, 45].contains(&fields) {

@@ -7,13 +7,13 @@ use crate::math::num;
 pub enum RowFault {
     /// A field is NaN, or infinite where this has no meaning.
     NotFinite,
-    /// The quaternion is zero: as in rows of incomplete exports.
+    /// The quaternion is zero, as in rows of incomplete exports.
     ZeroQuaternion,
     /// An axis is longer than `max_extent`.
     TooLarge,
-    /// A scale is below 0 (in formats that store scales directly), or `filter_3D` is.
+    /// A scale is below 0, in a format that stores scales directly, or `filter_3D` is.
     NegativeScale,
-    /// An opacity is not between 0 and 1 (in formats that store it directly).
+    /// An opacity is not between 0 and 1, in a format that stores it directly.
     BadOpacity,
     /// The row refers to an entry beyond the end of a table.
     NoSuchEntry,
@@ -42,7 +42,7 @@ impl RowFault {
         }
     }
 
-    /// The reason in words, after "splats" or "the splat".
+    /// The reason in words, to follow "splats" or "the splat".
     pub fn words(self) -> &'static str {
         match self {
             Self::NotFinite => "with a field that is NaN or infinite",
@@ -60,11 +60,11 @@ impl RowFault {
 pub struct Row {
     /// Centre.
     pub mean: [f32; 3],
-    /// Part of the centre that f32 loses.
+    /// The part of the centre that f32 loses.
     pub mean_low: [f32; 3],
     /// Unit quaternion (w, x, y, z).
     pub quat: [f32; 4],
-    /// Standard deviations.
+    /// Standard deviations in the units of the file or the world.
     pub scale: [f32; 3],
     /// Opacity, 0 to 1.
     pub opacity: f32,
@@ -109,7 +109,7 @@ impl Row {
         Self::checked(mean, quat, scale, opacity, max_extent)
     }
 
-    /// A row whose scales and opacity are already activated.
+    /// Creates a row whose scales and opacity are already activated, and checks them.
     pub fn checked(
         mean: [f64; 3],
         quat: [f64; 4],
@@ -175,7 +175,7 @@ pub fn unit(quat: [f64; 4]) -> Option<[f32; 4]> {
 /// The factor of the constant function: colour = 0.5 + this times the coefficient.
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
-/// Number of coefficients of a degree besides the constant one.
+/// Number of coefficients per channel of a degree, without the constant one.
 pub fn sh_rest(degree: u32) -> usize {
     ((degree + 1) * (degree + 1) - 1) as usize
 }

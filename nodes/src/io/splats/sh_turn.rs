@@ -85,7 +85,7 @@ impl ShTurn {
         Self(bands)
     }
 
-    /// Rotates the coefficients of one splat in place: RGB triples, degree 0 first.
+    /// Rotates the coefficients of one splat in place. They are RGB triples, degree 0 first.
     pub fn apply(&self, sh: &mut [[f32; 3]]) {
         let mut start = 1;
         for (l, matrix) in (1..).zip(&self.0) {

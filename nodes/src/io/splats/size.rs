@@ -1,4 +1,4 @@
-//! Number of splats of a file by its header, to estimate memory before it is read.
+//! Number of splats of a file according to its header, which allows estimating memory before the file is read.
 
 use std::io::Read;
 
@@ -11,8 +11,8 @@ use super::spz;
 use crate::io::head::{elements_of, ply_header};
 use crate::io::ply;
 
-/// Bytes of the rows of a file, and of its decompressed data: by the number in the header if there is one,
-/// otherwise by the length and the usual size of a splat in such files.
+/// Returns the bytes of the rows of a file, and of its decompressed data: by the number in the header if there is
+/// one, otherwise by the length of the file and the usual size of a splat in such files.
 pub(crate) fn of(file: &FileHead<'_>) -> (u64, u64) {
     let mut head = Vec::new();
     let read = file.open().map(|reader| reader.take(64).read_to_end(&mut head));

@@ -89,16 +89,16 @@ struct Meta1 {
 
 type Table = [f64; 256];
 
-/// Colours beyond the constant one: a palette of sets of coefficients.
+/// The colours beyond the constant one: a palette of sets of coefficients.
 struct Palette {
-    /// Number of sets; `None` if the file does not define it.
+    /// Number of sets; `None` if the file does not specify it.
     count: Option<u64>,
     /// Degree; `None` if it follows from the width of the picture.
     degree: Option<u32>,
     table: Table,
 }
 
-/// `meta.json` of either version, with every number as a table indexed by a byte.
+/// The content of `meta.json` of either version. Each number is a table indexed by a byte.
 pub(super) struct Meta {
     count: u64,
     antialiased: bool,
@@ -266,7 +266,7 @@ impl Pixels {
         self.rgba.as_chunks::<4>().0.get(index).copied()
     }
 
-    /// A pixel that is known to exist.
+    /// Returns a pixel whose index is known to be valid.
     fn own(&self, index: usize) -> [u8; 4] {
         self.get(index).unwrap_or_default()
     }
@@ -305,7 +305,7 @@ pub(super) fn load_bundle(
     load(file, &meta, ranges, &|name| Ok(archive.get(&format!("{folder}{name}"))?), reading, notes)
 }
 
-/// Loads the pictures of a `meta.json`: all rows, or those in ascending ranges.
+/// Loads the pictures of a `meta.json`. Returns all rows, or those in ascending ranges.
 pub(super) fn load(
     file: &str,
     meta: &Meta,

@@ -52,7 +52,7 @@ impl Format {
         }
     }
 
-    /// The axis that the format defines as up.
+    /// The axis that the format defines as up; `None` for formats without such a definition.
     pub fn declared_up(self) -> Option<Up> {
         matches!(self, Self::Spz | Self::Glb | Self::Gltf).then_some(Up::PlusY)
     }
@@ -153,9 +153,9 @@ impl Expanded {
     }
 }
 
-/// The files of a parameter: the file itself, or the files in the folder. A folder is a SOG scene with its
-/// `meta.json`, a streamed one with its `lod-meta.json`, or holds such folders and bundles (`.sog`), joined in the
-/// order of their names. Of a streamed scene, the files of one level are taken.
+/// The files of a parameter: the file itself, or the files in the folder. A folder with a `meta.json` is a SOG
+/// scene, and one with a `lod-meta.json` a streamed scene, from which the files of one level are used. Any other
+/// folder contains such folders and bundles (`.sog`), which are joined in the order of their names.
 pub fn expand(file: &InputFile, path: &Path, level: u32) -> Result<Expanded, NodeError> {
     if !path.is_dir() {
         let named = path.is_file() && file.0.to_ascii_lowercase().ends_with(".json");
@@ -202,8 +202,8 @@ pub fn expand(file: &InputFile, path: &Path, level: u32) -> Result<Expanded, Nod
     Ok(all)
 }
 
-/// True if all chunks are named as splat-transform names those of a streamed scene, level and number, with more than
-/// one level.
+/// True if the names of all chunks have the form `LEVEL_NUMBER` that splat-transform gives those of a streamed
+/// scene, with more than one level.
 fn looks_like_levels(chunks: &[String]) -> bool {
     let level = |chunk: &String| -> Option<u32> {
         let name = chunk.split(['/', '.']).next()?;

@@ -18,7 +18,7 @@ use crate::error::Error;
 use crate::math::num;
 use crate::types::frame::Similarity;
 
-/// `NGSP`, the first bytes of every version after decompression.
+/// The first bytes of every version after decompression.
 pub(super) const MAGIC: &[u8; 4] = b"NGSP";
 /// First bytes of a gzip stream.
 pub(super) const GZIP: [u8; 2] = [0x1f, 0x8b];
@@ -27,7 +27,7 @@ const HEADER: usize = 16;
 const HEADER_4: usize = 32;
 const ANTIALIASED: u8 = 1;
 const EXTENDED: u8 = 2;
-/// Space for extensions after the attributes of versions 1 to 3.
+/// Maximum number of bytes of extensions after the attributes of versions 1 to 3.
 const EXTENSIONS: usize = 1 << 20;
 /// Largest number of bytes that one byte of a version 4 file may expand to. The reference has the same limit;
 /// captures reach 3.
@@ -167,7 +167,7 @@ fn unpack_4(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Erro
     Ok(Attributes { header, count, streams, extensions, left_over: bytes.len() - at })
 }
 
-/// The orthogonal map from the axes defined by an extension to right, up, back; `None` without one.
+/// The orthogonal map from the axes that an extension defines to right, up, back; `None` without that extension.
 fn named_axes(file: &str, flags: u8, mut records: &[u8]) -> Result<Option<DMat3>, Error> {
     if flags & EXTENDED == 0 {
         return Ok(None);

@@ -1,5 +1,5 @@
-//! Streamed SOG (PlayCanvas, splat-transform `write-lod.ts`): `lod-meta.json` with a tree of places, each of which has
-//! the same splats at several levels, 0 the finest, as ranges of rows of SOG files. One level is read.
+//! Streamed SOG (PlayCanvas, splat-transform `write-lod.ts`): `lod-meta.json` with a tree of regions. Each region
+//! has the same splats at several levels, 0 the finest, as ranges of rows of SOG files. One level is read.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
@@ -40,7 +40,7 @@ struct Span {
 /// The files of one level, with the rows that belong to it.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Level {
-    /// Relative path of each file, and its rows; `None` for all of them.
+    /// Relative path of each file and its rows; `None` for all rows.
     pub files: Vec<(String, Option<Ranges>)>,
     /// Number of levels of the scene.
     pub levels: usize,
@@ -57,8 +57,8 @@ pub(super) fn is_streamed(bytes: &[u8]) -> bool {
     peek.is_ok_and(|peek| peek.filenames.is_some() && peek.tree.is_some())
 }
 
-/// Reads `lod-meta.json`. Where a place lacks the level, its nearest coarser one is taken, or else the nearest finer
-/// one.
+/// Reads `lod-meta.json`. For a region without that level, the nearest coarser level is used or, if there is none,
+/// the nearest finer one.
 pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Error> {
     let wrong = |what: String| Error::format(file, what);
     let lod: Lod = serde_json::from_slice(json_text(bytes))
@@ -76,7 +76,7 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Erro
         let coarser = own.range(wanted..).next();
         let Some((_, span)) = coarser.or_else(|| own.range(..wanted).next_back()) else { continue };
         if lod.filenames.get(span.file).is_none() {
-            return Err(wrong(format!("a place names file {} of {}", span.file, lod.filenames.len())));
+            return Err(wrong(format!("a region refers to file {} of {}", span.file, lod.filenames.len())));
         }
         let end = span.offset.checked_add(span.count);
         let end = end.ok_or_else(|| wrong("a range of splats is impossibly long".to_owned()))?;
@@ -101,7 +101,7 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Erro
     Ok(Level { files, levels: finest })
 }
 
-/// Sorts ranges and joins adjacent ones. Places do not share splats.
+/// Sorts ranges and joins adjacent ones. It is an error if they overlap, since regions do not share splats.
 fn joined(file: &str, mut spans: Vec<(u64, u64)>) -> Result<Ranges, Error> {
     spans.sort_unstable();
     let mut all: Ranges = Vec::new();
@@ -110,7 +110,7 @@ fn joined(file: &str, mut spans: Vec<(u64, u64)>) -> Result<Ranges, Error> {
         let (start, end) = (usize::try_from(start).map_err(beyond)?, usize::try_from(end).map_err(beyond)?);
         match all.last_mut() {
             Some((_, last)) if start < *last => {
-                return Err(Error::format(file, "two places of one level share splats"));
+                return Err(Error::format(file, "two regions of one level share splats"));
             }
             Some((_, last)) if start == *last => *last = end,
             _ => all.push((start, end)),

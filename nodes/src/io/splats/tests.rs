@@ -1,4 +1,4 @@
-//! Small files of every format, written here byte by byte, and damaged versions of them.
+//! Tests with small files of every format, written byte by byte, and with damaged versions of them.
 
 mod build;
 mod hostile;

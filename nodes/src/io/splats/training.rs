@@ -1,10 +1,10 @@
-//! Comments in which trainers say how the splats of a PLY file were trained.
+//! Comments of PLY files in which trainers state how the splats were trained.
 
 use engine::Notes;
 
-/// True if the comments say that the splats were trained antialiased, as the flags of SPZ and SOG do: `SplatRenderMode:
-/// mip` (Brush, gsplat, splat-transform), `antialiased 1` (Postshot), or the proposed `train_flags antialiasing`. As in
-/// splat-transform, the last one counts.
+/// True if the comments say that the splats were trained antialiased, as the flags of SPZ and SOG do:
+/// `SplatRenderMode: mip` (Brush, gsplat, splat-transform), `antialiased 1` (Postshot), or the proposed
+/// `train_flags antialiasing`. As in splat-transform, the last such comment is used.
 pub(super) fn antialiased(comments: &[String], file: &str, notes: &mut Notes) -> bool {
     let Some((yes, comment)) = comments.iter().rev().find_map(|text| Some((flag(text)?, text))) else {
         return false;
@@ -16,7 +16,7 @@ pub(super) fn antialiased(comments: &[String], file: &str, notes: &mut Notes) ->
     yes
 }
 
-/// Statement of one comment about antialiasing; `None` if it is about something else.
+/// The value that one comment states for antialiasing; `None` if it does not mention it.
 fn flag(comment: &str) -> Option<bool> {
     let lower = comment.to_ascii_lowercase();
     let words: Vec<&str> =

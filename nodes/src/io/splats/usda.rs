@@ -19,12 +19,12 @@ pub(super) const BINARY: &[u8] = b"PXR-USDC";
 
 const PRIM: &str = "ParticleField3DGaussianSplat";
 const COEFFICIENTS: &str = "radiance:sphericalHarmonicsCoefficients";
-/// Metres per unit of a file that does not say it, by the definition of USD.
+/// Metres per unit of a file that does not specify it, as defined by USD.
 const CENTIMETRE: f64 = 0.01;
-/// Deepest nesting of prims.
+/// Maximum depth of nested prims.
 const DEEPEST: usize = 256;
 
-/// A prim that is open: its type, transforms by name, their order, and its lists of numbers.
+/// A prim that is being read: its type, its transforms by name, their order, and its lists of numbers.
 #[derive(Default)]
 struct Prim {
     kind: String,
@@ -35,14 +35,14 @@ struct Prim {
     degree: Option<u32>,
 }
 
-/// Splats of one prim with the transform of it and its parents.
+/// The splats of one prim, with the transform of the prim and its parents.
 struct Field {
     lists: BTreeMap<String, Vec<f32>>,
     degree: Option<u32>,
     matrix: DMat4,
 }
 
-/// Reads tokens.
+/// Reader of tokens.
 struct Scan<'a> {
     file: &'a str,
     text: &'a str,
@@ -59,7 +59,7 @@ impl<'a> Scan<'a> {
         self.text.get(self.at..).unwrap_or_default()
     }
 
-    /// Skips blanks, separators and comments.
+    /// Skips white space, separators and comments.
     fn blanks(&mut self) {
         loop {
             let rest = self.rest();
@@ -78,7 +78,7 @@ impl<'a> Scan<'a> {
         found
     }
 
-    /// A word up to a blank or a mark.
+    /// Reads a word, up to white space or punctuation.
     fn word(&mut self) -> &'a str {
         let rest = self.rest();
         let end = rest.find(|c: char| c.is_whitespace() || "=(){}\"@".contains(c)).unwrap_or(rest.len());
@@ -86,7 +86,7 @@ impl<'a> Scan<'a> {
         &rest[..end]
     }
 
-    /// The text between quotes at this place.
+    /// Reads the text between quotes at the current position.
     fn quoted(&mut self) -> Result<&'a str, Error> {
         let fence = if self.take("\"\"\"") { "\"\"\"" } else { "\"" };
         if fence == "\"" && !self.take("\"") {
@@ -98,7 +98,7 @@ impl<'a> Scan<'a> {
         Ok(&rest[..end])
     }
 
-    /// Skips what is between brackets, texts within it included; the place is at the first bracket.
+    /// Skips a group in brackets, including strings in it. The current position is the first bracket.
     fn balanced(&mut self) -> Result<&'a str, Error> {
         let (start, mut depth) = (self.at, 0_usize);
         loop {
@@ -125,7 +125,7 @@ impl<'a> Scan<'a> {
         }
     }
 
-    /// The numbers between brackets, or the one at this place.
+    /// Reads the numbers in brackets, or the single number, at the current position.
     fn numbers(&mut self) -> Result<Vec<f32>, Error> {
         let inner = if self.rest().starts_with(['[', '(']) { self.balanced()? } else { self.word() };
         let words = inner.split(|c: char| c.is_whitespace() || "()[],".contains(c)).filter(|w| !w.is_empty());
@@ -141,7 +141,7 @@ fn setting<'a>(metadata: &'a str, name: &str) -> Option<&'a str> {
     Some(line.trim_start().strip_prefix('=')?.trim().trim_end_matches(')').trim().trim_matches('"'))
 }
 
-/// The transform of a prim by its operations, in their order.
+/// The transform of a prim, composed of its operations in their order.
 fn local(scan: &Scan<'_>, prim: &Prim) -> Result<DMat4, Error> {
     let mut matrix = DMat4::IDENTITY;
     for name in &prim.order {
@@ -163,7 +163,7 @@ fn local(scan: &Scan<'_>, prim: &Prim) -> Result<DMat4, Error> {
     Ok(matrix)
 }
 
-/// Finds the fields of splats.
+/// Reads all prims of splats.
 fn fields(scan: &mut Scan<'_>) -> Result<Vec<Field>, Error> {
     let (mut open, mut found): (Vec<Prim>, Vec<Field>) = (Vec::new(), Vec::new());
     loop {
@@ -214,7 +214,7 @@ fn fields(scan: &mut Scan<'_>) -> Result<Vec<Field>, Error> {
     }
 }
 
-/// Reads one attribute; the type or a word before it was read.
+/// Reads one attribute. Its first word has been read already and is `first`.
 fn attribute<'a>(scan: &mut Scan<'a>, first: &'a str, prim: Option<&mut Prim>) -> Result<(), Error> {
     let mut name = first;
     loop {

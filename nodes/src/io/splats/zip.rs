@@ -1,5 +1,6 @@
 //! ZIP archives in memory, for SOG bundles: stored and deflated entries (PKWARE APPNOTE 6.3.10, sections 4.3.7,
-//! 4.3.12 and 4.3.16). No encryption, no ZIP64. Written here to bound memory by the length that an entry declares.
+//! 4.3.12 and 4.3.16). Encryption and ZIP64 are not supported. No crate is used, so that memory is bounded by the
+//! length that an entry declares.
 
 use super::bytes::{range, u16_at, u32_at};
 use super::inflate::{DEFLATE_RATIO, inflate};
@@ -62,19 +63,19 @@ impl<'a> Archive<'a> {
         Ok(Self { file, bytes, entries })
     }
 
-    /// The full name of the only entry that is called `name`, in any folder.
+    /// The full name of the only entry whose file name is `name`, in any folder.
     pub fn find(&self, name: &str) -> Option<&str> {
         let mut found = self.entries.iter().filter(|entry| entry.name.rsplit('/').next() == Some(name));
         let first = found.next()?;
         found.next().is_none().then_some(&first.name)
     }
 
-    /// Length of an entry after decompression, as declared; 0 if there is no entry of that name.
+    /// Length of an entry after decompression, as declared; 0 if the entry does not exist.
     pub fn length(&self, name: &str) -> usize {
         self.entries.iter().find(|entry| entry.name == name).map_or(0, |entry| entry.length)
     }
 
-    /// The bytes of an entry, its checksum verified.
+    /// Reads an entry and verifies its checksum.
     pub fn get(&self, name: &str) -> Result<Vec<u8>, Error> {
         let wrong = |what: &str| Error::format(self.file, format!("entry `{name}` {what}"));
         let entry = self.entries.iter().find(|entry| entry.name == name);

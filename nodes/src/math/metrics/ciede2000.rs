@@ -5,8 +5,8 @@ use engine::{Context, NodeError};
 use super::Plane;
 use crate::math::num;
 
-/// The difference of every pixel of two sRGB-encoded pictures (0 to 1, three channels): about 1 is just
-/// visible, black to white is 100. CIELAB under D65 for the 2 degree observer, weights 1.
+/// The difference of every pixel of two sRGB-encoded pictures (0 to 1, three channels): about 1 is just visible,
+/// black to white is 100. Uses CIELAB under D65 for the 2 degree observer, with weights of 1.
 pub fn ciede2000_map(a: &Plane, b: &Plane, cx: &Context) -> Result<Vec<f64>, NodeError> {
     let rows = cx.for_each_tile(a.height, |y| {
         let pixel = |p: &Plane, x: usize| {

@@ -75,7 +75,7 @@ impl Exposures {
     }
 }
 
-/// A quotient of two parabolas: the filmic curve of Narkowicz that approximates ACES.
+/// Coefficients of a quotient of two parabolas: the filmic curve of Narkowicz that approximates ACES.
 const ACES: [f64; 6] = [0.6 * 0.6 * 2.51, 0.6 * 0.03, 0.0, 0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
 
 /// HDR-FLIP of every pixel: the largest FLIP over the exposures, each tone-mapped with the ACES curve.
@@ -168,7 +168,7 @@ fn hyab(a: [f64; 3], b: [f64; 3]) -> f64 {
     if distance > 0.0 { num::pow(distance, 0.7) } else { 0.0 }
 }
 
-/// Maps colour distances to 0..1: the lower 40 % get 95 % of the range (equation 12).
+/// Maps colour distances to 0..1: the lower 40 % are mapped to 95 % of the range (equation 12).
 fn redistribute(distance: f64) -> f64 {
     const SHARE: f64 = 0.95;
     // The distance from green to blue is the largest one.
@@ -264,7 +264,7 @@ struct Kernels {
     sensitivity: [Vec<(f64, Vec<f64>)>; 3],
     /// First derivative of a Gaussian: each half sums to 1.
     edge: Vec<f64>,
-    /// Its second derivative: the parts of either sign sum to 1.
+    /// Second derivative of the Gaussian: the positive and the negative part each sum to 1.
     point: Vec<f64>,
     /// The Gaussian, for the perpendicular direction.
     across: Vec<f64>,

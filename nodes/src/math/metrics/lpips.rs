@@ -14,7 +14,7 @@ use crate::math::nn::{Conv, Tensor, Weights, max_pool, relu};
 pub struct Lpips {
     /// Stages of convolutions, separated by pooling.
     stages: Vec<Stage>,
-    /// Window and step of the poolings.
+    /// Window size and stride of the pooling, in pixels.
     pool: (usize, usize),
 }
 
@@ -26,7 +26,7 @@ struct Stage {
 }
 
 impl Lpips {
-    /// Reads the weights; their names determine the network. `file` is the name for messages.
+    /// Reads the weights, whose names determine the network. `file` is the name of the file for messages.
     pub fn parse(file: &str, bytes: &[u8]) -> Result<Self, Error> {
         let weights = Weights::parse(file, bytes)?;
         let vgg = weights.has("s0.conv0.weight") || weights.has("features.2.weight");
@@ -119,7 +119,8 @@ fn input(plane: &Plane, scaled: bool) -> Tensor {
     tensor
 }
 
-/// The mean over pixels of the weighted squared difference of features, each pixel's scaled to length 1.
+/// The mean over pixels of the weighted squared difference of features, where the features of each pixel are scaled
+/// to length 1.
 fn layer(a: &Tensor, b: &Tensor, heads: &[f32]) -> f64 {
     let count = a.height * a.width;
     let length = |t: &Tensor, i: usize| {

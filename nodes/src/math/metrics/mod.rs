@@ -1,6 +1,6 @@
 //! Distances between two pictures, in f64 and in the variants printed in papers. Every number is summed in row
-//! order, so it does not depend on threads. Written here, since crates for them compute in f32 or by the system's
-//! functions, and have no FLIP for HDR.
+//! order, so it does not depend on threads. No crate is used, since those that exist compute in f32 or with
+//! functions of the system, and lack FLIP for HDR.
 
 mod ciede2000;
 mod flip;

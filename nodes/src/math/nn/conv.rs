@@ -25,8 +25,8 @@ impl Conv {
         (size + 2 * self.padding).checked_sub(kernel).map_or(0, |room| room / self.stride + 1)
     }
 
-    /// Convolves. Every output is the bias plus one product after the other, by input channel, row and column of
-    /// the kernel.
+    /// Applies the convolution. Every output is the bias plus products, added one after the other by input channel,
+    /// row and column of the kernel.
     pub fn apply(&self, input: &Tensor, cx: &Context) -> Result<Tensor, NodeError> {
         let [outputs, inputs, rows, columns] = self.shape;
         let (height, width) = (self.output_size(input.height, rows), self.output_size(input.width, columns));
@@ -74,14 +74,15 @@ impl Conv {
     }
 }
 
-/// Clamps to at least 0.
+/// Clamps all values to at least 0.
 pub fn relu(tensor: &mut Tensor) {
     for v in &mut tensor.data {
         *v = v.max(0.0);
     }
 }
 
-/// The largest value of each window of `size` pixels, `stride` apart; windows that do not fit are left out.
+/// Returns the largest value of each window of `size` pixels, at steps of `stride`. Windows that extend beyond the
+/// border are left out.
 pub fn max_pool(input: &Tensor, size: usize, stride: usize) -> Tensor {
     let count = |n: usize| n.checked_sub(size).map_or(0, |room| room / stride + 1);
     let mut out = Tensor::new(input.channels, count(input.height), count(input.width));

@@ -13,14 +13,14 @@ pub struct Weights<'a> {
 }
 
 impl<'a> Weights<'a> {
-    /// Reads the header. `file` is the name for messages.
+    /// Reads the header. `file` is the name of the file for messages.
     pub fn parse(file: &'a str, bytes: &'a [u8]) -> Result<Self, Error> {
         let tensors = SafeTensors::deserialize(bytes)
             .map_err(|error| Error::format(file, format!("is not a valid safetensors file: {error}")))?;
         Ok(Self { file, tensors })
     }
 
-    /// True if there is a tensor with this name.
+    /// True if a tensor with this name exists.
     pub fn has(&self, name: &str) -> bool {
         self.tensors.tensor(name).is_ok()
     }

@@ -17,7 +17,7 @@ pub struct Shared<'a> {
     pub mood: Tensor,
     /// Rotations of all tokens, text first.
     pub rotations: &'a Rotations,
-    /// Numbers in a head.
+    /// Number of channels of a head.
     pub head: usize,
 }
 
@@ -85,7 +85,7 @@ impl Side {
         [&mut self.modulation, &mut self.qkv, &mut self.proj].into_iter().chain(&mut self.mlp)
     }
 
-    /// The part after attention, on this side alone.
+    /// Applies the layers after attention to this side.
     fn finish(&self, x: &Tensor, mixed: &Tensor, m: &[Tensor; 6]) -> Result<Tensor> {
         let x = (x + self.proj.forward(mixed)?.broadcast_mul(&m[2])?)?;
         let inner = self.mlp[0].forward(&modulated(&x, &m[4], &m[3])?)?.gelu()?;
@@ -100,7 +100,7 @@ pub struct Double {
 }
 
 impl Double {
-    /// Block `index`.
+    /// Loads block `index`.
     pub fn load(loader: &mut Loader<'_>, config: &Config, index: usize) -> Result<Self> {
         let side = |loader: &mut Loader<'_>, side: &str| {
             Side::load(loader, config, &format!("double_blocks.{index}.{side}"))
@@ -108,12 +108,12 @@ impl Double {
         Ok(Self { img: side(loader, "img")?, txt: side(loader, "txt")? })
     }
 
-    /// Its layers.
+    /// All linear layers of the block.
     pub fn linears(&mut self) -> impl Iterator<Item = &mut Linear> {
         self.img.linears().chain(self.txt.linears())
     }
 
-    /// New text and picture, each tokens x hidden.
+    /// Applies the block. Returns the new text and picture, each tokens x hidden.
     pub fn forward(
         &self,
         txt: &Tensor,
@@ -148,7 +148,7 @@ pub struct Single {
 }
 
 impl Single {
-    /// Block `index`.
+    /// Loads block `index`.
     pub fn load(loader: &mut Loader<'_>, config: &Config, index: usize) -> Result<Self> {
         let name = |part: &str| format!("single_blocks.{index}.{part}");
         let Config { hidden, mlp, .. } = *config;
@@ -160,12 +160,12 @@ impl Single {
         })
     }
 
-    /// Its layers.
+    /// All linear layers of the block.
     pub fn linears(&mut self) -> impl Iterator<Item = &mut Linear> {
         [&mut self.modulation, &mut self.inward, &mut self.outward].into_iter()
     }
 
-    /// The new sequence, tokens x hidden.
+    /// Applies the block. Returns the new sequence, tokens x hidden.
     pub fn forward(&self, x: &Tensor, shared: &Shared<'_>, watch: &mut dyn Watch) -> Result<Tensor> {
         let hidden = x.dim(1)?;
         let [shift, scale, gate] = modulation(&self.modulation, &shared.mood)?;

@@ -1,19 +1,19 @@
-//! Shapes whose faces look inwards, which exporters and mirrored copies leave: single-sided, they are black from
-//! outside. Programs that draw both sides show no difference.
+//! Detection of shapes whose faces look inwards, which exporters and mirrored copies produce. Single-sided, they
+//! are black from outside; in programs that draw both sides they look correct.
 
 use engine::{Context, NodeError, Notes};
 use glam::DVec3;
 
 use crate::types::{Material, Primitive};
 
-/// Sum of the area vectors relative to the area below which a shape counts as closed.
+/// Maximum length of the sum of the area vectors, relative to the area, of a closed shape.
 const CLOSED: f64 = 1e-3;
-/// Sum of the area vectors relative to the area below which an open shape is reported.
+/// Maximum length of that sum, relative to the area, of an open shape that is reported.
 const OPEN: f64 = 0.5;
 /// Mean cosine between the faces and the directions from the middle, weighted by area and distance, below which faces
 /// look inwards. Those of a sphere are -1, of a cube -0.8, of a long box -0.5.
 const INWARD: f64 = -0.3;
-/// Number of the largest other parts in which a cavity is searched.
+/// Number of other parts, the largest ones, that are tested for containing a cavity.
 const HOLDERS: usize = 64;
 
 /// A connected part of an object.
@@ -23,8 +23,9 @@ struct Part {
     middle: DVec3,
     /// Sum of the area vectors.
     vector: DVec3,
-    /// Sums of area times height over the middle, and times distance from it.
+    /// Sum over triangles of area times height over the middle.
     height: f64,
+    /// Sum over triangles of area times distance from the middle.
     distance: f64,
     low: DVec3,
     high: DVec3,
@@ -60,7 +61,7 @@ impl Part {
     }
 }
 
-/// The root of a vertex, with shorter paths afterwards.
+/// Returns the root of a vertex, and shortens the paths on the way.
 fn root(parents: &mut [u32], mut at: u32) -> u32 {
     while parents[at as usize] != at {
         let above = parents[parents[at as usize] as usize];
@@ -70,7 +71,7 @@ fn root(parents: &mut [u32], mut at: u32) -> u32 {
     at
 }
 
-/// The part of every vertex: vertices of a triangle and vertices at one place belong together.
+/// The part of every vertex. Vertices of one triangle belong together, and so do vertices at one position.
 fn parts_of(primitives: &[Primitive], starts: &[usize], cx: &Context) -> Result<Vec<u32>, NodeError> {
     let total = primitives.iter().map(|p| p.positions.len()).sum::<usize>();
     // Positive and negative zero are one place.

@@ -24,7 +24,7 @@ pub struct Materials<'a> {
     glossy: u64,
 }
 
-/// Extensions that are not rendered, and what is visible instead.
+/// Extensions that are not rendered, and the visible effect of that.
 const NOT_DRAWN: [(&str, &str); 5] = [
     ("KHR_lights_punctual", "its lights are not used; emissive surfaces are"),
     ("KHR_materials_dispersion", "all colours are refracted equally"),
@@ -33,7 +33,7 @@ const NOT_DRAWN: [(&str, &str); 5] = [
     ("KHR_texture_basisu", "textures use the PNG or JPEG fallback"),
 ];
 
-/// The effect of leaving out an extension.
+/// The effect of not supporting an extension.
 fn effect(extension: &str) -> &'static str {
     let known = NOT_DRAWN.iter().find(|(name, _)| *name == extension);
     known.map_or("it is unknown", |(_, effect)| effect)
@@ -74,7 +74,7 @@ impl<'a> Materials<'a> {
         Ok(materials)
     }
 
-    /// Reports content outside of materials that is not supported. Lights are reported only if a node has one.
+    /// Reports unsupported content outside of materials. Lights are reported only if a node has one.
     fn report_others(&self, notes: &mut Notes) {
         for (what, instead) in
             [("animations", "all parts are placed by their nodes"), ("cameras", "the graph has its own")]
@@ -216,7 +216,7 @@ impl<'a> Materials<'a> {
         Ok(DiffuseTransmission { strength: self.map(e, "diffuseTransmission", 0.0)?, colour })
     }
 
-    /// `nameFactor`, from 0 to 1, and `nameTexture`.
+    /// Reads `nameFactor`, from 0 to 1, and `nameTexture`.
     fn map(&mut self, e: &Value, name: &str, default: f64) -> Result<Map, Error> {
         let factor = self.factor(&e[format!("{name}Factor").as_str()], default, 0.0, 1.0);
         Ok(Map { factor, texture: self.texture(&e[format!("{name}Texture").as_str()])? })

@@ -1,7 +1,7 @@
 //! Tangents for normal maps of files without tangents, similar to MikkTSpace: corners that share position, normal
 //! and texture coordinates share a tangent, weighted by the angle of each corner, and mirrored islands are kept
-//! separate. The green of a normal map points up the picture, and glTF's v runs down it, so the bitangent runs
-//! against v and the sign is the opposite of that of the texture's area.
+//! separate. The green channel of a normal map points up in the picture, and v of glTF runs down. So the bitangent
+//! points against v, and its sign is the opposite of that of the area in texture coordinates.
 
 use std::collections::HashMap;
 
@@ -14,7 +14,7 @@ fn vec3(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
 }
 
-/// A unit vector perpendicular to `n`, always the same for the same `n`.
+/// Returns a unit vector perpendicular to `n`, the same for equal `n`.
 fn across(n: DVec3) -> DVec3 {
     let axis = if n.x.abs() < 0.6 { DVec3::X } else { DVec3::Y };
     (axis - n * n.dot(axis)).normalize()

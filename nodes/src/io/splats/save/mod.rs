@@ -19,15 +19,15 @@ use crate::types::{SplatEncoding, Splats};
 pub enum SaveFormat {
     /// INRIA PLY: 32-bit floats, as stored by the optimiser (logarithms and logits).
     Ply,
-    /// SPZ: about a tenth of the size, quantised. Version 3, which every reader supports; version 4 for harmonics
-    /// of degree 4, which older versions lack.
+    /// SPZ: quantised, about a tenth of the size of PLY. Version 3, which every reader supports; version 4 for
+    /// harmonics of degree 4, which earlier versions do not support.
     Spz,
-    /// SPZ version 4 always.
+    /// SPZ, always version 4.
     Spz4,
 }
 
 impl SaveFormat {
-    /// The format by the extension of a path.
+    /// The format according to the extension of a path.
     pub fn of_path(path: &str) -> Option<Self> {
         match path.rsplit_once('.')?.1.to_ascii_lowercase().as_str() {
             "ply" => Some(Self::Ply),
@@ -37,7 +37,7 @@ impl SaveFormat {
     }
 }
 
-/// The bytes of a file, and notes on what it cannot store.
+/// Encodes a file. Returns its bytes and notes on data that the format cannot store.
 ///
 /// `up` is the up axis of the world. SPZ defines +y as up, so the splats are rotated to it; `None` writes them
 /// unchanged. PLY defines no up axis and is never rotated.
@@ -87,7 +87,7 @@ fn chunks<T: Send>(
     cx.for_each_tile(count.div_ceil(CHUNK), |chunk| f(chunk * CHUNK..((chunk + 1) * CHUNK).min(count)))
 }
 
-/// The splats after a transform.
+/// Transforms all splats.
 fn turned(splats: &Splats, turn: &Turn, cx: &Context) -> Result<Splats, NodeError> {
     let width = splats.sh_len();
     let parts = chunks(splats.len(), cx, |range| {

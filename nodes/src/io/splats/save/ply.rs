@@ -9,9 +9,9 @@ use crate::io::splats::sh_rest;
 use crate::math::num;
 use crate::types::Splats;
 
-/// Logarithms and logits below this activate to 0, also as the smallest f32; PLY has no infinity.
+/// Lower limit of logarithms and logits. Smaller ones activate to 0 in f32, and PLY has no infinity.
 const LOWEST: f64 = -110.0;
-/// A logit that activates to 1 as f32.
+/// Logit that activates to 1 in f32.
 const HIGHEST: f64 = 30.0;
 
 /// The bytes of a file.

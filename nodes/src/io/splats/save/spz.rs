@@ -1,6 +1,6 @@
-//! SPZ (nianticlabs/spz): version 3, one gzip stream, which every reader of the format supports, or version 4, a
-//! Zstandard stream per attribute, which decompresses in parallel and is the only version with harmonics of degree
-//! 4. Harmonics are stored with 8 bits; the reference rounds them to 5 and 4 bits.
+//! SPZ (nianticlabs/spz): version 3, one gzip stream, which every reader of the format supports, or version 4 with
+//! one Zstandard stream per attribute, which can be decompressed in parallel and is the only version with harmonics
+//! of degree 4. Harmonics are stored with 8 bits; the reference rounds them to 5 and 4 bits.
 
 use std::io::Write;
 
@@ -12,9 +12,10 @@ use crate::io::splats::{SH_C0, SPZ_COLOUR_SCALE, sh_rest, spz_rotation, unit};
 use crate::math::num;
 use crate::types::Splats;
 
-/// Fraction bits, if the size of the scene allows: 1/65536 of a unit. The reference always writes 12.
+/// Number of fraction bits, if the size of the scene permits: a step is 1/65536 of a unit. The reference always
+/// writes 12.
 const FRACTION_BITS: u32 = 16;
-/// Fraction bits of a scene of small splats: the smallest axis in the format, e^-10, is then 24 steps.
+/// Number of fraction bits for a scene of small splats: the smallest axis in the format, e^-10, is then 24 steps.
 const MOST_FRACTION_BITS: u32 = 19;
 /// Largest signed 24-bit integer.
 const LARGEST: f64 = 8_388_607.0;
@@ -186,8 +187,8 @@ pub(super) fn encode(
     }
 }
 
-/// Version 3: header and attributes in one gzip stream. Its header contains neither name nor time, so equal scenes
-/// give equal files.
+/// Writes version 3: header and attributes in one gzip stream. The gzip header contains neither name nor time, so
+/// that equal scenes give equal files.
 fn one_stream(plain: Vec<u8>, cx: &Context) -> Result<Vec<u8>, NodeError> {
     let room = Vec::with_capacity(plain.len() / 2);
     let mut packed =
@@ -199,8 +200,8 @@ fn one_stream(plain: Vec<u8>, cx: &Context) -> Result<Vec<u8>, NodeError> {
     Ok(packed.finish()?)
 }
 
-/// Version 4: the uncompressed header, compressed and original length of each stream, and the streams. Attributes
-/// without bytes have none.
+/// Writes version 4: the uncompressed header, the compressed and original length of each stream, and the streams.
+/// Attributes without bytes have no stream.
 fn streams_apart(
     mut header: Vec<u8>,
     stream: impl Fn(usize) -> Vec<u8> + Send + Sync,
@@ -247,7 +248,8 @@ pub(super) fn rotation(quat: [f32; 4]) -> u32 {
         .map_or(0, |(_, word)| word)
 }
 
-/// The index of the omitted component in the order x, y, z, w, then sign and 9 bits of each of the others.
+/// Encodes a rotation with one component omitted: the index of that component in the order x, y, z, w, then sign
+/// and 9 bits of each of the others.
 fn leaving_out(out: usize, parts: [f32; 4]) -> u32 {
     let others = (0..4).filter(|i| *i != out).map(|i| parts[i]);
     others.fold(out as u32, |word, part| {

@@ -104,7 +104,8 @@ fn compressed_ply_may_be_big_endian() {
     assert!(read(&big).unwrap().0 == read(&little).unwrap().0);
 }
 
-/// Infinities of logits and log scales have a meaning; NaN is a drop that is counted. In every encoding.
+/// Infinite logits and log scales have a meaning; a row with NaN is dropped and counted. This holds for every
+/// encoding.
 #[test]
 fn infinities_are_opaque_absent_or_flat() {
     let row = |at: usize, value: f64| {
@@ -135,7 +136,7 @@ fn infinities_are_opaque_absent_or_flat() {
     assert_eq!((splats.scales[0][0], splats.opacities[0]), (0.5, 0.0));
 }
 
-/// A third scale that is missing is a thickness of 0. Mutation: `NEG_INFINITY` to 0 in `Layout::row`, seen red.
+/// A missing third scale means a thickness of 0. Mutation: `NEG_INFINITY` to 0 in `Layout::row`, seen red.
 #[test]
 fn splats_of_two_scales_are_flat() {
     let names: Vec<&str> = FIELDS.iter().copied().filter(|name| *name != "scale_2").collect();
@@ -156,7 +157,7 @@ fn splats_of_two_scales_are_flat() {
     assert!(error.message().contains("`scale_1`"), "{error}");
 }
 
-/// Display colours of each type in place of the coefficients.
+/// Display colours of each type replace coefficients.
 #[test]
 fn colours_as_codes_replace_coefficients() {
     let shown = [[204.0, 0.0, 255.0], [3.0, 2.0, 1.0], [128.0, 64.0, 32.0]];
@@ -195,7 +196,7 @@ fn colours_as_codes_replace_coefficients() {
     assert!(error.message().contains("`opacity` of floats, but one of type `uchar`"), "{error}");
 }
 
-/// Trained antialiased by a comment, in plain and compressed files; written again with it.
+/// A comment marks splats as trained antialiased, in plain and in compressed files, and is written again.
 #[test]
 fn comments_of_trainers_set_the_compensation() {
     let of = |comments: &[&str]| read(&table("ascii", comments, &floats(&FIELDS), &rows(3))).unwrap();

@@ -7,7 +7,7 @@ use super::Geometry;
 use crate::error::Error;
 
 impl Geometry<'_> {
-    /// Adds the morph targets with the weights of the file.
+    /// Adds the morph targets, weighted as the file specifies.
     pub(super) fn morph(
         &mut self,
         node: &Node<'_>,

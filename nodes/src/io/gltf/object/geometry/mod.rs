@@ -17,7 +17,7 @@ use tally::Tally;
 pub(crate) use transform::local;
 use transform::{inverse_transpose, turned};
 
-/// Largest number of vertices of an object: a small file that repeats a mesh could fill any memory.
+/// Maximum number of vertices of an object, since a small file that repeats a mesh could fill any memory.
 const VERTEX_LIMIT: usize = 1 << 26;
 
 /// Reads shapes.

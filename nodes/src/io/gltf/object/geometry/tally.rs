@@ -22,7 +22,7 @@ pub(super) struct Tally {
 }
 
 impl Tally {
-    /// Adds the notes.
+    /// Adds notes about the counts.
     pub(super) fn tell(&self, notes: &mut Notes) {
         for (id, count, what) in [
             ("points-and-lines", self.points_and_lines, "primitives of points or lines were left out"),

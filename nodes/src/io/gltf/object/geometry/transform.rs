@@ -20,7 +20,9 @@ impl Geometry<'_> {
                 accessor.ok_or_else(|| self.bad(format!("{semantic} of instances names no accessor")))?;
             let numbers = self.numbers(&accessor)?;
             if numbers.width != width || *count.get_or_insert(accessor.count()) != accessor.count() {
-                return Err(self.bad(format!("{semantic} of instances does not fit the others")));
+                return Err(self.bad(format!(
+                    "the attribute {semantic} of the instances has the wrong type, or not as many values as the others"
+                )));
             }
             Ok(numbers.values)
         };
@@ -44,7 +46,7 @@ impl Geometry<'_> {
     }
 }
 
-/// From the frame of a node to that of its parent.
+/// The transform from the frame of a node to that of its parent.
 pub(crate) fn local(transform: &Transform) -> DMat4 {
     match transform {
         Transform::Matrix { matrix } => {
@@ -72,7 +74,7 @@ pub(super) fn inverse_transpose(m: DMat3) -> DMat3 {
     DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * sign
 }
 
-/// A transformed unit vector, or zero if it has no length.
+/// Transforms a unit vector and normalises it. Returns zero if the result has no length.
 pub(super) fn turned(m: DMat3, v: DVec3) -> [f32; 3] {
     let unit = (m * v).try_normalize().unwrap_or(DVec3::ZERO);
     unit.as_vec3().to_array()
