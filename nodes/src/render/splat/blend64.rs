@@ -1,4 +1,4 @@
-//! The blend in f64, one pixel after another: the reference for the fast one.
+//! Blending in f64, one pixel after another: the reference for the fast version.
 
 use super::DepthMode;
 use super::settings::TILE;
