@@ -168,8 +168,8 @@ pub struct Limit<'a> {
     pub sigmas: f64,
 }
 
-/// Renders the view of a camera, on the threads of `cx`, with the best instruction set of the machine; with a
-/// `limit`, only splats in front of it.
+/// Renders the view of a camera, on the threads of `cx`, with the best instruction set of the machine. If
+/// there is a `limit`, only splats in front of it are rendered.
 ///
 /// The faces of a cube are rendered one by one. A splat is visible in 1.14 of them on average, so a pass for
 /// all six would save little of the projection, and would sort and keep six times as much data. In

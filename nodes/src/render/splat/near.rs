@@ -11,7 +11,7 @@ const SOLID: f32 = 0.5;
 /// Share of the solid splats before the eye from which a cut is reported.
 pub(crate) const REPORTED: f64 = 0.02;
 
-/// Number of solid splats before the eye, and of those that are cut away.
+/// Number of solid splats before the eye that are cut away, and number of those that are kept.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Count {
     cut: u64,

@@ -1,4 +1,4 @@
-//! Where splats are densest along the rays of a picture.
+//! Peaks: the depths at which splats are densest along the rays of a picture.
 //!
 //! The depth of a splat's centre is not that of the surface at a pixel off the centre: the near half of each
 //! splat of a floor seen at a slant is nearer than its centre. Along the ray `r` through a pixel, scaled to

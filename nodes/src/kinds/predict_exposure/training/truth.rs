@@ -148,7 +148,7 @@ impl Truth {
         }
     }
 
-    /// Makes the example of one photograph. `None` if it has no clipped cell.
+    /// Makes the example of one photograph. `None` if the light of the photograph is not valid.
     pub fn example(&self, shot: Shot) -> Option<Example> {
         let pano = self.photograph(shot);
         let pixels = clipped_light(&pano, &mut engine::Notes::none()).ok()?;

@@ -1,4 +1,4 @@
-//! Contact: the receiver mesh is corrected to the bases of objects for the camera.
+//! Contact: for the camera, the receiver mesh is corrected to the bases of objects.
 //!
 //! Captured meshes miss the true ground by some millimetres. Where the mesh is too low, the camera looks into
 //! a gap under the object, which draws a black line; where it is too high, it hides the foot of the object.
