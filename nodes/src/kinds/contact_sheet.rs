@@ -12,7 +12,7 @@ engine::params! {
     /// Every cell has the size of the largest picture; smaller ones are placed at its upper left. Cells are black
     /// where no picture covers them, and transparent if the pictures have alpha.
     pub struct ContactSheet {
-        /// Pictures per row; 0 makes the sheet about square.
+        /// Pictures per row. With 0 the sheet is about square.
         columns: u32 = 0, range(0, 1000), other("1");
         /// Gap between two pictures.
         gap_px: u32 = 4, range(0, 1000), unit("px"), other("0");

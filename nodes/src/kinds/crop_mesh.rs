@@ -12,7 +12,7 @@ engine::params! {
     /// Keeps the triangles of a mesh that lie in a box and below a height.
     ///
     /// A triangle is kept if its centroid lies inside; triangles are not cut. Removing the ceiling of a room
-    /// (`below_height: 2.4`) is the simple way to let light in that the paper compares with.
+    /// (`below_height: 2.4`) lets light in; the paper compares its method with this simple approach.
     pub struct CropMesh {
         /// Smallest world coordinates kept.
         box_min: Option<[f64; 3]> = None, other("(0.2, -1.0, -1.0)"), unit("world units");

@@ -51,11 +51,11 @@ engine::outputs! {
     }
 }
 
-/// Rotations about up, then right, then forward, of an off-axis cube, in degrees. Any angles far from 0, 45 and 90
-/// would do; with these, no face comes within 15 degrees of an axis.
+/// Rotations about up, then right, then forward, of an off-axis cube, in degrees. Other angles far from 0, 45
+/// and 90 would also do. With these, no face looks within 15 degrees of an axis.
 const OFF_AXIS_DEG: [f64; 3] = [27.0, 19.0, 11.0];
 
-/// The perpendicular unit vectors `a` and `b`, rotated by an angle from `a` towards `b`.
+/// Rotates the perpendicular unit vectors `a` and `b` in their plane, by an angle from `a` towards `b`.
 fn turned(a: DVec3, b: DVec3, degrees: f64) -> (DVec3, DVec3) {
     let (sin, cos) = num::sin_cos(degrees.to_radians());
     (a * cos + b * sin, b * cos - a * sin)

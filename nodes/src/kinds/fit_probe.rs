@@ -103,7 +103,7 @@ mod tests {
     use crate::math::equirect::{axes, direction};
     use crate::types::{Image, Material, Object, Primitive};
 
-    /// A dim sky with a disc of light of the given diameter in degrees, 40 degrees above the horizon.
+    /// Dim sky with a disc of light of the given diameter in degrees, 40 degrees above the horizon.
     fn lit(width: usize, disc_deg: f64) -> Arc<Environment> {
         let (sin, cos) = crate::math::num::sin_cos_deg(40.0);
         let (towards, edge) = (DVec3::new(cos, 0.0, sin), crate::math::num::sin_cos_deg(disc_deg / 2.0).1);
@@ -165,7 +165,7 @@ mod tests {
         }
     }
 
-    /// The environment with `times` fewer columns.
+    /// The environment, downsampled by the factor `times` in width and height.
     fn seen_by_fewer(environment: &Environment, times: usize) -> Arc<Environment> {
         let fine = &environment.image;
         let (width, height) = (fine.width / times, fine.height / times);

@@ -77,7 +77,7 @@ impl Kind for JoinReports {
     }
 }
 
-/// The text as a number if it is one.
+/// Converts the text to a number if it is one.
 fn cell(value: &str) -> Cell {
     match (value.parse::<u64>(), value.parse::<f64>()) {
         (Ok(count), _) => Cell::Count(count),

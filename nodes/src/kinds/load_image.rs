@@ -17,7 +17,7 @@ engine::params! {
     /// Integer codes become numbers from 0 to 1. Values are not converted; `encoding` declares what they mean.
     /// Straight alpha (PNG) is premultiplied.
     pub struct LoadImage {
-        /// The file.
+        /// Path of the file.
         path: InputFile, other("\"b.png\"");
         /// Pictures of further views, such as those of a rig of several cameras.
         more: Vec<InputFile> = Vec::new(), other("[\"photo.png\"]");

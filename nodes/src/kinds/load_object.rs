@@ -1,4 +1,4 @@
-//! `load-object`: an object to insert.
+//! `load-object`: loads an object to insert.
 
 use std::io::{Seek, SeekFrom};
 use std::sync::Arc;
@@ -76,7 +76,7 @@ impl Kind for LoadObject {
     }
 }
 
-/// Headers of the pictures embedded in a GLB.
+/// Headers of the pictures embedded in a GLB file.
 fn pictures_inside(file: &FileHead<'_>) -> Vec<Head> {
     let read = || {
         let mut reader = file.open()?;

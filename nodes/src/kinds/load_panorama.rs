@@ -61,7 +61,7 @@ engine::outputs! {
     }
 }
 
-/// A pixel below this alpha (half an 8-bit code) is a hole. Other pixels keep their colour.
+/// Alpha below which a pixel is a hole: half an 8-bit code. Other pixels keep their colour.
 const HOLE_ALPHA: f32 = 0.5 / 255.0;
 
 impl Kind for LoadPanorama {
@@ -140,7 +140,7 @@ impl Kind for LoadPanorama {
     }
 }
 
-/// The rotation by a whole number of columns nearest to `degrees`, in degrees.
+/// Rotation nearest to `degrees` by a whole number of columns, in degrees.
 fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
     let column = 360.0 / width as f64;
     let whole = (degrees / column).round() * column;
@@ -153,7 +153,7 @@ fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
     whole
 }
 
-/// The colours with transparent pixels filled from their surroundings, as in `stitch`; `None` if no pixel is
+/// Colours with transparent pixels filled from their surroundings, as in `stitch`. `None` if no pixel is
 /// transparent.
 fn fill_holes(
     pixels: &[[f32; 4]],
@@ -197,7 +197,7 @@ fn fill_holes(
     Ok(Some(filled.into_iter().map(code).collect()))
 }
 
-/// The photograph that a camera would take of the light, and the light at the exposure of the camera.
+/// Photograph that a camera would take of the light, and the light at the exposure of the camera.
 fn photograph(mut light: Image<Linear>, ev: f64, up: Up, notes: &mut Notes) -> (Picture, Image<Linear>) {
     let ev0 = ev0_scale(&light).unwrap_or_else(|| {
         notes.warning("no-light", "the panorama is black; its exposure cannot be measured");
@@ -317,8 +317,8 @@ mod tests {
         assert!(matches!(&out.pano.image, Picture::Linear(image) if image.rgb(1, 1) == [900.0; 3]));
     }
 
-    /// Rotated by a fraction of a pixel, a hole gets a soft rim that is not dark. Mutation: `straight` before
-    /// `turn`.
+    /// After a rotation by a fraction of a pixel, a hole has a soft edge that is not dark. Mutation:
+    /// `straight` before `turn`.
     #[test]
     fn a_turn_mixes_what_is_seen() {
         let (seen, hole) = ([0.8, 0.4, 0.2, 1.0], [0.0; 4]);
@@ -381,8 +381,8 @@ mod tests {
         assert!(reported(50.0).is_some_and(|text| text.starts_with("1 transparent pixels hold light")));
     }
 
-    /// A photograph of the front half, as phones write it: placed where its metadata says, and the rest is a hole.
-    /// Mutation: `laid` not called.
+    /// A photograph of the front half of the sphere, as phones write it, is placed where its metadata says,
+    /// and the rest is a hole. Mutation: `laid` not called.
     #[test]
     fn a_part_of_a_sphere_lies_where_its_metadata_says() {
         let codes = (0..8 * 4).flat_map(|i| [if i == 9 { 250 } else { 60 }; 3]).collect();

@@ -159,12 +159,12 @@ impl Kind for LoadSplats {
     }
 }
 
-/// Number of splats by which the scene is levelled.
+/// Number of splats that are used to find the up direction of the scene.
 const LEVELLED: usize = 1 << 16;
-/// Cosine of the angle between the two from which on they differ: 25 degrees.
+/// Cosine of the angle between the two up directions above which they differ: 25 degrees.
 const SAME_UP: f64 = 0.906;
 
-/// A warning where the floor of the scene surely says another axis is up than the graph.
+/// Warning if the floor of the scene clearly shows a different up axis than that of the graph.
 fn other_up(splats: &Splats, cx: &Context) -> Option<String> {
     let step = splats.len().div_ceil(LEVELLED).max(1);
     let few = || (0..splats.len()).step_by(step);
@@ -203,7 +203,8 @@ mod tests {
     use crate::render::splat::{Settings, render};
     use crate::types::Camera;
 
-    /// A place whose floor and walls say -y, as INRIA's files have it. Mutation: `> SAME_UP` to `< SAME_UP`.
+    /// A place whose floor and walls show that its up axis is -y, as in files of INRIA. Mutation: `> SAME_UP`
+    /// to `< SAME_UP`.
     #[test]
     fn another_axis_up_than_the_floor_says_is_reported() {
         let mut scene = crate::testing::no_splats();
@@ -236,8 +237,8 @@ mod tests {
         assert_eq!(of(engine::Up::PlusZ).is_some_and(|text| text.contains("-y is up")), sure);
     }
 
-    /// A scene of degree 3 loaded by a matrix looks to a camera that was moved the same way as it did before.
-    /// Mutation: `self.sh.apply(sh)` left out of `Turn::apply`, seen red.
+    /// A scene of degree 3 loaded with a matrix gives the same picture to a camera that was transformed by
+    /// the same matrix. Mutation: `self.sh.apply(sh)` left out of `Turn::apply`, seen red.
     #[test]
     fn turned_scene_and_turned_camera_give_the_same_picture() {
         let mut scene = crate::testing::no_splats();

@@ -1,7 +1,7 @@
 //! The kinds of nodes: one file each, or a folder where it is large.
 //!
-//! A kind holds its documentation, parameters, ports, code and unit tests. No kind imports another; what several kinds
-//! need lies in a room below (`render`, `geometry`, `light`, `io`, `types`, `math`).
+//! A kind holds its documentation, parameters, ports, code and unit tests. No kind imports another. Code that
+//! several kinds need lies in a module below them (`render`, `geometry`, `light`, `io`, `types`, `math`).
 
 pub mod alpha_shadow;
 pub mod camera;

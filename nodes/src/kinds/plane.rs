@@ -24,7 +24,7 @@ engine::params! {
         depth_metres: f64 = 6.0, range(1e-3, 1e5), unit("m"), other("3.0");
         /// Side of the squares that it is made of, each corner of which has a colour.
         square_metres: f64 = 0.1, range(1e-3, 1e5), unit("m"), other("0.5");
-        /// Largest distance above or below the rectangle of splats that it takes its colours from.
+        /// Largest distance above or below the rectangle at which splats contribute to its colours.
         thickness_metres: f64 = 0.15, range(1e-4, 100.0), unit("m"), other("0.01");
     }
 }
@@ -33,7 +33,7 @@ engine::inputs! {
     pub struct In {
         /// Position of its middle, and its rotation.
         at: Arc<Pose>,
-        /// The scene that it takes its colours from.
+        /// The scene whose colours the rectangle takes.
         splats: Option<Arc<Splats>>,
     }
 }
@@ -127,7 +127,7 @@ impl Kind for Plane {
     }
 }
 
-/// The colours of the corners, row by row, seen from straight above; `None` where there are no splats.
+/// Colours of the corners, row by row, seen from straight above. `None` if there are no splats.
 fn colours(
     splats: &Splats,
     [right, forward, up]: [DVec3; 3],

@@ -30,17 +30,19 @@ engine::params! {
         /// Affine transform from the object's frame (axes of the world) to the world: 16 numbers in row-major
         /// order. Replaces the three parameters above.
         matrix: Option<[f64; 16]> = None, other("Some((1.0, 0.0, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
-        /// A pixel of the view `rig`, counted from the upper left, that shows the ground on `mesh` or `splats`: it is the point
-        /// that `translation` is added to. A pixel that shows no ground, or one steeper than 45 degrees, is an error.
+        /// A pixel of the view `rig`, counted from the upper left, that shows the ground on `mesh` or
+        /// `splats`. `translation` is added to that point of the ground. A pixel that shows no ground, or
+        /// ground steeper than 45 degrees, is an error.
         pixel: Option<[f64; 2]> = None, range(0, 65536), unit("px"), other("Some((20.5, 25.5))");
     }
 }
 engine::inputs! {
-    /// What `pixel` is a pixel of, and nothing without it.
+    /// Inputs of [`PoseNode`]: the view that `pixel` refers to, and the place that it shows. They are used
+    /// only with `pixel`.
     pub struct In {
         /// The view: one camera.
         rig: Option<Arc<Rig>>,
-        /// What it shows: a mesh of the place; or `splats`.
+        /// Mesh of the place that the view shows, or else `splats`.
         mesh: Option<Arc<Mesh>>,
         /// The splats of the place.
         splats: Option<Arc<Splats>>,
@@ -131,7 +133,7 @@ impl Kind for PoseNode {
     }
 }
 
-/// The ground that a pixel shows.
+/// Point of the ground that a pixel shows.
 fn ground(pixel: [f64; 2], inputs: &In, cx: &Context, notes: &mut Notes) -> Result<DVec3, NodeError> {
     let cameras = inputs.rig.as_deref().map_or(&[][..], |rig| &rig.cameras);
     let [camera] = cameras else {
@@ -224,7 +226,7 @@ mod tests {
         assert!(PoseNode::check(&PoseNode { matrix: Some(column_major), ..plain() }).is_err());
     }
 
-    /// A floor at z = 0.5 that ends at y = 2 with a wall up to z = 1.5, and a camera before it.
+    /// Floor at z = 0.5 that ends at y = 2 with a wall up to z = 1.5, and a camera before the wall.
     fn place() -> (Mesh, crate::types::Camera) {
         let mut mesh = Mesh::default();
         let mut quad = |corners: [[f32; 3]; 4]| {
@@ -251,7 +253,8 @@ mod tests {
         PoseNode::run(&p, inputs, &cx).map(|(out, _)| (*out.pose).clone())
     }
 
-    /// Mutation: `level < across` to `level < -across` in `ground`, seen red.
+    /// A pixel places an object only where it shows the ground. Mutation: `level < across` to `level <
+    /// -across` in `ground`, seen red.
     #[test]
     fn an_object_stands_where_a_pixel_shows_the_ground_and_nowhere_else() {
         let (_, camera) = place();

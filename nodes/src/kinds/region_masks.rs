@@ -15,13 +15,12 @@ engine::params! {
     /// display values, outside of the object. Light that the object reflects onto the background counts too. The
     /// contact band lies just below the lower edge of the object.
     pub struct RegionMasks {
-        /// A pixel belongs to the object where alpha exceeds this.
+        /// Alpha above which a pixel belongs to the object.
         object_threshold: f64 = 0.5, range(0, 1), other("0.1");
-        /// A pixel can belong to the shadow or the rest only where alpha is at most this, so that soft edges belong
-        /// to neither.
+        /// Largest alpha at which a pixel can belong to the shadow or the rest, so that soft edges belong to
+        /// neither.
         edge_threshold: f64 = 0.0, range(0, 1), other("0.5");
-        /// A pixel belongs to the shadow where a channel changes by more than this, in display values or as a
-        /// factor.
+        /// Change of a channel above which a pixel belongs to the shadow, in display values or as a factor.
         shadow_threshold: f64 = 0.02, range(0, 1), other("0.3");
         /// Height of the contact band, as a fraction of the object's height in the picture.
         contact: f64 = 0.05, range(0, 1), other("0.5");
@@ -127,7 +126,7 @@ impl Kind for RegionMasks {
     }
 }
 
-/// Checks that the shadow comes from one source at most.
+/// Checks that the shadow is given by at most one source.
 fn check_shadow([shadow, with, without]: [bool; 3]) -> Result<(), NodeError> {
     if with != without {
         return Err(NodeError::new("`with` and `without` belong together").at(if with {
@@ -143,7 +142,7 @@ fn check_shadow([shadow, with, without]: [bool; 3]) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// The largest difference from 1 of any channel of a factor.
+/// Largest difference from 1 of any channel of a factor, per pixel.
 fn from_factor(factor: &Picture) -> Vec<f64> {
     let colours = if factor.size().2 == 4 { 3 } else { factor.size().2.max(1) };
     let largest =
@@ -151,7 +150,7 @@ fn from_factor(factor: &Picture) -> Vec<f64> {
     factor.samples().chunks_exact(factor.size().2.max(1)).map(largest).collect()
 }
 
-/// The largest change of any channel in display values, clamped to 0 to 1.
+/// Largest change of any channel in display values, clamped to 0 to 1, per pixel.
 fn from_pair(without: &Picture, with: &Picture) -> Result<Vec<f64>, NodeError> {
     let (a, b) = (shown(without, "without")?, shown(with, "with")?);
     let largest =
@@ -180,7 +179,7 @@ fn shown(picture: &Picture, port: &'static str) -> Result<Vec<[f64; 3]>, NodeErr
         .collect())
 }
 
-/// In each column, the pixels right below the lowest pixel of the object.
+/// Pixels directly below the lowest pixel of the object in each column.
 fn contact_band(object: &[bool], width: usize, height: usize, share: f64) -> Vec<bool> {
     let mut band = vec![false; object.len()];
     let filled = |y: &usize| object[y * width..(y + 1) * width].contains(&true);

@@ -17,12 +17,12 @@ use crate::types::{Cell, Environment, Report, Table};
 engine::params! {
     /// Scores recovered light against a reference.
     ///
-    /// Compares the illumination of a scene: the irradiance of planes in every direction and of the six along the
-    /// axes of the world, the direction of the dominant light, its contrast, the panoramas weighted by solid angle,
-    /// and renders of a matte, a glossy and a mirror sphere seen along the world's forward axis. Contrast is the
-    /// ratio of the dominant light to the rest, which determines how dark a shadow is. In the recovered light, the
-    /// dominant light is what arrives from within 15 degrees of the true direction, so a light farther off counts
-    /// as missing.
+    /// Compares the illumination of a scene: the irradiance of planes in every direction and of the six along
+    /// the axes of the world, the direction of the dominant light, its contrast, the panoramas weighted by
+    /// solid angle, and renders of a matte, a glossy and a mirror sphere seen along the world's forward axis.
+    /// Contrast is the ratio of the dominant light to the rest, which determines how dark a shadow is. In the
+    /// recovered light, the dominant light is the light from within 15 degrees of the true direction, so a
+    /// light farther off counts as missing.
     ///
     /// Irradiance over all planes, energy, panoramas and spheres use red, green and blue, as published; the six
     /// planes, the dominant light and the peak use luminance.
@@ -54,10 +54,11 @@ engine::outputs! {
     }
 }
 
-/// Number of columns of the grids for the fine and the coarse measures.
+/// Number of columns of the grid for the fine measures, and of that for the coarse ones.
 const FINE: usize = 256;
 const COARSE: usize = 128;
-/// A dominant light is brighter than the mean of the sphere by this factor, both smoothed by a lobe of 10 degrees.
+/// Minimum ratio of the brightest direction to the mean of the sphere for a light to be dominant, after
+/// smoothing by a lobe of 10 degrees.
 const STANDS_OUT: f64 = 1.1;
 
 impl Kind for ScoreEnv {
@@ -94,7 +95,7 @@ impl Kind for ScoreEnv {
     }
 }
 
-/// Name, unit, and value if it exists.
+/// Name, unit, and value of a score if it can be computed.
 type Score = (&'static str, &'static str, Option<f64>);
 
 /// Computes the scores.
@@ -190,9 +191,9 @@ const SPHERES: [(Sphere, [&str; 2]); 3] = [
     ),
 ];
 
-/// The mean absolute difference of radiance over channels and solid angle, relative to the mean of the truth, per
-/// texel (panoramas of different sizes are compared on the finest grid that both fill), and log2 of the ratio of
-/// the energies. `None` where one is black.
+/// Mean absolute difference of radiance over channels and solid angle, relative to the mean of the truth, and
+/// log2 of the ratio of the energies. Computed per texel; panoramas of different sizes are compared on the
+/// finest grid that both fill. `None` where one is black.
 fn weighed(env: &Environment, truth: &Environment) -> (Option<f64>, Option<f64>) {
     let (mut off, mut found, mut want) = (0.0, 0.0, 0.0);
     let mut add = |[a, b]: [[f64; 3]; 2], solid_angle: f64| {
@@ -277,8 +278,8 @@ mod tests {
         assert!((found[2] - want).abs() < 0.5, "{} {want}", found[2]);
     }
 
-    /// Scores do not depend on the unit of light, and for two intensities only on their ratio. Mutation: `rest >
-    /// 0.0` to `rest > 1e-9` in `contrast`.
+    /// Scores do not depend on the unit of light; if both lights are scaled, only the ratio of the factors
+    /// matters. Mutation: `rest > 0.0` to `rest > 1e-9` in `contrast`.
     #[test]
     fn scores_do_not_depend_on_the_unit_of_light() {
         let (a, b) = (DVec3::new(0.4, 0.7, 0.2).normalize(), DVec3::new(0.38, 0.7, 0.25).normalize());
@@ -313,8 +314,8 @@ mod tests {
         assert!((scores(truth, env(256, DVec3::Y, 0.3))[11] - 0.25).abs() < 1e-6);
     }
 
-    /// A sky without a light has no dominant direction, and its size does not matter. Mutation: `STANDS_OUT` of 0
-    /// (seen red).
+    /// A sky without a light has no dominant direction, at any resolution. Mutation: `STANDS_OUT` of 0 (seen
+    /// red).
     #[test]
     fn skies_without_a_light_have_no_direction() {
         let sky = |width| env(width, DVec3::Y, 0.3);

@@ -15,10 +15,10 @@ pub use crate::light::panorama::Holes;
 engine::params! {
     /// Renders a splat scene directly into an equirectangular panorama.
     ///
-    /// Splats are sorted by distance for the whole sphere, and both ends of a row match exactly, so there are no
-    /// faces and no seams between faces. Near the zenith and the nadir, where the layout is stretched, two pinhole
-    /// cameras are used instead and blended with the layout between 25 and 30 degrees from the pole. Replaces
-    /// `cube-rig`, `splat-render` and `stitch`.
+    /// Splats are sorted by distance for the whole sphere, and both ends of a row match exactly, so there are
+    /// no seams as between the faces of a cube. Near the zenith and the nadir, where the layout is stretched,
+    /// two pinhole cameras are used instead and blended with the layout between 25 and 30 degrees from the
+    /// pole. Replaces `cube-rig`, `splat-render` and `stitch`.
     pub struct SplatPanorama {
         /// Height of the point above the foot of the pose, along up.
         height_metres: f64 = 0.5, range(-1000.0, 1000.0), unit("m"), other("0.75");
@@ -30,7 +30,7 @@ engine::params! {
         supersample: u32 = 2, range(1, 8), other("1"), knob(Samples, "1", "2", "2", "4");
         /// Content of pixels where nothing was seen. Alpha marks these pixels however they are filled.
         holes: Holes = Holes::PushPull, other("Black");
-        /// Below this alpha a pixel is partly a hole: it is blended with its surroundings.
+        /// Alpha below which a pixel is partly a hole and is blended with its surroundings.
         hole_alpha: f64 = 0.25, range(1e-6, 1.0), other("0.9");
     }
 }
@@ -62,7 +62,7 @@ engine::outputs! {
     }
 }
 
-/// One row of the panorama: means over `per` by `per` samples, weighted by solid angle.
+/// Row of the panorama: means over `per` by `per` samples, weighted by solid angle.
 struct Row {
     premultiplied: Vec<[f32; 4]>,
     depth: Vec<f32>,
@@ -213,7 +213,7 @@ mod tests {
         (own, Drawing { count_blends: true, ..Drawing::default() })
     }
 
-    /// A sky of overlapping splats whose colour changes slowly with direction.
+    /// Sky of overlapping splats whose colour changes slowly with direction.
     fn sky(eye: DVec3) -> Arc<Splats> {
         let mut splats = crate::testing::no_splats();
         for i in 0..60 {

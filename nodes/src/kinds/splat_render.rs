@@ -18,11 +18,11 @@ engine::params! {
     pub struct SplatRender {
         /// Sort key of the splats of a pixel.
         sort: Sort = Sort::Depth, other("Distance");
-        /// How far in front of `limit` the centre of a splat must lie to be kept, in standard deviations along its
-        /// middle axis. A splat is visible up to three deviations from its centre, so splats of a slanted surface
-        /// may have their centre that far in front of it; two more allow for a mesh that lies below them, by a
-        /// third of a deviation if seen at 20 degrees. Such splats are part of the surface, not in front of it. 0
-        /// tests the centre alone.
+        /// Distance by which the centre of a splat must lie in front of `limit` to be kept, in standard
+        /// deviations along its middle axis. A splat is visible up to three deviations from its centre, so
+        /// the centres of splats of a slanted surface may lie that far in front of it. Two more deviations
+        /// allow for a mesh that lies below the splats, by a third of a deviation if seen at 20 degrees. Such
+        /// splats are part of the surface and not in front of it. 0 tests the centre alone.
         limit_sigmas: f64 = 5.0, range(0.0, 100.0), other("0.0");
     }
 }
@@ -54,7 +54,7 @@ engine::outputs! {
     }
 }
 
-/// The depth limit of each camera.
+/// Depth limit of each camera.
 fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, NodeError> {
     // A single depth applies to a single camera, but not to each of several.
     let known =

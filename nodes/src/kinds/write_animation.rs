@@ -21,7 +21,7 @@ engine::params! {
         fps: f64 = 12.0, range(0.02, 1000.0), unit("1/s"), other("25.0");
         /// Number of times the animation plays; 0 repeats for ever.
         plays: u32 = 0, range(0, 1_000_000), other("1");
-        /// Writes the graph that made the frames into the metadata, by content and without paths.
+        /// True to write the graph that made the frames into the metadata, by content and without paths.
         recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
     }
 }
@@ -112,8 +112,8 @@ fn picture_of<'a>(frame: &'a Images, view: &str, index: usize) -> Result<&'a Pic
     frame.view(view).ok_or_else(missing)
 }
 
-/// Duration of a frame, as a fraction of a second of two u16: in milliseconds, or in tenths of them for short
-/// frames.
+/// Duration of a frame in seconds, as numerator and denominator: in milliseconds, or in tenths of them for
+/// short frames.
 fn delay(fps: f64) -> (u16, u16) {
     let unit: u16 = if fps > 100.0 { 10_000 } else { 1000 };
     (((f64::from(unit) / fps).round()).clamp(1.0, f64::from(u16::MAX)) as u16, unit)

@@ -41,7 +41,7 @@ engine::params! {
         /// Encoding of the written colours. `Linear` un-premultiplies display-encoded colours, decodes them and
         /// premultiplies them again; alpha, linear light and data are unchanged.
         encoding: WrittenEncoding = WrittenEncoding::Keep, other("Linear");
-        /// Writes the graph that made the picture into its metadata, by content and without paths.
+        /// True to write the graph that made the picture into its metadata, by content and without paths.
         recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
     }
 }
@@ -173,7 +173,7 @@ impl Kind for WriteExr {
     }
 }
 
-/// The name of each layer: from `names`, or the name of the output that it comes from. A single picture has no
+/// Name of each layer: from `names`, or the name of the output that it comes from. A single picture has no
 /// name.
 fn layer_names<'a>(
     p: &'a WriteExr,

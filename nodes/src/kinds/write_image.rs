@@ -37,7 +37,7 @@ engine::params! {
         quality: u32 = 92, range(1, 100), other("50"), inert("only JPEG has a quality");
         /// Compression effort of a PNG; its pixels do not change.
         effort: Effort = Effort::Balanced, other("Fast");
-        /// Writes the graph that made the picture into its metadata, by content and without paths.
+        /// True to write the graph that made the picture into its metadata, by content and without paths.
         recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
     }
 }

@@ -64,7 +64,7 @@ impl Kind for WriteReport {
     }
 }
 
-/// A number with all its digits, in the shortest form that parses to the same value.
+/// Formats a number with all its digits, in the shortest form that parses to the same value.
 fn exact(cell: &Cell) -> String {
     match cell {
         Cell::Text(text) => text.clone(),
@@ -74,7 +74,7 @@ fn exact(cell: &Cell) -> String {
     }
 }
 
-/// A number in a short form for readers.
+/// Formats a number in a short form for readers.
 fn short(cell: &Cell) -> String {
     match cell {
         Cell::Number(x) if *x == 0.0 => "0".to_owned(),
@@ -89,7 +89,8 @@ fn short(cell: &Cell) -> String {
     }
 }
 
-/// One table in the format of RFC 4180, with its name in the first column so that several tables can share a file.
+/// Formats one table as described in RFC 4180, with its name in the first column so that several tables can
+/// share a file.
 fn csv(table: &Table) -> String {
     let quoted = |text: &str| {
         if text.contains([',', '"', '\n', '\r']) {

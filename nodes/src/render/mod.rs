@@ -1,4 +1,5 @@
-//! Renderers that kinds share: Gaussian splats, light transport, and where in what they show an object may stand.
+//! Renderers that kinds share: Gaussian splats, light transport, and the search for places where an object
+//! may stand.
 
 pub(crate) mod fusion;
 pub mod layout;

@@ -1,4 +1,4 @@
-//! What a pixel of a view shows: the point in the world and the direction of its surface.
+//! Surface point that a pixel of a view shows: its position in the world and its normal.
 
 use engine::{Context, NodeError};
 use glam::{DVec2, DVec3};
@@ -7,22 +7,22 @@ use super::splat::{DepthMode, Settings, render};
 use crate::geometry::support::median;
 use crate::types::{Camera, Mesh, Splats};
 
-/// The window around a pixel of splats is rendered with this many pixels per pixel of the view: blended depths lie
-/// in front of ground seen at a grazing angle by about the extent of one rendered pixel.
+/// Resolution of the rendered window around a pixel of splats, in pixels per pixel of the view. Blended
+/// depths lie in front of ground seen at a grazing angle by about the extent of one rendered pixel.
 const ZOOM: usize = 8;
 /// Half the side of the window whose normals are averaged, in rendered pixels.
 const WINDOW: usize = 3 * ZOOM;
 /// Half the side of the square whose median depth is taken, in rendered pixels.
 const SQUARE: usize = 3;
-/// Least mean coverage of a pixel that shows something.
+/// Minimum mean coverage of a pixel that shows a surface.
 const COVERED: f64 = 0.5;
-/// Splats nearer to the camera than this share of the scene's distance are left out.
+/// Distance from the camera below which splats are left out, as a share of the distance of the scene.
 const NEAR: f64 = 1e-3;
 
-/// A point that a pixel shows.
+/// Point that a pixel shows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Picked {
-    /// In the world.
+    /// Position in the world.
     pub position: DVec3,
     /// Unit normal of the surface there, towards the camera.
     pub normal: DVec3,
@@ -32,7 +32,7 @@ fn nothing(camera: &Camera, [x, y]: [f64; 2], what: &str) -> NodeError {
     NodeError::new(format!("pixel ({x}, {y}) of `{}` shows {what}", camera.name))
 }
 
-/// A pixel outside of the picture is an error.
+/// Checks that a pixel lies inside the picture.
 fn check(camera: &Camera, pixel: [f64; 2]) -> Result<(), NodeError> {
     let [w, h] = [camera.width_px, camera.height_px].map(f64::from);
     let inside = (0.0..w).contains(&pixel[0]) && (0.0..h).contains(&pixel[1]);
@@ -45,8 +45,8 @@ fn check(camera: &Camera, pixel: [f64; 2]) -> Result<(), NodeError> {
     inside.then_some(()).ok_or_else(outside)
 }
 
-/// What a pixel, counted from the upper left with fractions, shows of a mesh: the nearest triangle, from either side; the
-/// earlier of two at one distance.
+/// Point of a mesh that a pixel shows: the nearest hit of a triangle from either side, and of two at the same
+/// distance the earlier triangle. `pixel` is counted from the upper left and may have fractions.
 pub fn on_mesh(mesh: &Mesh, camera: &Camera, pixel: [f64; 2]) -> Result<Picked, NodeError> {
     check(camera, pixel)?;
     let (eye, way) = (camera.eye(), camera.direction(pixel[0], pixel[1]));
@@ -75,7 +75,7 @@ pub fn on_mesh(mesh: &Mesh, camera: &Camera, pixel: [f64; 2]) -> Result<Picked, 
     Ok(Picked { position: eye + way * distance, normal })
 }
 
-/// The same of splats: the median depth of the pixels around it, and the plane through them.
+/// Point of splats that a pixel shows: the median depth of the pixels around it, and the plane through them.
 pub fn on_splats(
     splats: &Splats,
     camera: &Camera,

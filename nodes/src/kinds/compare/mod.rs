@@ -18,8 +18,8 @@ engine::choices! {
     pub enum Space {
         /// Display values with the sRGB curve, clamped to 0 to 1, as in papers.
         Display,
-        /// Linear light, not clamped. PSNR and SSIM still take white as 1. FLIP is replaced by HDR-FLIP over the
-        /// exposures that follow from the reference, in columns of that name.
+        /// Linear light, not clamped. PSNR and SSIM still take white as 1. FLIP is replaced by HDR-FLIP over
+        /// a range of exposures computed from the reference, in columns of that name.
         Linear,
     }
 }
@@ -217,7 +217,7 @@ fn check_names(p: &Compare, regions: usize) -> Result<(), NodeError> {
     Err(NodeError::new(what).at("names").hint("name every region, in the order of the wires"))
 }
 
-/// Number of pixels that are so transparent that a white background would change them by half an 8-bit code.
+/// Number of transparent pixels that a white background would change by half an 8-bit code or more.
 fn open(picture: &Picture) -> usize {
     let (_, _, channels) = picture.size();
     let pixels = picture.samples().chunks_exact(channels.max(1));

@@ -12,8 +12,8 @@ use crate::math::num;
 use crate::types::layers::{coloured, linear};
 use crate::types::{Data, Image, Picture};
 
-/// Smallest ratio that the logarithm distinguishes: smaller values count as this, so that a pitch-black shadow,
-/// which `shadow-ratio` may produce, has a finite error and is not left out.
+/// Lower bound of ratios: smaller values are clamped to it, so that a pitch-black shadow, which
+/// `shadow-ratio` may produce, has a finite error and is not left out.
 const DARKEST: f64 = 0.001;
 
 /// Two pictures in the encoding of the comparison.
@@ -32,7 +32,7 @@ enum Of {
 struct Colours {
     light: (Plane, Plane),
     ssim: Vec<f64>,
-    /// `None` if HDR-FLIP finds no exposure, because half of the reference is black.
+    /// FLIP per pixel. `None` if HDR-FLIP finds no exposure because half of the reference is black.
     flip: Option<Vec<f64>>,
     ciede2000: Option<Vec<f64>>,
     lpips: Option<f64>,
@@ -227,8 +227,9 @@ impl Pair {
     }
 }
 
-/// Replaces values that are infinite in both pictures, such as the depth of the background, by one finite number on
-/// the same side of every bound, so that they do not differ.
+/// Replaces values that are infinite in both pictures, such as the depth of the background, by one finite
+/// number, so that they do not differ. The number lies on the same side of every bound as the values it
+/// replaces.
 fn level_infinite(a: &mut Plane, b: &mut Plane) {
     for (a, b) in a.samples.iter_mut().zip(&mut b.samples) {
         if a.is_infinite() && a == b {

@@ -1,11 +1,11 @@
-//! The tables of the report: their columns, and the cells of a row.
+//! Tables of the report: their columns, and the cells of a row.
 
 use crate::types::{Cell, Report, Table};
 
 use super::pair::Row;
 use super::{Compare, Space};
 
-/// Columns common to both tables, then the columns of each.
+/// Columns that both tables start with; the columns of each follow.
 pub(super) const COMMON: [&str; 5] = ["view", "picture", "region", "pixels", "share of picture"];
 const COLOUR: [&str; 10] = [
     "psnr (dB)",
@@ -29,7 +29,7 @@ const RATIO: [&str; 5] = [
     "mean |ln a - ln b| (from 0.001 up)",
     "shadow IoU (below 0.98)",
 ];
-/// The report of rows of colours and of data.
+/// Builds the report from the rows of colours and of data.
 pub(super) fn report(p: &Compare, colour: Vec<Vec<Cell>>, ratio: Vec<Vec<Cell>>) -> Report {
     let space = match p.space {
         Space::Display if p.quantise => "display values, 8 bits",
@@ -75,7 +75,7 @@ pub(super) fn unknown(names: [&str; 3], colour: bool) -> Vec<Cell> {
     cells
 }
 
-/// The row of a region; without values if the region has no pixel.
+/// Cells of the row of a region; without values if the region contains no pixel.
 pub(super) fn cells(names: [&str; 3], row: Option<Row>, colour: bool, pixels: usize) -> Vec<Cell> {
     let mut cells: Vec<Cell> = names.iter().map(|name| Cell::Text((*name).to_owned())).collect();
     let count = row.as_ref().map_or(0, |row| row.errors.pixels);
@@ -108,7 +108,8 @@ pub(super) fn cells(names: [&str; 3], row: Option<Row>, colour: bool, pixels: us
     cells
 }
 
-/// Shares of the positive scores. A picture whose two scores are 0 has no share and is left out of the means.
+/// Table of the shares of the positive scores. A picture whose two scores are 0 has no share and is left out
+/// of the means.
 fn prompt(scores: &[[f64; 2]]) -> Table {
     let share = |[positive, negative]: [f64; 2]| {
         (positive + negative > 0.0).then(|| positive / (positive + negative))

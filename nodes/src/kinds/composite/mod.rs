@@ -14,9 +14,9 @@ mod sharpness;
 engine::choices! {
     /// Sharpness of the objects.
     pub enum Sharpness {
-        /// Not blurred: as rendered.
+        /// Leaves the objects as rendered.
         Keep,
-        /// Blurred like the sharpest edges of the background around them, measured in each view.
+        /// Blurs the objects like the sharpest edges of the background around them, measured in each view.
         Match,
     }
 }
@@ -90,8 +90,8 @@ impl Layers<'_> {
         (std::array::from_fn(|c| f[c].min(b[c]).max(0.0)), f[3])
     }
 
-    /// Standard error of the luminance of each pixel. In `(B - F) S (1 - M) + O (1 - a)`, with `F` what lies in front
-    /// and `a` its alpha, the noise is that of `S` and `O`.
+    /// Standard error of the luminance of each pixel. In `(B - F) S (1 - M) + O (1 - a)`, where `F` is the
+    /// part of the background in front of the objects and `a` its alpha, only `S` and `O` are noisy.
     fn error(&self) -> Image<Data> {
         let Image { width, height, .. } = *self.background;
         let mut error = Image::new(width, height, 1);
@@ -111,7 +111,7 @@ impl Layers<'_> {
 }
 
 impl Composite {
-    /// The picture, and the number of its samples that were not finite.
+    /// Composites one view. Returns the picture and the number of its samples that were not finite.
     fn view(&self, layers: &Layers<'_>, cx: &Context) -> Result<(Image<Linear>, u64), NodeError> {
         let Layers { background, object, .. } = *layers;
         let (width, height) = (background.width, background.height);
@@ -238,7 +238,8 @@ impl Kind for Composite {
     }
 }
 
-/// A shadow or added light as plain numbers, whatever encoding they are tagged with: they are not colours.
+/// Reads a shadow or added light as plain numbers, whatever encoding it is tagged with, since it is not a
+/// colour.
 fn factors(picture: &Picture, port: &'static str) -> Result<Image<Linear>, NodeError> {
     let (width, height, channels) = picture.size();
     match channels {
@@ -294,7 +295,8 @@ mod tests {
         assert_eq!(run(None, rgb([0.5; 3]), [0.25, 0.0, 0.0, 0.0], [1.0; 3]), [0.75, 0.5, 0.5]);
     }
 
-    /// The result for an object of a colour and a coverage, premultiplied or by the formula for straight alpha.
+    /// The result is the same for an object given premultiplied and for one composited by the formula for
+    /// straight alpha.
     #[test]
     fn premultiplied_is_straight_times_alpha() {
         let (b, colour) = (0.4_f32, 0.7_f32);
@@ -306,7 +308,7 @@ mod tests {
         row(58, "difference of premultiplied and straight", error.fold(0.0, f64::max), 1e-6);
     }
 
-    /// Holes show the backdrop or stay open, and the resulting alpha is that of the "over" operator.
+    /// Holes show the backdrop or stay transparent, and the resulting alpha is that of the "over" operator.
     #[test]
     fn holes_show_the_backdrop_or_stay_open() {
         let half: Picture = Image::<Linear>::from_samples(1, 1, 4, vec![0.2, 0.2, 0.2, 0.5]).into();

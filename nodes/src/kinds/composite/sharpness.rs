@@ -15,18 +15,18 @@ use crate::types::{Image, Linear};
 const REACH: usize = 4;
 /// Least contrast of an edge, in display values.
 const CONTRAST: f32 = 0.12;
-/// The share of edges, from the sharpest, that determine the blur of a background: other edges, such as penumbras
-/// and round shapes, are soft in the scene itself.
+/// Share of the edges, from the sharpest, that determine the blur of a background. Other edges, such as those
+/// of penumbras and round shapes, are soft in the scene itself.
 const SHARPEST: f64 = 0.1;
 /// Minimum number of edges for a measurement.
 const FEWEST: usize = 64;
-/// Blur that this measure finds in an unblurred step between two pixels, in pixels: renders have such edges.
+/// Blur, in pixels, that this measure finds in an unblurred step between two pixels, as edges in renders are.
 const RENDERED: f64 = 0.551;
-/// Greatest blur that is matched, in pixels: a wider one is out of focus, not soft.
+/// Greatest blur that is matched, in pixels. A background with a wider one is out of focus rather than soft.
 pub(super) const MOST: f64 = 3.0;
 
-/// The blur of a background's sharpest edges around an object, in pixels: within twice the box of the pixels that the
-/// object covers. `None` where there are too few edges.
+/// Blur of the sharpest edges of a background around an object, in pixels. The edges are searched within
+/// twice the bounding box of the pixels that the object covers. `None` if there are too few.
 pub(super) fn of_background(
     background: &Image<Linear>,
     object: &Image<Linear>,
@@ -59,7 +59,8 @@ pub(super) fn of_background(
     Ok(Some(*widths.select_nth_unstable_by(nth, f64::total_cmp).1))
 }
 
-/// Blur of one edge, in pixels: `None` unless the line rises or falls all the way, steepest in its middle.
+/// Blur of one edge, in pixels. `None` unless the line rises or falls throughout and is steepest in its
+/// middle.
 fn edge_width(line: &[f32; 2 * REACH + 1]) -> Option<f64> {
     let slope = |k: usize| 0.5 * (line[k + 1] - line[k - 1]);
     let middle = slope(REACH);
@@ -74,7 +75,8 @@ fn edge_width(line: &[f32; 2 * REACH + 1]) -> Option<f64> {
     Some((over_two * over_two - 1.0 / 3.0).max(0.0).sqrt())
 }
 
-/// The box of the covered pixels, grown by its own size on each side: `[x0, y0, x1, y1]`, the last two exclusive.
+/// Bounding box of the covered pixels, grown by its own size on each side: `[x0, y0, x1, y1]`, the last two
+/// exclusive.
 fn surroundings(object: &Image<Linear>) -> Option<[usize; 4]> {
     if object.channels != 4 {
         return Some([0, 0, object.width, object.height]);
@@ -94,13 +96,13 @@ fn surroundings(object: &Image<Linear>) -> Option<[usize; 4]> {
     ])
 }
 
-/// The blur that makes a render as soft as the background, in pixels; variances of blurs add up.
+/// Blur, in pixels, that makes a render as soft as the background. Variances of blurs add up.
 pub(super) fn missing(background: f64) -> f64 {
     (background * background - RENDERED * RENDERED).max(0.0).sqrt().min(MOST)
 }
 
-/// An image blurred by a Gaussian of `sigma` pixels, cut at three and normalised; outside of the image its edge pixels
-/// are repeated. Premultiplied colours and alpha are blurred alike, so no colour bleeds.
+/// Blurs an image by a Gaussian of `sigma` pixels, truncated at three sigma and normalised. The edge pixels
+/// are repeated outside of the image. Premultiplied colours and alpha are blurred alike, so no colour bleeds.
 pub(super) fn blurred(image: &Image<Linear>, sigma: f64, cx: &Context) -> Result<Image<Linear>, NodeError> {
     let reach = (3.0 * sigma).ceil() as isize;
     let weight = |k: isize| num::f64::exp(-0.5 * (k * k) as f64 / (sigma * sigma));
@@ -132,7 +134,8 @@ mod tests {
     use crate::math::color::linear_from_srgb;
     use crate::testing::context;
 
-    /// Vertical edges every 20 pixels in display values, blurred by a Gaussian; a small object in the middle.
+    /// Vertical edges every 20 pixels in display values, blurred by a Gaussian, and a small object in the
+    /// middle.
     fn stripes(sigma: f64) -> (Image<Linear>, Image<Linear>) {
         let (width, height) = (160, 60);
         let mut image = Image::new(width, height, 3);

@@ -1,5 +1,6 @@
-//! The splats of a demo scene, as a capture would give them: one flat Gaussian per patch of surface, smaller where
-//! the camera looks closely, with colours clipped to the range of a display before fitting.
+//! Splats of a demo scene, as training on photographs would produce them: one flat Gaussian per patch of
+//! surface, smaller where the patch is large in the picture, with colours clipped to the range of a display
+//! before fitting.
 
 use engine::{Context, NodeError};
 use glam::{DMat3, DVec3};
@@ -17,11 +18,11 @@ use crate::types::{SplatEncoding, Splats};
 const DIRECTIONS: usize = 16;
 /// Number of coefficients of spherical harmonics of degree 2.
 const SH: usize = 9;
-/// Strength of the preference for small coefficients, as a fraction of the photographs.
+/// Weight of the regularisation of coefficients, as a fraction of the number of photographs.
 const RIDGE: f64 = 0.06;
-/// Standard deviation of a splat over the side of its patch: wide enough to leave no gaps.
+/// Standard deviation of a splat divided by the side of its patch: wide enough to leave no gaps.
 const WIDTH: f64 = 0.66;
-/// Splats per patch of the dome of sky, along the horizon.
+/// Number of splats along the horizon in the dome of sky.
 const DOME: usize = 150;
 
 /// One patch of a quad: its middle in (u, v) and its size in metres.
@@ -92,7 +93,7 @@ pub(super) fn splats(
     Ok((pack(&kept, world), Defects { unseen, floaters: floaters as u64 }))
 }
 
-/// Intended defects of the capture.
+/// Counts of the intended defects of the capture.
 pub(super) struct Defects {
     /// Number of patches that no camera of the capture saw.
     pub unseen: u64,
@@ -113,7 +114,7 @@ fn patches(quads: &[Quad], view: &View, count: usize) -> Vec<Patch> {
     found
 }
 
-/// Counts the patches of at most `pixels` per side, and collects them if a list is given.
+/// Counts the patches of at most `pixels` per side, and appends them to `list` if it is given.
 fn cut(quads: &[Quad], view: &View, pixels: f64, mut list: Option<&mut Vec<Patch>>) -> usize {
     let mut count = 0;
     let mut work = Vec::new();
@@ -175,7 +176,7 @@ fn splat(lit: &Lit<'_>, layout: &Layout, patch: Patch, key: u64, world: &WorldFr
     Some(Splat { mean: p, axes: [along, across, facet], scales, opacity: 0.93 + 0.06 * random(3), sh })
 }
 
-/// The first camera of the capture that sees a point.
+/// Position of the first camera of the capture that sees a point.
 fn witness(lit: &Lit<'_>, layout: &Layout, quad: &Quad, p: DVec3, n: DVec3) -> Option<DVec3> {
     let middle = DVec3::new(0.0, 0.1, 0.95);
     let sees = |eye: &&DVec3| {
@@ -197,7 +198,7 @@ fn display(rgb: Rgb) -> Rgb {
     rgb.map(|v| f64::from(srgb_from_linear(v.clamp(0.0, 1.0) as f32)))
 }
 
-/// Coefficients of a colour that does not depend on direction.
+/// Coefficients of spherical harmonics for a colour that does not depend on direction.
 fn flat(colour: Rgb) -> [Rgb; SH] {
     let mut sh = [[0.0; 3]; SH];
     sh[0] = colour.map(|v| (v - 0.5) / basis(DVec3::Z)[0]);
@@ -252,7 +253,7 @@ fn colours(
     fit.solve()
 }
 
-/// The basis of the INRIA rasterizer at the direction from the camera to the splat.
+/// Values of the spherical harmonics of the INRIA rasterizer for the direction from the camera to the splat.
 fn basis(d: DVec3) -> [f64; SH] {
     let (x, y, z) = (d.x, d.y, d.z);
     [
@@ -287,7 +288,7 @@ impl Fit {
         self.photographs += 1.0;
     }
 
-    /// Gaussian elimination without pivoting: the matrix is positive definite.
+    /// Solves the equations by Gaussian elimination without pivoting, since the matrix is positive definite.
     fn solve(mut self) -> [Rgb; SH] {
         for i in 0..SH {
             self.square[i][i] += RIDGE * self.photographs * if i == 0 { 1e-4 } else { 0.3 };
@@ -310,7 +311,7 @@ impl Fit {
     }
 }
 
-/// Large splats of sky all around.
+/// Adds large splats of sky in all directions.
 fn sky_dome(lit: &Lit<'_>, radius: f64, to: &mut Vec<Splat>) {
     let rows = DOME / 4;
     for row in 0..rows {
@@ -334,7 +335,7 @@ fn sky_dome(lit: &Lit<'_>, radius: f64, to: &mut Vec<Splat>) {
     }
 }
 
-/// A faint splat in the air, away from what the camera looks at closely.
+/// A faint splat in the air. `None` if the camera would see it within a few metres.
 fn floater(lit: &Lit<'_>, layout: &Layout, view: &View, i: u64) -> Option<Splat> {
     let random = |d: u64| unit(lit.seed, 0x666c, i, d);
     let [low, high] = layout.bounds;

@@ -25,13 +25,13 @@ struct Triangle {
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// First triangle of a leaf, or the second child; the first child follows its parent.
+    /// First triangle of a leaf, or second child of a branch; the first child of a branch follows it.
     next: u32,
-    /// Triangles of a leaf; 0 for a branch.
+    /// Number of triangles of a leaf; 0 for a branch.
     count: u32,
 }
 
-/// The quads of a place, ready for rays.
+/// Ray caster over the quads of a place.
 pub(super) struct Caster {
     triangles: Vec<Triangle>,
     nodes: Vec<Node>,
@@ -41,7 +41,7 @@ const LEAF: usize = 4;
 const BINS: usize = 12;
 
 impl Caster {
-    /// Leaves out surfaces outside of a window: rays see the sky there.
+    /// Builds the hierarchy. Surfaces outside of a window are left out, so that rays see the sky there.
     pub(super) fn new(quads: &[Quad]) -> Self {
         let mut triangles = Vec::with_capacity(quads.len() * 2);
         for (i, quad) in quads.iter().enumerate().filter(|(_, quad)| quad.paint.is_solid()) {
@@ -83,14 +83,14 @@ impl Caster {
         caster
     }
 
-    /// The nearest hit within `reach`.
+    /// Nearest hit within the distance `reach`.
     pub(super) fn nearest(&self, from: DVec3, toward: DVec3, reach: f64) -> Option<Hit> {
         let mut best = Hit { distance: reach, quad: u32::MAX, u: 0.0, v: 0.0 };
         self.walk(from, toward, &mut best, false);
         (best.quad != u32::MAX).then_some(best)
     }
 
-    /// True if anything lies within `reach`.
+    /// True if anything lies within the distance `reach`.
     pub(super) fn blocked(&self, from: DVec3, toward: DVec3, reach: f64) -> bool {
         let mut best = Hit { distance: reach, quad: u32::MAX, u: 0.0, v: 0.0 };
         self.walk(from, toward, &mut best, true);
@@ -169,8 +169,8 @@ fn hull(boxes: impl Iterator<Item = [DVec3; 2]>) -> [DVec3; 2] {
     boxes.fold(empty, |[low, high], [l, h]| [low.min(l), high.max(h)])
 }
 
-/// Partitions the range by the surface area heuristic; returns the size of the first part. Splits at the middle if
-/// no plane is better, which bounds the depth.
+/// Partitions the range by the surface area heuristic, and returns the size of the first part. Splits at the
+/// middle if no plane is better, so the depth is bounded.
 fn split(order: &mut [u32], bounds: &[[DVec3; 2]]) -> Option<usize> {
     let centre = |i: u32| bounds[i as usize][0] + bounds[i as usize][1];
     let [low, high] = hull(order.iter().map(|&i| [centre(i), centre(i)]));

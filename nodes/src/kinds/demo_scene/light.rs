@@ -22,7 +22,7 @@ pub(super) fn times(a: Rgb, b: Rgb) -> Rgb {
     [0, 1, 2].map(|i| a[i] * b[i])
 }
 
-/// A rectangular opening to the sky; `u` x `v` points into the room.
+/// Rectangular opening to the sky; `u` x `v` points into the room.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Opening {
     pub corner: DVec3,
@@ -98,14 +98,14 @@ pub(super) struct Lit<'a> {
     cache: Cache,
 }
 
-/// Largest distance of light, in metres.
+/// Greatest distance of surfaces that light is traced from, in metres.
 const FAR: f64 = 200.0;
-/// Offset of ray origins from a surface, in metres: a bilinear quad is intersected as two triangles, which deviate
-/// from it by a few millimetres.
+/// Offset of ray origins from a surface, in metres. A bilinear quad is intersected as two triangles, which
+/// deviate from it by a few millimetres.
 const OFF: f64 = 4e-3;
 
 impl<'a> Lit<'a> {
-    /// Prepares the rays and the interreflected light.
+    /// Prepares ray casting and computes the interreflected light.
     pub(super) fn new(
         quads: &'a [Quad],
         sky: Sky,
@@ -190,7 +190,7 @@ impl<'a> Lit<'a> {
         self.cache.at(p, n, |point| point.indirect)
     }
 
-    /// Radiance along a ray, with all light at the hit taken from the cache.
+    /// Radiance along a ray. All light at the hit is taken from the cache.
     pub(super) fn rough_radiance(&self, from: DVec3, toward: DVec3) -> Rgb {
         let Some(hit) = self.caster.nearest(from, toward, FAR) else {
             return self.beyond(from, toward);
@@ -205,7 +205,7 @@ impl<'a> Lit<'a> {
         add(quad.paint.glow(), times(albedo, light), 1.0 / PI)
     }
 
-    /// Radiance along a ray, with direct light sampled at the hit.
+    /// Radiance along a ray. Direct light is sampled at the hit.
     pub(super) fn radiance(&self, from: DVec3, toward: DVec3, key: u64, effort: Effort) -> Rgb {
         let Some(hit) = self.caster.nearest(from, toward, FAR) else {
             return self.beyond(from, toward);
@@ -214,7 +214,7 @@ impl<'a> Lit<'a> {
         self.surface(quad, hit.u, hit.v, toward, key, effort)
     }
 
-    /// Radiance of a point of a surface, without specular reflection.
+    /// Radiance of a surface point, without specular reflection.
     pub(super) fn surface(
         &self,
         quad: &Quad,
@@ -229,7 +229,7 @@ impl<'a> Lit<'a> {
         add(quad.paint.glow(), times(albedo, light), 1.0 / PI)
     }
 
-    /// Irradiance of a point of a surface, seen along `toward`; thin sheets transmit light.
+    /// Irradiance of a surface point seen along `toward`. Thin sheets transmit light.
     pub(super) fn received(
         &self,
         quad: &Quad,
@@ -303,7 +303,7 @@ struct Cache {
     points: Vec<Point>,
     low: DVec3,
     size: [usize; 3],
-    /// Points of each cell: `order[starts[cell]..starts[cell + 1]]`.
+    /// Start of the points of each cell in `order`: `order[starts[cell]..starts[cell + 1]]`.
     starts: Vec<u32>,
     order: Vec<u32>,
 }
@@ -311,7 +311,7 @@ struct Cache {
 /// Distance between points of the cache, and the radius within which they are averaged, in metres.
 const SPACING: f64 = 0.10;
 const RADIUS: f64 = 0.26;
-/// Rays that gather light at each point, along one side of a stratified square.
+/// Number of rays that gather light at each point, along one side of a stratified square.
 const GATHER: usize = 8;
 /// Number of bounces of light.
 const BOUNCES: usize = 4;
@@ -358,7 +358,7 @@ impl Cache {
         Ok(cache)
     }
 
-    /// Builds the grid.
+    /// Builds the grid of cells.
     fn index(&mut self) {
         let (mut low, mut high) = (DVec3::splat(f64::INFINITY), DVec3::splat(f64::NEG_INFINITY));
         for point in &self.points {
@@ -392,7 +392,7 @@ impl Cache {
         (at[2] * self.size[1] + at[1]) * self.size[0] + at[0]
     }
 
-    /// Visits the points within a cell of `p`.
+    /// Calls `visit` with the points in the cell of `p` and in the cells next to it.
     fn near(&self, p: DVec3, mut visit: impl FnMut(u32, &Point)) {
         let middle = self.place(p);
         let range = |i: usize| middle[i].saturating_sub(1)..(middle[i] + 2).min(self.size[i]);

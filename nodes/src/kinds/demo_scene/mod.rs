@@ -36,7 +36,8 @@ engine::choices! {
 }
 
 engine::params! {
-    /// Makes a scene for trying everything: a captured place, an object to insert, and the true light.
+    /// Makes a synthetic scene for trying the whole pipeline: a captured place, an object to insert, and the
+    /// true light.
     ///
     /// The place is lit by light transport and then captured as splats with the defects of a real capture: light
     /// clipped to white, view-dependent colours, blur, floaters, and holes where no camera looked. The object is
@@ -117,7 +118,7 @@ impl View {
         Self { eye: layout.eye, right, down: forward.cross(right), forward, focal, width, height }
     }
 
-    /// Distance of a point that lies in or near the frame.
+    /// Distance from the camera of a point that lies in or near the frame.
     fn distance(&self, p: DVec3) -> Option<f64> {
         let way = p - self.eye;
         let depth = way.dot(self.forward);
@@ -127,8 +128,8 @@ impl View {
         inside.then(|| way.length())
     }
 
-    /// Largest size of a patch of a surface, in metres, that appears `pixels` large. Larger outside of the frame
-    /// and on back sides.
+    /// Largest size of a patch of a surface, in metres, that appears `pixels` large in the picture. It is
+    /// larger outside of the frame and on back sides.
     fn patch_size(&self, p: DVec3, n: DVec3, size: f64, pixels: f64) -> f64 {
         let way = self.eye - p;
         let close = pixels / self.focal;
@@ -204,7 +205,7 @@ impl Kind for DemoScene {
     }
 }
 
-/// The unclipped light that arrives at the point of the object.
+/// Unclipped light that arrives at the position of the object.
 fn truth(
     lit: &Lit<'_>,
     layout: &Layout,
@@ -240,8 +241,8 @@ fn truth(
 /// Number of points along each side of a square over the disc of the sun.
 const SUN_POINTS: usize = 64;
 
-/// Adds the sun, which may be smaller than a pixel: each visible point of its disc adds its share of the irradiance
-/// to the pixel that contains it.
+/// Adds the sun, whose disc may be smaller than a pixel: each visible point of the disc adds its share of the
+/// irradiance to the pixel that contains it.
 fn add_sun(lit: &Lit<'_>, from: DVec3, image: &mut Image<Linear>) {
     let (width, height) = (image.width, image.height);
     let (a, b) = light::frame(lit.sky.sun);

@@ -11,7 +11,7 @@ use crate::types::{Material, NormalMap, Object, Primitive, Sampler, Texture, Tex
 
 const SIZE: usize = 256;
 
-/// The still life.
+/// Builds the object: the vase and the two balls on the plinth.
 pub(super) fn still_life(seed: u64) -> Object {
     let textures = vec![
         picture(|u, v| glaze(seed, u, v)),
@@ -69,7 +69,8 @@ pub(super) fn still_life(seed: u64) -> Object {
     Object { primitives, materials, textures }
 }
 
-/// Radius and height of the vase: outside from the foot to the lip, then a little way down inside.
+/// Radius and height of the profile of the vase: outside from the foot to the lip, then a short way down the
+/// inside.
 const VASE: [[f64; 2]; 16] = [
     [0.0, 0.0],
     [0.046, 0.0],
@@ -89,7 +90,7 @@ const VASE: [[f64; 2]; 16] = [
     [0.028, 0.390],
 ];
 
-/// Catmull-Rom through the points, `parts` pieces between each two.
+/// Catmull-Rom spline through the points, with `parts` segments between each two.
 fn smooth(points: &[[f64; 2]], parts: usize) -> Vec<[f64; 2]> {
     let at = |i: isize| points[i.clamp(0, points.len() as isize - 1) as usize];
     let mut out = Vec::new();
@@ -114,7 +115,7 @@ fn single(v: DVec3) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
 }
 
-/// A solid of revolution about the y axis, from bottom to top.
+/// Solid of revolution about the y axis, with a profile from bottom to top.
 fn turned(profile: &[[f64; 2]], foot: DVec3, turns: usize, material: u32) -> Primitive {
     let mut p = Primitive { material, ..Primitive::default() };
     let last = profile.len() - 1;
@@ -149,7 +150,7 @@ fn turned(profile: &[[f64; 2]], foot: DVec3, turns: usize, material: u32) -> Pri
     p
 }
 
-/// A block with bevelled upper edges; `half` gives half of its width and depth, and its height.
+/// Block with bevelled upper edges. `half` gives half of its width and depth, and its height.
 fn block(half: DVec3, bevel: f64, material: u32) -> Primitive {
     let mut p = Primitive { material, ..Primitive::default() };
     let (w, h, d) = (half.x, half.y, half.z);
@@ -201,7 +202,7 @@ fn picture(colour: impl Fn(f64, f64) -> [f64; 3]) -> Texture {
     texture(|u, v| colour(u, v).map(byte))
 }
 
-/// A tangent-space normal map of a height.
+/// Tangent-space normal map of a height field.
 fn relief(strength: f64, height: impl Fn(f64, f64) -> f64) -> Texture {
     let step = 1.0 / SIZE as f64;
     texture(|u, v| {
@@ -213,13 +214,13 @@ fn relief(strength: f64, height: impl Fn(f64, f64) -> f64) -> Texture {
     })
 }
 
-/// A value of `f` that is periodic in u, since textures wrap around.
+/// Value of `f`, made periodic in u because textures wrap around.
 fn wrapped(u: f64, f: impl Fn(f64) -> f64) -> f64 {
     let u = u - u.floor();
     f(u) * (1.0 - u) + f(u - 1.0) * u
 }
 
-/// Celadon over a darker body, with a band of drips from the shoulder; display values.
+/// Display colour of the glaze: celadon over a darker body, with a band of drips below the shoulder.
 fn glaze(seed: u64, u: f64, v: f64) -> [f64; 3] {
     let run = wrapped(u, |u| fractal(seed + 70, u * 9.0, 0.5)) * 0.16;
     let cloud = wrapped(u, |u| fractal(seed + 71, u * 6.0, v * 8.0));

@@ -2,18 +2,18 @@
 
 use super::random::{fractal, noise, unit};
 
-/// A material; colours are linear albedo. Texture coordinates are metres on the surface.
+/// Material of a surface. Colours are linear albedo, and texture coordinates are in metres on the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Paint {
     /// One colour.
     Plain([f64; 3]),
-    /// One colour with a varnish that reflects.
+    /// One colour under a reflective varnish.
     Lacquer([f64; 3]),
     /// Rolled wall paint or rough plaster.
     Plaster([f64; 3]),
     /// Oak floor boards along v.
     Boards,
-    /// Sawn and oiled wood with grain along the longer side, of a tone.
+    /// Sawn and oiled wood of the given tone, with grain along the longer side.
     Wood([f64; 3]),
     /// A woven rug of the given size.
     Rug([f64; 2]),
@@ -29,7 +29,7 @@ pub(super) enum Paint {
     Curtain([f64; 3]),
     /// A lamp shade that glows with the given radiance.
     Glow([f64; 3]),
-    /// The view outside of a window; the sky alone.
+    /// View outside of a window: the sky alone.
     Outside,
     /// A surface that exists in the proxy only.
     Hidden,
@@ -41,7 +41,7 @@ pub(super) enum Paint {
     Water,
 }
 
-/// Light reflected at a mirror-like coat.
+/// Mirror-like reflection at a coat.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Gloss {
     /// Reflectance at normal incidence.
@@ -66,7 +66,7 @@ fn mixed(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
     [0, 1, 2].map(|i| a[i] * (1.0 - t) + b[i] * t)
 }
 
-/// 1 within `width` of a multiple of `period`, falling to 0 over another `width`.
+/// Profile of a groove: 1 within `width` of a multiple of `period`, falling to 0 over another `width`.
 fn groove(x: f64, period: f64, width: f64) -> f64 {
     let t = x / period;
     let away = (t - (t + 0.5).floor()).abs() * period;

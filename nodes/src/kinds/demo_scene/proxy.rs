@@ -1,5 +1,5 @@
-//! The proxy of a demo place: closed solids, in a room within a closed shell, similar to a mesh extracted from a
-//! capture, with captured colours at its vertices.
+//! Proxy of a demo place, similar to a mesh extracted from a capture: closed solids, in a room within a
+//! closed shell, with captured colours at the vertices.
 
 use std::collections::BTreeMap;
 
@@ -20,10 +20,10 @@ const JITTER: f64 = 0.005;
 const FINE: f64 = 0.06;
 const COARSE: f64 = 0.14;
 const NEAR: f64 = 1.2;
-/// Solids larger than this are divided coarsely even near the object.
+/// Size in metres above which solids are divided coarsely even near the object.
 const LARGE: f64 = 4.0;
 
-/// Vertices welded by position within each solid.
+/// Vertices of a solid, merged where their positions are equal.
 #[derive(Default)]
 struct Weld {
     known: BTreeMap<(u32, [i64; 3]), u32>,
@@ -117,7 +117,7 @@ pub(super) fn mesh(
     })
 }
 
-/// A shell of six walls that face inwards.
+/// Six walls that face inwards.
 fn shell(layout: &Layout) -> Vec<Quad> {
     let mut shapes = super::shape::Shapes::default();
     let [low, high] = layout.bounds;
@@ -131,7 +131,7 @@ fn shell(layout: &Layout) -> Vec<Quad> {
     shapes.quads.into_iter().map(inward).collect()
 }
 
-/// The captured colour at a vertex: that of the surface found along its normal, clipped, in 8 bits.
+/// Captured colour at a vertex: that of the surface found along its normal, clipped, in 8 bits.
 fn colour(lit: &Lit<'_>, (p, n): (DVec3, DVec3), key: u64) -> [f32; 3] {
     let n = n.normalize_or(DVec3::Z);
     let effort = Effort { sky: 9, sun: 2, lamp: 3 };

@@ -1,6 +1,6 @@
 //! Counter-based random numbers: every number is a hash of its purpose and index.
 
-/// A number in [0, 1) for (seed, purpose, index, dimension).
+/// Random number in [0, 1) for (seed, purpose, index, dimension).
 pub(super) fn unit(seed: u64, purpose: u64, index: u64, dimension: u64) -> f64 {
     let mut x = seed ^ 0x9e37_79b9_7f4a_7c15;
     for part in [purpose, index, dimension] {
@@ -16,7 +16,7 @@ fn mix(mut x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-/// Smooth noise in [-1, 1] of a point: lattice values blended by a cubic, one octave.
+/// Smooth noise in [-1, 1] at a point, of one octave: random lattice values interpolated by a cubic.
 pub(super) fn noise(seed: u64, x: f64, y: f64) -> f64 {
     let (fx, fy) = (x.floor(), y.floor());
     let at = |i: f64, j: f64| {
@@ -31,7 +31,7 @@ pub(super) fn noise(seed: u64, x: f64, y: f64) -> f64 {
     low * (1.0 - ty) + high * ty
 }
 
-/// Four octaves of [`noise`].
+/// Sum of four octaves of [`noise`].
 pub(super) fn fractal(seed: u64, x: f64, y: f64) -> f64 {
     let (mut sum, mut scale, mut size) = (0.0, 1.0, 0.5);
     for octave in 0..4 {

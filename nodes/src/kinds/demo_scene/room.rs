@@ -17,7 +17,7 @@ const RIGHT: f64 = 2.75;
 const FRONT: f64 = -2.55;
 const BACK: f64 = 2.25;
 const CEILING: f64 = 2.7;
-/// The window: y and z of its edges, and how deep it sits in the wall.
+/// Edges of the window in y and z, in metres.
 const WINDOW: [[f64; 2]; 2] = [[-1.0, 1.05], [0.7, 2.25]];
 const REVEAL: f64 = 0.16;
 
@@ -400,7 +400,7 @@ fn plant(s: &mut Shapes, seed: u64) {
     }
 }
 
-/// Rug, armchair and the small table at the window.
+/// Adds the rug, the armchair and the small table at the window.
 fn rest(s: &mut Shapes) {
     let v = DVec3::new;
     let (low, high) = ([-1.35, -1.12, 0.0], [1.45, 1.12, 0.013]);

@@ -1,4 +1,4 @@
-//! The surfaces a demo place is built of: bilinear quads, alone or as boxes, rounded boxes and solids of
+//! Surfaces of a demo place: bilinear quads, alone or arranged as boxes, rounded boxes and solids of
 //! revolution.
 
 use std::f64::consts::PI;
@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::paint::Paint;
 use crate::math::num;
 
-/// A bilinear quad seen from its front, where its corners run counter-clockwise.
+/// Bilinear quad. Its corners run counter-clockwise as seen from its front.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Quad {
     /// Corners at (u, v) = (0, 0), (1, 0), (1, 1), (0, 1), in metres.
@@ -52,7 +52,7 @@ impl Quad {
     }
 }
 
-/// A rotation about the vertical axis, then a translation.
+/// Placement by a rotation about the vertical axis, followed by a translation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Place {
     sin_cos: (f64, f64),
@@ -81,7 +81,8 @@ pub(super) struct Shapes {
     solids: u32,
 }
 
-/// For each face of a box its axes u and v, chosen so that u x v points outwards, and its side.
+/// Axes u and v of each face of a box, chosen so that u x v points outwards, and the side of the box on which
+/// the face lies.
 const FACES: [([f64; 3], [f64; 3], [f64; 3]); 6] = [
     ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]),
     ([0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]),
@@ -97,7 +98,7 @@ impl Shapes {
         self.solids
     }
 
-    /// A flat parallelogram with corner `p` and sides `u` and `v`; its front is where u x v points.
+    /// Adds a flat parallelogram with corner `p` and sides `u` and `v`. Its front is where u x v points.
     pub(super) fn flat(&mut self, p: DVec3, u: DVec3, v: DVec3, paint: Paint, solid: Option<u32>) {
         let n = u.cross(v).normalize_or(DVec3::Z);
         let (lu, lv) = (u.length(), v.length());
@@ -111,7 +112,7 @@ impl Shapes {
         });
     }
 
-    /// A box: half sizes `half` about the placed point `centre`.
+    /// Adds a box of half sizes `half` about `centre`, which is transformed by `place`.
     pub(super) fn cuboid(&mut self, place: Place, centre: DVec3, half: DVec3, paint: Paint, proxy: bool) {
         let solid = proxy.then(|| self.solid());
         for (u, v, n) in FACES {
@@ -121,14 +122,15 @@ impl Shapes {
         }
     }
 
-    /// A box given by two corners, without rotation.
+    /// Adds a box given by two corners, without rotation.
     pub(super) fn between(&mut self, low: [f64; 3], high: [f64; 3], paint: Paint, proxy: bool) {
         let (low, high) = (DVec3::from(low), DVec3::from(high));
         let place = Place::new(0.0, 0.0, 0.0, 0.0);
         self.cuboid(place, (low + high) * 0.5, (high - low) * 0.5, paint, proxy);
     }
 
-    /// A box whose edges are rounded by `radius`, each face in `n` x `n` quads; `puff` swells the faces.
+    /// Adds a box whose edges are rounded by `radius`, with `n` x `n` quads per face. `puff` makes the faces
+    /// bulge.
     #[allow(clippy::too_many_arguments, reason = "a shape is its numbers")]
     pub(super) fn rounded(
         &mut self,
@@ -179,8 +181,8 @@ impl Shapes {
         }
     }
 
-    /// A solid of revolution about the vertical through the placed origin. `profile` runs from bottom to
-    /// top as (radius, height); a radius of 0 closes an end.
+    /// Adds a solid of revolution about the vertical through the origin of `place`. `profile` lists (radius,
+    /// height) from bottom to top. A radius of 0 closes an end.
     pub(super) fn revolve(
         &mut self,
         place: Place,
@@ -228,7 +230,7 @@ impl Shapes {
         }
     }
 
-    /// A strip through pairs of points, lit from both sides; for leaves and curtains.
+    /// Adds a strip through pairs of points, lit from both sides, for leaves and curtains.
     pub(super) fn strip(&mut self, edges: &[(DVec3, DVec3)], paint: Paint) {
         let mut along = 0.0;
         for pair in edges.windows(2) {

@@ -11,7 +11,7 @@ fn make(params: &DemoScene, seed: u64, up: Up, metres_per_unit: f64) -> Out {
     DemoScene::run(params, In {}, &cx).expect("runs").0
 }
 
-/// Number of edges that are not used exactly once in each direction, as they are in a closed mesh.
+/// Number of edges that are not used exactly once in each direction, as every edge of a closed mesh is.
 fn open_edges(mesh: &Mesh) -> usize {
     let mut edges = std::collections::BTreeMap::new();
     for [a, b, c] in &mesh.triangles {
@@ -22,7 +22,7 @@ fn open_edges(mesh: &Mesh) -> usize {
     edges.values().filter(|&&n| n != 0).count()
 }
 
-/// The room, made once for several tests.
+/// Outputs for the room, made once for several tests.
 fn room_of_seed_7() -> &'static Out {
     static ROOM: std::sync::OnceLock<Out> = std::sync::OnceLock::new();
     ROOM.get_or_init(|| make(&params(Setting::Room), 7, Up::PlusZ, 1.0))

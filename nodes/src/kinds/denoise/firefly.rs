@@ -1,22 +1,22 @@
 //! Fireflies: single pixels lit by one improbable path.
 //!
-//! A path that reaches a sun by way of an object may give a pixel many times the light of its surroundings. Such
-//! paths are rare, so light that is right on average ends up in one pixel of hundreds. Averaging over the
-//! surrounding pixels does not dilute it enough: it would leave a bright patch in a thin shadow, and its variance
-//! would make everything near it look alike.
+//! A path that reaches a sun by way of an object may give a pixel many times the light of its surroundings.
+//! Such paths are rare, so light whose average over the picture is right is concentrated in one pixel of
+//! hundreds. Averaging over the surrounding pixels does not dilute it enough: it would leave a bright patch
+//! in a thin shadow, and the large variance of the pixel would make everything near it appear similar.
 
 use super::means::Field;
 
-/// A firefly is this many times brighter than all pixels around it.
+/// Minimum ratio of the brightness of a firefly to that of each pixel around it.
 const BRIGHTER: f32 = 2.0;
-/// A firefly has this many times the mean variance of the pixels around it. A real highlight does not, since it
-/// appears in every chunk of samples.
+/// Minimum ratio of the variance of a firefly to the mean variance of the pixels around it. A real highlight
+/// stays below it, since it appears in every chunk of samples.
 const LESS_SURE: f32 = 16.0;
 
 impl Field {
-    /// Replaces fireflies by the light of the pixels around them, and their variance. `least` is the signal below
-    /// which a pixel is not a firefly; `relight` sets the values of a pixel from its new signal. Returns the number
-    /// of fireflies.
+    /// Replaces the light of fireflies, and its variance, by the mean of the pixels around them. `least` is
+    /// the signal below which a pixel is not a firefly; `relight` sets the values of a pixel from its new
+    /// signal. Returns the number of fireflies.
     pub fn quench(&mut self, least: f32, relight: impl Fn(&mut [f32], [f32; 3])) -> u64 {
         let found: Vec<_> = (0..self.pixels.len())
             .filter_map(|i| self.around_firefly(i, least).map(|(signal, variance)| (i, signal, variance)))

@@ -24,11 +24,13 @@ const LANES: usize = 8;
 const SIDE: usize = (TILE + 2 * PATCH).next_multiple_of(LANES);
 /// Variance below this counts as zero, for signals near 1.
 const FLOOR: f32 = 1e-8;
-/// A pixel whose depth differs by this fraction from the plane of another belongs to another surface.
+/// Relative deviation in depth from the plane of another pixel beyond which a pixel belongs to another
+/// surface.
 const OFF: f32 = 0.05;
-/// A pixel with this many times the variance of another and its surroundings gets a reduced weight.
+/// Ratio of the variance of a pixel to that of another pixel and its surroundings beyond which its weight is
+/// reduced.
 const LESS_SURE: f32 = 16.0;
-/// Sums of values above this could overflow: their weights add up to less than 2^12.
+/// Limit of values that are summed, so that sums do not overflow: the weights add up to less than 2^12.
 const ROOM: f32 = f32::MAX / 65536.0;
 /// Number of values that are averaged together.
 pub const VALUES: usize = 6;
@@ -38,10 +40,11 @@ pub const VALUES: usize = 6;
 pub struct Pixel {
     /// Signal that is compared.
     pub signal: [f32; 3],
-    /// Variance of a channel of the signal, the same for each; 0 leaves the pixel unchanged.
+    /// Variance of each channel of the signal, the same for all three. A pixel with variance 0 stays
+    /// unchanged.
     pub variance: f32,
-    /// The reciprocal of its variance, and the largest variance that it is averaged with at full weight; set by
-    /// [`Field::find_doubts`].
+    /// Reciprocal of the variance, and the largest variance with which the pixel is averaged at full weight.
+    /// Set by [`Field::find_doubts`].
     pub doubt: [f32; 2],
     /// Values that are averaged.
     pub values: [f32; VALUES],
@@ -53,7 +56,7 @@ pub struct Pixel {
     pub nearness: [f32; 3],
 }
 
-/// Limits of similarity.
+/// Parameters of the filter: the search window, and how much patches and normals may differ.
 #[derive(Debug, Clone, Copy)]
 pub struct Reach {
     /// Radius of the search window, in pixels.
@@ -71,23 +74,23 @@ pub struct Field {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Row by row.
+    /// Pixels, row by row.
     pub pixels: Vec<Pixel>,
     /// True if pixels with much larger variance than others get a reduced weight.
     pub doubts: bool,
 }
 
 impl Pixel {
-    /// True if the pixel is averaged.
+    /// True if the pixel is to be averaged.
     pub fn is_noisy(&self) -> bool {
         self.there && self.variance > 0.0
     }
 }
 
 impl Field {
-    /// Replaces each variance by the mean over the pixels up to `radius` away that take part, since the variance of
-    /// a few samples is itself noisy; but at least a tenth of its own, or a single pixel of very uneven samples
-    /// would count as an edge.
+    /// Replaces each variance by the mean over the pixels within `radius` that take part, since the variance
+    /// of a few samples is itself noisy. The result is at least a tenth of the pixel's own variance;
+    /// otherwise a single pixel of very uneven samples would count as an edge.
     pub fn smooth_variance(&mut self, radius: usize) {
         let mean = |x: usize, y: usize| {
             let (mut sum, mut count) = (0.0, 0.0);
@@ -109,11 +112,12 @@ impl Field {
         }
     }
 
-    /// Compares the variance of each pixel with that of its eight neighbours, before variances are smoothed. Within
-    /// its own large variance, the light of a firefly looks like that of everything around it. A mean would spread
-    /// it over pixels that are well known, and remove it from its place. So the weight of such pairs is reduced in
-    /// both directions, by the ratio of the variance of one to the mean around the other. The largest value is left
-    /// out of that mean, so that a single bright pixel does not confirm itself.
+    /// Compares the variance of each pixel with that of its eight neighbours, before variances are smoothed.
+    /// Within the large variance of a firefly, its light looks like that of every pixel around it. A mean
+    /// would spread it over pixels whose light is well known, and remove it from its place. So the weight of
+    /// such pairs is reduced in both directions, by the ratio of the variance of one pixel to the mean around
+    /// the other. The largest value is left out of that mean, since it may be that of the bright pixel
+    /// itself.
     pub fn find_doubts(&mut self) {
         let around = |x: usize, y: usize| {
             let (mut sum, mut largest, mut count) = (0.0, 0.0_f32, 0.0);
@@ -165,7 +169,7 @@ impl Field {
         }
     }
 
-    /// The averaged values of each pixel.
+    /// Computes the averaged values of each pixel.
     pub fn average(&self, reach: Reach, cx: &Context) -> Result<Vec<[f32; VALUES]>, NodeError> {
         self.average_at(Level::new(), reach, cx)
     }
@@ -208,8 +212,8 @@ impl Field {
     }
 }
 
-/// Index of the first plane of a tile: the signal, its variance, and whether the pixel takes part. There is one
-/// plane per number of a pixel.
+/// Index of the first plane of a tile. The first planes hold the signal, its variance, and whether the pixel
+/// takes part, one plane per number.
 const SIGNAL: usize = 0;
 const VARIANCE: usize = 3;
 const THERE: usize = 4;
@@ -225,10 +229,10 @@ const AVERAGED: usize = 13;
 /// largest variance that is averaged at full weight.
 const DOUBT: usize = AVERAGED + VALUES;
 
-/// A tile and its surroundings, one plane per number, so that rows run through vector registers. No lane depends on
-/// another, so vectors of any width give the same bits.
+/// A tile and its surroundings, one plane per number of a pixel, so that rows can be processed in vector
+/// registers. No lane depends on another, so vectors of any width give the same bits.
 struct Tile {
-    /// Number of pixels around the tile.
+    /// Width of the border around the tile, in pixels.
     rim: usize,
     /// Length of a row.
     stride: usize,
@@ -244,13 +248,13 @@ struct Sums {
     weight: [f32; TILE],
 }
 
-/// Eight numbers of a row.
+/// Eight consecutive numbers of a row.
 #[inline(always)]
 fn lanes<S: Simd, const N: usize>(simd: S, row: &[f32; N], vector: usize) -> f32x8<S> {
     f32x8::from_slice(simd, &row[vector * LANES..(vector + 1) * LANES])
 }
 
-/// Clamps to 0 to 1.
+/// Clamps each lane to the range from 0 to 1.
 #[inline(always)]
 fn share<S: Simd>(simd: S, v: f32x8<S>) -> f32x8<S> {
     v.max(f32x8::splat(simd, 0.0)).min(f32x8::splat(simd, 1.0))
@@ -359,8 +363,8 @@ impl Tile {
         (0..TILE * TILE).map(mean).collect()
     }
 
-    /// Distances of a row of pairs of single pixels that starts at the pixels p and q, summed over the columns of
-    /// patches.
+    /// Writes the distances of a row of pairs of single pixels, starting at the pixels p and q, summed over
+    /// the columns of patches.
     #[inline(always)]
     fn compare<S: Simd>(&self, simd: S, [p, q]: [usize; 2], strength: f32, out: &mut [f32; TILE]) {
         let k = strength * strength;

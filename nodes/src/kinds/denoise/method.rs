@@ -21,7 +21,7 @@ impl Method {
         self.sources().map(|_| ())
     }
 
-    /// Source files: that of the library, which identifies its version.
+    /// Source files of the method: the file of the library, which identifies its version.
     pub(super) fn sources(self) -> Result<Vec<SourceFile>, NodeError> {
         match self {
             Self::Means => Ok(Vec::new()),

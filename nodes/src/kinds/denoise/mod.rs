@@ -67,13 +67,13 @@ engine::outputs! {
     }
 }
 
-/// Standard deviations at strength 1 for the ratio and the object: the best of several values on the case of
-/// `docs/evidence/bench.md`, nearly constant within a factor of 1.5.
+/// Factors of `strength` for the ratio and the object, in standard deviations: the best of several values on
+/// the case of `docs/evidence/bench.md`. The error is nearly constant within a factor of 1.5 of them.
 const STRENGTHS: [f64; 2] = [0.7, 0.5];
 /// Allowed differences of normals, as 1 - cosine. The receiver's mesh is rough and its normals affect only the
 /// ratio; the normals of the object affect the shading that is filtered.
 const BENDS: [f32; 2] = [0.5, 0.05];
-/// Objects are averaged over half the radius, because of their textures and highlights.
+/// Divisor of the search radius for objects, which is smaller because of their textures and highlights.
 const OBJECT_RADIUS: usize = 2;
 impl Denoise {
     fn reach(&self, layer: usize) -> Reach {
@@ -85,7 +85,8 @@ impl Denoise {
         }
     }
 
-    /// The denoised layers, the number of fireflies, and whether there are samples to filter but no variance.
+    /// Filters one view. Returns the denoised layers, the number of fireflies, and whether there are samples
+    /// to filter but no variance.
     fn view(&self, view: &View<'_>, cx: &Context) -> Result<([Image<Linear>; 3], u64, bool), NodeError> {
         let mut out = [view.without.clone(), view.with.clone(), view.object.clone()];
         if self.strength == 0.0 {

@@ -8,13 +8,14 @@ use crate::types::Data;
 const SIZE: usize = 48;
 const SAMPLES: u32 = 16;
 
-/// The fraction of light left in a column: 1 outside the shadow, its edge over eight pixels, its core; at least
-/// 0.3, so that every pixel of it is noisy.
+/// Fraction of light that remains in a column: 1 outside the shadow, decreasing over eight pixels at its
+/// edge, and at least 0.3 in its core, so that every pixel of it is noisy.
 fn truth(x: usize) -> f32 {
     1.0 - 0.5 * ((x as f32 - 20.0) / 8.0).clamp(0.0, 1.0)
 }
 
-/// Output of a path tracer with shared random numbers: all or a part of each sample's light arrives.
+/// Output of a path tracer that uses the same random numbers for R0 and R1: all or a part of the light of
+/// each sample arrives.
 fn noisy(seed: u32) -> In {
     let [mut without, mut with] = [3, 3].map(|c| Image::<Linear>::new(SIZE, SIZE, c));
     let mut object = Image::<Linear>::new(SIZE, SIZE, 4);
@@ -269,7 +270,7 @@ fn other_layers_are_refused() {
     assert!(error.expect("three channels").message().contains("4"));
 }
 
-/// Filtering does not depend on the unit of light: a power of two changes only the exponents.
+/// Filtering does not depend on the unit of light: scaling by a power of two changes only the exponents.
 #[test]
 fn light_of_any_strength_is_filtered_alike() {
     let object = |exponent: i32| {
@@ -378,7 +379,8 @@ fn oidn_is_refused_where_it_cannot_run() {
     }
 }
 
-/// The conditions of `noise_goes_and_the_edge_stays` and `what_no_object_touches_stays`, for the library.
+/// If Open Image Denoise is installed, it satisfies the conditions of `noise_goes_and_the_edge_stays` and
+/// `what_no_object_touches_stays`.
 #[cfg(feature = "oidn")]
 #[test]
 #[allow(clippy::print_stderr, reason = "a skipped test is reported")]

@@ -1,4 +1,4 @@
-//! The layers of one view, and the fields that are filtered.
+//! Layers of one view, and the fields that are filtered.
 
 use glam::Vec3;
 
@@ -7,9 +7,10 @@ use crate::math::color::luminance;
 use crate::math::num;
 use crate::types::{Image, Linear, Picture};
 
-/// Ratios above this, as in the light of an inserted lamp, are compared by their logarithm.
+/// Ratio above which ratios are compared by their logarithm, as in the light of an inserted lamp.
 const BRIGHT: f32 = 8.0;
-/// Largest ratio, light of the object relative to its mean, or variance: squares and sums of these do not overflow.
+/// Largest ratio, light of the object relative to its mean, or variance: squares and sums up to it do not
+/// overflow.
 pub(super) const BRIGHTEST: f32 = 1e15;
 
 /// Layers of one view.
@@ -23,7 +24,8 @@ pub(super) struct View<'a> {
 }
 
 impl View<'_> {
-    /// A field with the surfaces of the guide layers; `fill` sets the rest from pixel and alpha.
+    /// Builds a field with the surfaces of the guide layers; `fill` sets the rest from the index of the pixel
+    /// and its alpha.
     fn field(&self, fill: impl Fn(usize, f32, &mut Pixel)) -> Field {
         let (width, height) = (self.without.width, self.without.height);
         let pixel = |i: usize| {
@@ -45,7 +47,7 @@ impl View<'_> {
         field
     }
 
-    /// R0 and R1, compared by their ratio, and the number of fireflies removed.
+    /// Field of R0 and R1, compared by their ratio, and the number of fireflies removed.
     pub fn receiver(&self) -> (Field, u64) {
         let mut field = self.field(|i, alpha, pixel| {
             let colour = |image: &Image<Linear>| -> [f32; 3] {
@@ -78,8 +80,8 @@ impl View<'_> {
         (field, fireflies)
     }
 
-    /// A power of two that brings the mean light of the object near 1, so that thresholds are relative to it and
-    /// filtering does not depend on the unit of light, bit for bit.
+    /// Power of two that brings the mean light of the object near 1. Thresholds are then relative to the
+    /// mean, and filtering does not depend on the unit of light, bit for bit.
     pub fn exposure(&self) -> f32 {
         let (mut sum, mut cover) = (0.0, 0.0);
         for o in self.object.samples.chunks_exact(4).filter(|o| o[3] > 0.0 && o.iter().all(|v| v.is_finite()))
@@ -97,7 +99,7 @@ impl View<'_> {
         }
     }
 
-    /// The object, compared by its colour.
+    /// Field of the object, compared by its colour.
     pub fn inserted(&self) -> Field {
         let exposure = self.exposure();
         let mut field = self.field(|i, alpha, pixel| {
@@ -128,7 +130,7 @@ fn scale_ratios(pixel: &mut Pixel) {
     }
 }
 
-/// A variance, or 0 where it is unknown: a value at the largest float may be clamped.
+/// The variance, or 0 where it is unknown because a value at the largest float may have been clamped.
 pub fn known(variance: f32) -> f32 {
     if variance < f32::MAX { variance.max(0.0) } else { 0.0 }
 }

@@ -1,4 +1,4 @@
-//! The light that points receive in addition to the sun.
+//! Light that points receive in addition to the sun.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -10,14 +10,15 @@ use crate::math::color::luminance;
 use crate::math::equirect::uv;
 use crate::types::Environment;
 
-/// Number of directions over the whole sphere; a point sees half of them.
+/// Number of directions over the whole sphere. A point receives light from half of them.
 const DIRECTIONS: usize = 384;
-/// Points of one tile.
+/// Number of points per tile.
 const TILE: usize = 128;
 /// Environment texels at least this bright are clipped in the panorama.
 pub(super) const WHITE: f32 = 0.95;
 
-/// Irradiance of one point, by origin. Radiance is taken from the capture, so it includes all bounces.
+/// Irradiance of one point, divided by origin. Radiance is taken from the capture, so it includes all
+/// bounces.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Incident {
     /// Irradiance from surfaces and sky that are not clipped.
@@ -26,7 +27,7 @@ pub(super) struct Incident {
     pub clipped: Vec3,
 }
 
-/// The radiance of the environment in a direction, at most white, and true if it is clipped there.
+/// Displayed radiance of the environment in a direction, at most white, and true if it is clipped there.
 pub(super) fn shown(env: &Environment, direction: DVec3) -> (Vec3, bool) {
     let (u, v) = uv(env.up, direction);
     let (width, height) = (env.image.width, env.image.height);
@@ -36,8 +37,8 @@ pub(super) fn shown(env: &Environment, direction: DVec3) -> (Vec3, bool) {
     (Vec3::from(rgb) / most.max(1.0), luminance(rgb) >= WHITE)
 }
 
-/// The incident light of each point. A point of a surface receives the radiance that is visible from it: the
-/// captured colours of the place, and the environment where there is no surface.
+/// Incident light of each point: the captured colours of the surfaces that are visible from it, and the
+/// environment in all other directions.
 pub(super) fn incident(
     place: &Place,
     shading: &Shading,

@@ -21,13 +21,14 @@ use self::shading::Shading;
 use self::sun::{Sun, Verdict};
 
 engine::params! {
-    /// Finds the sun of a recovered environment by the shadows that it casts in the captured place.
+    /// Finds the sun of a recovered environment from the shadows that it casts in the captured place.
     ///
-    /// A panorama clips the sun together with the sky around it, so a prediction can only spread the hidden light over
-    /// the clipped region. The place itself shows where the sun is: its captured colours jump where a shadow ends. For
-    /// each direction of the clipped regions, `fit-lights` computes which surface points the receiver mesh would leave
-    /// in the sun, and compares neighbouring points of like orientation: the ratio of their colours should be the ratio
-    /// of the light that they receive. The rest of that light is known, because it comes from surfaces and sky that are
+    /// A panorama clips the sun together with the sky around it, so a prediction can only spread the hidden
+    /// light over the clipped region. The captured colours of the place reveal the direction of the sun,
+    /// because they change abruptly where a shadow ends. For each direction of the clipped regions,
+    /// `fit-lights` computes which surface points the receiver mesh would leave in the sun, and compares
+    /// neighbouring points of like orientation: the ratio of their colours should be the ratio of the light
+    /// that they receive. The rest of that light is known, because it comes from surfaces and sky that are
     /// not clipped. The comparison is robust, so differences in albedo cost precision but no bias.
     ///
     /// Where one direction explains the colours clearly better than all others, the sun is placed there with its fitted
@@ -130,7 +131,7 @@ impl Kind for FitLights {
     }
 }
 
-/// Decides whether the best candidate is a sun that lights the point of capture.
+/// Decides whether the best candidate is a sun that lights the point of the panorama.
 fn judge(params: &FitLights, found: Option<&Sun>, place: &Place, origin: DVec3) -> Verdict {
     match found {
         None => Verdict::NothingToCompare,

@@ -7,17 +7,18 @@ use glam::DVec3;
 use super::shading::{Point, Shading};
 use crate::geometry::sampling::hash;
 
-/// Largest distance of neighbours, as a fraction of the size of the surroundings.
+/// Largest distance between neighbours, as a fraction of the size of the surroundings.
 const REACH: f64 = 0.16;
 /// Smallest cosine between the normals of two neighbours.
 const ALIKE: f64 = 0.95;
-/// Pairs per point, at most.
+/// Maximum number of pairs per point.
 const PER_POINT: usize = 4;
 
 /// Indices of two points.
 pub(super) type Pair = [u32; 2];
 
-/// Up to four neighbours for each point, chosen by a hash of the two indices so that all distances within reach occur.
+/// Pairs each point with up to four neighbours, chosen by a hash of the two indices so that all distances
+/// within [`REACH`] occur.
 pub(super) fn neighbours(shading: &Shading) -> Vec<Pair> {
     let points = &shading.points;
     let reach = REACH * shading.size;

@@ -1,18 +1,18 @@
-//! The receiver mesh for ray casting: a tree, its colours, and its clipped triangles.
+//! Receiver mesh for ray casting: a tree, its colours, and its clipped triangles.
 
 use glam::{DVec3, Vec3};
 
 use crate::geometry::bvh::{Bvh, Hit, Ray};
 use crate::types::Mesh;
 
-/// A colour with a channel above this is clipped: a window, a lamp, or a glint.
+/// Channel value above which a colour is clipped, as for a window, a lamp, or a glint.
 pub(super) const CLIPPED: f32 = 0.93;
 
 /// Offset of ray origins from a surface, as a fraction of the diagonal of the mesh, since splats lie slightly below
 /// or above it.
 const OFFSET: f64 = 0.002;
 
-/// The mesh of a place, ready for rays. Positions are relative to the middle of the mesh, in f32.
+/// Mesh of a place for ray casting. Positions are relative to the middle of the mesh, in f32.
 pub(super) struct Place {
     bvh: Bvh,
     /// Corners of each triangle.
@@ -54,7 +54,7 @@ impl Place {
         Self { bvh, corners, colours, middle, offset: OFFSET * diagonal }
     }
 
-    /// A world position in the frame of the tree.
+    /// Converts a world position to the frame of the tree.
     pub fn local(&self, position: DVec3) -> DVec3 {
         position - self.middle
     }
@@ -79,14 +79,14 @@ impl Place {
         *a * (1.0 - hit.b1 - hit.b2) + *b * hit.b1 + *c * hit.b2
     }
 
-    /// True if light from far away in a direction reaches a local point: nothing blocks it, or only surfaces whose
-    /// colours are clipped, such as a window.
+    /// True if distant light from a direction reaches a local point: nothing blocks it, or only surfaces
+    /// whose colours are clipped, such as a window.
     pub fn lets_in(&self, from: DVec3, direction: DVec3) -> bool {
         let ray = Ray::new(from.as_vec3(), direction.as_vec3());
         !self.bvh.any(ray, |hit| self.colour(hit).max_element() <= CLIPPED)
     }
 
-    /// [`Self::lets_in`] for a world position.
+    /// Same as [`Self::lets_in`], for a world position.
     pub fn is_open(&self, position: DVec3, direction: DVec3) -> bool {
         self.lets_in(self.local(position), direction)
     }

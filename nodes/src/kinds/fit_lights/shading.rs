@@ -1,4 +1,4 @@
-//! Surface points of the place with the colours that they were captured with.
+//! Surface points of the place with their captured colours.
 
 use engine::{Context, NodeError};
 use glam::{DQuat, DVec3, Vec3};
@@ -11,11 +11,12 @@ use crate::types::{SplatEncoding, Splats};
 const SH0: f32 = 0.282_094_8;
 /// Minimum opacity of a splat that counts as a surface.
 const OPAQUE: f32 = 0.5;
-/// Minimum linear luminance of a point; darker ones have more noise than signal.
+/// Minimum linear luminance of a point. Darker points are mostly noise.
 const DARKEST: f32 = 0.002;
-/// Maximum distance of a point relative to the median; farther ones are sky shells or distant background.
+/// Maximum distance of a point relative to the median. Farther points belong to sky shells or to the distant
+/// background.
 const FARTHEST: f64 = 3.0;
-/// Points of one tile.
+/// Number of points per tile.
 const TILE: usize = 256;
 
 /// A surface point.
@@ -23,20 +24,20 @@ const TILE: usize = 256;
 pub(super) struct Point {
     /// Position in the frame of the place's tree.
     pub position: DVec3,
-    /// Unit normal, on the side that the point of capture sees.
+    /// Unit normal on the side of the surface that faces the point of capture.
     pub normal: DVec3,
     /// Captured linear radiance.
     pub radiance: Vec3,
 }
 
-/// The points that are compared, and the size of the surroundings of the point of capture.
+/// Points that are compared, and the size of the surroundings of the point of capture.
 pub(super) struct Shading {
     pub points: Vec<Point>,
     /// Median distance of surfaces from the point of capture, in world units.
     pub size: f64,
 }
 
-/// A surface that points may be drawn from.
+/// A surface on which points may be sampled.
 struct Surface {
     point: Point,
     area: f64,
@@ -44,9 +45,10 @@ struct Surface {
 }
 
 impl Shading {
-    /// Draws `count` points from the splats, or else from the mesh: those visible from the point of capture, near
-    /// ones more often, since they matter more for an object at that point. Points are taken at equal steps of the
-    /// summed weights, so equal inputs give equal points.
+    /// Samples `count` points on the splats, or on the mesh if there are none. Only points visible from the
+    /// point of capture are taken. Near points are taken more often, since they matter more for an object at
+    /// that point. Points are taken at equal steps of the cumulative weight, so equal inputs give equal
+    /// points.
     pub fn sample(
         place: &Place,
         splats: Option<&Splats>,
@@ -93,8 +95,8 @@ impl Shading {
     }
 }
 
-/// True if a surface is visible from the point of capture. Hidden surfaces were not captured, so their colours are
-/// meaningless.
+/// True if a surface is visible from the point of capture. The colours of hidden surfaces are meaningless,
+/// because no camera captured them.
 fn is_seen(place: &Place, origin: DVec3, size: f64, surface: &Surface) -> bool {
     let towards = (surface.point.position - origin) / surface.distance;
     place.distance(origin, towards) > surface.distance - 0.02 * (size + surface.distance)
@@ -110,7 +112,7 @@ fn surface(position: DVec3, normal: DVec3, radiance: Vec3, area: f64, origin: DV
     usable.then_some(Surface { point: Point { position, normal, radiance }, area, distance })
 }
 
-/// A splat as a surface: its two long axes span it, the short one is its normal.
+/// Converts a splat to a surface: its two long axes span the surface, and its short axis is the normal.
 fn of_splat(splats: &Splats, index: usize, place: &Place, origin: DVec3) -> Option<Surface> {
     let scales = splats.scales[index].map(f64::from);
     let thin = (0..3).min_by(|&a, &b| scales[a].total_cmp(&scales[b]))?;

@@ -1,4 +1,4 @@
-//! The search for the direction of the sun.
+//! Search for the direction of the sun.
 
 use engine::{Context, NodeError};
 use glam::DVec3;
@@ -19,15 +19,15 @@ use crate::types::Environment;
 const SPREAD: f64 = 0.25;
 /// Minimum number of pairs.
 const FEWEST: usize = 50;
-/// Directions over the whole sphere for the coarse search: one every square degree.
+/// Number of directions over the whole sphere for the coarse search: one per square degree.
 const COARSE: usize = 41_253;
-/// Maximum number of these that are tried; more are thinned out evenly.
+/// Maximum number of coarse directions that are tried. If there are more, they are thinned out evenly.
 const MOST: usize = 2500;
 /// Angle by which the clipped regions are enlarged, since the sun may be at the edge of one.
 const MARGIN_DEG: f64 = 2.0;
 /// Sine of the lowest elevation of a sun.
 const LOWEST: f64 = 0.02;
-/// Directions closer than this to the best one are not rivals.
+/// Angle around the best direction, in degrees, within which other directions do not count as rivals.
 const RIVAL_DEG: f64 = 8.0;
 /// Number of coarse directions that are refined, and the step sizes, in degrees.
 const REFINED: usize = 4;
@@ -52,7 +52,7 @@ pub(super) struct Sun {
     pub glow: f64,
     /// Fraction by which the sun lowers the cost of the best explanation without a sun.
     pub gain: f64,
-    /// The gain of the best direction elsewhere.
+    /// Gain of the best direction that is more than [`RIVAL_DEG`] away from this one.
     pub rival: f64,
 }
 
@@ -63,7 +63,7 @@ impl Sun {
     }
 }
 
-/// The verdict on a candidate.
+/// Verdict on a candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
     Accepted,
@@ -88,8 +88,8 @@ impl Verdict {
     }
 }
 
-/// Finds the direction in or near the clipped regions that explains the colours of the place best; `None` where there is
-/// nothing to compare.
+/// Finds the direction in or near the clipped regions that explains the colours of the place best. `None` if
+/// there is nothing to compare.
 pub(super) fn find(
     place: &Place,
     shading: &Shading,
@@ -155,7 +155,7 @@ pub(super) fn find(
     }))
 }
 
-/// The smallest number with its item; the first of equal ones.
+/// Item with the smallest number, and that number. The first of equal ones is returned.
 fn least<T: Copy>(of: impl IntoIterator<Item = (f64, T)>) -> (f64, T) {
     let mut of = of.into_iter();
     let first = of.next().expect("the lists of settings and directions are not empty");
@@ -193,7 +193,7 @@ fn around(direction: DVec3, step: f64) -> Vec<DVec3> {
         .collect()
 }
 
-/// The points and the light that they receive.
+/// Points, and the light that they receive.
 struct Scene<'a> {
     place: &'a Place,
     shading: &'a Shading,
@@ -201,7 +201,8 @@ struct Scene<'a> {
 }
 
 impl Scene<'_> {
-    /// For each point the cosine of the incident direction of a distant light; 0 where the light is blocked.
+    /// Cosine of the angle between the normal of each point and the direction to a distant light; 0 where the
+    /// light is blocked.
     fn lit(&self, direction: DVec3) -> Vec<f64> {
         let cosine = |point: &super::shading::Point| {
             let cosine = point.normal.dot(direction);
@@ -212,12 +213,12 @@ impl Scene<'_> {
     }
 }
 
-/// The comparison of pairs in one channel or in luminance.
+/// Comparison of pairs in one channel or in luminance.
 struct Fit<'a> {
     pairs: &'a [Pair],
     /// Logarithm of the ratio of the captured colours of each pair.
     ratios: Vec<f64>,
-    /// Irradiance without a sun, and its logarithm, of each point by each of [`GLOWS`].
+    /// Irradiance of each point without a sun, and its logarithm, for each of [`GLOWS`].
     base: Vec<Vec<[f64; 2]>>,
     /// Median irradiance of all points, with clipped light at its displayed value.
     median: f64,
@@ -268,8 +269,8 @@ impl<'a> Fit<'a> {
         errors.sum()
     }
 
-    /// The irradiance of a sun with the lowest cost, within a factor of 16 of a start: a scan in steps of half a
-    /// stop, then golden-section search.
+    /// Irradiance of the sun that has the lowest cost, within a factor of 16 of `start`: found by a scan in
+    /// steps of half a stop, then golden-section search.
     fn irradiance(&self, glow: usize, lit: &[f64], start: f64) -> f64 {
         let at = |stops: f64| self.cost(glow, lit, start * num::f64::exp2(stops));
         let (_, middle) = least((-8..=8).map(|half| (at(0.5 * f64::from(half)), 0.5 * f64::from(half))));

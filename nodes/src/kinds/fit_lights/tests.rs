@@ -8,8 +8,8 @@ use crate::math::num;
 use crate::testing::context;
 use crate::types::Image;
 
-/// A floor of 8 by 8 m with a box of 1 m on it, in cells of 10 cm, lit by a sky of radiance 0.4 and a sun; slabs of
-/// 1.2 m have albedo 0.3 or 0.5, with 5 % of noise per cell.
+/// Floor of 8 by 8 m with a box of 1 m on it, in cells of 10 cm, lit by a sky of radiance 0.4 and a sun.
+/// Slabs of 1.2 m have albedo 0.3 or 0.5, with 5 % of noise per cell.
 fn yard(sun: DVec3, irradiance: f64) -> Mesh {
     let mut mesh = Mesh::default();
     let mut quad = |corner: DVec3, u: DVec3, v: DVec3, light: &dyn Fn(DVec3, DVec3) -> f64| {
@@ -57,8 +57,8 @@ fn yard(sun: DVec3, irradiance: f64) -> Mesh {
     mesh
 }
 
-/// A sky of radiance 0.4 with a clipped disc of 20 degrees around a direction; predicted light makes the disc 30 times
-/// as bright as white.
+/// Sky of radiance 0.4 with a clipped disc of 20 degrees around a direction. The predicted light of the disc
+/// is 30 times as bright as white.
 fn sky(middle: DVec3) -> Environment {
     let (width, height) = (256, 128);
     let mut env = Environment {

@@ -1,5 +1,5 @@
-//! Feathering: lights that rise gradually from their edge, over an angle that does not depend on the size of the
-//! picture.
+//! Feathering: the light added to a region rises gradually from the edge of the region, over an angle that
+//! does not depend on the size of the picture.
 
 use std::f64::consts::PI;
 
@@ -12,9 +12,9 @@ use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 
 impl Lights {
-    /// Scales the light added by fusion from 0 at the edge of a light to its full value at `feather_deg` inside,
-    /// and then scales each light so that its total stays the same. Angles are between centres of pixels; columns
-    /// wrap.
+    /// Scales the light added by fusion from 0 at the edge of a light to its full value at `feather_deg`
+    /// inside, and then scales each light so that its total stays the same. Angles are measured between
+    /// centres of pixels, and columns wrap around.
     pub(super) fn feather(
         &self,
         feather_deg: f64,
@@ -54,17 +54,17 @@ impl Lights {
     }
 }
 
-/// Finds the nearest unlit pixels. Within a row the nearest by columns is the nearest by angle, so one lookup per
-/// row within reach is enough.
+/// Search for the nearest unlit pixel. Within a row, the nearest pixel by columns is also the nearest by
+/// angle, so one lookup per row within reach is enough.
 struct Edges {
     width: usize,
-    /// The largest angle of interest, in radians.
+    /// Largest angle that is measured, in radians.
     most: f64,
     /// For each pixel, the number of columns to the nearest unlit pixel of its row; `None` if the whole row is lit.
     columns: Vec<Option<u32>>,
-    /// Sine and cosine of the angle from the pole to each row.
+    /// Sine and cosine of the polar angle of each row.
     rows: Vec<(f64, f64)>,
-    /// Cosine of the rotation by a number of columns, up to half a turn.
+    /// Cosine of the rotation by each number of columns, up to half a turn.
     turns: Vec<f64>,
 }
 
@@ -82,7 +82,7 @@ impl Edges {
         }
     }
 
-    /// The angle from a pixel to the nearest unlit one, or `most` if there is none within it.
+    /// Angle from a pixel to the nearest unlit one, at most `most`, in radians.
     fn angle(&self, at: usize) -> f64 {
         let (x, y, height) = (at % self.width, at / self.width, self.rows.len());
         let (sine, cosine) = self.rows[y];
@@ -97,7 +97,7 @@ impl Edges {
     }
 }
 
-/// For each pixel of a row, whose ends are joined, the number of columns to the nearest unlit one.
+/// Number of columns from each pixel of a row, whose ends are joined, to the nearest unlit pixel.
 fn columns_to_edge(lit: &[bool]) -> Vec<Option<u32>> {
     let width = lit.len();
     let mut nearest = vec![None; width];

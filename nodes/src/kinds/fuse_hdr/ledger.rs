@@ -14,21 +14,23 @@ use crate::types::{Cell, Report, Table};
 
 /// Number of lights listed individually; the others are summed in a last row.
 pub(super) const LISTED: usize = 32;
-/// Up to this share of the predicted light may be left out, and of all light removed, without a warning.
+/// Share of the predicted light that may be left out, and of all light that may be removed, without a
+/// warning.
 const UNUSED: f64 = 0.01;
-/// Largest factor by which a light is scaled to compensate for the ramp.
+/// Largest factor by which a light is scaled to compensate for the gradual transition of `Blend::Ramp`.
 const LARGEST_COMPENSATION: f64 = 8.0;
 
 /// Connected regions of pixels that fusion made brighter, with their light after each step of the fusion.
 pub(super) struct Lights {
     pub members: Vec<Vec<usize>>,
-    /// Pixels that fusion made darker; they are not lights.
+    /// Pixels that fusion made darker, which do not count as lights.
     darker: Vec<usize>,
     /// Pixels left unchanged although light was predicted for them.
     left: Vec<usize>,
-    /// Name of a step, and luminance after it of each pixel of each light, of those made darker, and of those left.
+    /// Name of each step, and the luminance after it of each pixel of each light, of the pixels made darker,
+    /// and of those left unchanged.
     steps: Vec<(&'static str, Vec<Vec<f64>>)>,
-    /// The first step with an added sky, its pixels and their luminance.
+    /// Index of the first step with an added sky, and the pixels of the sky with their luminance.
     sky: Option<(usize, Vec<(usize, f64)>)>,
 }
 
@@ -37,7 +39,7 @@ pub(super) fn luminance_of(pixels: &LinearPixels, at: usize) -> f64 {
 }
 
 impl Lights {
-    /// Finds the lights of a fused panorama. `predicted` is the luminance that the gain map gives a pixel.
+    /// Finds the lights of a fused panorama. `predicted` returns the luminance of a pixel by the gain map.
     pub(super) fn find(pixels: &LinearPixels, fused: &[Fused], predicted: impl Fn(usize) -> f64) -> Self {
         let mask: Vec<bool> =
             fused.iter().enumerate().map(|(at, f)| f.luminance > luminance_of(pixels, at)).collect();
@@ -57,7 +59,7 @@ impl Lights {
         lights
     }
 
-    /// Records a step.
+    /// Records the luminance after a step.
     pub(super) fn record(&mut self, step: &'static str, luminance: impl Fn(usize) -> f64) {
         let of_light = |members: &Vec<usize>| members.iter().map(|&at| luminance(at)).collect();
         let values = self.groups().map(of_light).collect();
@@ -70,12 +72,12 @@ impl Lights {
         self.record("sky", luminance);
     }
 
-    /// The lights, and the two groups of pixels that are not lights.
+    /// Pixels of each light, then the two groups of pixels that are not lights.
     fn groups(&self) -> impl Iterator<Item = &Vec<usize>> {
         self.members.iter().chain([&self.darker, &self.left])
     }
 
-    /// Warns if exposures darker than the panorama removed light from it.
+    /// Warns if exposures darker than the panorama reduced its light.
     pub(super) fn report_darker(&self, pixels: &LinearPixels, fused: &[Fused], notes: &mut Notes) {
         let size = |at: usize| pixel_solid_angle(pixels.width, pixels.height, at / pixels.width);
         let own = |at: usize| luminance_of(pixels, at) * size(at);
@@ -125,8 +127,8 @@ impl Lights {
         }
     }
 
-    /// Restores the predicted flux of each light: the ramp removes part of the prediction for barely clipped
-    /// pixels, and this adds it to the clipped pixels of the same light.
+    /// Restores the predicted flux of each light. The gradual transition of `Blend::Ramp` removes part of the
+    /// prediction for barely clipped pixels; this adds it to the clipped pixels of the same light.
     pub(super) fn keep_flux(
         &self,
         pixels: &LinearPixels,
@@ -161,12 +163,12 @@ impl Lights {
         }
     }
 
-    /// Number of lights that the report lists together.
+    /// Number of lights that are summed in the last row of the report.
     pub(super) fn unlisted(&self) -> u64 {
         self.members.len().saturating_sub(LISTED) as u64
     }
 
-    /// The tables of lights, of energy before and after, and of both at each step.
+    /// Builds the report: tables of the lights, of the energy before and after, and of both at each step.
     pub(super) fn report(
         &self,
         up: Up,
@@ -205,7 +207,7 @@ impl Lights {
         Report { title: "Recovered light".to_owned(), tables: vec![emitters, energy, steps] }
     }
 
-    /// The total after a step. Pixels in no group are unchanged.
+    /// Total energy after a step. Pixels in no group are unchanged.
     fn energy(&self, step: usize, up: Up, pixels: &LinearPixels) -> Energy {
         let mut luminance: Vec<f64> = (0..pixels.rgb.len()).map(|at| luminance_of(pixels, at)).collect();
         for (members, values) in self.groups().zip(&self.steps[step].1) {
@@ -216,7 +218,7 @@ impl Lights {
         Energy::of(up, pixels.width, &luminance)
     }
 
-    /// One column per step: the total, then each listed light, then the others together.
+    /// Table with one column per step, and rows for the total, each listed light, and the others together.
     fn table(&self, whole: &[Energy], lights: &[Light]) -> Table {
         let row = |name: String, values: Vec<f64>| {
             std::iter::once(Cell::Text(name)).chain(values.into_iter().map(Cell::Number)).collect()
@@ -285,13 +287,13 @@ struct Light {
     /// Luminance times solid angle, after each step.
     power: Vec<f64>,
     peak: f64,
-    /// Flux per source, the base last, followed by the flux of lower bounds.
+    /// Flux per source, with the base last, followed by the flux of lower bounds.
     by_source: Vec<f64>,
     bound: f64,
 }
 
 impl Light {
-    /// Irradiance of a plane facing the light, before and after fusion.
+    /// Irradiance of a plane that faces the light, before fusion.
     fn before(&self) -> f64 {
         self.irradiance.first().copied().unwrap_or(0.0)
     }

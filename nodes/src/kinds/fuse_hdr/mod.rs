@@ -44,9 +44,9 @@ engine::choices! {
     pub enum Hue {
         /// The colour of the panorama, as in the paper; white where all channels are clipped.
         Base,
-        /// The brightest exposure that is not clipped at a pixel, blended in as far as the panorama is clipped;
-        /// without one, the panorama. Matters for `Photographs` only: other methods give exposures with the colour
-        /// of the panorama.
+        /// Takes the colour of the brightest exposure that is not clipped at a pixel, as far as the panorama
+        /// is clipped, and that of the panorama if every exposure is clipped. Matters for `Photographs` only:
+        /// other methods give exposures with the colour of the panorama.
         Exposures,
     }
 }
@@ -65,7 +65,7 @@ engine::params! {
         /// Transfer curve from display values to linear light, for the base and for photographed exposures. Derived
         /// exposures are always sRGB.
         transfer: Transfer = Transfer::Srgb, other("Gamma24");
-        /// True if the float gain map or the list of exposures is fused.
+        /// Form of the prediction that is fused: the gain map in floats, or the list of exposures.
         gain: Gain = Gain::Direct, other("Brackets");
         /// Source of the colour of recovered light. Predicted exposures have the colour of the panorama.
         hue: Hue = Hue::Base, other("Exposures"), inert("exposures that were predicted have the panorama's colour");
@@ -100,15 +100,16 @@ engine::outputs! {
     }
 }
 
-/// Smallest linear light of a derived exposure that is white, whatever the rounding of the transfer curve.
+/// Linear light from which a derived exposure counts as white, with a margin for the rounding of the transfer
+/// curve.
 const WHITE: f32 = 0.999;
 
-/// The luminance of one pixel after fusion, and its source.
+/// Luminance of one pixel after fusion, and its source.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Fused {
-    /// Absolute luminance E'_N.
+    /// Absolute luminance E'_N of the paper.
     luminance: f64,
-    /// Index of the exposure that contributed most; the base has the number of exposures as index.
+    /// Index of the exposure that contributed most. The index of the base is the number of exposures.
     source: usize,
     /// True if the darkest exposure is white here, so that the light is a lower bound.
     saturated: bool,
@@ -230,7 +231,8 @@ fn check_sizes(base: &Panorama, brackets: &Brackets) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Measures the gain of photographs again if their curve is not sRGB, with which it was measured.
+/// Recomputes the gain of photographs if their transfer curve is not sRGB, which was assumed when it was
+/// measured.
 fn by_own_curve(
     params: &FuseHdr,
     pixels: &LinearPixels,
@@ -262,15 +264,16 @@ fn report_broken(pixels: &LinearPixels, notes: &mut Notes) {
     notes.count("below-zero", pixels.negative, "samples below 0 count as black");
 }
 
-/// The luminance of a pixel by the gain map.
+/// Luminance of a pixel by the gain map.
 fn direct(pixels: &LinearPixels, brackets: &Brackets, at: usize) -> Fused {
     let held = f64::from(luminance(pixels.rgb[at].map(|v| v.min(1.0))));
     let gain = if pixels.ceiling { f64::from(brackets.log2_gain.samples[at]) } else { 0.0 };
     Fused { luminance: held * num::f64::exp2(gain), source: 0, saturated: false }
 }
 
-/// Fuses one pixel, from the darkest exposure upwards (the paper's section on HDR construction). The second number
-/// is the luminance by the gain map or the exposures, before blending with the panorama.
+/// Fuses one pixel, from the darkest exposure upwards, as in the paper's section on HDR construction. The
+/// second number returned is the luminance by the gain map or the exposures, before blending with the
+/// panorama.
 fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize) -> (Fused, f64) {
     let base = pixels.rgb[at];
     let n = brackets.evs.len();
@@ -324,9 +327,9 @@ fn ramp(params: &FuseHdr, rgb: [f32; 3]) -> f32 {
     ((max3(rgb) - params.threshold) / (1.0 - params.threshold)).clamp(0.0, 1.0)
 }
 
-/// One step of the merge: keeps the darker estimate where the brighter picture is clipped. Photographs show the
-/// same light up to clipping, so `measured` values need no transition; and white in a JPEG may be a code or two
-/// below white.
+/// Performs one step of the merge: keeps the darker estimate where the brighter picture is clipped.
+/// Photographs (`measured`) show the same light up to clipping, so they need no gradual transition, and white
+/// in a JPEG may be a code or two below white.
 fn merge(params: &FuseHdr, darker: Fused, brighter: [f32; 3], own: Fused, measured: bool) -> Fused {
     match params.blend {
         Blend::Hard if luminance(brighter) > params.threshold => darker,
@@ -358,8 +361,8 @@ fn apply(rgb: [f32; 3], fused: f64) -> [f32; 3] {
     rgb.map(|v| (f64::from(v) * (fused / own)).min(f64::from(f32::MAX)) as f32)
 }
 
-/// The colour of a pixel at the luminance of `fused`. It is taken from the brightest exposure that is not clipped
-/// there, in proportion to how far the panorama is clipped. The brightest is used because its codes are the finest.
+/// Colour of a pixel at the luminance of `fused`. It is taken from the brightest exposure that is not clipped
+/// there, since that exposure has the finest quantisation, in proportion to how far the panorama is clipped.
 fn recolour(params: &FuseHdr, brackets: &Brackets, base: [f32; 3], fused: [f32; 3], at: usize) -> [f32; 3] {
     let clipped = match params.blend {
         Blend::Hard if luminance(base) > params.threshold => 1.0,

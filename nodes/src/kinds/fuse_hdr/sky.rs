@@ -1,5 +1,5 @@
-//! A sky that the capture does not contain: the light that the ground reflects, compared with the light that falls
-//! on it.
+//! Estimates a sky that the capture does not contain, by comparing the light that the ground reflects with
+//! the light that falls on it.
 //!
 //! A surface of albedo a that reflects a radiance L receives pi L / a. If the visible ground would have to reflect
 //! nearly all light or more, and part of the upper half was not seen, light is missing there: outdoor captures
@@ -18,17 +18,17 @@ use crate::types::{Data, Image, Linear};
 
 /// Largest albedo of ground, except fresh snow.
 const MOST_ALBEDO: f64 = 0.9;
-/// A sky can be missing only if more than this share of the upper half was not seen, weighted by cosine.
+/// Minimum share of the upper half that was not seen, weighted by cosine, for a sky to count as missing.
 const LEAST_OPEN: f64 = 0.02;
-/// Ground is what lies lower than 20 degrees below the horizon; this is the sine of that.
+/// Sine of 20 degrees: directions that are farther than this below the horizon count as ground.
 const GROUND_SINE: f64 = 0.342_020_143_325_668_7;
 /// Smallest alpha of ground pixels that count.
 const GROUND_ALPHA: f32 = 0.5;
-/// At least this share of the lower directions must have been seen, weighted by cosine.
+/// Minimum share of the lower directions that must have been seen, weighted by cosine.
 const LEAST_GROUND: f64 = 0.05;
 
-/// Light that a level ground reflects and receives. Luminances; irradiance is that of a plane that faces up, as in
-/// the report.
+/// Light that a level ground reflects and receives, as luminance. Irradiance is that of a plane that faces
+/// up, as in the report.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Balance {
     /// Mean radiance of the visible ground, weighted by solid angle times the cosine to straight down, as a plane
@@ -36,9 +36,9 @@ pub(super) struct Balance {
     ground: Option<f64>,
     /// Irradiance from the upper half.
     light: f64,
-    /// Irradiance from the visible part of it, each pixel weighted by its alpha.
+    /// Irradiance from the visible part of the upper half, with each pixel weighted by its alpha.
     seen: f64,
-    /// Integral of 1 - alpha times the cosine over the upper half, in steradians.
+    /// Integral of (1 - alpha) times the cosine over the upper half, in steradians.
     open: f64,
     /// `open` divided by the integral of the cosine, 0 to 1.
     share: f64,
@@ -49,15 +49,15 @@ fn seen(alpha: f32) -> f64 {
     if alpha > 0.0 { f64::from(alpha.min(1.0)) } else { 0.0 }
 }
 
-/// Sine of the elevation of a row's centre.
+/// Sine of the elevation of the centre of a row.
 fn rise(up: Up, height: usize, y: usize) -> f64 {
     direction(up, 0.5, (y as f64 + 0.5) / height as f64).dot(axes(up)[2])
 }
 
 impl Balance {
-    /// Computes the balance of a photographed panorama and the light recovered from it. The ground is that of the
-    /// photograph: clipped pixels there are glints and lamps, which say nothing about the light that falls on the
-    /// ground.
+    /// Computes the balance of a photographed panorama and the light recovered from it. The light of the
+    /// ground is taken from the photograph, because clipped pixels on the ground are glints and lamps, whose
+    /// recovered light does not depend on the light that falls on the ground.
     pub(super) fn of(up: Up, photograph: &LinearPixels, alpha: &Image<Data>, env: &Image<Linear>) -> Self {
         let (width, height) = (env.width, env.height);
         let (mut ground, mut ground_seen, mut ground_all) = (0.0, 0.0, 0.0);
@@ -87,7 +87,8 @@ impl Balance {
         Self { ground: judged.then(|| ground / ground_seen), light, seen: kept, open, share }
     }
 
-    /// The albedo of the ground in the recovered light; infinite if the ground is not black and receives no light.
+    /// Albedo of the ground in the recovered light; infinite if the ground is not black and receives no
+    /// light.
     fn albedo(&self) -> Option<f64> {
         self.ground.filter(|ground| *ground > 0.0).map(|ground| PI * ground / self.light)
     }
@@ -104,7 +105,8 @@ impl Balance {
         }
     }
 
-    /// The radiance of the unseen sky that gives the ground the albedo; reports it, or why there is none.
+    /// Radiance of the unseen sky that gives the ground the albedo. Adds a note with it, or with the reason
+    /// why it cannot be computed.
     pub(super) fn sky(&self, albedo: f64, notes: &mut Notes) -> Option<f64> {
         let percent = 100.0 * self.share;
         let Some(ground) = self.ground else {

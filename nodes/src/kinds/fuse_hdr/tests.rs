@@ -35,7 +35,8 @@ fn encode(transfer: Transfer, linear: f32) -> f32 {
     }
 }
 
-/// Known light, photographed at EV 0 and at `evs` by a camera of the given transfer, with `bits` per sample.
+/// Photographs of known light, at EV 0 and at `evs`, by a camera of the given transfer curve with `bits` per
+/// sample.
 fn photograph(
     light: &dyn Fn(usize) -> [f32; 3],
     evs: &[f64],
@@ -75,7 +76,7 @@ fn run(params: &FuseHdr, (base, brackets): (Arc<Panorama>, Arc<Brackets>)) -> (O
     FuseHdr::run(params, In { base, brackets }, &cx()).expect("runs")
 }
 
-/// Grey that doubles every few pixels from 2^-6, and a lamp of 40 at the end.
+/// Grey that doubles every few pixels from 2^-6, followed by a lamp of 40.
 fn ramp(at: usize) -> [f32; 3] {
     let v = if at % W == 63 { 40.0 } else { num::f32::exp2((at % W) as f32 / 10.0 - 6.0) };
     [v, v, v]
@@ -119,7 +120,7 @@ fn paper_mode_is_the_papers_equations() {
     assert_eq!(out.env.origin, Some(DVec3::new(1.0, 2.0, 3.0)));
 }
 
-/// A bracket of known light is recovered to half a code of the exposure that shows it.
+/// A real bracket recovers known light to half a code of the exposure that shows it.
 #[test]
 fn a_true_bracket_is_recovered_within_quantisation() {
     for gain in [Gain::Brackets, Gain::Direct] {
@@ -167,7 +168,8 @@ fn black_is_black_and_broken_samples_are_reported() {
     assert!(notes.iter().any(|n| n.id == "not-finite") && notes.iter().any(|n| n.id == "below-zero"));
 }
 
-/// Near black there is no division, so colour is kept bit for bit whatever the exposures or gains.
+/// Colours near black are kept bit for bit, whatever the exposures or gains, because nothing is divided
+/// there.
 #[test]
 fn the_darkest_values_keep_their_colour() {
     let light = |at: usize| {
@@ -188,7 +190,7 @@ fn the_darkest_values_keep_their_colour() {
     }
 }
 
-/// White in every exposure is a lower bound, and reported.
+/// A pixel that is white in every exposure is a lower bound, and is reported.
 #[test]
 fn saturation_at_the_darkest_exposure_is_reported() {
     let taken =
@@ -464,7 +466,7 @@ fn light_above_white_is_kept_to_the_bit() {
     }
 }
 
-/// A single exposure is the light itself, bit for bit, whatever EVs were requested.
+/// The only exposure is the light itself, bit for bit, whatever EVs were requested.
 #[test]
 fn one_exposure_is_the_light() {
     let dim = |at: usize| ramp(at).map(|v| v.min(0.89));
@@ -478,7 +480,7 @@ fn one_exposure_is_the_light() {
     }
 }
 
-/// A display value of 0.5 is 0.189 with the pure power and 0.214 by sRGB.
+/// A display value of 0.5 is 0.189 by the power curve and 0.214 by sRGB.
 #[test]
 fn transfers_differ_as_published() {
     assert!((Transfer::Gamma24.linear(0.5) - 0.1895).abs() < 1e-4);

@@ -7,8 +7,8 @@ use super::{Raw, from_colmap};
 use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, refuse_foreign};
 
-/// Name and number of parameters of each camera model, by its number in binary files; see COLMAP's
-/// documentation of cameras.txt.
+/// Name of each camera model and its number of parameters, in the order of the model numbers in binary files;
+/// see COLMAP's documentation of cameras.txt.
 const MODELS: [(&str, usize); 11] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
@@ -30,7 +30,7 @@ struct Lens {
     distortion: Option<Bend>,
 }
 
-/// The coefficients of a model other than a fisheye, from the parameters after the principal point.
+/// Distortion coefficients of a model other than a fisheye, from the parameters after the principal point.
 fn coefficients(model: &str, rest: &[f64]) -> Coefficients {
     let mut found = Coefficients::default();
     match (model, rest) {
@@ -100,13 +100,14 @@ fn camera(
     })
 }
 
-/// Sorts by name, as the INRIA code and most other readers do, so that splits by every eighth camera agree.
+/// Sorts by name, as the INRIA code and most other readers do, so that every eighth camera is the same as
+/// theirs.
 fn sorted(mut cameras: Vec<Raw>) -> Vec<Raw> {
     cameras.sort_by(|a, b| a.picture.cmp(&b.picture));
     cameras
 }
 
-/// `cameras.txt` and `images.txt`.
+/// Reads `cameras.txt` and `images.txt`.
 pub fn text(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error> {
     fn as_text<'a>(file: &str, bytes: &'a [u8]) -> Result<&'a str, Error> {
         refuse_foreign(file, bytes)?;
@@ -145,7 +146,7 @@ pub fn text(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error
     Ok(sorted(found))
 }
 
-/// The first `N` words of a line, and the rest, which is not empty.
+/// The first `N` words of a line, and the rest. `None` if the rest is empty.
 fn first_words<const N: usize>(line: &str) -> Option<([&str; N], &str)> {
     let mut rest = line.trim();
     let mut words = [""; N];
@@ -156,7 +157,7 @@ fn first_words<const N: usize>(line: &str) -> Option<([&str; N], &str)> {
     (!rest.is_empty()).then_some((words, rest))
 }
 
-/// True if a line lists points of images.txt: repeated x, y and the index of a 3D point, or -1.
+/// True if a line of images.txt lists points: repeated x, y, and the index of a 3D point or -1.
 fn is_points(line: &str) -> bool {
     let words: Vec<&str> = line.split_ascii_whitespace().collect();
     words.len().is_multiple_of(3)
@@ -213,7 +214,7 @@ impl Reader<'_> {
     }
 }
 
-/// `cameras.bin` and `images.bin`.
+/// Reads `cameras.bin` and `images.bin`.
 pub fn binary(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error> {
     let mut from = Reader { file, rest: cameras };
     let mut lenses = BTreeMap::new();

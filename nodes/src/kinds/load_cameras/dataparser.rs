@@ -1,5 +1,5 @@
-//! `dataparser_transforms.json` of nerfstudio: from the coordinates of a capture to those in which it trains and
-//! exports splats.
+//! `dataparser_transforms.json` of nerfstudio: maps the coordinates of a capture to those in which nerfstudio
+//! trains and exports splats.
 
 use glam::{DMat3, DMat4, DVec3, DVec4};
 use serde_json::Value;
@@ -18,7 +18,7 @@ pub struct Dataparser {
     scale: f64,
 }
 
-/// An affine transform of three rows of four numbers.
+/// Reads an affine transform of three rows of four numbers.
 fn rows(file: &str, value: &Value, key: &str) -> Result<DMat4, Error> {
     let mut columns = [[0.0; 3]; 4];
     for (r, c) in (0..3).flat_map(|r| (0..4).map(move |c| (r, c))) {
@@ -47,8 +47,8 @@ impl Dataparser {
         Ok(Self { transform, scale })
     }
 
-    /// For cameras of a `transforms.json` that has `applied_transform` already: the file maps from before that
-    /// (nerfstudio, `nerfstudio_dataparser.py`).
+    /// Adapts the transform to cameras of a `transforms.json` that already includes `applied_transform`,
+    /// since the file maps from coordinates before it (nerfstudio, `nerfstudio_dataparser.py`).
     pub fn after_applied(self, file: &str, cameras: &[u8]) -> Result<Self, Error> {
         let Ok(json) = serde_json::from_slice::<Value>(json_text(cameras)) else { return Ok(self) };
         let mut own = self;
@@ -65,7 +65,7 @@ impl Dataparser {
         Ok(own)
     }
 
-    /// Moves a camera.
+    /// Transforms a camera.
     pub fn apply(&self, camera: &mut Raw) {
         let pose = self.transform * camera.world_from_camera;
         let eye = pose.w_axis.truncate() * self.scale;

@@ -1,7 +1,7 @@
 //! Lens distortion of camera models: bounds of the displacement of a point of the picture.
 
-/// Coefficients of the models of OpenCV and COLMAP without fisheye. The polynomial of nerfstudio, whose `k4` belongs to
-/// the eighth power, is covered too: [`Coefficients::pixels`] takes the larger effect.
+/// Coefficients of the models of OpenCV and COLMAP, except fisheyes. In nerfstudio's polynomial `k4` belongs
+/// to the eighth power; this is covered too, since [`Coefficients::pixels`] takes the larger effect.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Coefficients {
     /// Radial: k1 to k6.
@@ -15,7 +15,7 @@ pub struct Coefficients {
 /// Lens distortion of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bend {
-    /// The model and its coefficients, for messages.
+    /// Model and its coefficients, for messages.
     pub text: String,
     /// Upper bound of the displacement of a point of the picture, in pixels; infinite for fisheye lenses.
     pub pixels: f64,
@@ -25,8 +25,8 @@ pub struct Bend {
 pub const INVISIBLE_PX: f64 = 0.05;
 
 impl Coefficients {
-    /// Bound on the displacement in pixels for a picture of this size and lens (fx, fy, cx, cy): the sum of the absolute
-    /// terms at the corner that is farthest from the principal point.
+    /// Upper bound of the displacement, in pixels, for a picture of this size and a lens (fx, fy, cx, cy):
+    /// the sum of the absolute terms at the corner farthest from the principal point.
     pub fn pixels(&self, [width, height]: [u64; 2], [fx, fy, cx, cy]: [f64; 4]) -> f64 {
         let far = |size: u64, middle: f64, focal: f64| middle.abs().max((size as f64 - middle).abs()) / focal;
         let (x, y) = (far(width, cx, fx), far(height, cy, fy));

@@ -1,4 +1,4 @@
-//! The cameras of a glTF file, as Blender writes them next to objects.
+//! Cameras of a glTF file, which Blender writes next to the objects.
 
 use engine::{Context, Notes};
 use glam::{DMat3, DMat4, DVec3};
@@ -14,7 +14,8 @@ const HEIGHT_PX: u64 = 1080;
 /// Aspect ratio if a camera does not define it: that of Blender's pictures.
 const ASPECT: f64 = 16.0 / 9.0;
 
-/// Reads the perspective cameras of the scene, in the order of its nodes, from y up and metres into the world of the graph.
+/// Reads the perspective cameras of the scene, in the order of its nodes, and converts them from metres with
+/// y up to the world of the graph.
 pub fn read(file: &str, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, Error> {
     let parsed = gltf::parse(file, bytes)?;
     let document = &parsed.document;

@@ -13,13 +13,14 @@ use crate::math::num;
 /// Width and height of the picture of a frame, by its path in the file.
 pub type Sizes<'a> = &'a dyn Fn(&str) -> Option<[u64; 2]>;
 
-/// The path of a picture as this system writes it: exporters on Windows separate folders by backslashes.
+/// Path of a picture with the separators of this system, since exporters on Windows separate folders by
+/// backslashes.
 pub fn picture_path(path: &str) -> String {
     let path = path.replace('\\', "/");
     path.strip_prefix("./").map(str::to_owned).unwrap_or(path)
 }
 
-/// Paths of pictures of frames that have no size, in a `transforms.json`; empty for any other file.
+/// Paths of the pictures of those frames of a `transforms.json` that have no size; empty for any other file.
 pub fn pictures_without_size(bytes: &[u8]) -> Vec<String> {
     let Ok(json) = serde_json::from_slice::<Value>(json_text(bytes)) else { return Vec::new() };
     let sized =
@@ -28,7 +29,7 @@ pub fn pictures_without_size(bytes: &[u8]) -> Vec<String> {
     frames.filter(|f| !sized(f)).filter_map(|f| f["file_path"].as_str()).map(picture_path).collect()
 }
 
-/// Reads any of the formats, detected by content.
+/// Reads any of the formats, which are detected by content.
 pub fn read(
     file: &str,
     bytes: &[u8],
@@ -92,7 +93,7 @@ fn pixels(v: &Value, key: &str) -> Result<u64, String> {
     v[key].as_u64().or_else(|| v[key].as_f64().and_then(whole)).ok_or_else(|| format!("has no size `{key}`"))
 }
 
-/// A matrix of 3 or 4 rows of 4, or of 3 rows of 3 where `columns` is 3.
+/// Reads a matrix of 3 or 4 rows of 4 numbers, or of 3 rows of 3 if `columns` is 3.
 fn matrix(v: &Value, key: &str, columns: usize) -> Result<[[f64; 4]; 3], String> {
     let mut rows = [[0.0; 4]; 3];
     for (r, row) in rows.iter_mut().enumerate() {
@@ -109,7 +110,7 @@ fn matrix(v: &Value, key: &str, columns: usize) -> Result<[[f64; 4]; 3], String>
     Ok(rows)
 }
 
-/// Rows to a matrix; `flip` turns an OpenGL camera (y up, z backward) into an OpenCV one.
+/// Converts rows to a matrix. `flip` converts an OpenGL camera (y up, z backward) to an OpenCV camera.
 fn pose(rows: [[f64; 4]; 3], flip: bool) -> DMat4 {
     let s = if flip { -1.0 } else { 1.0 };
     let column = |c: usize, s: f64, w: f64| DVec4::new(rows[0][c] * s, rows[1][c] * s, rows[2][c] * s, w);
@@ -132,24 +133,26 @@ fn own(v: &Value) -> Result<Raw, String> {
     })
 }
 
-/// The frame if it has one of these keys, otherwise the top level of the file.
+/// Returns the frame if it has one of these keys, and the top level of the file otherwise.
 fn level<'a>(top: &'a Value, frame: &'a Value, keys: &[&str]) -> &'a Value {
     if keys.iter().any(|key| !frame[*key].is_null()) { frame } else { top }
 }
 
-/// Flags of lenses that are not pinhole cameras: instant-ngp's `transforms.json`.
+/// Keys in instant-ngp's `transforms.json` that mark lenses other than pinhole cameras.
 const OTHER_LENSES: [&str; 5] =
     ["latlong", "equirectangular", "orthographic", "ftheta_p0", "is_equirectangular"];
 
-/// The focal length along an axis, in pixels: a number, or by an angle in radians, or by one in degrees.
+/// Focal length along an axis, in pixels. The file gives it as a length, or as a field of view in radians or
+/// in degrees.
 fn focal(holder: &Value, [length, radians, degrees]: [&str; 3], size: u64) -> Option<f64> {
     let by_angle = |angle: f64| size as f64 / 2.0 / num::f64::tan(angle / 2.0);
     let angle = || holder[radians].as_f64().or_else(|| Some(holder[degrees].as_f64()?.to_radians()));
     holder[length].as_f64().or_else(|| angle().map(by_angle))
 }
 
-/// See nerfstudio's page on its data format: values missing in a frame are taken from the top level of the file. A
-/// frame that has a lens of its own, in whatever form, takes none of that of the top level.
+/// Reads a frame as described on nerfstudio's page on its data format. Values missing in a frame are taken
+/// from the top level of the file. A frame that defines its own lens, in any form, takes no lens values from
+/// the top level.
 fn nerfstudio(top: &Value, frame: &Value, sizes: Sizes<'_>) -> Result<Raw, String> {
     let holder = |key: &str| level(top, frame, &[key]);
     let picture = picture_path(frame["file_path"].as_str().ok_or("has no `file_path`")?);
@@ -206,7 +209,7 @@ fn nerfstudio(top: &Value, frame: &Value, sizes: Sizes<'_>) -> Result<Raw, Strin
     })
 }
 
-/// True for a flag that is set: writers use `true`, numbers and text.
+/// True if a flag is set: programs write it as `true`, a number or a text.
 fn is_set(value: &Value) -> bool {
     match value {
         Value::Bool(set) => *set,
@@ -216,8 +219,8 @@ fn is_set(value: &Value) -> bool {
     }
 }
 
-/// A camera of `camera_path.json` of nerfstudio's viewer: 16 numbers in rows, y up and z backward, and the vertical
-/// angle in degrees (nerfstudio, `get_path_from_json`).
+/// Reads a camera of `camera_path.json` of nerfstudio's viewer: a matrix of 16 numbers in row-major order, y
+/// up and z backward, and the vertical field of view in degrees (nerfstudio, `get_path_from_json`).
 fn path_camera(top: &Value, camera: &Value, index: usize) -> Result<Raw, String> {
     let model = level(top, camera, &["camera_type"])["camera_type"].as_str().unwrap_or("perspective");
     if !model.eq_ignore_ascii_case("perspective") {
@@ -241,7 +244,7 @@ fn path_camera(top: &Value, camera: &Value, index: usize) -> Result<Raw, String>
     })
 }
 
-/// As written by `camera_to_JSON` of the INRIA code: position and rotation of world from camera.
+/// Reads a camera written by `camera_to_JSON` of the INRIA code: position and rotation from camera to world.
 fn inria(v: &Value) -> Result<Raw, String> {
     let mut rows = matrix(v, "rotation", 3)?;
     for (axis, row) in rows.iter_mut().enumerate() {

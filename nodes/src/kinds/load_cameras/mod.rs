@@ -193,7 +193,8 @@ impl Kind for LoadCameras {
     }
 }
 
-/// A JSON file of cameras, and the pictures whose sizes it lacks.
+/// A JSON file of cameras, and those of its pictures that are read because the file does not contain their
+/// sizes.
 fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
     let read = || if file.path.is_file() { std::fs::read(&file.path).ok() } else { None };
     let names: BTreeSet<String> =
@@ -203,8 +204,8 @@ fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
     files
 }
 
-/// The picture of a frame, relative to the file of cameras; its extension may be left out, as in the synthetic
-/// scenes of NeRF.
+/// File of the picture of a frame, relative to the file of cameras. The extension may be left out, as in the
+/// synthetic scenes of NeRF.
 fn existing(file: &SourceFile, picture: &str, root: &SourceRoot) -> Option<SourceFile> {
     ["", ".png", ".jpg", ".jpeg", ".JPG", ".PNG"]
         .iter()
@@ -221,7 +222,7 @@ fn is_gltf(path: &InputFile) -> bool {
     lower.ends_with(".glb") || lower.ends_with(".gltf")
 }
 
-/// The files that a path other than `.json` may refer to, in order of preference.
+/// Sets of files that a path other than `.json` may stand for, in order of preference.
 fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     let folder = match path.0.rsplit_once('/') {
         Some((folder, file)) if is_part(file) => folder,
@@ -242,7 +243,7 @@ fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     candidates
 }
 
-/// The files of the first candidate whose files all exist.
+/// Files of the first candidate whose files all exist.
 fn files(path: &InputFile, root: &SourceRoot) -> Result<Vec<InputFile>, NodeError> {
     let there = |files: &Vec<InputFile>| files.iter().all(|file| root.file(file).path.is_file());
     candidates(path).into_iter().find(there).ok_or_else(|| unknown(path))
@@ -258,8 +259,8 @@ fn unknown(path: &InputFile) -> NodeError {
         .hint("a COLMAP model has `cameras.bin` and `images.bin`, or both as `.txt`")
 }
 
-/// `dataparser_transforms.json` in the folder of the file of cameras, where `dataparser` does not name one. The path of
-/// a viewer is in the coordinates of the splats.
+/// Path of a `dataparser_transforms.json` in the folder of the file of cameras, if the parameter `dataparser`
+/// is not set. The path of a viewer is in the coordinates of the splats, and does not need one.
 fn unused_dataparser(p: &LoadCameras, root: &SourceRoot) -> Option<SourceFile> {
     let needs =
         p.dataparser.is_none() && is_json(&p.path) && p.path.0.to_lowercase().ends_with("transforms.json");
@@ -281,7 +282,7 @@ fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, No
     Ok(cameras)
 }
 
-/// The cameras of the file, and its bytes if it is JSON.
+/// Cameras of the file, and the bytes of the file if it is JSON.
 fn read_file(
     p: &LoadCameras,
     cx: &Context,
@@ -312,8 +313,8 @@ fn read_file(
     Ok((cameras, None))
 }
 
-/// Names of pictures without folder and ending; equal names keep as many of their folders as needed to distinguish
-/// them.
+/// Names of pictures without folder and extension. Pictures of the same name keep as many of their folders as
+/// needed to distinguish them.
 fn view_names(pictures: &[&str]) -> Vec<String> {
     let mut names: Vec<String> = pictures.iter().map(|picture| view_name(picture, 0)).collect();
     let deepest = pictures.iter().map(|picture| picture.matches(['/', '\\']).count()).max().unwrap_or(0);
@@ -345,8 +346,8 @@ fn stem(picture: &str) -> &str {
     }
 }
 
-/// The name of a picture without extension and with this many of its folders; characters that a path cannot contain
-/// are replaced.
+/// Name of a picture without extension and with the given number of its folders. Characters that a path
+/// cannot contain are replaced.
 fn view_name(picture: &str, folders: usize) -> String {
     let mut parts: Vec<&str> = stem(picture).rsplit(['/', '\\']).take(folders + 1).collect();
     parts.reverse();
@@ -477,8 +478,8 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     })
 }
 
-/// The rotation nearest to a matrix that is a rotation except for rounding: Newton's iteration for the polar
-/// factor, which squares the error each time.
+/// Rotation nearest to a matrix that is a rotation except for rounding. Computed by Newton's iteration for
+/// the polar factor, which squares the error each time.
 fn orthonormal(mut m: DMat3) -> Option<DMat3> {
     let off = m.transpose() * m - DMat3::IDENTITY;
     // Files have at least 5 digits; a scale or a mirror image is far beyond this.
@@ -492,7 +493,7 @@ fn orthonormal(mut m: DMat3) -> Option<DMat3> {
     Some(m)
 }
 
-/// The camera pose from rotation and translation of camera from world, as in COLMAP.
+/// Camera pose, from the rotation and translation from world to camera as in COLMAP.
 fn from_colmap(q: [f64; 4], t: [f64; 3]) -> Option<DMat4> {
     let [w, x, y, z] = q;
     let length = (w * w + x * x + y * y + z * z).sqrt();

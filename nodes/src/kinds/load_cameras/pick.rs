@@ -1,4 +1,4 @@
-//! A choice of cameras: a name, a pattern, a range, or an index, as an axis of numbers gives it.
+//! Choice of cameras: a name, a pattern, a range, or an index, which an axis of numbers gives.
 
 use engine::ParamType;
 use serde::{Deserialize, Deserializer, Serialize};

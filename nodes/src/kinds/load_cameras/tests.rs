@@ -190,7 +190,8 @@ fn names_become_view_names() {
     assert_eq!(view_names(&["s/1.png", "s/1.jpg"]), ["s_1", "s_1"]);
 }
 
-/// Pictures of the same name in two folders, and the same picture twice, which only its index distinguishes.
+/// Pictures of the same name in two folders, and the same picture twice, which only the index of the camera
+/// distinguishes.
 #[test]
 fn pictures_of_one_name_keep_their_folders() {
     let set = |paths: [&str; 2]| {
@@ -245,7 +246,7 @@ fn hostile_files_are_errors() {
     assert!(load(&[], &node("nowhere")).is_err());
 }
 
-/// A camera of Blender looks along -z with y up; its node is turned, scaled and a child of another.
+/// A camera of Blender looks along -z with y up. Its node is rotated, scaled and a child of another node.
 #[test]
 fn cameras_of_gltf_come_into_the_world_as_objects_do() {
     let json = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
@@ -327,7 +328,7 @@ fn files_that_appear_while_it_runs_ask_for_another_run() {
     assert!(error.contains("changed while the graph was running"), "{error}");
 }
 
-/// Frames of nerfstudio and instant-ngp, each with a lens given in another way.
+/// Frames of nerfstudio and instant-ngp, each with a lens given in a different form.
 fn frames(top: &str, frame: &str) -> String {
     format!(
         r#"{{{top}"frames": [{{"file_path": "images/a.png", {frame}
@@ -527,7 +528,7 @@ fn cameras_follow_the_data_parser() {
     assert!(notes.iter().all(|note| note.id != "dataparser-unused"));
 }
 
-/// Texts with one to four changes: an error or cameras, never a panic.
+/// Files with one to four changes give an error or cameras, and never panic.
 #[test]
 fn damaged_files_of_cameras_are_survived() {
     let path = r#"{"camera_type": "perspective", "render_height": 30, "render_width": 40, "camera_path": [

@@ -78,7 +78,7 @@ struct RawMesh {
     /// True if the file stores positions as f64.
     finer: bool,
     colours: Vec<[f64; 3]>,
-    /// Linear factors of the colours (`baseColorFactor` of glTF); empty if all are white.
+    /// Linear factors of the colours (`baseColorFactor` of glTF), one per vertex; empty if all are white.
     tints: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
     fanned: u64,
@@ -292,8 +292,8 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
     Ok(mesh)
 }
 
-/// True if a triangle has no area. Computed in f64, where products of f32 differences are so exact that only
-/// collinear corners give 0.
+/// True if a triangle has no area. Computed in f64, where products of differences of f32 values are so exact
+/// that only collinear corners give 0.
 fn area_is_zero([a, b, c]: [DVec3; 3]) -> bool {
     (b - a).cross(c - a) == DVec3::ZERO
 }

@@ -69,7 +69,7 @@ fn colour_corners(raw: &mut RawMesh, of_triangles: &[[f64; 3]]) {
     raw.colours = first.into_iter().map(|colour| colour.unwrap_or(WHITE)).chain(more).collect();
 }
 
-/// The indices of the colour properties of an element, and the factor that maps the largest value to 1.
+/// Indices of the colour properties of an element, and the factor that maps the largest value to 1.
 fn colours(element: &ply::Element) -> Option<([usize; 3], f64)> {
     let names = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
     let found = names.iter().find_map(|names| {
@@ -119,7 +119,7 @@ fn vertices(
     Ok(())
 }
 
-/// Reads the faces, and returns the colour of each resulting triangle, if faces have colours.
+/// Reads the faces. Returns the colour of each resulting triangle if faces have colours.
 fn faces(
     name: &str,
     element: &ply::Element,

@@ -1,4 +1,4 @@
-//! The decision that `surroundings: Auto` stands for, and its report.
+//! Decision made for `surroundings: Auto`, and its report.
 
 use engine::Notes;
 use glam::Vec3;
@@ -9,31 +9,32 @@ use crate::render::transport::path::visibility::Rules;
 use crate::render::transport::scene::block::{Block, EVERYWHERE};
 use crate::render::transport::scene::frame::scene_units;
 
-/// Minimum share of the probe rays that must hit the mesh for `Auto` to become `Projected`: half of a ground plane.
-/// The bound is judgement. With less, most of the nearby surfaces that the panorama shows are missing in the mesh.
+/// Minimum share of the probe rays that must hit the mesh for `Auto` to become `Projected`: half of a ground
+/// plane. The bound is a judgement, not a measurement: below it, most of the nearby surfaces that the
+/// panorama shows are missing in the mesh.
 const LEAST_HELD: f64 = 0.25;
 
-/// The facts that a decision is based on.
+/// Facts on which the decision is based.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Facts {
     /// Hits of probe rays from the point of capture, if `surroundings` needs them.
     pub(super) probe: Option<Probe>,
-    /// The point of capture, or of the camera that stands in for it, in the frame of the scene.
+    /// Point of capture, or position of the camera used in its place, in the frame of the scene.
     pub(super) from: Vec3,
-    /// True if the environment carries its point of capture.
+    /// True if the environment contains its point of capture.
     pub(super) captured: bool,
     /// Metres per world unit.
     pub(super) metres_per_unit: f64,
 }
 
-/// The reason why the panorama is infinitely far away, or projected onto the mesh.
+/// Reason why the panorama is infinitely far away, or projected onto the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Reason {
-    /// The graph asks for it.
+    /// The graph sets it.
     AsSet,
     /// The environment has no point of capture.
     NoCapture,
-    /// Less than [`LEAST_HELD`] of the probe rays met the mesh.
+    /// Fewer than [`LEAST_HELD`] of the probe rays hit the mesh.
     TooOpen,
     /// The environment was captured inside the mesh.
     CapturedInside,
@@ -42,23 +43,23 @@ pub(super) enum Reason {
 /// The decision.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Decision {
-    /// The rule by which the mesh blocks light of a distant panorama.
+    /// Rule by which the mesh blocks the light of a distant panorama.
     pub(super) block: Block,
     /// True if the mesh reflects light.
     pub(super) bounces: bool,
-    /// True if reflections in objects pass the mesh and show the panorama.
+    /// True if rays reflected by objects pass through the mesh and show the panorama.
     pub(super) reflections_pass: bool,
-    /// True if it is the visibility printed in the paper.
+    /// True if the visibility is the one printed in the paper.
     pub(super) printed: bool,
-    /// True if the panorama is projected onto the mesh, and why.
+    /// True if the panorama is projected onto the mesh, and the reason.
     pub(super) projected: (bool, Reason),
-    /// Share of the light that a solid mesh would let in, if it was computed.
+    /// Share of the light that would reach the point of capture if the mesh were solid, if it was computed.
     pub(super) solid_light: Option<f64>,
 }
 
 impl Decision {
-    /// Makes the decision. `solid_light` computes the share of the light that a solid mesh would let in to the
-    /// point of capture.
+    /// Makes the decision. `solid_light` computes the share of the light that would reach the point of
+    /// capture if the mesh were solid.
     pub(super) fn of(surroundings: Surroundings, facts: &Facts, solid_light: impl FnOnce() -> f64) -> Self {
         let probe = facts.probe.unwrap_or_default();
         let mut light = None;
@@ -96,7 +97,7 @@ impl Decision {
         }
     }
 
-    /// The choice of `surroundings` that it is equivalent to.
+    /// Choice of `surroundings` that the decision is equivalent to.
     pub(super) fn name(&self) -> String {
         let extra = |usual: bool| match self.bounces {
             bounces if bounces == usual => "",
@@ -118,7 +119,7 @@ impl Decision {
         }
     }
 
-    /// The rules for rays.
+    /// Rules of light transport that follow from the decision.
     pub(super) fn rules(&self, from: Vec3, max_bounces: u32, clamp_indirect: f64) -> Rules {
         Rules {
             block: self.block,
@@ -132,7 +133,7 @@ impl Decision {
         }
     }
 
-    /// Reports the decision and the facts.
+    /// Reports the decision and the facts it is based on.
     pub(super) fn report(&self, surroundings: Surroundings, probe: Option<&Probe>, notes: &mut Notes) {
         if let (Surroundings::Room { .. }, Some(probe)) = (surroundings, probe) {
             if probe.escaped < probe.rays && probe.front_share() <= 0.1 {
@@ -162,7 +163,7 @@ impl Decision {
     }
 }
 
-/// The facts in words.
+/// Result of the probe rays in words.
 fn seen(probe: &Probe) -> String {
     format!(
         "{:.1} % of {} probe rays miss the mesh, {:.1} % of the others hit a front face",
@@ -176,7 +177,7 @@ fn seen(probe: &Probe) -> String {
 mod tests {
     use super::*;
 
-    /// Probe rays of which `escaped` miss, `front` hit front faces, and `lit` would be lit in a room.
+    /// Probe rays: `escaped` miss the mesh, `front` hit front faces, and `lit` would be lit in a room.
     fn probe(escaped: u32, front: u32, lit: u32) -> Probe {
         Probe { rays: 256, escaped, front, lit, room: EVERYWHERE }
     }

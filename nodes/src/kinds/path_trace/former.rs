@@ -1,13 +1,14 @@
-//! Parameters of former versions, and their replacements.
+//! Parameters of earlier versions, and their replacements.
 
 use engine::Former;
 
-/// The four parameters that [`super::surroundings`] replaces.
+/// The four former parameters that [`super::surroundings`] replaces.
 const VISIBILITY: [&str; 4] = ["env_block", "bounce", "object_specular_sees", "near_field"];
-/// The last version that had these parameters.
+/// Last version of the kind that had these parameters.
 const LAST: u32 = 19;
 
-/// The replacement of a field of a former version, given all fields of its node as written.
+/// Replacement of a parameter of an earlier version, given all parameters of its node as written in the
+/// graph.
 pub(super) fn former(name: &str, fields: &[(&str, &str)]) -> Option<Former> {
     if name == "skip_lobes" {
         return Some(Former::exhaustive(&["skip_lobes"], LAST));
@@ -26,7 +27,7 @@ pub(super) fn former(name: &str, fields: &[(&str, &str)]) -> Option<Former> {
     })
 }
 
-/// The choice of `surroundings` that replaces four former values.
+/// Choice of `surroundings` that replaces the values of the four former parameters.
 fn surroundings(block: &str, bounce: &str, specular: &str, near: &str) -> Option<String> {
     let plain = |text: &str| text.chars().filter(|c| !c.is_whitespace()).collect::<String>();
     let [block, bounce, specular, near] = [block, bounce, specular, near].map(plain);
@@ -74,7 +75,7 @@ fn surroundings(block: &str, bounce: &str, specular: &str, near: &str) -> Option
 mod tests {
     use super::*;
 
-    /// Each former value, and combinations that have no replacement.
+    /// Each former value is replaced, and combinations without a replacement are recognised.
     #[test]
     fn former_visibility_is_spelled_anew() {
         for (fields, choice) in [

@@ -1,10 +1,11 @@
-//! Lobes that no material of the objects has; they are neither evaluated nor sampled.
+//! Lobes that no material of the objects has. They are neither evaluated nor sampled.
 
 use std::sync::Arc;
 
 use crate::types::{Material, Placed};
 
-/// A lobe by name, and whether a material has it: textures can only reduce its factor.
+/// Name of a lobe, and a function that returns whether a material has it. Textures can only reduce the factor
+/// of a lobe.
 type NamedLobe = (&'static str, fn(&Material) -> bool);
 
 const LOBES: [NamedLobe; 7] = [
@@ -17,7 +18,7 @@ const LOBES: [NamedLobe; 7] = [
     ("thin film", |m| m.iridescence.strength.factor > 0.0),
 ];
 
-/// The names of the lobes that no material in use has, separated by commas.
+/// Names of the lobes that no material in use has, separated by commas.
 pub(crate) fn absent(objects: &[Arc<Placed>]) -> String {
     let materials =
         || objects.iter().flat_map(|placed| placed.object.materials_in_use()).filter(|m| !m.unlit);

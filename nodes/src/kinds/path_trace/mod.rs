@@ -41,11 +41,11 @@ use surroundings::Surroundings;
 engine::params! {
     /// Path-traces the receiver without and with the objects, and the objects themselves.
     ///
-    /// `with` is `without` plus the change by the objects, so their ratio is exactly 1 where nothing changes. In
-    /// `with` the objects are hidden from the camera only. `object` is premultiplied; its alpha is the share of the
-    /// pixel that it covers, less where the receiver is in front. In a closed room the mesh would keep out the
-    /// light that the panorama already shows: `surroundings` sets how the mesh and the panorama together model the
-    /// place, by default automatically.
+    /// `with` is `without` plus the change by the objects, so their ratio is exactly 1 where nothing changes.
+    /// In `with` the objects are hidden from the camera only. `object` is premultiplied; its alpha is the
+    /// share of the pixel that the objects cover, without the part that the receiver hides. In a closed room
+    /// the mesh would block light that already arrives at the panorama, so `surroundings` sets how the mesh
+    /// and the panorama together model the place, by default automatically.
     pub struct PathTrace {
         /// Paths per pixel; with `max_error`, the maximum number, at least 4.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
@@ -73,8 +73,8 @@ engine::params! {
         /// Traces only the change of the receiver, for graphs that need only the shadow. `object` is empty; depth
         /// and normals are those of the receiver.
         shadow_only: bool = false, other("true");
-        /// Side of the blocks of which one pixel is traced and shown for all: the first preview of `watch`. 1
-        /// traces every pixel.
+        /// Side of the blocks in which only one pixel is traced and its value shown for the whole block, as
+        /// in the first preview of `watch`. 1 traces every pixel.
         coarse_px: u32 = 1, range(1, 64), unit("px"), other("2");
         /// Maximum relative change of the light of a tile of 8 by 8 pixels below which no ray is traced for the
         /// objects and `with` equals `without`. The change is an upper bound, not an estimate, so shadows, surfaces
@@ -100,7 +100,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`PathTrace`].
     pub struct Out {
-        /// The receiver without objects (R0); the environment where there is no receiver.
+        /// The receiver without objects (R0), and the environment where there is no receiver.
         without: Arc<Images>,
         /// The receiver with the objects, which are hidden from the camera (R1).
         with: Arc<Images>,
@@ -123,23 +123,25 @@ engine::outputs! {
     }
 }
 
-/// The decision about the surroundings, and the facts that it is based on.
+/// Decision about the surroundings, and the facts it is based on.
 struct Decided {
-    /// The choice of `surroundings` that it is equivalent to.
+    /// Choice of `surroundings` that the decision is equivalent to.
     name: String,
     rules: Rules,
     probe: Option<Probe>,
-    /// Share of light that bounces of the mesh count twice, or would; `None` for a solid mesh.
+    /// Share of light that reflection by the mesh counts twice, or would count twice if it were enabled.
+    /// `None` for a solid mesh.
     twice: Option<f64>,
 }
 
 impl PathTrace {
-    /// Maximum samples per pixel: errors are estimated from a first chunk, even if `samples` is less.
+    /// Maximum number of samples per pixel. Errors are estimated from a first chunk, even if `samples` is
+    /// less.
     fn most(&self) -> u32 {
         if self.max_error.is_some() { self.samples.max(film::FIRST) } else { self.samples }
     }
 
-    /// The settings of tracing.
+    /// Settings of the tracer.
     fn settings(&self, every_lobe: bool) -> Settings {
         Settings {
             most: self.most(),
@@ -170,7 +172,8 @@ impl PathTrace {
         Ok(())
     }
 
-    /// Decides about the surroundings and reports it. `from` is the point of capture in the frame of the scene.
+    /// Decides how the surroundings are modelled, and reports it. `from` is the point of capture in the frame
+    /// of the scene.
     fn decide(
         &self,
         inputs: &In,
@@ -205,8 +208,8 @@ impl PathTrace {
         Decided { name: decision.name(), rules, probe, twice }
     }
 
-    /// The point of capture of the environment, or of the camera that stands in for it, which is reported where it
-    /// matters.
+    /// Point of capture of the environment, or position of the camera used in its place, which is reported
+    /// where it matters.
     fn point_of_capture(&self, inputs: &In, camera: &Camera, notes: &mut Notes) -> DVec3 {
         if let Some(origin) = inputs.env.origin {
             return origin;

@@ -1,4 +1,4 @@
-//! The outputs: the images of all cameras, and the report.
+//! Outputs: the images of all cameras, and the report.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use crate::render::transport::picture::accumulator::FinishedView;
 use crate::render::transport::picture::accumulator::ReachedError;
 use crate::types::{Cell, Images, NamedImage, Report, Table};
 
-/// Rows of decisions and ray counts.
+/// Builds the rows of decisions and ray counts of the report.
 fn decisions(
     inputs: &In,
     Decided { name, rules, probe, twice }: &Decided,

@@ -27,10 +27,11 @@ use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::types::{Camera, Image, Linear, Mesh};
 
-/// Ray offset, as a share of the size of an object, up to which no warning is given.
+/// Ray offset, as a share of the size of an object, above which a warning is given.
 const COARSE: f32 = 1.0 / 512.0;
 
-/// An object deeper in the ground than this share of its height was hardly placed there on purpose.
+/// Share of the height of an object by which it may lie in the ground; a deeper position is unlikely to be
+/// intended.
 const DEEP: f64 = 0.2;
 
 /// Reports parts of the inputs that were ignored, changed or assumed.
@@ -77,8 +78,8 @@ pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: 
     }
 }
 
-/// Warns of objects whose bounding box cannot be seen from the point of capture, so that the panorama does not show
-/// their light.
+/// Warns of objects whose bounding box cannot be seen from the point of capture, because the panorama does
+/// not show the light at their position.
 pub(crate) fn report_unseen_places(receiver: &Receiver, eye: Vec3, boxes: &[Aabb], notes: &mut Notes) {
     let hidden = |one: &Aabb| {
         !one.is_empty()
@@ -378,7 +379,7 @@ const LARGEST_ERROR: f64 = 1.0;
 /// Maximum of the range of `samples`.
 const MOST_SAMPLES: u64 = 1 << 20;
 
-/// A number of samples rounded up to two digits.
+/// Rounds a number of samples up to two significant digits.
 fn round_up(samples: f64) -> u64 {
     let samples = samples.ceil() as u64;
     let mut step = 1_u64;
@@ -425,7 +426,7 @@ pub(crate) fn report_unseen(unseen: &[Option<Unseen>], notes: &mut Notes) {
     }
 }
 
-/// A share for display.
+/// Formats a share as a percentage.
 fn percent(share: f64) -> String {
     if share < 0.01 { "less than 1 %".to_owned() } else { format!("{:.0} %", 100.0 * share) }
 }

@@ -1,4 +1,4 @@
-//! Plausibility of sizes and views: a wrong `metres_per_unit`, `scale` or axis shows here first.
+//! Plausibility of sizes and views, which reveals a wrong `metres_per_unit`, `scale` or axis.
 
 use engine::Notes;
 use glam::Vec3;
@@ -29,7 +29,7 @@ pub(crate) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: 
     }
 }
 
-/// Why a camera may see none of the objects, by their bounding boxes.
+/// Reason why a camera may see none of the objects, by their bounding boxes.
 pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
     if let Some(around) = boxes.iter().position(|one| one.holds(eye)) {
         return format!(
@@ -54,7 +54,7 @@ pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
     format!("`{camera}` sees no object{near}; check that pose, rig and mesh share axes and scale")
 }
 
-/// A length for display.
+/// Formats a length.
 pub(crate) fn short(length: f32) -> String {
     if (0.01..100_000.0).contains(&length) { format!("{length:.2}") } else { format!("{length:.1e}") }
 }

@@ -14,7 +14,7 @@ pub enum Surroundings {
     Distant,
     /// The panorama is projected from its point of capture onto the mesh, which emits it (near-field light).
     Projected,
-    /// An open scene: the mesh blocks and reflects light, as any solid object.
+    /// An open scene: the mesh blocks and reflects light like any solid object.
     Open {
         /// True if the mesh reflects light.
         #[serde(default = "yes")]
@@ -35,7 +35,7 @@ pub enum Surroundings {
         #[serde(default)]
         bounces: bool,
     },
-    /// Only mesh within a distance of the point of capture blocks the light of the panorama.
+    /// Only the part of the mesh within a distance of the point of capture blocks the light of the panorama.
     Within {
         /// Distance from the point of capture in metres, at least 0.
         metres: f64,
@@ -63,7 +63,7 @@ impl Surroundings {
     /// A mesh that blocks and reflects no light of the panorama.
     pub const TRANSPARENT: Self = Self::Transparent { bounces: false };
 
-    /// Each choice with its documentation.
+    /// Each choice and its documentation.
     pub const CHOICES: [(&'static str, &'static str); 8] = [
         (
             "Auto",
@@ -96,7 +96,7 @@ impl Surroundings {
         ),
     ];
 
-    /// The reason why a number is out of range; `None` if all are valid.
+    /// Reason why a number is out of range. `None` if all are valid.
     pub fn out_of_range(&self) -> Option<String> {
         match self {
             Self::Within { metres, .. } if !metres.is_finite() || *metres < 0.0 => {
@@ -109,7 +109,7 @@ impl Surroundings {
         }
     }
 
-    /// True if the mesh is sampled by probe rays from the point of capture.
+    /// True if probe rays are sent from the point of capture to the mesh.
     pub(super) fn probes(&self) -> bool {
         matches!(self, Self::Auto | Self::Distant | Self::Projected | Self::Room { .. })
     }

@@ -1,4 +1,4 @@
-//! Light transport tested against closed forms and relations between renders; shared scenes of the tests.
+//! Tests of light transport against closed forms and relations between renders, and scenes that they share.
 
 use engine::{Scene, Up};
 use glam::{DMat4, DVec3, Vec3};
@@ -27,7 +27,7 @@ mod sampling;
 mod touching;
 mod visibility;
 
-/// A box with normals pointing outwards, or inwards.
+/// Box with normals that point outwards, or inwards if `inward` is true.
 fn box_mesh(low: [f32; 3], high: [f32; 3], inward: bool) -> Mesh {
     let corner = |i: u32| std::array::from_fn(|k| if i >> k & 1 == 1 { high[k] } else { low[k] });
     let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
@@ -175,7 +175,7 @@ fn white() -> Environment {
     constant(Up::PlusZ, [1.0; 3], 64)
 }
 
-/// A dim sky with a sun of 4 texels, off the zenith.
+/// Dim sky with a sun of 4 texels that is not at the zenith.
 fn sunny() -> Environment {
     let mut env = constant(Up::PlusZ, [0.3, 0.4, 0.6], 64);
     for (x, y) in [(40, 6), (41, 6), (40, 7), (41, 7)] {

@@ -10,7 +10,7 @@ use crate::render::transport::picture::camera_rays::CameraRays;
 use crate::render::transport::picture::film::{Area, TILE};
 use crate::render::transport::picture::first_hit::is_before;
 
-/// The reason why no view shows an object.
+/// Reason why no view shows an object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unseen {
     /// The receiver hides it from every camera.
@@ -19,8 +19,8 @@ pub(crate) enum Unseen {
     Outside,
 }
 
-/// For each object, the reason why no view shows it; `None` if one does. Objects do not hide each other here, as
-/// they may be transparent.
+/// Reason why no view shows an object, for each object. `None` if a view shows it. Objects do not hide each
+/// other here, as they may be transparent.
 pub(crate) fn of(tracing: &Tracing<'_>, views: &[FinishedView]) -> Result<Vec<Option<Unseen>>, NodeError> {
     let cameras = tracing.cameras.iter().map(|camera| tracing.camera_rays(camera, 1));
     let pictures: Vec<_> = cameras.zip(views).collect();
@@ -29,7 +29,7 @@ pub(crate) fn of(tracing: &Tracing<'_>, views: &[FinishedView]) -> Result<Vec<Op
     (0..count).map(|index| unseen(scene, &pictures, tracing.places(), index, tracing.cx)).collect()
 }
 
-/// The reason why no view shows an object; `None` if one does.
+/// Reason why no view shows an object. `None` if a view shows it.
 fn unseen(
     scene: Scene<'_>,
     pictures: &[(CameraRays<'_>, &FinishedView)],

@@ -1,12 +1,12 @@
-//! The white level of a panorama.
+//! White level of a panorama.
 
 use super::CLIPPED;
 use crate::light::linear::{LinearPixels, max3};
 use crate::math::equirect::pixel_solid_angle;
 
-/// The white level of the panorama. The training data had it at 1, so a `white` down to [`CLIPPED`] keeps 1; a
-/// lower `white` means a lower level: the median of the brightest channel of the clipped pixels, weighted by solid
-/// angle.
+/// White level of the panorama, in linear light. It is 1 in the training data and for a `white` of at least
+/// [`CLIPPED`]. For a lower `white` it is the median of the brightest channel of the clipped pixels, weighted
+/// by solid angle.
 pub(super) fn ceiling(pixels: &LinearPixels, mask: &[bool], white: f32) -> f64 {
     if white >= CLIPPED {
         return 1.0;
@@ -36,7 +36,8 @@ mod tests {
 
     const WIDTH: usize = 256;
 
-    /// A sky over ground with a white window, and a yellow lamp whose blue does not clip; all of it times `scale`.
+    /// Sky over ground with a white window, and a yellow lamp whose blue does not clip, all multiplied by
+    /// `scale`.
     fn room(scale: f32) -> Arc<Panorama> {
         let pixel = |at: usize| match (at % WIDTH, at / WIDTH) {
             (100..104, 30..34) => [1.0; 3],

@@ -16,9 +16,9 @@ use crate::types::{Panorama, Picture};
 
 /// Gain of a panorama by one of the methods.
 pub(super) struct Prediction {
-    /// log2 of the gain per pixel, 0 outside of clipped pixels.
+    /// log2 of the gain of each pixel; 0 outside of clipped pixels.
     pub log2_gain: Vec<f32>,
-    /// The regions that the method estimated; empty if it estimates pixels.
+    /// Regions that the method estimated; empty if it estimates pixels.
     pub regions: Vec<RegionLight>,
 }
 
@@ -31,18 +31,18 @@ pub(super) struct Clipping<'a> {
     pub mask: Vec<bool>,
     /// Number of clipped pixels.
     pub clipped: u64,
-    /// True if the method runs even without clipped pixels; see [`Context::exhaustive`].
+    /// True if the method runs even if no pixel is clipped; see [`Context::exhaustive`].
     exhaustive: bool,
     /// White level of the panorama.
     ceiling: f64,
-    /// The networks, for `Learned`.
+    /// Networks of `Learned`.
     network: Option<network::Network>,
-    /// The photographs, for `Photographs`.
+    /// Photographs of `Photographs`.
     pub photographs: Option<Photographs>,
 }
 
 impl<'a> Clipping<'a> {
-    /// Finds the clipped pixels, and reports what is unusual about them.
+    /// Finds the clipped pixels, and reports unusual properties of them.
     pub fn find(
         params: &'a PredictExposure,
         pano: &'a Panorama,
@@ -70,7 +70,7 @@ impl<'a> Clipping<'a> {
         Ok(Self { params, pano, pixels, mask, clipped, exhaustive, ceiling, network, photographs })
     }
 
-    /// The method that is used: `Skip` without clipped pixels, unless the run is exhaustive.
+    /// Method that is used: `Skip` if no pixel is clipped, unless the run is exhaustive.
     pub fn method(&self) -> &Method {
         if self.clipped == 0 && !self.exhaustive { &Method::Skip } else { &self.params.method }
     }
@@ -99,12 +99,12 @@ impl<'a> Clipping<'a> {
         }
     }
 
-    /// No gain.
+    /// Prediction without any gain.
     fn nothing(&self) -> Prediction {
         Prediction { log2_gain: vec![0.0; self.mask.len()], regions: Vec::new() }
     }
 
-    /// The prediction of `Learned` if there is a network, otherwise of `Region`.
+    /// Prediction of `Learned` if there is a network, and of `Region` otherwise.
     fn by_regression(
         &self,
         table: &mut EnergyTable,
@@ -132,14 +132,14 @@ impl<'a> Clipping<'a> {
         Ok(Prediction { log2_gain: large.gathered(&log2_gain), regions })
     }
 
-    /// The gain measured by `Photographs`.
+    /// Gain measured by `Photographs`.
     fn by_photographs(&self, notes: &mut Notes, cx: &Context) -> Result<Vec<f32>, NodeError> {
         let taken = self.photographs.as_ref();
         let gain = taken.map(|taken| taken.gains((&self.pixels, &self.mask), notes, cx)).transpose()?;
         Ok(gain.unwrap_or_default())
     }
 
-    /// The prediction of `FluxKontext`.
+    /// Prediction of `FluxKontext`.
     fn by_diffusion(
         &self,
         table: &mut EnergyTable,
@@ -154,7 +154,7 @@ impl<'a> Clipping<'a> {
         Ok(gain.unwrap_or_default())
     }
 
-    /// Adds notes on the prediction. Returns the regions of the panorama, with any method.
+    /// Adds notes about the prediction. Returns the regions of the panorama, for any method.
     pub fn report(
         &self,
         regions: Vec<RegionLight>,
@@ -184,7 +184,7 @@ impl<'a> Clipping<'a> {
     }
 }
 
-/// The networks of `Learned`, built in or from the user's file. The file is read even if nothing is clipped, so
+/// Networks of `Learned`, built in or from the user's file. The file is read even if nothing is clipped, so
 /// that a wrong file is reported.
 fn learned(
     params: &PredictExposure,

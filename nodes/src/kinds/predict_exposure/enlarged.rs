@@ -1,6 +1,6 @@
-//! Enlarged panoramas: a panorama with fewer columns than the grid, with each pixel repeated.
+//! Enlarged panoramas, for those with fewer columns than the grid: each pixel is repeated.
 //!
-//! The networks were trained on cells of one size, so a coarser panorama is not evaluated on a coarser grid.
+//! The networks were trained on cells of one size, so a coarser grid cannot be used for a coarser panorama.
 
 use super::grid::WIDTH;
 use crate::light::linear::LinearPixels;
@@ -16,7 +16,7 @@ pub(super) struct Enlarged {
 }
 
 impl Enlarged {
-    /// `None` if the panorama has as many columns as the grid, or is higher than wide.
+    /// Enlarges a panorama. `None` if it has as many columns as the grid, or is higher than wide.
     pub fn new(pixels: &LinearPixels, mask: &[bool], alpha: &[f32]) -> Option<Self> {
         let times = WIDTH.div_ceil(pixels.width);
         let (width, height) = (pixels.width * times, pixels.height * times);
@@ -35,7 +35,7 @@ impl Enlarged {
         })
     }
 
-    /// The log2 gain of each original pixel, with the light of its parts.
+    /// log2 gain of each original pixel, which gives it the light of the pixels that it was repeated to.
     pub fn gathered(&self, log2_gain: &[f32]) -> Vec<f32> {
         let (width, height) = (self.pixels.width / self.times, self.pixels.height / self.times);
         let mut sums = vec![[0.0; 2]; width * height];

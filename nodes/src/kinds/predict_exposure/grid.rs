@@ -15,21 +15,22 @@ pub(super) struct Grid {
     pub width: usize,
     /// Rows, at most 128.
     pub height: usize,
-    /// Mean linear light of the visible part of each cell, or of the filled part where nothing is visible.
+    /// Mean linear light of the visible part of each cell, or of the filled part if nothing of the cell is
+    /// visible.
     pub rgb: Vec<[f64; 3]>,
-    /// Mean linear light of the visible unclipped part of each cell, and of the clipped part; 0 where there is
-    /// none.
+    /// Mean linear light of the visible unclipped part of each cell, and of its clipped part; 0 if that part
+    /// is empty.
     pub open_rgb: Vec<[f64; 3]>,
     pub clipped_rgb: Vec<[f64; 3]>,
-    /// True if any pixel of the cell is clipped, which finds a sun smaller than a cell.
+    /// True if any pixel of the cell is clipped, so that a sun smaller than a cell is found.
     pub clipped: Vec<bool>,
-    /// The fraction of the visible part of each cell that is clipped, by solid angle.
+    /// Fraction of the visible part of each cell that is clipped, by solid angle.
     pub share: Vec<f64>,
     /// True if any pixel of the cell is visible.
     pub seen: Vec<bool>,
-    /// The cell of each pixel.
+    /// Index of the cell of each pixel.
     pub cell_of: Vec<u32>,
-    /// The column of pixels where the first cell begins, and the number of columns.
+    /// Column of pixels where the first cell begins, and the number of columns.
     pub start: (usize, usize),
 }
 
@@ -118,9 +119,9 @@ impl Grid {
     }
 }
 
-/// The column where cells begin: the edge at which the sequence of column sums, read in either direction, comes
-/// last in order. The cells of a panorama that was rotated by any number of pixels, or mirrored, then lie in the
-/// same places.
+/// Column where cells begin: the edge at which the sequence of column sums, read in either direction, comes
+/// last in lexicographic order. Cells then lie at the same places of the scene if a panorama is rotated by
+/// any number of pixels, or mirrored.
 fn first_column(pixels: &LinearPixels, alpha: &[f32]) -> usize {
     let width = pixels.width;
     let mut sums = vec![0.0_f64; width];

@@ -23,7 +23,7 @@ pub struct LoraPlan {
     pub transformer: PathBuf,
     /// File of its autoencoder.
     pub vae: PathBuf,
-    /// File of the encoded prompt.
+    /// File of the encoded text prompt.
     pub prompt: PathBuf,
     /// Rank and alpha of the updates.
     pub rank: usize,
@@ -46,11 +46,12 @@ pub enum LoraProgress {
     Step(u64, u64, f32),
 }
 
-/// Exposures from which a pair starts, in stops relative to EV 0.
+/// Exposures at which the pairs for training start, in stops relative to EV 0.
 const FROM: [f64; 2] = [0.0, -STOPS];
 /// Number of steps between checkpoints.
 const KEPT: u64 = 50;
-/// The rule for EV 0: encoded value of the median luminance, and the largest share of the sphere that is clipped.
+/// Definition of EV 0: encoded value of the median luminance, and the largest share of the sphere that is
+/// clipped.
 const MEDIAN: f32 = 0.5;
 const MOST_CLIPPED: f64 = 0.15;
 
@@ -68,7 +69,7 @@ fn read(path: &Path) -> Result<LinearPixels, Error> {
     Ok(LinearPixels { width, height, rgb, broken: 0, negative: 0, ceiling: true })
 }
 
-/// The factor that scales luminance to EV 0.
+/// Factor that scales luminance to EV 0.
 fn exposure(pixels: &LinearPixels) -> f32 {
     // (value, solid angle), in rising order; equal values stay in the order of pixels.
     let sorted = |value: &dyn Fn([f32; 3]) -> f32| {
@@ -93,13 +94,13 @@ fn exposure(pixels: &LinearPixels) -> f32 {
     wanted.min(1.0 / quantile(&sorted(&max3), 1.0 - MOST_CLIPPED))
 }
 
-/// The photograph of a camera at `stops` below EV 0: display-encoded planes, clipped to white.
+/// Photograph that a camera would take at `stops` below EV 0: display-encoded planes, clipped to white.
 fn shot(pixels: &LinearPixels, scale: f32, (width, height): (usize, usize)) -> Vec<f32> {
     let rgb = pixels.rgb.iter().map(|rgb| rgb.map(|v| (v * scale).min(1.0))).collect();
     shrunk(&LinearPixels { rgb, ..*pixels }, width, height)
 }
 
-/// A digest of the training data: the panoramas in order, the model, the prompt, and the size of the pictures.
+/// Digest of the training data: the panoramas in order, the model, the prompt, and the size of the pictures.
 fn learned_from(panoramas: &[PathBuf], files: &Files, width: usize) -> Result<String, Error> {
     let mut all = format!("{width}");
     for path in [&files.transformer, &files.vae, &files.prompt].into_iter().chain(panoramas) {

@@ -30,8 +30,8 @@ pub(super) fn check(emitters: &[[f64; 4]]) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// The log2 gain of every pixel: that of the narrowest emitter that covers it (the nearest among equal ones), 0
-/// elsewhere.
+/// log2 gain of every pixel: that of the narrowest emitter that covers it (the nearest among equally narrow
+/// ones), and 0 elsewhere.
 pub(super) fn predict(
     emitters: &[[f64; 4]],
     (pixels, mask): (&LinearPixels, &[bool]),

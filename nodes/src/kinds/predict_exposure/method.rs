@@ -28,11 +28,11 @@ pub enum Method {
         #[serde(deserialize_with = "emitters")]
         emitters: Vec<[f64; 4]>,
     },
-    /// Measured from darker photographs of the same panorama; `evs` then gives the exposures at which they were
-    /// taken.
+    /// Gain measured from darker photographs of the same panorama; `evs` then gives the exposures at which
+    /// they were taken.
     Photographs {
-        /// Files, one for each of `evs` in the same order, of the size of the panorama; rotated with it. OpenEXR
-        /// and Radiance files are never clipped.
+        /// Files, one for each of `evs` in the same order, of the size of the panorama. They are rotated like
+        /// it. OpenEXR and Radiance files are never clipped.
         files: Vec<InputFile>,
     },
     /// No estimate: clipped pixels stay clipped.
@@ -69,7 +69,7 @@ pub enum Method {
     },
 }
 
-/// Reads lists of four numbers; the error for any other list describes the problem.
+/// Reads lists of four numbers. The error for any other list describes the problem.
 fn emitters<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<[f64; 4]>, D::Error> {
     let emitters = Vec::<Emitter>::deserialize(from)?;
     Ok(emitters.into_iter().map(|Emitter(numbers)| numbers).collect())
@@ -213,8 +213,8 @@ impl ParamType for Method {
         ]
     }
 
-    /// Files are identified by their content, which the engine adds. The tensor library does not compute the same
-    /// bits on every machine, so its name is part of the key.
+    /// Text for the cache key. Files are identified by their content, which the engine adds. The tensor
+    /// library does not compute the same bits on every machine, so its name is part of the key.
     fn key_text(&self) -> Result<Option<String>, NotCanonical> {
         match self.kontext() {
             None if matches!(self, Self::Photographs { .. }) => Ok(Some("Photographs".to_owned())),

@@ -82,16 +82,18 @@ engine::outputs! {
     }
 }
 
-/// The middle of the ramp from 0.9 to 1 on which the regression was fitted.
+/// Value from which a channel counts as clipped: the middle of the range from 0.9 to 1 over which clipping
+/// increases in the data for the regression.
 pub const CLIPPED: f32 = 0.95;
-/// Exposures take memory, and more than a few add no information.
+/// Maximum number of exposures. They take memory, and more than a few add no information.
 const MOST_EXPOSURES: usize = 64;
-/// A light is spread by at most this angle, in radians: two cells of the grid.
+/// Maximum angle over which a light is spread, in radians: two cells of the grid.
 const SPREAD: f64 = 0.05;
-/// Pixels with a smaller alpha were filled, so they say nothing about clipping.
+/// Minimum alpha of a pixel that may count as clipped. Pixels with a smaller alpha were filled, so their
+/// colours were not captured.
 const SEEN: f32 = 0.5;
-/// In a panorama of fewer columns, 5.6 degrees each, many lamps are averaged with their surroundings and do not
-/// clip.
+/// Number of columns below which a warning is given. With pixels of 5.6 degrees, many lamps are averaged with
+/// their surroundings and do not clip.
 const COARSE: usize = 64;
 
 impl Kind for PredictExposure {
@@ -188,7 +190,7 @@ impl Kind for PredictExposure {
     }
 }
 
-/// The clipped parts of a panorama, on the grid.
+/// Clipped parts of a panorama, on the grid.
 struct Clipped<'a> {
     up: Up,
     pixels: &'a LinearPixels,
@@ -197,7 +199,7 @@ struct Clipped<'a> {
     ceiling: f64,
     grid: Grid,
     labels: Regions,
-    /// The cells of each region.
+    /// Cells of each region.
     members: Vec<Vec<usize>>,
 }
 
@@ -226,7 +228,7 @@ impl<'a> Clipped<'a> {
         Self { up, pixels, mask, ceiling, grid, labels, members }
     }
 
-    /// The regions, with the predicted gain.
+    /// Regions with the predicted gain.
     fn with_gain(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
         let n = self.labels.count;
         let (mut size, mut before, mut after) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
@@ -246,7 +248,7 @@ impl<'a> Clipped<'a> {
         (0..n).map(|i| self.found(i, size[i], given(i))).collect()
     }
 
-    /// Region `i`, whose clipped pixels have this solid angle.
+    /// Region `i`, with the solid angle of its clipped pixels.
     fn found(&self, i: usize, solid_angle: f64, given: Given) -> RegionLight {
         let toward = |&c: &usize| self.grid.direction(self.up, c) * self.grid.clipped_angle(c);
         let centre: DVec3 = self.members[i].iter().map(toward).sum();
@@ -296,7 +298,7 @@ fn clip_mask(pano: &Panorama, pixels: &LinearPixels, white: f32) -> Vec<bool> {
     pixels.rgb.iter().zip(&pano.alpha.samples).map(|(rgb, alpha)| *alpha >= SEEN && clipped(*rgb)).collect()
 }
 
-/// Reports white pixels that were mostly filled: they do not count as clipped and get no light.
+/// Reports white pixels that were mostly filled. They do not count as clipped and get no light.
 fn report_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Notes) {
     let unseen = |(rgb, alpha): &(&[f32; 3], &f32)| **alpha < SEEN && **alpha > 0.0 && max3(**rgb) > white;
     let count = pixels.rgb.iter().zip(alpha).filter(unseen).count();
@@ -308,8 +310,8 @@ fn report_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut N
     }
 }
 
-/// Warns about a coarse panorama: a lamp smaller than a pixel may not clip, and another light then seems to be the
-/// strongest.
+/// Warns about a coarse panorama: a lamp smaller than a pixel may not clip, and another light may then seem
+/// to be the strongest.
 fn report_coarse(width: usize, notes: &mut Notes) {
     if width < COARSE {
         let text = format!(
@@ -355,12 +357,12 @@ fn report_nothing_clipped(
     notes.decision("nothing-clipped", format!("{why}; {then}"));
 }
 
-/// The photograph of a camera at `ev`: display-encoded, limited to white.
+/// Photograph that a camera would take at `ev`: display-encoded, limited to white.
 fn expose(pixels: &LinearPixels, log2_gain: &[f32], ev: f64) -> Vec<f32> {
     pixels.rgb.iter().zip(log2_gain).flat_map(|(rgb, gain)| exposed(*rgb, *gain, ev, 1.0)).collect()
 }
 
-/// The same for one pixel, limited to `white`.
+/// Same as [`expose`] for one pixel, limited to `white`.
 fn exposed(rgb: [f32; 3], log2_gain: f32, ev: f64, white: f32) -> [f32; 3] {
     let scale = num::f64::exp2(f64::from(log2_gain) + ev);
     rgb.map(|v| srgb_from_linear(((f64::from(v) * scale) as f32).min(white)))

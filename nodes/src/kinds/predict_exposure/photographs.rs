@@ -1,4 +1,4 @@
-//! Darker photographs of the same panorama: hidden light is measured, not estimated.
+//! Darker photographs of the same panorama, by which hidden light is measured instead of estimated.
 
 use engine::{Context, InputFile, NodeError, Notes};
 
@@ -14,20 +14,20 @@ use crate::math::color::srgb_from_linear;
 use crate::math::num;
 use crate::types::{Image, Panorama, Picture, Srgb, Taken};
 
-/// Number of stops by which a photograph must be brighter at a possibly white pixel: half an 8-bit code, ten stops
-/// down.
+/// Number of stops by which a photograph must be brighter at a pixel for the pixel to count as clipped: half
+/// an 8-bit code, ten stops below white.
 const BRIGHTER: f32 = 0.25;
-/// Smallest luminance of pixels that a photograph is checked with: the fourth 8-bit code.
+/// Smallest luminance of the pixels by which a photograph is checked: the fourth 8-bit code.
 const SHOWN: f64 = 1.2e-3;
-/// Smallest number of pixels that a photograph is checked with.
+/// Smallest number of pixels by which a photograph is checked.
 const FEWEST: usize = 16;
-/// Largest accepted median difference of the light of a photograph, in stops, and largest spread of half of its
-/// pixels around that.
+/// Largest accepted median difference in the light of a photograph, in stops, and largest accepted spread of
+/// half of its pixels around the median.
 const APART: [f32; 2] = [0.5, 1.0];
-/// Largest accepted share of pixels that are white elsewhere and darker by this many stops in the photograph. For
-/// the 74 panoramas of hdri-train it is 0 with their own photographs; it exceeds this for 99 of 100 photographs of
-/// another place, mirrored or rotated by 56 degrees, for two of three rotated by 4 degrees, and for one of three
-/// rotated by one degree.
+/// Largest accepted share of pixels that are white in other pictures and too dark in the photograph. For the
+/// 74 panoramas of hdri-train this share is 0 with their own photographs. It exceeds the limit for 99 of 100
+/// photographs of another place, mirrored or rotated by 56 degrees, for two of three rotated by 4 degrees,
+/// and for one of three rotated by one degree.
 const SHORT: f64 = 0.1;
 
 /// Checks that there is one file per exposure.
@@ -50,7 +50,7 @@ struct Photograph {
 }
 
 impl Photograph {
-    /// The light of a pixel in the photograph; `None` in a hole.
+    /// Light of a pixel in the photograph. `None` in a hole.
     fn shown(&self, at: usize) -> Option<Shown> {
         let (ev, rgb) = (self.ev, self.rgb[at]);
         let shown = if self.linear { Shown { ev, rgb, clipped: false } } else { Shown::display(ev, rgb) };
@@ -58,16 +58,16 @@ impl Photograph {
     }
 }
 
-/// Number of stops by which a photograph shows more light at a pixel than others.
+/// Comparison of a photograph with others at a pixel: the number of stops by which it shows more light.
 #[derive(Clone, Copy)]
 struct Off {
     stops: f32,
-    /// True if all others are clipped there, so that the photograph must show at least as much light.
+    /// True if all others are clipped at the pixel, so that the photograph must show at least as much light.
     white: bool,
 }
 
 impl Photograph {
-    /// Compares a pixel with brighter pictures, brightest first; `None` if there is nothing to compare.
+    /// Compares a pixel with brighter pictures, brightest first. `None` if there is nothing to compare.
     fn off(&self, at: usize, others: impl Iterator<Item = Shown>) -> Option<Off> {
         let (mut light, mut white) = (0.0_f64, true);
         for other in others {
@@ -117,7 +117,7 @@ impl Photograph {
     }
 }
 
-/// The photographs of a panorama, darkest first, rotated with it.
+/// Photographs of a panorama, darkest first, rotated like the panorama.
 pub(super) struct Photographs(Vec<Photograph>);
 
 impl Photographs {
@@ -151,7 +151,7 @@ impl Photographs {
         Ok(Self(taken))
     }
 
-    /// The encoding of the photographs, which is the same for all.
+    /// Encoding of the photographs, which is the same for all.
     pub fn taken(&self) -> Taken {
         if self.0.iter().any(|photograph| photograph.linear) { Taken::Linear } else { Taken::Display }
     }
@@ -185,8 +185,8 @@ impl Photographs {
         Ok(())
     }
 
-    /// Adds pixels to the mask that may be clipped: those slightly below the white level that are brighter in a
-    /// photograph by more than the rounding of codes.
+    /// Adds pixels that may be clipped to the mask: those slightly below the white level that are brighter in
+    /// a photograph by more than the rounding of codes.
     pub fn add_clipped(
         &self,
         pixels: &LinearPixels,
@@ -218,7 +218,7 @@ impl Photographs {
         Ok(())
     }
 
-    /// The log2 gain of every clipped pixel.
+    /// log2 gain of every clipped pixel.
     pub fn gains(
         &self,
         (pixels, mask): (&LinearPixels, &[bool]),
@@ -242,7 +242,8 @@ impl Photographs {
         Ok(rows.iter().flatten().map(|gain| gain.map_or(0.0, |(gain, _)| gain)).collect())
     }
 
-    /// The photographs as pictures; above 1 where linear light is above white. A hole is filled by the gain.
+    /// Photographs as pictures, with values above 1 where linear light is above white. Holes are filled by
+    /// the gain.
     pub fn pictures(
         &self,
         pixels: &LinearPixels,
@@ -293,7 +294,7 @@ fn read(
     Ok(Photograph { ev, name: file.0.clone(), rgb, alpha, linear })
 }
 
-/// The lower median of at least one number.
+/// Lower median of a non-empty list.
 fn median(of: &mut [f32]) -> f32 {
     let middle = (of.len() - 1) / 2;
     *of.select_nth_unstable_by(middle, f32::total_cmp).1

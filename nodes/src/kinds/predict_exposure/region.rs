@@ -1,4 +1,4 @@
-//! The regression by region: one gain for each connected clipped region, distributed by a fixed profile.
+//! Regression by region: one gain for each connected clipped region, distributed by a fixed profile.
 
 use engine::{Context, NodeError, Up};
 use glam::DVec3;
@@ -10,17 +10,19 @@ use crate::light::regions;
 use crate::math::color::luminance;
 use crate::math::num;
 
-/// Mean and spread of each feature, and its weight, in the order of [`features`]. Ridge regression of
-/// log2 mean gain on 4123 regions of 28 HDR panoramas at 5 exposures each, 256x128.
+/// Mean and standard deviation of each feature, and its weight, in the order of [`features`]. The weights
+/// come from a ridge regression of log2 mean gain on 4123 regions of 28 HDR panoramas at 5 exposures each,
+/// 256x128.
 const MEAN: [f64; 9] = [0.0, -7.542, 6.265, 0.229, 0.357, 0.993, 0.619, 0.032, 0.232];
 const SPREAD: [f64; 9] = [1.0, 2.404, 3.169, 0.534, 0.151, 0.032, 1.193, 0.118, 0.092];
 const WEIGHT: [f64; 9] = [1.012, 0.411, -0.149, 0.362, -0.269, -0.008, -0.235, -0.064, 0.082];
-/// Gains are clamped to this range of stops, as in the fit.
+/// Range to which gains are clamped, in stops, as in the fit.
 const STOPS: (f64, f64) = (0.0, 14.0);
-/// The gain within a region grows as (distance to the edge / largest distance)^4, as in the fit.
+/// Exponent p of the profile within a region: the gain grows as (distance to the edge / largest distance)^p,
+/// as in the fit.
 const PROFILE_POWER: i32 = 4;
 
-/// The log2 gain of every pixel, 0 outside of clipped regions, and the regions.
+/// log2 gain of every pixel, which is 0 outside of clipped regions, and the regions.
 pub(super) fn predict(
     clipped: &Clipped<'_>,
     cx: &Context,
@@ -67,9 +69,10 @@ pub(super) fn predict(
     Ok((log2_gain, found))
 }
 
-/// The nine numbers of a region: 1, log2 solid angle, a tenth of its square, mean sine of elevation, mean
-/// brightness of its ring, length of the mean direction (1 when compact), log2 of all clipped solid angle, share of
-/// it, and the mean of everything unclipped. Brightness is relative to the white level `ceiling`.
+/// Nine features of a region: 1, log2 of its solid angle, a tenth of the square of that, mean sine of
+/// elevation, mean brightness of its ring, length of the mean direction (1 if compact), log2 of the solid
+/// angle of all clipped regions, its share of that angle, and the mean of all unclipped parts. Brightness is
+/// relative to the white level `ceiling`.
 fn features(grid: &Grid, up: Up, cells: &[usize], (total, rest): (f64, f64), ceiling: f64) -> [f64; 9] {
     let above = crate::math::equirect::axes(up)[2];
     let (mut size, mut sine, mut sum) = (0.0, 0.0, DVec3::ZERO);

@@ -9,33 +9,34 @@ use crate::math::color::luminance;
 use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 
-/// A grid cell is clipped if any pixel in it is. A gain fitted on whole cells acts on at most this many times the
-/// area of the clipped pixels.
+/// Limit of the ratio of areas by which light is diluted. A grid cell is clipped if any pixel in it is, so a
+/// gain fitted on whole cells may belong to a much smaller area. It is applied as if that area were at most
+/// this many times that of the clipped pixels.
 const LARGEST_DILUTION: f64 = 16.0;
 
-/// The clipped pixels of each region, and the profile of its light.
+/// Clipped pixels of each region, and the profile of its light.
 pub(super) struct Spread {
-    /// Per region: clipped pixels, their profile and solid angle.
+    /// Clipped pixels of each region: index, profile and solid angle.
     pixels: Vec<Vec<(u32, f64, f64)>>,
-    /// Solid angle of the clipped pixels.
+    /// Solid angle of the clipped pixels of each region.
     pub solid_angle: Vec<f64>,
-    /// Luminance times solid angle of the clipped pixels.
+    /// Luminance times solid angle of the clipped pixels of each region.
     pub flux: Vec<f64>,
-    /// Luminance times solid angle of their whole cells.
+    /// Luminance times solid angle of the whole cells that contain these pixels, of each region.
     pub cell_flux: Vec<f64>,
 }
 
-/// The light added to a region.
+/// Light added to a region.
 pub(super) struct Given {
-    /// log2 of its flux after over before.
+    /// log2 of the ratio of the flux of the region after and before.
     pub mean_log2_gain: f64,
-    /// The largest log2 gain of a pixel.
+    /// Largest log2 gain of a pixel.
     pub peak_log2_gain: f64,
 }
 
 impl Spread {
-    /// Collects the clipped pixels of each region. `profile` returns, for a clipped pixel of a region, its gain
-    /// minus 1 up to a factor per region.
+    /// Collects the clipped pixels of each region. `profile` returns a number proportional to the gain minus
+    /// 1 of a clipped pixel; its factor may differ between regions.
     pub fn new(
         image: &LinearPixels,
         mask: &[bool],
@@ -72,7 +73,7 @@ impl Spread {
         Ok(Self { pixels, solid_angle, flux, cell_flux })
     }
 
-    /// Writes the log2 gain of each pixel of region `i`, so that together they add `excess` of flux.
+    /// Writes the log2 gain of each pixel of region `i`, so that together the pixels add `excess` of flux.
     pub fn apply(&self, i: usize, excess: f64, image: &LinearPixels, log2_gain: &mut [f32]) -> Given {
         let light = |at: u32| f64::from(luminance(image.rgb[at as usize]));
         let weight: f64 = self.pixels[i].iter().map(|&(at, profile, size)| profile * size * light(at)).sum();

@@ -16,22 +16,22 @@ pub(super) const RING: usize = 3;
 const LARGEST: f64 = -2.5;
 /// Smallest sine of the sun's mean elevation; the ground lies equally far below the horizon.
 const LOWEST: f64 = 0.03;
-/// Smallest share of the sun in all that is clipped above the horizon. Clipped pixels below it are lit by the sun:
-/// snow or glints.
+/// Smallest share of the sun in the light of all clipped pixels above the horizon. Clipped pixels below the
+/// horizon are lit by the sun: snow or glints.
 const SHARE: f64 = 0.35;
-/// The sun stands in a sky that is bluer than the ground, which sun and sky light together, whatever the white
-/// balance. These are the ratios of blueness (B over R) from which a region may be the sun, and from which it
-/// certainly is.
+/// Ratios of blueness (B over R) of sky to ground from which a region may be the sun, and from which it
+/// certainly is. The sun stands in a sky that is bluer than the ground, because the ground is lit by both sun
+/// and sky. This holds for any white balance.
 const BLUER: [f64; 2] = [1.02, 1.1];
-/// Smallest flux of the sun relative to that of everything unclipped. A physical sun gives about 1.7 times as much.
-/// The thresholds and this number were chosen on the panoramas of hdri-train (docs/light.md), so those cannot test
-/// them.
+/// Smallest flux of the sun relative to that of all unclipped parts. A physical sun gives about 1.7 times as
+/// much. The thresholds and this number were chosen on the panoramas of hdri-train (docs/light.md), so those
+/// cannot test them.
 pub(super) const FLUX: f64 = 0.5;
 
-/// The sky is clear where its blueness (B over R) is this many times that of the ground, and at least this value:
-/// rooms with brown floors and captures under clouds satisfy only one of the two. The other numbers are the shares
-/// of the solid angle above [`HORIZON`] from which it may be clear, and from which it certainly is: walls and trees
-/// may hide the rest.
+/// Minimum blueness (B over R) of a clear sky, relative to that of the ground and absolute. Rooms with brown
+/// floors and captures under clouds satisfy only one of the two conditions. The other numbers are the shares
+/// of the solid angle above [`HORIZON`] from which the sky may be clear, and from which it certainly is,
+/// since walls and trees may hide the rest.
 const CLEAR: [f64; 2] = [2.0, 1.1];
 const SEEN_SKY: [f64; 2] = [0.1, 0.25];
 /// Sine of the elevation from which the sky begins.
@@ -40,8 +40,8 @@ const HORIZON: f64 = 0.1;
 /// Blueness (B over R) of the sky around a region from which it may be the sun even if the ground is as blue.
 const BLUE: f64 = 1.25;
 
-/// The probability from 0 to 1 that each region, given by its cells, is the sun of a clear sky, and the fraction of
-/// [`FLUX`] that it gives. At most one region qualifies: the largest.
+/// Probability from 0 to 1 that each region, given by its cells, is the sun of a clear sky, which is also the
+/// fraction of [`FLUX`] that it gives. At most one region qualifies: the largest.
 pub(super) fn suns(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<f64> {
     let clear = ramp(clear_sky(grid, up), SEEN_SKY);
     let part = |[bluer, _]: [f64; 2]| clear * ramp(bluer, BLUER);
@@ -57,7 +57,7 @@ fn ramp(value: f64, [from, to]: [f64; 2]) -> f64 {
     ((value - from) / (to - from)).clamp(0.0, 1.0)
 }
 
-/// The fraction of the solid angle above the horizon that is clear sky.
+/// Fraction of the solid angle above the horizon that is clear sky.
 fn clear_sky(grid: &Grid, up: Up) -> f64 {
     let above = axes(up)[2];
     let height = |cell: usize| grid.direction(up, cell).dot(above);
@@ -73,8 +73,8 @@ fn clear_sky(grid: &Grid, up: Up) -> f64 {
     clear / all
 }
 
-/// Reports a light that looks like the sun in a blue sky except that the ground is as blue: over water, for
-/// example.
+/// Reports a light that looks like the sun in a blue sky, except that the ground is as blue as the sky, as
+/// over water.
 pub(super) fn report_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes: &mut Notes) {
     let doubtful = |[bluer, blue]: &[f64; 2]| *bluer <= BLUER[0] && *blue > BLUE;
     if hues(grid, up, regions).iter().flatten().any(doubtful) {
@@ -83,8 +83,8 @@ pub(super) fn report_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes
     }
 }
 
-/// For each region that qualifies by size, height and share: the blueness of its surroundings relative to the
-/// ground, and in itself.
+/// Blueness of the surroundings of each region, relative to the ground and absolute. `None` for regions that
+/// do not qualify by size, height and share.
 fn hues(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<Option<[f64; 2]>> {
     let above = axes(up)[2];
     let height = |cell: usize| grid.direction(up, cell).dot(above);
@@ -105,14 +105,14 @@ fn hues(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<Option<[f64; 2]>> {
     regions.iter().map(hues).collect()
 }
 
-/// The red and the blue light of the unclipped parts of cells.
+/// Red and blue light of the unclipped parts of cells.
 fn red_blue(grid: &Grid, cells: impl Iterator<Item = usize>) -> [f64; 2] {
     cells.fold([0.0; 2], |[red, blue], c| {
         [red + grid.open_angle(c) * grid.open_rgb[c][0], blue + grid.open_angle(c) * grid.open_rgb[c][2]]
     })
 }
 
-/// The cells of a region and around it that have an unclipped part, in order.
+/// Cells of a region and around it that have an unclipped part, in order.
 pub(super) fn surroundings(grid: &Grid, cells: &[usize]) -> impl Iterator<Item = usize> {
     let around = regions::around(cells, (grid.width, grid.clipped.len()), RING);
     around.into_iter().filter(move |&c| grid.open_angle(c) > 0.0)

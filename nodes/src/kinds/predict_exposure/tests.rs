@@ -53,7 +53,7 @@ fn the_books_of_a_prediction_agree() {
     }
 }
 
-/// A room with a window that lies across the seam and a lamp of a few pixels.
+/// Room with a window that lies across the seam, and a lamp of a few pixels.
 fn room(width: usize) -> Arc<Panorama> {
     pano(width, move |x, y| {
         let (x, y) = (x * 256 / width, y * 256 / width);
@@ -88,8 +88,8 @@ fn the_flux_of_a_region_is_what_the_regression_says() {
     assert!((stops(&lamp) - 2.203).abs() < 1e-3, "{}", stops(&lamp));
 }
 
-/// Each exposure is darker than the next one and than the panorama, only black is black, extremes stay finite, and
-/// white is the largest value of an exposure.
+/// Each exposure is darker than the next one and than the panorama, only black gives black, extremes stay
+/// finite, and white is the largest value of an exposure.
 #[test]
 fn flat_panoramas_stay_monotone_and_finite() {
     for method in METHODS {
@@ -122,7 +122,7 @@ fn flat_panoramas_stay_monotone_and_finite() {
     assert_eq!(expose(&white, &[9.0], -3.0), [1.0; 3], "a light that outshines an exposure is white in it");
 }
 
-/// The difference between the gain of a rotated panorama and the rotated gain.
+/// Difference between the gain of a rotated panorama and the rotated gain.
 fn off_turned(plain: &Brackets, turned: &Brackets, shift: usize) -> f64 {
     let width = plain.log2_gain.width;
     let from = |at: usize| plain.log2_gain.pixel((at % width + shift) % width, at / width)[0];

@@ -1,4 +1,4 @@
-//! The formulas that turn two renders into a ratio and light to add.
+//! Formulas that turn two renders into a ratio and added light.
 
 use super::ShadowRatio;
 use super::tally::{SEEN, SHONE_ON, Tally};
@@ -30,9 +30,10 @@ engine::choices! {
 }
 
 impl RatioForm {
-    /// The raw ratio of a channel, 1 where there is too little light for one. `a` is the light without the objects
-    /// and `b` with them, `energy` the surrounding light that is compared with the bound, `shone_on` whether the
-    /// surroundings are also much brighter with the objects, and `unit` the unit of the bounds.
+    /// Raw ratio of a channel; 1 where there is too little light for a ratio. `a` is the light without the
+    /// objects and `b` with them. `energy` is the surrounding light, which is compared with the bound.
+    /// `shone_on` is true if the objects make the surroundings much brighter too, and `unit` is the unit of
+    /// the bounds.
     pub(super) fn ratio(
         self,
         params: &ShadowRatio,
@@ -71,12 +72,12 @@ impl RatioForm {
         1.0 + trust * (ratio.clamp(0.0, most) - 1.0)
     }
 
-    /// The weight of a ratio near the energy bound: 0 at the bound, 1 from twice the bound.
+    /// Weight of a ratio near the energy bound: 0 at the bound, 1 from twice the bound.
     fn trust(self, energy: f64, least: f64) -> f64 {
         if self == Self::Paper || least <= 0.0 { 1.0 } else { (energy / least - 1.0).clamp(0.0, 1.0) }
     }
 
-    /// The light of a channel that is added.
+    /// Light to add to a channel.
     pub(super) fn added(self, without: f64, with: f64) -> f64 {
         let added = match self {
             Self::Difference => with - without,

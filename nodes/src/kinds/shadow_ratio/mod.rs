@@ -1,4 +1,4 @@
-//! `shadow-ratio`: the fraction of the receiver's light that the inserted objects leave.
+//! `shadow-ratio`: the fraction of the receiver's light that remains with the inserted objects.
 
 mod form;
 mod shaping;
@@ -65,7 +65,7 @@ engine::outputs! {
 }
 
 impl ShadowRatio {
-    /// Shaped factors and added light of a view.
+    /// Computes the shaped factors and added light of a view.
     fn view(
         &self,
         without: &Image<Linear>,
@@ -117,7 +117,7 @@ impl ShadowRatio {
         Ok([shadow, added].map(|samples| Image::from_samples(width, height, 3, samples)))
     }
 
-    /// The light of a channel, or the luminance, that the ratio is taken of.
+    /// Light of a channel, or luminance, depending on the parameter `channels`.
     fn of(&self, rgb: [f64; 3], c: usize) -> f64 {
         match self.channels {
             Channels::Each => rgb[c],
@@ -125,7 +125,7 @@ impl ShadowRatio {
         }
     }
 
-    /// True if the objects brighten most of the pixels around one, as opposed to a single firefly.
+    /// True if the objects brighten most of the pixels around a pixel, as opposed to a single firefly.
     fn is_shone_on(
         &self,
         without: &Image<Linear>,
@@ -143,7 +143,7 @@ impl ShadowRatio {
         2 * bright > count
     }
 
-    /// Mean of the finite values around a pixel, so that the noise of one pixel does not decide the mask.
+    /// Mean of the finite values around a pixel, so that the mask does not depend on the noise of one pixel.
     fn neighbourhood(&self, image: &Image<Linear>, x: usize, y: usize, c: usize) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for (i, j) in around(image, x, y) {

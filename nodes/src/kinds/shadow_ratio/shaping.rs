@@ -1,21 +1,21 @@
-//! The parametric shaping of a shadow.
+//! Parametric shaping of a shadow.
 
 use super::{RatioForm, ShadowRatio};
 use crate::math::num;
 
 impl ShadowRatio {
-    /// The shaped factor of a raw ratio; the paper's parametric shadow shaping.
+    /// Shaped factor of a raw ratio: the paper's parametric shadow shaping.
     pub(super) fn shape(&self, ratio: f64) -> f64 {
         1.0 - self.lambda * (1.0 - self.powered(ratio).max(self.s_min))
     }
 
-    /// The ratio to the power of `gamma`.
+    /// Ratio to the power of `gamma`.
     pub(super) fn powered(&self, ratio: f64) -> f64 {
         // Most pixels are 1, as is every power of it.
         if self.gamma == 1.0 || ratio == 1.0 { ratio } else { num::pow(ratio, self.gamma) }
     }
 
-    /// The names of parameters that are set but have no effect, because no ratio is taken.
+    /// Names of parameters that are set but have no effect because no ratio is taken.
     pub(super) fn idle(&self) -> Option<String> {
         let unset = Self::default();
         let set = [

@@ -2,25 +2,25 @@
 
 use engine::Notes;
 
-/// A sample counts as clipped if it is this many times brighter than allowed; less is invisible noise.
+/// Factor by which a sample must exceed `s_max` to count as clipped. Smaller differences are invisible noise.
 pub(super) const SEEN: f64 = 1.01;
-/// Objects add visible light from this factor on; matte objects hardly brighten what is next to them.
+/// Ratio from which objects add visible light. Matte objects hardly brighten the surfaces next to them.
 pub(super) const SHONE_ON: f64 = 1.5;
-/// A value of `s_max` that lets the light of most lamps through; where it does not, the place is almost dark
-/// without them.
+/// Value of `s_max` that keeps the light of most lamps. Where a lamp exceeds it, the place is almost dark
+/// without the lamp.
 const LARGE: f64 = 8.0;
 /// Share of all samples above which bright samples are more than fireflies.
 const MANY: f64 = 1e-3;
 
-/// Counts for the samples of one view.
+/// Counts of the samples of one view.
 #[derive(Default)]
 pub(super) struct Tally {
     pub(super) samples: u64,
     pub(super) dark: u64,
     pub(super) clipped: u64,
-    /// Number of these samples in places that objects brighten.
+    /// Number of these samples that lie in places that objects brighten.
     pub(super) shone_on: u64,
-    /// Sums of light over the clipped samples: with the objects and without.
+    /// Sums of light over the clipped samples, with the objects and without.
     pub(super) bright: [f64; 2],
     pub(super) broken: u64,
 }
@@ -37,7 +37,7 @@ impl Tally {
         self.broken += other.broken;
     }
 
-    /// Adds notes on samples that were left out, with their share of all.
+    /// Adds notes on samples that were left out, with their share of all samples.
     pub(super) fn tell(&self, s_max: f64, notes: &mut Notes) {
         if self.broken > 0 {
             notes.warning("not-finite", format!("{} samples are not finite and cast no shadow", self.broken));

@@ -61,8 +61,8 @@ fn how_much_brighter_is_reported_by_sums() {
     assert!(found.text.contains("1.210 times"), "{}", found.text);
 }
 
-/// Light of an inserted lamp that `s_max` clips is a warning with a remedy; the reflection of a matte object, noise
-/// and a firefly are not. Mutation: `SHONE_ON` 1, `SEEN` 1, `is_shone_on` always true.
+/// A warning with a remedy is given if `s_max` clips the light of an inserted lamp. The reflection of a matte
+/// object, noise and a firefly cause no warning. Mutation: `SHONE_ON` 1, `SEEN` 1, `is_shone_on` always true.
 #[test]
 fn light_that_is_kept_from_the_picture_is_reported() {
     let reported = |s_max: f64, bright: &[f32]| {
@@ -95,8 +95,8 @@ fn what_is_added_is_not_reported_as_clipped() {
     assert!(!clipped(RatioForm::Hybrid, 100.0) && clipped(RatioForm::Hybrid, 0.5));
 }
 
-/// Bounds that give the same factor everywhere are refused, and bounds that darken the whole picture are reported.
-/// Mutation: `powered` left out of `check`.
+/// Bounds that give the same factor everywhere are refused, and bounds that darken the whole picture are
+/// reported. Mutation: `powered` left out of `check`.
 #[test]
 fn bounds_that_leave_no_shadow_are_reported() {
     let of = |s_min, s_max, gamma| ShadowRatio { s_min, s_max, gamma, ..ShadowRatio::default() };

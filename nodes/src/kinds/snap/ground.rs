@@ -10,26 +10,26 @@ use crate::types::Mesh;
 
 /// Number of columns and of rows of rays.
 const GRID: u32 = 24;
-/// Largest thickness of a shell of ground, in metres. Rooms are higher: with normals that point out of a room, its
-/// floor faces down and the next surface that faces up is its ceiling.
+/// Largest thickness of a shell of ground, in metres. Rooms are higher: if the normals of a room point
+/// outwards, its floor faces down and its ceiling is the next surface that faces up.
 const SHELL: f64 = 2.0;
 
-/// A mesh with its tree, relative to the middle of a foot at the height of its base.
+/// Mesh with its tree, relative to the middle of a foot at the height of its base.
 pub(super) struct Ground {
     pub(super) around: DVec3,
     pub(super) corners: Vec<[Vec3; 3]>,
     pub(super) bvh: Bvh,
 }
 
-/// Intersections of vertical lines through a foot with a mesh: positions relative to the middle of the foot,
-/// heights relative to its base, in world units.
+/// Intersections of vertical lines through a foot with a mesh. Positions are relative to the middle of the
+/// foot and heights relative to its base, in world units.
 #[derive(Default)]
 pub(super) struct Columns {
     /// Hits on surfaces that face up.
     pub(super) up: Vec<[f64; 3]>,
     /// Hits on surfaces that face down.
     pub(super) down: Vec<[f64; 3]>,
-    /// True if any surface there is steeper than ground may be.
+    /// True if any of these surfaces is steeper than ground may be.
     steep: bool,
 }
 
@@ -41,7 +41,7 @@ impl Ground {
         Self { around, bvh: Bvh::build(&corners), corners }
     }
 
-    /// The cosine between the normal of a triangle and up.
+    /// Cosine of the angle between the normal of a triangle and up.
     fn facing(&self, triangle: u32, up: DVec3) -> f64 {
         let [a, b, c] = self.corners[triangle as usize].map(|p| p.as_dvec3());
         (b - a).cross(c - a).normalize_or_zero().dot(up)
@@ -80,8 +80,8 @@ impl Ground {
         Ok(columns)
     }
 
-    /// The ground within reach: surfaces that face up, or if there are none those that face down, unless they are
-    /// the underside of a shell.
+    /// Ground within reach: surfaces that face up, or if there are none, those that face down, unless they
+    /// are the underside of a shell.
     pub(super) fn ground(
         &self,
         foot: &Foot,
@@ -112,8 +112,8 @@ impl Ground {
         }
     }
 
-    /// The median height of surfaces that face down, and of surfaces that face up above them within `thickest`;
-    /// `None` if fewer than half of them have one.
+    /// Median height of surfaces that face down, and of surfaces that face up above them within `thickest`.
+    /// `None` if fewer than half of the former have one of the latter above.
     fn shell(&self, down: &[[f64; 3]], up: DVec3, thickest: f64) -> Option<[f64; 2]> {
         let axes = Foot::axes(up);
         let pair = |&[x, y, height]: &[f64; 3]| {
@@ -131,8 +131,8 @@ impl Ground {
     }
 }
 
-/// Error that only the underside of a shell is within reach. The arguments are the reach, its height above the foot
-/// and that of its upper side, in metres.
+/// Error that only the underside of a shell is within reach. The arguments are the reach, the height of the
+/// underside above the foot, and that of the upper side, in metres.
 fn under_a_shell([reach, under, upper]: [f64; 3]) -> NodeError {
     let side = if under > 0.0 { "above" } else { "below" };
     let text = format!(

@@ -1,4 +1,4 @@
-//! Search for the level around an object's foot that supports it.
+//! Search for the level around an object's foot that supports the object.
 
 use engine::{Context, NodeError};
 use glam::DVec3;
@@ -8,25 +8,25 @@ use crate::geometry::sampling::hash;
 
 /// Number of planes that are tried, each horizontal or through three points.
 const TRIED: u32 = 400;
-/// Minimum number of points below the foot itself that determine a level there.
+/// Minimum number of points directly below the foot to determine a level there.
 const FEW: usize = 8;
 
-/// A plane and the number of points on it.
+/// Plane and the number of points on it.
 #[derive(Clone, Copy)]
 struct Candidate {
-    /// Height over (0, 0), and slope along both axes.
+    /// Height at (0, 0), and slope along both axes.
     plane: [f64; 3],
     /// Number of points on the plane.
     held: usize,
-    /// Number of those below the foot itself.
+    /// Number of those points that lie directly below the foot.
     under: usize,
 }
 
-/// The points of the level that supports a foot, which extends `half` along both axes around (0, 0): all points
-/// within `near` of a plane. Of the levels with at least half as many points below the foot as the fullest one, the
-/// level nearest to 0 is taken, and of its planes the one with most points; with hardly any points below the foot,
-/// all points count. Among planes with equally many points, the nearest is taken, and among those the first that
-/// was tried.
+/// Points of the level that supports a foot, which extends `half` along both axes around (0, 0): all points
+/// within `near` of a plane. The nearest level to 0 is taken among those with at least half as many points
+/// below the foot as the fullest one, and of its planes the one with most points. If hardly any points lie
+/// below the foot, all points count. Among planes with equally many points, the nearest is taken, and among
+/// equally near ones the first that was tried.
 pub(super) fn bearing(
     points: &[[f64; 3]],
     half: [f64; 2],
@@ -70,7 +70,7 @@ pub(super) fn bearing(
     Ok(points.iter().filter(|point| off(&best.plane, point).abs() <= near).copied().collect())
 }
 
-/// The plane through three points; `None` if it is steep.
+/// Plane through three points. `None` if it is steep.
 fn through(points: [[f64; 3]; 3]) -> Option<[f64; 3]> {
     let [a, b, c] = points.map(DVec3::from_array);
     let normal = (b - a).cross(c - a).try_normalize().filter(|n| n.z.abs() >= STEEPEST)?;

@@ -19,11 +19,12 @@ use level_search::bearing;
 engine::params! {
     /// Moves a pose up or down so that the object stands on the mesh of the scene, or on its splats.
     ///
-    /// Searches below and slightly around the object's foot, up and down by `reach_metres`, and takes the nearest
-    /// of the levels that cover at least half as much of the foot as the level with the largest coverage. So an
-    /// object on a table stays there. The middle of the foot is put on the plane through most of the level, at the
-    /// mean height of a rough mesh. If the mesh deviates more than 2 cm from that plane below the foot (a mound, a
-    /// hollow, a kerb), the object is put on its contact points, which is reported.
+    /// Searches below and slightly around the object's foot, up and down by `reach_metres`, and takes the
+    /// nearest of the levels that support at least half as much of the foot as the level that supports most
+    /// of it. So an object on a table stays there. The middle of the foot is put on the plane that fits most
+    /// of the level, which is the mean height if the mesh is rough. If the mesh deviates more than 2 cm from
+    /// that plane below the foot (a mound, a hollow, a kerb), the object is put on its contact points, which
+    /// is reported.
     ///
     /// Ground faces up and is not steeper than 45 degrees. If no surface of a mesh faces up there, surfaces that
     /// face down are used, which is reported, but never the underside of a shell less than 2 m thick: the error
@@ -31,8 +32,8 @@ engine::params! {
     pub struct Snap {
         /// Largest distance of the ground above or below the object's foot.
         reach_metres: f64 = 0.5, range(0.001, 100.0), unit("m"), other("0.005");
-        /// True to rotate the object about its foot so that its up axis is the normal of the ground; on uneven
-        /// ground, until it rests on three contacts around its middle.
+        /// True to rotate the object about its foot so that its up axis is the normal of the ground. On
+        /// uneven ground it is rotated until it rests on three contacts around its middle.
         align: bool = false, other("true");
     }
 }
@@ -59,13 +60,14 @@ engine::outputs! {
     }
 }
 
-/// Points within this height of a plane belong to it, in metres.
+/// Largest height of points above or below a plane that belong to it, in metres.
 const NEAR: f64 = 0.02;
-/// Splats with an opacity below this are not ground.
+/// Minimum opacity of splats that count as ground.
 const OPAQUE: f32 = 0.3;
-/// Distance within which ground is searched for messages, in metres; the largest `reach_metres`.
+/// Distance within which ground is searched for messages, in metres: the upper end of the range of
+/// `reach_metres`.
 const FAR: f64 = 100.0;
-/// Cosine of the steepest ground.
+/// Minimum cosine of the angle between the normal of the ground and up.
 const STEEPEST: f64 = 0.7;
 
 impl Kind for Snap {
@@ -170,8 +172,8 @@ impl Kind for Snap {
     }
 }
 
-/// Error that no ground is near the foot of an object, which is `below` under the origin of its pose; `nearest` is
-/// the height of the nearest ground above the foot, if there is any. In metres.
+/// Error that no ground is near the foot of an object. `below` is the distance of the foot below the origin
+/// of the pose, and `nearest` the height of the nearest ground above the foot, if there is any, in metres.
 fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
     let side = |height: f64, [over, under]: [&'static str; 2]| if height > 0.0 { over } else { under };
     let foot = match below.abs() {

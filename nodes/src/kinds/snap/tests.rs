@@ -2,7 +2,7 @@ use super::*;
 use crate::testing::context;
 use crate::types::Primitive;
 
-/// A pyramid of 0.4 by 0.4 by 1 that stands on its square, y up as in glTF.
+/// Pyramid of 0.4 by 0.4 by 1 that stands on its square, y up as in glTF.
 fn object() -> Arc<Object> {
     let primitive = Primitive {
         positions: vec![
@@ -18,7 +18,7 @@ fn object() -> Arc<Object> {
     Arc::new(Object { primitives: vec![primitive], ..Object::default() })
 }
 
-/// A quad of 4 by 4 at a height, with a slope along x.
+/// Quad of 4 by 4 at a height, with a slope along x.
 fn plane(height: f32, rise: f32) -> Mesh {
     let corner = |x: f32, y: f32| [x, y, height + rise * x];
     Mesh {
@@ -52,7 +52,8 @@ fn objects_come_to_stand_from_above_and_below() {
     assert!(run(None, None, 0.0, false).is_err());
 }
 
-/// An object whose origin is its middle, as in many models: its foot is far below a pose that is near the ground.
+/// The origin of the object is its middle, as in many models, so its foot is far below a pose that is near
+/// the ground.
 #[test]
 fn what_is_too_far_is_reported_by_the_foot() {
     let mut object = (*object()).clone();
@@ -89,7 +90,7 @@ fn aligned_objects_take_the_normal() {
     assert!((foot.z - 0.2 * foot.x).abs() < 1e-5, "{foot}");
 }
 
-/// A block of 0.4 by 0.4 by 0.4 that stands on a face.
+/// Block of 0.4 by 0.4 by 0.4 that stands on a face.
 fn block() -> Arc<Object> {
     let corner = |i: u32| [0, 1, 2].map(|k| (i >> k & 1) as f32 * 0.4 - if k == 1 { 0.0 } else { 0.2 });
     let faces = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
@@ -113,8 +114,9 @@ fn relief(height: impl Fn(f64, f64) -> f64) -> Mesh {
     mesh
 }
 
-/// A block stands on top of a mound, on the rim of a hollow, and on the edge of a rounded kerb and, if rotated,
-/// also on the street: it touches the ground and does not intersect it. Earlier, the mound intersected it by 43 mm.
+/// A block on top of a mound, on the rim of a hollow, and on the edge of a rounded kerb (if rotated, also on
+/// the street) touches the ground and does not intersect it. Earlier, the mound intersected the block by 43
+/// mm.
 #[test]
 fn on_curved_ground_objects_stand_on_what_they_touch() {
     let exp = |v: f64| f64::from(crate::math::num::f32::exp(v as f32));
@@ -165,8 +167,8 @@ fn on_curved_ground_objects_stand_on_what_they_touch() {
 }
 
 // On a slope the middle of the foot stands on the ground, however large the foot.
-/// On a slope the middle of the foot is put on the ground. Mutation: only horizontal planes in `bearing` (seen
-/// red).
+/// On a slope, the middle of the foot is put on the ground. Mutation: only horizontal planes in `bearing`
+/// (seen red).
 #[test]
 fn slopes_hold_the_middle_of_the_foot() {
     for rise in [-0.9, -0.3, 0.05, 0.2, 0.6] {
@@ -178,8 +180,8 @@ fn slopes_hold_the_middle_of_the_foot() {
     }
 }
 
-/// Nothing stands on the underside of a table top; if all surfaces face down they are the ground, which is
-/// reported. Mutation: `facing` taken without its sign in `Ground::columns` (seen red).
+/// Objects do not stand on the underside of a table top. If all surfaces face down, they are the ground,
+/// which is reported. Mutation: `facing` taken without its sign in `Ground::columns` (seen red).
 #[test]
 fn nothing_stands_on_what_looks_down() {
     let mut slab = plane(0.45, 0.0);
@@ -198,9 +200,9 @@ fn nothing_stands_on_what_looks_down() {
     }
 }
 
-/// An object on a table near the edge, or on a stool hardly larger than the object, stays there although the floor
-/// extends below and around it. Beyond the edge it moves to the floor. Mutation: an infinite `reach` in `bearing`
-/// (seen red).
+/// An object near the edge of a table, or on a stool hardly larger than the object, stays there although the
+/// floor extends below and around it. Beyond the edge it moves to the floor. Mutation: an infinite `reach` in
+/// `bearing` (seen red).
 #[test]
 fn what_stands_at_an_edge_stays() {
     // A block of 0.4 at x = 0.3 on a top that ends at this distance from its middle.
@@ -237,9 +239,9 @@ fn what_stands_at_an_edge_stays() {
     }
 }
 
-/// From below a closed shell of ground only its underside is within reach. It supports nothing, and the message
-/// says where the ground is. A room whose normals point out of it is not a shell: its floor faces down, and its
-/// ceiling up. Mutation: without `shell` in `Ground::ground` (seen red).
+/// From below a closed shell of ground, only its underside is within reach. The underside supports no object,
+/// and the message gives the height of the ground. A room whose normals point outwards is not a shell: its
+/// floor faces down, and its ceiling up. Mutation: without `shell` in `Ground::ground` (seen red).
 #[test]
 fn the_underside_of_a_shell_bears_nothing() {
     let closed = |top: f32| {

@@ -32,7 +32,7 @@ engine::params! {
         as_views: bool = false, other("true");
         /// Content of pixels where nothing was seen. Alpha marks these pixels however they are filled.
         holes: Holes = Holes::PushPull, other("Black");
-        /// Below this alpha a pixel is partly a hole: it is blended with its surroundings.
+        /// Alpha below which a pixel is partly a hole and is blended with its surroundings.
         hole_alpha: f64 = 0.25, range(1e-6, 1.0), other("0.9");
     }
 }
@@ -60,12 +60,12 @@ engine::outputs! {
 
 /// Fraction of a view's shorter side over which it fades towards its border.
 const FADE: f64 = 0.08;
-/// Weight at the very border, so that directions seen by a single view are not lost there.
+/// Weight at the border itself, so that directions seen by a single view are not lost there.
 const LEAST: f64 = 1e-6;
 /// Samples per pixel of a face along each axis, at the centre of a view.
 const SAMPLES_PER_PIXEL: f64 = 2.0;
 
-/// A view ready to be sampled: linear light, premultiplied.
+/// View prepared for sampling: linear light, premultiplied.
 struct Source {
     axes: [DVec3; 3],
     focal: [f64; 2],
@@ -102,8 +102,8 @@ impl Source {
         })
     }
 
-    /// Position in the view of `direction`, in pixels, and its weight there; `None` if the view does not contain
-    /// it.
+    /// Position of `direction` in the view, in pixels, and the weight of the view there. `None` if the view
+    /// does not contain the direction.
     #[inline]
     fn place(&self, direction: DVec3) -> Option<([f64; 2], f64)> {
         let z = self.axes[2].dot(direction);
@@ -120,7 +120,7 @@ impl Source {
         Some(([x, y], (t * t * (3.0 - 2.0 * t)).max(LEAST)))
     }
 
-    /// Adds the view's value in `direction`, times its weight there; returns the weight.
+    /// Adds the value of the view in `direction`, times its weight there, to `sum`. Returns the weight.
     #[inline]
     fn add(&self, direction: DVec3, sum: &mut [f64; 4]) -> f64 {
         let Some(([x, y], weight)) = self.place(direction) else { return 0.0 };
@@ -161,7 +161,7 @@ impl Source {
     }
 }
 
-/// The mean over each pixel of the panorama, linear and premultiplied, row by row.
+/// Mean over each pixel of the panorama, linear and premultiplied, row by row.
 fn resample(sources: &[Source], up: Up, width: usize, cx: &Context) -> Result<Vec<[f32; 4]>, NodeError> {
     let height = width / 2;
     let [right, forward, above] = equirect::axes(up);
@@ -206,11 +206,12 @@ fn resample(sources: &[Source], up: Up, width: usize, cx: &Context) -> Result<Ve
     Ok(rows.concat())
 }
 
-/// A light is spread by this many pixels of a view and of the panorama.
+/// Number of pixels of a view and of the panorama over which a light is spread.
 const MARGIN: f64 = 2.0;
 
-/// The light in the views (each direction with its weight in the panorama), after resampling, and with holes
-/// filled. Both slices are luminance, row by row, the first without filled holes.
+/// Reports the energy of each light in the views, after resampling, and after the holes are filled. Views are
+/// weighted as in the panorama. `resampled` and `filled` are the luminance before and after filling, row by
+/// row.
 fn energy_report(
     sources: &[Source],
     (up, width): (Up, usize),

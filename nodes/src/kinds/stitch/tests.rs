@@ -47,8 +47,8 @@ fn constant_faces_stay_constant() {
     row(18, "off the colour and alpha of the faces, relative", largest, 1e-6);
 }
 
-/// The energy of a single lit pixel of each face is its solid angle, also at the poles and at the wrap: `Aligned` puts
-/// face centres there.
+/// The energy of a single lit pixel of each face is its solid angle, also at the poles and at the wrap, where
+/// `Aligned` puts the centres of faces.
 #[test]
 fn a_single_pixel_keeps_its_energy() {
     let sphere: f64 = (0..128).map(|y| 256.0 * equirect::pixel_solid_angle(256, 128, y)).sum();
@@ -149,8 +149,9 @@ fn views_from_two_points_are_refused() {
     assert!(refused.is_err_and(|e| e.message().contains("apart")));
 }
 
-/// A strip of 4096 pixels, one of a single pixel, one of a single column, and a face of 4096 x 4096 among faces of
-/// one pixel: every direction of a fine grid is defined, and those outside of the views are holes.
+/// Faces of any shape are sampled within their edges: a strip of 4096 pixels, one of a single pixel, one of a
+/// single column, and a face of 4096 x 4096 among faces of one pixel. Every direction of a fine grid is
+/// defined, and those outside of the views are holes.
 #[test]
 fn faces_of_any_shape_are_sampled_within_their_edges() {
     for (width, height, focal) in
@@ -211,8 +212,8 @@ fn the_wrap_is_smooth_and_poles_grow_constant() {
     }
 }
 
-/// Every point of a panorama maps to a unit direction, and every direction, however short, long or close to an
-/// axis, to a point inside.
+/// Every point of a panorama maps to a unit direction, and every direction, however short, long or close to
+/// an axis, maps to a point inside the panorama.
 #[test]
 fn directions_are_never_degenerate() {
     let mut state = 3_u64;
@@ -233,7 +234,7 @@ fn directions_are_never_degenerate() {
     }
 }
 
-/// The energies of a row of the table `steps`: in the views, resampled, with holes filled.
+/// Energies in a row of the table `steps`: in the views, resampled, with holes filled.
 fn steps(report: &Report, row: usize) -> [f64; 3] {
     let table = report.tables.iter().find(|table| table.name == "steps").expect("is there");
     [1, 2, 3].map(|column| match table.rows[row][column] {

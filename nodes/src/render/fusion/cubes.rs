@@ -1,4 +1,4 @@
-//! The cubes that contain a surface: those with points that enough views see.
+//! Cubes that contain a surface: those with points that enough views see.
 
 use engine::{Context, NodeError};
 use glam::Vec3;
@@ -6,16 +6,16 @@ use glam::Vec3;
 use super::depth_view::{DepthView, EDGE};
 use super::levels::{Cube, Levels, SIDE};
 
-/// Minimum number of views that see a surface in a cube.
+/// Minimum number of views that must see a surface in a cube.
 const VIEWS: usize = 2;
 
-/// Minimum confidence (of 255) of pixels that add cubes.
+/// Minimum confidence (of 255) of the pixels that add cubes.
 const TRUST: u8 = 16;
 
 /// Distance around a point within which cubes are added, in cells.
 const AROUND: f32 = 1.5;
 
-/// Adds the cubes at a point.
+/// Adds the cubes around a point.
 fn add(levels: &Levels, point: Vec3, found: &mut Vec<Cube>) {
     let Some(cube) = levels.cube_at(point) else { return };
     let cell = levels.cell_of(cube.level);
@@ -42,7 +42,7 @@ fn add(levels: &Levels, point: Vec3, found: &mut Vec<Cube>) {
     }
 }
 
-/// The cubes at the points that a view sees.
+/// Cubes at the points that a view sees.
 fn of_view(view: &DepthView, levels: &Levels) -> Vec<Cube> {
     let mut found = Vec::new();
     for y in 0..view.height {
@@ -81,7 +81,7 @@ fn of_view(view: &DepthView, levels: &Levels) -> Vec<Cube> {
     found
 }
 
-/// The cubes at points that at least two views see, in order. If there are more than `most`, those nearest to the
+/// Cubes at points that at least two views see, in order. If there are more than `most`, those nearest to the
 /// foci are kept, and the second value is true.
 pub fn wanted(
     views: &[DepthView],

@@ -1,4 +1,4 @@
-//! Measures how well a mesh fits the splats as seen by cameras.
+//! Measures how well a mesh fits the splats, as seen by cameras.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -10,10 +10,10 @@ use crate::types::{Camera, Splats};
 /// Longest side of the picture that is compared, in pixels.
 const SIDE_PX: u32 = 256;
 
-/// Difference of the depths of mesh and splats in a view.
+/// Difference between the depths of mesh and splats in a view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fit {
-    /// Median difference along the ray, in world units; `None` without pixels.
+    /// Median difference along the ray, in world units. `None` if there are no pixels to compare.
     pub median: Option<f64>,
     /// 95th percentile of the difference.
     pub most: Option<f64>,
@@ -24,7 +24,7 @@ pub struct Fit {
     pub backs: f64,
 }
 
-/// The camera with at most [`SIDE_PX`] pixels per side and the same view.
+/// The camera with the same view and at most [`SIDE_PX`] pixels per side.
 fn small(camera: &Camera) -> Camera {
     let scale = (f64::from(SIDE_PX) / f64::from(camera.width_px.max(camera.height_px))).min(1.0);
     let pixels = |px: u32| ((f64::from(px) * scale).round() as u32).max(1);
@@ -44,7 +44,8 @@ fn small(camera: &Camera) -> Camera {
     }
 }
 
-/// Compares triangles, relative to an origin, with the splats in a camera's view, up to a distance from `middle`.
+/// Compares triangles, relative to an origin, with the splats in the view of a camera, up to a distance from
+/// `middle`.
 pub fn fit(
     (splats, blocks): (&Splats, &Blocks),
     (triangles, origin): (&Bvh, DVec3),

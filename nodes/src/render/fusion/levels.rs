@@ -1,9 +1,9 @@
-//! The subdivision of space: cubes of eight cells per side, whose cells double in size with the distance from the
+//! Subdivision of space into cubes of eight cells per side. Cells double in size with the distance from the
 //! places where objects will stand.
 
 use glam::Vec3;
 
-/// Cells along the side of a cube.
+/// Number of cells along the side of a cube.
 pub const SIDE: i32 = 8;
 
 /// Ratio of the reach of a level to that of the one before.
@@ -12,40 +12,41 @@ const GROWTH: f32 = 2.5;
 /// Maximum number of levels.
 pub const MOST: usize = 7;
 
-/// A cube of cells: its level, and its place in cubes of that level.
+/// Cube of cells: its level, and its position in units of cubes of that level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Cube {
-    /// Cells have the side of the finest ones times two to this power.
+    /// Level: cells have the side of the finest ones times two to this power.
     pub level: u8,
-    /// Place along x, y and z.
+    /// Position along x, y and z, in cubes of the level.
     pub at: [i32; 3],
 }
 
 impl Cube {
-    /// Side of its cells in finest cells.
+    /// Side of the cells of the cube, in finest cells.
     pub fn step(self) -> i32 {
         1 << self.level
     }
 
-    /// Its first corner, in finest cells.
+    /// Corner of the cube with the smallest coordinates, in finest cells.
     pub fn corner(self) -> [i32; 3] {
         self.at.map(|at| at * (SIDE << self.level))
     }
 }
 
-/// Sizes of cells by place.
+/// Sizes of cells by position.
 #[derive(Debug, Clone)]
 pub struct Levels {
     /// Side of the finest cells, in world units.
     pub cell: f32,
-    /// The foci: points around which cells are finest.
+    /// Points around which cells are finest.
     pub foci: Vec<Vec3>,
-    /// Reach of each level from the nearest focus, in world units; the last one is the end of the mesh.
+    /// Reach of each level from the nearest focus, in world units. The last one is the end of the mesh.
     pub reach: Vec<f32>,
 }
 
 impl Levels {
-    /// Levels that start with cells of a side up to a radius around some places, and end at a reach.
+    /// Makes levels that start with cells of side `cell` up to `radius` around the foci, and end at `reach`,
+    /// all in world units.
     pub fn new(cell: f32, foci: Vec<Vec3>, radius: f32, reach: f32) -> Self {
         let mut reaches = vec![radius.min(reach)];
         while let Some(last) = reaches.last().copied().filter(|last| *last < reach) {
@@ -78,7 +79,7 @@ impl Levels {
         cube.level > 0 && self.distance_to(cube) < self.reach[cube.level as usize - 1]
     }
 
-    /// The cube that holds a point; `None` beyond the reach.
+    /// Cube that contains a point. `None` beyond the reach.
     pub fn cube_at(&self, point: Vec3) -> Option<Cube> {
         if !point.is_finite() || self.distance(point, point) >= *self.reach.last()? {
             return None;

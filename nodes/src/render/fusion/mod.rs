@@ -1,5 +1,5 @@
-//! The surface of a scene from its splats: depths that many views see, fused into distances in cells, and their zero as
-//! triangles.
+//! Surface of a scene from its splats: depth images from many views are fused into distances in cells, and
+//! the zero of these distances becomes triangles.
 
 pub mod cubes;
 pub mod depth_view;

@@ -5,9 +5,9 @@ use super::surface::Surface;
 /// Counts of kept and removed pieces.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Pieces {
-    /// Pieces that are kept.
+    /// Number of pieces that are kept.
     pub kept: usize,
-    /// Pieces that were left out, and their area in square world units.
+    /// Number of pieces that were removed, and their area in square world units.
     pub dropped: usize,
     pub dropped_area: f64,
 }

@@ -1,4 +1,5 @@
-//! Where to look from: places in space that was seen to be empty, grown from where something is known to stand or to look.
+//! Positions of the views: points in space that was seen to be empty, grown from points where an object is to
+//! stand or a camera stood.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -8,58 +9,58 @@ use crate::math::num;
 use crate::render::splat::{Blocks, Settings};
 use crate::types::{Camera, Splats};
 
-/// Degrees that a face reaches beyond 45, so that no point lies between the pixels of two faces.
+/// Angle by which a face extends beyond 45 degrees, so that no point lies between the pixels of two faces.
 const GUARD_DEG: f64 = 3.0;
-/// Places in a row that turn out too near to something before no more are tried.
+/// Number of consecutive places too near to a surface after which no more are tried.
 const FAILURES: usize = 8;
-/// How far from each other places stand, in clearances.
+/// Minimum distance between two places, in clearances.
 const APART: f32 = 1.8;
-/// Steps from one place to the next, in clearances.
+/// Distances from one place to the next that are tried, in clearances.
 const STEPS: [f32; 3] = [2.0, 4.0, 7.0];
-/// Directions around a place.
+/// Number of horizontal directions around a place that are tried.
 const AZIMUTHS: usize = 12;
-/// Rises of a step, in clearances.
+/// Changes of height from one place to the next that are tried, in clearances.
 const RISES: [f32; 3] = [-1.2, 0.0, 1.6];
-/// The share of what is seen from a place that may lie nearer than the clearance.
+/// Share of the pixels seen from a place that may be nearer than the clearance.
 const NEARER: f64 = 0.02;
 /// Metres of room that a given place has at least; one of less stands in something.
 const BLOCKED_METRES: f64 = 0.02;
 /// Degrees across of the views from above.
 const STEEP_DEG: f64 = 70.0;
-/// Where they stand: metres above the ground and aside, tried from the first to the last.
+/// Positions of the views from above: metres above the ground and sideways, tried in this order.
 const STEEP: [[f64; 2]; 4] = [[1.8, 0.7], [1.2, 0.5], [0.7, 0.35], [0.35, 0.2]];
 
-/// Inputs of the growth of places.
+/// Inputs of the search for places.
 pub struct Ground<'a> {
     pub splats: &'a Splats,
     pub blocks: &'a Blocks,
     pub settings: &'a Settings,
-    /// Origin of the views.
+    /// World position that the places are relative to.
     pub origin: DVec3,
-    /// Right, forward and up.
+    /// Unit vectors to the right, forward and up.
     pub axes: [DVec3; 3],
-    /// World units a metre.
+    /// World units per metre.
     pub metre: f64,
-    /// Pixels of a face.
+    /// Side of a face, in pixels.
     pub size_px: u32,
 }
 
-/// Views from grown places.
+/// Views from the places that were found.
 pub struct Places {
     pub views: Vec<DepthView>,
-    /// The eyes of the places, relative to the origin.
+    /// Positions of the places, relative to the origin, in world units.
     pub eyes: Vec<Vec3>,
-    /// Number of given places, which come first.
+    /// Number of given places, which come first in the list.
     pub given: usize,
     /// Given places that stand in something, and were left out.
     pub blocked: usize,
     /// Clearance, in world units.
     pub clearance: f32,
-    /// Places that turned out too near to something.
+    /// Number of places that turned out too near to a surface.
     pub failed: usize,
-    /// Views from above what stands at the focus.
+    /// Number of views of the focus from above.
     pub steep: usize,
-    /// The median distance of what the given places see.
+    /// Median distance of the surfaces that the given places see, in world units.
     pub median: f32,
 }
 
@@ -68,7 +69,8 @@ impl Ground<'_> {
         DepthView::of(self.splats, self.blocks, camera, self.origin, self.settings, cx)
     }
 
-    /// The six faces around a place, turned by its number, so that the pixels of no two places lie alike.
+    /// Renders the six faces around a place. They are rotated by its number, so that the pixels of no two
+    /// places have the same directions.
     fn around(&self, eye: Vec3, number: usize, cx: &Context) -> Result<Vec<DepthView>, NodeError> {
         let eye = self.origin + eye.as_dvec3();
         let (sin, cos) = num::sin_cos(0.47 + 2.399_963 * number as f64);
@@ -94,7 +96,7 @@ impl Ground<'_> {
     }
 }
 
-/// The distances of what a view shows, from near to far; infinite where it shows nothing.
+/// Distances of the surfaces that the views show, from near to far; infinite where a pixel shows none.
 fn distances(views: &[DepthView]) -> Vec<f32> {
     let mut all = Vec::new();
     for view in views {
@@ -108,7 +110,8 @@ fn distances(views: &[DepthView]) -> Vec<f32> {
     all
 }
 
-/// How far one can go from a place towards a point `ahead` of it with so much room around, as one of its faces shows it.
+/// Distance that one can move from a place towards the point `ahead`, with the clearance free on all sides,
+/// according to the face that shows it.
 fn room(faces: &[DepthView], ahead: Vec3, clearance: f32) -> f32 {
     let length = ahead.length();
     for view in faces {
@@ -128,7 +131,7 @@ fn room(faces: &[DepthView], ahead: Vec3, clearance: f32) -> f32 {
 }
 
 impl Places {
-    /// Grows up to `most` places from given ones, including the views from above a focus.
+    /// Finds up to `most` places, starting from given ones. The views of a focus from above are included.
     pub fn grown(
         ground: &Ground<'_>,
         seeds: &[Vec3],
@@ -256,7 +259,7 @@ impl Places {
         Ok(())
     }
 
-    /// Whether a place saw that there is room at a point.
+    /// True if a place has seen that the clearance around a point is empty.
     fn is_free(&self, point: Vec3, clearance: f32) -> bool {
         (0..self.eyes.len()).any(|place| {
             let ahead = point - self.eyes[place];
@@ -264,7 +267,8 @@ impl Places {
         })
     }
 
-    /// Adds views from above a focus, from all around: at a slant, depth is biased whatever is blended.
+    /// Adds views of a focus from above, from all sides, because depth is biased for surfaces seen at a
+    /// slant, whatever is blended.
     fn look_down(
         &mut self,
         ground: &Ground<'_>,
@@ -294,7 +298,7 @@ impl Places {
     }
 }
 
-/// At most `most` of some points, each as far as possible from those before it.
+/// Selects at most `most` of the points, each as far as possible from those before it.
 fn farthest_first(points: &[Vec3], most: usize) -> Vec<Vec3> {
     let mut kept: Vec<Vec3> = points.first().copied().into_iter().collect();
     let mut apart: Vec<f32> = points.iter().map(|point| (*point - kept[0]).length_squared()).collect();

@@ -9,11 +9,11 @@ use glam::{DMat3, DVec3};
 use super::surface::Surface;
 use super::tint::Seen;
 
-/// How much a point is drawn to the middle of an edge where planes leave it free.
+/// Weight that pulls a merged point to the midpoint of its edge where the quadric does not determine it.
 const TIDY: f64 = 1e-3;
-/// Weight of the border of the surface, by the square of its length.
+/// Weight of the border of the surface, per square of the length of a border edge.
 const BORDER: f64 = 10.0;
-/// Least cosine between the normals of a triangle before and after.
+/// Minimum cosine between the normals of a triangle before and after a contraction.
 const TURNED: f64 = 0.3;
 /// Triangles between two looks at whether the run is stopped.
 const CHECKED: usize = 1 << 12;
@@ -21,7 +21,7 @@ const CHECKED: usize = 1 << 12;
 const SHARES: [f64; 5] = [0.0004, 0.004, 0.02, 0.1, 0.3];
 const LAST_PASSES: usize = 6;
 
-/// Sum of squares of distances from planes, by weight: `x.A x + 2 b.x + c`.
+/// Weighted sum of squared distances from planes, as a function of the position x: `x.A x + 2 b.x + c`.
 #[derive(Debug, Clone, Copy)]
 struct Quadric {
     a: [f64; 6],
@@ -62,7 +62,7 @@ impl Quadric {
         (x.dot(ax) + 2.0 * self.b.dot(x) + self.c).max(0.0)
     }
 
-    /// Where it is least, drawn a little to `middle`.
+    /// Position of the minimum, pulled slightly towards `middle`.
     fn least(&self, middle: DVec3) -> DVec3 {
         let [xx, xy, xz, yy, yz, zz] = self.a;
         let tidy = TIDY * self.weight;
@@ -76,8 +76,8 @@ impl Quadric {
     }
 }
 
-/// How far a surface may be changed, by the level of the cells a point was made in: the error, and the longest edge, in world
-/// units.
+/// Limits of the change of a surface for the level of the cell in which a point was made: the error, and the
+/// longest edge, in world units.
 pub type Bounds<'a> = &'a dyn Fn(u8) -> (f64, f64);
 
 struct Mesh<'a> {
@@ -85,7 +85,7 @@ struct Mesh<'a> {
     levels: Vec<u8>,
     seen: Vec<Seen>,
     quadrics: Vec<Quadric>,
-    /// Triangles at each point, some of which may be gone.
+    /// Indices of the triangles at each point, some of which may have been removed.
     at: Vec<Vec<u32>>,
     triangles: Vec<[u32; 3]>,
     gone: Vec<bool>,
@@ -102,7 +102,7 @@ impl Mesh<'_> {
         self.at[point as usize].iter().copied().filter(|t| !self.gone[*t as usize])
     }
 
-    /// The points around one, in order, each as often as there are triangles with both.
+    /// Writes the neighbours of a point to `to`, in order, each as often as there are triangles with both.
     fn around(&self, point: u32, to: &mut Vec<u32>) {
         to.clear();
         to.extend(
@@ -127,7 +127,8 @@ impl Mesh<'_> {
         (cost, place, quadric)
     }
 
-    /// Contracts an edge into its first point, unless the surface would fold, or be another one.
+    /// Contracts an edge into its first point, unless the surface would fold or change its topology. Returns
+    /// whether it did.
     fn contract(&mut self, a: u32, b: u32, [around_a, around_b]: [&mut Vec<u32>; 2]) -> bool {
         self.around(a, around_a);
         self.around(b, around_b);
@@ -202,7 +203,7 @@ impl Mesh<'_> {
     }
 }
 
-/// The mix of two points, the second with weight `share`.
+/// Interpolates between two points, with weight `share` of the second.
 fn mixed(a: &Seen, b: &Seen, share: f32) -> Seen {
     let mix = |a: f32, b: f32| a + (b - a) * share;
     Seen {
@@ -212,7 +213,7 @@ fn mixed(a: &Seen, b: &Seen, share: f32) -> Seen {
     }
 }
 
-/// Contracts edges as long as that stays within the bounds.
+/// Contracts edges in the order of their cost, as long as the surface stays within the bounds.
 pub fn simplified(
     surface: Surface,
     seen: Vec<Seen>,

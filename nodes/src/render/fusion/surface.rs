@@ -1,6 +1,7 @@
-//! The surface where the field is 0: a point in each cell that it passes through, in the middle of where it crosses
-//! edges, and a quadrangle around each edge (surface nets, Gibson 1998), over cells of several sizes (Ju et al.
-//! 2002). Cells that were not completely seen have no point, so the mesh is open there.
+//! Surface where the field is 0: a point in each cell that it passes through, at the mean of the crossings of
+//! its edges, and a quadrangle around each edge that is crossed (surface nets, Gibson 1998), over cells of
+//! several sizes (Ju et al. 2002). Cells that were not completely seen have no point, so the mesh is open
+//! there.
 
 use engine::{Context, NodeError};
 use glam::Vec3;
@@ -8,7 +9,8 @@ use glam::Vec3;
 use super::field::{Field, corner};
 use super::levels::SIDE;
 
-/// Triangles, by points relative to the origin of the field. Counter-clockwise seen from where it is empty.
+/// Triangle mesh with points relative to the origin of the field. Triangles are counter-clockwise as seen
+/// from empty space.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Surface {
     pub points: Vec<Vec3>,
@@ -17,18 +19,18 @@ pub struct Surface {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// An edge that the surface crosses.
+/// Edge that the surface crosses.
 struct Crossing {
-    /// Numbers of the four cells around it, counter-clockwise seen from its empty end.
+    /// Indices of the four cells around the edge, counter-clockwise as seen from its empty end.
     cells: [u32; 4],
     /// Position of the crossing.
     point: Vec3,
 }
 
-/// Cells of a block.
+/// Number of cells in a block.
 const CELLS: usize = (SIDE * SIDE * SIDE) as usize;
 
-/// The crossings of the edges that belong to a block: those not shared with a finer block, or with an earlier one
+/// Crossings of the edges that belong to a block: those not shared with a finer block, or with an earlier one
 /// of the same size.
 fn crossings(field: &Field<'_>, index: usize) -> Vec<Crossing> {
     let block = &field.blocks[index];
@@ -97,7 +99,7 @@ fn crossings(field: &Field<'_>, index: usize) -> Vec<Crossing> {
 }
 
 impl Surface {
-    /// The surface of a field.
+    /// Extracts the surface of a field.
     pub fn of(field: &Field<'_>, cx: &Context) -> Result<Self, NodeError> {
         const GROUP: usize = 64;
         let groups = cx.for_each_tile(field.blocks.len().div_ceil(GROUP), |group| {
@@ -148,7 +150,7 @@ impl Surface {
         Ok(Self { points, levels, triangles })
     }
 
-    /// Removes points without a triangle; returns the former index of each remaining point.
+    /// Removes points without a triangle. Returns the former index of each remaining point.
     pub fn compact(&mut self) -> Vec<u32> {
         let mut numbers = vec![u32::MAX; self.points.len()];
         let mut kept = Vec::new();
@@ -165,7 +167,7 @@ impl Surface {
         kept
     }
 
-    /// Twice the area and the direction of a triangle.
+    /// Normal of a triangle, whose length is twice its area.
     pub fn normal(&self, [a, b, c]: [u32; 3]) -> Vec3 {
         let [a, b, c] = [a, b, c].map(|i| self.points[i as usize]);
         (b - a).cross(c - a)

@@ -1,4 +1,4 @@
-//! The colours of points: the mean of the colours that the views show there.
+//! Colours of points: the mean of the colours that the views show there.
 
 use engine::{Context, NodeError};
 use glam::Vec3;
@@ -8,18 +8,18 @@ use super::levels::Levels;
 use super::surface::Surface;
 use crate::math::color::linear_from_srgb8;
 
-/// The evidence of the views for a point.
+/// Colour, number of views and scatter of depth at a surface point, as the views show it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Seen {
     /// Linear colour.
     pub colour: [f32; 3],
-    /// Views that see it.
+    /// Number of views that see the point.
     pub views: u16,
     /// Standard deviation of the observed distance, perpendicular to the surface, in world units.
     pub deviation: f32,
 }
 
-/// The evidence of the views for each point of a surface.
+/// What the views show at each point of a surface.
 pub fn seen(
     surface: &Surface,
     views: &[DepthView],

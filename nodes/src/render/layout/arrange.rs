@@ -1,4 +1,4 @@
-//! A first arrangement: where an object stands in a scene, how large it is, and the camera that sees it.
+//! First arrangement of a scene: the place and the size of the object, and the camera that sees it.
 
 use engine::{Context, NodeError};
 use glam::DVec3;
@@ -10,28 +10,28 @@ use crate::geometry::level::LevelEstimate;
 use crate::geometry::support::median;
 use crate::types::{Object, Rig, Splats};
 
-/// From this confidence on a scale is used for the size of the object.
+/// Minimum confidence of a scale that is used for the size of the object.
 const KNOWN: f64 = 0.5;
-/// Heights over the floor at which things are put, in metres, where the scale is known.
+/// Range of heights above the floor at which objects are placed, in metres, if the scale is known.
 const HEIGHTS: [f64; 2] = [-0.1, 1.15];
-/// Radius of a level surface that counts without a floor, in radii of the scene.
+/// Minimum radius of a level surface that is used if there is no floor, in radii of the scene.
 const SMALL: f64 = 0.1;
-/// Distance from the middle of a thing without a ground to what is put beside it, in radii of the scene.
+/// Distance of the object from the middle of a captured object without ground, in radii of the scene.
 const ASIDE: f64 = 0.35;
-/// An object may reach so far from the middle of its place to the rim.
+/// Largest radius of an object, as a fraction of the distance from its place to the edge of the surface.
 const ROOM: f64 = 0.7;
 
-/// The box of an object as its file has it: y up, in metres.
+/// Bounding box of an object in the frame of its file: y up, in metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Extents {
-    /// Least coordinates.
+    /// Smallest coordinates.
     pub low: DVec3,
-    /// Greatest coordinates.
+    /// Largest coordinates.
     pub high: DVec3,
 }
 
 impl Extents {
-    /// Of all corners of its triangles; `None` of an object without any.
+    /// Bounding box of all corners of the triangles of an object. `None` if it has no triangles.
     pub fn of(object: &Object) -> Option<Self> {
         let points = object
             .primitives
@@ -48,29 +48,29 @@ impl Extents {
         self.high - self.low
     }
 
-    /// Largest distance from the vertical through its middle, in metres.
+    /// Largest horizontal distance from the vertical axis through the middle of the object, in metres.
     pub fn reach(&self) -> f64 {
         0.5 * self.size().with_y(0.0).length()
     }
 }
 
-/// Where things are in a scene that stands upright.
+/// Placement of the object and the camera in a scene that is upright.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arrangement {
-    /// What the object stands on; `None` where no level surface was found, and the object stands at the lowest point of the
-    /// scene.
+    /// Surface that the object stands on. `None` if no level surface was found; the object then stands at the
+    /// lowest point of the scene.
     pub surface: Option<Surface>,
-    /// The point that it stands on, in world units.
+    /// Point that the object stands on, in world units.
     pub place: DVec3,
-    /// What the object is scaled by over its true size.
+    /// Scale of the object relative to its true size.
     pub scale: f64,
-    /// True where `scale` follows from the space there is, and not from the object's own size.
+    /// True if `scale` follows from the available space, and not from the size of the object.
     pub fitted: bool,
-    /// The camera; `None` where none stands free and sees the place.
+    /// The camera. `None` if no camera in free space sees the place.
     pub view: Option<View>,
 }
 
-/// Finds a place and a camera. `metres_per_unit` is the scale to use for the object.
+/// Finds a place for the object and a camera. `metres_per_unit` is the scale to use for the object.
 pub fn arrange(
     splats: &Splats,
     stand: &LevelEstimate,
@@ -129,7 +129,7 @@ pub fn arrange(
     Ok(Arrangement { surface, place, scale, fitted: !fits, view })
 }
 
-/// The height along up that all but a thousandth of the splats of a scene lie over.
+/// Height along up above which all but a thousandth of the splats of a scene lie.
 fn lowest(splats: &Splats, stand: &LevelEstimate, up: DVec3) -> f64 {
     let centre = DVec3::from_array(stand.centre);
     let inside = |i: &usize| splats.opacities[*i] > 0.3 && (splats.mean(*i) - centre).length() < stand.radius;
@@ -138,7 +138,8 @@ fn lowest(splats: &Splats, stand: &LevelEstimate, up: DVec3) -> f64 {
     heights.get(heights.len() / 1000).copied().unwrap_or(stand.floor)
 }
 
-/// A surface at the height of the splats around its place, which its cells are coarser than.
+/// The surface at the median height of the splats around its place, which is more exact than the height of
+/// cells.
 fn settled(splats: &Splats, grid: &Grid, surface: &Surface, floor: f64) -> Surface {
     let up = grid.axes.z_axis;
     let reach = (0.5 * surface.radius).max(1.5 * grid.cell);
@@ -153,7 +154,7 @@ fn settled(splats: &Splats, grid: &Grid, surface: &Surface, floor: f64) -> Surfa
     Surface { place, height: height - floor, ..*surface }
 }
 
-/// To two digits, downwards.
+/// Rounds down to two significant digits.
 fn rounded(value: f64) -> f64 {
     let mut unit = 1e-9;
     while unit * 100.0 <= value {
@@ -169,7 +170,7 @@ mod tests {
     use crate::render::look::of_mesh;
     use crate::types::Mesh;
 
-    /// A level square of a mesh, around the vertical at a place.
+    /// Adds a level square of half side `half` to a mesh, centred at a point.
     fn square(mesh: &mut Mesh, [x, y, z]: [f32; 3], half: f32) {
         let first = mesh.positions.len() as u32;
         mesh.positions.extend(
@@ -179,7 +180,8 @@ mod tests {
         mesh.triangles.extend([[0, 1, 2], [0, 2, 3]].map(|t: [u32; 3]| t.map(|v| v + first)));
     }
 
-    /// An object is put on the ground and not under a roof, even if that stands in the middle of the scene.
+    /// An object is placed on the ground and not under a roof, even if the roof is in the middle of the
+    /// scene.
     #[test]
     fn an_object_stands_under_the_open_sky() {
         let mut mesh = Mesh::default();

@@ -1,4 +1,4 @@
-//! A camera that sees a place well.
+//! Camera with a good view of a place.
 
 use engine::{Context, NodeError};
 use glam::DVec3;
@@ -8,32 +8,32 @@ use crate::math::num;
 use crate::render::splat::{Settings, render};
 use crate::types::{Camera, Splats};
 
-/// Directions around the place.
+/// Number of horizontal directions around the place that are tried.
 const AROUND: usize = 24;
-/// Heights of the camera over the place's horizon, in degrees.
+/// Elevations of the camera as seen from the place, in degrees.
 const RISES: [f64; 4] = [9.0, 15.0, 23.0, 35.0];
-/// Distances, in the sizes of the object.
+/// Distances of the camera, in sizes of the object.
 const AWAY: [f64; 3] = [2.5, 3.3, 4.6];
-/// Cameras that are tried by a small picture.
+/// Number of cameras that are tried by rendering a small picture.
 const TRIED: usize = 28;
-/// Size of these pictures, in pixels.
+/// Width and height of these pictures, in pixels.
 const SMALL: [u32; 2] = [96, 72];
 
-/// Where the camera stands and what it looks at, in world units.
+/// Position and target of the camera, in world units, and its field of view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
-    /// Where it stands.
+    /// Position of the camera, in world units.
     pub eye: DVec3,
-    /// The middle of the picture.
+    /// Point in the middle of the picture, in world units.
     pub target: DVec3,
-    /// Angle between the upper and the lower edge, in degrees.
+    /// Vertical field of view, in degrees.
     pub fov_y_deg: f64,
-    /// How well the place is seen, 0 to 1.
+    /// Quality of the view of the place, 0 to 1.
     pub score: f64,
 }
 
 impl View {
-    /// The camera, upright with respect to `up`.
+    /// Converts the view to a camera that is upright with respect to `up`.
     pub fn camera(&self, name: &str, size: [u32; 2], up: DVec3) -> Camera {
         let forward = (self.target - self.eye).normalize();
         let right = forward.cross(up).normalize();
@@ -42,18 +42,18 @@ impl View {
     }
 }
 
-/// What is to be seen.
+/// Object that the camera is to see.
 #[derive(Debug, Clone, Copy)]
 pub struct Subject {
-    /// What the object stands on, in world units.
+    /// Point that the object stands on, in world units.
     pub place: DVec3,
-    /// Its height, in world units.
+    /// Height of the object, in world units.
     pub height: f64,
-    /// Its largest extent, in world units.
+    /// Largest extent of the object, in world units.
     pub extent: f64,
 }
 
-/// How well a small picture shows the subject, 0 to 1.
+/// Rates how well a small picture shows the subject, from 0 to 1.
 fn judge(
     splats: &Splats,
     view: &View,
@@ -96,8 +96,8 @@ fn judge(
     Ok(ground * alpha * alpha * (1.0 - close) * (1.0 - close) * (0.4 + 0.3 * exposed + 0.3 * detail))
 }
 
-/// The camera that sees a subject best, among those that stand in free space: by small pictures. `hint`: cameras of the
-/// capture, in world units, near which the scene is known to look right.
+/// Finds the camera that sees a subject best, among those in free space, by rendering small pictures. `hint`
+/// lists cameras of the capture, in world units, near which the scene is known to look right.
 pub fn best_view(
     splats: &Splats,
     grid: &Grid,

@@ -1,41 +1,41 @@
-//! Where a scene is solid and where it is free, in cells that stand upright.
+//! Grid of upright cells that distinguishes solid from free space in a scene.
 
 use glam::{DMat3, DVec3};
 
 use crate::geometry::level::{LevelEstimate, rotation};
 use crate::types::Splats;
 
-/// Most cells along a horizontal side.
+/// Maximum number of cells along a horizontal side.
 const SIDE: usize = 320;
-/// Most cells along the vertical.
+/// Maximum number of cells along the vertical.
 const STOREYS: usize = 160;
-/// Cells of a scene's radius, where its splats are fine enough.
+/// Number of cells per radius of the scene, if its splats are fine enough.
 const FINE: f64 = 160.0;
-/// Opacity in a cell, over the area of one side, from which on it is solid.
+/// Opacity of a cell, relative to the area of one of its sides, from which it is solid.
 const SOLID: f32 = 0.25;
-/// Splats more transparent than this are fog.
+/// Minimum opacity of a splat; more transparent ones are ignored as fog.
 const FAINT: f32 = 0.15;
-/// Samples along each axis of a large splat.
+/// Number of samples along each axis of a large splat.
 const SAMPLES: i32 = 8;
 
-/// Cells that stand upright around the middle of a scene.
+/// Grid of upright cells around the middle of a scene.
 #[derive(Debug)]
 pub struct Grid {
-    /// Columns: across, along and up, unit vectors of the world.
+    /// Axes of the grid as columns: across, along and up, as unit vectors of the world.
     pub axes: DMat3,
-    /// Least corner, in the frame of `axes`, in world units.
+    /// Corner with the smallest coordinates, in the frame of `axes`, in world units.
     pub low: DVec3,
     /// Side of a cell, in world units.
     pub cell: f64,
-    /// Cells across, along and up.
+    /// Number of cells across, along and up.
     pub size: [usize; 3],
     solid: Vec<bool>,
-    /// Sum and number of splat sizes per column.
+    /// Sum of the sizes of splats in each column, and their number.
     detail: Vec<[f32; 2]>,
 }
 
 impl Grid {
-    /// The cells of a scene of which is known how it stands.
+    /// Builds the grid of a scene whose up direction is known.
     pub fn new(splats: &Splats, stand: &LevelEstimate) -> Self {
         let up = DVec3::from_array(stand.up);
         let across = if up.x.abs() < 0.9 { DVec3::X } else { DVec3::Y };
@@ -100,7 +100,7 @@ impl Grid {
         }
     }
 
-    /// The cell of a point in the frame of `axes`.
+    /// Cell that contains a point in the frame of `axes`. `None` outside of the grid.
     pub fn at(&self, p: DVec3) -> Option<[usize; 3]> {
         let v = (p - self.low) / self.cell;
         let inside = |v: f64, n: usize| v >= 0.0 && v < n as f64;
@@ -108,7 +108,7 @@ impl Grid {
         if whole { Some([v.x as usize, v.y as usize, v.z as usize]) } else { None }
     }
 
-    /// Whether a cell is solid.
+    /// True if a cell is solid.
     pub fn is_solid(&self, [x, y, z]: [usize; 3]) -> bool {
         self.solid[(z * self.size[1] + y) * self.size[0] + x]
     }
@@ -118,7 +118,7 @@ impl Grid {
         self.low + DVec3::new(x as f64 + 0.5, y as f64 + 0.5, z as f64 + 1.0) * self.cell
     }
 
-    /// Mean size of the splats around a column, in world units; `None` where there are none.
+    /// Mean size of the splats around a column, in world units. `None` if there are none.
     pub fn detail(&self, x: usize, y: usize) -> Option<f64> {
         let (mut sum, mut count) = (0.0, 0.0);
         for v in y.saturating_sub(2)..(y + 3).min(self.size[1]) {
@@ -130,7 +130,8 @@ impl Grid {
         (count > 0.0).then(|| sum / count)
     }
 
-    /// How far a ray gets before a solid cell, at most `most`, in world units; `from` in the frame of `axes`.
+    /// Distance from `from` to the first solid cell along a ray, at most `most`, in world units; `from` is in
+    /// the frame of `axes`.
     pub fn free(&self, from: DVec3, direction: DVec3, most: f64) -> f64 {
         let step = 0.5 * self.cell;
         let count = (most / step).floor() as usize;
@@ -143,7 +144,7 @@ impl Grid {
         most
     }
 
-    /// Whether all cells within a distance of a point are free; what lies outside of the grid is.
+    /// True if all cells within a distance of a point are free. Space outside of the grid is free.
     pub fn is_clear(&self, at: DVec3, radius: f64) -> bool {
         let n = (radius / self.cell).ceil() as i32;
         let around = |k: i32| f64::from(k) * self.cell;

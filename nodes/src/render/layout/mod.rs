@@ -1,4 +1,4 @@
-//! Where in a captured scene an object may stand, and from where it is seen well.
+//! Places in a captured scene where an object may stand, and cameras that see them well.
 
 mod arrange;
 mod camera;

@@ -1,48 +1,48 @@
-//! Level surfaces with free space over them.
+//! Level surfaces with free space above them.
 
 use glam::DVec3;
 
 use super::grid::Grid;
 
-/// Cells that must be free over a surface.
+/// Number of cells that must be free above a surface.
 const CLEAR: usize = 5;
-/// Surfaces of a column that are looked at.
+/// Maximum number of surfaces in a column that are examined.
 const STACKED: usize = 4;
-/// A place with this many times `Wish::enough` of free space over it is worth half of one under the open sky: what stands
-/// under something is dark and badly seen.
+/// Free space above a place, in multiples of `Wish::enough`, that halves its value compared with the open
+/// sky, because objects below something are dark and badly visible.
 const COVERED: f64 = 10.0;
-/// Surfaces of fewer cells are not looked at.
+/// Minimum number of cells of a surface.
 const FEWEST: usize = 30;
 
-/// A level surface and the place on it that is farthest from its rim.
+/// Level surface and the place on it that is farthest from its edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Surface {
-    /// The place, in world units.
+    /// Position of the place, in world units.
     pub place: DVec3,
-    /// Distance from it to the rim or to what stands on the surface, in world units.
+    /// Distance from the place to the edge or to an object on the surface, in world units.
     pub radius: f64,
-    /// Height over the floor, in world units.
+    /// Height above the floor, in world units.
     pub height: f64,
-    /// Free space over the place, in world units.
+    /// Free space above the place, in world units.
     pub clearance: f64,
     /// Area of the surface, in square world units.
     pub area: f64,
-    /// How good the place is for an object: the larger, the better.
+    /// Quality of the place for an object; larger is better.
     pub score: f64,
 }
 
-/// What a place is sought for.
+/// Requirements for a place.
 #[derive(Debug, Clone, Copy)]
 pub struct Wish {
-    /// Heights over the floor that are looked at, in world units.
+    /// Range of heights above the floor that are examined, in world units.
     pub heights: [f64; 2],
-    /// A place with this distance from the rim is as good as one with more, in world units.
+    /// Distance from the edge, in world units, beyond which more distance does not improve a place.
     pub enough: f64,
-    /// The point that it should be near to, in world units, and how near.
+    /// Point that the place should be near to, and the distance that counts as near, in world units.
     pub near: (DVec3, f64),
 }
 
-/// The level surfaces of a grid, each with its best place, the best first. Equal ones by their order in the grid.
+/// Level surfaces of a grid, each with its best place, best first. Equal ones are in the order of the grid.
 pub fn surfaces(grid: &Grid, floor: f64, wish: &Wish) -> Vec<Surface> {
     let [nx, ny, nz] = grid.size;
     // Tops of each column, from below.
@@ -106,7 +106,7 @@ pub fn surfaces(grid: &Grid, floor: f64, wish: &Wish) -> Vec<Surface> {
     found
 }
 
-/// The best place of a surface.
+/// Best place of a surface.
 fn best(
     grid: &Grid,
     floor: f64,

@@ -1,12 +1,12 @@
-//! A picture that lines and numbers are drawn on.
+//! Picture on which lines and numbers are drawn.
 
 use crate::io::png::{Raster, write};
 use crate::render::splat::Rendered;
 
-/// Columns and rows of a glyph.
+/// Number of columns and rows of a glyph.
 const GLYPH: [usize; 2] = [3, 5];
 
-/// Glyphs as rows of three bits.
+/// Bitmap of a character, as rows of three bits.
 fn glyph(c: char) -> [u8; 5] {
     match c {
         '0' => [7, 5, 5, 5, 7],
@@ -30,31 +30,31 @@ fn glyph(c: char) -> [u8; 5] {
     }
 }
 
-/// Display colours, three a pixel, row by row.
+/// Picture of display colours.
 #[derive(Debug, Clone)]
 pub struct Canvas {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// RGB, 0 to 1.
+    /// RGB from 0 to 1, row by row.
     pub rgb: Vec<[f32; 3]>,
 }
 
 impl Canvas {
-    /// All of one colour.
+    /// Creates a picture of one colour.
     pub fn new(width: usize, height: usize, rgb: [f32; 3]) -> Self {
         Self { width, height, rgb: vec![rgb; width * height] }
     }
 
-    /// What a camera saw, over a dark grey.
+    /// Creates a picture of the view of a camera over a dark grey.
     pub fn of(seen: &Rendered, width: usize, height: usize) -> Self {
         let over =
             |p: &[f32]| [0, 1, 2].map(|k| (p[k] + 0.12 * (1.0 - p[3].clamp(0.0, 1.0))).clamp(0.0, 1.0));
         Self { width, height, rgb: seen.rgba.chunks_exact(4).map(over).collect() }
     }
 
-    /// Mixes a colour into a pixel; outside of the picture nothing happens.
+    /// Mixes a colour into a pixel. Positions outside of the picture are ignored.
     pub fn mix(&mut self, x: i64, y: i64, colour: [f32; 3], share: f32) {
         if x >= 0 && y >= 0 && (x as usize) < self.width && (y as usize) < self.height {
             let pixel = &mut self.rgb[y as usize * self.width + x as usize];
@@ -62,7 +62,7 @@ impl Canvas {
         }
     }
 
-    /// A straight line.
+    /// Draws a straight line.
     pub fn line(&mut self, from: [f64; 2], to: [f64; 2], colour: [f32; 3], share: f32) {
         let steps = (to[0] - from[0]).abs().max((to[1] - from[1]).abs()).ceil().clamp(1.0, 20_000.0);
         for i in 0..=steps as usize {
@@ -72,7 +72,8 @@ impl Canvas {
         }
     }
 
-    /// A number or a unit, `scale` pixels a dot, its upper left corner at a place, on a dark ground.
+    /// Draws a number or a unit on a dark background. The upper left corner is at `[x, y]`, and each dot has
+    /// `scale` pixels per side.
     pub fn text(&mut self, [x, y]: [i64; 2], text: &str, scale: i64, colour: [f32; 3]) {
         let wide = (GLYPH[0] as i64 + 1) * scale;
         for v in -scale..(GLYPH[1] as i64 + 1) * scale {
@@ -97,7 +98,7 @@ impl Canvas {
         }
     }
 
-    /// Puts another picture into this one.
+    /// Copies another picture into this one.
     pub fn put(&mut self, other: &Self, [left, top]: [usize; 2]) {
         for y in 0..other.height.min(self.height.saturating_sub(top)) {
             for x in 0..other.width.min(self.width.saturating_sub(left)) {
@@ -106,7 +107,7 @@ impl Canvas {
         }
     }
 
-    /// As a PNG.
+    /// Encodes the picture as PNG.
     pub fn png(&self) -> Result<Vec<u8>, crate::error::Error> {
         let code = |v: f32| u16::from(crate::math::color::code8(v));
         let codes = self.rgb.iter().flatten().map(|&v| code(v)).collect();

@@ -1,4 +1,4 @@
-//! Pictures of a scene for a person who does not know it: a plan from above and views with their cameras.
+//! Pictures of a scene for a person who does not know it: a plan from above, and views with their cameras.
 
 mod canvas;
 mod plan;

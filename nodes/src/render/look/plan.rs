@@ -1,4 +1,4 @@
-//! A scene from above, with a grid in metres or units.
+//! Picture of a scene from above, with a grid in metres or world units.
 
 use engine::{Context, NodeError};
 use glam::{DVec2, DVec3};
@@ -8,15 +8,15 @@ use crate::geometry::level::LevelEstimate;
 use crate::render::splat::{Settings, render};
 use crate::types::{Camera, Splats};
 
-/// How far above the camera of the plan is, in half sides of it: nearly parallel.
+/// Height of the camera above the plan, in half sides of the plan, so that its rays are nearly parallel.
 const HIGH: f64 = 40.0;
-/// Lines of the grid, about.
+/// Approximate number of lines of the grid.
 const LINES: f64 = 12.0;
 
-/// A plan: the picture, and how to draw on it.
+/// Picture of the plan, and the mapping from the world to it.
 #[derive(Debug)]
 pub struct Plan {
-    /// The picture; up in it is `forward`.
+    /// Picture of the plan, with `forward` pointing up.
     pub canvas: Canvas,
     /// Distance between two lines of the grid, in world units.
     pub step: f64,
@@ -26,7 +26,7 @@ pub struct Plan {
     half: f64,
 }
 
-/// The splats below a height along up; all where it is not finite.
+/// Splats below a height along up; all splats if the height is not finite.
 pub fn below(splats: &Splats, up: DVec3, height: f64) -> Splats {
     let mut kept = Splats {
         means: Vec::new(),
@@ -50,7 +50,7 @@ pub fn below(splats: &Splats, up: DVec3, height: f64) -> Splats {
     kept
 }
 
-/// A round step of 1, 2 or 5 times a power of ten.
+/// Rounds a step to 1, 2 or 5 times a power of ten.
 fn round_step(span: f64) -> f64 {
     let mut unit = 1e-9;
     while unit * 10.0 <= span / LINES {
@@ -60,7 +60,8 @@ fn round_step(span: f64) -> f64 {
 }
 
 impl Plan {
-    /// The scene up to `cut` over the floor, from above. `axes`: right, forward and up of the world.
+    /// Renders the scene up to `cut` above the floor from above. `axes` are right, forward and up of the
+    /// world.
     pub fn new(
         splats: &Splats,
         stand: &LevelEstimate,
@@ -84,7 +85,7 @@ impl Plan {
         Ok(plan)
     }
 
-    /// The pixel of a point.
+    /// Pixel that shows a point.
     pub fn at(&self, p: DVec3) -> [f64; 2] {
         let v = p - self.centre;
         let side = self.canvas.width as f64;
@@ -140,7 +141,7 @@ impl Plan {
         self.canvas.text([18, 6], name(self.forward), 3, [0.5, 1.0, 0.5]);
     }
 
-    /// An arrow from a place towards another, with a number.
+    /// Draws an arrow from a place towards another, with a number.
     pub fn mark(&mut self, from: DVec3, to: DVec3, number: usize) {
         let (a, b) = (self.at(from), self.at(to));
         let way = DVec2::new(b[0] - a[0], b[1] - a[1]).normalize_or_zero() * 34.0;

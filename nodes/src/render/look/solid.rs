@@ -1,4 +1,4 @@
-//! Triangles as splats, so that whatever looks at splats looks at meshes and objects, too.
+//! Conversion of triangles to splats, so that meshes and objects can be rendered like splats.
 
 use glam::{DMat3, DMat4, DVec3};
 
@@ -6,7 +6,7 @@ use crate::io::splats::{SH_C0, quaternion};
 use crate::math::color::srgb_from_linear;
 use crate::types::{Mesh, Object, SplatEncoding, Splats};
 
-/// About how many splats a surface becomes.
+/// Approximate number of splats of a surface.
 const COUNT: f64 = 200_000.0;
 
 /// A triangle with its colour, linear.
@@ -15,7 +15,7 @@ struct Face {
     linear: [f32; 3],
 }
 
-/// The splats of a mesh, in its frame.
+/// Converts a mesh to splats, in its own frame.
 pub fn of_mesh(mesh: &Mesh) -> Splats {
     let faces = mesh.triangles.iter().map(|of| {
         let colours = of.map(|v| mesh.colours.get(v as usize).copied().unwrap_or([0.4; 3]));
@@ -25,7 +25,7 @@ pub fn of_mesh(mesh: &Mesh) -> Splats {
     splats(&faces.collect::<Vec<_>>())
 }
 
-/// The splats of an object under a transform, in the colours of its materials without their textures.
+/// Converts an object under a transform to splats, with the colours of its materials without textures.
 pub fn of_object(object: &Object, world_from_object: &DMat4) -> Splats {
     let mut faces = Vec::new();
     for part in &object.primitives {

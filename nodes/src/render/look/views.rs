@@ -1,4 +1,4 @@
-//! Views of a scene from where a person would stand, or from around it.
+//! Views of a scene from positions where a person would stand, or from around it.
 
 use engine::{Context, NodeError};
 use glam::DVec3;
@@ -9,18 +9,19 @@ use crate::render::layout::{Grid, View, Wish, surfaces};
 use crate::render::splat::{Settings, render};
 use crate::types::{Rig, Splats};
 
-/// Directions that are tried from a place.
+/// Number of directions that are tried from a place.
 const AROUND: usize = 8;
-/// Places that are tried.
+/// Number of places that are tried.
 const PLACES: usize = 4;
-/// Angle between the upper and the lower edge, in degrees.
+/// Vertical field of view, in degrees.
 const FOV_Y_DEG: f64 = 60.0;
-/// A scene whose best view from its floor shows less is a thing, which is looked at from around.
+/// Score of the best view from the floor below which a scene counts as a single object, which is viewed from
+/// around it.
 const INSIDE: f64 = 0.6;
-/// Size of the small pictures, in pixels.
+/// Width and height of the small pictures, in pixels.
 const SMALL: [u32; 2] = [80, 60];
 
-/// How much a view shows, 0 to 1.
+/// Rates how much of the scene a view shows, from 0 to 1.
 fn judge(splats: &Splats, view: &View, up: DVec3, radius: f64, cx: &Context) -> Result<f64, NodeError> {
     let settings = Settings { near: 1e-3 * radius, ..Settings::default() };
     let seen = render(splats, &view.camera("try", SMALL, up), None, &settings, cx)?;
@@ -37,8 +38,8 @@ fn judge(splats: &Splats, view: &View, up: DVec3, radius: f64, cx: &Context) -> 
     Ok(alpha * (1.0 - close) * (1.0 - close) * (0.3 + 0.3 * exposed + 0.4 * (detail / 0.04).min(1.0)))
 }
 
-/// The views that show most, the best first and no two alike: at eye height from free places of the floor, from around the scene
-/// where it is a thing, and from the cameras of the capture.
+/// Views that show most, best first and no two alike. They are taken at eye height from free places of the
+/// floor, from around the scene if it is a single object, and from the cameras of the capture.
 pub fn views(
     splats: &Splats,
     stand: &LevelEstimate,

@@ -1,5 +1,5 @@
-//! Groups of tiles whose lists are in memory together. For each group: a stable sort of the footprints of each row
-//! of tiles, then their lists by tile.
+//! Groups of tiles whose lists are in memory together. Each group needs a stable sort of the footprints of
+//! each row of tiles, then their lists by tile.
 
 use std::ops::Range;
 
@@ -19,9 +19,10 @@ pub(super) struct Group {
     columns: Range<usize>,
 }
 
-/// Largest number of bytes of a footprint in the lists of a row of tiles: while sorting, it is held three times.
+/// Maximum memory per footprint in the lists of a row of tiles, in bytes. While sorting, there are three
+/// copies of it.
 const ENTRY_BYTES: u64 = 3 * size_of::<Entry>() as u64;
-/// Bytes of a footprint in the list of a tile.
+/// Memory per footprint in the list of a tile, in bytes.
 const PAIR_BYTES: u64 = size_of::<u32>() as u64;
 
 /// Largest memory for rendering a picture of this size with this number of splats, in addition to the pictures:
@@ -36,8 +37,8 @@ pub(crate) fn most_bytes(splats: u64, (width, height): (u64, u64)) -> u64 {
     lists.min(bounded).saturating_add(held.saturating_mul(splats))
 }
 
-/// The groups of a picture with this number of columns and rows of tiles: as many rows as the limit of the lists
-/// allows, or as many columns of one row, at least one. An ordinary picture is one group.
+/// Divides a picture with this number of columns and rows of tiles into groups: as many rows as the limit of
+/// the lists allows, or as many columns of one row, at least one. An ordinary picture is one group.
 pub(super) fn groups(
     projected: &Projected,
     (columns, rows): (usize, usize),
@@ -104,7 +105,8 @@ fn sorted(mut from: Vec<Entry>, cx: &Context) -> Vec<Entry> {
     from
 }
 
-/// The footprints that touch each row of a group, front to back; without bounds, the single row has all.
+/// Footprints that touch each row of a group, front to back. Without bounds, the single row contains all of
+/// them.
 pub(super) fn sort(
     projected: &Projected,
     group: &Group,
@@ -121,16 +123,16 @@ pub(super) fn sort(
     Ok(rows)
 }
 
-/// The footprints of every tile of a group, front to back.
+/// Footprints of every tile of a group, front to back.
 pub(super) struct Lists<'a> {
     group: &'a Group,
     of: ListsOf,
 }
 
 enum ListsOf {
-    /// All footprints, for every tile.
+    /// One list of all footprints, for every tile.
     All(Vec<u32>),
-    /// By column, one list per row of tiles.
+    /// Lists by column, for each row of tiles.
     Rows(Vec<Listed<u32>>),
 }
 
@@ -140,7 +142,7 @@ impl Lists<'_> {
         self.group.columns.len() * self.group.rows.len()
     }
 
-    /// The list of a tile, and its column and row in the picture.
+    /// List of a tile, and its column and row in the picture.
     pub(super) fn tile(&self, tile: usize) -> (&[u32], usize, usize) {
         let Group { rows, columns } = self.group;
         let (row, column) = (tile / columns.len(), tile % columns.len());

@@ -1,6 +1,6 @@
-//! The blend in f32, eight pixels of a row at once. Every lane does the same IEEE operations whatever the width of
-//! the machine's vectors, and a row is skipped only if no pixel of it can reach the cut, so every instruction set
-//! gives the same bits.
+//! Blending in f32, eight pixels of a row at once. Every lane does the same IEEE operations whatever the
+//! width of the machine's vectors, and a row is skipped only if no pixel of it can reach the cut, so every
+//! instruction set gives the same bits.
 
 use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*, u32x8};
 
@@ -41,7 +41,7 @@ fn exp2<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
     (bits + (whole << 23)).bitcast()
 }
 
-/// Numbers of [`DepthMode`], to compile one loop for each.
+/// Indices of [`DepthMode`], so that one loop is compiled for each.
 const EXPECTED: u8 = 0;
 const MEDIAN: u8 = 1;
 const TRANSMITTANCE: u8 = 2;
@@ -72,12 +72,12 @@ struct Pixels {
     sheet_weight: [[f32; LANES]; TILE * HALVES],
     /// Number of blends, if they are counted.
     count: [[f32; LANES]; TILE * HALVES],
-    /// Depth at which the blend ends, with a limit.
+    /// Depth at which blending ends, if there is a limit.
     limit: [[f32; LANES]; TILE * HALVES],
 }
 
-/// Factor by which the limit must be closer than a splat for the pixel to end at once: equal sort keys stay in file
-/// order, and may differ by 2^-32.
+/// Factor by which the limit must be closer than a splat for the pixel to end at once. Splats with equal sort
+/// keys stay in file order, and their depths may differ by 2^-32.
 const BEHIND: f32 = 1.000_001;
 
 #[inline(always)]

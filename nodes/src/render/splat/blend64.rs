@@ -1,4 +1,4 @@
-//! The blend in f64, one pixel after another: the reference for the fast one.
+//! Blending in f64, one pixel after another: the reference for the fast version.
 
 use super::DepthMode;
 use super::peak::{COUNTS_DOWN_TO, HELD_COUNTS, SHEET};

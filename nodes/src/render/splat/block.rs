@@ -1,5 +1,5 @@
-//! Blocks of consecutive splats in the file, with bounds. Captures are mostly stored along a space-filling curve,
-//! so that a block is small; with another order the blocks are large and save nothing.
+//! Blocks of consecutive splats in the file, with bounds. Most captures are stored along a space-filling
+//! curve, so that blocks are small. In other orders the blocks are large and save no time.
 
 use std::ops::Range;
 
@@ -14,8 +14,8 @@ pub(super) const BLOCK: usize = 64;
 /// Number of blocks per job.
 const CHUNK: usize = 256;
 
-/// The blocks of a scene in file order, for rendering several pictures: computing them takes as long as they save
-/// in a single one.
+/// Blocks of a scene in file order, for rendering several pictures. For a single picture, computing them
+/// takes as long as they save.
 pub struct Blocks(Vec<Block>);
 
 impl Blocks {
@@ -36,10 +36,10 @@ impl Blocks {
     }
 }
 
-/// The box around the centres of some splats, and the longest of their axes.
+/// Bounding box of the centres of some splats, and the longest of their axes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Block {
-    /// Middle, and half of the sides.
+    /// Middle of the box, and half of its sides.
     middle: DVec3,
     half: DVec3,
     /// Longest standard deviation, in world units.
@@ -51,7 +51,7 @@ pub(super) struct Block {
 const SLACK: f64 = 1e-12;
 
 impl Block {
-    /// The block of these splats, at least one.
+    /// Block of these splats, of which there is at least one.
     pub(super) fn of(splats: &Splats, range: Range<usize>) -> Self {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let mut longest = 0.0_f32;

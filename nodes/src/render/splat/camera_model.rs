@@ -11,20 +11,20 @@ use super::settings::TILE;
 use crate::math::{equirect, num};
 use crate::types::Camera;
 
-/// Distance beyond the edges of the image up to which the derivative of the projection is evaluated at the splat,
-/// as a fraction of half the image: beyond it, the linear approximation diverges (INRIA forward.cu: 1.3 times the
-/// tangent).
+/// Distance beyond the edges of the image, as a fraction of half the image, up to which the derivative of the
+/// projection is evaluated at the splat. Beyond it, the linear approximation diverges (INRIA forward.cu: 1.3
+/// times the tangent).
 const GUARD: f64 = 0.3;
 
-/// Margin of bounds in pixels, so that rounding never loses a pixel whose alpha reaches the cut.
+/// Margin of bounds in pixels, so that no pixel whose alpha reaches the cut is lost by rounding.
 pub(super) const SLACK_PX: f64 = 0.01;
 
-/// Smallest distance from the axis through the poles, as a fraction of the distance from the eye, at which the
-/// derivative of a panorama is evaluated: at a pole it is infinite (splat-transform #247 does the same).
+/// Smallest distance from the axis through the poles, as a fraction of the distance from the eye, at which
+/// the derivative of a panorama is evaluated. At a pole it is infinite (splat-transform #247 does the same).
 const POLE: f64 = 0.005;
 
-/// The tiles of a footprint, half open. In a panorama `x1` may exceed the last column: those columns wrap around,
-/// and no tile occurs twice.
+/// Range of the tiles of a footprint, half open. In a panorama `x1` may exceed the last column: those columns
+/// wrap around, and no tile occurs twice.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TileRange {
     pub x0: u16,
@@ -33,7 +33,7 @@ pub(super) struct TileRange {
     pub y1: u16,
 }
 
-/// The centre of a splat on the picture.
+/// Centre of a splat in the picture.
 pub(super) struct ProjectedCentre {
     /// Position in pixels.
     pub u: f64,
@@ -41,7 +41,7 @@ pub(super) struct ProjectedCentre {
     /// Derivatives of u and v by world coordinates.
     pub row_x: DVec3,
     pub row_y: DVec3,
-    /// Depth as defined by the picture, in world units.
+    /// Depth in world units, as the type of picture defines it.
     pub depth: f64,
 }
 
@@ -53,30 +53,30 @@ pub(super) trait CameraModel: Sync {
     fn size(&self) -> (usize, usize);
     /// Number of columns after which the picture repeats.
     fn period(&self) -> Option<u32>;
-    /// True for a point at `d` from the eye that is at or below the near depth.
+    /// True if a point at `d` from the eye is at or below the near depth.
     fn is_behind(&self, d: DVec3, near: f64) -> bool;
-    /// True if a splat at `d`, not behind, that extends over at most `world` world units plus `pixels` pixels
-    /// cannot be visible in the picture.
+    /// True if a splat at `d` that is in front of the near plane and extends over at most `world` world units
+    /// plus `pixels` pixels cannot be visible in the picture.
     fn is_aside(&self, d: DVec3, world: f64, pixels: f64) -> bool;
-    /// Projects a point at `d` that is neither behind nor aside.
+    /// Projects a point at `d` for which `is_behind` and `is_aside` are false.
     fn project_centre(&self, d: DVec3) -> ProjectedCentre;
-    /// Derivatives of the ray through a point at `d`, scaled to depth 1, by pixels to the right and down, and the direction in
-    /// which depth increases.
+    /// Derivatives of the ray through a point at `d`, scaled to depth 1, with respect to pixels to the right
+    /// and down, and the direction in which depth increases.
     fn ray_slopes(&self, d: DVec3) -> ([DVec3; 2], DVec3);
-    /// True if every splat of the block is behind or aside; each extends over at most `sigmas` times its longest
-    /// axis plus `pixels` pixels.
+    /// True if `is_behind` or `is_aside` holds for every splat of the block. Each extends over at most
+    /// `sigmas` times its longest axis plus `pixels` pixels.
     fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool;
     /// Tiles with a pixel centre inside a box, including its edge.
     fn exact_reach(&self, u: f64, v: f64, half_x: f64, half_y: f64) -> Option<TileRange>;
-    /// Tiles as the INRIA rasterizer counts them: a square of 3 standard deviations of the longer axis
-    /// (auxiliary.h, `getRect`; forward.cu, `preprocessCUDA`), for a covariance and its determinant.
+    /// Tiles that the INRIA rasterizer assigns to a covariance and its determinant: a square of 3 standard
+    /// deviations of the longer axis (auxiliary.h, `getRect`; forward.cu, `preprocessCUDA`).
     fn inria_reach(&self, u: f64, v: f64, xx: f64, yy: f64, det: f64) -> Option<TileRange>;
     /// All tiles.
     fn everywhere(&self) -> TileRange;
 }
 
-/// The smallest integer not below `x`, clamped to the range of i32. Without SSE4.1, which the portable build cannot
-/// assume, the method of f64 is a function call.
+/// Smallest integer not below `x`, clamped to the range of i32. `f64::ceil` would be a function call without
+/// SSE4.1, which the portable build cannot assume.
 #[inline(always)]
 fn ceil(x: f64) -> i32 {
     let x = x.clamp(-1e9, 1e9);
@@ -90,7 +90,7 @@ fn pixels(left: f64, right: f64) -> (i32, i32) {
     (ceil(left - 0.5), ceil(right + 0.5) - 2)
 }
 
-/// Tiles with a pixel centre in an interval, of `size` pixels.
+/// Tiles with a pixel centre in an interval, of tiles that together have `size` pixels.
 #[inline(always)]
 fn tiles(left: f64, right: f64, size: f64) -> Option<(u16, u16)> {
     let (first, last) = pixels(left, right);
@@ -98,7 +98,7 @@ fn tiles(left: f64, right: f64, size: f64) -> Option<(u16, u16)> {
     (first <= last).then(|| ((first as usize / TILE) as u16, (last as usize / TILE) as u16 + 1))
 }
 
-/// [`tiles`] of a picture that repeats after `period` pixels, as in [`TileRange`].
+/// Same as [`tiles`] for a picture that repeats after `period` pixels, as in [`TileRange`].
 #[inline(always)]
 fn tiles_around(left: f64, right: f64, period: u32) -> Option<(u16, u16)> {
     let (first, last) = pixels(left, right);
@@ -115,7 +115,7 @@ fn tiles_around(left: f64, right: f64, period: u32) -> Option<(u16, u16)> {
     Some((x0, if wraps { (columns + x1).min(x0 + columns) } else { x1 }))
 }
 
-/// The tiles of an interval of columns, within `span` or wrapped by `period`; an empty range if there are none.
+/// Tiles of an interval of columns, within `span` or wrapped by `period`. An empty range if there are none.
 pub(super) fn columns(left: f64, right: f64, span: (u16, u16), period: Option<u32>) -> (u16, u16) {
     let found = match period {
         None => tiles(left, right, (usize::from(span.1) * TILE) as f64).map(|(a, b)| (a.max(span.0), b)),
@@ -124,7 +124,8 @@ pub(super) fn columns(left: f64, right: f64, span: (u16, u16), period: Option<u3
     found.filter(|(first, end)| first < end).unwrap_or((span.0, span.0))
 }
 
-/// [`CameraModel::ray_slopes`] where depth is distance: steps along the sphere through `d` that move the picture by a pixel.
+/// Same as [`CameraModel::ray_slopes`] if depth is distance: steps along the sphere through `d` that move the
+/// projection by a pixel.
 fn ray_slopes_by_distance(d: DVec3, centre: &ProjectedCentre) -> ([DVec3; 2], DVec3) {
     let (distance, row_x, row_y) = (d.length(), centre.row_x, centre.row_y);
     let outwards = d / distance;
@@ -152,13 +153,13 @@ pub(super) struct Pinhole {
     steepest: f64,
     columns: u16,
     rows: u16,
-    /// For a picture that is part of a panorama: near and depth are distances from the eye, and splats at more than
-    /// [`ASIDE`] from the viewing direction are left out.
+    /// True if the picture is part of a panorama: near and depth are then distances from the eye, and splats
+    /// more than [`ASIDE`] from the viewing direction are left out.
     by_distance: bool,
 }
 
-/// Cosine of the angle between the viewing direction of a cap and the outermost splat that is drawn: near the plane
-/// of the camera, where the near plane does not apply, the projection diverges.
+/// Cosine of the angle between the viewing direction of a cap and the outermost splat that is drawn. The near
+/// plane does not apply to caps, and the projection diverges near the plane of the camera.
 const ASIDE: f64 = 0.1;
 
 impl Pinhole {
@@ -218,9 +219,9 @@ impl CameraModel for Pinhole {
         z <= near
     }
 
-    /// Tests all four edges multiplied by z, so that most splats outside of the picture need no division. A splat
-    /// extends over at most the first term divided by z plus the second. Without branches, so that several splats
-    /// are tested together.
+    /// Tests all four edges multiplied by z, so that most splats outside of the picture need no division. A
+    /// splat extends over at most the first term divided by z plus the second. There are no branches, so that
+    /// several splats are tested together.
     #[inline(always)]
     fn is_aside(&self, d: DVec3, world: f64, pixels: f64) -> bool {
         let (x, y, z) = (self.right.dot(d), self.down.dot(d), self.forward.dot(d));
@@ -257,7 +258,8 @@ impl CameraModel for Pinhole {
         ([self.right / self.fx, self.down / self.fy], self.forward)
     }
 
-    /// The tests of one splat are linear in its centre, so their maximum over a box is at a corner.
+    /// Tests a block by the corners of its box: the tests of one splat are linear in its centre, so their
+    /// maximum over a box is at a corner.
     #[inline(always)]
     fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool {
         // With distances, points behind the plane of the camera may be at or below any near depth.
@@ -313,7 +315,7 @@ pub(super) struct Sphere {
 }
 
 impl Sphere {
-    /// A camera for these rows of the layout.
+    /// Camera for these rows of the layout.
     pub(super) fn new(eye: DVec3, up: Up, width_px: u32, rows: Range<u32>) -> Self {
         let [right, forward, above] = equirect::axes(up);
         Self { eye, right, forward, above, width: width_px, rows }
@@ -342,15 +344,16 @@ impl CameraModel for Sphere {
         d.length() <= near
     }
 
-    /// A panorama covers all directions.
+    /// Always false, because a panorama covers all directions.
     #[inline(always)]
     fn is_aside(&self, _d: DVec3, _world: f64, _pixels: f64) -> bool {
         false
     }
 
-    /// With x, y, z along right, forward and up, the angle from forward is atan2(x, y) and the one from up
-    /// atan2(rho, z), where rho is the distance from the axis; their derivatives are the unit vectors along
-    /// growing angles over rho and over the distance. Depth is the distance from the eye.
+    /// Projects a centre. With x, y, z along right, forward and up, the angle from forward is atan2(x, y) and
+    /// the angle from up is atan2(rho, z), where rho is the distance from the axis. Their derivatives are the
+    /// unit vectors along growing angles, divided by rho and by the distance. Depth is the distance from the
+    /// eye.
     #[inline(always)]
     fn project_centre(&self, d: DVec3) -> ProjectedCentre {
         let (x, y, z) = (self.right.dot(d), self.forward.dot(d), self.above.dot(d));
@@ -375,7 +378,7 @@ impl CameraModel for Sphere {
         ray_slopes_by_distance(d, &self.project_centre(d))
     }
 
-    /// A panorama covers all directions.
+    /// Always false, because a panorama covers all directions.
     #[inline(always)]
     fn misses(&self, _block: &Block, _near: f64, _sigmas: f64, _pixels: f64) -> bool {
         false
@@ -389,7 +392,8 @@ impl CameraModel for Sphere {
         Some(TileRange { x0, x1, y0, y1 })
     }
 
-    /// The INRIA rasterizer has pinhole pictures only; here the square is clamped at the poles and wraps around.
+    /// Tiles of a square as in the INRIA rasterizer, which has pinhole pictures only. Here the square is
+    /// clamped at the poles and wraps around.
     fn inria_reach(&self, u: f64, v: f64, xx: f64, yy: f64, det: f64) -> Option<TileRange> {
         let middle = 0.5 * (xx + yy);
         let radius = (3.0 * (middle + (middle * middle - det).max(0.1).sqrt()).sqrt()).ceil();

@@ -1,16 +1,17 @@
-//! Values sorted by counting into slots that are ranges of numbers, such as rows or columns of tiles.
+//! Values sorted by counting into slots, such as rows or columns of tiles.
 
 use std::ops::Range;
 
-/// Values listed by slot, such as rows or columns of tiles: those of slot `i` are at `starts[i]..starts[i + 1]`.
+/// Values listed by slot, such as rows or columns of tiles. The values of slot `i` are at
+/// `starts[i]..starts[i + 1]`.
 pub(super) struct Listed<T> {
     starts: Vec<u32>,
     values: Vec<T>,
 }
 
 impl<T: Copy + Default> Listed<T> {
-    /// Lists the value of `of` for each entry and its index, in each slot of two ranges, in the order of the
-    /// entries.
+    /// Builds the lists. `of` returns the value of an entry, given its index, and two ranges of slots; the
+    /// value is listed in each slot of both, in the order of the entries.
     #[inline(always)]
     pub(super) fn by<E>(slots: usize, entries: &[E], of: impl Fn(usize, &E) -> (T, [Range<u16>; 2])) -> Self {
         let within =
@@ -42,7 +43,7 @@ impl<T: Copy + Default> Listed<T> {
         Self { starts, values }
     }
 
-    /// Number of values of all slots.
+    /// Total number of values in all slots.
     pub(super) fn len(&self) -> usize {
         self.values.len()
     }
@@ -53,7 +54,7 @@ impl<T: Copy + Default> Listed<T> {
     }
 }
 
-/// The part of a range within another one, relative to its start.
+/// Intersection of a range with another one, relative to the start of the other.
 #[inline(always)]
 pub(super) fn clip(range: Range<u16>, within: &Range<usize>) -> Range<u16> {
     let (first, end) = (within.start as u16, within.end as u16);
@@ -65,7 +66,8 @@ pub(super) fn clip(range: Range<u16>, within: &Range<usize>) -> Range<u16> {
 mod tests {
     use super::*;
 
-    /// Ranges that are empty, that touch the last slot, and two of one entry.
+    /// Slots list their entries in order, for ranges that are empty, that touch the last slot, and for two
+    /// ranges of one entry.
     #[test]
     fn every_slot_lists_its_entries_in_order() {
         let entries = [(0..3, 0..0), (2..2, 0..0), (4..5, 0..2), (1..2, 0..0)];

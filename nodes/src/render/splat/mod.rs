@@ -1,10 +1,10 @@
-//! EWA splatting on the CPU: project, sort, bin, blend.
+//! EWA splatting on the CPU, in four stages: project, sort, bin, blend.
 //!
-//! One picture at a time. `project` computes a `Footprint` for every splat that can be visible (in f64, so that
-//! needles and distant worlds keep their digits), `bin` sorts the footprints once (stable; equal keys stay in file
-//! order) and lists them by tile, and `blend32` or `blend64` composites each tile front to back. If the lists would
-//! be too long, the last two stages process one group of tiles after the other. Every stage gives the same bits for
-//! any number of threads and any instruction set.
+//! Pictures are rendered one at a time. `project` computes a `Footprint` for every splat that can be visible
+//! (in f64, so that needles and distant worlds keep their digits), `bin` sorts the footprints once (stable;
+//! equal keys stay in file order) and lists them by tile, and `blend32` or `blend64` composites each tile
+//! front to back. If the lists would be too long, the last two stages process one group of tiles after the
+//! other. Every stage gives the same bits for any number of threads and any instruction set.
 
 mod bin;
 mod blend32;
@@ -41,24 +41,24 @@ use tile::{Strip, Task};
 
 use crate::types::{Camera, Data, Image, Splats};
 
-/// Work counts of one view; the same on every machine.
+/// Work counts of one view, which are the same on every machine.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Work {
-    /// Splats that were tested individually.
+    /// Number of splats that were tested individually.
     pub visited: u64,
-    /// Splats in blocks that were skipped, since no splat of the block can be in the picture.
+    /// Number of splats in blocks that were skipped because no splat of the block can be in the picture.
     pub skipped: u64,
-    /// Splats that were coloured and sorted.
+    /// Number of splats that were coloured and sorted.
     pub projected: u64,
-    /// Projected splats whose harmonics were evaluated in a direction; 0 for a scene of degree 0.
+    /// Number of projected splats whose harmonics were evaluated in a direction; 0 for a scene of degree 0.
     pub directed: u64,
-    /// Splats with an opacity below the cut; counted only if almost nothing is visible.
+    /// Number of splats with an opacity below the cut; counted only if almost nothing is visible.
     pub faint: u64,
-    /// Other splats at or below the near plane; counted only if almost nothing is visible.
+    /// Number of other splats at or below the near plane; counted only if almost nothing is visible.
     pub behind: u64,
-    /// Splats whose footprint is not a finite ellipse.
+    /// Number of splats whose footprint is not a finite ellipse.
     pub degenerate: u64,
-    /// Splats whose colour was clamped to the largest value.
+    /// Number of splats whose colour was clamped to the largest value.
     pub held: u64,
     /// Number of pairs of a splat and a tile.
     pub tile_pairs: u64,
@@ -85,7 +85,8 @@ impl AddAssign for Work {
 }
 
 impl Work {
-    /// Adds the counts, and notes on splats left out of a scene with this number of splats.
+    /// Adds the counts to the report, and notes about splats that were left out. `splats` is the number of
+    /// splats of the scene.
     pub(crate) fn report(&self, splats: usize, settings: &Settings, cx: &Context, notes: &mut Notes) {
         let near = settings.near;
         cx.count("splats_visited", self.visited);
@@ -145,34 +146,37 @@ pub struct Rendered {
     pub spread: Vec<f32>,
     /// Work counts.
     pub work: Work,
-    /// Seconds in project, sort, bin and blend by the given clock, 0 without; for benches, never part of a result.
+    /// Seconds spent in project, sort, bin and blend by the given clock, or 0 without a clock. Used by
+    /// benches, never part of a result.
     pub seconds: [f64; 4],
 }
 
 /// Returns the time in seconds.
 pub type Clock<'a> = &'a (dyn Fn() -> f64 + Sync);
 
-/// The largest picture that is rendered, in pixels.
+/// Maximum number of pixels of a picture.
 pub const MAX_PIXELS: u64 = 1 << 28;
 
-/// The longest side of a picture, in pixels.
+/// Maximum side of a picture, in pixels.
 const MAX_SIDE: u32 = 1 << 19;
 
-/// A surface in front of a camera: splats at or beyond it are left out of a pixel.
+/// Surface in front of a camera. Splats at or beyond it are left out of a pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Limit<'a> {
     /// Planar depth in world units, one channel, of the size of the picture; 0 or +inf means no surface.
     pub depth: &'a Image<Data>,
-    /// How far in front of the surface the centre of a splat must lie, in standard deviations along its middle
-    /// axis, at least 0. The centres of the splats of a surface scatter around it by less than their width.
+    /// Distance by which the centre of a splat must lie in front of the surface, in standard deviations along
+    /// its middle axis, at least 0. The centres of the splats of a surface scatter around it by less than
+    /// their width.
     pub sigmas: f64,
 }
 
-/// Renders the view of a camera, on the threads of `cx`, with the best instruction set of the machine; with a
-/// `limit`, only splats in front of it.
+/// Renders the view of a camera, on the threads of `cx`, with the best instruction set of the machine. If
+/// there is a `limit`, only splats in front of it are rendered.
 ///
-/// The faces of a cube are rendered one by one: a splat is visible in 1.14 of them on average, so a pass for all
-/// six saves little of the projection, and sorts and holds six times as much data; measured, it took longer.
+/// The faces of a cube are rendered one by one. A splat is visible in 1.14 of them on average, so a pass for
+/// all six would save little of the projection, and would sort and keep six times as much data. In
+/// measurements it took longer.
 pub fn render(
     splats: &Splats,
     camera: &Camera,
@@ -183,7 +187,7 @@ pub fn render(
     render_with(splats, None, camera, limit, settings, cx)
 }
 
-/// [`render`] with blocks that are skipped if they are not visible: for several pictures of a scene.
+/// Same as [`render`], but skips blocks that are not visible. Used for several pictures of a scene.
 pub fn render_with(
     splats: &Splats,
     blocks: Option<&Blocks>,
@@ -196,8 +200,8 @@ pub fn render_with(
     draw(splats, blocks, &Pinhole::new(camera), limit, settings, cx, (Level::new(), &|| 0.0))
 }
 
-/// [`render`] with a given instruction set, which never changes the result, and a clock for the time of each stage:
-/// for tests and benches.
+/// Same as [`render`] with a given instruction set, which never changes the result, and a clock for the time
+/// of each stage. Used by tests and benches.
 #[doc(hidden)]
 pub fn render_at(
     splats: &Splats,
@@ -226,8 +230,8 @@ fn check(camera: &Camera, limit: Option<Limit<'_>>) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Evaluations per second of the arithmetic of the blend: one tile that stays in the first-level cache, every splat
-/// covering it, no pixel ever finished. For comparison in benches.
+/// Evaluations per second of the arithmetic of blending, for comparison in benches. Measured for one tile
+/// that stays in the first-level cache, where every splat covers the tile and no pixel is ever finished.
 #[doc(hidden)]
 pub fn calibrate(splats: usize, level: Level, clock: Clock<'_>, cx: &Context) -> f64 {
     let wide = Footprint {
@@ -272,7 +276,7 @@ fn checked(camera: &Camera) -> Result<(), NodeError> {
     Err(NodeError::new(what).at("rig").hint(hint))
 }
 
-/// One picture.
+/// Renders one picture.
 fn draw<L: CameraModel>(
     splats: &Splats,
     blocks: Option<&Blocks>,

@@ -4,22 +4,22 @@ use glam::DVec3;
 
 use crate::types::{Camera, Splats};
 
-/// Number of splats that are examined; more are sampled evenly.
+/// Maximum number of splats that are examined. If there are more, they are sampled evenly.
 const EXAMINED: usize = 1 << 16;
-/// Opacity of splats that count: fainter ones are haze, which may be cut.
+/// Minimum opacity of splats that count. Fainter ones are haze, which may be cut away.
 const SOLID: f32 = 0.5;
-/// Share of the solid splats before the eye from which on a cut is reported.
+/// Share of the solid splats before the eye from which a cut is reported.
 pub(crate) const REPORTED: f64 = 0.02;
 
-/// Solid splats before the eye.
+/// Number of solid splats before the eye that are cut away, and number of those that are kept.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Count {
     cut: u64,
     kept: u64,
 }
 
-/// The share of the solid splats whose depth `depth(mean)` is at or below `near`; `depth` is `None` for splats outside
-/// of the picture or behind the eye.
+/// Share of the solid splats whose depth `depth(mean)` is at or below `near`. `depth` is `None` for splats
+/// outside of the picture or behind the eye.
 fn share(splats: &Splats, near: f64, depth: impl Fn(DVec3) -> Option<f64>) -> f64 {
     let step = splats.len().div_ceil(EXAMINED).max(1);
     let mut count = Count::default();
@@ -34,7 +34,7 @@ fn share(splats: &Splats, near: f64, depth: impl Fn(DVec3) -> Option<f64>) -> f6
     if all == 0 { 0.0 } else { count.cut as f64 / all as f64 }
 }
 
-/// The share for a camera, whose depth is planar.
+/// Share for a camera, whose depth is planar.
 pub(crate) fn cut_by_camera(splats: &Splats, camera: &Camera, near: f64) -> f64 {
     let view = camera.camera_from_world();
     let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
@@ -45,12 +45,12 @@ pub(crate) fn cut_by_camera(splats: &Splats, camera: &Camera, near: f64) -> f64 
     })
 }
 
-/// The share for a panorama, whose depth is the distance.
+/// Share for a panorama, whose depth is the distance.
 pub(crate) fn cut_by_panorama(splats: &Splats, eye: DVec3, near: f64) -> f64 {
     share(splats, near, |mean| Some((mean - eye).length()))
 }
 
-/// The warning about a share that is worth one.
+/// Warning about the share, if it is large enough.
 pub(crate) fn warning(share: f64, near_m: f64, near: f64, view: &str) -> Option<String> {
     (share >= REPORTED).then(|| {
         format!(
@@ -77,7 +77,7 @@ mod tests {
         splats
     }
 
-    /// Mutation: `depth <= near` to `depth < 0.0`, seen red.
+    /// Only solid splats before the eye count. Mutation: `depth <= near` to `depth < 0.0`, seen red.
     #[test]
     fn only_solid_splats_before_the_eye_count() {
         let axes = [DVec3::X, DVec3::Y, DVec3::Z];

@@ -1,11 +1,11 @@
-//! Panoramas: splats drawn directly into the equirectangular layout, and the two caps around the poles by pinhole
-//! pictures.
+//! Panoramas: splats drawn directly into the equirectangular layout, except for the two caps around the
+//! poles, which are drawn as pinhole pictures.
 //!
-//! A footprint is drawn where the layout is approximately linear over it, which it is not near a pole: a splat
-//! there is a ring or a disc across all columns, not an ellipse. So directions within [`CAP`] of a pole are drawn
-//! by a camera that looks at the pole and resampled; between [`FADE`] and [`CAP`] the two are blended. The layout
-//! has a third of its samples in the caps, and the pinhole pictures have slightly fewer pixels although they are
-//! finer, so this costs no additional work.
+//! A footprint can be drawn only where the layout is approximately linear over it. Near a pole it is not: a
+//! splat there covers a ring or a disc across all columns and not an ellipse. So directions within [`CAP`] of
+//! a pole are drawn by a camera that looks at the pole, and resampled. Between [`FADE`] and [`CAP`] the two
+//! are blended. A third of the samples of the layout would be in the caps, and the pinhole pictures have
+//! slightly fewer pixels although they are finer, so this costs no additional work.
 
 use std::f64::consts::{FRAC_PI_6, TAU};
 
@@ -18,13 +18,13 @@ use super::{Blocks, Clock, Limit, Rendered, Settings, Sort, Surface, Work, draw}
 use crate::math::{equirect, num};
 use crate::types::{Camera, Data, Image, Splats};
 
-/// Angle from the pole within which there is a cap.
+/// Angle from the pole within which the cap is drawn, in radians.
 const CAP: f64 = FRAC_PI_6;
-/// Angle from the pole up to which only the cap is used.
+/// Angle from the pole up to which only the cap is used, in radians.
 const FADE: f64 = 5.0 / 6.0 * CAP;
 
-/// Pixels of a cap's picture per pixel of the layout along a great circle, at its centre: resampling between pixel
-/// centres blurs by about a pixel.
+/// Resolution at the centre of a cap's picture, in pixels per pixel of the layout along a great circle. It is
+/// above 1 because resampling between pixel centres blurs by about a pixel.
 const DENSITY: f64 = 1.5;
 
 /// Position, orientation and size of a panorama.
@@ -32,15 +32,15 @@ const DENSITY: f64 = 1.5;
 pub struct PanoramaCamera {
     /// Position, in world units.
     pub eye: DVec3,
-    /// The axis whose end is row 0.
+    /// Axis whose end is row 0.
     pub up: Up,
     /// Number of columns, even; there are half as many rows.
     pub width_px: u32,
 }
 
-/// Renders everything around a point as an equirectangular picture (see [`crate::math::equirect`]). Splats are
-/// sorted by distance, which is also the meaning of `near` and depth. Splats at or beyond `limit`, a surface as
-/// seen from the same point, are left out.
+/// Renders all directions around a point as an equirectangular picture (see [`crate::math::equirect`]).
+/// Splats are sorted by distance, and `near` and depth are distances too. Splats at or beyond `limit`, a
+/// surface as seen from the same point, are left out.
 pub fn panorama(
     splats: &Splats,
     around: &PanoramaCamera,
@@ -51,7 +51,7 @@ pub fn panorama(
     panorama_at(splats, around, limit, settings, cx, Level::new())
 }
 
-/// [`panorama`] with a given instruction set, which never changes the result.
+/// Same as [`panorama`] with a given instruction set, which never changes the result.
 pub fn panorama_at(
     splats: &Splats,
     &PanoramaCamera { eye, up, width_px }: &PanoramaCamera,
@@ -143,7 +143,7 @@ pub fn panorama_at(
     Ok(all)
 }
 
-/// The camera that looks up (1) or down (-1).
+/// Camera that looks up (`side` 1) or down (`side` -1).
 fn cap(eye: DVec3, up: Up, side: f64, width_px: u32) -> Camera {
     let [right, forward, above] = equirect::axes(up);
     let focal = DENSITY * f64::from(width_px) / TAU;
@@ -167,15 +167,16 @@ struct PanoramaPixel {
     blends: Option<f32>,
 }
 
-/// The picture around a pole.
+/// Picture around a pole.
 struct Cap<'a> {
     camera: &'a Camera,
     seen: &'a Rendered,
 }
 
 impl Cap<'_> {
-    /// Adds a share of the picture in a direction: colours interpolated between four pixel centres, depth and count
-    /// of the nearest pixel, since the mean of two depths may be in empty space.
+    /// Adds a share of the picture in a direction to a pixel. Colours are interpolated between four pixel
+    /// centres; depth and count are those of the nearest pixel, since the mean of two depths may be in empty
+    /// space.
     fn add(&self, direction: DVec3, share: f64, pixel: &mut PanoramaPixel) {
         let m = self.camera.world_from_camera();
         let along = |axis: glam::DVec4| axis.truncate().dot(direction);

@@ -1,22 +1,24 @@
-//! Where splats are densest along the rays of a picture.
+//! Peaks: the depths at which splats are densest along the rays of a picture.
 //!
-//! The depth of a splat's centre is not that of the surface at a pixel off the centre: a floor seen at a slant has
-//! its near half nearer than its centres. Along the ray `r` through a pixel, scaled to depth 1, a Gaussian of
-//! centre `c` and inverse covariance `A` is densest at the depth `(r.A c) / (r.A r)` (RaDe-GS, arXiv 2406.01467,
-//! eq. 10 to 15, which linearizes it; PGSR, arXiv 2406.06521, for flat splats). With `r = r0 + dr`, where `r0` is
-//! the ray through the centre at depth `z`, its inverse is `(1 + 2 e + q) / (1 + e) / z` of `e = dr.A r0 / r0.A r0`
-//! and `q = dr.A dr / r0.A r0`. For a flat splat `q = e^2`, and the inverse is linear in the pixel.
+//! The depth of a splat's centre is not that of the surface at a pixel off the centre: the near half of each
+//! splat of a floor seen at a slant is nearer than its centre. Along the ray `r` through a pixel, scaled to
+//! depth 1, a Gaussian of centre `c` and inverse covariance `A` has its greatest density at the depth `(r.A
+//! c) / (r.A r)` (RaDe-GS, arXiv 2406.01467, eq. 10 to 15, which linearizes it; PGSR, arXiv 2406.06521, for
+//! flat splats). With `r = r0 + dr`, where `r0` is the ray through the centre at depth `z`, the inverse of
+//! this depth is `(1 + 2 e + q) / (1 + e) / z`, with `e = dr.A r0 / r0.A r0` and `q = dr.A dr / r0.A r0`. For
+//! a flat splat `q = e^2`, and the inverse is linear in the pixel.
 
 use glam::DVec3;
 
 use super::camera_model::CameraModel;
 use super::shape::axes;
 
-/// Standard deviations of a splat's depth that its peak is held within: far from the centre along a splat seen edge on,
-/// the peak lies anywhere.
+/// Limit of the distance of a peak from the centre of its splat, in standard deviations of the depth of the
+/// splat. Far from the centre along a splat seen edge-on, the peak may lie anywhere.
 const HELD_SIGMAS: f64 = 2.0;
 
-/// Least standard deviation along an axis, as a share of the longest: a flat splat has an inverse covariance.
+/// Minimum standard deviation along an axis, as a share of the longest, so that a flat splat has an inverse
+/// covariance.
 const THINNEST: f64 = 1e-3;
 
 /// The share by which inverse depths of one sheet of splats may lie off their mean.
@@ -33,26 +35,27 @@ pub(super) const HELD_COUNTS: f64 = 0.01;
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Peak {
-    /// One over the depth of the centre.
+    /// Reciprocal of the depth of the centre.
     pub inverse: f64,
-    /// `e` a pixel to the right and a pixel down.
+    /// Change of `e` per pixel to the right and per pixel down.
     pub across: f64,
     pub down: f64,
-    /// `q` of pixels to the right and down: `xx dx^2 + 2 xy dx dy + yy dy^2`.
+    /// Coefficients of `q` for pixels to the right and down: `xx dx^2 + 2 xy dx dy + yy dy^2`.
     xx: f64,
     xy: f64,
     yy: f64,
-    /// One over the greatest and the least depth.
+    /// Reciprocals of the largest and the smallest depth.
     pub least: f64,
     pub most: f64,
 }
 
 impl Peak {
-    /// Fills buffers.
+    /// Placeholder for buffers.
     pub(super) const NONE: Self =
         Self { inverse: 0.0, across: 0.0, down: 0.0, xx: 0.0, xy: 0.0, yy: 0.0, least: 0.0, most: 0.0 };
 
-    /// The peaks of a splat whose centre lies at `offset` from the eye, at a depth greater than `near`.
+    /// Computes the peaks of a splat whose centre lies at `offset` from the eye, at a depth greater than
+    /// `near`.
     pub(super) fn of(
         camera_model: &impl CameraModel,
         offset: DVec3,
@@ -100,7 +103,8 @@ impl Peak {
         }
     }
 
-    /// One over the depth of the peak along the ray of a pixel at an offset from the centre, exactly.
+    /// Reciprocal of the depth of the peak along the ray of a pixel at an offset from the centre, without
+    /// linearization.
     pub(super) fn inverse_at(&self, dx: f64, dy: f64) -> f64 {
         let e = self.across * dx + self.down * dy;
         let q = self.xx * dx * dx + 2.0 * self.xy * dx * dy + self.yy * dy * dy;

@@ -22,10 +22,10 @@ use crate::types::Splats;
 const CHUNK_BITS: u32 = 13;
 const CHUNK: usize = 1 << CHUNK_BITS;
 
-/// A splat on the image plane. Its alpha at the pixel centre (x, y) is `opacity * 2^-(t^2 + s^2)` with
-/// `t = l11 (x - u) + l21 (y - v)` and `s = l22 (y - v)`: the Cholesky factor of the inverse covariance, which keeps needles
-/// exact where `a dx^2 + 2 b dx dy + c dy^2` cancels. Fits one cache line, since tiles access footprints in random
-/// order.
+/// A splat projected to the image plane. Its alpha at the pixel centre (x, y) is `opacity * 2^-(t^2 + s^2)`
+/// with `t = l11 (x - u) + l21 (y - v)` and `s = l22 (y - v)`: the Cholesky factor of the inverse covariance,
+/// which keeps needles exact where `a dx^2 + 2 b dx dy + c dy^2` cancels. Fits one cache line, since tiles
+/// access footprints in random order.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(crate) struct Footprint {
@@ -43,7 +43,7 @@ pub(crate) struct Footprint {
 /// A footprint in a row of tiles.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Entry {
-    /// Ascends from front to back.
+    /// Sort key, which increases from front to back.
     pub key: u64,
     pub index: u32,
     /// Columns of tiles, as in [`TileRange`].
@@ -51,14 +51,14 @@ pub(super) struct Entry {
     pub x1: u16,
 }
 
-/// The footprints of one job in file order, with their keys and the tiles that they touch.
+/// Footprints of one job in file order, with their keys and the tiles that they touch.
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,
-    /// Minimum distance of each centre in front of a limit, in world units; empty without a limit, or with 0
-    /// deviations.
+    /// Minimum distance of each centre in front of a limit, in world units. Empty if there is no limit, or if
+    /// it is 0 deviations.
     margins: Vec<f32>,
-    /// Position of the largest density of each footprint along rays; for `RayMedian`.
+    /// Peak of each footprint along rays, for `RayMedian`.
     peaks: Vec<Peak>,
     reaches: Vec<(u64, TileRange)>,
     skipped: u64,
@@ -67,14 +67,14 @@ struct Chunk {
     held: u64,
 }
 
-/// The footprints of a view in file order. They stay in the chunks of their jobs: joining them would take longer
-/// than all lookups.
+/// Footprints of a view in file order. They stay in the chunks of their jobs, because joining them would take
+/// longer than all lookups.
 pub(crate) struct Projected {
     chunks: Vec<Chunk>,
     /// Number of splats of the scene.
     splats: u64,
-    /// Numbers of splats with an opacity below the cut, and of others at or below the near plane; 0 unless almost
-    /// nothing is visible.
+    /// Number of splats with an opacity below the cut, and of others at or below the near plane; 0 unless
+    /// almost nothing is visible.
     faint: u64,
     behind: u64,
     /// log2 of the smallest alpha blended.
@@ -84,13 +84,13 @@ pub(crate) struct Projected {
 }
 
 impl Projected {
-    /// A single chunk, for calibration.
+    /// Makes a single chunk, for calibration.
     pub(super) fn of(footprints: Vec<Footprint>) -> Self {
         let chunks = vec![Chunk { footprints, ..Chunk::default() }];
         Self { chunks, splats: 0, faint: 0, behind: 0, log2_cut: 0.0, period: None }
     }
 
-    /// The footprints that touch each of these rows of tiles, in file order, chunk by chunk.
+    /// Footprints that touch each of these rows of tiles, in file order, chunk by chunk.
     pub(super) fn listed(&self, rows: &Range<usize>, cx: &Context) -> Result<Vec<Listed<Entry>>, NodeError> {
         cx.for_each_tile(self.chunks.len(), |chunk| {
             let number = (chunk << CHUNK_BITS) as u32;
@@ -100,8 +100,8 @@ impl Projected {
         })
     }
 
-    /// For each of this number of rows of tiles: the number of footprints that touch it, and an upper bound of the
-    /// number of pairs with a tile.
+    /// Number of footprints that touch each of this number of rows of tiles, and an upper bound of the number
+    /// of pairs with a tile.
     pub(super) fn in_rows(&self, rows: usize) -> Vec<[u64; 2]> {
         // Differences from row to row; a negative one wraps around.
         let mut sums = vec![[0_u64; 2]; rows + 1];
@@ -132,7 +132,7 @@ impl Projected {
         margins.get(index as usize % CHUNK).copied().unwrap_or(0.0)
     }
 
-    /// Position of the largest density of a footprint along rays, for `RayMedian`.
+    /// Peak of a footprint along rays, for `RayMedian`.
     #[inline(always)]
     pub(super) fn peak(&self, index: u32) -> &Peak {
         let peaks = &self.chunks[(index >> CHUNK_BITS) as usize].peaks;
@@ -167,7 +167,7 @@ impl Footprint {
         z: 0.0,
     };
 
-    /// The horizontal extent of the ellipse `alpha >= cut` in the row of tiles whose first pixel row is `y`; in
+    /// Horizontal extent of the ellipse `alpha >= cut` in the row of tiles whose first pixel row is `y`, in
     /// pixels, with a margin.
     pub(super) fn extent_in(&self, y: usize, log2_cut: f64) -> (f64, f64) {
         let reach = f64::from(self.log2_opacity) - log2_cut;
@@ -185,13 +185,14 @@ impl Footprint {
     }
 }
 
-/// Scalar code, compiled once per instruction set: the compiler vectorises its loops where it can.
+/// Projects a chunk by scalar code that is compiled once per instruction set: the compiler vectorises its
+/// loops where it can.
 #[inline(always)]
 fn chunk<S: Simd, L: CameraModel>(_simd: S, projection: &Projection<'_, L>, range: Range<usize>) -> Chunk {
     projection.chunk(range)
 }
 
-/// Projects every splat that can change a pixel; blocks without such splats are skipped.
+/// Projects every splat that can change a pixel. Blocks without such splats are skipped.
 pub(super) fn project<L: CameraModel>(
     splats: &Splats,
     blocks: Option<&Blocks>,
@@ -248,7 +249,7 @@ struct Projection<'a, L> {
     eye: DVec3,
     /// Degree of the harmonics that are used.
     degree: u32,
-    /// See [`Limit`](super::Limit); 0 without a limit.
+    /// Same as `sigmas` of [`Limit`](super::Limit); 0 if there is no limit.
     limit_sigmas: f64,
     /// False if every splat is drawn everywhere.
     bounded: bool,
@@ -290,7 +291,7 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         }
     }
 
-    /// True if no splat of the block of this one can be in the picture.
+    /// True if no splat of the block that starts at `first` can be in the picture.
     #[inline(always)]
     fn is_unseen(&self, first: usize) -> bool {
         self.blocks.is_some_and(|blocks| {
@@ -319,8 +320,9 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         offsets
     }
 
-    /// Adds the positions in the chunk (`first` for the first of these splats) of those that reach the cut and are
-    /// neither behind nor aside. Without branches, so that several are tested at once.
+    /// Adds to `places` the positions in the chunk of those splats that reach the cut and for which
+    /// `is_behind` and `is_aside` are false. `first` is the position of the first splat of the range. There
+    /// are no branches, so that several splats are tested at once.
     #[inline(always)]
     fn find(&self, range: Range<usize>, first: usize, places: &mut Vec<u16>) {
         let Self { splats, camera_model, settings, .. } = *self;

@@ -7,7 +7,7 @@ use crate::types::Splats;
 engine::choices! {
     /// Pixels at which a splat is evaluated.
     pub enum Bounds {
-        /// Pixels where its alpha reaches the cut: the exact ellipse.
+        /// Pixels where the alpha of the splat reaches the cut: the exact ellipse.
         Exact,
         /// Tiles that a square of 3 standard deviations touches, as in the INRIA rasterizer.
         Inria,
@@ -16,7 +16,7 @@ engine::choices! {
     }
 }
 engine::choices! {
-    /// Arithmetic of the blend; the projection is always in f64.
+    /// Arithmetic of blending; the projection is always in f64.
     pub enum Precision {
         /// Single precision, 8 pixels at once.
         F32,
@@ -51,12 +51,12 @@ engine::choices! {
         Expected,
         /// Depth of the splat at which transmittance falls to one half or below; +inf if it does not.
         Median,
-        /// As `Expected`, with each weight multiplied by the transmittance in front again: splats seen through others count
-        /// less, so the depth is closer to the first surface.
+        /// As `Expected`, with each weight multiplied again by the transmittance in front. Splats seen
+        /// through others count less, so the depth is closer to the first surface.
         Transmittance,
-        /// As `Median`, with the depth at which that splat is densest along the ray of the pixel, limited to two standard
-        /// deviations of its depth from its centre: an estimate of the surface that the splats represent. Depths of centres
-        /// are too small by 0.8 % for flat splats, this one by 0.02 %.
+        /// As `Median`, but with the depth at which that splat is densest along the ray of the pixel, limited
+        /// to two standard deviations of its depth from its centre. This estimates the surface that the
+        /// splats represent. Depths of centres are too small by 0.8 % for flat splats, and these by 0.02 %.
         RayMedian,
     }
 }
@@ -66,13 +66,14 @@ engine::params! {
     pub struct Drawing {
         /// Pixels at which a splat is evaluated.
         bounds: Bounds = Bounds::Exact, other("Inria");
-        /// Arithmetic of the blend; the projection is always in f64.
+        /// Arithmetic of blending; the projection is always in f64.
         precision: Precision = Precision::F32, other("F64"), knob(Precision, "F32", "F32", "F32", "F64");
         /// Highest degree of spherical harmonics that is used.
         sh_degree: u32 = 4, range(0, 4), other("0"), knob(Depth, "", "", "", "4");
-        /// Near plane: splats at or below this planar depth (in a panorama, this distance) are left out. Trainers
-        /// use 0.2 or less, within which a capture has haze around the eye. It is in metres, by `metres_per_unit`
-        /// of the scene; a warning reports a share of the scene that it cuts away.
+        /// Near plane: splats at or below this planar depth (in a panorama, this distance) are left out.
+        /// Trainers use 0.2 or less; within this distance a capture has haze around the eye. The value is in
+        /// metres, by `metres_per_unit` of the scene. A warning reports the share of the scene that the near
+        /// plane cuts away if it is large.
         near: f64 = 0.2, range(1e-12, 1e12), unit("m"), other("1.5");
         /// Variance of the low-pass filter added to every footprint, in square pixels (in a panorama, square samples).
         low_pass_px2: f64 = 0.3, range(0.0, 100.0), unit("px^2"), other("1.0");
@@ -83,7 +84,7 @@ engine::params! {
             knob(Cutoff, "0.002", "0.0005", "0.0001", "0.00001");
         /// Largest alpha of one splat.
         alpha_cap: f64 = 0.99, range(0.01, 1.0), other("0.5");
-        /// A pixel is finished when its transmittance would fall below this; 0 never stops early.
+        /// Transmittance below which a pixel is finished; 0 never stops early.
         stop: f64 = 1e-4, range(0.0, 0.5), other("0.3"), knob(Cutoff, "0.001", "0.0001", "0.0001", "0.0");
         /// Depth of a pixel.
         depth: DepthMode = DepthMode::Expected, other("RayMedian");
@@ -92,15 +93,15 @@ engine::params! {
     }
 }
 
-/// The replacement of parameters that former versions of the splat kinds had.
+/// Replacement of parameters that earlier versions of the splat kinds had.
 pub(crate) fn former(name: &str, last: u32) -> Option<Former> {
     let fields: &[&str] = &["skip_unseen", "skip_harmonics"];
     fields.contains(&name).then(|| Former::exhaustive(fields, last))
 }
 
 impl Drawing {
-    /// The settings for a scene, without checks that skip work if `exhaustive`; warns if its file says that it was trained
-    /// differently.
+    /// Settings for a scene. Checks that skip work are turned off if the run is `exhaustive`. Warns if the
+    /// file of the scene says that it was trained with other settings.
     pub(crate) fn settings(&self, sort: Sort, splats: &Splats, cx: &Context, notes: &mut Notes) -> Settings {
         let exhaustive = cx.exhaustive();
         let compensate = match self.compensation {
@@ -153,7 +154,7 @@ impl Drawing {
 pub struct Settings {
     /// Pixels at which a splat is evaluated.
     pub bounds: Bounds,
-    /// Arithmetic of the blend.
+    /// Arithmetic of blending.
     pub precision: Precision,
     /// Sort key of the splats.
     pub sort: Sort,
@@ -169,7 +170,7 @@ pub struct Settings {
     pub alpha_cut: f64,
     /// Largest alpha of one splat.
     pub alpha_cap: f64,
-    /// A pixel is finished, without the current splat, when its transmittance would fall below this.
+    /// Transmittance below which a pixel is finished, without the splat that would bring it below.
     pub stop: f64,
     /// Depth of a pixel.
     pub depth: DepthMode,
@@ -179,16 +180,16 @@ pub struct Settings {
     pub skip_unseen: bool,
     /// True to skip harmonics above the available degree.
     pub skip_harmonics: bool,
-    /// Largest memory of the lists of tiles in bytes, beyond one row that lists each splat once; never changes a
-    /// bit.
+    /// Maximum memory of the lists of tiles in bytes, beyond one row that lists each splat once. Never
+    /// changes a bit of the result.
     pub list_bytes: u64,
 }
 
-/// Side of a tile in pixels; that of the INRIA rasterizer, whose bounds depend on it.
+/// Side of a tile in pixels. It is that of the INRIA rasterizer, whose bounds depend on it.
 pub const TILE: usize = 16;
 
-/// Memory of the lists of tiles in bytes: enough for an ordinary view, and far less than all lists of a view whose
-/// splats cover it many times.
+/// Maximum memory of the lists of tiles in bytes. It is enough for an ordinary view, and far less than all
+/// lists of a view whose splats cover it many times.
 pub(crate) const LIST_BYTES: u64 = 1 << 26;
 
 impl Settings {
@@ -199,7 +200,7 @@ impl Settings {
 }
 
 impl Default for Settings {
-    /// The constants of the INRIA rasterizer (diff-gaussian-rasterization 59f5f77) with exact bounds.
+    /// Constants of the INRIA rasterizer (diff-gaussian-rasterization 59f5f77) with exact bounds.
     fn default() -> Self {
         Self {
             bounds: Bounds::Exact,

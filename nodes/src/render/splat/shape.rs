@@ -1,6 +1,6 @@
-//! Shapes of splats on the picture, in batches: their numbers are in arrays, and the single loop over these has no
-//! branches, so that the compiler vectorises it. Every lane does the same IEEE operations for any number of lanes,
-//! and a splat has the same bits in any batch.
+//! Shapes of splats in the picture, computed in batches. Their numbers are in arrays, and the single loop
+//! over these has no branches, so that the compiler vectorises it. Every lane does the same IEEE operations
+//! for any number of lanes, so a splat has the same bits in any batch.
 
 use glam::DVec3;
 
@@ -27,7 +27,7 @@ pub(super) struct Batch {
     xx: Lanes,
     yy: Lanes,
     det: Lanes,
-    /// Its determinant without the filter.
+    /// Determinant of the covariance without the filter.
     raw_det: Lanes,
     root_xx: Lanes,
     root_yy: Lanes,

@@ -6,18 +6,19 @@ use glam::{DVec3, Vec3};
 use crate::geometry::bvh::{Bvh, Ray};
 use crate::types::{Data, Image, Mesh};
 
-/// Triangles relative to an eye.
+/// Triangles of a surface, relative to an eye.
 pub struct Surface(Bvh);
 
 impl Surface {
-    /// A mesh seen from `eye`; both in world units.
+    /// Surface of a mesh as seen from `eye`. Both are in world units.
     pub fn new(mesh: &Mesh, eye: DVec3) -> Self {
         let corner = |i: u32| (mesh.position(i) - eye).as_vec3();
         let corners: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
         Self(Bvh::build(&corners))
     }
 
-    /// Distance to the surface, from either side, in the direction of each pixel, in world units; +inf without one.
+    /// Distance to the surface, from either side, in the direction of each pixel, in world units; +inf if
+    /// there is no surface.
     pub(super) fn distances(
         &self,
         width: usize,

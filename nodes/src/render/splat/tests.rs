@@ -117,7 +117,7 @@ const F64: Settings = Settings {
     list_bytes: settings::LIST_BYTES,
 };
 
-/// A pixel of the textbook, blended front to back.
+/// Pixel of the textbook implementation, blended front to back.
 struct TextbookPixel {
     rgb: [f64; 3],
     transmittance: f64,
@@ -126,8 +126,8 @@ struct TextbookPixel {
 impl TextbookPixel {
     const CLEAR: Self = Self { rgb: [0.0; 3], transmittance: 1.0 };
 
-    /// Blends splat `i`, with the value `weight` of its Gaussian here, seen along `direction`; returns whether more
-    /// may follow.
+    /// Blends splat `i`, with the value `weight` of its Gaussian at the pixel, seen along `direction`.
+    /// Returns whether more splats may follow.
     fn blend(&mut self, splats: &Splats, i: usize, weight: f64, direction: DVec3) -> bool {
         let alpha = (f64::from(splats.opacities[i]) * weight).min(0.99);
         if alpha < 1.0 / 255.0 {
@@ -160,8 +160,8 @@ fn covariance(splats: &Splats, i: usize) -> DMat3 {
     r * s * s * r.transpose()
 }
 
-/// The textbook, for one splat and one pixel: covariance, its inverse, the exponential. Only the harmonics are
-/// shared with the renderer.
+/// Textbook implementation for one splat and one pixel: covariance, its inverse, the exponential. It shares
+/// only the harmonics with the renderer.
 fn brute_force(splats: &Splats, camera: &Camera, x: usize, y: usize) -> [f64; 4] {
     let mut order: Vec<usize> = (0..splats.len()).collect();
     order.sort_by(|a, b| splats.means[*a][2].total_cmp(&splats.means[*b][2]));

@@ -1,4 +1,4 @@
-//! One tile: the task of blending, and the output.
+//! Blending of one tile: its input and output.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -9,13 +9,13 @@ use super::settings::TILE;
 use super::{DepthMode, Settings};
 use crate::types::{Data, Image};
 
-/// The rows of a picture covered by a row of tiles: tiles write their pixels to it when they are finished.
+/// Rows of a picture covered by a row of tiles. Tiles write their pixels to it when they are finished.
 pub(super) struct Strip<'a> {
     /// Columns.
     width: usize,
     rgba: &'a mut [[f32; 4]],
     depth: &'a mut [f32],
-    /// Empty unless blends are counted.
+    /// Number of blends of each pixel; empty unless they are counted.
     blends: &'a mut [f32],
     /// Empty unless depth is `RayMedian`.
     front: &'a mut [f32],
@@ -23,7 +23,7 @@ pub(super) struct Strip<'a> {
 }
 
 impl<'a> Strip<'a> {
-    /// The strips of a picture of this width.
+    /// Divides a picture of this width into strips.
     pub(super) fn of(
         width: usize,
         rgba: &'a mut [[f32; 4]],
@@ -86,7 +86,7 @@ impl Task<'_, '_> {
         }
     }
 
-    /// Depth at which the blend of each pixel ends, in rows of [`TILE`]; +inf outside of the picture.
+    /// Depth at which blending of each pixel ends, in rows of [`TILE`]; +inf outside of the picture.
     pub(super) fn limits(&self) -> Option<Vec<f32>> {
         let image = self.limit?;
         let [x0, y0, width, height] = self.area;

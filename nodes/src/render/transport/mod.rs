@@ -1,8 +1,8 @@
 //! Light transport: path tracing of a place, a mesh and a panorama, with objects inserted into it.
 //!
-//! Six rooms. Each uses only the rooms below it:
+//! It has six modules, and each uses only those below it:
 //!
-//! | room | what |
+//! | module | contents |
 //! |---|---|
 //! | [`picture`] | the pictures of a camera, in tiles, chunks of samples and stored parts |
 //! | [`path`] | paths: the light of one sample of one pixel |

@@ -54,7 +54,8 @@ pub(in super::super) fn bytes(pixels: usize) -> u64 {
     2 * (pixels as u64 * 640).min(oidn::MEMORY_BYTES) + pixels as u64 * 60
 }
 
-/// Averages of the receiver and of the object, as `Field::average` gives them: one thread each.
+/// Averages of the receiver and of the object, in the form that `Field::average` returns. Each is computed by
+/// one thread.
 pub(in super::super) fn filter(
     view: &View<'_>,
     [receiver, object]: [&Field; 2],
@@ -76,7 +77,7 @@ pub(in super::super) fn filter(
     Ok([lit, inserted])
 }
 
-/// R0 unchanged, and R1 as R0 times the filtered ratio.
+/// R0 unchanged, and R1 as the product of R0 and the filtered ratio.
 fn lit(
     library: &Library,
     size: [usize; 2],

@@ -1,4 +1,4 @@
-//! The energy report: what each step adds, and to which lights.
+//! Tests of the energy report: the light that each step adds, and the lights that it adds to.
 
 use super::*;
 
@@ -47,7 +47,7 @@ fn every_step_is_in_the_books() {
     assert_eq!(out.report.tables[0].rows[0][4], steps.rows[3][6]);
 }
 
-/// The numbers of a row of the table `steps`, by name of the step.
+/// Numbers in a row of the table `steps`, each with the name of the step.
 fn steps(report: &Report, row: usize) -> Vec<(&str, f64)> {
     let table = &report.tables[2];
     let number = |cell: &Cell| if let Cell::Number(v) = cell { *v } else { panic!("a number") };

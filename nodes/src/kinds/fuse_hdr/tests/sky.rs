@@ -1,4 +1,4 @@
-//! An unseen sky: when it is reported as missing, and how bright it becomes.
+//! Tests of an unseen sky: when it is reported as missing, and how bright it becomes.
 
 use std::f64::consts::PI;
 
@@ -6,7 +6,7 @@ use super::*;
 use crate::light::energy::Energy;
 use crate::math::equirect::pixel_solid_angle;
 
-/// Radiance of the true sky. The upper rows of half of the columns were not seen.
+/// Radiance of the true sky. The upper rows of half of the columns are unseen.
 const SKY: f64 = 0.6;
 /// Albedo of the ground under it.
 const ALBEDO: f64 = 0.3;
@@ -20,8 +20,8 @@ fn whole_sky() -> f64 {
     Energy::of(Up::PlusZ, W, &[1.0; W * H]).ground
 }
 
-/// An outdoor capture: `filled` in place of the sky above, a thin edge of it, and ground with an unseen part that
-/// was filled with white.
+/// Outdoor capture: `filled` in place of the sky above, a thin visible edge of the sky, and ground with an
+/// unseen part that was filled with white.
 fn capture(filled: f64, alpha: impl Fn(usize) -> f32) -> (Arc<Panorama>, Arc<Brackets>) {
     let ground = ALBEDO * SKY * whole_sky() / PI;
     let light = |at: usize| {

@@ -1,4 +1,4 @@
-//! Adaptive sampling, and the reported errors.
+//! Tests of adaptive sampling and of the reported errors.
 
 use super::*;
 use crate::types::Cell;
@@ -7,7 +7,7 @@ fn until(error: f64, samples: u32) -> PathTrace {
     PathTrace { max_error: Some(error), ..params(samples, Surroundings::OPEN) }
 }
 
-/// The scene of [`shadowed`] from so far away that most of the view is outside the shadow.
+/// Scene of [`shadowed`], seen from so far away that most of the view is outside the shadow.
 fn far(size: u32) -> (Mesh, Vec<Arc<Placed>>, Arc<Rig>) {
     let (plane, objects, _) = shadowed();
     (plane, objects, rig(DVec3::new(0.0, -4.0, 2.5), DVec3::new(0.0, 0.0, 0.2), size, 2.0))
@@ -17,7 +17,7 @@ fn layers(out: &Out) -> [&[f32]; 4] {
     [&out.without, &out.with, &out.object, &out.variance].map(|images| samples(images))
 }
 
-/// The row of the plan in the report.
+/// Row of the report that describes the samples of adaptive sampling.
 fn plan(out: &Out) -> Vec<f64> {
     let table = out.report.tables.iter().find(|table| table.name == "samples").expect("a plan");
     let number = |cell: &Cell| match *cell {
@@ -96,7 +96,7 @@ fn the_error_asked_for_is_reached() {
     assert!(rays < 8 * sixteenth, "{rays} {sixteenth}");
 }
 
-/// Renders with several seeds: for each, the value of every pixel and its reported variance.
+/// Value of every pixel and its reported variance, for each of several seeds.
 fn seeds(p: &PathTrace, n: u64, layer: usize) -> Vec<Vec<[f64; 2]>> {
     let (plane, objects, rig) = shadowed();
     let render = |seed| {
@@ -139,7 +139,8 @@ fn variance_is_that_of_many_seeds() {
     }
 }
 
-/// The shares of noisy pixels that differ from another render by at least two and three standard errors.
+/// Shares of noisy pixels that differ from another render by at least two and by at least three standard
+/// errors.
 fn beyond(a: &[[f64; 2]], b: &[[f64; 2]]) -> ([f64; 2], f64) {
     let pairs = a.iter().zip(b).filter(|([_, v], [_, w])| v + w > 0.0);
     let z: Vec<f64> = pairs.map(|([a, v], [b, w])| (a - b).abs() / (v + w).sqrt()).collect();
@@ -182,8 +183,8 @@ fn intervals_cover_where_samples_are_adapted() {
     assert!((bias / all).abs() < 2e-3, "{}", bias / all);
 }
 
-/// If the error is not reached, the note states the number of samples that would reach it, since errors fall with
-/// the square root.
+/// If the target error is not reached, the note gives the number of samples that would reach it, since errors
+/// fall with the square root of that number.
 #[test]
 fn what_would_reach_the_error_is_reported() {
     use crate::kinds::path_trace::reporting::report_plan;

@@ -1,5 +1,5 @@
-//! Objects whose foot is below the floor of a closed room, within the error of its mesh: the room lets in the same
-//! light as for an object that stands on the floor.
+//! Tests of objects whose foot is below the floor of a closed room, within the error of its mesh. The light
+//! that the room lets in is the same as for an object that stands on the floor.
 
 use super::materials::clear;
 use super::*;
@@ -11,7 +11,7 @@ fn cube(material: &Material, z: f64) -> [Arc<Placed>; 1] {
     [placed(&box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.4], false), material.clone(), DVec3::Z * z)]
 }
 
-/// A view of the foot of the cube at some height and its surroundings; a centimetre is three pixels.
+/// View of the foot of the cube at height `z` and its surroundings, in which a centimetre is three pixels.
 fn at_the_foot(z: f64) -> Arc<Rig> {
     rig(DVec3::new(-1.0, 0.05, 0.3 + z), DVec3::new(-0.2, 0.0, z), 24, 20.0)
 }
@@ -37,7 +37,7 @@ fn no_light_gets_in_under_a_foot() {
     }
 }
 
-/// Under a bright ceiling, the foot of an object is lit as it is a millimetre above the floor.
+/// Under a bright ceiling, the foot of a sunken object is lit as it is a millimetre above the floor.
 /// Mutation: `over` left out of `Integrator::surface` (seen red: 10 % off).
 #[test]
 fn a_sunk_foot_is_lit_like_one_on_the_floor() {
@@ -62,9 +62,10 @@ fn a_sunk_foot_is_lit_like_one_on_the_floor() {
     }
 }
 
-/// Surfaces beyond the walls of a room block none of its light: their outer side, the next room, another storey.
-/// Surfaces in the room do, and a mesh with every face from both sides blocks none. Mutation: `outside` to `false`
-/// in `Block::passes`; `lit_share` not asked in `Probe::decide` (each seen red).
+/// Surfaces beyond the walls of a room block none of its light: the outer sides of the walls, the next room,
+/// another storey. Surfaces in the room block light. A mesh whose faces are seen from both sides blocks none.
+/// Mutation: `outside` to `false` in `Block::passes`; `lit_share` not used in `Probe::decide` (each seen
+/// red).
 #[test]
 fn what_is_beyond_the_walls_takes_no_light() {
     let beside = |low: [f32; 3], high: [f32; 3]| box_mesh(low, high, true);
@@ -101,9 +102,9 @@ fn what_is_beyond_the_walls_takes_no_light() {
     assert!(told.starts_with("Room") && furnished[0] < 0.95 * alone[0], "{told}: {furnished:?}");
 }
 
-/// An object behind a wall, in the next room, changes nothing in this one: the light of the panorama starts at the
-/// wall. Mutation: in `sky_transmittance` return `all`; `before_the_light` give back what it is given (each seen
-/// red).
+/// An object behind a wall, in the next room, changes nothing in this room: the light of the panorama starts
+/// at the wall. Mutations, each seen red: `sky_transmittance` returns `all`; `before_the_light` returns its
+/// argument.
 #[test]
 fn objects_behind_a_wall_change_nothing() {
     let mut env = sunny();
@@ -133,9 +134,9 @@ fn objects_behind_a_wall_change_nothing() {
     }
 }
 
-/// If a mesh is too low, but within its error, a lamp lights the visible ground as on a correct mesh, and no light
-/// escapes from under a box that emits only at its bottom. Mutation: `lift` left out of `sample_emitters` (seen
-/// red: 4 % too bright).
+/// If a mesh is too low, but within its error, a lamp lights the visible ground as on a correct mesh, and no
+/// light escapes below a box that emits only at its bottom. Mutation: `lift` left out of `sample_emitters`
+/// (seen red: 4 % too bright).
 #[test]
 fn lamps_light_the_ground_where_the_camera_sees_it() {
     let lamp = Material { emissive: [3.0; 3], ..matte(0.0) };

@@ -1,4 +1,4 @@
-//! One pixel per block, as previews trace it.
+//! Tests of tracing one pixel per block, as previews do.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Cropping of tiles that are too far from the objects.
+//! Tests of the cropping of tiles that are too far from the objects.
 
 use super::*;
 use crate::geometry::sampling::{hash, unit};
@@ -12,7 +12,7 @@ struct Afar {
     how: PathTrace,
 }
 
-/// The result of a trace: S by pixels and channels, rays, and the note.
+/// Result of a trace: S by pixels and channels, the number of rays, and the note.
 struct Traced {
     ratio: Vec<f64>,
     rays: u64,
@@ -43,8 +43,8 @@ impl Afar {
     }
 }
 
-/// Exactly where tiles are cropped, S is 1 bit for bit. The omitted change is within the bound; it is measured with
-/// more samples, as the mean over tiles because of noise.
+/// S is exactly 1 where tiles are cropped, and only there. The omitted change is within the bound. It is
+/// measured with more samples, as the mean over tiles because of noise.
 #[test]
 fn what_is_left_out_is_within_the_bound() {
     let dark = Mesh { colours: vec![[0.02, 0.05, 0.4]; 4], ..plane(40.0) };
@@ -116,8 +116,8 @@ fn nothing_is_left_out_that_no_bound_is_known_of() {
     assert!(scene.trace(0.004, true).told.is_some());
 }
 
-/// Synthetic scenes that try to exceed the bound: mirrors, lenses, brushed and coated things,
-/// near and far, standing, hovering and below the floor, over floors and steps, under skies of strong contrast.
+/// Synthetic scenes that are designed to exceed the bound: mirrors, lenses, brushed and coated objects, near
+/// and far, standing, hovering and below the floor, over floors and steps, under skies of strong contrast.
 #[test]
 fn no_scene_changes_more_than_the_bound() {
     let mut left_out = 0;
@@ -176,7 +176,8 @@ fn no_scene_changes_more_than_the_bound() {
     assert!(left_out > 40, "{left_out} tiles");
 }
 
-/// An object far from all visible surfaces, to the side or overhead, costs only the camera rays that may see it.
+/// An object far from all visible surfaces, to the side or overhead, causes no rays except the camera rays
+/// that may see it.
 #[test]
 fn no_ray_asks_an_object_that_is_far_from_all() {
     for (at, env) in
@@ -192,8 +193,8 @@ fn no_ray_asks_an_object_that_is_far_from_all() {
     }
 }
 
-/// If the receiver is the light, an object high above rough ground or far to the side costs hardly any ray of
-/// `with`; for one close above an even floor, distant tiles are cropped.
+/// If the receiver emits the light, an object high above rough ground or far to the side causes hardly any
+/// ray of `with`. If it is close above an even floor, distant tiles are cropped.
 #[test]
 fn near_light_is_not_asked_for_what_is_far() {
     let rough = || {

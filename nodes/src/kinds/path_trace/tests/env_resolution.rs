@@ -1,9 +1,10 @@
-//! The number of columns that suffice for an environment, and a test that they do.
+//! Tests of the number of columns that an environment needs.
 
 use super::*;
 use crate::light::env_resolution::EnvResolution;
 
-/// A blue sky over brown ground with a disc of light of the given width in degrees, at an elevation of 40 degrees.
+/// Blue sky over brown ground with a disc of light of the given width in degrees, at an elevation of 40
+/// degrees.
 fn lit(width: usize, disc_deg: f64) -> Environment {
     let mut environment = constant(Up::PlusZ, [0.0; 3], width);
     let (sin, cos) = crate::math::num::sin_cos_deg(40.0);

@@ -1,4 +1,4 @@
-//! Tests at the ends of the parameter ranges, as listed in `docs/evidence/extremes.md`.
+//! Tests at the ends of the parameter ranges, which are listed in `docs/evidence/extremes.md`.
 
 use super::*;
 use crate::testing::row;
@@ -49,8 +49,9 @@ fn a_white_body_is_white_in_every_pose() {
     }
 }
 
-/// A white ball in a white sky is white; if its rays hit itself again, it would be dark. Tested at sizes of a
-/// millionth and a million units, and at a distance of some ten thousand times its size from the origin.
+/// A white ball in a white sky is white. If rays from its surface hit the ball again, it would be dark.
+/// Tested at sizes of a millionth and a million units, and at a distance from the origin of about ten
+/// thousand times its size.
 #[test]
 fn far_and_tiny_objects_do_not_shade_themselves() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 24, 1.5);
@@ -77,8 +78,8 @@ fn far_and_tiny_objects_do_not_shade_themselves() {
     row(42, "change 1e4 from the receiver", (aside - plain).abs(), 1e-3);
 }
 
-/// The shadow of a ball on a floor does not depend on the rest of the mesh: a stray triangle far away, or a floor
-/// of two triangles that reach to the horizon.
+/// The shadow of a ball on a floor does not depend on the rest of the mesh, such as a stray triangle far
+/// away, or a floor of two triangles that reach to the horizon.
 #[test]
 fn a_stray_triangle_and_a_huge_floor_change_nothing() {
     let (_, objects, rig) = shadowed();
@@ -154,8 +155,8 @@ fn a_scene_may_lie_anywhere_and_have_any_size() {
     }
 }
 
-/// Contact on a plane. The floor under a box is dark at any gap, except for the light that enters through the gap,
-/// and no light leaks at gap 0.
+/// The floor under a box is dark at any gap, except for the light that enters through the gap, and no light
+/// leaks in if the gap is 0.
 #[test]
 fn contact_shadow_is_dark_and_monotone_in_the_gap() {
     let below = rig(DVec3::new(0.0, 0.0, 3.0), DVec3::new(0.0, 0.001, 0.0), 6, 20.0);
@@ -174,8 +175,8 @@ fn contact_shadow_is_dark_and_monotone_in_the_gap() {
     assert!(last > 0.0);
 }
 
-/// The error of S over a part of the image falls at least with the square root of the number of samples, for any
-/// seed. A single sample works, too: its result is finite and unbiased.
+/// The error of S over a part of the image falls at least with the square root of the number of samples, for
+/// any seed. The result of a single sample is finite and unbiased.
 #[test]
 fn errors_fall_with_samples_whatever_the_seed() {
     let (plane, objects, rig) = shadowed();
@@ -207,9 +208,9 @@ fn errors_fall_with_samples_whatever_the_seed() {
     row(47, "bias of one sample, by the mean of 32", off, 0.01);
 }
 
-/// The maximum number of samples adds up to their mean in double precision, and agrees with a closed form as well
-/// as independent samples would, or better. Mutation: `*sum` kept in single precision by `Accumulator::add` (seen
-/// red).
+/// The maximum number of samples is summed in double precision, and the mean agrees with a closed form at
+/// least as well as that of independent samples. Mutation: `*sum` kept in single precision by
+/// `Accumulator::add` (seen red).
 #[test]
 fn a_million_samples_add_up() {
     const MOST: u32 = 1 << 20;
@@ -225,7 +226,7 @@ fn a_million_samples_add_up() {
     row(47, "error of 2^20 samples of an even sky, relative", error(MOST), 1e-5);
 }
 
-/// Scaling the light by a power of two is exact. At 1e-40 numbers keep 16 bits, and so does the ratio.
+/// Scaling the light by a power of two is exact. Numbers near 1e-40 keep 16 bits, and so does the ratio.
 #[test]
 fn light_of_any_strength_gives_the_same_picture() {
     let (plane, objects, rig) = shadowed();

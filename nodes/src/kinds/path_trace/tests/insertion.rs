@@ -1,4 +1,4 @@
-//! Objects on the receiver: shadows, contact, holdout, and reflected light.
+//! Tests of objects on the receiver: shadows, contact, holdout, and reflected light.
 
 use super::*;
 
@@ -82,8 +82,8 @@ fn emission_reaches_the_receiver() {
     assert!((covered(&out.object) - 5.0).abs() < 1e-4);
 }
 
-/// A mesh with black colours or channels of 0, as captures have where no photograph shows the surface, keeps the
-/// whole shadow, with the colours of a shadow on a grey mesh. Raised colours are reported.
+/// The shadow is complete on a mesh with black colours or channels of 0, which captures have where no
+/// photograph shows the surface, with the colours of a shadow on a grey mesh. Raised colours are reported.
 #[test]
 fn colours_of_the_mesh_do_not_colour_the_shadow() {
     // So wide that the camera sees nothing else.
@@ -107,8 +107,8 @@ fn colours_of_the_mesh_do_not_colour_the_shadow() {
     }
 }
 
-/// With `shadow_only`, `with` is the same bit for bit wherever the object is not visible, and the rays of the
-/// object are saved.
+/// With `shadow_only`, `with` stays the same bit for bit wherever the object is not visible, and no rays are
+/// traced for the object.
 #[test]
 fn a_shadow_alone_is_the_shadow() {
     let (plane, objects, rig) = shadowed();
@@ -130,9 +130,9 @@ fn a_shadow_alone_is_the_shadow() {
     assert!(samples(&alone.normal).chunks(3).all(|n| n[2] > 0.99 || n == [0.0; 3]));
 }
 
-/// Among several objects, one under the ground or outside the view is named, with the reason; one behind or inside
-/// another object, which may be made of glass, is not. Mutation: `is_before` left out of `unseen`, and `met` always
-/// true (each seen red).
+/// Among several objects, one under the ground or outside the view is named, with the reason. One behind or
+/// inside another object, which may be made of glass, is not. Mutation: `is_before` left out of `unseen`, and
+/// `met` always true (each seen red).
 #[test]
 fn one_of_several_objects_that_is_not_seen_is_named() {
     let (plane, objects, rig) = shadowed();
@@ -164,9 +164,9 @@ fn one_of_several_objects_that_is_not_seen_is_named() {
     }
 }
 
-/// Rods a third of a pixel wide, and a pane with a coverage of a third: `nearest` is their depth wherever any of
-/// the first 16 samples of a pixel hits them, and otherwise `depth`, which is that of the surface that covers most
-/// of the pixel's centre.
+/// Rods a third of a pixel wide, and a pane with a coverage of a third. `nearest` is their depth wherever any
+/// of the first 16 samples of a pixel hits them, and equals `depth` otherwise. `depth` is that of the surface
+/// that covers most of the pixel's centre.
 #[test]
 fn nearest_is_what_shows_anywhere_in_a_pixel() {
     let rod = box_mesh([-0.01, -0.01, 0.0], [0.01, 0.01, 1.0], false);

@@ -1,4 +1,4 @@
-//! Materials in whole renders: light transmitted by objects, and their shadows.
+//! Tests of materials in whole renders: light transmitted by objects, and their shadows.
 
 use super::*;
 use crate::render::transport::bsdf::{BsdfParams, straight};
@@ -193,7 +193,8 @@ fn lamps_light_what_is_around_them() {
     assert_eq!(mean(&out.with), 0.0);
 }
 
-/// Clear sheets in a row transmit all light until their number exceeds the maximum of vertices, which is reported.
+/// A row of clear sheets transmits all light until their number exceeds the maximum number of path vertices,
+/// which is reported.
 #[test]
 fn paths_that_are_too_long_are_reported() {
     let clear = Material { transmission: Map::of(1.0), roughness: 0.0, ..matte(1.0) };
@@ -214,8 +215,9 @@ fn paths_that_are_too_long_are_reported() {
     }
 }
 
-/// A normal map's green points up its picture, and v runs down it: a card with a map of one colour looks like one whose
-/// own normals are bent, whether tangents are made or fall back to the texture's coordinates.
+/// The green channel of a normal map points up its picture, while v runs down the picture. A card with a map
+/// of one colour looks like one whose own normals are bent, whether tangents are computed or taken from the
+/// texture coordinates.
 #[test]
 fn green_of_a_normal_map_points_up_the_picture() {
     use crate::types::{NormalMap, Sampler, Texture, TextureRef, Wrap};
@@ -256,9 +258,9 @@ fn green_of_a_normal_map_points_up_the_picture() {
     }
 }
 
-/// Emission under a clearcoat is attenuated by the reflection of the coat (KHR_materials_clearcoat): 0.96 of it is
-/// left at normal incidence and 0.747 at 75 degrees, by Fresnel's equations for an index of 1.5. So is its light on
-/// a floor.
+/// Emission under a clearcoat is attenuated by the reflection of the coat (KHR_materials_clearcoat): 0.96 of
+/// it remains at normal incidence and 0.747 at 75 degrees, by Fresnel's equations for an index of 1.5. The
+/// light that it casts on a floor is attenuated in the same way.
 #[test]
 fn a_clear_coat_dims_what_shines_under_it() {
     let coat = crate::types::Clearcoat { strength: Map::of(1.0), roughness: Map::of(0.0), normal: None };
@@ -308,8 +310,8 @@ fn mirrors_show_no_texels() {
     }
 }
 
-/// A ball of metal, which maps equal solid angles of the sky to equal areas of the picture, reflects the light of a
-/// sun of one texel exactly once: whether its lobes are wider than the texel, as wide, or narrower, and for any
+/// A metal ball, which maps equal solid angles of the sky to equal areas of the picture, reflects the light
+/// of a sun of one texel exactly once, for lobes wider than the texel, as wide, or narrower, and for any
 /// number of texels. Mutation: in `light_sample` the glossy lobe is kept.
 #[test]
 fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
@@ -342,8 +344,8 @@ fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
     }
 }
 
-/// A matte surface with bent shading normals reflects light by Lambert's law, summed over the texels above its
-/// triangles, for any viewer: the adjustment of normals for mirrors does not apply. Mutation:
+/// A matte surface with bent shading normals reflects light by Lambert's law, summed over the texels above
+/// its triangles, for any viewer, because normals are adjusted only for mirrors. Mutation:
 /// `Frame::around(matte_normal)` to `frame`.
 #[test]
 fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
@@ -378,9 +380,10 @@ fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
     }
 }
 
-/// Blended surfaces cover a pixel by their alpha with almost no noise, alone, behind another and behind a cut-out,
-/// and take that share of a sun's light: neither depends on independent random numbers. With independent random
-/// numbers, 16 samples would deviate by 0.125. Mutation: `front` by `accepts`; `object_transmittance` by `accepts`.
+/// Blended surfaces cover a pixel by their alpha with almost no noise, alone, behind another surface and
+/// behind a cut-out, and block the same share of the sun's light, because neither is decided by independent
+/// random numbers. With these, 16 samples would deviate by 0.125. Mutation: `front` by `accepts`;
+/// `object_transmittance` by `accepts`.
 #[test]
 fn blended_surfaces_are_smooth() {
     let sheet = |alpha: f32, z: f64| {

@@ -1,4 +1,4 @@
-//! Light through bodies (nested, filled, standing on the receiver and in it), compared with closed forms.
+//! Tests of light through bodies (nested, filled, standing on the receiver and in it) against closed forms.
 
 use super::materials::{clear, over_cosines};
 use super::samplers::matte_rules;
@@ -12,7 +12,7 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::surface::Surface;
 use crate::render::transport::sky::environment::EnvironmentLight;
 
-/// A material that absorbs half of the red light per metre and no blue light.
+/// Material that absorbs half of the red light per metre and no blue light.
 fn tinted(ior: f32) -> Material {
     clear(1.0, Some([ln(2.0), 0.5 * ln(2.0), 0.0]), ior)
 }
@@ -21,7 +21,7 @@ fn slab(low: f32, high: f32, size: f32, material: Material) -> Arc<Placed> {
     placed(&box_mesh([-size, -size, low], [size, size, high], false), material, DVec3::ZERO)
 }
 
-/// Mean red and blue of pictures.
+/// Mean red and blue of the pictures.
 fn red_and_blue(images: &Images, channels: usize) -> [f64; 2] {
     let of = |k: usize| {
         let values = samples(images).iter().skip(k).step_by(channels);
@@ -174,9 +174,9 @@ fn nested_glass_keeps_white_light() {
     }
 }
 
-/// If glass stands exactly on a table (also an object) or on the floor, the ground under it is visible and lit as
-/// if the glass were a millimetre higher. With a clear medium of index 1, in a body or a thin wall, it looks as if
-/// nothing were there. Mutation: `touching` to `None` in `Integrator::path_radiance`, `part.clear` not tested in
+/// If glass stands exactly on a table (which is also an object) or on the floor, the ground under it is
+/// visible and lit as if the glass were a millimetre higher. A body or thin wall of a clear medium of index 1
+/// is invisible. Mutation: `touching` to `None` in `Integrator::path_radiance`, `part.clear` not tested in
 /// `Objects::reach` (each seen red).
 #[test]
 fn glass_on_a_table_changes_nothing() {
@@ -193,8 +193,9 @@ fn glass_on_a_table_changes_nothing() {
     }
 }
 
-/// A body that shares a face with a surrounding one, and one that fills the hollow of another, absorb along their
-/// own path lengths. Mutation: `touching` to `None` in `Integrator::path_radiance` (seen red).
+/// Two bodies that share a face, one around the other, or one that fills the hollow of the other, absorb
+/// light along their own path lengths. Mutation: `touching` to `None` in `Integrator::path_radiance` (seen
+/// red).
 #[test]
 fn bodies_may_share_a_face() {
     let block = |low: f32, high: f32, inward| box_mesh([-100.0, -100.0, low], [100.0, 100.0, high], inward);
@@ -216,7 +217,7 @@ fn bodies_may_share_a_face() {
     }
 }
 
-/// Mean and the square of its standard error, of each channel.
+/// Mean of each channel, and the square of its standard error.
 fn estimate(n: u32, value: impl Fn(u32) -> Vec3) -> [DVec3; 2] {
     let values = || (0..n).map(|i| value(i).as_dvec3());
     let mean = values().sum::<DVec3>() / f64::from(n);
@@ -224,9 +225,9 @@ fn estimate(n: u32, value: impl Fn(u32) -> Vec3) -> [DVec3; 2] {
     [mean, spread / f64::from(n) / f64::from(n - 1)]
 }
 
-/// The two strategies by which a matte surface finds the sky agree, each used alone, whatever is in the way: light
-/// samples, which bodies attenuate, and scattered rays, which bodies let pass at random. A z-test of each colour,
-/// on the floor, in a body, and below one that stands in the floor.
+/// The two strategies by which a matte surface samples the sky agree, each used alone, whatever lies in
+/// between: light samples, which bodies attenuate, and scattered rays, which bodies let pass at random. A
+/// z-test of each colour, on the floor, in a body, and below one that stands in the floor.
 #[test]
 fn light_samples_and_scattered_rays_agree_through_bodies() {
     let wall = Material { base_colour: [0.9, 0.6, 0.3, 1.0], ..clear(1.0, None, 1.5) };

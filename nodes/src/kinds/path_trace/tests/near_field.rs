@@ -1,4 +1,4 @@
-//! The receiver as a light source, with the radiance that the panorama shows.
+//! Tests of the receiver as a light source, with the radiance that the panorama shows.
 
 use super::*;
 use crate::geometry::bvh::Ray;
@@ -10,12 +10,12 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::EnvironmentLight;
 use crate::testing::{SphereBins, chi_square};
 
-/// The point of capture of the panoramas below.
+/// Point of capture of the panoramas below.
 const EYE: DVec3 = DVec3::new(-0.9, -0.7, 1.1);
-/// A lamp on the wall at x = 2 of [`room`]: its lowest and highest y and z.
+/// Lamp on the wall at x = 2 of [`room`]: its lowest and highest y and z.
 const LAMP: [[f64; 2]; 2] = [[0.2, 1.2], [1.5, 2.3]];
 
-/// The panorama at [`EYE`] in a black room with the lamp, of radiance 10; each texel is the mean of many points.
+/// Panorama at [`EYE`] in a black room with the lamp, of radiance 10. Each texel is the mean of many points.
 fn lamplight(width: usize) -> Environment {
     let mut env = constant(Up::PlusZ, [0.0; 3], width);
     let sub = 8;
@@ -56,7 +56,7 @@ fn near(samples: u32) -> PathTrace {
     params(samples, Surroundings::Projected)
 }
 
-/// Mean of a small view that looks straight at a point of the room.
+/// Mean of a small view that looks perpendicularly at a point of the room.
 fn at(p: &PathTrace, env: &Environment, point: DVec3, normal: DVec3) -> f64 {
     of(p, &room(), env, point, normal)
 }
@@ -118,10 +118,10 @@ fn auto_is_near_where_the_receiver_is_what_the_panorama_shows() {
     assert!(decided(400.0, None).ends_with("the environment has no point of capture"));
 }
 
-/// Chi-square of light samples against the density that scattered rays evaluate, by direction from a point: in a
-/// room, in a room with a cupboard that hides some of the light, and above a patch of ground. Mutation:
-/// `square.sqrt()` to `1.0` in `NearFieldLight::spread`, the density of what is sky from both left out of
-/// `NearFieldLight::eval` (each seen red).
+/// Chi-square test of light samples against the density that is evaluated for scattered rays, by direction
+/// from a point: in a room, in a room with a cupboard that hides some of the light, and above a patch of
+/// ground. Mutation: `square.sqrt()` to `1.0` in `NearFieldLight::spread`, the density of directions that
+/// show the sky from both points left out of `NearFieldLight::eval` (each seen red).
 #[test]
 fn light_samples_follow_their_density() {
     let mut env = constant(Up::PlusZ, [0.0; 3], 16);
@@ -240,8 +240,8 @@ fn the_sun_through_a_window_lights_its_patch() {
     }
 }
 
-/// In a room so large that every visible point sees the walls in the same directions, near light equals distant
-/// light, also through nested bodies of tinted glass.
+/// In a room so large that every visible point sees the walls in the same directions, light emitted by the
+/// walls equals distant light, even through nested bodies of tinted glass.
 #[test]
 fn a_near_light_that_is_far_shines_through_bodies_as_a_far_one() {
     let hall = box_mesh([-400.0, -400.0, 0.0], [400.0, 400.0, 800.0], true);
@@ -280,9 +280,9 @@ fn nowhere_is_refused() {
     assert!(error.to_string().contains("point of capture"), "{error}");
 }
 
-/// In a room with a white lamp on a wall and bluish walls a hundredth as bright, the lamp is chosen in proportion
-/// to its share of each channel, in closed form, for any point of capture. Mutation: `hit.t * hit.t` to `hit.t`, `/
-/// (distance * distance)` left out; `up_to[k] > wanted[k]` to `up_to.y > wanted.y`.
+/// In a room with a white lamp on a wall and bluish walls a hundredth as bright, the lamp is chosen in
+/// proportion to its share of each channel, in closed form, for any point of capture. Mutation: `hit.t *
+/// hit.t` to `hit.t`, `/ (distance * distance)` left out; `up_to[k] > wanted[k]` to `up_to.y > wanted.y`.
 #[test]
 fn choices_follow_the_light_of_a_place() {
     let mut env = lamplight(256);
@@ -319,8 +319,8 @@ fn choices_follow_the_light_of_a_place() {
     }
 }
 
-/// White furnace: in a white room under uniform light objects change nothing, seen directly or in a mirror, since a
-/// cube reflects as much light to the floor as it blocks. Mutation: `objects_beyond` returns 0.
+/// White furnace: in a white room under uniform light objects change nothing, seen directly or in a mirror,
+/// since a cube reflects as much light to the floor as it blocks. Mutation: `objects_beyond` returns 0.
 #[test]
 fn a_white_room_stays_white_in_a_mirror() {
     let mut env = white();
@@ -348,8 +348,9 @@ fn a_white_room_stays_white_in_a_mirror() {
     }
 }
 
-/// An object in the next room, which the point of capture does not see except through the doorway, is reported; one
-/// in this room is not. Mutation: `all` to `any` in `report_unseen_places`, and its call left out (each seen red).
+/// An object in the next room, which is visible from the point of capture only through the doorway, is
+/// reported; one in the same room is not. Mutation: `all` to `any` in `report_unseen_places`, and its call
+/// left out (each seen red).
 #[test]
 fn an_object_that_the_point_of_capture_does_not_see_is_reported() {
     let cupboard = box_mesh([-0.6, 0.8, 0.0], [0.9, 1.5, 1.7], false);

@@ -1,5 +1,5 @@
-//! Random choices without a density: positions in a pixel, Russian roulette, coverage of surfaces. Samplers of
-//! directions and points have chi-square tests in their own files.
+//! Tests of random choices without a density: positions in a pixel, Russian roulette, coverage of surfaces.
+//! Samplers of directions and points have chi-square tests in their own files.
 
 use super::*;
 use crate::geometry::bvh::Ray;
@@ -36,8 +36,8 @@ fn expect_share(what: &str, probability: f64, happens: impl Fn(u32) -> bool) {
     assert!(z < 4.0, "{what}: {count} of {n} for {expected}");
 }
 
-/// A box filter: over many seeds, the first sample is uniformly distributed over its pixel.
-/// Mutation: `points.pair(0)` squared in `CameraRays::sample` (seen red).
+/// With the box filter, the first sample is uniformly distributed over its pixel, over many seeds. Mutation:
+/// `points.pair(0)` squared in `CameraRays::sample` (seen red).
 #[test]
 fn samples_fill_their_pixel_evenly() {
     let (rig, ground) = (inside(), Ground::default());

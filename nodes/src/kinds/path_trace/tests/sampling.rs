@@ -1,4 +1,4 @@
-//! Samples: their number, sharing and tracing, and their reported errors.
+//! Tests of samples: their number, sharing and tracing, and their reported errors.
 
 use super::*;
 

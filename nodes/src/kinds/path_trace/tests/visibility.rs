@@ -1,4 +1,4 @@
-//! Blocking of the environment, and interreflection in rooms.
+//! Tests of the blocking of the environment, and of interreflection in rooms.
 
 use super::*;
 
@@ -109,9 +109,9 @@ fn both_strategies_together_are_exact_for_any_sky() {
     }
 }
 
-/// The light that a slab of the receiver blocks from the floor of a room below it is its form factor, by Lambert's
-/// sum over the edges of its underside; if the receiver lets light pass, it blocks nothing. Mutation: `hit.back`
-/// not tested in `Block::passes` (seen red).
+/// The light that a slab of the receiver blocks from the floor of a room below it is its form factor, by
+/// Lambert's sum over the edges of its underside. If the receiver lets light pass, the slab blocks nothing.
+/// Mutation: `hit.back` not tested in `Block::passes` (seen red).
 #[test]
 fn a_slab_takes_its_form_factor_from_the_floor() {
     let furnished = merge(room(), box_mesh([-0.8, -0.8, 0.9], [0.8, 0.8, 1.0], false));
@@ -174,9 +174,10 @@ fn auto_finds_out_what_the_receiver_is() {
     assert_eq!(decided(&mixed, &inside()), "Transparent");
 }
 
-/// A room with a hole in a wall, without a known point of capture: in the evening nearly all light comes from its
-/// lamp, and the decision is the same from a camera at the hole, which sees much of the outside, as from one in a
-/// corner; by day the light comes from the hole. Mutation: `solid_light` not used in `Probe::decide` (seen red).
+/// A room with a hole in a wall, without a known point of capture. In the evening nearly all light comes from
+/// its lamp, and the decision is the same from a camera at the hole, which sees much of the outside, as from
+/// one in a corner. By day the light comes from the hole. Mutation: `solid_light` not used in `Probe::decide`
+/// (seen red).
 #[test]
 fn a_window_does_not_take_the_light_of_the_lamp() {
     let mut holed = room();

@@ -1,4 +1,4 @@
-//! The method of the paper: a diffusion model that was trained to show a picture at three stops less.
+//! The method of the paper: a diffusion model that was trained to darken a picture by three stops.
 //!
 //! The model is in the crate `learned`; this module passes it a panorama, and turns its output into a gain.
 
@@ -11,14 +11,14 @@ mod model;
 #[cfg(feature = "learned")]
 pub(super) mod picture;
 
-/// The files that a user must supply, where they are, and their sizes: for the error about a missing one.
+/// Error text about a missing file: the files that a user must supply, where to find them, and their sizes.
 pub(super) const WHERE: &str = "you must supply the weights: Flux.1 Kontext [dev] from \
     huggingface.co/black-forest-labs/FLUX.1-Kontext-dev, under its non-commercial licence, which you accept there: \
     `flux1-kontext-dev.safetensors` (23.8 GB; a GGUF of it has 6.7 GB with four bits per weight) and `ae.safetensors` \
     (0.3 GB); the encoded prompt (4 MB) and a LoRA for exposure (`train-exposure --backend flux-kontext`). It needs \
     the size of the transformer in memory plus 7 GB. See docs/kontext.md";
 
-/// Hint for a missing file; a build without the feature reports that instead.
+/// Hint about a missing file. A build without the feature reports that the feature is missing instead.
 pub(super) const SUPPLIED: Option<&str> = if cfg!(feature = "learned") { Some(WHERE) } else { None };
 
 /// Parameters of `Method::FluxKontext`.

@@ -11,7 +11,7 @@ use crate::light::linear::LinearPixels;
 use crate::math::color::{linear_from_srgb, luminance};
 use crate::math::num;
 
-/// Largest number of passes: from EV 0 to EV -24, the darkest exposure that can be requested.
+/// Maximum number of passes: from EV 0 to EV -24, the darkest exposure that can be requested.
 const MAX_PASSES: f64 = 8.0;
 
 impl Kontext<'_> {
@@ -19,20 +19,20 @@ impl Kontext<'_> {
         Ok(())
     }
 
-    /// Memory of the published model for a panorama of `width` columns in addition to its files, in bytes; a
+    /// Memory of the published model for a panorama of `width` columns in addition to its files, in bytes. A
     /// smaller model needs less.
     pub(in super::super) fn memory(&self, width: usize) -> u64 {
         let width = self.width(width);
         learned::flux::Memory::published((width, width / 2))
     }
 
-    /// Number of columns at which the model works.
+    /// Width at which the model works, in pixels.
     fn width(&self, width: usize) -> usize {
         width.min(self.width_px as usize) / 32 * 32
     }
 
-    /// Its files, with shards and the `config.json` next to them. The error about a missing file says where to
-    /// download it.
+    /// Files of the model, with shards and the `config.json` next to them. The error about a missing file
+    /// says where to download it.
     pub(in super::super) fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         let mut files = Vec::new();
         for file in self.files() {
@@ -56,7 +56,7 @@ impl Kontext<'_> {
         }
     }
 
-    /// The log2 gain of every clipped pixel, from the brightest exposure in which it is not clipped.
+    /// log2 gain of every clipped pixel, from the brightest exposure in which it is not clipped.
     pub(in super::super) fn predict(
         &self,
         pixels: &LinearPixels,
@@ -117,8 +117,8 @@ impl Kontext<'_> {
     }
 }
 
-/// Records the light of the picture `small` as passed to the model, and with its gains in the clipped part of each
-/// pixel.
+/// Records the light of the picture `small` as given to the model, and the light with the gains applied, in
+/// the clipped part of each pixel.
 fn record(
     books: &mut EnergyTable,
     (width, height): (usize, usize),
@@ -151,7 +151,7 @@ fn error(error: Error) -> NodeError {
     }
 }
 
-/// Forwards progress and cancellation between the model and the engine.
+/// Passes progress from the model to the engine, and cancellation from the engine to the model.
 struct Follow<'a>(&'a Context);
 
 impl Watch for Follow<'_> {

@@ -7,7 +7,8 @@ use crate::math::color::{linear_from_srgb, srgb_from_linear};
 /// Number of stops by which one pass darkens a panorama.
 pub const STOPS: f64 = 3.0;
 
-/// Display-encoded planes, one per channel, each pixel the mean of the light that falls on it.
+/// Display-encoded planes of a smaller picture, one per channel. Each pixel is the mean of the light that
+/// falls on it.
 pub fn shrunk(pixels: &LinearPixels, width: usize, height: usize) -> Vec<f32> {
     let mut planes = vec![0.0; 3 * width * height];
     let span = |i: usize, of: usize, from: usize| (i * from / of)..((i + 1) * from).div_ceil(of);
@@ -32,14 +33,14 @@ pub fn shrunk(pixels: &LinearPixels, width: usize, height: usize) -> Vec<f32> {
     planes
 }
 
-/// The part of pixel `i` of `n` that lies in pixel `j` of `m`, in pixels of the first.
+/// Part of pixel `i` of `n` that lies in pixel `j` of `m`, in units of the pixels of the first.
 fn overlap(i: usize, n: usize, j: usize, m: usize) -> f64 {
     let (low, high) = ((i * m).max(j * n), ((i + 1) * m).min((j + 1) * n));
     high.saturating_sub(low) as f64 / m as f64
 }
 
-/// The gain of each pixel from the exposures of the model, and whether it is clipped in all of them. Pictures are
-/// display-encoded, channel by channel; each exposure is [`STOPS`] below the previous one.
+/// Gain of each pixel from the exposures of the model, and whether the pixel is clipped in all of them.
+/// Pictures are display-encoded, channel by channel. Each exposure is [`STOPS`] below the previous one.
 pub fn gains(base: &[f32], exposures: &[Vec<f32>]) -> Vec<(f32, bool)> {
     let count = base.len() / 3;
     let pixel = |planes: &[f32], at: usize| [0, 1, 2].map(|c| linear_from_srgb(planes[c * count + at]));

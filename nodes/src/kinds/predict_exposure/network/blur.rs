@@ -11,8 +11,9 @@ pub(super) struct Fields {
 }
 
 impl Fields {
-    /// Two passes of boxes of half `radius` cells at the horizon, with a total reach of `radius`. Rows wrap, and
-    /// their boxes are widened by 1 / cos(latitude); columns continue across a pole on the opposite meridian.
+    /// Blurs the fields by two passes of a box of half `radius` cells at the horizon, with a total reach of
+    /// `radius`. Rows wrap around, and their boxes are widened by 1 / cos(latitude). Columns continue across
+    /// a pole on the opposite meridian.
     pub fn blurred(&self, radius: usize) -> Self {
         let half = (radius / 2).max(1);
         let once = self.along_rows(half).along_columns(half);
@@ -66,8 +67,8 @@ fn running_sums(sums: &mut Vec<[f64; FIELDS]>, values: impl Iterator<Item = [f64
     }
 }
 
-/// The mean of the `2 reach + 1` values around each place, from prefix sums of a line extended by `reach` on both
-/// sides.
+/// Writes the mean of the `2 reach + 1` values around each place, from prefix sums of a line extended by
+/// `reach` on both sides.
 fn window<'a>(to: impl Iterator<Item = &'a mut [f64; FIELDS]>, sums: &[[f64; FIELDS]], reach: usize) {
     let size = (2 * reach + 1) as f64;
     for ((to, low), high) in to.zip(sums).zip(&sums[2 * reach + 1..]) {

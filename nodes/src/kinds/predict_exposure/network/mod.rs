@@ -1,4 +1,4 @@
-//! The learned prediction: the amount and distribution of light hidden by clipping.
+//! Learned prediction: the amount and distribution of light hidden by clipping.
 
 mod blur;
 mod net;
@@ -19,18 +19,18 @@ pub(super) use self::net::Network;
 pub(super) use self::net::{AMOUNT, LIMITS};
 pub(super) use self::scene::{CELL, OVERVIEW, Scene};
 
-/// The built-in weights: safetensors in f16, made by `train-exposure` as described in docs/light.md.
+/// Built-in weights: safetensors in f16, made by `train-exposure` as described in docs/light.md.
 pub(super) const WEIGHTS: &[u8] = include_bytes!("../../../../weights/exposure.safetensors");
 /// Name of the built-in weights in messages.
 pub(super) const FILE: &str = "exposure.safetensors";
 
-/// Reads a file of weights. `file` is the name for messages.
+/// Reads a file of weights. `file` is the name of the file for messages.
 pub(super) fn parse(file: &str, bytes: &[u8]) -> Result<Network, Error> {
     Network::parse(file, bytes, OVERVIEW, CELL)
 }
 
-/// The light hidden in each clipped cell, averaged over the members of a network, and the disagreement of the
-/// members about each region, in stops.
+/// The light hidden in each clipped cell, averaged over the ensemble, and the disagreement of its members
+/// about each region, in stops.
 pub(super) struct Hidden {
     pub cells: Vec<f64>,
     pub disagreement: Vec<f64>,
@@ -63,8 +63,8 @@ pub(super) fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden
 }
 
 impl Hidden {
-    /// Raises the sun of a clear sky to at least its lower bound, and limits what it lights to the brightness of
-    /// white paper.
+    /// Raises the sun of a clear sky to at least its lower bound, and limits surfaces that it lights to the
+    /// brightness of white paper.
     pub fn with_suns(mut self, scene: &Scene) -> Self {
         for (region, sun) in scene.suns.iter().enumerate().filter(|(_, sun)| **sun > 0.0) {
             let least = sun * sun::FLUX * scene.open_flux;
@@ -77,8 +77,9 @@ impl Hidden {
         self.lit_below(scene)
     }
 
-    /// By daylight, clipped pixels below the horizon are lit surfaces, not lamps: a white surface reflects at most
-    /// its irradiance over pi. Light predicted beyond that belongs above the horizon.
+    /// Limits the light predicted below the horizon. By daylight, clipped pixels there are lit surfaces and
+    /// not lamps, and a white surface reflects at most its irradiance over pi. Light predicted beyond that is
+    /// moved above the horizon.
     fn lit_below(mut self, scene: &Scene) -> Self {
         let certain = scene.suns.iter().copied().fold(0.0, f64::max);
         let above: f64 =
@@ -100,7 +101,7 @@ impl Hidden {
     }
 }
 
-/// The log2 gain of every pixel, 0 outside of clipped regions, and the regions.
+/// log2 gain of every pixel, which is 0 outside of clipped regions, and the regions.
 pub(super) fn predict(
     network: &Network,
     clipped: &Clipped<'_>,

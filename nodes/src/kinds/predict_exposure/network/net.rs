@@ -1,17 +1,19 @@
-//! Forward pass of the exposure networks. Every sum has a fixed order, so it gives the same bits on every machine.
+//! Forward pass of the exposure networks. Every sum has a fixed order, so the result has the same bits on
+//! every machine.
 
 use crate::error::Error;
 use crate::math::nn::Weights;
 use crate::math::num;
 
-/// Slope of the units below 0.
+/// Slope of the activation (leaky ReLU) below 0.
 const LEAK: f32 = 0.1;
-/// Limits of scaled features in standard deviations: those of the whole panorama, and those of a cell.
+/// Limits of scaled features, in standard deviations: for features of the whole panorama, and for those of a
+/// cell.
 pub(in super::super) const LIMITS: [f32; 2] = [3.0, 4.0];
-/// Hidden light lies between 2^-8 and 2^8 times the visible light.
+/// Limit of log2 of hidden over visible light, in both directions.
 pub(in super::super) const AMOUNT: f64 = 8.0;
 
-/// An affine map for the amount of hidden light, and several networks of one shape for its distribution.
+/// Affine map for the amount of hidden light, and an ensemble of networks of one shape for its distribution.
 pub(in super::super) struct Network {
     /// Mean and standard deviation of the features of the whole panorama, and of those of a cell.
     scales: [(Vec<f32>, Vec<f32>); 2],
@@ -37,7 +39,7 @@ struct Affine {
 pub(in super::super) struct Prediction {
     /// log2 of hidden over visible flux.
     pub amount: f64,
-    /// The share of each cell, by each member.
+    /// Share of the hidden light in each cell, by each member.
     pub shares: Vec<Vec<f64>>,
 }
 
@@ -56,7 +58,7 @@ impl Affine {
 }
 
 impl Network {
-    /// Reads a file of weights. `file` is the name for messages.
+    /// Reads a file of weights. `file` is the name of the file for messages.
     pub fn parse(file: &str, bytes: &[u8], overview: usize, cell: usize) -> Result<Self, Error> {
         let weights = Weights::parse(file, bytes)?;
         let wrong = |name: &str, shape: &[usize], wanted: &str| {
@@ -172,7 +174,7 @@ mod tests {
     use safetensors::SafeTensors;
     use safetensors::tensor::{Dtype, TensorView, serialize};
 
-    /// The built-in weights with changed bytes and shapes of each tensor.
+    /// Built-in weights after `change` has modified the bytes and shapes of the tensors.
     fn changed(change: impl Fn(&str, &mut Vec<usize>, &mut Vec<u8>) -> bool) -> Result<Network, Error> {
         let tensors = SafeTensors::deserialize(WEIGHTS).expect("is sound");
         let mut kept = Vec::new();
@@ -218,8 +220,8 @@ mod tests {
         }
     }
 
-    /// The forward pass of the shipped networks in float64, for features in and beyond the range of panoramas.
-    /// Mutation: `LEAK` to 0, or a limit of `LIMITS` for the other.
+    /// The forward pass of the shipped networks agrees with one in float64, for features in and beyond the
+    /// range of panoramas. Mutation: `LEAK` to 0, or the two limits of `LIMITS` exchanged.
     #[test]
     fn the_forward_pass_is_that_of_float64() {
         let network = Network::parse("w", WEIGHTS, OVERVIEW, CELL).expect("is sound");

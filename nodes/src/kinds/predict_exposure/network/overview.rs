@@ -1,7 +1,8 @@
 //! Features of the whole panorama: visible surfaces compared with the visible light that falls on them.
 //!
-//! A surface of albedo a that reflects L receives pi L / a. If that exceeds the visible light, the rest is hidden:
-//! so the ground is compared with the light from above, and walls with the light from the opposite side.
+//! A surface of albedo a that reflects L receives pi L / a. If that exceeds the visible light, the rest is
+//! hidden. So the ground is compared with the light from above, and walls with the light from the opposite
+//! side.
 
 use glam::DVec3;
 
@@ -10,22 +11,23 @@ use crate::light::regions;
 use crate::math::equirect::axes;
 use crate::math::num;
 
-/// Smallest share, brightness and solid angle (sr) that is distinguished from less.
+/// Lower bound of shares, brightnesses and solid angles (in sr): smaller values are raised to it.
 const LEAST: f64 = 1e-4;
-/// Smallest luminance of a cell, and the limit of dark cells.
+/// Lower bound of the luminance of a cell, and the limit of dark cells.
 const BLACK: f64 = 2e-3;
 const DARK: f64 = 0.02;
-/// Sines of elevation: the limit of sky and ground, the limit of the near ground, and the highest wall.
+/// Sines of elevations: the boundary of sky and ground, the boundary of the near ground, and the top of
+/// walls.
 const HORIZON: f64 = 0.05;
 const NEAR: f64 = -0.3;
 const WALL: f64 = 0.4;
-/// Walls are evaluated in windows of this many columns of 256 to either side that are unclipped for at least this
-/// share.
+/// Half width of the windows in which walls are evaluated, in columns of 256, and the minimum unclipped share
+/// of a window.
 const REACH: usize = 8;
 const OPEN: f64 = 0.06;
 
 impl View<'_> {
-    /// The features, for regions with these cells and solid angles.
+    /// Computes the features, given the cells of each region and their solid angles.
     pub fn overview(&self, members: &[Vec<usize>], sizes: &[f64]) -> [f32; OVERVIEW] {
         let sphere = 4.0 * std::f64::consts::PI;
         let grid = self.grid;
@@ -93,7 +95,7 @@ impl View<'_> {
         std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0) as f32)
     }
 
-    /// Weighted mean of `value`, 0 without weight.
+    /// Weighted mean of `value`; 0 if there is no weight.
     fn mean(&self, value: impl Fn(usize) -> f64, weight: impl Fn(usize) -> f64) -> f64 {
         let (mut sum, mut total) = (0.0, 0.0);
         for cell in self.cells() {
@@ -104,7 +106,7 @@ impl View<'_> {
         sum / total.max(1e-9)
     }
 
-    /// Weighted quantiles of `values`, 0 without weight; ties in the order of the cells.
+    /// Weighted quantiles of `values`; 0 if there is no weight. Ties are in the order of the cells.
     fn quantiles<const N: usize>(
         &self,
         values: &[f64],
@@ -125,8 +127,8 @@ impl View<'_> {
         found
     }
 
-    /// The brightness of walls relative to the visible light that falls on them from the opposite side, in stops:
-    /// the mean over all azimuths where they are visible.
+    /// Brightness of walls relative to the visible light that falls on them from the opposite side, in stops:
+    /// the mean over all azimuths at which walls are visible.
     fn walls(&self) -> f64 {
         let width = self.grid.width;
         // For each column: unclipped light and solid angle near the horizon, the whole solid angle there, and light
@@ -175,7 +177,8 @@ mod tests {
     use crate::kinds::predict_exposure::grid::Grid;
     use engine::Up;
 
-    /// The numbers of a grey world that is `below` under the horizon and `above` over it, with one clipped cell.
+    /// Features of a grey world of brightness `below` under the horizon and `above` over it, with one clipped
+    /// cell.
     fn numbers(above: f64, below: f64) -> [f32; OVERVIEW] {
         let (width, height) = (64, 32);
         let cells = width * height;

@@ -17,51 +17,51 @@ pub(in super::super) const OVERVIEW: usize = 22;
 pub(in super::super) const CELL: usize = 37;
 /// Radii of the neighbourhoods, in columns of a grid of 256: 2.8, 8.4, 22.5 and 63 degrees.
 const RADII: [usize; 4] = [2, 6, 16, 45];
-/// Cells whose brightest channel is above this count as clipped in all channels.
+/// Value of the brightest channel above which a cell counts as clipped in all channels.
 const WHITE: f64 = 0.95;
 
 /// Input of the networks for one panorama.
 pub(in super::super) struct Scene {
     /// Features of the whole panorama.
     pub overview: [f32; OVERVIEW],
-    /// The clipped cells, in order.
+    /// Clipped cells, in order of their index.
     pub cells: Vec<ClippedCell>,
     /// Luminance times solid angle of the visible unclipped parts of all cells.
     pub open_flux: f64,
-    /// Luminance times solid angle of everything visible above the horizon.
+    /// Luminance times solid angle of all visible parts above the horizon.
     pub above: f64,
-    /// For each region, the degree to which it is the sun.
+    /// Degree to which each region is the sun, 0 to 1.
     pub suns: Vec<f64>,
 }
 
 /// One clipped cell.
 pub(in super::super) struct ClippedCell {
-    /// Its index in the grid.
+    /// Index of the cell in the grid.
     pub index: usize,
-    /// Index of its region.
+    /// Index of the region that contains the cell.
     pub region: usize,
     /// Features of the cell.
     pub features: [f32; CELL],
-    /// Solid angle of its clipped part, and luminance times that.
+    /// Solid angle of the clipped part of the cell, and its luminance times that angle.
     pub size: f64,
     pub flux: f64,
-    /// Sine of its elevation.
+    /// Sine of the elevation of the cell.
     pub sine: f64,
 }
 
 /// One connected clipped region.
 struct Region {
-    /// log2 of its solid angle.
+    /// log2 of the solid angle.
     size: f64,
     share: f64,
     /// Sine of elevation: mean, largest, smallest.
     sine: [f64; 3],
     centre: DVec3,
-    /// Root mean square angle from its centre.
+    /// Root mean square angle from the centre of the region.
     radius: f64,
     deepest: f64,
     white: f64,
-    /// Mean brightness of its near and wider surroundings.
+    /// Mean brightness of the near and of the wider surroundings.
     around: [f64; 2],
 }
 
@@ -73,13 +73,13 @@ pub(super) struct View<'a> {
     solid_angle: Vec<f64>,
     /// Sine of the elevation of each row.
     sine: Vec<f64>,
-    /// Luminance of the visible part.
+    /// Luminance of the visible part of each cell.
     pub luminance: Vec<f64>,
-    /// Visible unclipped part: solid angle, light and its luminance.
+    /// Visible unclipped part of each cell: solid angle, light and its luminance.
     pub open: Vec<f64>,
     pub open_rgb: Vec<[f64; 3]>,
     pub open_luminance: Vec<f64>,
-    /// Visible clipped part: solid angle, light and its luminance.
+    /// Visible clipped part of each cell: solid angle, light and its luminance.
     pub clipped: Vec<f64>,
     clipped_rgb: Vec<[f64; 3]>,
     pub clipped_luminance: Vec<f64>,
@@ -90,7 +90,7 @@ pub(super) fn log2(v: f64, least: f64) -> f64 {
 }
 
 impl<'a> View<'a> {
-    /// Normalises light to a white level of 1 from `ceiling`.
+    /// Normalises light from the white level `ceiling` to a white level of 1.
     fn new(grid: &'a Grid, up: Up, ceiling: f64) -> Self {
         let above = axes(up)[2];
         let row = |y: usize| y * grid.width;
@@ -129,8 +129,8 @@ impl<'a> View<'a> {
         self.solid_angle[cell / self.grid.width]
     }
 
-    /// Neighbourhoods of every cell at each radius: clipped share, log2 mean of the unclipped part, its blue over
-    /// red in stops, share clipped in all channels.
+    /// Four values of every cell for its neighbourhood at each radius: clipped share, log2 mean of the
+    /// unclipped part, ratio of blue to red of that part in stops, and share clipped in all channels.
     fn neighbourhoods(&self) -> Vec<Vec<[f64; 4]>> {
         let field = |c: usize| {
             let (all, open, [r, _, b]) = (self.solid_angle(c), self.open[c], self.open_rgb[c]);
@@ -154,7 +154,7 @@ impl<'a> View<'a> {
             .collect()
     }
 
-    /// The darkest channel of the clipped part of a cell.
+    /// Value of the darkest channel of the clipped part of a cell.
     fn least(&self, cell: usize) -> f64 {
         self.clipped_rgb[cell].into_iter().fold(1.0, f64::min)
     }
@@ -225,7 +225,7 @@ impl<'a> View<'a> {
 
 impl Scene {
     /// Describes a panorama with the clipped regions `labels` and the white level `ceiling`, which was 1 in
-    /// training. Features are normalised to a white level of 1; light is in the unit of the panorama.
+    /// training. Features are normalised to a white level of 1. Light is in the unit of the panorama.
     pub(in super::super) fn new(grid: &Grid, up: Up, labels: &Regions, ceiling: f64) -> Self {
         let view = View::new(grid, up, ceiling);
         let mut members = vec![Vec::new(); labels.count];

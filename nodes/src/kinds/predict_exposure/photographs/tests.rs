@@ -13,13 +13,13 @@ use crate::math::color::{code8, linear_from_srgb};
 const W: usize = 64;
 const H: usize = 32;
 
-/// Light at a column: a lamp, a sun and a moon, then a dim column; repeated every four columns, with dim columns
-/// that become brighter to the right.
+/// Light in a column: a lamp, a sun and a moon, then a dim column, repeated every four columns. Dim columns
+/// become brighter to the right.
 fn light(x: usize) -> f32 {
     [3.0, 30.0, 900.0, 0.2 + 0.01 * x as f32][x % 4]
 }
 
-/// Photographs of that light in a folder.
+/// Folder with photographs of that light.
 struct Place(TempDir);
 
 impl Place {
@@ -30,7 +30,8 @@ impl Place {
         place
     }
 
-    /// Writes an 8-bit photograph, with this alpha in every pixel, or with 0 in column 0 and this alpha elsewhere.
+    /// Writes an 8-bit photograph. `alpha` is the alpha of every pixel, or, if its flag is set, of all but
+    /// column 0, where alpha is 0.
     fn take(&self, name: &str, ev: f32, (width, height): (usize, usize), alpha: Option<(u16, bool)>) {
         let code = |x: usize| u16::from(code8(srgb_from_linear((light(x) * num::f32::exp2(ev)).min(1.0))));
         let pixel = |at: usize| {
@@ -78,7 +79,7 @@ impl Place {
     }
 }
 
-/// The panorama of that light, rotated to the left by some columns.
+/// Panorama of that light, rotated to the left by some columns.
 fn pano(turned: usize) -> Panorama {
     let codes = |at: usize| [srgb_from_linear(light((at + turned) % W).min(1.0)); 3];
     Panorama {
@@ -94,7 +95,7 @@ fn assert_near(found: &[f32], wanted: [f32; 4]) {
     assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 0.02), "{found:?}, not {wanted:?}");
 }
 
-/// The texts of the notes with an id.
+/// Texts of the notes with an id.
 fn reported<'a>(notes: &'a Notes, id: &str) -> Vec<&'a str> {
     notes.iter().filter(|note| note.id == id).map(|note| note.text.as_str()).collect()
 }
@@ -138,8 +139,8 @@ fn photographs_are_turned_with_their_panorama() {
     assert_eq!(reported(&notes, "photographs-between-pixels").len(), 1);
 }
 
-/// Colours do not depend on alpha; a hole shows nothing, and another photograph is used. Mutation: `alpha` not
-/// checked in `Photograph::shown`.
+/// Colours do not depend on alpha. In a hole another photograph is used. Mutation: `alpha` not checked in
+/// `Photograph::shown`.
 #[test]
 fn alpha_takes_no_light() {
     let place = Place::new();
@@ -229,9 +230,9 @@ fn files_are_read_where_nothing_is_clipped() {
     assert_eq!(out.brackets.exposures[0].rgb(1, 0), [1.0; 3], "a photograph is what was taken");
 }
 
-/// A panorama with a white level of code 246 of 255 loses no light that photographs show: pixels that they show
-/// brighter are clipped, with either gain, and equal ones are not. Mutation: `add_clipped` not called; `BRIGHTER`
-/// 0; `measured` false in `fuse`.
+/// A panorama with a white level of code 246 of 255 loses no light that photographs show: pixels that are
+/// brighter in the photographs are clipped, with either gain, and equal ones are not. Mutation: `add_clipped`
+/// not called; `BRIGHTER` 0; `measured` false in `fuse`.
 #[test]
 fn light_that_photographs_show_above_an_early_white_is_found() {
     let place = Place::new();

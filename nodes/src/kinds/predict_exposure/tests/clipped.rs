@@ -1,4 +1,4 @@
-//! Tests of which pixels count as clipped, and that no other pixel gets light.
+//! Tests of the set of pixels that count as clipped, and of other pixels, which get no light.
 
 use super::*;
 

@@ -1,9 +1,9 @@
-//! The effect of the number of pixels of a panorama and of their position.
+//! Tests of the effect of the number of pixels of a panorama and of their position.
 
 use super::*;
 
-/// A mirrored panorama gives mirrored light, also if it is finer than the grid. Mutation: `from_start` for
-/// `from_end` in `Grid::new`, or edges read to the right alone.
+/// A mirrored panorama gives mirrored light, even if it is finer than the grid. Mutation: `from_start` for
+/// `from_end` in `Grid::new`, or edges read only to the right.
 #[test]
 fn a_mirrored_panorama_gives_mirrored_light() {
     let scene = |width: usize| {

@@ -1,29 +1,30 @@
-//! The total amount of hidden light: a ridge regression on the features of the whole panorama.
+//! Total amount of hidden light: a ridge regression on the features of the whole panorama.
 
-/// Penalty of a squared weight, per unit of weight of the examples. Features have a standard deviation of 1.
+/// Penalty of a squared coefficient, per unit of weight of the examples. Features have a standard deviation
+/// of 1.
 const PENALTY: f64 = 0.08;
-/// Smallest amount of hidden light that is distinguished, in log2 relative to the visible light.
+/// Smallest amount of hidden light that is distinguished, as log2 relative to the visible light.
 const LEAST: f64 = -10.0;
 
-/// log2 of hidden over visible flux, affine in scaled features.
+/// Model of log2 of hidden over visible flux, affine in scaled features.
 pub(super) struct Amount {
     pub weight: Vec<f32>,
     pub bias: f32,
 }
 
-/// One panorama to fit to.
+/// One panorama of the fit.
 pub(super) struct Sample<'a> {
-    /// Its scaled features.
+    /// Scaled features of the panorama.
     pub numbers: &'a [f32],
     /// log2 of hidden over visible flux.
     pub amount: f64,
-    /// Its weight.
+    /// Weight of the panorama.
     pub weight: f64,
 }
 
 impl Amount {
-    /// Minimises the sum of squared errors and penalties. The error is that of the logarithmic amount, not of the
-    /// light: so a panorama that hides nothing counts as much as one that hides a sun.
+    /// Minimises the sum of squared errors and penalties. The error is that of the logarithm of the amount,
+    /// so a panorama that hides no light counts as much as one that hides a sun.
     pub fn fit(samples: &[Sample<'_>]) -> Self {
         let columns = samples.first().map_or(0, |sample| sample.numbers.len());
         let total: f64 = samples.iter().map(|s| s.weight).sum::<f64>().max(f64::MIN_POSITIVE);
@@ -52,14 +53,14 @@ impl Amount {
         Self { weight: weight.iter().map(|w| *w as f32).collect(), bias: bias as f32 }
     }
 
-    /// The amount for a panorama with these scaled features.
+    /// Amount for a panorama with these scaled features.
     pub fn of(&self, numbers: &[f32]) -> f64 {
         let sum = numbers.iter().zip(&self.weight).fold(0.0, |sum, (v, w)| sum + v * w);
         f64::from(sum + self.bias)
     }
 }
 
-/// Solves equations with a positive definite matrix, which has no zero pivot, by elimination.
+/// Solves equations by elimination. The matrix is positive definite and has no zero pivot.
 fn solve(mut rows: Vec<Vec<f64>>) -> Vec<f64> {
     let n = rows.len();
     for i in 0..n {

@@ -21,8 +21,8 @@ const STOPS: f64 = 1.2;
 /// random choice of the others.
 const CELLS: usize = 1400;
 const BRIGHTEST: usize = 250;
-/// Shares of the photographs that are taken from the finer panorama, and that have glints: 0, until the
-/// cross-validation of a whole training has tested them (0.5 and 0.3 are candidates).
+/// Shares of the photographs that are taken from the finer panorama, and that have glints. Both are 0 until a
+/// cross-validation of a whole training has tested them; 0.5 and 0.3 are candidates.
 const FINER: f64 = 0.0;
 const GLINTS: f64 = 0.0;
 /// Weight of a procedural panorama relative to a photograph of a real one.
@@ -30,27 +30,27 @@ const PROCEDURAL: f32 = 0.6;
 
 /// All training examples.
 pub(super) struct Course {
-    /// The real panoramas.
+    /// Real panoramas, for evaluation.
     held: Vec<HeldOut>,
-    /// The place of each example; `None` for procedural ones.
+    /// Place of each example; `None` for procedural ones.
     places: Vec<Option<usize>>,
-    /// Index of the photograph of its panorama; the first is unmodified.
+    /// Index of each example among the photographs of its panorama. The first one is unmodified.
     shots: Vec<u32>,
     /// Visible unclipped flux of each example.
     open: Vec<f64>,
     raw: Examples,
 }
 
-/// Data by which a held-out panorama is evaluated.
+/// Data for the evaluation of a held-out panorama.
 pub(super) struct HeldOut {
     pub name: String,
     place: usize,
-    /// Its unmodified photograph, and that of the finer panorama if there is one.
+    /// Unmodified photograph, and that of the finer panorama if there is one.
     pub plain: Example,
     pub fine: Option<Example>,
 }
 
-/// A random photograph: exposure, white balance, softness, grain, holes.
+/// Random parameters of a photograph: exposure, white balance, softness, grain, holes.
 fn shot(key: u32, ev: f64) -> Shot {
     let by_chance = |n: u32| f64::from(unit(hash(key, n)));
     let balance = std::array::from_fn(|c| {
@@ -65,7 +65,7 @@ fn shot(key: u32, ev: f64) -> Shot {
 }
 
 impl Course {
-    /// Photographs every panorama, real and procedural. `None` when stopped.
+    /// Photographs every panorama, real and procedural. Returns `None` if the training was stopped.
     pub fn new(
         panoramas: Vec<(String, Image<Linear>)>,
         plan: &Plan,
@@ -171,8 +171,9 @@ impl Course {
         raw.weight.push(weight);
     }
 
-    /// A line for each example: its place (empty for procedural ones), the index of the photograph, its weight,
-    /// visible flux, unclipped flux, hidden flux, and the features of the whole panorama.
+    /// Data of each example, one line per example: its place (empty for procedural ones), the index of the
+    /// photograph, its weight, visible flux, unclipped flux, hidden flux, and the features of the whole
+    /// panorama.
     pub fn numbers(&self) -> String {
         let mut text = "place,photograph,weight,visible,open,hidden".to_owned();
         (0..OVERVIEW).for_each(|k| text += &format!(",n{k}"));
@@ -198,12 +199,13 @@ impl Course {
         Digest::of(digests.as_bytes())
     }
 
-    /// The fold of cross-validation that a place belongs to.
+    /// Index of the fold of cross-validation that a place belongs to.
     fn fold(place: usize, folds: usize) -> usize {
         place % folds
     }
 
-    /// The examples for one network: those with hidden light, from all places except those of `fold`.
+    /// Indices of the examples for one network: those with hidden light, from all places except those of
+    /// `fold`.
     pub fn chosen(&self, fold: Option<usize>, folds: usize) -> Vec<usize> {
         let learns = |i: &usize| {
             let ([.., hidden, _], open) = (self.raw.fluxes[*i], self.open[*i]);
@@ -223,7 +225,7 @@ impl Course {
         [Scale::of(&self.raw.overview, OVERVIEW, among), Scale::of(&self.raw.features, CELL, real)]
     }
 
-    /// The amount fitted to the chosen examples.
+    /// Amount fitted to the chosen examples.
     pub fn amount(&self, chosen: &[usize], scales: &[Scale; 2]) -> Amount {
         let mut overview = self.raw.overview.clone();
         scales[0].apply(&mut overview, LIMITS[0]);
@@ -235,7 +237,7 @@ impl Course {
         Amount::fit(&chosen.iter().map(sample).collect::<Vec<_>>())
     }
 
-    /// All examples with scaled features and the hidden flux predicted by an amount.
+    /// All examples with scaled features and the hidden flux predicted by `amount`.
     pub fn scaled(&self, scales: &[Scale; 2], amount: &Amount) -> Examples {
         let raw = &self.raw;
         let mut scaled = Examples {
@@ -258,7 +260,7 @@ impl Course {
         scaled
     }
 
-    /// The unmodified photographs of the places of one fold, by name of the panorama.
+    /// Unmodified photographs of the places of one fold, by name of the panorama.
     pub fn held_out(&self, fold: usize, folds: usize) -> impl Iterator<Item = &HeldOut> {
         self.held.iter().filter(move |held| Self::fold(held.place, folds) == fold)
     }

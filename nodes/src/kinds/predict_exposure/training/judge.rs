@@ -1,4 +1,4 @@
-//! Evaluation of networks on held-out panoramas.
+//! Minimum share of the hidden light that a region must have to count for the uncertainty.
 
 use super::super::network::{Network as Forward, hidden};
 use super::truth::Example;
@@ -7,15 +7,15 @@ use crate::error::Error;
 use crate::io::exr::{self, Channel, Depth};
 use crate::math::num;
 
-/// Regions with at least this share of the hidden light count for the uncertainty.
+/// Limit to which the error of a region is clamped, in stops.
 const MATTERS: f64 = 0.05;
 /// Largest error of a region that counts, in stops.
 const LARGEST_ERROR: f64 = 4.0;
 
-/// The header of the lines of [`Judged::lines`].
+/// Header of the lines of [`Judged::lines`].
 pub(super) const COLUMNS: &str = "panorama,part,open,sun,visible,hidden,predicted,given,disagreement\n";
 
-/// Predicted and true fluxes of one clipped region.
+/// Hidden flux predicted by the networks alone, and with the rule for suns applied.
 struct Region {
     sun: f64,
     visible: f64,
@@ -28,7 +28,7 @@ struct Region {
 }
 
 impl Region {
-    /// The squared error of the networks, in stops, minus that of their disagreement.
+    /// Squared error of the networks, in stops, minus that of their disagreement.
     fn square(&self) -> f64 {
         let error = num::f64::log2(self.predicted.max(1e-12) / self.hidden);
         let error = error.clamp(-LARGEST_ERROR, LARGEST_ERROR);
@@ -36,13 +36,13 @@ impl Region {
     }
 }
 
-/// One panorama, evaluated by networks that were trained without its place.
+/// Evaluation of one panorama by networks that were trained without its place.
 pub(super) struct Judged {
     pub score: Score,
     regions: Vec<Region>,
     /// Visible unclipped flux.
     open: f64,
-    /// The light recovered from the plain photograph, as EXR.
+    /// Light recovered from the unmodified photograph, as EXR.
     pub recovered: Vec<u8>,
 }
 
@@ -70,13 +70,13 @@ impl Judged {
         Ok(Self { score, regions, open: scene.open_flux, recovered: recovered(example, &given)? })
     }
 
-    /// The regions that count for the uncertainty.
+    /// Regions that count for the uncertainty.
     fn matter(&self) -> impl Iterator<Item = &Region> {
         let total: f64 = self.regions.iter().map(|region| region.hidden).sum();
         self.regions.iter().filter(move |region| total > 0.0 && region.hidden > MATTERS * total)
     }
 
-    /// One line per region.
+    /// Data of the regions, one line per region.
     pub fn lines(&self, part: usize) -> String {
         let line = |r: &Region| {
             let (name, open) = (&self.score.name, self.open);
@@ -87,20 +87,20 @@ impl Judged {
     }
 }
 
-/// The errors of the prediction for a photograph, including the rule for suns.
+/// Errors of the prediction for a photograph, with the rule for suns applied.
 pub(super) fn judged(name: &str, example: &Example, network: &Forward) -> Score {
     let scene = &example.scene;
     score(name, example, &hidden(network, scene, scene.suns.len()).with_suns(scene).cells)
 }
 
-/// The errors of the photograph itself, and with this light in clipped cells.
+/// Errors of the photograph itself, and of the photograph with this light in clipped cells.
 fn score(name: &str, example: &Example, cells: &[f64]) -> Score {
     let none = vec![0.0; cells.len()];
     let [before, after] = [none.as_slice(), cells].map(|cells| errors(example, cells));
     Score { name: name.to_owned(), irradiance: [before[0], after[0]], contrast: [before[1], after[1]] }
 }
 
-/// The part of the errors about regions that the disagreement of networks does not explain, in stops.
+/// Part of the errors of regions that the disagreement of networks does not explain, in stops.
 pub(super) fn residual(held: &[Judged]) -> f64 {
     let squares: Vec<f64> = held.iter().flat_map(Judged::matter).map(Region::square).collect();
     (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt()
@@ -119,7 +119,7 @@ fn errors(example: &Example, cells: &[f64]) -> [f64; 2] {
     [log(sums[0], example.truth[0]), log(contrast(sums), contrast(example.truth))]
 }
 
-/// The plain photograph with this light in clipped cells, as EXR.
+/// Encodes the unmodified photograph with this light in clipped cells as EXR.
 fn recovered(example: &Example, cells: &[f64]) -> Result<Vec<u8>, Error> {
     let mut samples: Vec<f32> = example.rgb.iter().flat_map(|rgb| rgb.map(|v| v as f32)).collect();
     for (cell, hidden) in example.scene.cells.iter().zip(cells) {

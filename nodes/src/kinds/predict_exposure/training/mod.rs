@@ -48,15 +48,15 @@ pub enum Progress {
     Examples(usize, usize),
     /// A step of a network.
     Step {
-        /// The network, from 1.
+        /// Number of the network, from 1.
         network: usize,
         /// Number of networks to train.
         networks: usize,
-        /// The step, from 1.
+        /// Number of the step, from 1.
         step: usize,
         /// Number of steps of each network.
         steps: usize,
-        /// The mean loss since the last report.
+        /// Mean loss since the last report.
         loss: f32,
     },
 }
@@ -68,19 +68,20 @@ pub struct Score {
     pub name: String,
     /// log2 of predicted over true mean irradiance: for the unchanged panorama, and for the prediction.
     pub irradiance: [f64; 2],
-    /// log2 of predicted over true contrast of the dominant light, for the same two.
+    /// log2 of predicted over true contrast of the dominant light, for the same two cases.
     pub contrast: [f64; 2],
 }
 
 /// Result of a training run.
 pub struct Trained {
-    /// The file of weights.
+    /// Bytes of the file of weights.
     pub weights: Vec<u8>,
     /// Scores of the cross-validation, in order of name.
     pub scores: Vec<Score>,
-    /// Scores for photographs of [`FINE`] columns, for panoramas of that size.
+    /// Scores for photographs of [`FINE`] columns, for the panoramas that have this size.
     pub finer: Vec<Score>,
-    /// The light recovered from each panorama by networks trained without its place, as EXR, by name.
+    /// Light recovered from each panorama by networks trained without its place, as EXR, with the name of the
+    /// panorama.
     pub recovered: Vec<(String, Vec<u8>)>,
     /// Predicted and true fluxes of each clipped region of those panoramas, as comma-separated values.
     pub regions: String,
@@ -101,16 +102,16 @@ pub fn read(name: &str, bytes: &[u8]) -> Result<Image<Linear>, Error> {
     Ok(shrink((width, height), &rgb, if width < FINE { WIDTH } else { FINE }))
 }
 
-/// The place that a panorama shows: files whose names differ only in a number at the end, or in `_puresky`, show
-/// the same place.
+/// Name of the place that a panorama shows. Files whose names differ only in a number at the end, or in
+/// `_puresky`, show the same place.
 pub fn place(name: &str) -> &str {
     let name = name.strip_suffix("_puresky").unwrap_or(name);
     let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
     if stem.len() < name.len() { stem.trim_end_matches('_') } else { name }
 }
 
-/// Trains the networks. Finished networks are stored in `parts` and not trained again. `tell` receives the progress
-/// and returns whether to continue; a stopped training returns `None`.
+/// Trains the networks. Finished networks are stored in the folder `parts` and not trained again. `tell`
+/// receives the progress and returns whether to continue. A stopped training returns `None`.
 pub fn train(
     panoramas: Vec<(String, Image<Linear>)>,
     plan: &Plan,

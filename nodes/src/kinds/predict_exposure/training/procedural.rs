@@ -13,7 +13,7 @@ use crate::math::equirect::{direction, pixel_solid_angle};
 use crate::math::num;
 use crate::types::{Image, Linear};
 
-/// A stream of random numbers, keyed by seed and index.
+/// Stream of random numbers, keyed by seed and index.
 struct Chance {
     key: u32,
     count: u32,
@@ -29,7 +29,7 @@ impl Chance {
         low + (high - low) * self.next()
     }
 
-    /// A random number, evenly distributed in its logarithm.
+    /// Random number between `low` and `high` with a uniformly distributed logarithm.
     fn ratio(&mut self, low: f64, high: f64) -> f64 {
         num::f64::exp2(self.between(num::f64::log2(low), num::f64::log2(high)))
     }
@@ -46,7 +46,7 @@ impl Chance {
     }
 }
 
-/// Smooth noise with a standard deviation of about 1: values at the corners of a lattice, four octaves.
+/// Smooth noise at a point, with a standard deviation of about 1: lattice noise of four octaves.
 fn noise(key: u32, p: DVec3) -> f64 {
     let octave = |(sum, size, p): (f64, f64, DVec3), octave: u32| {
         let (cell, part) = (p.floor(), p - p.floor());
@@ -64,7 +64,7 @@ fn noise(key: u32, p: DVec3) -> f64 {
     (0..4).fold((0.0, 1.5, p), octave).0
 }
 
-/// Fills a panorama, up is +z.
+/// Fills a panorama with the colour of each direction. Up is +z.
 fn paint(colour: impl Fn(DVec3) -> DVec3) -> Image<Linear> {
     let (width, height) = (WIDTH, WIDTH / 2);
     let pixel = |i: usize| {
@@ -74,7 +74,7 @@ fn paint(colour: impl Fn(DVec3) -> DVec3) -> Image<Linear> {
     Image::from_samples(width, height, 3, (0..width * height).flat_map(pixel).collect())
 }
 
-/// Adds a disc of the given irradiance (facing it), spread over about a pixel.
+/// Adds a disc with the given irradiance of a plane that faces it, spread over about a pixel.
 fn add_disc(image: &mut Image<Linear>, toward: DVec3, radius: f64, irradiance: DVec3) {
     let (width, height) = (image.width, image.height);
     let fall = |x: usize, y: usize| {
@@ -96,7 +96,7 @@ fn add_disc(image: &mut Image<Linear>, toward: DVec3, radius: f64, irradiance: D
     }
 }
 
-/// A sky above ground: clear, cloudy, overcast or at night.
+/// Sky above ground: clear, cloudy, overcast or at night.
 fn outdoors(chance: &mut Chance) -> Image<Linear> {
     let key = chance.key;
     let night = chance.next() < 0.2;
@@ -155,13 +155,13 @@ fn outdoors(chance: &mut Chance) -> Image<Linear> {
 /// A light in a room: a rectangle on a wall, or a ball.
 struct Lamp {
     at: DVec3,
-    /// Half width and half height, on the wall with index `wall`; a ball has a radius.
+    /// Half width and half height of a rectangle on the wall with index `wall`, or the radius of a ball.
     half: DVec2,
     wall: Option<usize>,
     radiance: DVec3,
 }
 
-/// A room or a studio: a box, lights on its walls and in it, and light reflected by the walls.
+/// Room or studio: a box, lights on its walls and in it, and light reflected by the walls.
 fn indoors(chance: &mut Chance) -> Image<Linear> {
     let key = chance.key;
     let studio = chance.next() < 0.35;

@@ -1,4 +1,5 @@
-//! Ground truth for training: HDR panoramas, photographs of them that clip, and the light that clipping hides.
+//! Ground truth for training: HDR panoramas, photographs of them in which lights clip, and the light that
+//! clipping hides.
 
 use std::collections::BTreeMap;
 
@@ -41,7 +42,7 @@ pub struct Shot {
     pub grain: f64,
     /// Seed of the grain.
     pub seed: u32,
-    /// Sine of the elevation below which nothing was seen.
+    /// Sine of the elevation below which all pixels are holes.
     pub hole: f64,
     /// True if the finer panorama is used, so that cells of the grid can be clipped in part.
     pub fine: bool,
@@ -58,16 +59,18 @@ impl Shot {
 
 /// One photographed panorama.
 pub struct Example {
-    /// The photograph on the grid, linear.
+    /// Photograph averaged over the grid, linear.
     pub rgb: Vec<[f64; 3]>,
     /// The input of the network.
     pub scene: Scene,
-    /// Light hidden in each clipped cell: true less visible luminance, times solid angle.
+    /// Light hidden in each clipped cell: true minus visible luminance, times solid angle.
     pub hidden: Vec<f64>,
-    /// For each clipped cell: the cosine to the plane on which contrast is measured, in the first entry if the cell
-    /// is within 15 degrees of the dominant light, otherwise in the second; the other is 0.
+    /// Cosine of each clipped cell to the normal of the plane on which contrast is measured. It is the first
+    /// entry if the cell is within 15 degrees of the dominant light, and the second otherwise. The other
+    /// entry is 0.
     pub toward: Vec<[f64; 2]>,
-    /// Flux of the visible panorama: total, and on that plane from near the dominant light and from elsewhere.
+    /// Flux of the visible panorama: in total, and on that plane from near the dominant light and from
+    /// elsewhere.
     pub visible: [f64; 3],
     /// Flux of the ground truth, split in the same way.
     pub truth: [f64; 3],
@@ -110,7 +113,7 @@ impl Truth {
         Some(Self { image: env.image, fine, light })
     }
 
-    /// The panorama that a photograph is taken from.
+    /// Panorama that a photograph is taken from.
     fn taken(&self, shot: Shot) -> &Image<Linear> {
         self.fine.as_ref().filter(|_| shot.fine).unwrap_or(&self.image)
     }
@@ -145,7 +148,7 @@ impl Truth {
         }
     }
 
-    /// The example of one photograph.
+    /// Makes the example of one photograph. `None` if the light of the photograph is not valid.
     pub fn example(&self, shot: Shot) -> Option<Example> {
         let pano = self.photograph(shot);
         let pixels = clipped_light(&pano, &mut engine::Notes::none()).ok()?;
@@ -201,7 +204,8 @@ fn glints(shot: Shot, (width, height): (usize, usize)) -> BTreeMap<usize, f64> {
     (0..shot.glints).map(glint).collect()
 }
 
-/// Means of 3x3 samples by 1, 2, 1 across and down; rows wrap, the poles repeat.
+/// Smooths samples by a kernel of 3x3 with weights 1, 2, 1 across and down. Rows wrap around, and the rows at
+/// the poles are repeated.
 fn soften(samples: &[f32], width: usize) -> Vec<f32> {
     let height = samples.len() / (3 * width);
     let sample = |x: usize, y: usize, c: usize| samples[(y * width + x % width) * 3 + c];

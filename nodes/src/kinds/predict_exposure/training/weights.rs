@@ -24,7 +24,7 @@ fn write(tensors: &[(String, Vec<usize>, Vec<u8>)], dtype: Dtype) -> Result<Vec<
     serialize(views, None).map_err(fail)
 }
 
-/// The file of an amount and a set of networks, in f16.
+/// Bytes of the file of an amount and a set of networks, in f16.
 pub(super) fn file(
     scales: &[Scale; 2],
     amount: &Amount,
@@ -53,7 +53,7 @@ pub(super) fn file(
     write(&tensors, Dtype::F16)
 }
 
-/// Stores one network, exactly.
+/// Stores one network without rounding.
 pub(super) fn write_part(path: &Path, network: &Network) -> Result<(), Error> {
     let tensors: Vec<_> = network
         .tensors
@@ -74,7 +74,7 @@ pub(super) fn write_part(path: &Path, network: &Network) -> Result<(), Error> {
     std::fs::write(&temporary, bytes).and_then(|()| std::fs::rename(&temporary, path)).map_err(fail)
 }
 
-/// Reads a stored network; `None` if there is none.
+/// Reads a stored network. `None` if there is no such file.
 pub(super) fn read_part(path: &Path) -> Option<Network> {
     let bytes = std::fs::read(path).ok()?;
     let name = path.display().to_string();

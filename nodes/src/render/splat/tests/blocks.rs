@@ -1,4 +1,4 @@
-//! Skipping blocks changes no bit, and harmonics that are not needed are not evaluated.
+//! Tests that skipping blocks changes no bit, and that harmonics that are not needed are not evaluated.
 
 use super::block::{BLOCK, Block, Blocks};
 use super::*;
@@ -37,8 +37,8 @@ fn both(draw: impl Fn(bool) -> Rendered) -> Work {
     with.work
 }
 
-/// Skipped blocks change no bit. Seen red with `* self.steepest` dropped in `Pinhole::misses` and with
-/// `size.dot(half)` halved in `Block::most`.
+/// Skipped blocks change no bit. Mutation: `* self.steepest` dropped in `Pinhole::misses`, `size.dot(half)`
+/// halved in `Block::most` (each seen red).
 #[test]
 fn blocks_that_are_left_out_change_no_bit() {
     let mut random = Random(5);
@@ -119,8 +119,9 @@ fn a_block_bounds_its_splats() {
     }
 }
 
-/// A scene of degree 0 evaluates no direction and no harmonics; if forced, there and above any other degree, they
-/// change no bit. Seen red with 1e-3 for the zeros of `sh::colour_of_all`.
+/// For a scene of degree 0, no direction and no harmonics are evaluated. If their evaluation is forced, for
+/// this and any other degree, they change no bit. Mutation: 1e-3 for the zeros of `sh::colour_of_all` (seen
+/// red).
 #[test]
 fn harmonics_that_are_left_out_change_no_bit() {
     let colourful = cloud(400, 2);

@@ -1,5 +1,6 @@
-//! Rows of the table of numerical extremes, each against the textbook in float64, a formula or an invariant; those
-//! of files are tested with their loaders, those of panoramas with `stitch` and in `panorama`.
+//! Tests of the rows of the table of numerical extremes, each against the textbook in float64, a formula or
+//! an invariant. Rows about files are tested with their loaders, and those about panoramas with `stitch` and
+//! in `panorama`.
 
 use engine::Up;
 
@@ -9,7 +10,7 @@ use crate::testing::row;
 
 const FAST: Settings = Settings { precision: Precision::F32, ..F64 };
 
-/// Alpha of one round splat at a pixel, by the formula alone.
+/// Alpha of one round splat at a pixel, computed by the formula alone.
 fn alpha_at(camera: &Camera, sigma: f64, z: f64, opacity: f64, x: usize, y: usize) -> f64 {
     let size = camera.fx * sigma / z;
     let variance = size * size + 0.3;
@@ -18,7 +19,7 @@ fn alpha_at(camera: &Camera, sigma: f64, z: f64, opacity: f64, x: usize, y: usiz
     if alpha < 1.0 / 255.0 { 0.0 } else { alpha }
 }
 
-/// The largest deviation of alpha from the formula.
+/// Largest deviation of alpha from the formula.
 fn off_the_formula(sigma: f32, opacity: f32) -> f64 {
     let camera = camera(31, 31, 50.0);
     let splat = one([0.0, 0.0, 3.0], [sigma; 3], opacity, [1.0; 3]);
@@ -34,7 +35,7 @@ fn off_the_formula(sigma: f32, opacity: f32) -> f64 {
     largest
 }
 
-/// A row that a loader drops has no effect; the same holds here for splats that are kept but invisible.
+/// Splats that are kept but invisible change no bit, like rows that a loader drops.
 #[test]
 fn what_cannot_be_seen_changes_no_bit() {
     let splats = cloud(200, 51);
@@ -84,7 +85,7 @@ fn huge_splats_cost_one_evaluation_a_pixel() {
     }
 }
 
-/// Splats far smaller than a pixel, down to size 0, appear as the low-pass filter alone.
+/// Splats far smaller than a pixel, down to size 0, have the shape of the low-pass filter alone.
 #[test]
 fn scales_of_nothing_show_the_filter() {
     for scale in [num::f64::exp(-40.0) as f32, 1e-30, 1e-45, 0.0] {
@@ -92,7 +93,7 @@ fn scales_of_nothing_show_the_filter() {
     }
 }
 
-/// Opacity 1 is capped at 0.99, exactly; below the cut nothing is drawn.
+/// Opacity 1 is capped at 0.99 exactly, and splats with an opacity below the cut are not drawn.
 #[test]
 fn opacities_at_both_ends() {
     row(6, "alpha off the capped formula", off_the_formula(0.2, 1.0), 1e-6);
@@ -111,14 +112,14 @@ fn opacities_at_both_ends() {
     }
 }
 
-/// A file of no rows is an empty scene.
+/// A file without rows is an empty scene.
 #[test]
 fn an_empty_scene_is_background() {
     let seen = draw(&empty(0), &camera(8, 8, 60.0), F64);
     assert!(seen.rgba == [0.0; 256] && seen.depth == [f32::INFINITY; 64]);
 }
 
-/// Splats at the eye and behind the near plane are not drawn, and nothing is infinite.
+/// Splats at the eye and behind the near plane are not drawn, and all values are finite.
 #[test]
 fn the_near_plane_culls() {
     let at = |z: f32| one([0.0, 0.0, z], [0.5; 3], 0.9, [1.0; 3]);
@@ -138,8 +139,8 @@ fn the_near_plane_culls() {
     }
 }
 
-/// A needle a million times longer than wide, across the picture, into it and end-on, compared with the textbook in
-/// f64.
+/// A needle a million times longer than wide, across the picture, into it and end-on, agrees with the
+/// textbook in f64.
 #[test]
 fn needles_are_exact() {
     let camera = camera(200, 150, 60.0);
@@ -159,8 +160,8 @@ fn needles_are_exact() {
     }
 }
 
-/// Stopping early changes a deep pile by less than the remaining transmittance: as in the renderers that captures
-/// are trained with, the splat that would bring a pixel from above `stop` to below it is left out.
+/// Stopping early changes a deep pile by less than the remaining transmittance. As in the renderers that
+/// captures are trained with, the splat that would bring a pixel from above `stop` to below it is left out.
 #[test]
 fn stopping_early_costs_what_it_says() {
     let mut random = Random(4);
@@ -184,7 +185,7 @@ fn stopping_early_costs_what_it_says() {
     row(11, "with a cap of 0.5 (stop / (1 - cap))", largest_difference(&stopped, &all), 2.1e-4);
 }
 
-/// Equal depths are drawn in file order; different ones by depth, in any order of the file.
+/// Splats of equal depths are drawn in file order, and others by depth, in any order of the file.
 #[test]
 fn ties_follow_the_file_and_nothing_else_does() {
     let red = one([0.0, 0.0, 2.0], [0.3; 3], 0.9, [1.7, -1.7, -1.7]);
@@ -212,8 +213,8 @@ fn ties_follow_the_file_and_nothing_else_does() {
     }
 }
 
-/// In f64 an offset of the world only costs its rounding; the camera is subtracted before anything is rounded
-/// further.
+/// An offset of the world changes the picture only by its rounding in f64, because the camera position is
+/// subtracted before any other rounding.
 #[test]
 fn pictures_do_not_depend_on_where_the_world_is() {
     let splats = cloud(300, 6);
@@ -293,7 +294,7 @@ fn colours_that_overflow_are_capped_and_reported() {
     }
 }
 
-/// The widest and the narrowest angle, one pixel and a strip, compared with the textbook.
+/// The widest and the narrowest angle, one pixel and a strip agree with the textbook.
 #[test]
 fn odd_cameras_are_the_textbook() {
     let splats = cloud(200, 61);

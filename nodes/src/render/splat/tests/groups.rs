@@ -1,8 +1,8 @@
-//! Tiles in groups: not all lists of a picture are in memory at once.
+//! Tests of groups of tiles, with which not all lists of a picture are in memory at once.
 
 use super::*;
 
-/// Splats that each cover a good part of the picture.
+/// Splats that each cover a large part of the picture.
 fn wide(count: usize) -> Splats {
     let mut splats = cloud(count, 77);
     splats.scales.iter_mut().for_each(|scale| *scale = scale.map(|s| s * 8.0));

@@ -1,4 +1,4 @@
-//! Depth modes, counts and the limit.
+//! Tests of depth modes, counts and the limit.
 
 use super::*;
 

@@ -1,5 +1,5 @@
-//! Panoramas compared with a textbook implementation that shares only the harmonics and the layout with the
-//! renderer.
+//! Tests of panoramas against a textbook implementation that shares only the harmonics and the layout with
+//! the renderer.
 
 use std::f64::consts::{PI, TAU};
 
@@ -48,7 +48,7 @@ fn angles(up: Up, p: DVec3, width: f64) -> [f64; 2] {
     [u * width, v * 0.5 * width]
 }
 
-/// The textbook for one pixel: numerical derivative, covariance, its inverse, the exponential.
+/// Textbook implementation for one pixel: numerical derivative, covariance, its inverse, the exponential.
 fn brute_force(splats: &Splats, up: Up, width: u32, x: usize, y: usize) -> [f64; 4] {
     let width = f64::from(width);
     let mut order: Vec<usize> = (0..splats.len()).collect();
@@ -131,7 +131,8 @@ fn exact_bounds_lose_nothing_around_the_seam() {
     }
 }
 
-/// The world rotated about up by a number of columns gives the picture shifted by that number: there is no seam.
+/// If the world is rotated about up by a number of columns, the picture is shifted by that number, so there
+/// is no seam.
 #[test]
 fn turning_the_world_rolls_the_picture() {
     let (width, height) = (96_usize, 48);
@@ -179,7 +180,7 @@ fn turning_the_world_rolls_the_picture() {
     }
 }
 
-/// The view of a camera with one pixel in a direction, with the resolution of the picture of a cap.
+/// View of a camera with one pixel in a direction, with the resolution of the picture of a cap.
 fn single(splats: &Splats, direction: DVec3, width: u32) -> [f32; 4] {
     let right = direction.cross(direction.any_orthonormal_vector()).normalize();
     let axes = [right, direction.cross(right), direction].map(|axis| axis.extend(0.0));

@@ -1,4 +1,4 @@
-//! `RayMedian`: where splats are densest along rays.
+//! Tests of `RayMedian`, the depth at which splats are densest along rays.
 
 use engine::Up;
 
@@ -7,9 +7,10 @@ use crate::math::equirect;
 
 const RAY: Settings = Settings { depth: DepthMode::RayMedian, ..F64 };
 
-/// One opaque splat of any shape before the camera, by an inverse covariance and a ray: one over the depth at which it
-/// is densest, held within two standard deviations of its depth; and how far the linear form of it may be off: by the square
-/// of the least distance of the ray in standard deviations, over that of the eye.
+/// Reciprocal of the depth at which one opaque splat is densest along a ray, by its inverse covariance,
+/// limited to two standard deviations of its depth; and the expected error of the linear form of it: the
+/// square of the smallest distance of the ray from the centre in standard deviations, divided by that of the
+/// eye.
 fn textbook(splats: &Splats, ray: DVec3) -> (f64, f64) {
     let (sigma, centre) = (covariance(splats, 0), splats.mean(0));
     let a = sigma.inverse();
@@ -55,7 +56,7 @@ fn depth_is_where_the_splat_is_densest_along_the_ray() {
     assert!(pixels > 1000 && far > 5, "{pixels} pixels, {held} held, {far} far off");
 }
 
-/// A floor of flat splats a metre under the eye, turned a little by `tilt` at random.
+/// Floor of flat splats a metre under the eye, rotated at random by up to `tilt`.
 fn floor(up: Up, tilt: f64) -> Splats {
     let [right, forward, above] = equirect::axes(up);
     let (mut splats, mut random) = (empty(0), Random(3));

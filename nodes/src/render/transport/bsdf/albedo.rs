@@ -1,11 +1,11 @@
-//! Tables of directional albedo: the share of light towards a viewer that a lobe reflects, from all directions of
-//! incidence. They determine how much light a layer leaves to the layers below, and how much energy single
-//! scattering at microfacets loses, which a gain compensates (Turquin 2019, Practical multiple scattering
-//! compensation for microfacet models).
+//! Tables of directional albedo: the share of light towards a viewer that a lobe reflects, from all
+//! directions of incidence. They determine how much light a layer leaves to the layers below, and how much
+//! energy single scattering at microfacets loses, which a gain compensates (Turquin 2019, Practical multiple
+//! scattering compensation for microfacet models).
 //!
-//! Microfacets have tables for fixed relative indices and roughnesses, made on first use and interpolated. All
-//! quantities of a table come from the same sample points, so that excess reflection in a table is missing in its
-//! transmission.
+//! Tables for microfacets have fixed relative indices and roughnesses. They are computed on first use and
+//! interpolated. All quantities of a table come from the same sample points, so an excess of reflection in a
+//! table is compensated by its transmission.
 
 use std::sync::{LazyLock, OnceLock};
 
@@ -58,12 +58,12 @@ impl<const D: usize, const N: usize> Table<D, N> {
     }
 }
 
-/// The table coordinate of a cosine: denser at grazing angles, where albedos are steep.
+/// Table coordinate of a cosine. It is denser at grazing angles, where albedos are steep.
 fn place(cosine: f32) -> f32 {
     cosine.max(0.0).sqrt()
 }
 
-/// The viewer direction of a table coordinate.
+/// Viewer direction of a table coordinate.
 fn viewer(place: f32) -> Vec3 {
     let z = (place * place).max(1e-4);
     Vec3::new((1.0 - z * z).max(0.0).sqrt(), 0.0, z)
@@ -72,25 +72,25 @@ fn viewer(place: f32) -> Vec3 {
 /// Shares of the light towards a viewer by single scattering at microfacets.
 #[derive(Debug, Clone, Copy)]
 pub struct Facets {
-    /// Reflected by perfect mirrors.
+    /// Share reflected if facets are perfect mirrors.
     pub all: f32,
-    /// The part of `all` weighted by the rise of Schlick's reflectance, for metals.
+    /// Part of `all`, weighted by the rise of Schlick's reflectance, for metals.
     metal: f32,
-    /// The part of `all` weighted by Fresnel's reflectance, for dielectrics.
+    /// Part of `all`, weighted by Fresnel's reflectance, for dielectrics.
     dielectric: f32,
-    /// Transmitted by a dielectric interface.
+    /// Share transmitted by a dielectric interface.
     pub passed: f32,
-    /// Mean of `all` over the hemisphere, for light that meets a facet again.
+    /// Mean of `all` over the hemisphere, for light that hits a second facet.
     mean: f32,
     /// Mean over the hemisphere of the rise of Fresnel's reflectance.
     rise: f32,
 }
 
 impl Facets {
-    /// A surface without an interface, which needs no table.
+    /// Shares of a surface without an interface, which needs no table.
     pub const NONE: Self = Self { all: 1.0, metal: 0.0, dielectric: 0.0, passed: 1.0, mean: 1.0, rise: 0.0 };
 
-    /// The shares of a distribution, for a viewer in its frame and the relative index of the other side.
+    /// Shares of a distribution, for a viewer in its frame and the relative index of the other side.
     pub fn new(ggx: &Ggx, out: Vec3, eta: f32) -> Self {
         let [x, y] = ggx.alphas();
         if x <= y {
@@ -102,7 +102,7 @@ impl Facets {
         Self::of(eta, ggx.roughness(out), |slice| slice.brushed.get_or_init(|| brushed(slice.eta)).at(point))
     }
 
-    /// The shares of isotropic facets of a perceptual roughness.
+    /// Shares of isotropic facets of a perceptual roughness.
     pub fn round(cosine: f32, roughness: f32, eta: f32) -> Self {
         Self::of(eta, roughness, |slice| slice.round(place(cosine), roughness))
     }
@@ -116,27 +116,29 @@ impl Facets {
         Self { all: all.clamp(1e-3, 1.0), metal, dielectric, passed, mean, rise }
     }
 
-    /// Single and multiple scattering of a metal, given its reflectance at normal incidence.
+    /// Albedo of single and of multiple scattering of a metal, given its reflectance at normal incidence.
     pub fn metal(&self, f0: f32) -> [f32; 2] {
         let once = f0 * (self.all - self.metal) + self.metal;
         [once, once * self.gain(f0 + (1.0 - f0) / 21.0)]
     }
 
-    /// Single and multiple scattering of a dielectric by its reflectance at normal incidence.
+    /// Albedo of single and of multiple scattering of a dielectric, given its reflectance at normal
+    /// incidence.
     pub fn dielectric(&self, f0: f32) -> [f32; 2] {
         let once = f0 * (self.all - self.dielectric) + self.dielectric;
         [once, (once * self.gain(f0 + (1.0 - f0) * self.rise)).min(1.0)]
     }
 
-    /// The ratio of total to single scattering for facets of mean reflectance `f`; a white mirror reflects `all` by
-    /// single scattering.
+    /// Ratio of total to single scattering for facets of mean reflectance `f`. A white mirror reflects `all`
+    /// by single scattering.
     fn gain(&self, f: f32) -> f32 {
         1.0 + (1.0 - self.all) / self.all * again(f, self.mean)
     }
 }
 
-/// Multiple scattering of facets of mean reflectance `f`, as a share of the energy that a white mirror loses, which
-/// has a share of `mean`: light is attenuated at each further facet (the series of Kulla and Conty 2017).
+/// Multiple scattering of facets of mean reflectance `f`, as a share of the energy that a white mirror loses.
+/// `mean` is the mean of [`Facets::all`]. Light is attenuated at each further facet (the series of Kulla and
+/// Conty 2017).
 fn again(f: f32, mean: f32) -> f32 {
     f * mean / (1.0 - f * (1.0 - mean))
 }
@@ -154,7 +156,7 @@ pub fn mean_reflection(f0: f32, eta: f32, roughness: f32) -> f32 {
 /// Number of table coordinates and roughnesses of isotropic facets.
 const SIDE: usize = 32;
 
-/// The table index before a number from 0 to 1, and the distance beyond it.
+/// Table index before a number from 0 to 1, and the distance of the number from it.
 fn step(at: f32) -> (usize, f32) {
     let x = at.clamp(0.0, 1.0) * (SIDE - 1) as f32;
     let cell = (x as usize).min(SIDE - 2);
@@ -164,12 +166,13 @@ fn step(at: f32) -> (usize, f32) {
 /// Tables for one relative index.
 struct Slice {
     eta: f32,
-    /// For each roughness, over the viewer coordinate: `all`, `metal`, `dielectric` and `passed` of [`Facets`].
+    /// Values of `all`, `metal`, `dielectric` and `passed` of [`Facets`] over the viewer coordinate, for each
+    /// roughness.
     round: [OnceLock<[[f32; 4]; SIDE]>; SIDE],
     /// The same quantities for anisotropic facets, over the viewer coordinate, its azimuth, the roughness and the
     /// anisotropy.
     brushed: OnceLock<Table<4, 4>>,
-    /// For each roughness, means over the hemisphere, linear in f0: both terms for single and for multiple
+    /// Means over the hemisphere for each roughness, linear in f0: both terms for single and for multiple
     /// scattering.
     means: [OnceLock<[f32; 4]>; SIDE],
     rise: f32,
@@ -182,7 +185,7 @@ impl Slice {
         Self { eta, round, brushed: OnceLock::new(), means, rise }
     }
 
-    /// See [`Slice::round`], for one of the roughnesses.
+    /// Values of [`Slice::round`] for one of the roughnesses.
     fn line(&self, number: usize) -> &[[f32; 4]; SIDE] {
         let along = |k: usize| k as f32 / (SIDE - 1) as f32;
         self.round[number].get_or_init(|| {
@@ -229,11 +232,11 @@ fn brushed(eta: f32) -> Table<4, 4> {
     })
 }
 
-/// Slices per unit of index step: index 1.5 is a slice, and the last one has an index of 61.
+/// Number of slices per unit of index step. Index 1.5 is a slice, and the last slice has an index of 61.
 const STEPS: f32 = 20.0;
 const SLICES: usize = 45;
 
-/// The value of `f` for a relative index, interpolated between slices.
+/// Value of `f` for a relative index, interpolated between slices.
 fn at_index<const N: usize>(eta: f32, f: impl Fn(&Slice) -> [f32; N]) -> [f32; N] {
     static OUTSIDE: [OnceLock<Box<Slice>>; SLICES] = [const { OnceLock::new() }; SLICES];
     static INSIDE: [OnceLock<Box<Slice>>; SLICES] = [const { OnceLock::new() }; SLICES];
@@ -257,8 +260,9 @@ fn at_index<const N: usize>(eta: f32, f: impl Fn(&Slice) -> [f32; N]) -> [f32; N
     std::array::from_fn(|i| lower[i] + (upper[i] - lower[i]) * t)
 }
 
-/// See [`Slice::round`], by the mean over the visible facets: a Fibonacci lattice of two consecutive numbers. One
-/// of 233 points is better than 256 stratified points.
+/// Values of [`Slice::round`], computed as the mean over the visible facets at the points of a Fibonacci
+/// lattice, which is given by two consecutive Fibonacci numbers. A lattice of 233 points is better than 256
+/// stratified points.
 fn facets(ggx: &Ggx, out: Vec3, eta: f32, [step, n]: [u32; 2]) -> [f32; 4] {
     let mut sum = [0.0_f64; 4];
     for i in 0..n {
@@ -287,7 +291,7 @@ fn over_cosines<const N: usize>(f: impl Fn(f32) -> [f32; N]) -> [f32; N] {
     sum
 }
 
-/// Albedo of a white sheen; its formula exceeds 1 at grazing angles.
+/// Albedo of a white sheen, limited to 1, which the formula exceeds at grazing angles.
 pub fn sheen(cosine: f32, roughness: f32) -> f32 {
     static TABLE: LazyLock<Table<2, 1>> = LazyLock::new(|| {
         const SIDE: usize = 32;

@@ -9,7 +9,7 @@ use crate::geometry::sampling::circle;
 /// Minimum alpha; smoother surfaces cannot be resolved in f32.
 const NARROWEST: f32 = 1e-4;
 
-/// Alpha along the first two axes of the frame.
+/// GGX distribution, given by alpha along the first two axes of the frame.
 #[derive(Debug, Clone, Copy)]
 pub struct Ggx {
     x: f32,
@@ -21,38 +21,38 @@ pub struct Ggx {
 pub struct Mirror {
     /// Cosine between either direction and the facet.
     pub cosine: f32,
-    /// Value for a perfect mirror, times the cosine of the incident direction.
+    /// Value of the BRDF for a perfect mirror, times the cosine of the incident direction.
     pub value: f32,
     /// Density of the incident direction by [`Ggx::sample`].
     pub pdf: f32,
 }
 
 impl Ggx {
-    /// An isotropic distribution of a perceptual roughness.
+    /// Isotropic distribution of a perceptual roughness.
     pub fn isotropic(roughness: f32) -> Self {
         Self::anisotropic(roughness, 0.0)
     }
 
-    /// A distribution of a perceptual roughness, wider along the first axis, as KHR_materials_anisotropy defines
-    /// it.
+    /// Distribution of a perceptual roughness that is wider along the first axis, as KHR_materials_anisotropy
+    /// defines it.
     pub fn anisotropic(roughness: f32, strength: f32) -> Self {
         let alpha = roughness * roughness;
         Self::of([alpha + (1.0 - alpha) * strength * strength, alpha])
     }
 
-    /// A distribution with these alphas along both axes.
+    /// Distribution with these alphas along the two axes.
     pub fn of([x, y]: [f32; 2]) -> Self {
         Self { x: x.max(NARROWEST), y: y.max(NARROWEST) }
     }
 
-    /// The alphas along both axes.
+    /// Alphas along the two axes.
     pub fn alphas(&self) -> [f32; 2] {
         [self.x, self.y]
     }
 
-    /// The roughness of the isotropic distribution that loses about as much energy between facets towards `out`. At
-    /// normal incidence that is the mean of squares; elsewhere slopes along the view direction count less and
-    /// slopes across it more. Fitted to sampled albedos, and within 6 % of them.
+    /// Roughness of the isotropic distribution that loses about as much energy between facets towards `out`.
+    /// At normal incidence it follows from the mean of squares. At other angles, slopes along the view
+    /// direction count less and slopes across it more. Fitted to sampled albedos, and within 6 % of them.
     pub fn roughness(&self, out: Vec3) -> f32 {
         let aside = 0.425 * (1.0 - out.z * out.z).max(0.0);
         let x = self.x * self.x * (1.0 + aside - 0.85 * out.x * out.x);
@@ -60,7 +60,8 @@ impl Ggx {
         (0.5 * (x + y)).max(0.0).sqrt().sqrt().min(1.0)
     }
 
-    /// Density of facets (Walter et al. 2007), from the tangent components so that it stays exact near the pole.
+    /// Density of facets (Walter et al. 2007), computed from the tangent components so that it is exact near
+    /// the pole.
     fn d(&self, half: Vec3) -> f32 {
         let (x, y) = (half.x / self.x, half.y / self.y);
         let d = x * x + y * y + half.z * half.z;
@@ -73,14 +74,14 @@ impl Ggx {
         0.5 * ((1.0 + (x * x + y * y) / (d.z * d.z)).sqrt() - 1.0)
     }
 
-    /// Height-correlated masking-shadowing of both directions over masking of `out`. Either direction may be on
-    /// either side.
+    /// Height-correlated masking-shadowing of both directions, divided by the masking of `out`. Either
+    /// direction may be on either side.
     pub fn g2_over_g1(&self, out: Vec3, incident: Vec3) -> f32 {
         let own = 1.0 + self.lambda(out);
         own / (own + self.lambda(incident))
     }
 
-    /// Density of visible normals from `out`.
+    /// Density of visible normals as seen from `out`.
     pub fn vndf_pdf(&self, out: Vec3, half: Vec3) -> f32 {
         let facing = out.dot(half).max(0.0);
         self.d(half) * facing / (out.z * (1.0 + self.lambda(out)))
@@ -103,14 +104,14 @@ impl Ggx {
         Vec3::new(half.x * self.x, half.y * self.y, half.z.max(0.0)).normalize_or(Vec3::Z)
     }
 
-    /// The direction that a sampled facet reflects to `out`.
+    /// Incident direction that a sampled facet reflects to `out`.
     pub fn reflect(&self, out: Vec3, point: [f32; 2]) -> Vec3 {
         let half = self.sample(out, point);
         half * (2.0 * out.dot(half)) - out
     }
 }
 
-/// Schlick's (1 - cosine)^5.
+/// Schlick's factor (1 - cosine)^5.
 pub fn schlick(cosine: f32) -> f32 {
     let c = 1.0 - cosine;
     (c * c) * (c * c) * c

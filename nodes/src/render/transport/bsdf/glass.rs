@@ -24,7 +24,8 @@ pub fn refraction(ggx: &Ggx, out: Vec3, incident: Vec3, eta: f32) -> [f32; 3] {
     [pdf * (1.0 - fresnel(near, eta)) * ggx.g2_over_g1(out, incident), pdf, near]
 }
 
-/// Tint of transmission. A body is entered and left, a wall passed once; both apply the base colour once in total.
+/// Tint of transmission. Light enters and leaves a body, and passes through a wall once. In both cases the
+/// base colour is applied once in total.
 pub fn tint(params: &BsdfParams) -> Vec3 {
     if params.thick { Vec3::from_array(params.base.to_array().map(f32::sqrt)) } else { params.base }
 }
@@ -32,9 +33,9 @@ pub fn tint(params: &BsdfParams) -> Vec3 {
 /// Transmission of a surface.
 #[derive(Debug, Clone, Copy)]
 pub struct Glass {
-    /// Relative index of the other side; `None` for a thin wall.
+    /// Relative index of the other side. `None` for a thin wall.
     eta: Option<f32>,
-    /// Share, colour and gain.
+    /// Product of share, colour and gain.
     weight: Vec3,
     /// Share that facets reflect at any angle, and share of the rest that is transmitted.
     metal: f32,
@@ -44,7 +45,7 @@ pub struct Glass {
 }
 
 impl Glass {
-    /// The transmission of a surface below its gloss.
+    /// Transmission of a surface below its gloss. `None` if it transmits no light.
     pub fn new(params: &BsdfParams, gloss: &Gloss) -> Option<Self> {
         let share = params.transmission * (1.0 - params.metallic);
         let albedo = tint(params) * gloss.left * share;
@@ -60,24 +61,25 @@ impl Glass {
         (kept > 1e-3).then(|| Self { eta, weight: albedo / kept, metal, clear, albedo })
     }
 
-    /// True if anything is transmitted.
+    /// True if any light is transmitted.
     pub fn passes(&self) -> bool {
         self.clear > 0.0
     }
 
-    /// True if it bounds a body rather than being a thin wall.
+    /// True if the surface bounds a body, false if it is a thin wall.
     pub fn is_body(&self) -> bool {
         self.eta.is_some()
     }
 
-    /// Probability of reflection rather than refraction at a facet of a body; a wall chooses before the facet.
+    /// Probability of reflection rather than refraction at a facet of a body. `None` for a wall, which
+    /// chooses before a facet is sampled.
     pub fn reflection_probability(&self, facing: f32) -> Option<f32> {
         let f = fresnel(facing, self.eta?);
         let (mirrored, passed) = (self.metal + (1.0 - self.metal) * f, self.clear * (1.0 - f));
         Some(mirrored / (mirrored + passed))
     }
 
-    /// Transmission from `incident` below to `out` above; the density is that of the facet.
+    /// Transmission from `incident` below to `out` above. The density is that of the facet.
     pub fn eval(&self, ggx: &Ggx, out: Vec3, incident: Vec3) -> Scatter {
         let [value, pdf] = match self.eta {
             Some(eta) => {
@@ -93,13 +95,14 @@ impl Glass {
         Scatter { value: self.weight * value, pdf }
     }
 
-    /// A direction below, for a wall.
+    /// Samples a direction below the surface, for a wall.
     pub fn through(&self, ggx: &Ggx, out: Vec3, point: [f32; 2]) -> Vec3 {
         let mirrored = ggx.reflect(out, point);
         Vec3::new(mirrored.x, mirrored.y, -mirrored.z)
     }
 
-    /// A direction by a facet of a body, reflected or refracted by `choice`; `None` for a wall.
+    /// Samples a direction by a facet of a body, which reflects or refracts depending on `choice`. `None` for
+    /// a wall.
     pub fn sample_facet(&self, ggx: &Ggx, out: Vec3, point: [f32; 2], choice: f32) -> Option<Vec3> {
         let half = ggx.sample(out, point);
         let facing = out.dot(half);

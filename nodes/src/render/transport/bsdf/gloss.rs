@@ -1,4 +1,4 @@
-//! The specular base: dielectric interface and metal.
+//! Specular base: dielectric interface and metal.
 
 use glam::Vec3;
 
@@ -8,7 +8,7 @@ use super::ggx::{Ggx, schlick};
 use super::thin_film;
 use super::{BsdfParams, Scatter};
 
-/// The interface of a dielectric and the share of the surface that it covers; absent by default.
+/// Interface of a dielectric and the share of the surface that it covers; 0 by default.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Interface {
     index: f32,
@@ -49,9 +49,9 @@ impl Interface {
 /// Specular reflection at microfacets.
 #[derive(Debug, Clone, Copy)]
 pub struct Gloss {
-    /// The microfacet distribution.
+    /// Distribution of microfacets.
     pub ggx: Ggx,
-    /// Its albedos towards the viewer.
+    /// Albedos of the facets towards the viewer.
     pub facets: Facets,
     /// Relative index of the other side.
     pub eta: f32,
@@ -59,7 +59,7 @@ pub struct Gloss {
     dielectric: [Vec3; 2],
     /// Reflectance of the metal at normal and grazing incidence, times its share.
     metal: [Vec3; 2],
-    /// Compensation of energy lost between facets.
+    /// Factor that compensates the energy lost between facets.
     gain: Vec3,
     /// Directional albedo towards the viewer.
     pub albedo: Vec3,
@@ -132,7 +132,8 @@ impl Gloss {
         Self { ggx, facets, eta, dielectric, metal, gain, albedo, left }
     }
 
-    /// Reflection from `incident` to `out`, both above, and the cosine between either and the facet.
+    /// Reflection from `incident` to `out`, both above the surface, and the cosine between either direction
+    /// and the facet.
     pub fn eval(&self, out: Vec3, incident: Vec3) -> (Scatter, f32) {
         let mirror = self.ggx.mirror(out, incident);
         let risen = |[f0, f90]: [Vec3; 2], rise: f32| f0 * (1.0 - rise) + f90 * rise;
@@ -142,7 +143,7 @@ impl Gloss {
     }
 }
 
-/// A function of each channel that returns two values.
+/// Applies a function that returns two values to each channel.
 fn each(v: Vec3, f: impl Fn(f32) -> [f32; 2]) -> [Vec3; 2] {
     let [r, g, b] = v.to_array().map(f);
     [0, 1].map(|k| Vec3::new(r[k], g[k], b[k]))

@@ -20,7 +20,7 @@ const COAT: usize = 5;
 /// Minimum probability of a present lobe, before normalisation.
 const LEAST: f32 = 0.1;
 
-/// Index of refraction of the clearcoat.
+/// Index of refraction of the clearcoat, which its extension defines.
 const COAT_INDEX: f32 = 1.5;
 
 /// The clearcoat.
@@ -30,14 +30,14 @@ struct Coat {
     out: Vec3,
     gloss: Gloss,
     share: f32,
-    /// Share that it transmits to the layers below.
+    /// Share of light that the clearcoat transmits to the layers below.
     under: f32,
 }
 
 /// The sheen over the base.
 #[derive(Debug, Clone, Copy)]
 struct Sheen {
-    /// The viewer in the frame of the matte lobes.
+    /// Direction to the viewer in the frame of the matte lobes.
     out: Vec3,
     /// Colour, limited so that energy is conserved.
     colour: Vec3,
@@ -47,7 +47,7 @@ struct Sheen {
 }
 
 impl Sheen {
-    /// The sheen of a surface towards a viewer, if it has one.
+    /// Sheen of a surface towards a viewer. `None` if it has no sheen.
     fn new(params: &BsdfParams, out: Vec3) -> Option<Self> {
         let (colour, roughness) = params.sheen;
         ((colour != Vec3::ZERO || params.every_lobe) && !params.inside).then(|| {
@@ -56,7 +56,8 @@ impl Sheen {
         })
     }
 
-    /// Share that it transmits to the base: as the extension specifies, less by the largest channel.
+    /// Share of light that the sheen transmits to the base. As the extension specifies, it is reduced by the
+    /// largest channel.
     fn under(&self) -> f32 {
         1.0 - self.albedo.max_element()
     }
@@ -72,7 +73,7 @@ pub fn straight(params: &BsdfParams, cosine: f32) -> Vec3 {
     glass::tint(params) * gloss(params).left * (params.transmission * (1.0 - params.metallic) * sheen * coat)
 }
 
-/// Parameters of a clearcoat with a roughness.
+/// Parameters of a clearcoat with the given roughness.
 fn clear(roughness: f32) -> BsdfParams {
     BsdfParams { roughness, ior: COAT_INDEX, ..BsdfParams::default() }
 }
@@ -83,9 +84,9 @@ pub struct Layers {
     /// Frame of the specular lobes.
     frame: Frame,
     geometric: Vec3,
-    /// The viewer in the frame.
+    /// Direction to the viewer in the frame.
     out: Vec3,
-    /// Frame of the matte lobes: matte reflection does not depend on the viewer.
+    /// Frame of the matte lobes, since matte reflection does not depend on the viewer.
     matte_frame: Frame,
     matte: Vec3,
     through: Vec3,
@@ -103,7 +104,7 @@ pub struct Layers {
 }
 
 impl Layers {
-    /// See [`Bsdf::lit_side`](super::Bsdf::lit_side).
+    /// Same as [`Bsdf::lit_side`](super::Bsdf::lit_side).
     pub fn lit_side(&self) -> Option<Vec3> {
         let passes = self.glass.is_some_and(|glass| glass.passes()) || self.through != Vec3::ZERO;
         let frame = if self.matte == Vec3::ZERO { self.frame } else { self.matte_frame };
@@ -115,8 +116,9 @@ impl Layers {
         self.under
     }
 
-    /// A material in the frames of its matte lobes, of the other lobes of its base, and of its clearcoat. The
-    /// geometric normal and the normals of the last two are on the side of the unit direction `out`.
+    /// Layers of a material in the frames of its matte lobes, of the other lobes of its base, and of its
+    /// clearcoat. The geometric normal and the normals of the last two frames are on the side of the unit
+    /// direction `out`.
     pub fn new(
         [matte_frame, frame, coated]: [Frame; 3],
         geometric: Vec3,
@@ -164,7 +166,7 @@ impl Layers {
         layers
     }
 
-    /// Sets the probabilities of the lobes about in proportion to their albedo.
+    /// Sets the probabilities of the lobes approximately in proportion to their albedo.
     fn share(&mut self) {
         let mut weights = [
             self.matte * self.gloss.left * self.under,
@@ -192,7 +194,7 @@ impl Layers {
         self.shares[lobe] > 0.0 || self.every_lobe
     }
 
-    /// See [`Bsdf::eval`](super::Bsdf::eval).
+    /// Same as [`Bsdf::eval`](super::Bsdf::eval).
     pub fn eval(&self, incident: Vec3) -> [Scatter; 2] {
         let (i, m) = (self.frame.to(incident), self.matte_frame.to(incident));
         let above = incident.dot(self.geometric) > 0.0;
@@ -280,8 +282,8 @@ mod tests {
     use super::*;
     use crate::geometry::sampling::{Points, unit};
 
-    /// Evaluating and choosing among absent layers changes no bit of values, densities or sampled directions. Seen
-    /// red with a coat of a share of 1e-3.
+    /// Evaluating and choosing among absent layers changes no bit of values, densities or sampled directions.
+    /// Mutation: a coat with a share of 1e-3 (seen red).
     #[test]
     fn layers_of_no_strength_change_no_bit_where_they_are_evaluated() {
         let upright = Frame::around(Vec3::Z);

@@ -1,8 +1,9 @@
 //! BSDFs: how surfaces scatter light.
 //!
-//! The receiver is matte. Objects are glTF materials: from the top a clearcoat, a sheen, and a base that is a mix
-//! of metal and dielectric, the dielectric being a gloss over a matte, translucent or transparent layer. Each layer
-//! transmits what its directional albedo leaves, so that energy is conserved and white surfaces lose none.
+//! The receiver is matte. Objects have glTF materials: from the top a clearcoat, a sheen, and a base that is
+//! a mix of metal and dielectric, where the dielectric is a gloss over a matte, translucent or transparent
+//! layer. Each layer transmits the light that its directional albedo does not reflect, so that energy is
+//! conserved and white surfaces lose none.
 //!
 //! The lobes form two classes, sampled and weighted against light samples separately, because the receiver may be
 //! visible to one class and transparent to the other.
@@ -28,18 +29,18 @@ pub use layers::{Layers, straight};
 /// A class of lobes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lobe {
-    /// Light that entered the surface and left in any direction, and sheen.
+    /// Light that entered the surface and leaves it in any direction, and sheen.
     Diffuse,
-    /// Light reflected or refracted at an interface.
+    /// Light that is reflected or refracted at an interface.
     Specular,
 }
 
-/// The value of one class of lobes for a pair of directions.
+/// Value of one class of lobes for a pair of directions.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Scatter {
     /// BSDF value times the cosine of the incident direction.
     pub value: Vec3,
-    /// Density of sampling this incident direction by this class, including the choice of lobe.
+    /// Density of sampling the incident direction by this class, including the choice of lobe.
     pub pdf: f32,
 }
 
@@ -48,7 +49,7 @@ pub struct Scatter {
 pub struct BsdfParams {
     /// Linear base colour.
     pub base: Vec3,
-    /// 0 for a dielectric to 1 for a metal.
+    /// Metalness from 0 (dielectric) to 1 (metal).
     pub metallic: f32,
     /// Perceptual roughness.
     pub roughness: f32,
@@ -62,7 +63,7 @@ pub struct BsdfParams {
     pub thick: bool,
     /// True if this is the inner side of a thick body.
     pub inside: bool,
-    /// True if transmission is omitted, because the ray also continues straight on.
+    /// True if transmission is left out, because the ray also continues straight on.
     pub blocked: bool,
     /// Share of matte light that leaves on the other side, and its colour (diffuse transmission).
     pub through: (f32, Vec3),
@@ -101,7 +102,7 @@ impl Default for BsdfParams {
     }
 }
 
-/// An orthonormal frame, by columns.
+/// Orthonormal frame, as the columns of a matrix.
 #[derive(Debug, Clone, Copy)]
 pub struct Frame([Vec3; 3]);
 
@@ -131,25 +132,25 @@ impl Frame {
         self.0[2]
     }
 
-    /// A direction of the scene in this frame.
+    /// Transforms a direction of the scene to this frame.
     fn to(&self, d: Vec3) -> Vec3 {
         Vec3::new(d.dot(self.0[0]), d.dot(self.0[1]), d.dot(self.0[2]))
     }
 
-    /// A direction of this frame in the scene.
+    /// Transforms a direction from this frame to the scene.
     pub(super) fn from(&self, d: Vec3) -> Vec3 {
         self.0[0] * d.x + self.0[1] * d.y + self.0[2] * d.z
     }
 
-    /// The direction of a viewer in this frame, lifted above the horizon.
+    /// Transforms the direction to a viewer to this frame, and lifts it above the horizon.
     fn viewer(&self, out: Vec3) -> Vec3 {
         let local = self.to(out);
         Vec3::new(local.x, local.y, local.z.max(1e-4)).normalize()
     }
 }
 
-/// The normal closest to a bent one, on the way to the surface normal, whose mirror direction of the viewer is
-/// above the surface: reflection from below would be lost.
+/// Normal between a bent normal and the surface normal that mirrors the viewer above the surface, as close as
+/// possible to the bent one. Reflection from below the surface would be lost.
 pub fn mirroring(bent: Vec3, surface: Vec3, out: Vec3) -> Vec3 {
     let least = (0.9 * out.dot(surface)).min(0.01);
     let sees_above = |normal: Vec3| 2.0 * normal.dot(out) * normal.dot(surface) - out.dot(surface) >= least;
@@ -176,7 +177,7 @@ fn cosine([u, v]: [f32; 2]) -> Vec3 {
 #[derive(Debug, Clone, Copy)]
 #[expect(clippy::large_enum_variant, reason = "it lives on the stack for one vertex of a path")]
 pub enum Bsdf {
-    /// Lambertian reflection: the receiver.
+    /// Lambertian reflection, used for the receiver.
     Matte {
         /// Frame around the geometric normal on the side of the viewer.
         frame: Frame,
@@ -193,7 +194,7 @@ impl Bsdf {
         Self::Matte { frame: Frame::around(normal), albedo }
     }
 
-    /// The unit normal of the side that all of its light comes from, if it is one side.
+    /// Unit normal of the side that all light of the surface comes from. `None` if it comes from both sides.
     pub fn lit_side(&self) -> Option<Vec3> {
         match self {
             Self::Matte { frame, .. } => Some(frame.normal()),
@@ -209,12 +210,12 @@ impl Bsdf {
         }
     }
 
-    /// True if it is matte and opaque, so that light samples alone find all of its light.
+    /// True if the surface is matte and opaque, so that light samples alone find all of its light.
     pub fn is_matte(&self) -> bool {
         matches!(self, Self::Matte { .. })
     }
 
-    /// The albedo of a matte surface; `None` for others.
+    /// Albedo of a matte surface. `None` for other surfaces.
     pub fn matte_albedo(&self) -> Option<Vec3> {
         match self {
             Self::Matte { albedo, .. } => Some(*albedo),
@@ -222,7 +223,7 @@ impl Bsdf {
         }
     }
 
-    /// Diffuse and specular lobes for light from the unit direction `incident`.
+    /// Evaluates the diffuse and specular lobes for light from the unit direction `incident`.
     pub fn eval(&self, incident: Vec3) -> [Scatter; 2] {
         match self {
             Self::Matte { frame, albedo } => {
@@ -233,7 +234,7 @@ impl Bsdf {
         }
     }
 
-    /// Samples a class and an incident direction, with the value and density of that class. `None` where the
+    /// Samples a class and an incident direction, with the value and density of that class. `None` if the
     /// direction leaves on the wrong side of the surface.
     pub fn sample(&self, points: &Points, pair: u32) -> Option<(Lobe, Vec3, Scatter)> {
         let point = points.pair(pair);

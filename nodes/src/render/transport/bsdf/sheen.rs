@@ -11,14 +11,15 @@ use crate::math::num;
 /// Density of [`uniform`].
 pub const UNIFORM: f32 = 0.5 / PI;
 
-/// A uniform direction of the upper hemisphere.
+/// Samples a uniform direction of the upper hemisphere.
 pub fn uniform([u, v]: [f32; 2]) -> Vec3 {
     let (sin, cos) = circle(u);
     let r = (1.0 - v * v).max(0.0).sqrt();
     Vec3::new(r * cos, r * sin, v)
 }
 
-/// The fit of the masking of fibres; coefficients are interpolated between those for alpha 0 and 1, by the square.
+/// Fitted masking function of fibres. Coefficients are interpolated between those for alpha 0 and 1, by the
+/// square.
 fn fit(x: f32, alpha: f32) -> f32 {
     let t = (1.0 - alpha) * (1.0 - alpha);
     let at = |wide: f32, narrow: f32| wide + (narrow - wide) * t;
@@ -33,7 +34,7 @@ fn lambda(cosine: f32, alpha: f32) -> f32 {
     num::f32::exp(exponent)
 }
 
-/// Value of a white sheen times the cosine of the incident direction, both directions above.
+/// Value of a white sheen times the cosine of the incident direction. Both directions are above the surface.
 pub fn value(out: Vec3, incident: Vec3, roughness: f32) -> f32 {
     let alpha = (roughness * roughness).clamp(0.01, 1.0);
     let half = (out + incident).normalize_or(Vec3::Z);

@@ -1,4 +1,4 @@
-//! Furnace tests, chi-square tests and reciprocity of every lobe.
+//! Furnace tests, chi-square tests and reciprocity tests of every lobe.
 
 use super::*;
 use crate::geometry::sampling::stream;
@@ -25,12 +25,12 @@ fn glass(roughness: f32, ior: f32) -> BsdfParams {
     BsdfParams { roughness, ior, transmission: 1.0, thick: true, ..BsdfParams::default() }
 }
 
-/// Reflected and transmitted share of a uniform white environment, by the sampler.
+/// Share of a uniform white environment that is reflected and transmitted, estimated by the sampler.
 fn furnace(params: &BsdfParams, cosine: f32) -> f64 {
     furnace_from(params, towards(cosine), 2, 16_384)
 }
 
-/// Like [`furnace`], for any viewer, with the given number of points and scramble.
+/// Same as [`furnace`] for any viewer, with the given number of points and scramble.
 fn furnace_from(params: &BsdfParams, out: Vec3, scramble: u64, points: u32) -> f64 {
     let bsdf = surface(params, out);
     let weight = |i| {
@@ -43,7 +43,7 @@ fn furnace_from(params: &BsdfParams, out: Vec3, scramble: u64, points: u32) -> f
 const ROUGHNESSES: [f32; 7] = [0.0, 0.05, 0.1, 0.25, 0.5, 0.75, 1.0];
 const COSINES: [f32; 5] = [0.05, 0.1, 0.3, 0.6, 1.0];
 
-/// Bases that conserve energy, by name; all of [`ROUGHNESSES`] at some roughness.
+/// Bases that conserve energy, with their names. Each of [`ROUGHNESSES`] occurs in at least one of them.
 fn bases() -> Vec<(String, BsdfParams)> {
     let plain = BsdfParams::default();
     let pane = BsdfParams { transmission: 1.0, ..plain };
@@ -71,9 +71,9 @@ fn bases() -> Vec<(String, BsdfParams)> {
     all
 }
 
-/// White furnace: a base with all layers over it, at every roughness, reflects or transmits all light to 1 % and 4
-/// standard errors. The rest is the interpolation of tables. Anisotropic surfaces are seen along, across and
-/// between the axes.
+/// White furnace: a base with all layers over it, at every roughness, reflects or transmits all light within
+/// 1 % and 4 standard errors. The remaining error is due to the interpolation of tables. Anisotropic surfaces
+/// are seen along, across and between the axes.
 #[test]
 fn white_surfaces_keep_all_light() {
     let mut worst = [0.0_f64; 2];
@@ -129,8 +129,8 @@ fn white_surfaces_keep_all_light() {
     assert!((furnace(&matte, 0.4) - 1.0).abs() < 1e-5, "Lambert is exact");
 }
 
-/// With any bent normal, a smooth mirror shows what is above the surface, completely; a normal that does is left
-/// unchanged. Mutation: `bent` returned at once by `mirroring` (seen red).
+/// With any bent normal, a smooth mirror shows only the space above the surface. A normal that already does
+/// is left unchanged. Mutation: `bent` returned at once by `mirroring` (seen red).
 #[test]
 fn bent_mirrors_keep_all_light() {
     for cosine in COSINES {
@@ -148,7 +148,7 @@ fn bent_mirrors_keep_all_light() {
     }
 }
 
-/// A direction of a hemisphere, rotated to the side of `out`.
+/// Reflects a direction of a hemisphere to the side of `out`.
 fn cosine_towards(out: Vec3, d: Vec3) -> Vec3 {
     let turned = if d.dot(out) < 0.0 { -d } else { d };
     (turned + out * (0.02 - turned.dot(out)).max(0.0)).normalize()
@@ -223,8 +223,8 @@ fn bodies_bend_light_by_their_index() {
     assert!((straight + out).length() < 1e-3, "a wall bends nothing: {straight}");
 }
 
-/// Extremes stay finite, and no sample carries more than its lobe's albedo over its probability. Also at grazing
-/// view and, as a normal map may cause, from behind.
+/// Extreme parameters give finite values, and no sample has a weight above the albedo of its lobe divided by
+/// its probability. Also tested at grazing view and from behind, which a normal map may cause.
 #[test]
 fn extremes_are_finite() {
     for roughness in [0.0, 1e-4, 1e-2, 1.0] {
@@ -266,8 +266,8 @@ fn extremes_are_finite() {
     }
 }
 
-/// Chi-square of the sampler of each class against its density, for materials dominated by each lobe, and for the
-/// receiver. Mutation: `v.sqrt()` to `v` in `cosine` (seen red).
+/// Chi-square test of the sampler of each class against its density, for materials dominated by each lobe,
+/// and for the receiver. Mutation: `v.sqrt()` to `v` in `cosine` (seen red).
 #[test]
 fn samplers_follow_their_densities() {
     let black = BsdfParams { base: Vec3::ZERO, ior: 1.0, ..BsdfParams::default() };
@@ -348,9 +348,9 @@ fn lobes_are_reciprocal() {
     assert!((there / back / (eta * eta) - 1.0).abs() < 1e-2, "{there} {back}");
 }
 
-/// A white surface below a gloss absorbs nothing, so the light of a lamp at any angle is reflected by the interface
-/// or by the layers below, to viewers all around. Mutation: `1.0 - self.interface.albedo(i.z)` left out of
-/// `Layers::eval` (seen red).
+/// A white surface below a gloss absorbs no light, so the light of a lamp at any angle is reflected by the
+/// interface or by the layers below, to viewers in all directions. Mutation: `1.0 -
+/// self.interface.albedo(i.z)` left out of `Layers::eval` (seen red).
 #[test]
 fn a_lamp_is_mirrored_or_given_back() {
     for (ior, roughness) in [1.5, 1.8].into_iter().flat_map(|ior| [0.0, 0.3, 0.8, 1.0].map(|r| (ior, r))) {

@@ -9,22 +9,23 @@ use super::dielectric::{cos_refracted, f0_of_ior as from_index};
 use super::ggx::schlick;
 use crate::math::num::f32::{cos, exp};
 
-/// Fourier transforms of the CIE sensitivities, each a Gaussian times a wave, in SI units: height, position and
-/// width; the fourth is the second maximum of X.
+/// Fourier transforms of the CIE sensitivities, each a Gaussian times a wave, in SI units: height, position
+/// and width. The fourth is the second maximum of X.
 const SENSITIVITY: [[f32; 3]; 4] = [
     [5.4856e-13, 1.6810e6, 4.3278e9],
     [4.4201e-13, 1.7953e6, 9.3046e9],
     [5.2481e-13, 2.2084e6, 6.6121e9],
     [9.7470e-14, 2.2399e6, 4.5282e9],
 ];
-/// Divisor of the sensitivities, so that no film gives white.
+/// Divisor of the sensitivities, chosen so that the colour without a film is white.
 const WHITE: f32 = 1.0685e-7;
 
 fn each(v: Vec3, f: impl Fn(f32) -> f32) -> Vec3 {
     Vec3::from_array(v.to_array().map(f))
 }
 
-/// The colour of a wave over the optical path difference `path` (metres), for a phase shift per channel.
+/// Colour of the interference over the optical path difference `path` (metres), for a phase shift per
+/// channel.
 fn wave(path: f32, shift: Vec3) -> Vec3 {
     let phase = 2.0 * PI * path;
     let at = |[height, place, spread]: [f32; 3], shift: f32| {
@@ -38,8 +39,9 @@ fn wave(path: f32, shift: Vec3) -> Vec3 {
         + Vec3::new(-0.498_531_4, 0.041_556, 1.057_225_2) * xyz[2]
 }
 
-/// The reflectance at normal incidence that, risen by the share `risen` towards 1 at this cosine, equals the
-/// reflectance of a film with an index and a thickness in nanometres on a base of reflectance `f0`.
+/// Equivalent reflectance at normal incidence of a film with an index and a thickness in nanometres on a base
+/// of reflectance `f0`: if it rises by the share `risen` towards 1 at this cosine, it equals the reflectance
+/// of the film.
 pub fn f0(index: f32, thickness_nm: f32, f0: Vec3, cosine: f32, risen: f32) -> Vec3 {
     // A film thinner than an atom has no effect.
     let fade = (thickness_nm / 0.03).min(1.0);

@@ -1,7 +1,7 @@
-//! The point of capture of a panorama in relation to the receiver.
+//! Point of capture of a panorama in relation to the receiver.
 //!
-//! A point given as the origin of the scene, or within the error of the mesh, may be on or under the floor, where
-//! it would see back faces and no light.
+//! A point given as the origin of the scene, or within the error of the mesh, may be on or under the floor,
+//! from where only back faces and no light would be visible.
 
 use glam::{DVec3, Vec3};
 
@@ -11,25 +11,25 @@ use crate::render::transport::scene::frame::in_scene_frame;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::types::Camera;
 
-/// Maximum depth under the ground, in metres, from which a point of capture is moved up: the error of a mesh or of
-/// a noted position.
+/// Maximum depth under the ground, in metres, from which a point of capture is moved up: the error of a mesh
+/// or of a recorded position.
 const BURIED: f64 = 0.1;
-/// Height above the ground to which it is moved, in metres.
+/// Height above the ground to which such a point is moved, in metres.
 const OVER: f64 = 0.01;
 /// Minimum distance of a real camera from a surface, in metres.
 pub(crate) const NEAREST: f64 = 0.02;
-/// A point counts as on a surface that is this close straight above or below it, in metres.
+/// Maximum vertical distance to a surface, in metres, at which a point counts as lying on it.
 const ON: f64 = 0.005;
 
-/// The camera that stands in for an unknown point of capture: the first that sees mostly front faces of the
-/// receiver, or the first of all. A camera above a room without a roof sees back faces.
+/// Camera whose position is used for an unknown point of capture: the first that sees mostly front faces of
+/// the receiver, or else the first of all. A camera above a room without a roof sees back faces.
 pub(crate) fn stand_in<'a>(receiver: &Receiver, cameras: &'a [Camera], origin: DVec3) -> &'a Camera {
     let inside =
         |camera: &&Camera| Probe::send(receiver, in_scene_frame(camera.eye(), origin)).front_share() > 0.5;
     cameras.iter().find(inside).unwrap_or(&cameras[0])
 }
 
-/// A point of capture and what is seen from it.
+/// Point of capture, and the surfaces that are visible from it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct CapturePoint {
     /// Position in the frame of the scene.
@@ -41,11 +41,12 @@ pub(crate) struct CapturePoint {
 /// A problem of a point of capture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum CaptureFault {
-    /// It lay on or under a surface and was moved up by this, in world units.
+    /// It lay on or under a surface and was moved up by this distance, in world units.
     Raised(f32),
-    /// It sees nothing of the receiver, but a camera does, with this share of its rays.
+    /// No part of the receiver is visible from it, but a camera sees the receiver with this share of its
+    /// rays.
     SeesNothing(f64),
-    /// This share of the surfaces that it sees are back faces, where a camera sees front faces.
+    /// This share of the visible surfaces are back faces, while a camera sees front faces.
     SeesBacks(f64),
     /// It is nearer than [`NEAREST`] to a surface.
     TooNear,
@@ -57,13 +58,13 @@ fn sees_backs(probe: &Probe) -> bool {
 }
 
 impl CapturePoint {
-    /// A point, with its probe rays.
+    /// Makes a point of capture, and traces its probe rays.
     pub(crate) fn at(receiver: &Receiver, at: Vec3) -> Self {
         Self { at, probe: Probe::send(receiver, at) }
     }
 
-    /// The point, or if it lies on or under a surface and `moves`, the point just above that surface; and what is
-    /// wrong with it. `camera` is the position of a camera in the place.
+    /// The point, or, if it lies on or under a surface and `moves` is true, the point just above that
+    /// surface; and its problem, if there is one. `camera` is the position of a camera in the place.
     pub(crate) fn checked(
         self,
         (receiver, camera): (&Receiver, Vec3),
@@ -86,8 +87,8 @@ impl CapturePoint {
         (self, fault)
     }
 
-    /// The point just above the surface that it is on, or that is at most [`BURIED`] above it, and how much higher
-    /// that is; `None` without such a surface, or if it sees no more from there.
+    /// Point just above the surface that the point is on, or that is at most [`BURIED`] above it, and its
+    /// height above the old point. `None` if there is no such surface, or if no more is visible from there.
     fn out_of_the_ground(
         &self,
         (receiver, camera): (&Receiver, Vec3),

@@ -1,12 +1,12 @@
-//! Contact: the receiver mesh is corrected to the bases of objects for the camera.
+//! Contact: for the camera, the receiver mesh is corrected to the bases of objects.
 //!
-//! Captured meshes miss the true ground by some millimetres. Where the mesh is too low, the camera looks into a gap
-//! under the object, which draws a black line; where it is too high, it hides the foot of the object. The camera's
-//! view is the true place, so a camera hit within the error of the mesh at the height of an object's base is moved
-//! along its ray to the base: there the change of light is estimated, and there the depth order is decided. Shading
-//! of the receiver stays at the original hit, so R0 does not depend on objects. Rays from a covered foot to the
-//! receiver start just above the mesh, where the camera's hits were moved from; from below they would see the
-//! outside of a closed room.
+//! Captured meshes miss the true ground by some millimetres. Where the mesh is too low, the camera looks into
+//! a gap under the object, which draws a black line; where it is too high, it hides the foot of the object.
+//! The picture shows the true place, so a camera hit within the error of the mesh at the height of an
+//! object's base is moved along its ray to the base. The change of light is estimated and the depth order
+//! decided at the moved point. The receiver is shaded at the original hit, so R0 does not depend on objects.
+//! Rays from a covered foot to the receiver start just above the mesh, at the height of the original hits;
+//! from below they would see the outside of a closed room.
 //!
 //! The same applies to a flat side with which an object rests on a wall, a ceiling or a roof: see `side`.
 
@@ -27,16 +27,16 @@ pub(crate) fn is_near(measured: &Level, metre: f64) -> bool {
     measured.height.abs() <= LARGEST * metre
 }
 
-/// The supports found for an object.
+/// Supports found for an object.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Measured {
-    /// The level of the ground below it, even if too far away.
+    /// Level of the ground below the object, even if it is too far away.
     pub ground: Option<Level>,
-    /// The levels of the surfaces that its flat sides rest on.
+    /// Levels of the surfaces that the flat sides of the object rest on.
     pub sides: Vec<Level>,
 }
 
-/// The support of a side by a mesh with an error of `reach` world units, 0 for a smooth mesh.
+/// Support of a side by a mesh with an error of `reach` world units, which is 0 for a smooth mesh.
 fn support(side: &Side, reach: f64, origin: DVec3, metre: f64) -> Support {
     let [low, high] = [side.low, side.high].map(|p| (p - origin).as_vec3());
     let height = (side.height - origin.dot(side.out)) as f32;
@@ -46,9 +46,9 @@ fn support(side: &Side, reach: f64, origin: DVec3, metre: f64) -> Support {
 }
 
 /// Measures the ground under each object that may stand on it, and the surfaces that its flat sides rest on.
-/// `receiver` is paired with whether its normals point away from the viewer, each object with whether it may stand
-/// on the receiver; `metre` is the length of a metre in world units; `fixed` is the error of the mesh in metres if
-/// the user knows it, 0 for an exact mesh.
+/// `receiver` is paired with whether its normals point away from the viewer, and each object with whether it
+/// may stand on the receiver. `metre` is the length of a metre in world units. `fixed` is the error of the
+/// mesh in metres if the user gave it, 0 for an exact mesh.
 pub fn measure(
     receiver: (&Receiver, bool),
     objects: &[(impl AsRef<Placed>, bool)],
@@ -117,7 +117,7 @@ mod tests {
     use crate::geometry::sampling::{mix, unit};
     use crate::types::{Mesh, Object, Primitive};
 
-    /// A square of 40 x 40 cells, 2 wide, with heights given by a function of the vertex.
+    /// Square of 40 x 40 cells, 2 wide, with heights given by a function of the vertex.
     fn ground(height: impl Fn(u32, f32) -> f32) -> Mesh {
         let side = 41_u32;
         let mut mesh = Mesh::default();
@@ -173,8 +173,8 @@ mod tests {
         assert_eq!(measured(&ground(|i, _| noise(i)), 0.8).1, None, "nothing under it");
     }
 
-    /// A box on a smooth floor and one on a rough rug next to it: only hits nearer to the one on the rug are moved.
-    /// Mutation: `smooth` always false in `measure` (seen red).
+    /// Of a box on a smooth floor and one on a rough rug next to it, only hits nearer to the box on the rug
+    /// are moved. Mutation: `smooth` always false in `measure` (seen red).
     #[test]
     fn ground_of_one_object_is_not_that_of_another() {
         let mesh = ground(|i, x| if x > 0.0 { 0.008 + 0.4 * noise(i) } else { 0.0 });
@@ -191,8 +191,8 @@ mod tests {
         assert!((shift(0.3, 0.004) + 0.004 / 0.8).abs() < 1e-6);
     }
 
-    /// A panel just below a rough ceiling hangs there, even if all normals point out of the room; one on a floor
-    /// that is too high stands on it. Mutation: `flat` alone in `under` (seen red).
+    /// A panel just below a rough ceiling is attached to it, even if all normals point out of the room. A
+    /// panel on a floor that is too high stands on it. Mutation: `flat` alone in `under` (seen red).
     #[test]
     fn a_ceiling_is_no_ground() {
         let rough = ground(|i, _| 0.003 / 0.01 * noise(i));

@@ -1,13 +1,15 @@
-//! Objects partly embedded in a rough surface that they do not stand on: a picture on a captured wall.
+//! Objects partly embedded in a rough surface that they do not stand on, such as a picture on a captured
+//! wall.
 
 use crate::geometry::bvh::Ray;
 use crate::geometry::sampling::{Points, unit};
 use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 
-/// Sample points per object.
+/// Number of sample points per object.
 const PLACES: u32 = 256;
-/// Range of the hidden share that is reported: less is an edge, more is an object inside a wall.
+/// Range of the hidden share that is reported. A smaller share is only an edge, and a larger one an object
+/// inside a wall.
 const REPORTED: std::ops::Range<f64> = 0.05..0.95;
 
 /// The part of an object that is embedded in the receiver.
@@ -15,12 +17,13 @@ const REPORTED: std::ops::Range<f64> = 0.05..0.95;
 pub(crate) struct Embedded {
     /// Share of the side facing the first camera that the receiver hides.
     pub(crate) share: f64,
-    /// Depth along the object's normals, in world units.
+    /// Depth along the normals of the object, in world units.
     pub(crate) depth: f32,
 }
 
 impl Embedded {
-    /// Measures an object, by sample points that face the first camera and rays of length `near` towards it.
+    /// Measures an object by sample points that face the first camera, and rays of length `near` from them
+    /// towards it.
     pub(crate) fn of(objects: &Objects, index: usize, receiver: &Receiver, near: f32) -> Option<Self> {
         let triangles: Vec<u32> = objects.triangles_of(index).collect();
         let area = |triangle: &u32| {

@@ -1,4 +1,4 @@
-//! The share of the panorama's light that reaches a point past the receiver.
+//! Share of the panorama's light that reaches a point past the receiver.
 
 use crate::geometry::bvh::Ray;
 use crate::math::color::luminance;
@@ -7,11 +7,11 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::EnvironmentLight;
 use glam::Vec3;
 
-/// Maximum columns and rows of cells, each tested by one ray.
+/// Maximum number of columns and rows of cells, each tested by one ray.
 const MOST: [usize; 2] = [128, 64];
 
-/// The share of the light, by luminance, that reaches a point if the receiver blocks it by a rule; 1 for a black
-/// sky.
+/// Share of the light, by luminance, that reaches a point if the receiver blocks it by the given rule; 1 for
+/// a black sky.
 pub fn share_past(sky: &EnvironmentLight, receiver: &Receiver, from: Vec3, block: &Block) -> f64 {
     let grid = &sky.texel_grid;
     let [width, height] = [grid.width, grid.height];

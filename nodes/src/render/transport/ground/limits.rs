@@ -4,5 +4,5 @@
 pub(crate) const LARGEST: f64 = 0.05;
 /// Maximum distance between two surfaces that touch, in metres.
 pub(crate) const TOUCHING: f64 = 0.01;
-/// A mesh smoother than this is taken as it is, in metres.
+/// Roughness below which a mesh is not corrected, in metres.
 pub(crate) const SMOOTHEST: f64 = 1e-4;

@@ -1,4 +1,4 @@
-//! Analysis before any pixel is traced: supports of the objects, and the point of capture.
+//! Analysis before pixels are traced: supports of the objects, and the point of capture.
 
 pub(crate) mod capture_point;
 pub mod contact;

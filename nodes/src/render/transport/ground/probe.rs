@@ -10,18 +10,19 @@ use crate::render::transport::scene::receiver::Receiver;
 /// Minimum share of the light that a rule must let in to be chosen.
 const LEAST_LIGHT: f64 = 0.25;
 
-/// The first hits of probe rays from the point of capture.
+/// First hits of probe rays from the point of capture.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Probe {
     /// Number of rays.
     pub rays: u32,
-    /// Rays that missed the receiver.
+    /// Number of rays that missed the receiver.
     pub escaped: u32,
-    /// Rays that hit a front face.
+    /// Number of rays that hit a front face.
     pub front: u32,
-    /// Rays from which light would come in a closed room, by the rule that [`decide`](Self::decide) would choose.
+    /// Number of rays from which light would come in a closed room, by the rule that [`decide`](Self::decide)
+    /// would choose.
     pub lit: u32,
-    /// Bounding box of the hits: the room, if it is one.
+    /// Bounding box of the hits, which is the room in a closed place.
     pub room: [[f32; 3]; 2],
 }
 
@@ -65,7 +66,7 @@ impl Probe {
         f64::from(self.escaped) / f64::from(self.rays.max(1))
     }
 
-    /// True if the scene is open there: more than 5 % of the rays missed.
+    /// True if the scene is open at the point: more than 5 % of the rays missed.
     pub fn is_open(&self) -> bool {
         self.escaped_share() > 0.05
     }
@@ -90,15 +91,16 @@ impl Probe {
         self.front_share() >= 0.9 || self.front_share() <= 0.1
     }
 
-    /// The rule for a closed room; front faces are on the side that most rays hit.
+    /// Rule for a closed room, in which front faces are those on the side that most rays hit.
     fn front_face(&self) -> Block {
         Block::FrontFace { max_layers: LAYERS, flip: self.front_share() < 0.5, within: self.room }
     }
 
-    /// How the receiver blocks light if nothing is set; `solid_light` computes the share of the light that a solid
-    /// receiver lets in. With more than 5 % misses that bring at least a quarter of the light, the scene is open.
-    /// Otherwise, if 90 % of the hits are on one side, the orientation of the mesh can be trusted, unless three
-    /// quarters of the light would be blocked. The bounds are judgement, so the shares are reported.
+    /// Chooses the rule by which the receiver blocks light if the user sets none. `solid_light` computes the
+    /// share of the light that a solid receiver lets in. If more than 5 % of the rays miss and bring at least
+    /// a quarter of the light, the scene is open. Otherwise, if 90 % of the hits are on one side, the
+    /// orientation of the mesh can be trusted, unless three quarters of the light would be blocked. These
+    /// bounds are judgements, so the shares are reported.
     pub fn decide(&self, solid_light: impl FnOnce() -> f64) -> Block {
         if self.is_open() && solid_light() >= LEAST_LIGHT {
             Block::Solid

@@ -9,40 +9,41 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::supports::STEEPEST;
 use crate::types::Placed;
 
-/// Rays per side of the grid that samples the receiver near a side of an object.
+/// Number of rays per side of the grid that samples the receiver near a side of an object.
 const GRID: u32 = 16;
-/// Minimum share of those rays that must find ground for an object to stand on it.
+/// Minimum share of those rays that must hit ground for an object to stand on it.
 const STANDS: f64 = 0.25;
-/// Minimum share of the rays within a flat side that must find its support.
+/// Minimum share of the rays within a flat side that must hit its support.
 const AGAINST: f64 = 0.5;
-/// Minimum share of the box that a flat side spans, in both directions: a drum that lies along a wall spans 0.28.
+/// Minimum share of the box that a flat side spans, in both directions. A drum that lies along a wall spans
+/// 0.28.
 const FLAT: f64 = 1.0 / 3.0;
-/// Maximum cosine between a flat side and straight down; beyond it the side is the foot.
+/// Maximum cosine between the direction of a flat side and straight down; above it the side is the foot.
 const LEVEL: f64 = 0.98;
-/// Maximum slope of the mesh against a flat side that rests on it.
+/// Maximum slope of the mesh relative to a flat side that rests on it.
 const SLANT: f64 = 0.1;
 
-/// The reason why there is no receiver below an object.
+/// Reason why there is no receiver below an object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unsupported {
-    /// It is over a hole of the mesh, or beyond its edge.
+    /// The object is over a hole of the mesh, or beyond its edge.
     OverNothing,
-    /// The ground is above it.
+    /// The ground is above the object.
     Buried,
 }
 
-/// A side that may rest on the receiver.
+/// Side of an object that may rest on the receiver.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Side {
     /// Unit vector from the receiver to the object.
     pub(crate) out: DVec3,
     /// Two axes along the side.
     pub(crate) axes: [DVec3; 2],
-    /// Its height along `out`.
+    /// Height of the side along `out`.
     pub(crate) height: f64,
-    /// A point above its centre.
+    /// Point above the centre of the side.
     middle: DVec3,
-    /// Half the size of the sampled region along the axes: the side, extended by half.
+    /// Half the size of the sampled region along the axes: the side, extended by half of its size.
     pub(crate) half: [f64; 2],
     /// Bounding box of the object.
     pub(crate) low: DVec3,
@@ -50,7 +51,7 @@ pub(crate) struct Side {
 }
 
 impl Side {
-    /// The foot of an object; `None` without triangles.
+    /// Foot of an object. `None` if it has no triangles.
     pub(crate) fn foot(placed: &Placed, up: DVec3) -> Option<Self> {
         let Foot { low, high, base, middle, half } = Foot::of(placed, up)?;
         let axes = Foot::axes(up);
@@ -58,7 +59,7 @@ impl Side {
         Some(Self { out: up, axes, height: base, middle, half, low, high })
     }
 
-    /// The flat sides of the oriented bounding box, except one that faces straight down.
+    /// Flat sides of the oriented bounding box, except one that faces straight down.
     pub(crate) fn flat(placed: &Placed, up: DVec3) -> Vec<Self> {
         let points: Vec<DVec3> = corners(placed).collect();
         let linear = DMat3::from_mat4(placed.world_from_object);
@@ -75,7 +76,7 @@ impl Side {
         sides
     }
 
-    /// The side opposite to `out`, if it is flat.
+    /// Side opposite to `out`. `None` if it is not flat.
     fn along(points: &[DVec3], out: DVec3, axes: [DVec3; 2]) -> Option<Self> {
         let place = |p: &DVec3| DVec3::new(p.dot(axes[0]), p.dot(axes[1]), p.dot(out));
         let around = |points: &mut dyn Iterator<Item = DVec3>| {
@@ -103,13 +104,13 @@ impl Side {
         })
     }
 
-    /// Half the size of the side itself.
+    /// Half the size of the side, without the extension.
     pub(crate) fn own(&self) -> [f64; 2] {
         self.half.map(|half| half / 1.5)
     }
 
-    /// Rays against `out` over a grid, from `largest` above the side to `largest` below, and their positions on the
-    /// side.
+    /// Rays against `out` over a grid, from `largest` above the side to `largest` below it, and their
+    /// positions on the side.
     pub(crate) fn grid_rays(&self, origin: DVec3, largest: f64) -> impl Iterator<Item = ([f64; 2], Ray)> {
         let Self { out, axes, height, middle, half, .. } = *self;
         (0..GRID * GRID).map(move |k| {
@@ -121,7 +122,8 @@ impl Side {
         })
     }
 
-    /// Heights of the mesh over the side, where it is parallel to it, and whether it faces the object.
+    /// Heights of the mesh above the side where the mesh is parallel to it, and whether the mesh faces the
+    /// object.
     fn heights(
         &self,
         (receiver, inverted): (&Receiver, bool),
@@ -137,7 +139,7 @@ impl Side {
         self.grid_rays(origin, largest).filter_map(height).collect()
     }
 
-    /// The level of the mesh over a foot. A surface above the foot that faces down is a ceiling and does not count.
+    /// Level of the mesh at a foot. A surface above the foot that faces down is a ceiling and does not count.
     pub(crate) fn ground(&self, receiver: (&Receiver, bool), origin: DVec3, largest: f64) -> Option<Level> {
         let hits = self.heights(receiver, origin, largest).into_iter();
         let heights: Vec<_> = hits.filter(|(at, faces)| *faces || at[2] <= 0.0).map(|(at, _)| at).collect();
@@ -145,7 +147,7 @@ impl Side {
         if enough { Level::of(&heights) } else { None }
     }
 
-    /// True if most of the side has nothing below it at any distance, and if so, whether the ground is above it.
+    /// Reason why there is no receiver below most of the side at any distance. `None` if there is one.
     pub(crate) fn unsupported(
         &self,
         (receiver, inverted): (&Receiver, bool),
@@ -170,10 +172,10 @@ impl Side {
         }
     }
 
-    /// The level of the mesh at a flat side that rests on it, and the height by which it tilts the ends of the
-    /// side. Objects often stand near a wall, so a gap counts as an error of the mesh only within its noise.
-    /// Objects cannot be inside a wall, so a side that the mesh covers counts as resting, as on the ground. `fixed`
-    /// is the error of the mesh in metres if known.
+    /// Level of the mesh at a flat side that rests on it, and the height by which it tilts the ends of the
+    /// side. Objects often stand near a wall, so a gap counts as an error of the mesh only within the noise
+    /// of the mesh. Objects cannot be inside a wall, so a side that the mesh covers counts as resting, as on
+    /// the ground. `fixed` is the error of the mesh in metres if known.
     pub(crate) fn rests(
         &self,
         receiver: (&Receiver, bool),

@@ -1,4 +1,4 @@
-//! The supports of the objects: the receiver, another object, or nothing.
+//! Supports of the objects: the receiver, another object, or neither.
 
 use glam::{DVec3, Vec3};
 
@@ -14,22 +14,22 @@ use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::types::Placed;
 
-/// Minimum height by which a supporting object reaches farther down, in metres.
+/// Minimum height by which the supporting object must reach farther down than the supported one, in metres.
 const LOWER: f64 = 0.005;
 
-/// The supports of the objects, one entry per object.
+/// Supports of the objects, with one entry per object.
 pub(crate) struct Standing {
-    /// Level of the ground below it, even if too far away.
+    /// Level of the ground below each object, even if it is too far away.
     pub(crate) ground: Vec<Option<Level>>,
-    /// Levels of the surfaces that its flat sides rest on.
+    /// Levels of the surfaces that the flat sides of each object rest on.
     pub(crate) sides: Vec<Vec<Level>>,
-    /// True if it stands on another object.
+    /// True for each object that stands on another one.
     pub(crate) carried: Vec<bool>,
-    /// Height above its base, in world units.
+    /// Height of each object above its base, in world units.
     pub(crate) tall: Vec<f64>,
-    /// The reason why there is no ground below it.
+    /// Reason why there is no ground below each object. `None` if there is ground.
     pub(crate) unsupported: Vec<Option<Unsupported>>,
-    /// The part that is embedded in a surface that it does not stand on.
+    /// Part of each object that is embedded in a surface that it does not stand on.
     pub(crate) embedded: Vec<Option<Embedded>>,
 }
 
@@ -73,7 +73,7 @@ pub(crate) fn find_ground(
     Standing { ground: measured, sides, carried, tall, unsupported, embedded }
 }
 
-/// True if each object stands on another one: part of its foot, within the error of a mesh.
+/// True for each object that stands on another one with a part of its foot, within the error of a mesh.
 fn carried(
     objects: &Objects,
     placed: &[impl AsRef<Placed>],
@@ -92,8 +92,8 @@ fn carried(
     placed.iter().map(AsRef::as_ref).enumerate().map(|one| !alone && stands(one)).collect()
 }
 
-/// True if each object rests on one that reaches farther down, such as a plate on a coaster: the receiver below the
-/// plate's rim is not its ground.
+/// True for each object that rests on one that reaches farther down, such as a plate on a coaster. The
+/// receiver below the rim of the plate is not its ground.
 fn on_others(
     objects: &Objects,
     placed: &[impl AsRef<Placed>],

@@ -1,8 +1,8 @@
-//! The change by the objects of the light that leaves a point of the receiver.
+//! Change that the objects make to the light that leaves a point of the receiver.
 //!
-//! The light without objects is known from samples of its own, so only the difference is estimated, and only where
-//! there is one: light samples go to the part of the sky that the objects can block, scattered rays to the objects
-//! themselves. Where no ray hits an object the difference is 0, bit for bit.
+//! The light without objects is known from other samples, so only the difference is estimated, and only where
+//! there is one: light samples are taken in the part of the sky that the objects can block, and scattered
+//! rays are sent to the objects themselves. Where no ray hits an object the difference is 0, bit for bit.
 
 use glam::Vec3;
 
@@ -18,7 +18,7 @@ use crate::render::transport::sky::cone::Cone;
 use crate::render::transport::sky::cone::{TOWARDS, Towards};
 use crate::render::transport::sky::environment::DrawnDirection;
 
-/// Rays per steradian towards objects that emit no more than the sky.
+/// Number of rays per steradian towards objects that emit no more light than the sky.
 const RAYS: f32 = 1.0;
 
 /// Sampling of the change at the first vertex.
@@ -26,19 +26,19 @@ const RAYS: f32 = 1.0;
 pub struct ChangeSampling<'a> {
     /// Sampled directions of the part of the sky that the objects can block.
     pub drawn: &'a [DrawnDirection],
-    /// Probability that the sample estimates the change: see [`estimates_change`].
+    /// Probability that a sample estimates the change; see [`estimates_change`].
     pub probability: f32,
-    /// Start of rays to the objects.
+    /// Origin of rays to the objects.
     pub start: Vec3,
     /// Bounding box of the objects.
     pub objects: [Vec3; 2],
-    /// See [`rays_towards`].
+    /// Number of rays per steradian towards the objects; see [`rays_towards`].
     pub rays: f32,
-    /// Offset added to the start of rays to objects: see [`Surface::lift`].
+    /// Offset added to the origin of rays to objects; see [`Surface::lift`].
     pub lift: Vec3,
 }
 
-/// True if a sample estimates the change, with the given probability.
+/// True if a sample estimates the change, which it does with the given probability.
 pub fn estimates_change(points: &Points, probability: f32) -> bool {
     probability >= 1.0 || unit(points.bits(TOWARDS + 2)[0]) < probability
 }
@@ -49,7 +49,7 @@ fn towards(sampling: &ChangeSampling<'_>) -> Towards {
 }
 
 impl<'a> Integrator<'a> {
-    /// Radiance with objects minus radiance without, at a receiver hit of a camera ray.
+    /// Radiance with objects minus radiance without objects, at a receiver hit of a camera ray.
     pub fn change(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         if self.scene.rules.near.is_some() {
             self.paired_estimate(hit, ray, sampling)
@@ -60,7 +60,7 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// The change as blocked light and added light, each by samples of its own.
+    /// Estimates the change as blocked light and added light, each by separate samples.
     fn separate_estimate(&mut self, mut hit: Hit, sampling: &ChangeSampling<'_>) -> Vec3 {
         let (sky, rules) = (self.scene.sky, self.scene.rules);
         let (mut light, mut throughput) = (Vec3::ZERO, Vec3::ONE);
@@ -134,8 +134,8 @@ impl<'a> Integrator<'a> {
         light
     }
 
-    /// The change by whole paths with and without the objects, which share their random numbers: under near light,
-    /// objects also block the light of receiver points.
+    /// Estimates the change by whole paths with and without the objects, which share their random numbers.
+    /// Used under near light, where objects also block the light of receiver points.
     fn paired_estimate(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         let lamps = !self.scene.objects.emitters.is_empty();
         let towards = if lamps { towards(sampling) } else { Towards::NOWHERE };
@@ -148,7 +148,8 @@ impl<'a> Integrator<'a> {
         with - self.with(pass, |own| own.radiance(Vertex::Receiver(hit), ray))
     }
 
-    /// Rays from a later receiver vertex towards the objects, if these emit: see [`Pass::towards`].
+    /// Rays from a later receiver vertex towards the objects, if the objects emit light; see
+    /// [`Pass::towards`].
     pub(crate) fn towards_lamps(&self, surface: &Surface) -> Towards {
         let objects = self.scene.objects;
         match objects.bvh.bounds() {
@@ -160,7 +161,7 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// Light along a ray towards the objects; the path continues by `onwards`.
+    /// Light along a ray towards the objects. `onwards` continues the path.
     pub(crate) fn sent(
         &mut self,
         at: &ShadingPoint,
@@ -193,8 +194,8 @@ impl<'a> Integrator<'a> {
         self.with(pass, |own| onwards(own, vertex, state))
     }
 
-    /// The part of a light sample that the objects block. Its radiance is fetched last, since most samples hit no
-    /// object.
+    /// Light of a light sample that the objects block. Its radiance is computed last, since most samples hit
+    /// no object.
     fn blocked_light(&mut self, surface: &Surface, drawn: &DrawnDirection, key: u32) -> Vec3 {
         let scatter = surface.bsdf.eval(drawn.direction)[Lobe::Diffuse as usize];
         if scatter.value == Vec3::ZERO {
@@ -212,9 +213,9 @@ impl<'a> Integrator<'a> {
         (Vec3::ONE - straight) * scatter.value * light.radiance / light.pdf
     }
 
-    /// Radiance along a scattered ray with objects minus that without, where objects are in its way; otherwise the
-    /// receiver hit of the ray, unless `only` objects are asked for. The tuple is the throughput, its share (see
-    /// [`PathState::share`]) and the density of the ray.
+    /// Radiance along a scattered ray with objects minus that without them, if an object is hit. Otherwise
+    /// the receiver hit of the ray, unless `only` objects are requested. The tuple is the throughput, its
+    /// share (see [`PathState::share`]) and the density of the ray.
     fn difference(
         &mut self,
         at: &ShadingPoint,
@@ -277,8 +278,8 @@ impl<'a> Integrator<'a> {
     }
 }
 
-/// Rays per steradian towards the objects: more where these emit, by the ratio of the mean radiance of their
-/// bounding box to that of the sky. A lamp below a shade gets one per sample.
+/// Number of rays per steradian towards the objects. It is higher if the objects emit light, by the ratio of
+/// the mean radiance of their bounding box to that of the sky. A lamp below a shade gets one ray per sample.
 pub fn rays_towards(scene: &Scene<'_>) -> f32 {
     let (power, bounds) = (scene.objects.emitters.power, scene.objects.bvh.bounds());
     let Some((low, high)) = bounds.filter(|_| power > 0.0) else { return RAYS };

@@ -14,23 +14,23 @@ use crate::render::transport::sky::cone::Towards;
 use crate::render::transport::sky::environment::{Distributions, DrawnDirection, LightSample, TIERS};
 use crate::render::transport::sky::light_draws::wanted;
 
-/// First dimension pair of emitter samples: choice and position, per vertex.
+/// First dimension pair of emitter samples, per vertex. They choose an emitter and a position.
 const LAMPS: u32 = 1 << 16;
 /// First dimension pair of the attenuation of near light by objects, per vertex.
 const DIMMING: u32 = 3 << 17;
-/// First dimension pair of the position in a piece of the sky.
+/// First dimension pair of the position within a piece of the sky.
 const DIMMING_PIECE: u32 = 7 << 16;
 /// Maximum number of light samples per vertex.
 const MANY: usize = 5;
-/// Light samples of near light at the first vertex.
+/// Number of light samples of near light at the first vertex.
 const NEAR_LIGHTS: u32 = 4;
 
-/// Light samples of near light at a vertex.
+/// Number of light samples of near light at a vertex.
 pub(crate) fn near_lights(at: &ShadingPoint) -> u32 {
     if at.is_first() { NEAR_LIGHTS } else { 1 }
 }
 
-/// The light samples of a vertex.
+/// Light samples of a vertex.
 #[derive(Debug, Default)]
 pub(crate) struct FewDraws {
     draws: [DrawnDirection; MANY],
@@ -65,18 +65,18 @@ pub(crate) fn power_heuristic(a: f32, b: f32) -> f32 {
 }
 
 impl<'a> Integrator<'a> {
-    /// The light distributions of the sky for a vertex.
+    /// Light distributions of the sky for a vertex.
     pub(crate) fn sky_distributions(&self, at: &ShadingPoint) -> Distributions<'a> {
         let usual = || self.scene.sky.distributions(at.surface.bsdf.lit_side());
         self.pass.distributions.filter(|_| at.is_first()).unwrap_or_else(usual)
     }
 
-    /// Light samples per tier of the sky at a vertex; `None` for a single sample.
+    /// Number of light samples per tier of the sky at a vertex. `None` if a single sample is taken.
     pub(crate) fn several(&self, at: &ShadingPoint) -> Option<[u32; TIERS]> {
         at.is_first().then_some(self.scene.sky.lights)
     }
 
-    /// Light of the environment at a vertex, by light samples.
+    /// Light of the environment at a vertex, estimated by light samples.
     pub(crate) fn lit(&mut self, at: &ShadingPoint) -> Vec3 {
         match self.scene.near() {
             Some(near) => self.lit_by_receiver(&near, at),
@@ -164,7 +164,7 @@ impl<'a> Integrator<'a> {
         arrived * objects.emission_towards(&emitter.hit, -direction) * (coverage / pdf)
     }
 
-    /// MIS weight of emission at a hit that a scattered ray with density `pdf` found.
+    /// MIS weight of the emission at a hit of a scattered ray with density `pdf`.
     pub(crate) fn mis_weight(&mut self, hit: &Hit, ray: Ray, pdf: f32) -> f32 {
         let emitter_pdf = self.scene.objects.emitters.pdf(hit);
         let before = hit.t - self.scene.objects.slack(hit, ray.direction);
@@ -176,8 +176,8 @@ impl<'a> Integrator<'a> {
         power_heuristic(pdf, emitter_pdf * hit.t * hit.t / cosine.max(1e-12))
     }
 
-    /// Light samples of a vertex. The first vertex of a path takes several per tier: they cost less than another
-    /// path, and their noise is directly visible. Later vertices take one.
+    /// Light samples of a vertex. The first vertex of a path takes several per tier, because they cost less
+    /// than another path and their noise is directly visible. Later vertices take one.
     pub(crate) fn lights(
         &self,
         distributions: Distributions<'_>,
@@ -205,9 +205,9 @@ impl<'a> Integrator<'a> {
         found
     }
 
-    /// Share of near light from a receiver point that the objects leave: the panorama was captured without them.
-    /// For each channel one piece of the light that falls on the point decides, chosen in proportion to its
-    /// contribution.
+    /// Share of near light from a receiver point that remains with the objects, without which the panorama
+    /// was captured. For each channel, the share is decided by one piece of the light that falls on the
+    /// point, which is chosen in proportion to its contribution.
     pub(crate) fn dimming(
         &mut self,
         near: &NearFieldLight<'_>,
@@ -243,8 +243,8 @@ impl<'a> Integrator<'a> {
         left
     }
 
-    /// Reflected light of a light sample at a surface. `near` contains the near light, if used, and the random
-    /// numbers of the sample.
+    /// Reflected light of a light sample at a surface. `near` contains the near light, if it is used, and the
+    /// random numbers of the sample.
     fn light_sample(
         &mut self,
         surface: &Surface,
@@ -302,8 +302,8 @@ impl<'a> Integrator<'a> {
         arrived * sample.radiance / sample.pdf
     }
 
-    /// Like [`light_sample`](Self::light_sample), for a matte surface and distant light, which light samples find
-    /// completely.
+    /// Same as [`light_sample`](Self::light_sample) for a matte surface and distant light, for which light
+    /// samples find all light.
     fn matte_light_sample(&mut self, surface: &Surface, sample: &LightSample, key: u32) -> Vec3 {
         let scatter = surface.bsdf.eval(sample.direction)[Lobe::Diffuse as usize];
         if sample.radiance == Vec3::ZERO || scatter.value == Vec3::ZERO {

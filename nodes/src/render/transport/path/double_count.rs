@@ -1,4 +1,4 @@
-//! The error of counting light twice, where the mesh reflects light that the panorama already shows.
+//! Error due to light that is counted twice, if the mesh reflects light that the panorama already shows.
 
 use glam::{DVec3, Vec3};
 
@@ -13,8 +13,8 @@ use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::EnvironmentLight;
 
-/// Light added by bounces of the receiver at the points seen from a point, as a share of the light there without
-/// bounces.
+/// Light that reflection by the receiver adds at the points visible from a point, as a share of the light
+/// there without it.
 pub(crate) fn counted_twice(
     receiver: &Receiver,
     sky: &EnvironmentLight,

@@ -1,4 +1,4 @@
-//! The estimator of radiance along a camera ray.
+//! Estimator of radiance along a camera ray.
 
 use glam::Vec3;
 
@@ -16,12 +16,13 @@ use crate::render::transport::scene::surface::Surface;
 use crate::render::transport::sky::cone::Towards;
 use crate::render::transport::sky::environment::{Distributions, DrawnDirection, EnvironmentLight};
 
-/// Footprint growth per unit of length of rays from matte surfaces, whose many rays blur the result anyway.
+/// Growth of the footprint per unit of length for rays from matte surfaces. There are many of these rays, so
+/// their result is blurred anyway.
 pub(crate) const BLUR: f32 = 0.05;
 /// Number of vertices from which Russian roulette applies.
 const ROULETTE_FROM: u32 = 3;
 
-/// The scene that all rays share.
+/// Scene that all rays share.
 #[derive(Debug, Clone, Copy)]
 pub struct Scene<'a> {
     /// The receiver mesh.
@@ -32,12 +33,12 @@ pub struct Scene<'a> {
     pub sky: &'a EnvironmentLight,
     /// The visibility of the receiver for each kind of ray.
     pub rules: &'a Rules,
-    /// Virtual lights, under near light with objects.
+    /// Virtual lights; used under near light with objects.
     pub light_points: Option<&'a LightPoints>,
 }
 
-/// The contents of the paths of a sample and the sampling of their first vertex. A sub-path that differs gets a
-/// changed copy, by `Integrator::with`.
+/// Settings for the paths of a sample, and for the sampling of their first vertex. A sub-path with other
+/// settings gets a changed copy, by `Integrator::with`.
 #[derive(Debug, Clone, Copy)]
 pub struct Pass<'a> {
     /// Random numbers.
@@ -48,18 +49,18 @@ pub struct Pass<'a> {
     pub lamps: bool,
     /// Light distributions of the first vertex, if better ones than those for its normal are known.
     pub distributions: Option<Distributions<'a>>,
-    /// Light samples of the first vertex, if already drawn.
+    /// Light samples of the first vertex, if they are already drawn.
     pub drawn: Option<&'a [DrawnDirection]>,
-    /// Offset added to the origin of rays to objects from the first vertex: see [`Surface::lift`].
+    /// Offset added to the origin of rays to objects from the first vertex; see [`Surface::lift`].
     pub lift: Vec3,
     /// Rays from the first vertex towards the objects, in addition to scattered ones.
     pub(crate) towards: Towards,
-    /// Footprint of the camera ray per unit of length, for textures of objects.
+    /// Growth of the footprint of the camera ray per unit of length, for textures of objects.
     pub spread: f32,
 }
 
 impl Pass<'_> {
-    /// Paths with or without the objects, with no special sampling of the first vertex.
+    /// Settings for paths with or without the objects, with no special sampling of the first vertex.
     pub fn new(points: Points, objects: bool) -> Self {
         Self {
             points,
@@ -74,30 +75,30 @@ impl Pass<'_> {
     }
 }
 
-/// Events along the paths of a sample.
+/// Counts and flags for the paths of a sample.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Tally {
-    /// Rays cast.
+    /// Numbers of rays cast.
     pub rays: Rays,
-    /// True if a ray met an object.
+    /// True if a ray hit an object.
     pub touched: bool,
-    /// True if a path ended on an object by its length, with over half of its light to come.
+    /// True if a path ended on an object because of its length while over half of its light was missing.
     pub cut: bool,
 }
 
-/// The paths of one sample of one pixel. Random numbers depend only on the sample and the vertex, so paths with and
-/// without objects are identical until they meet an object.
+/// Traces the paths of one sample of one pixel. Random numbers depend only on the sample and the vertex, so
+/// paths with and without objects are identical until they hit an object.
 #[derive(Debug)]
 pub struct Integrator<'a> {
     pub(crate) scene: Scene<'a>,
     pub(crate) key: u32,
     pub(crate) pass: Pass<'a>,
-    /// Events along the paths so far.
+    /// Counts and flags for the paths so far.
     pub tally: Tally,
 }
 
 impl<'a> Scene<'a> {
-    /// Near light, if used.
+    /// Near light, if it is used.
     pub(crate) fn near(&self) -> Option<NearFieldLight<'a>> {
         let near =
             |eye| NearFieldLight { receiver: self.receiver, sky: self.sky, eye: Vec3::from_array(eye) };
@@ -106,13 +107,13 @@ impl<'a> Scene<'a> {
 }
 
 impl<'a> Integrator<'a> {
-    /// The paths of a sample with hash key `key`.
+    /// Starts the paths of a sample with hash key `key`.
     pub fn new(scene: Scene<'a>, key: u32, pass: Pass<'a>) -> Self {
         let objects = pass.objects && !scene.objects.is_empty();
         Self { scene, key, pass: Pass { objects, ..pass }, tally: Tally::default() }
     }
 
-    /// The result of `trace` with another pass; its events are added to the tally.
+    /// Returns the result of `trace` with another pass, and adds its counts to the tally.
     pub(crate) fn with<T>(&mut self, pass: Pass<'a>, trace: impl FnOnce(&mut Self) -> T) -> T {
         let mut sub = Self { scene: self.scene, key: self.key, pass, tally: self.tally };
         let result = trace(&mut sub);
@@ -120,7 +121,7 @@ impl<'a> Integrator<'a> {
         result
     }
 
-    /// The receiver surface at a hit, lifted by `lift` for objects, outside all bodies.
+    /// Receiver surface at a hit, outside all bodies, with the offset `lift` for rays to objects.
     pub(crate) fn receiver_surface(&self, hit: &Hit, lift: Vec3) -> Surface {
         let surface = self.scene.receiver.surface(hit);
         let covers = || self.scene.objects.covers(surface.position + lift, surface.normal);
@@ -186,7 +187,7 @@ impl<'a> Integrator<'a> {
         path.light
     }
 
-    /// Adds the light of the current vertex and advances the path; `None` where it ends.
+    /// Adds the light of the current vertex and advances the path. `None` if the path ends.
     fn step(&mut self, path: &mut Path) -> Option<()> {
         let rules = self.scene.rules;
         let PathState { bounce, throughput, share, mis_weight, media, direction } = path.state;
@@ -232,7 +233,7 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// The throughput after Russian roulette, or `None` if the path ends. [`PathState::share`] is excluded from the
+    /// Throughput after Russian roulette. `None` if the path ends. [`PathState::share`] is excluded from the
     /// survival probability.
     pub(crate) fn russian_roulette(&self, bounce: u32, throughput: Vec3, share: f32) -> Option<Vec3> {
         if bounce + 1 < ROULETTE_FROM {

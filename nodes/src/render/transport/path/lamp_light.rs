@@ -1,9 +1,9 @@
 //! Light that objects add to a receiver under near light, or to one that lets environment light pass.
 //!
-//! There a path ends where it hits the receiver, since the panorama shows the place with all of its
-//! interreflections. It does not show the light that objects add. Light of their emitters is traced on from surface
-//! to surface, in a scene without any other light. Light that they scatter returns to the surfaces around them: the
-//! ground in a mirror is as bright as the ground itself.
+//! In both cases a path ends at its first hit of the receiver, since the panorama shows the place with all of
+//! its interreflections. The panorama does not show the light that objects add. Light of their emitters is
+//! therefore traced from surface to surface, in a scene without any other light. Light that objects scatter
+//! returns to the surfaces around them, so that the ground in a mirror is as bright as the ground itself.
 
 use glam::Vec3;
 
@@ -17,7 +17,7 @@ use crate::render::transport::scene::media::Media;
 use crate::render::transport::sky::cone::Towards;
 
 impl Integrator<'_> {
-    /// The hit of a ray on a receiver that it would pass, if objects emit.
+    /// Hit of a ray on a receiver that the ray would otherwise pass, if objects emit light.
     pub(crate) fn unlit(&mut self, ray: Ray) -> Option<Hit> {
         if !self.pass.objects || !self.pass.lamps || self.scene.objects.emitters.is_empty() {
             return None;
@@ -26,7 +26,7 @@ impl Integrator<'_> {
         self.scene.receiver.bvh.closest(ray, |_| true)
     }
 
-    /// Light of emitters from the receiver hit of a ray that left a vertex, if it hit.
+    /// Light of emitters from the receiver hit of a ray that left a vertex, if there is a hit.
     pub(crate) fn lamps_beyond(
         &mut self,
         landed: Option<Hit>,
@@ -43,9 +43,9 @@ impl Integrator<'_> {
         self.lamp_radiance(Vertex::Receiver(hit), state, true)
     }
 
-    /// Light without emission that objects scatter to the receiver hit of a ray, under near light. The point
-    /// reflects the same share of it as it visibly reflects of all its incident light, independent of the
-    /// receiver's albedo, as in the ratio.
+    /// Light, without emission, that objects scatter to the receiver hit of a ray under near light. The point
+    /// reflects the same share of this light as the panorama shows that it reflects of all incident light.
+    /// This share does not depend on the receiver's albedo, as in the ratio.
     pub(crate) fn objects_beyond(
         &mut self,
         landed: Option<Hit>,
@@ -87,8 +87,9 @@ impl Integrator<'_> {
         self.with(pass, |own| own.path_radiance(vertex, state))
     }
 
-    /// Radiance of a path in a scene with no light but emitters and a solid receiver. If it `sends` them, rays from
-    /// the receiver towards the objects find translucent surfaces around emitters.
+    /// Radiance of a path in a scene with no light except that of emitters, and a solid receiver. If `sends`
+    /// is true, additional rays from the receiver towards the objects find translucent surfaces around
+    /// emitters.
     fn lamp_radiance(&mut self, mut vertex: Vertex, state: PathState, sends: bool) -> Vec3 {
         let (objects, receiver, rules) = (self.scene.objects, self.scene.receiver, self.scene.rules);
         let PathState { bounce: start, mut throughput, mut share, mut mis_weight, mut media, .. } = state;

@@ -1,10 +1,11 @@
-//! Virtual lights: near light as points of the receiver and the sky, to find the share of a point's light that
-//! objects block.
+//! Virtual lights: points of the receiver and the sky that represent near light, used to find the share of a
+//! point's light that objects block.
 //!
-//! A receiver point under near light has the radiance that the panorama shows, captured without the objects. The
-//! light they block there is the blocked share of its irradiance, and the light they add is in proportion to its
-//! irradiance too. For both, the incoming light must be known by its parts: each virtual light stands for a piece
-//! of the receiver around it, or of the sky, by its radiance, area and normal (Keller 1997, virtual point lights).
+//! A receiver point under near light has the radiance that the panorama shows, captured without the objects.
+//! The share of this radiance that the objects block is the blocked share of its irradiance, and the light
+//! that they add is in proportion to its irradiance too. For both, the incoming light must be known in parts:
+//! each virtual light represents a piece of the receiver around it, or of the sky, by its radiance, area and
+//! normal (Keller 1997, virtual point lights).
 
 use std::f32::consts::TAU;
 use std::f64::consts::PI;
@@ -21,9 +22,9 @@ use crate::render::transport::sky::environment::EnvironmentLight;
 
 /// Number of virtual lights.
 const POINTS: usize = 1024;
-/// Lights weighted for one choice. Any aligned block of them covers all directions.
+/// Number of lights that are weighted for one choice. Any aligned block of them covers all directions.
 const BLOCK: usize = 32;
-/// One light in this many has a uniform direction, since dark but near surfaces contribute, too.
+/// One light in this many has a uniform direction, since surfaces that are dark but near contribute too.
 const SPREAD: u32 = 4;
 
 /// A virtual light.
@@ -42,7 +43,7 @@ struct LightPoint {
 #[derive(Debug)]
 pub struct LightPoints(Vec<LightPoint>);
 
-/// The way from a point to a virtual light.
+/// Direction and distance from a point to a virtual light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WayToLight {
     /// Unit direction.
@@ -57,7 +58,8 @@ impl LightPoints {
         size_of_val(&*self.0) as u64
     }
 
-    /// Samples lights seen from a point of capture, most of them of about equal power there. Takes one ray each.
+    /// Samples lights that are visible from a point of capture, most of them of about equal power there.
+    /// Takes one ray per light.
     pub fn new(receiver: &Receiver, sky: &EnvironmentLight, eye: Vec3) -> Self {
         let point = |number: u32| {
             let points = Points::new(stream(0, 0, 0), number / SPREAD);
@@ -80,10 +82,10 @@ impl LightPoints {
         Self((0..POINTS as u32).filter_map(point).collect())
     }
 
-    /// A light for each channel, chosen in proportion to its contribution to a point among one block of lights; for
-    /// the sky, a direction anywhere in its piece. One random number serves all channels, so that they usually
-    /// choose the same light. Occlusion by the receiver is ignored. `None` where no light of a channel comes from
-    /// the side of the normal.
+    /// Chooses a light for each channel from one block of lights, in proportion to its contribution to a
+    /// point. For the sky, the direction is anywhere in its piece. One random number serves all channels, so
+    /// that they usually choose the same light. Occlusion by the receiver is ignored. `None` if no light of a
+    /// channel comes from the side of the normal.
     pub fn choose(
         &self,
         place: Vec3,
@@ -109,15 +111,15 @@ impl LightPoints {
         })
     }
 
-    /// The reflected share of a point's light, from the radiance that it is seen to send, at most 1 per channel:
-    /// its albedo, if the panorama is right. Occlusion by the receiver is ignored.
+    /// Share of a point's light that it reflects, from the radiance that the panorama shows, at most 1 per
+    /// channel. This is its albedo if the panorama is right. Occlusion by the receiver is ignored.
     pub fn albedo(&self, place: Vec3, normal: Vec3, radiance: Vec3) -> Vec3 {
         let irradiance: Vec3 = self.0.iter().map(|point| point.seen_from(place, normal).1).sum();
         let albedo = radiance * (0.5 * TAU) / irradiance;
         Vec3::select(irradiance.cmpgt(Vec3::ZERO), albedo, Vec3::ZERO).min(Vec3::ONE)
     }
 
-    /// An upper bound of the probability that a chosen direction lies in a narrower cone of solid angle
+    /// Upper bound of the probability that a chosen direction lies in a narrower cone of solid angle
     /// `solid_angle` within `cone`.
     pub fn most_chosen(&self, cone: &Cone, solid_angle: f64) -> f64 {
         let angle = |solid_angle: f64| num::f64::acos(1.0 - (solid_angle / (2.0 * PI)).min(2.0));
@@ -144,7 +146,8 @@ impl LightPoints {
 }
 
 impl LightPoint {
-    /// A direction in its piece of the sky, a cone of the same solid angle, from two random numbers.
+    /// Direction in the light's piece of the sky, which is a cone of the same solid angle, from two random
+    /// numbers.
     fn within(&self, [u, v]: [f32; 2]) -> Vec3 {
         let (sin, cos) = circle(u);
         let below = v * (self.size / TAU).min(1.0);
@@ -152,7 +155,7 @@ impl LightPoint {
         Frame::around(self.at).from(Vec3::new(radius * cos, radius * sin, 1.0 - below))
     }
 
-    /// The way to it from a point, and the irradiance that it contributes there.
+    /// Direction and distance to the light from a point, and the irradiance that it contributes there.
     fn seen_from(&self, place: Vec3, normal: Vec3) -> (WayToLight, Vec3) {
         let (direction, distance, solid_angle) = match self.normal {
             None => (self.at, f32::INFINITY, self.size),
@@ -186,7 +189,7 @@ mod tests {
     use crate::render::transport::sky::environment::constant;
     use crate::testing::direction;
 
-    /// No choice for any point lies in a cone of the sky more often than the bound.
+    /// The probability that a choice for any point lies in a cone of the sky is at most the bound.
     #[test]
     fn the_chance_of_a_choice_is_bounded() {
         let mut env = constant(Up::PlusZ, [0.3, 0.4, 0.6], 256);

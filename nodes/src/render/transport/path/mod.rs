@@ -1,4 +1,4 @@
-//! Paths: the light along the rays of one sample of one pixel, and its change by the objects.
+//! Paths: the light along the rays of one sample of one pixel, and the change that the objects make to it.
 
 pub(crate) mod change;
 pub(crate) mod direct_light;

@@ -1,14 +1,16 @@
 //! Near light: the panorama is projected from its point of capture onto the receiver, which emits it.
 //!
-//! A panorama has the light that arrives at one point. Taken as infinitely distant, it lights every point alike,
-//! but a lamp on a wall two metres away is in another direction, and nearer, for a point one metre to the side.
-//! Here every receiver surface that the point of capture sees is a matte emitter, with the radiance that the
-//! panorama shows in its direction. Surfaces that it does not see are lit and scatter, and rays that leave the
-//! scene find the panorama at infinity. Each light counts once, indoors and outdoors.
+//! A panorama contains the light that arrives at one point. If it is infinitely distant, it lights every
+//! point alike. But a lamp on a wall two metres away is in another direction, and nearer, for a point one
+//! metre to the side. Here every receiver surface that is visible from the point of capture is a matte
+//! emitter, with the radiance that the panorama shows in its direction. Surfaces that are not visible from it
+//! receive and scatter light, and rays that leave the scene end in the panorama at infinity. Each light is
+//! counted once, indoors and outdoors.
 //!
-//! A light sample is a direction from the point of capture, and thus a point of the receiver; for another point,
-//! its density per steradian changes by the ratio of the solid angles under which the two see it. Scattered rays
-//! find the same points with a known density, so the two strategies can be weighted.
+//! A light sample is a direction from the point of capture, and thus a point of the receiver; for another
+//! point, its density per steradian changes by the ratio of the solid angles that the point of the receiver
+//! subtends at the two. Scattered rays find the same points with a known density, so the two strategies can
+//! be weighted.
 
 use glam::Vec3;
 
@@ -17,14 +19,15 @@ use crate::math::color::luminance;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::{EnvironmentLight, LightSample};
 
-/// Surfaces closer to each other than this share of their distance count as one. A captured mesh has no better
-/// accuracy, and either may be in front where a lamp lies on its wall.
+/// Relative distance below which two surfaces count as one. A captured mesh is not more accurate, and either
+/// surface may be in front where a lamp lies on its wall.
 const SAME: f32 = 0.01;
-/// A point that the receiver hides from the point of capture by at most this share of its distance counts as seen,
-/// because captured meshes occlude themselves; unless it would be a lamp, which light samples would not find.
+/// Relative distance by which the receiver may hide a point from the point of capture for the point to count
+/// as visible, because captured meshes occlude themselves. Does not apply to points that would be lamps,
+/// which light samples would not find.
 const NEARLY: f32 = 0.05;
 
-/// Near light.
+/// Near light: the receiver emits the light of the panorama.
 #[derive(Debug, Clone, Copy)]
 pub struct NearFieldLight<'a> {
     /// The receiver.
@@ -35,19 +38,20 @@ pub struct NearFieldLight<'a> {
     pub eye: Vec3,
 }
 
-/// An emitting point of the receiver.
+/// Emitting point of the receiver.
 #[derive(Debug, Clone, Copy)]
 pub struct EmissivePoint {
     /// Position.
     pub position: Vec3,
     /// Unit normal on the side of the point of capture.
     pub normal: Vec3,
-    /// Offset of rays that leave it.
+    /// Offset of the origin of rays that leave the point.
     pub margin: f32,
     triangle: u32,
 }
 
-/// A light that a point sees: direction and radiance, and the emitting point; `None` for the sky.
+/// Light that arrives at a point: direction and radiance, and the emitting point, which is `None` for the
+/// sky.
 pub type ArrivingLight = (LightSample, Option<EmissivePoint>);
 
 impl<'a> NearFieldLight<'a> {
@@ -58,8 +62,8 @@ impl<'a> NearFieldLight<'a> {
         EmissivePoint { position: surface.position, normal, margin: surface.margin, triangle: hit.triangle }
     }
 
-    /// The solid angle of a surface element from the point of capture, as a share of that from `point`; 0 where the
-    /// two see different sides.
+    /// Ratio of the solid angles that a surface element subtends at the point of capture and at `point`; 0 if
+    /// the two see different sides.
     fn spread(&self, place: &EmissivePoint, point: Vec3) -> f32 {
         let [eye, other] = [self.eye, point].map(|from| {
             let way = from - place.position;
@@ -71,9 +75,9 @@ impl<'a> NearFieldLight<'a> {
         if other > 0.0 && spread.is_finite() { spread.max(0.0) } else { 0.0 }
     }
 
-    /// A light sample for a point lit from one side, or from all. Takes one ray. Its radiance is 0 where the point
-    /// sees the wrong side; other occlusion is tested by [`reaches`](Self::reaches). `None` where no light comes
-    /// from that side.
+    /// Samples light for a point lit from one side, or from all. Takes one ray. The radiance is 0 if the
+    /// point sees the wrong side of the emitter; other occlusion is tested by [`reaches`](Self::reaches).
+    /// `None` if no light comes from that side.
     pub fn sample(&self, point: Vec3, side: Option<Vec3>, bits: [u32; 2]) -> Option<ArrivingLight> {
         let light = self.sky.sample_defensive(side, bits)?;
         let Some(hit) = self.receiver.bvh.closest(Ray::new(self.eye, light.direction), |_| true) else {
@@ -86,12 +90,12 @@ impl<'a> NearFieldLight<'a> {
         Some((LightSample { direction, radiance, pdf }, Some(place)))
     }
 
-    /// The part of a ray before a light.
+    /// Part of a ray before a light.
     pub fn towards(ray: Ray, place: Option<&EmissivePoint>) -> Ray {
         Self::up_to(ray, place.map_or(f32::INFINITY, |p| (p.position - ray.origin).length()))
     }
 
-    /// The part of a ray before a distance.
+    /// Part of a ray before a distance.
     pub fn up_to(ray: Ray, distance: f32) -> Ray {
         Ray { t_max: distance * (1.0 - SAME), ..ray }
     }
@@ -102,9 +106,9 @@ impl<'a> NearFieldLight<'a> {
         !self.receiver.bvh.any(ray, |hit| Some(hit.triangle) != own)
     }
 
-    /// The light along a ray that hits the receiver at `hit`, or misses it, and the density of
-    /// [`sample`](Self::sample) for the start of the ray. `None` where the point of capture does not see the hit.
-    /// `glossy_pdf` is the density of the ray if a glossy lobe scattered it, else 0: see
+    /// Light along a ray that hits the receiver at `hit`, or misses it, and the density of
+    /// [`sample`](Self::sample) for the origin of the ray. `None` if the hit is not visible from the point of
+    /// capture. `glossy_pdf` is the density of the ray if a glossy lobe scattered it, else 0: see
     /// [`EnvironmentLight::seen`]. Takes one ray.
     pub fn eval(
         &self,
@@ -136,8 +140,9 @@ impl<'a> NearFieldLight<'a> {
         seen.then_some((LightSample { direction: ray.direction, pdf, ..light }, Some(place)))
     }
 
-    /// True if radiance is too high for reflected light: above that of a white wall with all light of the panorama
-    /// on it. Objects in front of a wall attenuate its reflected light, but not a lamp.
+    /// True if the radiance is too high for reflected light: above that of a white wall that receives all
+    /// light of the panorama. Objects in front of a wall attenuate the light that it reflects, but not the
+    /// light of a lamp.
     pub fn is_lamp(&self, radiance: Vec3) -> bool {
         luminance(radiance.to_array())
             > luminance(self.sky.power.map(|p| p as f32)) * std::f32::consts::FRAC_1_PI

@@ -1,4 +1,4 @@
-//! The state of a path.
+//! State of a path.
 
 use glam::Vec3;
 
@@ -7,10 +7,10 @@ use crate::geometry::sampling::hash;
 use crate::render::transport::scene::media::Media;
 use crate::render::transport::scene::surface::Surface;
 
-/// Dimension pairs per vertex: light, direction, choice of lobe, survival.
+/// Number of dimension pairs per vertex: light, direction, choice of lobe, survival.
 const PAIRS: u32 = 4;
 
-/// First dimension pair of the vertex after some bounces; those before belong to the camera.
+/// First dimension pair of the vertex after some bounces. The pairs before belong to the camera.
 pub(crate) const fn first_pair(bounce: u32) -> u32 {
     1 + bounce * PAIRS
 }
@@ -22,13 +22,13 @@ pub enum Vertex {
     Receiver(Hit),
     /// A vertex on an object, hit by a camera ray or a specular ray.
     Object(Hit),
-    /// A vertex on an object, hit by a ray of a matte surface, which continues straight through transmissive
-    /// surfaces.
+    /// A vertex on an object, hit by a ray from a matte surface, which continues straight through
+    /// transmissive surfaces.
     Straight(Hit),
 }
 
 impl Vertex {
-    /// Length of the ray that hit it.
+    /// Length of the ray that hit the vertex.
     pub(crate) fn distance(&self) -> f32 {
         match self {
             Self::Receiver(hit) | Self::Object(hit) | Self::Straight(hit) => hit.t,
@@ -44,30 +44,30 @@ impl Vertex {
     }
 }
 
-/// The way in which a path reached a vertex.
+/// Data about how a path reached a vertex.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PathState {
     /// Unit direction of the ray to the vertex.
     pub direction: Vec3,
-    /// Number of scatterings before.
+    /// Number of scatterings before the vertex.
     pub bounce: u32,
     /// Throughput (beta).
     pub throughput: Vec3,
-    /// The share of the throughput due to weights against other rays, which must not end the path in Russian
-    /// roulette.
+    /// Factor of the throughput that is due to MIS weights against other rays. It must not end the path in
+    /// Russian roulette.
     pub share: f32,
-    /// MIS weight of emission at the vertex, against light samples of the previous vertex.
+    /// MIS weight of the emission at the vertex against light samples of the previous vertex.
     pub mis_weight: f32,
     /// Media at the end of the ray.
     pub media: Media,
 }
 
-/// A path under construction, and the light found so far.
+/// Path under construction, and its light so far.
 #[derive(Debug)]
 pub(crate) struct Path {
     /// The current vertex.
     pub vertex: Vertex,
-    /// How the path reached it.
+    /// Data about how the path reached the vertex.
     pub state: PathState,
     /// Footprint width at the vertex.
     pub width: f32,
@@ -75,7 +75,7 @@ pub(crate) struct Path {
     pub spread: f32,
     /// True if the vertex coincides with the previous one.
     pub touches: bool,
-    /// Radiance so far.
+    /// Radiance of the path so far.
     pub light: Vec3,
 }
 
@@ -84,22 +84,22 @@ pub(crate) struct Path {
 pub(crate) struct ShadingPoint {
     /// The surface.
     pub surface: Surface,
-    /// Number of scatterings before.
+    /// Number of scatterings before the vertex.
     pub bounce: u32,
-    /// First dimension pair.
+    /// First dimension pair of the vertex.
     pub pair: u32,
     /// Hash key of random decisions.
     pub key: u32,
 }
 
 impl ShadingPoint {
-    /// A surface after some bounces of the path with key `path`.
+    /// Makes a shading point of a surface after some bounces of the path with key `path`.
     pub fn new(surface: Surface, bounce: u32, path: u32) -> Self {
         let pair = first_pair(bounce);
         Self { surface, bounce, pair, key: hash(path, pair) }
     }
 
-    /// True if it is the first vertex.
+    /// True if the point is the first vertex.
     pub fn is_first(&self) -> bool {
         self.bounce == 0
     }

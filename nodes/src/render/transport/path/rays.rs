@@ -1,11 +1,11 @@
-//! Ray counters.
+//! Counters of rays.
 
 use crate::geometry::bvh::Steps;
 
-/// Triangles per intersection test, some of which may be empty.
+/// Number of triangles per intersection test, some of which may be empty.
 pub(crate) const LANES: u64 = 4;
 
-/// Rays cast, by purpose.
+/// Numbers of rays cast, by purpose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Rays {
     /// Camera rays, against the receiver or the objects.
@@ -14,19 +14,19 @@ pub struct Rays {
     pub shadow: u64,
     /// Scattered rays.
     pub scattered: u64,
-    /// Rays with counted BVH steps: all rays of one tile in 16.
+    /// Number of rays with counted BVH steps: all rays of one tile in 16.
     pub followed: u64,
     /// BVH steps of those rays.
     pub steps: Steps,
 }
 
 impl Rays {
-    /// Total.
+    /// Total number of rays.
     pub fn all(&self) -> u64 {
         self.camera + self.shadow + self.scattered
     }
 
-    /// Average nodes and triangles per ray, over the rays with counted steps.
+    /// Average number of nodes and triangles per ray, over the rays with counted steps.
     pub fn steps_each(&self) -> [f64; 2] {
         let Steps { nodes, packets } = self.steps;
         [nodes, LANES * packets].map(|n| n as f64 / self.followed.max(1) as f64)

@@ -11,39 +11,40 @@ use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::media::Media;
 use crate::render::transport::sky::cone::Towards;
 
-/// A scattered ray and what it hit.
+/// Scattered ray and its hits.
 pub(crate) struct Scattered {
     lobe: Lobe,
-    /// The ray, as it may hit the receiver.
+    /// The ray, shortened to the part in which it may hit the receiver.
     ray: Ray,
-    /// Density of its direction.
+    /// Density of the direction of the ray.
     pdf: f32,
-    /// Weight of the light along it: BSDF over density, times transmittance.
+    /// Weight of the light along the ray: BSDF over density, times transmittance.
     weight: Vec3,
-    /// The object hit, if it is not behind a light.
+    /// Object that the ray hit, if it is not behind a light.
     object: Option<Vertex>,
-    /// The receiver hit, if tested, before any object.
+    /// Hit on the receiver before any object, if it was tested.
     landed: Option<Hit>,
-    /// Media at its end.
+    /// Media at the end of the ray.
     media: Media,
     /// True if the object coincides with the vertex.
     touches: bool,
 }
 
 impl Scattered {
-    /// Density of the direction for a specular lobe, else 0.
+    /// Density of the direction for a specular lobe, otherwise 0.
     fn glossy_pdf(&self) -> f32 {
         if self.lobe == Lobe::Specular { self.pdf } else { 0.0 }
     }
 }
 
 impl Integrator<'_> {
-    /// True if light samples find all environment light of a vertex, so that scattered rays only look for surfaces.
+    /// True if light samples find all environment light of a vertex, so that scattered rays only search for
+    /// surfaces.
     fn is_matte(&self, at: &ShadingPoint) -> bool {
         at.surface.bsdf.is_matte() && self.scene.rules.near.is_none()
     }
 
-    /// Scatters a ray; `None` if the surface scatters no light, or if the ray could find none.
+    /// Scatters a ray. `None` if the surface scatters no light, or if no light could be found along the ray.
     pub(crate) fn scatter(&mut self, path: &Path, at: &ShadingPoint) -> Option<Scattered> {
         let (rules, surface) = (self.scene.rules, &at.surface);
         let (go_on, matte) = (at.bounce < rules.max_bounces, self.is_matte(at));
@@ -85,7 +86,7 @@ impl Integrator<'_> {
         Some(Scattered { lobe, ray, pdf: scatter.pdf, weight, object, landed, media, touches })
     }
 
-    /// Adds the environment light along a scattered ray; `None` where the path ends in it.
+    /// Adds the environment light along a scattered ray. `None` if the path ends in the environment.
     pub(crate) fn collect(
         &mut self,
         path: &mut Path,
@@ -138,7 +139,8 @@ impl Integrator<'_> {
         if passes { found.radiance * power_heuristic(scattered.pdf, found.pdf) } else { Vec3::ZERO }
     }
 
-    /// Advances a path to the hit of its scattered ray; `None` without a hit, or by Russian roulette.
+    /// Advances a path to the hit of its scattered ray. `None` if there is no hit, or if Russian roulette
+    /// ends the path.
     pub(crate) fn go_on(&mut self, path: &mut Path, towards: &Towards, scattered: Scattered) -> Option<()> {
         let Scattered { lobe, ray, pdf, weight, object, landed, media, touches } = scattered;
         path.vertex = landed.map(Vertex::Receiver).or(object)?;

@@ -1,5 +1,5 @@
-//! Hits and transmittance along the rays of a path: objects, media, and a receiver that blocks light or lets it
-//! pass.
+//! Hits and transmittance along the rays of a path: objects, media, and a receiver that blocks light or lets
+//! it pass.
 
 use glam::Vec3;
 
@@ -11,7 +11,7 @@ use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::media::Media;
 
 impl Integrator<'_> {
-    /// The bodies around the origin of a ray with unknown history.
+    /// Bodies around the origin of a ray whose previous path is unknown.
     pub(crate) fn around(&mut self, ray: Ray) -> Media {
         if !self.pass.objects || !self.scene.objects.may_hold(ray.origin) {
             return Media::default();
@@ -25,7 +25,7 @@ impl Integrator<'_> {
         self.scene.objects.clear && lobe == Lobe::Diffuse
     }
 
-    /// The nearest object along a ray of a lobe.
+    /// Nearest object along a ray of a lobe.
     pub(crate) fn object(&mut self, ray: Ray, key: u32, lobe: Lobe) -> Option<Vertex> {
         if !self.pass.objects {
             return None;
@@ -38,7 +38,7 @@ impl Integrator<'_> {
         objects.bvh.closest(ray, |hit| objects.accepts(hit, key, false)).map(Vertex::Object)
     }
 
-    /// The weight of radiance at the end of a ray of a lobe, at a vertex or at infinity, and the media there.
+    /// Weight of the radiance at the end of a ray of a lobe, at a vertex or at infinity, and the media there.
     pub(crate) fn along(
         &mut self,
         mut ray: Ray,
@@ -60,8 +60,8 @@ impl Integrator<'_> {
         (weight, media)
     }
 
-    /// Transmittance of the objects along a ray that starts in `media`, per class of lobes. One triangle may be
-    /// ignored: the emitter at the end.
+    /// Transmittance of the objects along a ray that starts in `media`, per class of lobes. `except` is a
+    /// triangle to ignore: the emitter at the end.
     pub(crate) fn object_transmittance(
         &mut self,
         ray: Ray,
@@ -74,8 +74,8 @@ impl Integrator<'_> {
         left
     }
 
-    /// Like [`object_transmittance`](Self::object_transmittance); also returns whether an object was hit, which is
-    /// not recorded.
+    /// Same as [`object_transmittance`](Self::object_transmittance). Also returns whether an object was hit,
+    /// without recording it.
     fn objects_along(&mut self, ray: Ray, key: u32, except: Option<u32>, media: Media) -> ([Vec3; 2], bool) {
         if !self.pass.objects {
             return ([Vec3::ONE; 2], false);
@@ -101,7 +101,7 @@ impl Integrator<'_> {
         (left, plain != Vec3::ONE)
     }
 
-    /// The distance from which environment light past the receiver starts: the panorama shows the receiver there,
+    /// Distance from which environment light past the receiver starts. The panorama shows the receiver there,
     /// so objects behind it block none of the light. Surfaces within the error of the mesh are ignored.
     fn start_of_light(&mut self, ray: Ray) -> f32 {
         self.tally.rays.shadow += 1;
@@ -111,8 +111,9 @@ impl Integrator<'_> {
         hit.t + objects.touching.allowance(&ray, hit.t, receiver.normal(hit.triangle))
     }
 
-    /// Transmittance of the objects for environment light along a ray, per class of lobes; `to_receiver` is the
-    /// same ray for the receiver. Unless the receiver is `solid` to the light, objects behind it block none.
+    /// Transmittance of the objects for environment light along a ray, per class of lobes. `to_receiver` is
+    /// the same ray for the receiver. Unless the receiver is `solid` to the light, objects behind it block
+    /// none.
     pub(crate) fn sky_transmittance(
         &mut self,
         (to_receiver, to_objects): (Ray, Ray),
@@ -135,8 +136,8 @@ impl Integrator<'_> {
         }
     }
 
-    /// The object hit by a ray, if it is not behind a receiver that lets environment light pass, and the length of
-    /// the ray.
+    /// Object that a ray hits, if it is not behind a receiver that lets environment light pass, and the
+    /// length of the ray.
     pub(crate) fn before_the_light(
         &mut self,
         object: Option<Vertex>,

@@ -6,28 +6,28 @@ use serde::Serialize;
 use crate::render::transport::bsdf::Lobe;
 use crate::render::transport::scene::block::Block;
 
-/// The role of the receiver in light transport.
+/// Role of the receiver in light transport.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Rules {
-    /// The rule by which it blocks the environment.
+    /// Rule by which the receiver blocks the environment.
     pub block: Block,
-    /// True if diffuse rays hit it as a lit surface.
+    /// True if diffuse rays hit the receiver as a lit surface.
     pub bounce_solid: bool,
-    /// True if reflections in objects pass it and show the environment.
+    /// True if rays reflected by objects pass through the receiver and show the environment.
     pub specular_env: bool,
-    /// True if the visibility is the one printed in the paper: the camera does not see the receiver, and shadow
-    /// rays of reflections hit it though reflections do not.
+    /// True if the visibility is the one printed in the paper: the receiver is invisible to the camera, and
+    /// blocks shadow rays at reflecting surfaces but not the reflected rays themselves.
     pub printed: bool,
-    /// The point of capture in the frame of the scene, under near light: see [`super::near_field`].
+    /// Point of capture in the frame of the scene, if near light is used; see [`super::near_field`].
     pub near: Option<[f32; 3]>,
     /// Maximum number of scatterings after the first.
     pub max_bounces: u32,
-    /// Maximum channel of a contribution after the first vertex of a path; `f32::MAX` for no limit.
+    /// Limit of each channel of a contribution after the first vertex of a path; `f32::MAX` for no limit.
     pub clamp: f32,
 }
 
 impl Rules {
-    /// A contribution of the vertex after `bounce` scatterings, scaled down to the limit.
+    /// Contribution of the vertex after `bounce` scatterings, scaled down to the limit.
     #[inline]
     pub fn clamped(&self, bounce: u32, light: Vec3) -> Vec3 {
         let largest = light.max_element();
@@ -38,12 +38,12 @@ impl Rules {
 /// Visibility of the receiver for rays that leave a surface by one class of lobes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Visibility {
-    /// The rule by which it blocks the environment for a scattered ray.
+    /// Rule by which the receiver blocks the environment for a scattered ray.
     pub block: Block,
-    /// The rule by which it blocks the environment for a shadow ray. It must equal that for scattered rays, or
-    /// light would be lost (see `docs/light-transport.md`); only the printed visibility differs.
+    /// Rule by which the receiver blocks the environment for a shadow ray. It must equal that for scattered
+    /// rays, or light would be lost (see `docs/light-transport.md`). Only the printed visibility differs.
     pub shadow: Block,
-    /// True if a scattered ray continues from it.
+    /// True if the path of a scattered ray continues from the receiver.
     pub lands: bool,
 }
 
@@ -54,9 +54,9 @@ impl Rules {
         self.near.is_some() || self.printed || (self.block == Block::Solid && !self.specular_env)
     }
 
-    /// The visibility of the receiver for a class of lobes: diffuse rays of receiver and objects, and specular rays
-    /// of objects, which see the environment or the receiver. The receiver has no specular lobe, and objects are
-    /// solid to every ray.
+    /// Visibility of the receiver for a class of lobes: diffuse rays of receiver and objects, and specular
+    /// rays of objects, to which either the environment or the receiver is visible. The receiver has no
+    /// specular lobe, and objects are solid to every ray.
     #[inline]
     pub fn visibility(&self, lobe: Lobe) -> Visibility {
         let alike = |block, lands| Visibility { block, shadow: block, lands };
@@ -77,7 +77,8 @@ mod tests {
     use super::*;
     use crate::render::transport::scene::block::EVERYWHERE;
 
-    /// Tests the result of a scattered ray and a shadow ray at the receiver, for each ray and each rule.
+    /// Tests the results of a scattered ray and a shadow ray at the receiver, for each class of rays and each
+    /// rule.
     #[test]
     fn each_ray_sees_the_receiver_by_its_rule() {
         let rules = |block, bounce_solid, specular_env, printed| Rules {

@@ -1,4 +1,4 @@
-//! Computes the finished images of one camera from sums over samples.
+//! Computation of the finished images of one camera from sums over samples.
 
 use super::film::CROSS;
 use super::film::FIRST_HIT;
@@ -18,17 +18,18 @@ const SQUARES: [usize; 3] = [3, R0 + 3, R0 + 8];
 pub(crate) struct ReachedError {
     /// Target error.
     pub(crate) asked: f64,
-    /// Largest error of a tile, predicted from the first samples for the number taken.
+    /// Largest error of a tile, predicted from the first samples for the number of samples taken.
     pub(crate) predicted: f64,
-    /// Largest error of a tile.
+    /// Largest error of a tile that was reached.
     pub(crate) worst: f64,
-    /// Blocks of pixels: all, those that took more than the first samples, those above the target.
+    /// Numbers of blocks of pixels: all, those that took more than the first samples, and those above the
+    /// target.
     pub(crate) blocks: [u64; 3],
-    /// Average samples per pixel.
+    /// Average number of samples per pixel.
     pub(crate) samples: f64,
 }
 
-/// The finished images of one camera.
+/// Finished images of one camera.
 pub(crate) struct FinishedView {
     pub(crate) images: [Image<Linear>; 3],
     pub(crate) depth: Image<Data>,
@@ -38,11 +39,11 @@ pub(crate) struct FinishedView {
     pub(crate) row: Vec<Cell>,
     pub(crate) rays: Rays,
     pub(crate) broken: u64,
-    /// Share of object samples whose path was cut with most of its light to come.
+    /// Share of object samples whose path was cut while most of its light was missing.
     pub(crate) cut: f64,
-    /// Variances outside the range of single precision.
+    /// Number of variances outside the range of single precision.
     pub(crate) beyond: u64,
-    /// Share of the pixel chunks that were cropped, and the largest possible relative change of their light.
+    /// Share of the pixel chunks that were cropped, and upper bound of the relative change of their light.
     pub(crate) cropped: (f64, f64),
     pub(crate) reached: Option<ReachedError>,
 }
@@ -60,12 +61,13 @@ impl FinishedView {
     }
 }
 
-/// The chunks of a camera, added in order as they come, so that memory does not grow with their number.
+/// Sums of the chunks of a camera, added in the order in which they arrive, so that memory does not grow with
+/// their number.
 pub(crate) struct Accumulator {
     pub(crate) whole: Area,
-    /// `R0 + PAIR` sums per pixel; squares where the parts store roots.
+    /// `R0 + PAIR` sums per pixel, with squares where the parts store roots.
     sums: Vec<f64>,
-    /// Samples per pixel.
+    /// Number of samples per pixel.
     samples: Vec<u32>,
     /// For the luminances y0 of R0, y1 of R1 and y of O, sums over a chunk: y1 y1, y1 y0, y0 y0 and y y per pixel,
     /// divided by the chunk's number of samples and added over chunks.
@@ -73,9 +75,9 @@ pub(crate) struct Accumulator {
     rays: Rays,
     broken: u64,
     cut: u64,
-    /// Pixel chunks: all, those that no object changed, and those of them that were cropped.
+    /// Numbers of pixel chunks: all, those that no object changed, and of these, those that were cropped.
     pixels: [u64; 3],
-    /// Largest possible relative change of light in cropped chunks.
+    /// Upper bound of the relative change of light in cropped chunks.
     bound: f32,
 }
 
@@ -95,7 +97,7 @@ impl Accumulator {
         }
     }
 
-    /// Adds a range of samples of an area.
+    /// Adds the sums of a range of samples of an area.
     pub(crate) fn add(&mut self, area: Area, r0: &Sums, pair: &Sums, range: (u32, u32)) {
         let parts = r0.sums.chunks_exact(R0).zip(pair.sums.chunks_exact(PAIR));
         for (pixel, (a, b)) in area.each().zip(parts) {
@@ -123,7 +125,7 @@ impl Accumulator {
         self.bound = self.bound.max(pair.cropped.1);
     }
 
-    /// The sums of a pixel and its number of samples.
+    /// Sums of a pixel and its number of samples.
     fn pixel(&self, index: usize) -> (&[f64], f64) {
         (&self.sums[index * (R0 + PAIR)..(index + 1) * (R0 + PAIR)], f64::from(self.samples[index]))
     }
@@ -140,7 +142,8 @@ impl Accumulator {
         [0, R0, R0 + 4].map(|first| f64::from(luminance([0, 1, 2].map(|k| (sums[first + k] / n) as f32))))
     }
 
-    /// Median luminance of R0 where it is lit, as in `shadow-ratio`: a mean would be that of a visible sun.
+    /// Median luminance of R0 where it is lit, as in `shadow-ratio`. The mean would be dominated by a visible
+    /// sun.
     pub(crate) fn mean_luminance(&self) -> f64 {
         level((0..self.samples.len()).map(|index| self.luminances(index)[0]))
     }
@@ -156,14 +159,16 @@ impl Accumulator {
         if cover > 0.0 { light / cover } else { 0.0 }
     }
 
-    /// Variances of the mean over samples of the luminance of R0, of the change C = R1 - R0, of O, and of the ratio
-    /// S = R1 / R0 of a pixel, as if samples were independent; 0 for a single sample. Stratified points do better,
-    /// so these are upper estimates. C is estimated separately from R0, so S = 1 + C / R0 has
+    /// Variances of the mean over samples of the luminance of R0, of the change C = R1 - R0, of O, and of the
+    /// ratio S = R1 / R0 of a pixel, as if samples were independent; 0 for a single sample. Stratified points
+    /// have less variance, so these are upper estimates. C is estimated separately from R0, so S = 1 + C / R0
+    /// has
     ///
     /// `Var(S) = (Var(C) + (S - 1)^2 Var(R0)) / R0^2 - 2 (S - 1) Cov(C, R0) / R0^2`.
     ///
-    /// The last term is omitted. Where C and R0 share light samples, the light taken grows with the light there, so
-    /// the term is negative and the estimate an upper one; elsewhere they share only the position in the pixel.
+    /// The last term is left out. Where C and R0 share light samples, the blocked light grows with the light
+    /// itself, so the term is negative and the estimate is an upper one. Elsewhere they share only the
+    /// position in the pixel.
     pub(crate) fn variances(&self, index: usize) -> Variances {
         let (sums, n) = self.pixel(index);
         let mean = |k: usize| f64::from(luminance([0, 1, 2].map(|c| (sums[k + c] / n) as f32)));
@@ -203,7 +208,7 @@ pub(crate) struct Variances {
     pub(crate) ratio: f64,
 }
 
-/// The images of a camera from the sums of all samples, where each pixel may stand for a block of pixels.
+/// Computes the images of a camera from the sums of all samples. Each pixel may represent a block of pixels.
 pub(crate) fn finish(
     camera: &Camera,
     coarse_px: u32,

@@ -13,7 +13,7 @@ use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::supports::Ground;
 use crate::types::Camera;
 
-/// A camera without its name, which affects no pixel.
+/// Camera without its name, which has no effect on pixels.
 #[derive(Serialize)]
 pub(crate) struct View<'a> {
     size: (u32, u32),
@@ -31,20 +31,20 @@ impl<'a> View<'a> {
     }
 }
 
-/// The rays of a camera.
+/// Rays of a camera.
 pub(crate) struct CameraRays<'a> {
     pub(crate) camera: &'a Camera,
     pub(crate) eye: Vec3,
     /// Right, down and forward of the camera in the world.
     pub(crate) axes: [DVec3; 3],
-    /// Footprint growth per unit of distance: a quarter of the pixel width, since the samples of a pixel resolve
-    /// narrower detail.
+    /// Growth of the footprint per unit of distance: a quarter of the pixel width, since the samples of a
+    /// pixel resolve narrower detail.
     pub(crate) spread: f32,
     pub(crate) seed: u64,
     pub(crate) ground: &'a Ground,
-    /// Side of the blocks of which one pixel is traced.
+    /// Side of the blocks in which one pixel is traced.
     coarse_px: u32,
-    /// Made on first use.
+    /// Silhouette of the objects, computed on first use.
     silhouette: OnceLock<Silhouette>,
 }
 
@@ -71,13 +71,13 @@ impl<'a> CameraRays<'a> {
         }
     }
 
-    /// The pixel that represents a block: its centre, or the last one within the image.
+    /// Pixel that represents a block: its centre, or the last one within the image.
     pub(crate) fn pixel(&self, (x, y): (u32, u32)) -> (u32, u32) {
         let middle = |block: u32, size: u32| (block * self.coarse_px + self.coarse_px / 2).min(size - 1);
         (middle(x, self.camera.width_px), middle(y, self.camera.height_px))
     }
 
-    /// The ray through a position in the image.
+    /// Ray through a position in the image.
     pub(crate) fn through(&self, x: f64, y: f64) -> Ray {
         let Camera { fx, fy, cx, cy, .. } = *self.camera;
         let [right, down, forward] = self.axes;
@@ -85,15 +85,16 @@ impl<'a> CameraRays<'a> {
         Ray::new(self.eye, direction.normalize().as_vec3())
     }
 
-    /// True if a ray through the pixel of a block may hit any object, if the camera sees them; the same objects
-    /// every time.
+    /// True if a ray through the pixel of a block may hit any object that the camera sees. All calls must
+    /// pass the same objects.
     #[inline]
     pub(crate) fn may_show(&self, objects: &Objects, block: (u32, u32)) -> bool {
         let whole = || Silhouette::of(objects, self.camera, self.eye, self.axes);
         objects.shown && self.silhouette.get_or_init(whole).holds(self.pixel(block))
     }
 
-    /// The points, hash key and camera ray of a sample of a block's pixel: uniform over the pixel (box filter).
+    /// Points, hash key and camera ray of a sample of the pixel of a block. The position is uniform over the
+    /// pixel (box filter).
     pub(crate) fn sample(&self, block: (u32, u32), sample: u32) -> (Points, u32, Ray) {
         let (x, y) = self.pixel(block);
         let stream = stream(self.seed, x, y);

@@ -1,16 +1,16 @@
-//! Cropping: an upper bound of the change by objects of the light of a tile of pixels.
+//! Cropping: an upper bound of the change that objects make to the light of a tile of pixels.
 //!
-//! Objects change the light from the directions in which they are seen: they block the light behind them and add
-//! their own. All these directions lie in a [`Window`]. With `P` its projected solid angle, `T` the light of the
-//! sky in it times the cosine, `L` the maximum radiance of any surface, and `Q` the projected solid angle of the
-//! receiver as seen from the tile, the irradiance changes by at most
+//! Objects change the light from the directions in which they are visible: they block the light behind them
+//! and add light. All these directions lie in a [`Window`]. With `P` its projected solid angle, `T` the light
+//! of the sky in it times the cosine, `L` the maximum radiance of any surface, and `Q` the projected solid
+//! angle of the receiver as seen from the tile, the irradiance changes by at most
 //!
 //! `max(T + P L, P L) + Q L`
 //!
-//! where the terms of the receiver apply if scattered rays hit it and `Q` is not 0. Without emitters `L` is at most
-//! the maximum radiance of the sky, since no material amplifies light. If all surfaces are matte it is also at most
-//! what the maximum irradiance `E` gives for the largest albedo `a`, `E / pi (a + a^2 + ..)`
-//! ([`crate::render::transport::sky::irradiance_bound`]).
+//! where the terms of the receiver apply if scattered rays hit it and `Q` is not 0. Without emitters `L` is
+//! at most the maximum radiance of the sky, since no material amplifies light. If all surfaces are matte, `L`
+//! is also at most the radiance that follows from the maximum irradiance `E` and the largest albedo `a`, `E /
+//! pi (a + a^2 + ..)` ([`crate::render::transport::sky::irradiance_bound`]).
 //!
 //! The bound is compared with the traced light of the pixels without objects, by which the ratio is divided, so
 //! nothing is estimated.
@@ -28,7 +28,7 @@ use crate::render::transport::path::integrator::Scene;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::cone::Cone;
 
-/// The cropping rule of a scene.
+/// Cropping rule of a scene.
 #[derive(Debug)]
 pub struct Crop {
     /// Largest relative change of light that is cropped.
@@ -42,18 +42,18 @@ pub struct Crop {
     near: Option<NearCrop>,
 }
 
-/// The cropping rule under near light.
+/// Cropping rule under near light.
 #[derive(Debug)]
 struct NearCrop {
     eye: Vec3,
     albedo: Option<[f64; 3]>,
-    /// True if all objects are apart from the receiver.
+    /// True if there is a gap between the receiver and every object.
     apart: bool,
     bounds: OnceLock<NearBounds>,
 }
 
 impl Crop {
-    /// The rule for a scene; `Err` states why there is no bound.
+    /// Computes the rule for a scene. `Err` states why there is no bound.
     pub fn new(scene: &Scene<'_>, limit: f64) -> Result<Self, &'static str> {
         let objects = scene.objects.bvh.bounds().ok_or("there are no objects")?;
         if !scene.objects.emitters.is_empty() {
@@ -89,8 +89,8 @@ impl Crop {
         Ok(Self { limit, surfaces, lands, objects: objects.into(), near: None })
     }
 
-    /// The largest relative change of light of any pixel of a tile, whose points may be lifted by `lifted`; `None`
-    /// if it may exceed the limit.
+    /// Upper bound of the relative change of light of any pixel of a tile, whose points may be moved by
+    /// `lifted`. `None` if it may exceed the limit.
     pub fn bound(&self, scene: &Scene<'_>, tile: &TileBounds, lifted: f32) -> Option<f64> {
         if tile.is_empty() {
             return Some(0.0);
@@ -125,7 +125,7 @@ impl Crop {
         (bound <= self.limit).then_some(bound)
     }
 
-    /// Like [`bound`](Self::bound), under near light.
+    /// Same as [`bound`](Self::bound) under near light.
     fn near_bound(
         &self,
         scene: &Scene<'_>,
@@ -152,7 +152,7 @@ impl Crop {
         (bound <= self.limit).then_some(bound)
     }
 
-    /// An upper bound of the projected solid angle of the receiver as seen from a tile; `None` if it exceeds the
+    /// Upper bound of the projected solid angle of the receiver as seen from a tile. `None` if it exceeds the
     /// limit or takes too long to find.
     fn receiver_solid_angle(
         &self,
@@ -176,8 +176,8 @@ impl Crop {
         (!fails).then_some(sum)
     }
 
-    /// Light of the sky that objects may block, times the cosine: the sum over all texels that overlap the window,
-    /// or the brightest of them over the whole window, whichever is less.
+    /// Upper bound of the sky irradiance that objects may block, per channel: the lesser of the
+    /// cosine-weighted sum over all texels that overlap the window, and the brightest of them times `solid`.
     fn hidden_light(&self, scene: &Scene<'_>, tile: &TileBounds, window: &Window, solid: f64) -> [f64; 3] {
         let cone = Cone::between([tile.low, tile.high], self.objects);
         let (mut sum, mut brightest) = ([0.0; 3], [0.0_f64; 3]);
@@ -194,7 +194,7 @@ impl Crop {
     }
 }
 
-/// True if any point of a tile may see the receiver.
+/// True if the receiver may be visible from any point of a tile.
 fn sees(receiver: &Receiver, tile: &TileBounds) -> bool {
     let (mut found, mut left) = (false, LOOKS);
     receiver.bvh.visit(|corners| {
@@ -207,7 +207,7 @@ fn sees(receiver: &Receiver, tile: &TileBounds) -> bool {
     found
 }
 
-/// The largest albedo of the objects per channel, if all of their surfaces are matte.
+/// Largest albedo of the objects per channel. `None` unless all of their surfaces are matte.
 fn matte_albedo(scene: &Scene<'_>) -> Option<Vec3> {
     let primitives = scene.objects.placed().iter().flat_map(|placed| {
         let object = &placed.object;

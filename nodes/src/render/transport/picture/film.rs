@@ -1,4 +1,4 @@
-//! Sums over samples: the stored result of a part.
+//! Sums over samples, which are the stored result of a part.
 
 use engine::{Artifact, Context, Corrupt, Decoder, Difference, Encoder, NodeError};
 
@@ -9,9 +9,9 @@ use crate::geometry::bvh::Steps;
 use crate::render::transport::path::rays::{LANES, Rays};
 use crate::types::{Camera, grouped};
 
-/// Side of the square tiles traced at once, in pixels.
+/// Side of the square tiles that are traced at once, in pixels.
 pub const TILE: u32 = 8;
-/// A rectangle of pixels whose corner is on the tile grid.
+/// Rectangle of pixels whose upper left corner is on the grid of tiles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Area {
     /// First column.
@@ -24,28 +24,28 @@ pub struct Area {
     pub height: u32,
 }
 
-/// Sums per pixel of the part `r0`: RGB, and the root of the sum of squared luminance, since squares can exceed the
-/// range of single precision where light does not.
+/// Number of sums per pixel of the part `r0`: RGB, and the root of the sum of squared luminance. The root is
+/// stored because squares can exceed the range of single precision where light does not.
 pub(crate) const R0: usize = 4;
-/// Sums per pixel of the part `pair`: RGB of R1 and the root of the sum of squared luminance of R1 - R0; RGB, alpha
-/// and the root of the sum of squared luminance of O.
+/// Number of sums per pixel of the part `pair`: RGB of R1 and the root of the sum of squared luminance of R1
+/// - R0; RGB, alpha and the root of the sum of squared luminance of O.
 pub(crate) const PAIR: usize = 9;
-/// Values per pixel of the part `front`: depth, depth of the nearest object, normal.
+/// Number of values per pixel of the part `front`: depth, depth of the nearest object, normal.
 pub(crate) const FIRST_HIT: usize = 5;
 
-/// Stored bytes per pixel and chunk: 53.
+/// Checks the number of stored bytes per pixel and chunk, which is 53.
 const _: () = assert!((R0 + PAIR) * 4 + (TileBounds::VALUES * 4).div_ceil((TILE * TILE) as usize) <= 64);
 
-/// Sums per pixel for the variance between chunks.
+/// Number of sums per pixel for the variance between chunks.
 pub(crate) const CROSS: usize = 4;
 
 impl Area {
-    /// The whole image of a camera.
+    /// Area of the whole image of a camera.
     pub fn whole(camera: &Camera) -> Self {
         Self { left: 0, top: 0, width: camera.width_px, height: camera.height_px }
     }
 
-    /// The area in blocks of `side` by `side` pixels.
+    /// Area in blocks of `side` by `side` pixels.
     pub fn in_blocks(self, side: u32) -> Self {
         Self { width: self.width.div_ceil(side), height: self.height.div_ceil(side), ..self }
     }
@@ -60,7 +60,7 @@ impl Area {
         (y - self.top) as usize * self.width as usize + (x - self.left) as usize
     }
 
-    /// The pieces of a square grid, row by row; those at the end may be smaller.
+    /// Pieces of a square grid, row by row. The pieces at the end may be smaller.
     pub fn pieces(&self, side: u32) -> Vec<Self> {
         let steps = |length: u32| (0..length).step_by(side as usize);
         let piece = |x: u32, y: u32| Self {
@@ -77,63 +77,63 @@ impl Area {
         (self.left / TILE + 5 * (self.top / TILE)).is_multiple_of(16)
     }
 
-    /// Its pixels in the image, row by row.
+    /// Pixels of the area in the image, row by row.
     pub fn each(&self) -> impl Iterator<Item = (u32, u32)> + use<> {
         let Self { left, top, width, height } = *self;
         (top..top + height).flat_map(move |y| (left..left + width).map(move |x| (x, y)))
     }
 }
 
-/// Sums of some channels per pixel over a range of samples. Sums are taken in f64 and stored in f32; chunks are
-/// added in f64 in order.
+/// Sums of some channels per pixel over a range of samples. They are computed in f64 and stored in f32, and
+/// chunks are added in f64 in order.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Sums {
-    /// Sums per pixel.
+    /// Number of sums per pixel.
     pub channels: u32,
     /// `channels` sums per pixel, row by row.
     pub sums: Vec<f32>,
-    /// Rays cast.
+    /// Numbers of rays cast.
     pub rays: Rays,
-    /// Samples that were not finite and were ignored.
+    /// Number of samples that were not finite and were ignored.
     pub broken: u64,
-    /// Object samples whose path was cut with most of its light to come.
+    /// Number of object samples whose path was cut while most of its light was missing.
     pub cut: u64,
-    /// Pixels whose sums equal those without objects, bit for bit.
+    /// Number of pixels whose sums equal those without objects, bit for bit.
     pub untouched: u64,
-    /// Pixels of these that were cropped, and the largest possible relative change of their light.
+    /// Number of these pixels that were cropped, and upper bound of the relative change of their light.
     pub cropped: (u64, f32),
     /// Bounds of each tile of [`Area::pieces`], if computed.
     pub tile_bounds: Vec<TileBounds>,
 }
 
-/// The result of a tile.
+/// Result of a tile.
 #[derive(Debug, Clone, Default)]
 pub struct TileSums {
     /// Sums of the tile's pixels, in order.
     pub sums: Vec<f32>,
-    /// Rays cast in the tile.
+    /// Numbers of rays cast in the tile.
     pub rays: Rays,
-    /// Samples that were not finite and were ignored.
+    /// Number of samples that were not finite and were ignored.
     pub broken: u64,
-    /// Object samples whose path was cut with most of its light to come.
+    /// Number of object samples whose path was cut while most of its light was missing.
     pub cut: u64,
-    /// Pixels whose sums equal those without objects, bit for bit.
+    /// Number of pixels whose sums equal those without objects, bit for bit.
     pub untouched: u64,
-    /// The largest possible relative change of light, if the tile was cropped.
+    /// Upper bound of the relative change of light, if the tile was cropped.
     pub cropped: Option<f64>,
     /// Bounds of the points of the tile.
     pub bounds: Option<TileBounds>,
 }
 
 impl TileSums {
-    /// The result of `trace`, with BVH steps counted.
+    /// Result of `trace`, with BVH steps counted.
     fn followed(trace: impl FnOnce() -> Self) -> Self {
         let (mut done, steps) = Steps::of(trace);
         (done.rays.followed, done.rays.steps) = (done.rays.all(), steps);
         done
     }
 
-    /// An empty result with capacity for `sums` values.
+    /// Creates an empty result with capacity for `sums` values.
     pub fn with_room(sums: usize) -> Self {
         Self { sums: Vec::with_capacity(sums), ..Self::default() }
     }
@@ -147,8 +147,8 @@ impl TileSums {
 }
 
 impl Sums {
-    /// Runs `tile` for every tile of an area, with its number and pixels, and assembles the results. Counts rays,
-    /// and BVH steps for one tile in 16.
+    /// Runs `tile` for every tile of an area, with its number and pixels, and combines the results. Counts
+    /// rays, and BVH steps for one tile in 16.
     pub fn trace(
         cx: &Context,
         area: Area,
@@ -246,11 +246,11 @@ impl Artifact for Sums {
     }
 }
 
-/// Samples of the first chunk.
+/// Number of samples of the first chunk.
 pub const FIRST: u32 = 4;
 
-/// The ranges of samples that parts consist of: they begin at 0, 4, 16, 64 and every further 64, independent of the
-/// number of samples, so more samples only add parts.
+/// Ranges of samples that parts consist of. They begin at 0, 4, 16, 64 and every further 64, independent of
+/// the number of samples, so more samples only add parts.
 pub fn chunks(samples: u32) -> Vec<(u32, u32)> {
     let mut out = Vec::new();
     let mut start = 0;

@@ -1,4 +1,5 @@
-//! Depth and normal of the front surface at the centre of a pixel, and depth of the nearest object anywhere in it.
+//! Depth and normal of the front surface at the centre of a pixel, and depth of the nearest object anywhere
+//! in the pixel.
 
 use glam::Vec3;
 
@@ -13,8 +14,8 @@ use crate::render::transport::scene::media::Media;
 /// Maximum number of positions in a pixel at which objects are searched.
 pub(crate) const PLACES: u32 = 16;
 
-/// Depth of the front surface at pixel centres, depth of the nearest object at `places` positions (those of the
-/// first samples), and normal.
+/// Depth of the front surface at pixel centres, depth of the nearest object at `places` positions (those of
+/// the first samples), and normal of the front surface.
 pub(crate) fn trace_first_hit(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,

@@ -1,9 +1,9 @@
-//! Holes of the receiver: regions of the image without receiver, where no shadow can fall.
+//! Holes of the receiver: regions of the image without receiver, where no shadow can be cast.
 
 use crate::types::{Data, Image};
 
-/// Number of pixels of a depth image (+inf for misses) in regions of misses that do not touch the border. The sky
-/// above a place is not a hole, but a window seen whole is one.
+/// Number of pixels of a depth image (+inf for misses) in regions of misses that do not touch the border. The
+/// sky above a place is not a hole, but a window that is completely visible is one.
 pub(crate) fn holes(depth: &Image<Data>) -> u64 {
     let Image { width, height, .. } = *depth;
     // Missing pixels not yet visited.
@@ -38,9 +38,9 @@ pub(crate) fn holes(depth: &Image<Data>) -> u64 {
 mod tests {
     use super::*;
 
-    /// Surrounded regions are holes, and the sky is not: a floor under a sky with holes of 3 by 2 and of 20 by 20
-    /// pixels, at any size of the image, and a hole that is cut by the border. Mutation: `at_edge` never set; steps
-    /// up left out.
+    /// Surrounded regions are holes, and the sky is not: a floor under a sky with holes of 3 by 2 and of 20
+    /// by 20 pixels, at any size of the image, and a hole that is cut by the border. Mutation: `at_edge`
+    /// never set; steps up left out.
     #[test]
     fn what_is_surrounded_is_a_hole_and_the_sky_is_not() {
         for scale in [1, 2, 5] {
@@ -60,7 +60,7 @@ mod tests {
         assert_eq!(holes(&Image::from_samples(40, 1, 1, vec![f32::INFINITY; 40])), 0);
     }
 
-    /// A hole that winds back up is one region.
+    /// A hole in the shape of a U is one region.
     #[test]
     fn a_winding_hole_is_whole() {
         let picture = ["#######", "#.###.#", "#.###.#", "#.....#", "#######"].concat();

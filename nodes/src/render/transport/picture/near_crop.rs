@@ -1,17 +1,19 @@
-//! Bounds of the change by objects under near light: see [`super::crop`].
+//! Bounds of the change that objects make under near light: see [`super::crop`].
 //!
-//! A point of the receiver that the point of capture sees has the radiance that the panorama shows in its
-//! direction, at most `B`; objects attenuate it with the probability that the tested piece of its light lies behind
-//! them, and add the light that they scatter to it. Points not seen scatter as any matte surface. With `a` the
-//! largest albedo and `E` the maximum irradiance of the sky, no surface exceeds
+//! A point of the receiver that is visible from the point of capture has the radiance that the panorama shows
+//! in its direction, at most `B`. Objects attenuate it with the probability that the tested piece of its
+//! light lies behind them, and add the light that they scatter to it. Points that are not visible from it
+//! scatter light like any matte surface. With `a` the largest albedo and `E` the maximum irradiance of the
+//! sky, no surface exceeds
 //!
 //! `L = B + a (E / pi + B) + a^2 (E / pi + B) + ..`
 //!
-//! Where the objects are apart from the receiver, all of its points see them in one cone, each within a projected
-//! solid angle of at most `P`, with light of the sky of at most `T` behind, and the tested piece lies in that part
-//! with a probability of at most `d` (there are none between two points of the receiver). Then the radiance of any
-//! point changes by at most `D = max(B d, a ((T + P L) / pi + D'))`, where `D'` is that of one bounce less, and the
-//! irradiance of a pixel by its own `T + P L`, plus `pi D` for all of the receiver that it may see.
+//! If there is a gap between the objects and the receiver, all of its points see them in one cone, each
+//! within a projected solid angle of at most `P`, with light of the sky of at most `T` behind them, and the
+//! tested piece lies in that part with a probability of at most `d` (no object lies between two points of the
+//! receiver). Then the radiance of any point changes by at most `D = max(B d, a ((T + P L) / pi + D'))`,
+//! where `D'` is `D` for one bounce less. The irradiance of a pixel changes by its own `T + P L`, plus `pi D`
+//! for all of the receiver that it may see.
 
 use std::f64::consts::PI;
 
@@ -23,22 +25,23 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::cone::Cone;
 use crate::render::transport::sky::environment::EnvironmentLight;
 
-/// Cones narrower than this are not subdivided.
+/// Cosine of the angle of cones that are not subdivided further.
 const NARROW: f32 = 0.9;
-/// Maximum number of passes over the whole sky to find where it shows the receiver.
+/// Maximum number of passes over the whole sky to find the directions in which it shows the receiver.
 const PASSES: f64 = 8.0;
 
 /// Bounds of radiance, per channel.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct NearBounds {
-    /// Radiance of any surface, with or without the objects.
+    /// Upper bound of the radiance of any surface, with or without the objects.
     pub(crate) surfaces: [f64; 3],
-    /// Largest change of the radiance of any receiver point; `None` where objects may be anywhere around it.
+    /// Upper bound of the change of the radiance of any receiver point. `None` if objects may be anywhere
+    /// around it.
     pub(crate) change: Option<[f64; 3]>,
 }
 
 impl NearBounds {
-    /// The bounds for a scene; `albedo` is the largest albedo if all surfaces are matte.
+    /// Computes the bounds for a scene. `albedo` is the largest albedo if all surfaces are matte.
     pub(crate) fn new(scene: &Scene<'_>, albedo: Option<[f64; 3]>, eye: Vec3) -> Self {
         let (brightest, irradiance) = scene.sky.bounds();
         let shown = shown_on(scene.receiver, scene.sky, eye, brightest);
@@ -70,15 +73,16 @@ impl NearBounds {
     }
 }
 
-/// Bounds of the directions from the receiver to objects that are apart from it.
+/// Bounds of the directions from the receiver to objects that do not touch it.
 pub(crate) struct Apart {
-    /// A cone that contains the directions to the objects from all of its points.
+    /// Cone that contains the directions to the objects from all points of the receiver.
     cone: Cone,
-    /// Squared sine of the angle at which its nearest point sees their bounding radius.
+    /// Squared sine of the angle at which the nearest point of the receiver sees the bounding sphere of the
+    /// objects.
     square: f64,
 }
 
-/// The bounds for all points of the receiver; `None` unless the objects are apart from it.
+/// Bounds for all points of the receiver. `None` if an object may touch it.
 pub(crate) fn apart(scene: &Scene<'_>) -> Option<Apart> {
     let ((low, high), objects) = (scene.receiver.bvh.bounds()?, scene.objects.bvh.bounds()?);
     let margin = Vec3::splat(scene.receiver.margin_within(low, high));
@@ -90,7 +94,8 @@ pub(crate) fn apart(scene: &Scene<'_>) -> Option<Apart> {
     (cone.cosine > 0.0 && square < 1.0).then_some(Apart { cone, square })
 }
 
-/// The maximum radiance of the directions in which the receiver may be seen from a point, or of all directions.
+/// Maximum radiance of the directions in which the receiver may be visible from a point, or of all
+/// directions.
 fn shown_on(receiver: &Receiver, sky: &EnvironmentLight, eye: Vec3, brightest: [f64; 3]) -> [f64; 3] {
     let (mut most, mut left, mut passes) = ([0.0; 3], LOOKS, 0.0);
     receiver.bvh.visit(|corners| {

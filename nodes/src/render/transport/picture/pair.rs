@@ -1,4 +1,4 @@
-//! The work of a part per pixel: first the receiver alone, then the change by the objects and the objects
+//! Work of a part per pixel: first the receiver alone, then the change by the objects and the objects
 //! themselves.
 
 use glam::Vec3;
@@ -21,7 +21,7 @@ use crate::render::transport::sky::light_draws::LightDraws;
 /// Dimension of the random number that decides coverage of blended surfaces for camera rays.
 const BLENDED: u32 = 5 << 17;
 
-/// Adds a sample, unless it is not finite.
+/// Adds a sample to the sums unless it is not finite. Returns whether it was added.
 fn add(sums: &mut [f64], light: Vec3, broken: &mut u64) -> bool {
     if !light.is_finite() {
         *broken += 1;
@@ -39,7 +39,7 @@ fn squared_luminance(light: Vec3) -> f64 {
     y * y
 }
 
-/// The receiver without the objects, over some pixels.
+/// Traces the receiver without the objects, over some pixels.
 pub(crate) fn trace_r0(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,
@@ -85,8 +85,9 @@ pub(crate) fn trace_r0(
     sums_of_tile
 }
 
-/// The receiver with the objects, and the objects, over some pixels. `r0` has the sums of the same samples without
-/// objects over an area around them, to which only the change is added; nothing is added where `crop` bounds it.
+/// Traces the receiver with the objects, and the objects, over some pixels. `r0` contains the sums of the
+/// same samples without objects over an area around them; only the change is added to it, and nothing where
+/// `crop` bounds the change.
 pub(crate) fn trace_pair(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,
@@ -173,7 +174,7 @@ pub(crate) fn trace_pair(
     sums_of_tile
 }
 
-/// The objects alone over some cropped pixels.
+/// Traces the objects alone over some cropped pixels.
 fn trace_objects(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,
@@ -203,7 +204,8 @@ fn trace_objects(
     sums_of_tile
 }
 
-/// Adds the light of the objects in a sample; `reach` is the distance up to which the receiver does not hide them.
+/// Adds the light of the objects in a sample. `reach` is the distance up to which the receiver does not hide
+/// them.
 fn show(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,
@@ -234,7 +236,7 @@ fn known(r0: &Sums, area: Area, pixel: (u32, u32)) -> [f64; 3] {
 }
 
 impl Scene<'_> {
-    /// The hit of a camera ray on the receiver.
+    /// Hit of a camera ray on the receiver.
     pub(crate) fn camera_hit(&self, ray: Ray) -> Option<Hit> {
         if self.rules.printed { None } else { self.receiver.bvh.closest(ray, |_| true) }
     }

@@ -1,43 +1,44 @@
 //! Adaptive sampling: the number of samples per block of pixels for a target error.
 //!
-//! The first chunk is taken of the whole image. Then each block of pixels is judged by its variance and takes one
-//! chunk after another, the same chunks as parts, until it reaches the target or the maximum. So the number for a
-//! block depends only on the inputs and the target, and its pixels equal those of an image with as many samples
-//! everywhere, bit for bit. A judged tile is large compared with a pixel, whose own value hardly affects its number
-//! of samples: that would bias it.
+//! The first chunk is traced for the whole image. Then the error of each block of pixels is estimated from
+//! its variance, and the block takes one chunk after another, in the same ranges as parts, until it reaches
+//! the target or the maximum. So the number of samples of a block depends only on the inputs and the target,
+//! and its pixels equal those of an image with as many samples everywhere, bit for bit. The tiles whose error
+//! is estimated are large compared with a pixel, so that the value of a pixel hardly affects its number of
+//! samples, which would bias it.
 
 use engine::NodeError;
 
 use super::accumulator::{Accumulator, ReachedError};
 use super::film::{Area, TILE, chunks};
 
-/// Side of the blocks that take more samples together, in tiles.
+/// Side of the blocks whose pixels take more samples together, in tiles.
 const BLOCK: u32 = 4;
-/// Receiver pixels below this share of the median of `without` are ignored, as `shadow-ratio` does by default.
+/// Share of the median of `without` below which receiver pixels are ignored, as in `shadow-ratio` by default.
 const DARK: f64 = 1e-3;
 /// Largest assumed reduction of variance by stratification.
 const GAIN: f64 = 16.0;
-/// A ratio whose standard error exceeds its value by this divisor is not known to be above 0: it may be an outlier
-/// of one path, whose error must not be judged relative to itself.
+/// Divisor of a ratio with which its standard error is compared. If the error exceeds the quotient, the ratio
+/// may be an outlier of one path, whose error must not be taken relative to itself.
 const SURE: f64 = 2.0;
-/// Degrees of freedom of the variance of independent samples when mixed with the variance between chunks, which is
-/// unreliable for few chunks and few pixels.
+/// Number of degrees of freedom given to the variance of independent samples when it is mixed with the
+/// variance between chunks, which is unreliable for few chunks and few pixels.
 const PRIOR: f64 = 0.5;
 
-/// The target of adaptive sampling.
+/// Target of adaptive sampling.
 pub(crate) struct ErrorGoal {
-    /// Target standard error, see [`ErrorGoal::error`].
+    /// Target standard error; see [`ErrorGoal::error`].
     asked: f64,
     /// Mean luminance of the objects over the pixels that they cover.
     scale: f64,
-    /// Minimum luminance of `without` that counts.
+    /// Minimum luminance of `without` for a pixel to count.
     dark: f64,
     /// All chunks of samples that may be taken.
     chunks: Vec<(u32, u32)>,
 }
 
 impl ErrorGoal {
-    /// The target for an image whose first chunk is known.
+    /// Target for an image whose first chunk is traced.
     pub(crate) fn new(asked: f64, most: u32, accumulator: &Accumulator) -> Self {
         Self {
             asked,
@@ -47,12 +48,13 @@ impl ErrorGoal {
         }
     }
 
-    /// Standard error of the worst tile of an area after a number of chunks, as root mean square over its pixels
-    /// with error: of the ratio S = R1 / R0, weighted by its visible share, and of the objects relative to their
-    /// mean light, whichever is larger. S is unbounded where dark ground is lit, so above 1 its error is relative
-    /// to its certain value, by itself or as part of its tile; the error of a highlight is relative to the
-    /// highlight. From one chunk as if samples were independent, from several by their spread, weighted less for
-    /// fewer pixels.
+    /// Standard error of the worst tile of an area after a number of chunks, as root mean square over its
+    /// pixels with error. It is the larger of two: that of the ratio S = R1 / R0, weighted by its visible
+    /// share, and that of the objects relative to their mean light. S is unbounded where dark ground is lit,
+    /// so above 1 its error is taken relative to its lower confidence bound, for the pixel itself or its
+    /// tile; so the error of a highlight is relative to the highlight. With one chunk, the error is computed
+    /// as if samples were independent. With several, it is computed from the spread between chunks, which has
+    /// less weight for fewer pixels.
     fn error(&self, accumulator: &Accumulator, area: Area, chunks: usize) -> f64 {
         let mut worst = 0.0_f64;
         for tile in area.pieces(TILE) {
@@ -89,7 +91,7 @@ impl ErrorGoal {
         worst
     }
 
-    /// A lower confidence bound of the mean ratio of a tile, over its visible share.
+    /// Lower confidence bound of the mean ratio of a tile, over its visible share.
     fn lit(&self, accumulator: &Accumulator, tile: Area) -> f64 {
         let (mut sum, mut noise, mut weight) = (0.0_f64, 0.0_f64, 0.0_f64);
         for pixel in tile.each() {
@@ -105,8 +107,8 @@ impl ErrorGoal {
         if weight > 0.0 { lower_bound(sum / weight, noise / (weight * weight)) } else { 0.0 }
     }
 
-    /// Takes the samples that each block needs by `take`, which traces a range of samples of an area. Reports
-    /// progress as the share of finished blocks.
+    /// Takes the samples that each block needs by calling `take`, which traces a range of samples of an area.
+    /// Reports progress as the share of finished blocks.
     pub(crate) fn reach(
         &self,
         accumulator: &mut Accumulator,
@@ -141,18 +143,19 @@ impl ErrorGoal {
     }
 }
 
-/// The reference of the error of a ratio: 1, or the certain value of the ratio, or, up to the ratio itself, the
-/// certain mean of its tile. An uncertain pixel in a bright tile is not an outlier.
+/// Value to which the error of a ratio is relative: the largest of 1, the lower confidence bound of the
+/// ratio, and that of the mean of its tile, which counts only up to the ratio itself. An uncertain pixel in a
+/// bright tile is not an outlier.
 fn reference(ratio: f64, variance: f64, around: f64) -> f64 {
     lower_bound(ratio, variance).max(ratio.min(around)).max(1.0)
 }
 
-/// A lower confidence bound of a ratio, by its variance.
+/// Lower confidence bound of a ratio, from its variance.
 fn lower_bound(ratio: f64, variance: f64) -> f64 {
     if ratio > 0.0 { (ratio - SURE * SURE * variance / ratio).max(0.0) } else { 0.0 }
 }
 
-/// Effective number of values that a sum is spread over: all if they are equal, 1 if one dominates.
+/// Effective number of values in a sum: all if they are equal, 1 if one dominates.
 fn effective(sum: f64, squares: f64) -> f64 {
     // Squares of the smallest variances underflow to 0.
     if squares > 0.0 { sum / squares * sum } else { 0.0 }

@@ -1,28 +1,30 @@
-//! The region of an image where objects may be seen.
+//! Region of an image in which objects may be visible.
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
 use crate::render::transport::scene::objects::Objects;
 use crate::types::Camera;
 
-/// How far outside a triangle a ray may hit it, in pixels, and in addition per pixel of focal length: single
-/// precision moves rays and corners by a few units in the last of 24 bits.
+/// Distance outside a triangle at which a ray may still hit it, in pixels, and in addition per pixel of focal
+/// length, because single precision moves rays and corners by a few units in the last of 24 bits.
 const MARGIN: [f64; 2] = [0.01, 1e-5];
 
-/// The pixels of a camera through which a ray may hit an object; a superset.
+/// Set of the pixels of a camera through which a ray may hit an object. It may contain more pixels than
+/// necessary.
 #[derive(Debug)]
 pub(crate) struct Silhouette {
     size: [usize; 2],
     margin: f64,
-    /// Row by row.
+    /// True for each pixel in the set, row by row.
     held: Vec<bool>,
 }
 
-/// First to last column, and rows.
+/// Ranges of columns and rows, both ends included.
 type Rectangle = [[usize; 2]; 2];
 
 impl Silhouette {
-    /// The silhouette of objects for a camera at `eye`, whose right, down and forward in the world are `axes`.
+    /// Computes the silhouette of objects for a camera at `eye`, whose right, down and forward in the world
+    /// are `axes`.
     pub(crate) fn of(objects: &Objects, camera: &Camera, eye: Vec3, axes: [DVec3; 3]) -> Self {
         let size = [camera.width_px, camera.height_px].map(|n| n as usize);
         let Camera { fx, fy, cx, cy, .. } = *camera;
@@ -70,7 +72,7 @@ impl Silhouette {
         self.held[y as usize * self.size[0] + x as usize]
     }
 
-    /// Adds a triangle by its corners in the image, or the rectangle around it; for a box, returns whether to
+    /// Adds a triangle by its corners in the image, or the rectangle around it. For a box, returns whether to
     /// descend into it.
     fn look(&mut self, corners: &[DVec2], is_box: bool) -> bool {
         let Some(pixels) = self.around(corners) else { return false };
@@ -93,7 +95,7 @@ impl Silhouette {
         false
     }
 
-    /// The pixels around some points, if there are any.
+    /// Rectangle of the pixels around some points. `None` if there are no such pixels.
     fn around(&self, points: &[DVec2]) -> Option<Rectangle> {
         let start = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         let (low, high) = points.iter().fold(start, |(low, high), p| (low.min(*p), high.max(*p)));
@@ -110,7 +112,7 @@ impl Silhouette {
         (top..=bottom).all(|y| self.held[y * self.size[0]..][left..=right].iter().all(|held| *held))
     }
 
-    /// The columns of a row that a triangle overlaps.
+    /// Columns of a row that a triangle overlaps.
     fn across(&self, corners: [DVec2; 3], row: usize) -> Option<[usize; 2]> {
         let [top, bottom] = [row as f64 - self.margin, row as f64 + 1.0 + self.margin];
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -144,7 +146,7 @@ mod tests {
     use crate::render::transport::scene::supports::Ground;
     use crate::types::{Material, Object, Placed, Primitive};
 
-    /// Unordered triangles in a cube around the origin, `large` of them as large as the cube.
+    /// Unordered triangles in a cube around the origin, of which `large` are as large as the cube.
     fn triangles(large: u32) -> Objects {
         let corner = |i: u32, k: u32| {
             let points = Points::new(stream(3, i, large), k);
@@ -165,8 +167,8 @@ mod tests {
         Objects::new(None, &[Arc::new(placed)], DVec3::ZERO).expect("consistent")
     }
 
-    /// Every pixel with a ray that hits a triangle is included, and from outside few others. The cameras are
-    /// outside and inside a set of triangles, some of which are beside or behind the eye.
+    /// Every pixel with a ray that hits a triangle is included, and few others if the camera is outside. The
+    /// cameras are outside and inside a set of triangles, some of which are next to or behind the eye.
     #[test]
     fn what_a_ray_meets_is_held() {
         let ground = Ground::default();

@@ -1,4 +1,4 @@
-//! A tile of pixels: its camera hits, and the light distributions for them.
+//! Tile of pixels: its camera hits, and the light distributions for them.
 
 use glam::Vec3;
 
@@ -11,11 +11,11 @@ use crate::render::transport::sky::cone::Cone;
 use crate::render::transport::sky::environment::TIERS;
 use crate::render::transport::sky::light_distribution::LightDistribution;
 
-/// Cosine of the widest cone of normals that one distribution serves.
+/// Cosine of the angle of the widest cone of normals for which one distribution is used.
 const ALIKE: f32 = 0.99;
 
-/// Light samples, and samples in general, for the change where objects can block all light; fewer in proportion
-/// where they can block less.
+/// Number of light samples, and of samples in general, for the change where objects can block all light.
+/// Where they can block less, the number is smaller in proportion.
 const SAMPLES_WHERE_ALL_IS_HIDDEN: f64 = 40.0;
 /// Minimum probability that a sample estimates the change.
 const LEAST_PROBABILITY: f32 = 0.5;
@@ -28,26 +28,26 @@ pub(crate) struct Sample {
     pub(crate) hit: Option<Hit>,
 }
 
-/// The samples of a tile, and the cone of their normals.
+/// Samples of a tile, and the cone of their normals.
 pub(crate) struct Tile<'a> {
     scene: Scene<'a>,
     pub(crate) samples: Vec<Sample>,
-    /// The cone of normals, if they are similar.
+    /// Cone of the normals. `None` if they are not similar.
     normals: Option<Cone>,
 }
 
-/// The sampling of the change by objects for a tile.
+/// Sampling of the change by objects for a tile.
 pub(crate) struct TileSampling {
-    /// The part of the sky that they can block.
+    /// Distributions of the part of the sky that the objects can block.
     pub(crate) distributions: [LightDistribution; TIERS],
-    /// Light samples per tier, powers of 2.
+    /// Number of light samples per tier, each a power of 2.
     pub(crate) lights: [u32; TIERS],
     /// Probability that a sample estimates the change.
     pub(crate) probability: f32,
 }
 
 impl<'a> Tile<'a> {
-    /// Casts the camera rays, pixel by pixel.
+    /// Casts the camera rays of the tile, pixel by pixel.
     pub(crate) fn new(
         scene: Scene<'a>,
         camera_rays: &CameraRays<'_>,
@@ -67,16 +67,16 @@ impl<'a> Tile<'a> {
         Self { scene, samples, normals: normals.filter(|cone| cone.cosine > ALIKE) }
     }
 
-    /// The light distributions of the tile, if one serves all of its normals.
+    /// Light distributions of the tile. `None` unless one distribution serves all of its normals.
     pub(crate) fn distributions(&self) -> Option<[LightDistribution; TIERS]> {
         self.normals.map(|cone| self.scene.sky.distributions_within(Some(cone), &Cone::ALL))
     }
 
-    /// The sampling of the change, from the starts of rays to objects; `None` where these may be in any direction,
-    /// so that light is sampled as without objects, by the same random numbers.
+    /// Sampling of the change, given the origins of rays to objects. `None` if the objects may be in any
+    /// direction; light is then sampled as without objects, by the same random numbers.
     ///
-    /// The effort follows the share of the light that objects can block, an upper bound of the change: in most of
-    /// an image it is small.
+    /// The effort depends on the share of the light that objects can block, which is an upper bound of the
+    /// change and small in most of an image.
     pub(crate) fn change_sampling(&self, starts: impl Iterator<Item = Vec3>) -> Option<TileSampling> {
         let objects = self.scene.objects.bvh.bounds().map(<[Vec3; 2]>::from)?;
         let (low, high) = starts.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))?;

@@ -9,15 +9,16 @@ use crate::render::transport::sky::cone::Cone;
 /// Bounds of the points of a tile and of their light without objects.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TileBounds {
-    /// Bounding box of the ray starts; inverted where the camera sees no receiver.
+    /// Lower corner of the bounding box of the ray origins. The box is inverted if the camera sees no
+    /// receiver.
     pub low: Vec3,
-    /// Upper corner.
+    /// Upper corner of the bounding box.
     pub high: Vec3,
-    /// A cone that contains their normals.
+    /// Cone that contains the normals of the points.
     pub normals: Cone,
-    /// Minimum height along the axis of the normals.
+    /// Minimum height of the points along the axis of the normals.
     pub height: f32,
-    /// Minimum of light over albedo over the pixels, per channel.
+    /// Minimum of light divided by albedo over the pixels, per channel.
     pub least: Vec3,
 }
 
@@ -30,7 +31,7 @@ impl Default for TileBounds {
 }
 
 impl TileBounds {
-    /// The bounds of a tile, given for each pixel the sum of its light and the hits of its samples.
+    /// Computes the bounds of a tile, given the sum of the light of each pixel and the hits of its samples.
     pub fn of<'a>(
         receiver: &Receiver,
         pixels: impl Iterator<Item = (Vec3, &'a [Option<Hit>])> + Clone,
@@ -62,7 +63,7 @@ impl TileBounds {
     /// Number of stored values: those of box, normals, height and light.
     pub const VALUES: usize = 14;
 
-    /// The values to store.
+    /// Values to store.
     pub fn values(&self) -> [f32; Self::VALUES] {
         let Self { low, high, normals, height, least } = self;
         let mut all = [normals.cosine; Self::VALUES];
@@ -73,7 +74,7 @@ impl TileBounds {
         all
     }
 
-    /// The bounds from stored values.
+    /// Restores the bounds from stored values.
     pub fn from_values(all: &[f32; Self::VALUES]) -> Self {
         let [low, high, axis, least] = [0, 3, 6, 9].map(|i| Vec3::new(all[i], all[i + 1], all[i + 2]));
         Self { low, high, normals: Cone { axis, cosine: all[13] }, height: all[12], least }
@@ -84,7 +85,7 @@ impl TileBounds {
         !self.low.cmple(self.high).all()
     }
 
-    /// The bounds with points moved by up to `by` in any direction.
+    /// Bounds of the same points moved by up to `by` in any direction.
     pub(crate) fn grown(&self, by: f32) -> Self {
         Self { low: self.low - by, high: self.high + by, height: self.height - by, ..*self }
     }

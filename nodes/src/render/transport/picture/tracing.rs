@@ -26,7 +26,7 @@ use crate::types::Camera;
 /// A half-open range of samples.
 type Range = (u32, u32);
 
-/// Values in the key of a part besides its inputs.
+/// Values in the key of a part in addition to its inputs.
 #[derive(Serialize)]
 struct Extra<'a> {
     view: View<'a>,
@@ -36,11 +36,11 @@ struct Extra<'a> {
     area: Area,
     coarse_px: u32,
     range: Range,
-    /// Up axis, metres per unit and the error of the mesh; `None` for parts that do not depend on them.
+    /// Up axis, metres per unit and the error of the mesh. `None` for parts that do not depend on them.
     contact: Option<([f64; 3], f64, Option<f64>)>,
-    /// Crop limit; `None` for parts that do not depend on it.
+    /// Crop limit. `None` for parts that do not depend on it.
     crop: Option<f64>,
-    /// True if the light of the objects is omitted.
+    /// True if the light of the objects is left out.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     shadow_only: bool,
     /// True if absent lobes are evaluated. Part of the key, so that such a run computes everything.
@@ -50,17 +50,17 @@ struct Extra<'a> {
 /// Settings of tracing.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Settings {
-    /// Maximum samples per pixel.
+    /// Maximum number of samples per pixel.
     pub(crate) most: u32,
     /// Target standard error, if any.
     pub(crate) max_error: Option<f64>,
-    /// Side of the blocks of which one pixel is traced.
+    /// Side of the blocks in which one pixel is traced.
     pub(crate) coarse_px: u32,
-    /// Largest relative change of light that is cropped; 0 crops nothing.
+    /// Largest relative change of light that is cropped. 0 crops nothing.
     pub(crate) crop: f64,
     /// Error of the receiver where objects stand, in metres, if known.
     pub(crate) contact_metres: Option<f64>,
-    /// True if the light of the objects is omitted.
+    /// True if the light of the objects is left out.
     pub(crate) shadow_only: bool,
     /// True if absent lobes are evaluated.
     pub(crate) every_lobe: bool,
@@ -106,7 +106,7 @@ impl<'a> Tracing<'a> {
         Some(self.settings.crop).filter(|limit| *limit > 0.0)
     }
 
-    /// The cropping rule, or why nothing is cropped.
+    /// Cropping rule, or the reason why nothing is cropped.
     pub(crate) fn crop(&self) -> Result<&Crop, &'static str> {
         let new = || Crop::new(&self.scene(), self.limit().ok_or("`crop` is 0")?);
         self.crop.get_or_init(new).as_ref().map_err(|why| *why)
@@ -116,7 +116,7 @@ impl<'a> Tracing<'a> {
         CameraRays::new(camera, self.prepared.origin, self.cx.seed(), &self.objects.ground, coarse_px)
     }
 
-    /// Key values of a part of the receiver alone.
+    /// Values in the key of a part of the receiver alone.
     fn of_receiver<'s>(&'s self, camera: &'s Camera, area: Area, range: Range) -> Extra<'s> {
         Extra {
             view: View::of(camera),
@@ -133,7 +133,7 @@ impl<'a> Tracing<'a> {
         }
     }
 
-    /// Key values of a part with objects.
+    /// Values in the key of a part with objects.
     fn of_objects<'s>(
         &'s self,
         camera: &'s Camera,
@@ -198,7 +198,7 @@ impl<'a> Tracing<'a> {
         self.settings.most.min(PLACES)
     }
 
-    /// Traces the image of a camera, the `number`-th of the rig.
+    /// Traces the image of a camera, which has index `number` in the rig.
     pub(crate) fn picture(&self, number: usize, camera: &Camera) -> Result<FinishedView, NodeError> {
         let most = self.settings.most;
         let camera_rays = self.camera_rays(camera, self.settings.coarse_px);

@@ -1,5 +1,5 @@
-//! Windows: parts of the sphere of directions that contain all directions from the points of a tile to a box, and
-//! bounds of the light from them.
+//! Windows: parts of the sphere that contain all directions from the points of a tile to a box, and bounds of
+//! the light from them.
 
 use std::f64::consts::PI;
 
@@ -8,23 +8,23 @@ use glam::{DVec3, Vec3};
 use super::tile_bounds::TileBounds;
 use crate::render::transport::sky::cone::Cone;
 
-/// A part of the sphere that contains the directions from the points of a tile to a box: a cone around the
-/// direction to its centre and, where the box is to one side, a [`Wedge`].
+/// Part of the sphere that contains the directions from the points of a tile to a box: a cone around the
+/// direction to the centre of the box and, if the box is to one side, a [`Wedge`].
 pub(crate) struct Window {
     /// Axis of the normals.
     up: DVec3,
     /// Sine and tangent of the angle to the farthest normal.
     tilt: [f64; 2],
-    /// Axis of the cone, and cosine and sine of its angle; `None` for a right angle or more.
+    /// Axis of the cone, and cosine and sine of its angle. `None` if the angle is a right angle or more.
     cone: Option<(DVec3, [f64; 2])>,
-    /// Squared sine of the angular radius of the box, from the nearest point.
+    /// Squared sine of the angular radius of the box, as seen from the nearest point.
     ball: f64,
     wedge: Option<Wedge>,
 }
 
-/// A range of azimuths around the normal, from the horizon up to an elevation.
+/// Range of azimuths around the normal, from the horizon up to an elevation.
 struct Wedge {
-    /// Towards the centre, and perpendicular to it.
+    /// Axes towards the centre of the wedge and perpendicular to it.
     axes: [DVec3; 2],
     /// Tangent of half the range of azimuths.
     side: f64,
@@ -33,7 +33,7 @@ struct Wedge {
 }
 
 impl Window {
-    /// The window of a box or a triangle, given by its corners; `None` if it may surround the points.
+    /// Window of a box or a triangle, given by its corners. `None` if it may surround the points.
     pub(crate) fn of(tile: &TileBounds, corners: &[Vec3]) -> Option<Self> {
         let up = tile.normals.axis.as_dvec3();
         let heights = corners.iter().map(|corner| corner.as_dvec3().dot(up));
@@ -59,7 +59,7 @@ impl Window {
         any.then_some(Self { up, tilt, cone, ball, wedge })
     }
 
-    /// An upper bound of its projected solid angle for any of the normals.
+    /// Upper bound of the projected solid angle of the window for any of the normals.
     pub(crate) fn projected(&self) -> f64 {
         let of_cone = self.cone.map_or(PI, |(axis, [cosine, sine])| {
             // Largest if the normal is its axis; and at most the solid angle times the cosine of the smallest angle
@@ -78,8 +78,8 @@ impl Window {
         of_cone.min(PI * self.ball).min(self.wedge.as_ref().map_or(PI, |wedge| wedge.projected(tilt)))
     }
 
-    /// An upper bound of the cosine with any normal for directions within `radius` of a unit direction; 0 outside
-    /// the window.
+    /// Upper bound of the cosine with any normal for directions within `radius` of a unit direction; 0
+    /// outside the window.
     pub(crate) fn cosine(&self, direction: DVec3, radius: f64) -> f64 {
         // The cosine with the cone's axis changes by at most the distance that a direction moves.
         let inside = self.cone.is_none_or(|(axis, [cosine, _])| direction.dot(axis) + radius >= cosine);
@@ -90,7 +90,7 @@ impl Window {
 }
 
 impl Wedge {
-    /// The wedge of some corners, of which the highest is `above` the points; `None` if they may be in any
+    /// Wedge of some corners, the highest of which is `above` the points. `None` if they may be in any
     /// direction above.
     fn of(tile: &TileBounds, corners: &[Vec3], above: f64) -> Option<Self> {
         let up = tile.normals.axis.as_dvec3();
@@ -111,7 +111,8 @@ impl Wedge {
         there.then(|| Self { axes: [x, y], side, rise: (above / nearest).max(0.0) })
     }
 
-    /// Its width times the integral of the sine of the elevation over any normal up to `tilt` from the axis.
+    /// Projected solid angle: the width times the integral of the sine of the elevation, for any normal up to
+    /// `tilt` from the axis.
     fn projected(&self, tilt: f64) -> f64 {
         let steep = self.rise * tilt;
         if steep >= 1.0 {
@@ -122,7 +123,8 @@ impl Wedge {
         (2.0 * self.side * square / (1.0 + square + (1.0 + square).sqrt())).min(PI)
     }
 
-    /// True if it may contain a direction within `radius` of a unit direction whose sine of elevation is `above`.
+    /// True if the wedge may contain a direction within `radius` of a unit direction whose sine of elevation
+    /// is `above`.
     fn holds(&self, direction: DVec3, above: f64, radius: f64) -> bool {
         let [ahead, aside] = self.axes.map(|axis| axis.dot(direction));
         let level = (ahead * ahead + aside * aside).sqrt();
@@ -154,7 +156,8 @@ mod tests {
         a.min(b).max_element().max(0.0) <= a.max(b).min_element()
     }
 
-    /// The part of a box that any point and normal see is within the bound, which is not many times too large.
+    /// The part of a box that is visible from any point with any normal is within the bound, and the bound is
+    /// not many times too large.
     #[test]
     fn windows_hold_what_is_seen_of_a_box() {
         const RAYS: u32 = 20_000;

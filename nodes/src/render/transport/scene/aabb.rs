@@ -32,7 +32,7 @@ impl Aabb {
         Self { low: self.low.max(other.low), high: self.high.min(other.high) }
     }
 
-    /// The box grown by `space` on all sides.
+    /// The box enlarged by `space` on all sides.
     pub(crate) fn grown(self, space: f32) -> Self {
         Self { low: self.low - space, high: self.high + space }
     }

@@ -1,9 +1,9 @@
 //! Vertex attributes and textures at a point of an object.
 //!
-//! Texels are decoded to linear before bilinear interpolation. Where a ray's footprint covers many texels, colours
-//! are read from a mipmap, interpolated between the two nearest levels. Only colours are filtered this way, because
-//! light is not linear in the other maps: the mean of a cut-out is not a cut-out, and the mean of normals or
-//! roughness describes another surface.
+//! Texels are decoded to linear before bilinear interpolation. If the footprint of a ray covers many texels,
+//! colours are read from a mipmap, interpolated between the two nearest levels. Only colours are filtered in
+//! this way, because light is not linear in the other maps: the mean of a cut-out is not a cut-out, and the
+//! mean of normals or roughness describes a different surface.
 
 use glam::{Vec2, Vec3};
 
@@ -11,12 +11,12 @@ use super::mipmap::{Mipmap, Texels};
 use crate::geometry::bvh::Hit;
 use crate::types::{ColourMap, Map, Object, Primitive, Texture, TextureRef, Wrap};
 
-/// A point of a primitive, for texture lookup.
+/// Point of a primitive, for texture lookup.
 #[derive(Clone, Copy)]
 pub struct SurfacePoint<'a> {
-    /// The object, which has the textures.
+    /// Object that contains the textures.
     pub object: &'a Object,
-    /// The primitive.
+    /// Vertex indices of the triangle, in the order of the barycentric weights of the hit.
     pub primitive: &'a Primitive,
     /// Vertex indices of the triangle, in the order of the barycentric weights of the hit.
     pub corner: [u32; 3],
@@ -26,13 +26,13 @@ pub struct SurfacePoint<'a> {
     pub decode: &'a [f32; 256],
     /// Mipmaps of the object's textures.
     pub mipmaps: &'a [Mipmap],
-    /// Width of the ray's footprint, as a share of the square root of twice the triangle's area; 0 for an
-    /// infinitely thin ray.
+    /// Width of the footprint of the ray, as a share of the square root of twice the area of the triangle; 0
+    /// for an infinitely thin ray.
     pub width: f32,
 }
 
 impl SurfacePoint<'_> {
-    /// A vertex attribute, interpolated.
+    /// Interpolates a vertex attribute.
     pub fn blend<const N: usize>(&self, values: &[[f32; N]]) -> [f32; N] {
         let [a, b, c] = self.corner.map(|i| values[i as usize]);
         let (wb, wc) = (self.hit.b1, self.hit.b2);
@@ -50,7 +50,7 @@ impl SurfacePoint<'_> {
         self.corner.map(|i| uv.get(i as usize).copied().map_or(Vec2::ZERO, Vec2::from_array))
     }
 
-    /// A scalar parameter, times a channel of its texture.
+    /// Value of a scalar parameter times a channel of its texture.
     pub fn number(&self, map: &Map, channel: usize) -> f32 {
         match map.texture {
             Some(texture) => map.factor * self.texture(Some(texture), Texels::Numbers)[channel],
@@ -58,14 +58,14 @@ impl SurfacePoint<'_> {
         }
     }
 
-    /// A colour parameter, times its texture.
+    /// Value of a colour parameter times its texture.
     pub fn colour(&self, map: &ColourMap) -> Vec3 {
         let [r, g, b, _] = self.texture(map.texture, Texels::Colours);
         Vec3::from_array(map.factor) * Vec3::new(r, g, b)
     }
 
-    /// Width of the triangle in texels of a texture: the square root of the texel area of the parallelogram that
-    /// two of its edges span.
+    /// Width of the triangle in texels of a texture: the square root of the area in texels of the
+    /// parallelogram that two of its edges span.
     pub fn texels(&self, texture: TextureRef) -> f32 {
         let [a, b, c] = self.coordinates(texture.uv_set);
         let scale = texture.transform.map_or(1.0, |t| (t.scale[0] * t.scale[1]).abs());
@@ -74,7 +74,7 @@ impl SurfacePoint<'_> {
         ((b - a).perp_dot(c - a).abs() * scale * all).sqrt()
     }
 
-    /// A texture at this point, colours decoded to linear; white without a texture.
+    /// Value of a texture at this point, with colours decoded to linear; white if there is no texture.
     pub fn texture(&self, texture: Option<TextureRef>, texels: Texels) -> [f32; 4] {
         let [r, g, b, alpha] = self.weighed(texture, texels);
         if texels != Texels::CoveredColours || alpha <= 0.0 {
@@ -83,7 +83,7 @@ impl SurfacePoint<'_> {
         [r / alpha, g / alpha, b / alpha, alpha]
     }
 
-    /// Like [`texture`](Self::texture); colours with coverage are premultiplied by alpha.
+    /// Same as [`texture`](Self::texture), with covered colours premultiplied by alpha.
     fn weighed(&self, texture: Option<TextureRef>, texels: Texels) -> [f32; 4] {
         let Some(texture) = texture else { return [1.0; 4] };
         let Some(image) = self.object.textures.get(texture.texture as usize) else { return [1.0; 4] };
@@ -121,7 +121,7 @@ impl SurfacePoint<'_> {
         std::array::from_fn(|k| fine[k] * (2.0 - over) + coarse[k] * (over - 1.0))
     }
 
-    /// A mipmap level at texture coordinates, bilinear.
+    /// Value of a mipmap level at texture coordinates, interpolated bilinearly.
     fn between(&self, image: &Texture, texture: TextureRef, uv: Vec2, texels: Texels) -> [f32; 4] {
         let fetch = |x: i64, y: i64| -> [f32; 4] {
             let x = wrap(x, i64::from(image.width), texture.sampler.wrap_u);
@@ -147,7 +147,7 @@ impl SurfacePoint<'_> {
     }
 }
 
-/// The index of the texel that the wrap mode gives for any index.
+/// Index of the texel that the wrap mode assigns to any index.
 fn wrap(index: i64, size: i64, mode: Wrap) -> usize {
     let at = match mode {
         Wrap::Clamp => index.clamp(0, size - 1),

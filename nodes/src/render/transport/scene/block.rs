@@ -17,9 +17,9 @@ pub const LAYERS: u32 = 3;
 /// A rule by which the receiver blocks light of the environment, in the frame of the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub enum Block {
-    /// Any surface blocks.
+    /// Every surface blocks light.
     Solid,
-    /// Nothing blocks.
+    /// No surface blocks light.
     Pass,
     /// Front faces let light pass and back faces block it.
     FrontFace {
@@ -27,8 +27,8 @@ pub enum Block {
         max_layers: u32,
         /// True if the normals point out of the room, so that back faces count as front faces.
         flip: bool,
-        /// Surfaces outside this box are ignored: the outer side of a wall, the next room. [`EVERYWHERE`] unless
-        /// the room was measured.
+        /// Box outside which surfaces are ignored, such as the outer side of a wall or the next room.
+        /// [`EVERYWHERE`] unless the room was measured.
         within: [[f32; 3]; 2],
     },
     /// Surfaces farther than `radius` from the point of capture do not block.
@@ -40,7 +40,7 @@ pub enum Block {
     },
 }
 
-/// A box that contains everything. Finite, since keys cannot hold infinity.
+/// Box that contains all points. It is finite, since keys cannot contain infinity.
 pub const EVERYWHERE: [[f32; 3]; 2] = [[-f32::MAX; 3], [f32::MAX; 3]];
 
 impl Block {
@@ -96,7 +96,8 @@ mod tests {
     use super::*;
     use crate::types::Mesh;
 
-    /// Squares across the x axis; a negative x means one at -x whose back faces the origin.
+    /// Squares across the x axis at the given positions. A negative x gives one at x whose back faces the
+    /// origin.
     fn squares(at: &[f32]) -> Receiver {
         let mut mesh = Mesh::default();
         for &x in at {
@@ -110,7 +111,7 @@ mod tests {
         Receiver::new(&mesh, DVec3::ZERO)
     }
 
-    /// Each rule against each arrangement of surfaces. Rows are those of docs/light-transport.md.
+    /// Tests each rule with each arrangement of surfaces. The rows are those of docs/light-transport.md.
     #[test]
     fn what_lets_the_environment_through() {
         let nothing = squares(&[]);

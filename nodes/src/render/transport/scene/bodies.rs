@@ -11,7 +11,7 @@ use crate::geometry::bvh::{Hit, Ray};
 use crate::geometry::sampling::{hash, unit};
 use crate::math::num;
 
-/// Points per surface from which the number of surrounding bodies is sampled.
+/// Number of points per surface at which the number of surrounding bodies is sampled.
 const SURFACE_SAMPLES: usize = 64;
 
 /// Orders hits along a ray.
@@ -20,7 +20,7 @@ pub(crate) fn nearer(a: &Hit, b: &Hit) -> Ordering {
 }
 
 impl Objects {
-    /// The media on the near and the far side of a surface for a ray that travels in `media`.
+    /// Media on the near and the far side of a surface, for a ray that travels in `media`.
     pub(crate) fn sides(&self, part: &PlacedPrimitive, back: bool, media: Media) -> [Media; 2] {
         match (part.body, back) {
             (None, _) => [media; 2],
@@ -29,12 +29,12 @@ impl Objects {
         }
     }
 
-    /// The indices of refraction of the media on the two sides of a surface.
+    /// Indices of refraction of the media on the two sides of a surface.
     pub(crate) fn indices(&self, sides: [Media; 2]) -> [f32; 2] {
         sides.map(|media| media.all().last().map_or(1.0, |&body| self.bodies[body as usize].ior))
     }
 
-    /// Absorption per unit length.
+    /// Absorption coefficient per unit length.
     fn absorption(&self, media: Media) -> Vec3 {
         media.all().last().map_or(Vec3::ZERO, |&body| self.bodies[body as usize].absorption)
     }
@@ -44,7 +44,7 @@ impl Objects {
         self.held.is_some_and(|held| held.holds(point))
     }
 
-    /// The bodies around the origin of a ray: those that it leaves without having entered them.
+    /// Bodies around the origin of a ray: those that it leaves without having entered them.
     pub fn around(&self, ray: Ray, key: u32, camera: bool) -> Media {
         let mut crossed = Vec::new();
         self.bvh.any(ray, |hit| {
@@ -67,7 +67,7 @@ impl Objects {
         around
     }
 
-    /// The largest number of nested bodies found at sample points of their surfaces, if it exceeds `MOST`.
+    /// Largest number of nested bodies found at sample points of their surfaces, if it exceeds `MOST`.
     pub fn nested_too_deep(&self) -> Option<usize> {
         if self.bodies.len() <= MOST {
             return None;
@@ -93,17 +93,17 @@ impl Objects {
         deepest.max().filter(|&deepest| deepest > MOST)
     }
 
-    /// Sorts hits on bodies along the ray and removes duplicates: an edge is hit on both of its triangles but
-    /// crossed once.
+    /// Sorts hits on bodies along the ray and removes duplicates, because an edge is hit on both of its
+    /// triangles but crossed once.
     fn in_order(&self, crossed: &mut Vec<Hit>) {
         crossed.sort_unstable_by(nearer);
         let of = |hit: &Hit| (hit.t.to_bits(), hit.back, self.part(hit.triangle).0.body);
         crossed.dedup_by_key(|hit| of(hit));
     }
 
-    /// The transmittance of a ray that starts in `media` and crosses the surfaces of bodies, each of which
-    /// transmits `share` depending on the media on its sides; and the media at its end, on the surface `end` or at
-    /// distance `reach`.
+    /// Transmittance of a ray that starts in `media` and crosses the surfaces of bodies, and the media at its
+    /// end, which is on the surface `end` or at distance `reach`. Each surface transmits `share`, which
+    /// depends on the media on its sides.
     fn through(
         &self,
         mut media: Media,
@@ -132,7 +132,7 @@ impl Objects {
         (light * left, media)
     }
 
-    /// The transmittance of a ray that crosses nothing before its end, and the media there.
+    /// Transmittance of a ray that crosses no surface before its end, and the media there.
     pub fn within(&self, media: Media, end: Option<&Hit>, reach: f32) -> (Vec3, Media) {
         match self.bodies.is_empty() {
             true => (Vec3::ONE, media),
@@ -140,7 +140,7 @@ impl Objects {
         }
     }
 
-    /// The transmittance of objects along a straight ray, ignoring one triangle.
+    /// Transmittance of objects along a straight ray, ignoring the triangle `except`.
     pub fn transmittance(&self, ray: Ray, key: u32, except: Option<u32>, media: Media) -> Vec3 {
         let (mut light, mut crossed) = (Vec3::ONE, Vec::new());
         let blocked = self.bvh.any(ray, |hit| {
@@ -164,12 +164,12 @@ impl Objects {
         light * self.through(media, crossed, (None, ray.t_max), share).0
     }
 
-    /// Probability that a straight ray passes a surface: the share of light that does so in air.
+    /// Probability that a straight ray passes through a surface: the share of light that does so in air.
     fn probability(&self, hit: &Hit, direction: Vec3) -> f32 {
         self.straight(hit, direction, None).max_element()
     }
 
-    /// The nearest surface along a straight ray that passes some surfaces at random.
+    /// Nearest surface along a straight ray that passes through some surfaces at random.
     pub fn closest_straight(&self, ray: Ray, key: u32) -> Option<Hit> {
         self.bvh.closest(ray, |hit| {
             self.accepts(hit, key, false)
@@ -177,7 +177,7 @@ impl Objects {
         })
     }
 
-    /// The weight of radiance at the end of a straight ray, on the surface that
+    /// Weight of the radiance at the end of a straight ray, on the surface that
     /// [`closest_straight`](Self::closest_straight) found or at its reach, and the media there.
     pub fn along_straight(&self, ray: Ray, key: u32, end: Option<&Hit>, media: Media) -> (Vec3, Media) {
         let (mut weight, mut crossed) = (Vec3::ONE, Vec::new());

@@ -1,4 +1,4 @@
-//! Triangles of objects that coincide with the receiver, and how rays meet them there.
+//! Triangles of objects that coincide with the receiver, and the rules by which rays hit them.
 
 use glam::Vec3;
 
@@ -11,11 +11,12 @@ use super::surface::Surface;
 use super::touching::Touching;
 use crate::geometry::bvh::Hit;
 
-/// Minimum cosine between the normals of two surfaces that lie on each other; a surface that stands on another does
-/// not.
+/// Minimum cosine between the normals of two surfaces that lie on each other. The surfaces of an object that
+/// stands on another are below it.
 const ALONG: f32 = 0.5;
 
-/// The triangles of objects that coincide with the receiver, whose camera hits may be moved to `ground`.
+/// Finds the triangles of objects that coincide with the receiver, whose camera hits may be moved to
+/// `ground`.
 pub fn find_touching(objects: &Objects, receiver: &Receiver, ground: &Ground) -> Touching {
     let Some((low, high)) = objects.bvh.bounds() else { return Touching::default() };
     let space = margin(&[low, high, low]);
@@ -64,8 +65,8 @@ pub fn find_touching(objects: &Objects, receiver: &Receiver, ground: &Ground) ->
 }
 
 impl Objects {
-    /// Distance within which a receiver hit counts as behind an object's hit at the same place; 0 for an object
-    /// that does not lie on the receiver.
+    /// Distance within which a receiver hit counts as behind a hit on an object at the same place; 0 for an
+    /// object that does not lie on the receiver.
     pub fn slack(&self, hit: &Hit, direction: Vec3) -> f32 {
         if !self.touching.holds(hit.triangle) {
             return 0.0;
@@ -73,8 +74,8 @@ impl Objects {
         self.touching.reach / self.normal(hit.triangle).dot(direction).abs().max(0.01)
     }
 
-    /// Depth below a point of the receiver at which rays to objects start, so that they hit the object that lies on
-    /// it; `None` if there is no such object.
+    /// Depth below a point of the receiver at which rays to objects start, so that they hit the object that
+    /// lies on it. `None` if there is no such object.
     pub fn covers(&self, position: Vec3, normal: Vec3) -> Option<f32> {
         let touching = &self.touching;
         if !touching.held?.holds(position) {
@@ -85,9 +86,9 @@ impl Objects {
         self.bvh.any(touching.across(position, normal), lies).then_some(touching.reach)
     }
 
-    /// Offset from an object's surface at which rays to the receiver start, so that they hit the receiver that it
-    /// lies on: along the normal, or against it if the ray came from that side. `None` where the surface does not
-    /// lie on the receiver.
+    /// Offset from an object's surface at which rays to the receiver start, so that they hit the receiver
+    /// below it: along the normal, or against it if the ray came from that side. `None` if the surface does
+    /// not lie on the receiver.
     pub fn bed(&self, hit: &Hit, direction: Vec3, surface: &Surface, receiver: &Receiver) -> Option<Vec3> {
         let touching = &self.touching;
         let lies = |hit: &Hit| receiver.normal(hit.triangle).dot(surface.normal).abs() > ALONG;

@@ -1,4 +1,4 @@
-//! Coverage of surfaces: alpha cut-outs, alpha blending, and back faces that the camera looks through.
+//! Coverage of surfaces: alpha cut-outs, alpha blending, and back faces that are invisible to the camera.
 
 use super::bodies::nearer;
 use super::mipmap::Texels;
@@ -8,7 +8,7 @@ use crate::geometry::sampling::{fraction, hash, unit};
 use crate::types::AlphaMode;
 
 impl Objects {
-    /// The share of rays that the surface at a hit stops: 0 where it is cut out, alpha where it is blended.
+    /// Share of rays that the surface at a hit stops: 0 where it is cut out, alpha where it is blended.
     /// `camera` rays pass through back faces of single-sided surfaces, except those of bodies.
     pub fn coverage(&self, hit: &Hit, camera: bool) -> f32 {
         if self.opaque {
@@ -38,9 +38,9 @@ impl Objects {
         coverage == 1.0 || unit(hash(key, hit.triangle)) < coverage
     }
 
-    /// The surface that a camera ray shows, chosen by one random number for all surfaces along it: each takes its
-    /// share of the numbers left by those before it, so stratified numbers give stratified coverage. Each further
-    /// surface costs one ray, counted in `rays`.
+    /// Surface that is visible along a camera ray. It is chosen by one random number for all surfaces along
+    /// the ray: each takes its share of the range of numbers left by those before it, so stratified numbers
+    /// give stratified coverage. Each further surface takes one ray, counted in `rays`.
     pub fn front(&self, ray: Ray, number: u32, rays: &mut u64) -> Option<Hit> {
         let mut number = fraction(number);
         let mut passed: Option<Hit> = None;

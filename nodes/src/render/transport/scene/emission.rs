@@ -1,4 +1,4 @@
-//! Emission of objects: where a ray hits them, and the distribution for light samples.
+//! Emission of objects: at the hits of rays, and as a distribution for light samples.
 
 use glam::Vec3;
 
@@ -11,10 +11,10 @@ use super::objects::Objects;
 use crate::geometry::bvh::Hit;
 use crate::types::Material;
 
-/// Smallest sampled share of the maximum of an emission texture: one texel among 128 by 128.
+/// Smallest share of the maximum of an emission texture that is sampled: one texel among 128 by 128.
 const FAINT: f32 = 1.0 / 16384.0;
 
-/// Maximum number of lattice cells over all emissive triangles, beyond 32 per side.
+/// Maximum number of lattice cells over all emissive triangles, in addition to 32 per side.
 const CELLS: usize = 1 << 17;
 
 impl Objects {
@@ -30,14 +30,14 @@ impl Objects {
         self.surface(&Hit { back, ..*hit }, out, false, 0.0, Media::default()).emission
     }
 
-    /// Emission of the material at a hit, averaged over a footprint of `width` (a share of the square root of twice
-    /// the triangle's area).
+    /// Emission of the material at a hit, averaged over a footprint of `width` (a share of the square root of
+    /// twice the area of the triangle).
     pub fn emission(&self, hit: &Hit, width: f32) -> Vec3 {
         let (_, material, point) = self.point(hit);
         emission(&SurfacePoint { width, ..point }, material)
     }
 
-    /// The light distribution of all emissive triangles.
+    /// Light distribution of all emissive triangles.
     pub(crate) fn find_emitters(&self) -> Emitters {
         // A lamp so small that the average rounds to black keeps a small probability.
         let emission = |hit: &Hit, width| self.emission(hit, width).max(self.peak(hit, width) * FAINT);
@@ -45,8 +45,8 @@ impl Objects {
         Emitters::new(&self.corners, |triangle| self.lattice(triangle, finest), emission)
     }
 
-    /// The maximum of the emission texture over a footprint; black without a texture. [`emission`](Self::emission)
-    /// is the mean.
+    /// Maximum of the emission texture over a footprint; black if there is no texture.
+    /// [`emission`](Self::emission) is the mean.
     fn peak(&self, hit: &Hit, width: f32) -> Vec3 {
         let (_, material, point) = self.point(hit);
         let [r, g, b, _] = material.base_colour;
@@ -59,8 +59,8 @@ impl Objects {
         Vec3::from_array(most) * Vec3::new(r, g, b)
     }
 
-    /// Maximum cells per side of a lattice: 32, and more for scenes of few emissive triangles, such as a panel of
-    /// lights.
+    /// Maximum number of cells per side of a lattice: 32, or more for scenes of few emissive triangles, such
+    /// as a panel of lights.
     fn finest(&self) -> u32 {
         let shining = self.parts.iter().map(|part| {
             let object = &self.placed()[part.placed].object;
@@ -72,8 +72,8 @@ impl Objects {
         (each.isqrt() as u32).max(COARSE)
     }
 
-    /// Cells per side of the lattice that samples a triangle's emission texture: one per four texels, at most
-    /// `finest`.
+    /// Number of cells per side of the lattice that samples a triangle's emission texture: one per four
+    /// texels, at most `finest`.
     fn lattice(&self, triangle: u32, finest: u32) -> u32 {
         let hit = Hit { t: 0.0, triangle, b1: 0.0, b2: 0.0, back: false };
         let (_, material, point) = self.point(&hit);
@@ -83,7 +83,7 @@ impl Objects {
         ((texels / 4.0).ceil() as u32).clamp(1, finest)
     }
 
-    /// A point sampled by emission, from random numbers. There must be an emitter.
+    /// Samples a point by emission, from random numbers. There must be an emitter.
     pub fn sample_emitter(&self, choice: u32, place: [u32; 2]) -> EmitterSample {
         self.emitters.sample(&self.corners, choice, place)
     }

@@ -7,8 +7,8 @@ use crate::geometry::bvh::{Hit, Ray};
 use crate::geometry::sampling::{Discrete, unit};
 use crate::math::color::luminance;
 
-/// The emissive triangles of the objects, in pieces that are sampled in proportion to area times mean luminance. A
-/// textured triangle is divided into a lattice, so that a small bright spot of the texture is sampled as one.
+/// Emissive triangles of the objects, in pieces that are sampled in proportion to area times mean luminance.
+/// A textured triangle is divided into a lattice, so that a small bright spot of the texture becomes a piece.
 #[derive(Debug)]
 pub struct Emitters {
     /// Triangle and cell of each emissive piece.
@@ -16,28 +16,29 @@ pub struct Emitters {
     choice: Discrete,
     /// Sum over all pieces of area times mean luminance.
     pub power: f64,
-    /// The lattice of each triangle of the objects; empty if nothing is emissive.
+    /// Lattice of each triangle of the objects; empty if no triangle is emissive.
     lattices: Vec<Lattice>,
     /// Probability density by area of each cell of each lattice.
     pdf: Vec<f32>,
 }
 
-/// The cells of a triangle: two per lattice square, `side` squares per edge; 0 for a triangle that is not emissive.
+/// Cells of a triangle: two per square of the lattice, with `side` squares per edge; 0 for a triangle that is
+/// not emissive.
 #[derive(Debug, Clone, Copy, Default)]
 struct Lattice {
     first: u32,
     side: u32,
 }
 
-/// Squares per edge of lattices of many triangles.
+/// Number of squares per edge of lattices in scenes of many emissive triangles.
 pub const COARSE: u32 = 32;
 
-/// Number of bright cells up to which each is examined by this many points per edge.
+/// Maximum number of bright cells for which each is examined at this many points per edge.
 const FEW: usize = 256;
 const CLOSE: u32 = 16;
 
 impl Lattice {
-    /// The cell that contains a point.
+    /// Index of the cell that contains a point.
     fn cell(&self, b1: f32, b2: f32) -> u32 {
         let side = self.side as f32;
         let (x, y) = ((b1 * side).max(0.0), (b2 * side).max(0.0));
@@ -46,7 +47,7 @@ impl Lattice {
         2 * (i * self.side + j) + u32::from(upper)
     }
 
-    /// Barycentric weights of a point of a cell, from weights within it.
+    /// Barycentric weights of a point of a cell, from weights within the cell.
     fn place(&self, cell: u32, [u, v]: [f32; 2]) -> [f32; 2] {
         let side = self.side as f32;
         let [i, j] = [cell / 2 / self.side, cell / 2 % self.side].map(|k| k as f32);
@@ -57,14 +58,14 @@ impl Lattice {
         }
     }
 
-    /// The cells inside the triangle: all but the upper ones on its long edge and those beyond it.
+    /// Indices of the cells inside the triangle: all but the upper ones on its long edge and those beyond it.
     fn cells(self) -> impl Iterator<Item = u32> {
         let inside = move |cell: &u32| cell / 2 / self.side + cell / 2 % self.side + cell % 2 < self.side;
         (0..2 * self.side * self.side).filter(inside)
     }
 }
 
-/// A sampled point on an emitter.
+/// Sampled point on an emitter.
 #[derive(Debug, Clone, Copy)]
 pub struct EmitterSample {
     /// Triangle and barycentric weights.
@@ -75,14 +76,14 @@ pub struct EmitterSample {
     pub normal: Vec3,
     /// Probability density by area.
     pub pdf: f32,
-    /// Offset of rays from its triangle: see [`margin`].
+    /// Offset of rays from the triangle; see [`margin`].
     margin: f32,
 }
 
 impl EmitterSample {
-    /// The ray from a start to just above this point, on the side of the start. It ends off the triangle by the
-    /// rounding errors of both ends, so it stays above the plane of the triangle: facets next to it on a convex
-    /// lamp are not hit, and surfaces before it are.
+    /// Ray from `start` to just above the point, on the side of the start. It ends above the triangle by the
+    /// rounding errors of both ends, so it stays above the plane of the triangle: it does not hit the facets
+    /// next to it on a convex lamp, and hits surfaces before it.
     pub fn way(&self, start: Vec3) -> Ray {
         let off = self.margin + margin(&[start; 3]);
         let side = off.copysign((start - self.position).dot(self.normal));
@@ -93,8 +94,9 @@ impl EmitterSample {
 }
 
 impl Emitters {
-    /// Builds the distribution from the corners of all triangles, the lattice size per triangle, and the emission
-    /// at a point averaged over a footprint (a share of the square root of twice the triangle's area).
+    /// Builds the distribution from the corners of all triangles, the lattice size per triangle, and the
+    /// emission at a point averaged over a footprint (a share of the square root of twice the area of the
+    /// triangle).
     pub fn new(
         corners: &[[Vec3; 3]],
         sides: impl Fn(u32) -> u32,
@@ -182,8 +184,8 @@ impl Emitters {
     }
 }
 
-/// Mean luminance of a triangle from a lattice of points, each averaged over its part, so that a small lamp between
-/// points is found.
+/// Mean luminance of a triangle from a lattice of points, each averaged over its part of the triangle, so
+/// that a small lamp between points is found.
 fn mean_luminance(triangle: u32, emission: impl Fn(&Hit, f32) -> Vec3) -> f32 {
     const N: u32 = 4;
     let mut sum = 0.0;
@@ -203,9 +205,9 @@ mod tests {
     use crate::geometry::sampling::{Points, stream};
     use crate::testing::chi_square;
 
-    /// Chi-square of sampled points against their density, over sixteenths of triangles of many sizes and
-    /// radiances, some of them black. Mutation: `root` to `unit(u)` in `Emitters::sample`, `/ area` left out of
-    /// `Emitters::new` (each seen red when triangles were whole).
+    /// Chi-square test of sampled points against their density, over sixteenths of triangles of many sizes
+    /// and radiances, some of them black. Mutation: `root` to `unit(u)` in `Emitters::sample`, `/ area` left
+    /// out of `Emitters::new` (each seen red when triangles were whole).
     #[test]
     fn points_follow_their_density() {
         let corners: Vec<[Vec3; 3]> = (0..12)

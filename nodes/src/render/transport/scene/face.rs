@@ -1,28 +1,28 @@
-//! A triangle, and the offset of rays that leave it.
+//! Triangle, and the offset of rays that leave it.
 
 use glam::Vec3;
 
 use crate::geometry::bvh::Hit;
 
-/// The offset at which rays must start from a triangle so as not to hit it again: rounding of corners, barycentrics
-/// and ray origin, each a few units in the last place of the largest coordinate.
+/// Offset at which rays must start from a triangle so that they do not hit it again. It covers the rounding
+/// of corners, barycentrics and ray origin, each a few units in the last place of the largest coordinate.
 pub(crate) fn margin([a, b, c]: &[Vec3; 3]) -> f32 {
     a.abs().max(b.abs()).max(c.abs()).max_element() * (8.0 * f32::EPSILON)
 }
 
-/// Position, unit normal by winding, and offset of a hit.
+/// Position, unit normal by winding, and offset of rays, at a hit.
 pub(crate) fn geometry(corners: &[Vec3; 3], hit: &Hit) -> (Vec3, Vec3, f32) {
     let face = Face::new(*corners);
     (face.at(hit), face.normal, face.margin)
 }
 
-/// A triangle, with the values that all of its points share.
+/// Triangle, with the values that all of its points share.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Face {
     pub(crate) corners: [Vec3; 3],
     /// Unit normal, by its winding.
     pub(crate) normal: Vec3,
-    /// See [`margin`].
+    /// Offset of rays that leave the triangle; see [`margin`].
     pub(crate) margin: f32,
 }
 

@@ -1,16 +1,17 @@
 //! The stack of transparent bodies that a path is in.
 //!
-//! A path carries the bodies that it has entered and not left. Only the one entered last absorbs: a body inside
-//! another displaces its medium, as ice does in water, so a part of the same medium inside a body changes nothing.
-//! The indices of refraction on the two sides of a surface follow from the same stack. A body that is left without
-//! having been entered surrounded the whole ray, outside the known bodies; what leaves an open mesh was inside
-//! nothing.
+//! A path carries the bodies that it has entered and not left. Only the one entered last absorbs light: a
+//! body inside another displaces its medium, as ice does in water, so a part of the same medium inside a body
+//! changes nothing. The indices of refraction on the two sides of a surface follow from the same stack. If a
+//! ray leaves a body without having entered it, that body surrounded the whole ray, outside the known bodies.
+//! A ray that leaves an open mesh was not inside a body.
 
 use glam::Vec3;
 
-/// Maximum number of nested bodies on the stack. With more, the outermost is forgotten until the path leaves it.
+/// Maximum number of nested bodies on the stack. If there are more, the outermost is forgotten until the path
+/// leaves it.
 pub(crate) const MOST: usize = 4;
-/// The inside of the surfaces of one placed object that bound the same medium.
+/// Interior of the surfaces of one placed object that bound the same medium.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Body {
     /// Index of the placed object.
@@ -21,7 +22,7 @@ pub struct Body {
     pub ior: f32,
 }
 
-/// The bodies around a point, outermost first.
+/// Bodies around a point, outermost first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Media {
     bodies: [u32; MOST],

@@ -1,15 +1,16 @@
 //! Mipmaps: smaller copies of a texture for footprints that cover many texels.
 //!
-//! Level `k + 1` has half the size of level `k`, rounded up, and holds means of its texels. Colours are averaged in
-//! linear light and encoded again. Colours of cut-out or blended textures are weighted by alpha, since transparent
-//! texels have arbitrary colours. Levels are built on first use, on any thread, with the same result.
+//! Level `k + 1` has half the size of level `k`, rounded up, and contains means of its texels. Colours are
+//! averaged in linear light and encoded again. Colours of cut-out or blended textures are weighted by alpha,
+//! since transparent texels have arbitrary colours. Levels are built on first use, on any thread, with the
+//! same result.
 
 use std::sync::OnceLock;
 
 use crate::math::color::{code8, srgb_from_linear};
 use crate::types::Texture;
 
-/// Averaging of the texels of a texture.
+/// How the texels of a texture are averaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Texels {
     /// Averaged as plain numbers.
@@ -22,13 +23,13 @@ pub enum Texels {
     Peaks,
 }
 
-/// The levels of a texture for each kind of average.
+/// Levels of a texture for each kind of average.
 #[derive(Debug, Default)]
 pub struct Mipmap([OnceLock<Vec<Texture>>; 4]);
 
 impl Mipmap {
-    /// Level `level` of a texture, where `base` is level 0; the last one beyond it. `decode` has the linear values
-    /// of the sRGB codes.
+    /// Level `level` of a texture, where `base` is level 0, or the last level if there are fewer. `decode`
+    /// contains the linear values of the sRGB codes.
     pub fn level<'a>(
         &'a self,
         base: &'a Texture,
@@ -49,7 +50,7 @@ impl Mipmap {
     }
 }
 
-/// A texture of half the size, or `None` for a single texel. Where a dimension is odd, the last texels are averaged
+/// Texture of half the size. `None` for a single texel. If a dimension is odd, the last texels are averaged
 /// alone.
 fn half(texture: &Texture, texels: Texels, decode: &[f32; 256]) -> Option<Texture> {
     let [width, height] = [texture.width, texture.height].map(|n| n as usize);

@@ -1,4 +1,4 @@
-//! The surface of an object at a hit: material parameters and shading normal.
+//! Surface of an object at a hit: material parameters and shading normal.
 
 use glam::Vec3;
 
@@ -14,8 +14,8 @@ use crate::render::transport::bsdf::{Bsdf, BsdfParams, Frame, Layers, mirroring,
 use crate::types::{AlphaMode, Material, NormalMap};
 
 impl Objects {
-    /// The surface at a hit, seen from the unit direction `out` by a ray with a footprint of `width`. If
-    /// `straight`, without transmission. The ray arrived through `media`.
+    /// Surface at a hit, seen from the unit direction `out` by a ray with a footprint of `width` that arrived
+    /// through `media`. Without transmission if `straight` is true.
     pub fn surface(&self, hit: &Hit, out: Vec3, straight: bool, width: f32, media: Media) -> Surface {
         let (part, material, point) = self.point(hit);
         let media = self.sides(part, hit.back, media);
@@ -76,8 +76,8 @@ impl Objects {
         Surface { position, normal: geometric, margin, bsdf, emission, media, cover: None, bed: None, lift }
     }
 
-    /// Straight transmittance of the surface at a hit for a ray direction: of a body between the media on its
-    /// sides, or in air.
+    /// Straight transmittance of the surface at a hit for a ray direction. For a body it depends on the media
+    /// on its sides; other surfaces are in air.
     pub(crate) fn straight(&self, hit: &Hit, direction: Vec3, sides: Option<[Media; 2]>) -> Vec3 {
         let (_, material, point) = self.point(hit);
         if material.transmission.factor == 0.0 {
@@ -91,7 +91,7 @@ impl Objects {
         straight(&params, normal.dot(direction).abs())
     }
 
-    /// A tangent perpendicular to a normal, from stored tangents or texture coordinates, and the sign of the
+    /// Tangent perpendicular to a normal, from stored tangents or texture coordinates, and the sign of the
     /// bitangent.
     fn tangent(
         &self,
@@ -119,7 +119,7 @@ impl Objects {
         ((tangent - normal * normal.dot(tangent)).normalize_or_zero(), hand)
     }
 
-    /// The normal of a normal map.
+    /// Normal from a normal map.
     fn bump(&self, part: &PlacedPrimitive, point: &SurfacePoint<'_>, map: &NormalMap, normal: Vec3) -> Vec3 {
         let [x, y, z, _] = point.texture(Some(map.texture), Texels::Numbers).map(|c| 2.0 * c - 1.0);
         let (tangent, hand) = self.tangent(part, point, map.texture.uv_set, normal);
@@ -127,7 +127,7 @@ impl Objects {
         ((tangent * x + bitangent * y) * map.scale + normal * z).normalize_or(normal)
     }
 
-    /// Tangent direction and strength of anisotropy, with its texture.
+    /// Tangent direction and strength of anisotropy, with its texture applied.
     fn brush(
         &self,
         part: &PlacedPrimitive,
@@ -155,7 +155,7 @@ fn apply(m: &[Vec3; 3], v: Vec3) -> Vec3 {
     m[0] * v.x + m[1] * v.y + m[2] * v.z
 }
 
-/// The parameters of a material at a point.
+/// Parameters of a material at a point.
 pub(crate) fn params(point: &SurfacePoint<'_>, material: &Material) -> BsdfParams {
     let texels = match material.alpha_mode {
         AlphaMode::Opaque => Texels::Colours,
@@ -199,7 +199,7 @@ pub(crate) fn params(point: &SurfacePoint<'_>, material: &Material) -> BsdfParam
     params
 }
 
-/// The emission of a material at a point.
+/// Emission of a material at a point.
 pub(crate) fn emission(point: &SurfacePoint<'_>, material: &Material) -> Vec3 {
     if material.unlit {
         return params(point, material).base;

@@ -1,8 +1,8 @@
 //! The inserted objects as triangles in one frame, and what rays hit.
 //!
-//! Transmission bends and blurs light for camera rays and specular rays. For rays of matte surfaces, and so for
-//! shadows, it goes straight and is only attenuated: refractive caustics are omitted, consistently in both sampling
-//! strategies of matte surfaces.
+//! Transmission bends and blurs light for camera rays and specular rays. For rays from matte surfaces, and so
+//! for shadows, light goes straight on and is only attenuated: refractive caustics are left out, consistently
+//! in both sampling strategies of matte surfaces.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -32,7 +32,7 @@ use crate::types::{AlphaMode, Material, Object, Placed, Primitive};
 pub(crate) struct PlacedPrimitive {
     pub(crate) placed: usize,
     pub(crate) primitive: usize,
-    /// Index of its first triangle in the BVH.
+    /// Index of the first triangle of the primitive in the BVH.
     pub(crate) first: u32,
     /// Transform of normals to the frame of the scene: columns of the inverse transpose.
     pub(crate) normals: [Vec3; 3],
@@ -40,9 +40,9 @@ pub(crate) struct PlacedPrimitive {
     pub(crate) tangents: [Vec3; 3],
     pub(crate) mirrored: bool,
     pub(crate) opaque: bool,
-    /// True if it transmits light straight.
+    /// True if the primitive transmits light straight.
     pub(crate) clear: bool,
-    /// The body that it bounds, if light can enter it.
+    /// Index of the body that the primitive bounds, if light can enter it.
     pub(crate) body: Option<u32>,
 }
 
@@ -60,11 +60,11 @@ pub struct Objects {
     pub(crate) opaque: bool,
     /// True if any surface transmits light.
     pub clear: bool,
-    /// True if the camera sees them.
+    /// True if the objects are visible to the camera.
     pub shown: bool,
-    /// True if lobes are evaluated that the materials do not have: see [`engine::Context::exhaustive`].
+    /// True if lobes that the materials do not have are evaluated; see [`engine::Context::exhaustive`].
     pub every_lobe: bool,
-    /// The bodies, and the bounding box of all of them.
+    /// Bodies of the objects, and the bounding box of all of them.
     pub(crate) bodies: Vec<Body>,
     pub(crate) held: Option<Aabb>,
     /// Emissive surfaces.
@@ -75,7 +75,7 @@ pub struct Objects {
     pub touching: Touching,
     /// Supports of the objects.
     pub ground: Ground,
-    /// Largest distance by which a flat object was lifted off another: see [`super::sheets`].
+    /// Largest distance by which a flat object was lifted off another; see [`super::sheets`].
     pub(crate) lifted: f32,
 }
 
@@ -83,14 +83,14 @@ fn columns(m: DMat3) -> [Vec3; 3] {
     [m.x_axis.as_vec3(), m.y_axis.as_vec3(), m.z_axis.as_vec3()]
 }
 
-/// Triangle indices in the order that keeps the front outside after a mirroring transform.
+/// Triangle indices in the order that keeps the front outside under a mirroring transform.
 fn wound([a, b, c]: [u32; 3], mirrored: bool) -> [u32; 3] {
     if mirrored { [a, c, b] } else { [a, b, c] }
 }
 
 impl Objects {
-    /// Triangles of the objects relative to `origin`, with flat objects lifted off one another and off the
-    /// receiver, if given.
+    /// Collects the triangles of the objects relative to `origin`, with flat objects lifted off one another
+    /// and off the receiver, if it is given.
     pub fn new(
         receiver: Option<&Receiver>,
         placed: &[Arc<Placed>],
@@ -186,7 +186,7 @@ impl Objects {
         Ok(())
     }
 
-    /// The index of a body; surfaces of one object with the same medium share it.
+    /// Index of a body. Surfaces of one object with the same medium share it.
     fn body(&mut self, body: Body) -> u32 {
         let at = self.bodies.iter().position(|known| *known == body).unwrap_or(self.bodies.len());
         if at == self.bodies.len() {
@@ -211,7 +211,7 @@ impl Objects {
         self.parts.iter().zip(ends).map(|(part, end)| (part, part.first as usize..end))
     }
 
-    /// The triangles of a placed object.
+    /// Indices of the triangles of a placed object.
     pub(crate) fn triangles_of(&self, placed: usize) -> impl Iterator<Item = u32> {
         let parts = self.parts_with_triangles().filter(move |(part, _)| part.placed == placed);
         parts.flat_map(|(_, triangles)| triangles.start as u32..triangles.end as u32)
@@ -222,7 +222,7 @@ impl Objects {
         &self.placed
     }
 
-    /// True if no ray can hit them.
+    /// True if no ray can hit an object.
     pub fn is_empty(&self) -> bool {
         self.bvh.bounds().is_none()
     }
@@ -246,8 +246,9 @@ impl Objects {
         )
     }
 
-    /// Distance along a ray at which a hit on the receiver counts as before an object's hit. Where glass stands on
-    /// the receiver the two coincide and the receiver wins; where something flat lies on it, the object wins.
+    /// Distance along a ray at which a hit on the receiver counts as before a hit on an object. Where glass
+    /// stands on the receiver, the two coincide and the receiver is in front. Where a flat object lies on it,
+    /// the object is in front.
     pub fn reach(&self, hit: &Hit, direction: Vec3) -> f32 {
         let slack = self.slack(hit, direction);
         if slack > 0.0 {
@@ -261,8 +262,8 @@ impl Objects {
         hit.t + 2.0 * margin(&self.corners[hit.triangle as usize]) / slant
     }
 
-    /// A surface of another primitive at the same place as a hit, which a transmitted ray would skip: the table on
-    /// which glass stands, or the content of the glass.
+    /// Hit on a surface of another primitive at the same place as a hit, which a transmitted ray would
+    /// otherwise skip: the table on which glass stands, or the content of the glass.
     pub fn touching(&self, hit: &Hit, surface: &Surface, direction: Vec3, key: u32) -> Option<Hit> {
         let slant = direction.dot(surface.normal).abs().max(0.01);
         let start = surface.position + surface.normal * surface.margin;

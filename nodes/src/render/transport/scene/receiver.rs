@@ -1,4 +1,4 @@
-//! The receiver: the mesh of the captured place.
+//! Receiver: the mesh of the captured place.
 
 use glam::{DVec3, Vec3};
 
@@ -11,9 +11,9 @@ use crate::types::Mesh;
 
 /// Albedo of a receiver without vertex colours.
 pub const GREY: f32 = 0.5;
-/// Minimum albedo of a receiver, per channel. Nothing in a real scene is darker, and a black surface has no ratio.
-/// Captured meshes have vertices that no photograph shows, and saturated colours with a channel of 0, where the
-/// shadow would lose a channel or be lost.
+/// Minimum albedo of a receiver, per channel. No surface of a real scene is darker, and a black surface has
+/// no ratio. Captured meshes have vertices that no photograph shows, and saturated colours with a channel of
+/// 0, for which the shadow or one of its channels would be lost.
 pub const DARKEST: f32 = 0.01;
 
 /// The mesh of the captured place.
@@ -25,12 +25,13 @@ pub struct Receiver {
     colours: Vec<[Vec3; 3]>,
     /// Number of vertex colours outside [0, 1] or not finite, which were clamped.
     pub clamped: u64,
-    /// Number of vertex colours with a channel below [`DARKEST`], which was raised.
+    /// Number of vertex colours with a channel below [`DARKEST`], which were raised to it.
     pub raised: u64,
 }
 
 impl Receiver {
-    /// The triangles of a mesh relative to `origin`, near which large ones are subdivided: see `subdivide`.
+    /// Collects the triangles of a mesh relative to `origin`. Large triangles near the origin are subdivided;
+    /// see `subdivide`.
     pub fn new(mesh: &Mesh, origin: DVec3) -> Self {
         let place = |i: u32| mesh.position(i) - origin;
         let (mut clamped, mut raised) = (0, 0);
@@ -65,13 +66,13 @@ impl Receiver {
         self.bvh.bytes() + (size_of_val(&*self.faces) + size_of_val(&*self.colours)) as u64
     }
 
-    /// The largest albedo of any point, per channel.
+    /// Largest albedo of any point, per channel.
     pub fn albedo(&self) -> Vec3 {
         let most = self.colours.iter().flatten().copied().reduce(Vec3::max);
         most.unwrap_or(if self.faces.is_empty() { Vec3::ZERO } else { Vec3::splat(GREY) })
     }
 
-    /// The largest ray offset of the triangles that reach into a box.
+    /// Largest ray offset of the triangles that reach into a box.
     pub fn margin_within(&self, low: Vec3, high: Vec3) -> f32 {
         let reaches = |face: &&Face| {
             let [a, b, c] = face.corners;
@@ -102,14 +103,14 @@ impl Receiver {
         }
     }
 
-    /// Origin of rays that leave a hit on the side that was seen.
+    /// Origin of rays that leave a hit, on the visible side.
     #[inline]
     pub fn start(&self, hit: &Hit) -> Vec3 {
         let face = &self.faces[hit.triangle as usize];
         face.at(hit) + self.facing(hit) * face.margin
     }
 
-    /// The surface at a hit, on the side of the ray, outside all bodies.
+    /// Surface at a hit, on the side of the ray, outside all bodies.
     #[inline]
     pub fn surface(&self, hit: &Hit) -> Surface {
         let face = &self.faces[hit.triangle as usize];

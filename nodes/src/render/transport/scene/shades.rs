@@ -1,4 +1,4 @@
-//! Lampshades: translucent surfaces around emitters, towards which object surfaces send rays of their own.
+//! Lampshades: translucent surfaces around emitters, towards which surfaces of objects send additional rays.
 //!
 //! Light samples of an emitter never find the light that a shade transmits, and cosine-distributed rays seldom do.
 
@@ -9,13 +9,13 @@ use crate::render::transport::sky::cone::Cone;
 use crate::render::transport::sky::cone::Towards;
 use crate::types::Material;
 
-/// Bounding boxes of emitters with the translucent surfaces around them; empty without shades.
+/// Bounding boxes of emitters with the translucent surfaces around them; empty if there are no shades.
 #[derive(Debug, Clone, Default)]
 pub struct Shades(Vec<Aabb>);
 
 impl Shades {
-    /// The boxes of emissive primitives, each joined with the boxes of translucent primitives that it meets. Boxes
-    /// that meet are joined.
+    /// Computes the boxes of emissive primitives, each joined with the boxes of translucent primitives that
+    /// it overlaps. Boxes that overlap are joined.
     pub(crate) fn of<'a>(parts: impl Iterator<Item = (Aabb, &'a Material)>) -> Self {
         let (mut lamps, mut translucent) = (Vec::new(), Vec::new());
         for (around, material) in parts.filter(|(around, _)| !around.is_empty()) {
@@ -36,7 +36,7 @@ impl Shades {
         Self(boxes)
     }
 
-    /// Rays from a point to the box that subtends the largest cone; none from inside a box.
+    /// Rays from a point to the box that subtends the largest cone. There are no such rays inside a box.
     pub(crate) fn towards(&self, place: Vec3) -> Towards {
         let seen = self.0.iter().map(|around| Cone::between([place; 2], [around.low, around.high]));
         // The first of equal ones.

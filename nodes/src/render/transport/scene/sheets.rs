@@ -1,9 +1,9 @@
 //! Flat objects that lie exactly on another object: a label on a box, a cloth on a table, a card on a card.
 //!
-//! Rounding would decide which of two coincident surfaces a ray hits. A flat object in the plane of a face of
-//! another object is lifted off it by a few millionths of its coordinates, so that it is in front for all rays. A
-//! rug on the floor under a table stays where it is: lifting it off the feet of the table would press it into the
-//! floor, and the feet are not visible.
+//! Which of two coincident surfaces a ray hits would depend on rounding. A flat object in the plane of a face
+//! of another object is lifted off it by a few millionths of its coordinates, so that it is in front for all
+//! rays. A rug on the floor under a table is not moved: to separate it from the feet of the table, it would
+//! have to move into the floor, and the contact with the feet is not visible.
 
 use glam::{DVec2, Vec3};
 
@@ -12,7 +12,7 @@ use super::objects::Objects;
 use super::receiver::Receiver;
 use crate::geometry::bvh::{Bvh, Ray};
 
-/// Lift of a sheet, in units of the ray offset of the surface below.
+/// Distance by which a sheet is lifted, in units of the ray offset of the surface below.
 const HAIR: f32 = 4.0;
 
 /// A flat object.
@@ -26,7 +26,7 @@ struct Sheet {
 }
 
 impl Sheet {
-    /// The sheet made by triangles, if all lie in one plane up to rounding.
+    /// Sheet made by triangles. `None` unless all of them lie in one plane up to rounding.
     fn of<'a>(triangles: impl Iterator<Item = &'a [Vec3; 3]> + Clone, reach: f32) -> Option<Self> {
         let area = |[a, b, c]: &[Vec3; 3]| (*b - *a).as_dvec3().cross((*c - *a).as_dvec3());
         let by_size = |a: &&[Vec3; 3], b: &&[Vec3; 3]| area(a).length().total_cmp(&area(b).length());
@@ -66,7 +66,7 @@ impl Sheet {
         near && own.any(|own| share_area(&flat(own), &flat(corners), f64::from(reach)))
     }
 
-    /// True if the receiver coincides with it below the centre of one of its triangles.
+    /// True if the receiver coincides with the sheet below the centre of one of its triangles.
     fn rests_on<'a>(
         &self,
         receiver: &Receiver,
@@ -83,7 +83,8 @@ impl Sheet {
     }
 }
 
-/// True if two triangles overlap by more than a length: no edge of either separates them (separating axis theorem).
+/// True if two triangles overlap by more than a length, that is, if no edge of either separates them
+/// (separating axis theorem).
 fn share_area(a: &[DVec2; 3], b: &[DVec2; 3], by: f64) -> bool {
     let extent = |corners: &[DVec2; 3], way: DVec2| {
         let at = corners.map(|p| p.dot(way));
@@ -97,9 +98,9 @@ fn share_area(a: &[DVec2; 3], b: &[DVec2; 3], by: f64) -> bool {
 }
 
 impl Objects {
-    /// Lifts flat objects off the objects that they coincide with: to the front side of the other face. Of two flat
-    /// objects, the later one is lifted off the earlier one, towards the camera if the earlier one is two-sided. A
-    /// flat object on the receiver is lifted only off other flat ones.
+    /// Lifts flat objects off the objects that they coincide with, to the front side of the other face. Of
+    /// two flat objects, the later one is lifted off the earlier one, towards the camera if the earlier one
+    /// is two-sided. A flat object on the receiver is lifted only off other flat ones.
     pub(crate) fn lift_sheets(&mut self, receiver: Option<&Receiver>) {
         let Some((low, high)) = self.bvh.bounds().filter(|_| self.placed().len() > 1) else { return };
         let space = margin(&[low, high, low]);

@@ -1,39 +1,42 @@
-//! Subdivision of large triangles, so that single precision suffices where they are seen.
+//! Subdivision of large triangles, so that single precision suffices for their visible parts.
 //!
-//! The ray-triangle test is as exact as the largest coordinate of the corners, wherever on the triangle the hit
-//! lies: on a floor of two triangles a kilometre wide, a shadow would start centimetres from its object. So edges
-//! are halved, in double precision, until each is at most
+//! The error of the ray-triangle test is in proportion to the largest coordinate of the corners, wherever on
+//! the triangle the hit lies. On a floor of two triangles a kilometre wide, a shadow would start centimetres
+//! from its object. So edges are halved, in double precision, until each is at most
 //!
 //! `L <= d / 2 + 16 h`
 //!
-//! long, where d is the distance of the edge from the origin and h that of the whole mesh. A hit at distance t >= h
-//! lies within 0.87 L of the longest edge of its triangle, so `d <= t + 0.87 L`, `L < 30 t`, and every corner is
-//! less than 31 t from the origin: errors depend on the position of a hit, not on the size of its triangle. Whether
-//! an edge is halved depends only on its two ends, so neighbours are cut alike and no gap opens between them.
+//! long, where d is the distance of the edge from the origin and h that of the whole mesh. A hit at distance
+//! t >= h lies within 0.87 L of the longest edge of its triangle, so `d <= t + 0.87 L`, `L < 30 t`, and every
+//! corner is less than 31 t from the origin: errors depend on the position of a hit, not on the size of its
+//! triangle. Whether an edge is halved depends only on its two ends, so neighbouring triangles are divided
+//! alike and no gap opens between them.
 
 use glam::{DVec3, Vec3};
 
-/// First term of the largest length of an edge, as a share of its distance from the origin.
+/// Coefficient of the first term of the largest length of an edge, in distances of the edge from the origin.
 const SHARE: f64 = 0.5;
-/// Second term of the largest length of an edge, as a multiple of the distance of the nearest point of the mesh.
+/// Coefficient of the second term of the largest length of an edge, in distances of the nearest point of the
+/// mesh from the origin.
 const NEAREST: f64 = 16.0;
-/// Edges shorter than this share of the distance of the farthest corner are never halved, even if the origin lies
-/// on the mesh.
+/// Length below which edges are never halved, as a share of the distance of the farthest corner, even if the
+/// origin lies on the mesh.
 const FINEST: f64 = 1.0 / 1_099_511_627_776.0;
-/// Maximum number of pieces beyond twice the triangles; a mesh of long needles is left as it is.
+/// Maximum number of pieces beyond twice the number of triangles. A mesh of long needles that would exceed it
+/// is left unchanged.
 const MOST: usize = 1 << 17;
 
-/// A corner relative to the origin, and its colour.
+/// Position of a corner relative to the origin, and its colour.
 pub type Corner = (DVec3, Vec3);
 
-/// The rule by which edges are halved.
+/// Rule by which edges are halved.
 #[derive(Debug)]
 pub struct Subdivision {
     least: f64,
     room: usize,
 }
 
-/// Distance of the origin from a segment, identical for both orders of its ends.
+/// Distance of the origin from a segment, the same for both orders of its ends.
 fn distance_to_segment(a: DVec3, b: DVec3) -> f64 {
     // Otherwise rounding would depend on the winding.
     let (a, b) = if a.to_array() <= b.to_array() { (a, b) } else { (b, a) };
@@ -61,7 +64,7 @@ fn is_real([a, b, c]: [DVec3; 3]) -> bool {
 }
 
 impl Subdivision {
-    /// The rule for the triangles of a mesh, relative to the origin.
+    /// Computes the rule for the triangles of a mesh, relative to the origin.
     pub fn of(triangles: impl Iterator<Item = [DVec3; 3]>) -> Self {
         let (mut near, mut far, mut count) = (f64::INFINITY, 0.0_f64, 0_usize);
         for triangle in triangles.filter(|t| is_real(*t)) {
@@ -141,7 +144,7 @@ mod tests {
         triangles.map(|[a, b, c]| (b - a).cross(c - a).length()).sum()
     }
 
-    /// A square floor below the origin.
+    /// Square floor below the origin.
     fn floor(half: f64, below: f64) -> Vec<[DVec3; 3]> {
         let [a, b, c, d] = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
             .map(|(x, y)| DVec3::new(x * half, y * half, -below));

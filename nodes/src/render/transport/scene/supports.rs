@@ -1,4 +1,4 @@
-//! The surfaces that objects rest on, and the correction of camera hits there.
+//! Surfaces that objects rest on, and the correction of camera hits there.
 
 use glam::Vec3;
 
@@ -8,7 +8,7 @@ use crate::geometry::bvh::{Hit, Ray};
 
 /// Minimum cosine between the normal of the mesh and the direction of support.
 pub(crate) const STEEPEST: f32 = 0.7;
-/// The support of one side of an object.
+/// Support of one side of an object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Support {
     /// Unit vector from the receiver to the object: up, for the ground.
@@ -17,29 +17,30 @@ pub struct Support {
     pub(crate) high: Vec3,
     /// Height of the side along `out`, in the frame of the scene.
     pub(crate) height: f32,
-    /// Error of the mesh: hits within this height are moved fully, up to twice as far partially. 0 for a smooth
-    /// mesh.
+    /// Error of the mesh, in world units. Hits within this height are moved fully, and hits up to twice as
+    /// far away partially. 0 for a smooth mesh.
     pub(crate) reach: f32,
-    /// Height within which hits belong to this support rather than to another object's, if it is the nearest.
+    /// Height within which hits belong to this support and not to that of another object, if it is the
+    /// nearest support.
     pub(crate) claims: f32,
 }
 
-/// The supports of all objects.
+/// Supports of all objects.
 #[derive(Debug, Clone, Default)]
 pub struct Ground {
-    /// The distinct directions of support.
+    /// Distinct directions of support.
     pub(crate) ways: Vec<Vec3>,
     pub(crate) supports: Vec<Support>,
 }
 
 impl Ground {
-    /// The largest error of the mesh where objects rest: surfaces within this distance of each other may be one
+    /// Largest error of the mesh where objects rest. Surfaces within this distance of each other may be one
     /// surface.
     pub fn error(&self) -> f32 {
         self.supports.iter().map(|support| support.reach).fold(0.0, f32::max)
     }
 
-    /// The largest distance by which a camera hit is moved.
+    /// Largest distance by which a camera hit is moved.
     pub fn max_shift(&self) -> f32 {
         10.0 * self.error()
     }
