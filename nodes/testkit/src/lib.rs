@@ -1,4 +1,4 @@
-//! What the benches of the kinds and their tests on real data share: the data, its reference renders, scores of
+//! Code shared by the benches of the kinds and their tests on real data: the data, its reference renders, scores of
 //! pictures, and the clock. A crate of its own, so that no program and no unit test is built with it.
 #![allow(clippy::unwrap_used, reason = "tests and benches may stop at the first surprise")]
 

@@ -1,4 +1,4 @@
-//! Flat parts of the field, freed of their noise.
+//! Removal of noise from the flat parts of the field.
 //!
 //! The noise of splats is the same in all views, so more views do not remove it: trained splats of a paved path are off by centimetres
 //! from one to the next. Around each corner of a cube a plane is fitted to the surface in the eight cubes there. Where the surface is
@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3, Vec3};
 use super::field::{ALL, Block, CORNERS, Field, corner};
 use super::levels::{Cube, Levels, SIDE};
 
-/// Standard deviations of the distances that views report, within which a surface is its plane.
+/// A surface counts as flat if it lies within this many standard deviations, of the distances that the views report, of its plane.
 const SIGMAS: f64 = 3.0;
 /// Points that determine a plane: a seventh of those of a plane through eight cubes.
 const FEWEST: f64 = 64.0;
@@ -19,7 +19,7 @@ const FEWEST: f64 = 64.0;
 const COHERENT: f64 = 0.5;
 /// The share of the points that lie on the plane within its noise, where not all do.
 const ON_PLANE: f64 = 0.9;
-/// Blocks whose distances are held twice.
+/// Number of blocks whose old and new distances are in memory at the same time.
 const GROUP: usize = 1024;
 
 /// Sums over the surface in a cube, or in several: points, their squares, and normals.
@@ -33,7 +33,7 @@ struct Patch {
 }
 
 impl Patch {
-    /// The surface in a cube, as far as it lies on a plane.
+    /// Sums over the surface in a cube; with a plane, over the points that lie on it within its noise.
     fn of(block: &Block, levels: &Levels, on: Option<&Plane>) -> Self {
         let cell = levels.cell_of(block.cube.level);
         let first = block.cube.corner();
@@ -67,7 +67,7 @@ impl Patch {
         patch
     }
 
-    /// Adds another, each point of which counts as so many.
+    /// Adds another patch, with each of its points counted `times` times.
     fn add(&mut self, other: &Self, times: f64) {
         self.points += times * other.points;
         self.sum += times * other.sum;
@@ -133,7 +133,8 @@ impl Plane {
         self.normal.dot(place) - self.offset
     }
 
-    /// How much less the distance at a place should be: all that it is off the plane within the noise, nothing beyond twice that.
+    /// The correction to subtract from the distance at a place: the whole deviation from the plane if it is within the noise,
+    /// falling to 0 at twice the noise.
     fn excess(&self, place: Vec3, distance: f32) -> f32 {
         let off = distance - self.distance(place);
         off * (2.0 - off.abs() / self.noise.max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
@@ -149,7 +150,7 @@ fn ends(cube: Cube) -> [Cube; 8] {
 }
 
 impl Field<'_> {
-    /// Frees flat parts of their noise.
+    /// Replaces the distances of flat parts by those from their planes, which removes the noise.
     pub(super) fn flatten(&mut self, cx: &Context) -> Result<(), NodeError> {
         let (blocks, levels) = (&self.blocks, self.levels);
         let patches = tiled(blocks.len(), &|i| Patch::of(&blocks[i], levels, None), cx)?;
@@ -201,8 +202,8 @@ impl Field<'_> {
 }
 
 impl Field<'_> {
-    /// The blocks around a corner of cubes, and how many points of its level each of theirs counts as, by area. Where cubes of other
-    /// sizes begin, those.
+    /// The blocks around a corner of cubes, each with the weight of its points, which is the ratio of areas where neighbouring cubes
+    /// have another size.
     fn around(&self, end: Cube) -> Vec<(usize, f64)> {
         let find = |cube: Cube| self.blocks.binary_search_by(|block| block.cube.cmp(&cube)).ok();
         let mut found: Vec<(usize, f64)> = Vec::with_capacity(8);

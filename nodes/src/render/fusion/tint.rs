@@ -19,7 +19,7 @@ pub struct Seen {
     pub deviation: f32,
 }
 
-/// What the views show at each point of a surface.
+/// Colour, number of views and scatter of depth of each point of a surface.
 pub fn seen(
     surface: &Surface,
     views: &[DepthView],

@@ -107,7 +107,7 @@ pub fn arrange(
     // Without a floor, what is level on a thing is as good as its size.
     let worth = |surface: &&Surface| stand.floor_confidence >= 0.3 || surface.radius > SMALL * stand.radius;
     let surface = found.first().filter(worth).map(|surface| settled(splats, &grid, surface, stand.floor));
-    // Beside a thing that stands alone, level with its lowest point.
+    // Next to a thing that stands alone, level with its lowest point.
     let alone = || {
         let lowest = lowest(splats, stand, up);
         centre + grid.axes.x_axis * (ASIDE * stand.radius) + up * (lowest - centre.dot(up))

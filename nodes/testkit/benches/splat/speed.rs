@@ -8,7 +8,7 @@ use testkit::thread_seconds;
 
 use crate::{Bench, millions};
 
-/// Number of runs, of which the shortest counts, since other load shares the machine.
+/// Number of runs. The shortest counts, since other load shares the machine.
 const RUNS: usize = 9;
 
 fn levels() -> Vec<(&'static str, Level)> {

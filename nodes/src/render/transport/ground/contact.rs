@@ -173,7 +173,7 @@ mod tests {
         assert_eq!(measured(&ground(|i, _| noise(i)), 0.8).1, None, "nothing under it");
     }
 
-    /// Of a box on a smooth floor and one on a rough rug next to it, only hits nearer to the box on the rug
+    /// With a box on a smooth floor and one on a rough rug next to it, only hits nearer to the box on the rug
     /// are moved. Mutation: `smooth` always false in `measure` (seen red).
     #[test]
     fn ground_of_one_object_is_not_that_of_another() {
