@@ -49,7 +49,7 @@ pub struct Tuned {
     pub tried: Vec<Tried>,
     /// The index of the best setting that reaches the goal.
     pub best: Option<usize>,
-    /// The preset that reaches the goal at the lowest cost, or the best one within the cost.
+    /// The preset that reaches the goal at the lowest cost, or the best preset within the cost.
     pub naive: Option<(&'static str, Tried)>,
     /// Settings that cost less than half of that preset, if the best setting does not; `None` otherwise.
     pub half: Option<Below>,

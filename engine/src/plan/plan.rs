@@ -70,7 +70,7 @@ pub struct Planned {
 pub struct Past {
     /// Time, memory and counts of its last run.
     pub spent: Option<Spent>,
-    /// Differences between its key and the one before.
+    /// Differences between its key and the previous one.
     pub changes: Vec<Change>,
 }
 

@@ -260,7 +260,7 @@ pub struct ArtifactType {
 }
 
 impl ArtifactType {
-    /// The operations of `A`.
+    /// The operations of the type `A`.
     pub fn of<A: Artifact>() -> Self {
         Self {
             name: A::TYPE,

@@ -30,7 +30,7 @@ struct Warm {
     expected: (String, String),
 }
 
-/// A warm cache, and the result of the edited graph in an empty one.
+/// A warm cache, and the result of the edited graph with an empty cache.
 fn warm() -> Warm {
     let clean = Lab::on_disk();
     clean.write("a.txt", "3");

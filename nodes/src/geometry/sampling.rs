@@ -57,7 +57,7 @@ pub fn fraction(bits: u32) -> f64 {
     f64::from(bits) * (1.0 / 4_294_967_296.0)
 }
 
-/// The points of one sample of one pixel.
+/// The sample points of one sample of one pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Points {
     stream: u32,

@@ -66,8 +66,7 @@ struct Node {
 const LEAF: u32 = 1 << 31;
 const LEAF_SHIFT: u32 = 26;
 const LEAF_FIRST: u32 = (1 << LEAF_SHIFT) - 1;
-/// Factor by which the nearest hit may be exceeded at the entry of a box, which covers the rounding of both
-/// distances.
+/// Factor on the distance of the nearest hit up to which boxes are entered. It covers the rounding of both distances.
 const SLACK: f32 = 1.0 + 1.0 / 65_536.0;
 
 /// Runs a traversal with wide vector registers if the machine has them. Products are not fused with sums, so all

@@ -1,5 +1,5 @@
-//! Files as other tools write them: encodings of PLY, infinities, flat splats, display colours, comments of trainers,
-//! levels of streamed scenes.
+//! Tests with files as other tools write them: encodings of PLY, infinities, flat splats, display colours, comments
+//! of trainers, levels of streamed scenes.
 
 use super::*;
 

@@ -45,7 +45,7 @@ fn summed_face_normals(p: &Primitive) -> Vec<[f32; 3]> {
     sums.into_iter().map(|sum| sum.try_normalize().unwrap_or(DVec3::Y).as_vec3().to_array()).collect()
 }
 
-/// Gives every triangle separate vertices.
+/// Gives every triangle its own vertices.
 fn unweld(p: &mut Primitive) {
     let corners: Vec<usize> = p.triangles.as_flattened().iter().map(|&v| v as usize).collect();
     fn spread<T: Copy>(list: &mut Vec<T>, corners: &[usize]) {
