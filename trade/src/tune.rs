@@ -150,8 +150,8 @@ impl Tuned {
         }
     }
 
-    /// One line that compares the best setting with the presets, and says why the search ended. Empty without a
-    /// best setting.
+    /// A line that compares the best setting with the presets and gives the reason why the search ended. Empty
+    /// without a best setting.
     pub fn summary(&self, wanted: &Wanted, stopped: bool) -> String {
         let Some(found) = self.best.map(|best| &self.tried[best]) else { return String::new() };
         let mut text = summary(&wanted.metric, wanted.goal, found, wanted.unit.name(), self.naive.as_ref());

@@ -102,7 +102,7 @@ pub(crate) struct Template<'r, 't> {
     /// The node. Its wires refer to templates by index.
     pub node: Node,
     pub raw: &'r RawNode<'t>,
-    /// Its parameters, with axis calls in place.
+    /// Fields of the node, with axis calls in place.
     pub fields: Vec<Field<'t>>,
     /// The axes that its fields read.
     pub own: Vec<usize>,

@@ -192,8 +192,8 @@ pub fn circle(turns: f32) -> (f32, f32) {
 /// A discrete distribution over indices, sampled by inversion in O(1) expected time.
 #[derive(Debug, Clone)]
 pub struct Discrete {
-    /// For each index, the cumulative probability before it, from 0. In addition, for an equal number of equal
-    /// steps of probability, the index that contains the start of the step. The last entry holds 1. Both are stored
+    /// The cumulative probability before each index, from 0. In addition, for an equal number of equal steps of
+    /// probability, the index that contains the start of the step. The last entry holds 1. Both are stored
     /// together, since every sample reads both.
     cells: Vec<(f64, u32)>,
 }

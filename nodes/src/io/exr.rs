@@ -18,7 +18,7 @@ use super::png::believable;
 use super::progress::{Progress, TrackedReader};
 use crate::error::Error;
 
-/// One channel of numbers.
+/// A channel of numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
     /// Full name in the file: `R`, `R0.G`, `Z`.

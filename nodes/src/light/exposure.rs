@@ -71,9 +71,9 @@ impl Shown {
     }
 }
 
-/// For a pixel: log2 of its luminance relative to the panorama, at least 0, from the first of `exposures`
-/// (brightest first) that is not clipped there, otherwise from the last one; and whether all of them are clipped.
-/// `None` without exposures.
+/// The hidden light of a pixel: log2 of its luminance relative to the panorama, at least 0, from the first of
+/// `exposures` (brightest first) that is not clipped there, otherwise from the last one; and whether all of them
+/// are clipped. `None` without exposures.
 pub(crate) fn measured(own: [f32; 3], exposures: impl Iterator<Item = Shown>) -> Option<(f32, bool)> {
     let own = f64::from(luminance(own)).max(DARKEST);
     let mut last = None;

@@ -74,7 +74,7 @@ impl Camera {
     }
 }
 
-/// One or more cameras, each with a unique name.
+/// Cameras, at least one, each with a unique name.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rig {
     /// The cameras, in order.

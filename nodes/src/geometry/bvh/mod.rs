@@ -59,7 +59,7 @@ const WIDE: usize = 8;
 #[repr(align(32))]
 struct Node {
     bounds: [[[f32; WIDE]; 2]; 3],
-    /// For each child the index of a node, or [`LEAF`] + packets in bits 26 to 30 + index of the first packet.
+    /// The children: the index of a node, or [`LEAF`] + packets in bits 26 to 30 + index of the first packet.
     children: [u32; WIDE],
 }
 

@@ -218,7 +218,7 @@ fn comments_of_trainers_set_the_compensation() {
     }
 }
 
-/// Two levels of one scene: the finest is read, by the folder and by its description, never both.
+/// Of two levels of one scene the finest is read, by the folder and by its description, never both.
 #[test]
 fn one_level_of_a_streamed_scene_is_read() {
     let folder = tempfile::tempdir().unwrap();
