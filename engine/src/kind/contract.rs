@@ -121,7 +121,8 @@ pub trait Kind: 'static {
 
     /// Compiled-in data that may change without a new version, such as weights. Its digest enters the key.
     const DATA: &'static [u8] = &[];
-    /// True if `run` takes microseconds for any input. A plan then runs the node to find out what follows from it.
+    /// True if `run` takes microseconds for any input. A plan then runs the node to determine which nodes below it
+    /// would run.
     const INSTANT: bool = false;
 
     /// Ways in which `watch`, presets and forecasts reduce its work.

@@ -5,7 +5,7 @@ use crate::math::color::luminance;
 use crate::math::num;
 use crate::types::{Image, Linear};
 
-/// Exponent of the tone curve: samples are raised to 1 / this before the median is taken.
+/// Exponent of the tone curve: samples are raised to the power 1 / `GAMMA` before the median is taken.
 const GAMMA: f64 = 2.4;
 /// Value that the median has after the tone curve.
 const MIDDLE: f64 = 0.5;

@@ -127,7 +127,7 @@ impl Kontext {
         Ok(made)
     }
 
-    /// Decodes latents to a picture, in 0..1.
+    /// Decodes latents to a picture, with values from 0 to 1.
     pub fn decode(&self, latents: &Tensor, settings: &Settings, watch: &mut dyn Watch) -> Result<Tensor> {
         let made = self.vae.decode(latents, settings.edge(), watch)?;
         if !made.abs()?.sum_all()?.to_scalar::<f32>()?.is_finite() {

@@ -72,7 +72,7 @@ impl Linear {
         &self.name
     }
 
-    /// Adds an update, whose sizes must fit.
+    /// Adds an update. Its sizes must match those of the layer.
     pub fn update(&mut self, update: Update) -> Result<()> {
         let (rows, columns) = self.weight.size()?;
         let ((up, rank), (down_rank, down)) = (update.up.dims2()?, update.down.dims2()?);
