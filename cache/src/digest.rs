@@ -41,7 +41,7 @@ impl Digest {
         self.prefix().swap_bytes()
     }
 
-    /// The first 8 bytes as a number. Digests are uniform, so this is a good hash.
+    /// The first 8 bytes as a number, which is a good hash, since digests are uniform.
     fn prefix(&self) -> u64 {
         let [a, b, c, d, e, f, g, h, ..] = self.0;
         u64::from_le_bytes([a, b, c, d, e, f, g, h])

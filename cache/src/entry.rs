@@ -61,7 +61,7 @@ fn number(head: &[u8; HEAD], at: usize) -> u32 {
 /// The result of [`scan`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Scanned {
-    /// The end of the last whole entry. What follows may be one that is still being written.
+    /// The end of the last whole entry. Bytes after it may belong to an entry that is still being written.
     pub end: usize,
     /// Bytes before `end` that belong to entries cut short, by killed writers and full disks.
     pub torn: usize,

@@ -1,6 +1,6 @@
 //! Named places where a test can stop the process or simulate an error of the disk.
 //!
-//! They are active only with the feature `failpoints`; without it [`reach`] is an empty inlined function. The
+//! They are active only with the feature `failpoints`; without it `reach` is an empty inlined function. The
 //! environment variable `LIGHTHARMONY_FAILPOINT=name:count` aborts the process (like `kill -9`, without
 //! destructors) when the place `name` is reached for the `count`-th time, counted from 1 over all threads. With
 //! `name:count:error` the place returns an I/O error instead, and with `name:count:full` the error of a full disk.

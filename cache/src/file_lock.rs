@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use crate::error::{At, Result};
 use crate::regular;
 
-/// A file that any thread of any process can lock.
+/// A file that every thread of every process can lock.
 #[derive(Debug)]
 pub(crate) struct FileLock(Arc<File>);
 

@@ -270,7 +270,7 @@ pub(crate) fn size_of(folder: &Path) -> u64 {
 }
 
 impl Store {
-    /// Waits until no run is active, and prevents new ones.
+    /// Waits until no run is active, and then prevents new runs while the result is held.
     fn exclusive(&self, timeout: Duration) -> Result<crate::file_lock::FileGuard> {
         let alone = self.runs()?.and_then(|runs| runs.exclusive(timeout));
         alone.ok_or(Error::InUse { waited: timeout })

@@ -17,7 +17,7 @@ use crate::temp::TempFile;
 
 const MAGIC: &[u8; 8] = b"LHindex1";
 const PAGE: usize = 4096;
-/// One entry: key, offset, length, kind, three zeros.
+/// Length of an entry in bytes: key, offset, length, kind, three zeros.
 pub(crate) const ENTRY: usize = 48;
 const PER_PAGE: usize = (PAGE - 4) / ENTRY;
 const RANKS_PER_PAGE: usize = (PAGE - 4) / 8;

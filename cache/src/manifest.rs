@@ -40,7 +40,7 @@ pub struct Manifest {
     encoding: Vec<u8>,
 }
 
-/// One field of a [`Manifest`].
+/// A field of a [`Manifest`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
     /// The path: names joined by dots, items of lists as `[0]`.
@@ -63,7 +63,7 @@ pub enum Value {
     Digest(Digest),
 }
 
-/// One difference between two manifests: a value that was changed, added (`old` is `None`) or removed (`new` is
+/// A difference between two manifests: a value that was changed, added (`old` is `None`) or removed (`new` is
 /// `None`).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Change {

@@ -19,7 +19,7 @@ pub(crate) fn encode(stamp: &FileStamp, digest: &Digest) -> Vec<u8> {
     [&stamp.to_bytes()[..], &stamp.taken_ns.to_le_bytes(), digest.as_bytes()].concat()
 }
 
-/// The digest in `payload`, if the file was settled when it was read and still has the stamp `now`.
+/// Returns the digest in `payload` if the file was settled when it was read and still has the stamp `now`.
 pub(crate) fn recall(payload: &[u8], now: &FileStamp) -> Option<Digest> {
     let (stamp, rest) = payload.split_first_chunk::<40>()?;
     let (taken, digest) = rest.split_first_chunk::<8>()?;

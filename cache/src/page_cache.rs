@@ -19,7 +19,7 @@ pub(crate) struct PageCache {
 }
 
 impl PageCache {
-    /// `length` bytes at `offset`; fewer where `end` or the end of the file comes first.
+    /// Returns `length` bytes at `offset`; fewer if `end` or the end of the file comes first.
     pub fn read(&mut self, file: &File, end: u64, offset: u64, length: usize) -> io::Result<&[u8]> {
         let page = offset / PAGE as u64;
         let at = (offset % PAGE as u64) as usize;

@@ -85,14 +85,14 @@ impl FileStamp {
     }
 }
 
-/// True if two results of `stat` are of one file, not only of one path.
+/// True if two results of `stat` are of the same file and not only of the same path.
 #[cfg(unix)]
 pub(crate) fn same_file(a: &Metadata, b: &Metadata) -> bool {
     use std::os::unix::fs::MetadataExt;
     (a.dev(), a.ino()) == (b.dev(), b.ino())
 }
 
-/// True if two results of `stat` are of one file, judged by its time of creation.
+/// True if two results of `stat` are of the same file, judged by its time of creation.
 #[cfg(not(unix))]
 pub(crate) fn same_file(a: &Metadata, b: &Metadata) -> bool {
     a.created().ok() == b.created().ok()

@@ -126,7 +126,7 @@ struct RunCommand {
 
 #[derive(Debug, Subcommand)]
 enum RunVerb {
-    /// Runs a graph: computes what is not known and writes the files of its sinks
+    /// Runs a graph: computes what is not cached and writes the files of its sinks
     #[command(after_help = EXIT_STATUS)]
     Run(run::Run),
 }

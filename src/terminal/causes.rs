@@ -23,7 +23,7 @@ pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
     }
 }
 
-/// One difference between two keys of a node.
+/// A difference between two keys of a node.
 pub struct Cause {
     /// Text of the difference, such as `` `pose.yaw_deg` 30.0 -> 35.0 ``.
     pub text: String,

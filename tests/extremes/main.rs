@@ -23,7 +23,7 @@ struct Test {
     file: String,
 }
 
-/// One changed expression.
+/// A changed expression that a test must detect.
 struct Mutation {
     test: &'static str,
     /// Path relative to the workspace.

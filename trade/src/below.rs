@@ -8,7 +8,7 @@ use crate::search::{Steps, Tried};
 /// takes other paths. The margin is also at least [`TIMES`] the largest measured saving. The result is correct if
 /// no setting saves more than the margin, which is measured and not proved.
 const MARGIN: f64 = 0.05;
-/// Factor on the largest measured saving.
+/// Factor on the largest measured saving that gives the margin.
 const TIMES: f64 = 2.0;
 
 /// Settings that cost less than a bound.

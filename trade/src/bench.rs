@@ -36,7 +36,7 @@ pub struct NodeCost {
     pub cpu_seconds: f64,
     /// Deterministic counts of its run.
     pub counts: Counts,
-    /// Its notes.
+    /// Notes of the node.
     pub notes: Vec<Note>,
     /// True if it has an instance for each value of an axis.
     pub varies: bool,

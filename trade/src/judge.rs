@@ -151,7 +151,7 @@ impl Truth {
         Ok(all)
     }
 
-    /// For each output the reason why a metric cannot be computed, in the words of `compare`; `None` if it can.
+    /// The reason why a metric cannot be computed, for each output, in the words of `compare`; `None` if it can.
     pub fn uncomputed(&self, outputs: &[Output], metric: &Metric) -> Result<Vec<Option<String>>, NodeError> {
         let why = |(output, picture): (&Output, &Arc<Images>)| {
             // On a display every picture has every metric.
@@ -183,7 +183,7 @@ impl Truth {
 
 /// FLIP of each pixel of the views of a picture.
 pub struct FlipMaps {
-    /// One map for each view that has one.
+    /// The maps, one for each view that has one.
     pub maps: Arc<Images>,
     /// Views without a map, each with the reason.
     pub missing: Vec<String>,

@@ -94,7 +94,7 @@ impl Bench<'_> {
     }
 }
 
-/// For each node of a graph the tunables that it depends on.
+/// The tunables that each node of a graph depends on.
 fn reach(graph: &Graph, tunables: &[Tunable]) -> Vec<Reach> {
     let mut all: Vec<Vec<usize>> = vec![Vec::new(); graph.nodes.len()];
     let mut refines = vec![None; graph.nodes.len()];

@@ -4,7 +4,7 @@ use engine::{Diagnostics, Graph, KnobKind, PRESETS, Registry};
 
 use crate::error::Error;
 
-/// One knob of the graph with its possible values, from the least work to the least error.
+/// A knob of the graph with its possible values, from the least work to the least error.
 pub struct Tunable {
     /// Name of the node.
     pub node: String,
@@ -37,7 +37,7 @@ impl Tunable {
     }
 }
 
-/// For each tunable the index of its value.
+/// Index of the value of each tunable.
 pub type Assignment = Vec<usize>;
 
 /// The graph at each of its presets.

@@ -49,7 +49,7 @@ pub struct Tuned {
     pub tried: Vec<Tried>,
     /// The index of the best setting that reaches the goal.
     pub best: Option<usize>,
-    /// The preset that reaches the goal at the lowest cost, or the best one within the cost.
+    /// The preset that reaches the goal at the lowest cost, or the best preset within the cost.
     pub naive: Option<(&'static str, Tried)>,
     /// Settings that cost less than half of that preset, if the best setting does not; `None` otherwise.
     pub half: Option<Below>,
@@ -150,8 +150,8 @@ impl Tuned {
         }
     }
 
-    /// One line that compares the best setting with the presets, and says why the search ended. Empty without a
-    /// best setting.
+    /// A line that compares the best setting with the presets and gives the reason why the search ended. Empty
+    /// without a best setting.
     pub fn summary(&self, wanted: &Wanted, stopped: bool) -> String {
         let Some(found) = self.best.map(|best| &self.tried[best]) else { return String::new() };
         let mut text = summary(&wanted.metric, wanted.goal, found, wanted.unit.name(), self.naive.as_ref());

@@ -69,7 +69,7 @@ impl<'t, 'a> Check<'t, 'a> {
         self.diagnostics.len()
     }
 
-    /// True if the graph has axes or gathers, so that a node of the file may become several or none.
+    /// True if the graph has axes or gathers, so that a node of the file may become several nodes or none.
     pub fn is_multiple(&self) -> bool {
         !self.axes.is_empty() || !self.gathers.is_empty()
     }
@@ -102,7 +102,7 @@ pub(crate) struct Template<'r, 't> {
     /// The node. Its wires refer to templates by index.
     pub node: Node,
     pub raw: &'r RawNode<'t>,
-    /// Its parameters, with axis calls in place.
+    /// Fields of the node, with axis calls in place.
     pub fields: Vec<Field<'t>>,
     /// The axes that its fields read.
     pub own: Vec<usize>,

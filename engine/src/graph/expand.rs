@@ -1,7 +1,7 @@
 //! Expands nodes along axes: one instance per point of the axes that the node or its inputs read.
 //!
 //! `Gather(input: "final", over: "frame")` is not a node but a name for many wires: one to each instance of `final`
-//! along the axis. What reads a gather therefore does not depend on the axis.
+//! along the axis. A node that reads a gather therefore does not depend on the axis.
 
 use std::collections::BTreeMap;
 use std::ops::Range;

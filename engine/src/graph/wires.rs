@@ -35,7 +35,7 @@ pub(crate) struct End<'n> {
 }
 
 impl<'t, 'a> Check<'t, 'a> {
-    /// The wires of one input of a node. Nodes are added to `reads`, and gathered axes to `gathers`.
+    /// Resolves the wires of one input of a node. Adds the nodes to `reads`, and gathered axes to `gathers`.
     pub fn wires(
         &mut self,
         raw: &RawNode<'t>,

@@ -47,7 +47,7 @@ impl Sizes {
 pub enum Keep {
     /// Outputs are stored.
     Always,
-    /// Only digests are stored, since recomputing is as cheap as reading (loaders).
+    /// Only digests of outputs are stored, since recomputing them is as cheap as reading (loaders).
     Cheap,
 }
 
@@ -76,7 +76,7 @@ impl Former {
 pub enum ViewCount {
     /// Unknown before the node runs.
     Unknown,
-    /// This many views.
+    /// Fixed number of views.
     Known(usize),
     /// Equal to the number of views of the first of these inputs that is wired and whose number is known.
     As(&'static [&'static str]),
@@ -102,7 +102,7 @@ impl Preview {
     pub const NONE: Self = Self { refines: None, coarse: None, rough: &[], looks: &[] };
 }
 
-/// One kind of node: its name, parameters, ports and code.
+/// A kind of node: its name, parameters, ports and code.
 pub trait Kind: 'static {
     /// Kebab-case name: `splat-render` is written `SplatRender` in graph files.
     const NAME: &'static str;
@@ -121,7 +121,8 @@ pub trait Kind: 'static {
 
     /// Compiled-in data that may change without a new version, such as weights. Its digest enters the key.
     const DATA: &'static [u8] = &[];
-    /// True if `run` takes microseconds for any input. A plan then runs the node to find out what follows from it.
+    /// True if `run` takes microseconds for any input. A plan then runs the node to determine which nodes below it
+    /// would run.
     const INSTANT: bool = false;
 
     /// Ways in which `watch`, presets and forecasts reduce its work.

@@ -106,7 +106,7 @@ pub(crate) fn run_tiles(
 struct Tiles<'t> {
     next: AtomicUsize,
     count: usize,
-    /// Number of helpers that were started and have not left.
+    /// Number of helpers that are active.
     helping: AtomicUsize,
     most: usize,
     /// Set when the run is cancelled or a tile panicked; the remaining tiles are skipped.

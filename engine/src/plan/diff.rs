@@ -12,12 +12,12 @@ use crate::run::job::stored_value;
 use crate::value::artifact::{AnyArtifact, Difference};
 use crate::value::files::Files;
 
-/// How a node differs between two graphs.
+/// The difference of a node between two graphs.
 #[derive(Debug, Clone, PartialEq)]
 pub enum NodeDifference {
-    /// Only the first graph has it.
+    /// The node exists only in the first graph.
     Gone,
-    /// Only the second graph has it.
+    /// The node exists only in the second graph.
     New,
     /// Parameters, wires, or the kind itself differ.
     Changed(Vec<Change>),

@@ -26,17 +26,17 @@ use crate::value::error::{NodeError, guarded};
 /// Planned treatment of a node.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fate {
-    /// Not needed by any target.
+    /// The node is not needed by any target.
     Unwanted,
-    /// Its result is in the cache.
+    /// The result is in the cache.
     Known,
-    /// Its record is in the cache but its values are gone; its code runs again if a reader needs them.
+    /// The record is in the cache but the values are gone. The code runs again if a reader needs them.
     Lost,
-    /// Its code would run, for this reason.
+    /// The code would run, for this reason.
     Runs(Why),
-    /// Depends on the result of this node above it, which would run.
+    /// The node depends on the result of this node above it, which would run.
     Follows(String),
-    /// Its source files cannot be read.
+    /// The source files of the node cannot be read.
     Fails(String),
 }
 
@@ -45,7 +45,7 @@ pub enum Fate {
 pub enum Why {
     /// No node of this name ran in this graph file, or its record is gone.
     New,
-    /// Its key differs from that of the last run; the changes are listed.
+    /// The key differs from that of the last run; the changes are listed.
     Changed(Vec<Change>),
 }
 
@@ -70,7 +70,7 @@ pub struct Planned {
 pub struct Past {
     /// Time, memory and counts of its last run.
     pub spent: Option<Spent>,
-    /// Differences between its key and the one before.
+    /// Differences between its key and the previous one.
     pub changes: Vec<Change>,
 }
 

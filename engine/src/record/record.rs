@@ -7,7 +7,7 @@ use crate::value::artifact::{ArtifactType, Corrupt, Decoder, Encoder};
 use crate::value::counts::{Counts, Effort};
 use crate::value::note::{Level, Notes};
 
-/// One output of a finished node.
+/// An output of a finished node.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Output {
     pub type_name: &'static str,

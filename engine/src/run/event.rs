@@ -13,11 +13,11 @@ use crate::value::note::Note;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum State {
-    /// Its code ran.
+    /// The code ran.
     Ran,
-    /// Its result came from the cache.
+    /// The result came from the cache.
     Cached,
-    /// Its code failed.
+    /// The code failed.
     Failed,
     /// Something that it needs failed, or the run was cancelled.
     Skipped,
@@ -50,7 +50,7 @@ pub enum Event {
         id: String,
         /// Name of the part.
         part: String,
-        /// Its end: ran or cached.
+        /// State in which it ended: ran or cached.
         state: State,
         /// Key of the part.
         #[serde(serialize_with = "hex")]
@@ -84,9 +84,9 @@ pub enum Event {
         id: String,
         /// Kind of the node.
         kind: &'static str,
-        /// The way in which it ended.
+        /// State in which it ended.
         state: State,
-        /// Its key; absent if a node that it depends on failed.
+        /// Key of the node; absent if a node that it depends on failed.
         #[serde(serialize_with = "hex_option")]
         key: Option<Digest>,
         /// Wall time of its code in seconds.
@@ -95,7 +95,7 @@ pub enum Event {
         cpu_seconds: f64,
         /// Work done in this run.
         counts: Counts,
-        /// Its notes, whether it ran or was cached.
+        /// Notes of the node, whether it ran or was cached.
         notes: Vec<Note>,
         /// True if its result, or one above it, is less than what was asked for.
         degraded: bool,

@@ -11,31 +11,31 @@ use crate::value::counts::Effort;
 /// The stages of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Life {
-    /// Not needed by any target.
+    /// No target needs the node.
     Unwanted,
     /// An input is not known by digest yet.
     Waiting,
-    /// Its source files are being digested.
+    /// The source files of the node are being digested.
     Reading,
-    /// Not in the store; waits until its input values may be loaded.
+    /// The result is not in the store; the node waits until its input values may be loaded.
     Ready,
-    /// Its input values are being loaded.
+    /// The input values are being loaded.
     Gathering,
-    /// Waits for a thread and for memory.
+    /// The node waits for a thread and for memory.
     Queued,
-    /// Its key, or that of a part of it, is being computed elsewhere; tried again later.
+    /// The key of the node, or that of a part of it, is being computed elsewhere; it is tried again later.
     Parked,
-    /// Its code runs.
+    /// The code runs.
     Running,
     /// Another node with the same key is being computed.
     Following,
     /// A sink whose files are being written.
     Placing,
-    /// Its outputs are known by digest, and the event was sent.
+    /// The outputs are known by digest, and the event was sent.
     Done,
-    /// Its code, its source files or an output file failed.
+    /// The code, a source file or an output file failed.
     Failed,
-    /// Not run, since something that it needs failed or the run was cancelled.
+    /// The node did not run, since a node that it depends on failed or the run was cancelled.
     Skipped,
 }
 
@@ -60,7 +60,7 @@ pub(crate) struct Slot {
     pub action: Action,
     pub key: Option<Digest>,
     pub record: Option<Record>,
-    /// One entry per output; empty without values.
+    /// The values of the outputs; empty without values.
     values: Vec<Value>,
     pub waiters: Vec<(usize, Waiter)>,
     /// The stage before its code was started again for its values; the node returns to that stage afterwards.
@@ -82,7 +82,7 @@ pub(crate) struct Slot {
     pub reserved: u64,
     /// Estimated memory in bytes; `None` before the first estimate.
     pub cost: Option<u64>,
-    /// How it ended; reported once its files are up to date.
+    /// State in which it ended; reported once its files are up to date.
     pub end: Option<State>,
     /// Work done for its result; until there is one, work done before it was parked.
     pub effort: Effort,

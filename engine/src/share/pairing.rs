@@ -14,9 +14,9 @@ use crate::text::edit::replace_strings;
 /// A node of a recipe, or its scene, for comparison.
 #[derive(Debug, Clone)]
 pub(crate) struct Described {
-    /// Its name, which is a number.
+    /// Name of the node, which is a number.
     pub id: String,
-    /// Its kind without the version; empty for the scene.
+    /// Name of the kind without its version; empty for the scene.
     pub kind: String,
     /// Kind with version, parameters, wires and digests of files, as (name, text).
     pub fields: Vec<(String, String)>,
@@ -70,7 +70,7 @@ fn read(all: &[Described]) -> Vec<Node<'_>> {
     nodes
 }
 
-/// For each node of the first recipe its counterpart in the second, and vice versa.
+/// The pairs: for each node of the first recipe its counterpart in the second, and vice versa.
 struct Pairs<'s> {
     a: Vec<Node<'s>>,
     b: Vec<Node<'s>>,

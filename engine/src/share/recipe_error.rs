@@ -10,7 +10,7 @@ pub enum RecipeError {
     /// The recipe is missing or has another format.
     #[error("the picture has no recipe that this program can read")]
     NoRecipe,
-    /// Its graph has mistakes.
+    /// The graph of the recipe has mistakes.
     #[error(transparent)]
     Graph(#[from] Diagnostics),
     /// Source files were not found, or several match.

@@ -14,7 +14,7 @@ use crate::text::source::{Piece, Source};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Code {
-    /// Not valid RON, or not the structure of a graph file.
+    /// The text is not valid RON, or has not the structure of a graph file.
     Syntax,
     /// A file format version that this program does not read.
     Version,
@@ -52,7 +52,7 @@ pub enum Code {
     Failed,
 }
 
-/// One mistake.
+/// A mistake in a text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnostic {
     /// Category, for programs.
@@ -116,7 +116,7 @@ const MOST_SHOWN: usize = 100;
 pub struct Diagnostics {
     /// The text with the mistakes.
     pub source: Source,
-    /// At least one mistake.
+    /// The mistakes; there is at least one.
     pub list: Vec<Diagnostic>,
     /// The files that the text names; a mistake may be caused by one of them.
     pub files: Vec<PathBuf>,

@@ -3,7 +3,7 @@
 use crate::text::source::Source;
 use crate::text::values::parse_value;
 
-/// One `--set node.field=value`. A node in a subgraph is written `left.pose`.
+/// A setting of the command line, `--set node.field=value`. A node in a subgraph is written `left.pose`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Setting {
     /// Name of the node.

@@ -34,7 +34,7 @@ pub(crate) enum PieceRole {
     Preset,
 }
 
-/// One file in a joined text.
+/// A file, an overlay or a setting in a joined text.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Piece {
     pub role: PieceRole,

@@ -37,7 +37,7 @@ pub trait Artifact: Send + Sync + Sized + 'static {
 pub struct Difference {
     /// True when the two encode to the same bytes.
     pub equal: bool,
-    /// One line for a person: `PSNR 41.2 dB, largest 0.031 at (12, 80) of view_0`.
+    /// Description in one line: `PSNR 41.2 dB, largest 0.031 at (12, 80) of view_0`.
     pub summary: String,
 }
 
@@ -260,7 +260,7 @@ pub struct ArtifactType {
 }
 
 impl ArtifactType {
-    /// The operations of `A`.
+    /// The operations of the type `A`.
     pub fn of<A: Artifact>() -> Self {
         Self {
             name: A::TYPE,

@@ -60,7 +60,7 @@ impl NodeError {
         matches!(self.kind, NodeErrorKind::Cancelled)
     }
 
-    /// The message without field and advice.
+    /// The message without the field and the advice.
     pub fn message(&self) -> &str {
         match &self.kind {
             NodeErrorKind::Cancelled => "stopped",

@@ -2,7 +2,7 @@
 
 use crate::value::artifact::{Artifact, Corrupt, Decoder, Difference, Encoder};
 
-/// One file of a sink.
+/// A file of a sink.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FileBytes {
     /// Name of the view that the file shows, which replaces `{view}` in the path. Empty for a file that does not

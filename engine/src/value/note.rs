@@ -17,7 +17,7 @@ pub enum Level {
     Degraded,
 }
 
-/// One note.
+/// A note of a node.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
     /// Severity of the note.

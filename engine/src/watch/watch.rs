@@ -94,11 +94,11 @@ struct SinkFile {
 /// The state of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Shown {
-    /// Up to date.
+    /// The file is up to date.
     Right,
-    /// A preview.
+    /// The file shows a preview.
     Preview,
-    /// From an earlier version of the graph.
+    /// The file shows an earlier version of the graph.
     Stale,
 }
 
@@ -221,7 +221,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         quit
     }
 
-    /// Waits until changes settled, the run ended, or the watch is to end.
+    /// Waits until changes have settled, the run ended, or the watch is to end.
     fn wait(&mut self, current: &Load, running: bool) -> Next {
         let pause = if self.files.has_notifier() { CHECK } else { POLL };
         let mut look = Instant::now() + pause;

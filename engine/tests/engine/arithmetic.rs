@@ -68,7 +68,7 @@ fn entries() -> Vec<KindEntry> {
     ]
 }
 
-/// One number.
+/// A number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Num(pub f64);
 

@@ -30,7 +30,7 @@ struct Warm {
     expected: (String, String),
 }
 
-/// A warm cache, and the result of the edited graph in an empty one.
+/// A warm cache, and the result of the edited graph with an empty cache.
 fn warm() -> Warm {
     let clean = Lab::on_disk();
     clean.write("a.txt", "3");
@@ -41,7 +41,7 @@ fn warm() -> Warm {
     Warm { lab, expected: (clean.out("save.txt"), clean.out("more.txt")) }
 }
 
-/// Runs after some damage and checks the invariants.
+/// Runs the edited graph after some damage and checks the invariants.
 fn recover(warm: &Warm, what: &str) -> Log {
     let log = warm.lab.run(&edited());
     assert_eq!(log.exit_code(), 0, "{what}: {}", log.failures());

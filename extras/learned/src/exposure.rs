@@ -25,8 +25,8 @@ pub struct Examples {
     pub near: Vec<f32>,
     /// Cosine of the angle to the normal of that plane for cells far from the dominant light; 0 for others.
     pub far: Vec<f32>,
-    /// For each panorama: visible flux in total, on the plane from near the light, and on the plane from elsewhere;
-    /// the same three of the ground truth; hidden flux; hidden flux by the fitted amount.
+    /// Fluxes of each panorama: visible flux in total, on the plane from near the light, and on the plane from
+    /// elsewhere; the same three of the ground truth; hidden flux; hidden flux by the fitted amount.
     pub fluxes: Vec<[f32; 8]>,
     /// Weight of each panorama.
     pub weight: Vec<f32>,
@@ -105,7 +105,7 @@ impl Scale {
     }
 }
 
-/// One trained network, on scaled numbers.
+/// A trained network, which takes scaled numbers.
 #[derive(Debug, Clone)]
 pub struct Network {
     /// Names, shapes and values, as in the file of weights.

@@ -134,7 +134,7 @@ mod tests {
         (40..60).contains(&(i % N)) && (40..60).contains(&(i / N))
     }
 
-    /// A pixel without a problem: splats, coverage, surface, object.
+    /// A pixel without a mistake: depth and coverage of the splats, depth of the surface, coverage of the objects.
     fn right(i: usize) -> [f32; 4] {
         if is_object(i) {
             [place(i), 1.0, place(i) * 0.9, 1.0]

@@ -57,7 +57,7 @@ pub fn fraction(bits: u32) -> f64 {
     f64::from(bits) * (1.0 / 4_294_967_296.0)
 }
 
-/// The points of one sample of one pixel.
+/// The sample points of one sample of one pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Points {
     stream: u32,
@@ -192,8 +192,8 @@ pub fn circle(turns: f32) -> (f32, f32) {
 /// A discrete distribution over indices, sampled by inversion in O(1) expected time.
 #[derive(Debug, Clone)]
 pub struct Discrete {
-    /// For each index, the cumulative probability before it, from 0. In addition, for an equal number of equal
-    /// steps of probability, the index that contains the start of the step. The last entry holds 1. Both are stored
+    /// The cumulative probability before each index, from 0. In addition, for an equal number of equal steps of
+    /// probability, the index that contains the start of the step. The last entry holds 1. Both are stored
     /// together, since every sample reads both.
     cells: Vec<(f64, u32)>,
 }

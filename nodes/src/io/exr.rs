@@ -18,7 +18,7 @@ use super::png::believable;
 use super::progress::{Progress, TrackedReader};
 use crate::error::Error;
 
-/// One channel of numbers.
+/// A channel of numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
     /// Full name in the file: `R`, `R0.G`, `Z`.
@@ -491,7 +491,7 @@ mod tests {
         assert_eq!(back.find("Z"), None);
     }
 
-    /// A file whose first part is a depth: its colours are found in a later one, and any part can be named.
+    /// In a file whose first part is a depth, the colours of a later part are found, and any part can be named.
     #[test]
     fn colours_of_a_later_part_are_read_and_parts_can_be_named() {
         let plane = |name: &str, v: f32| AnyChannel::new(name, FlatSamples::F32(vec![v; 2]));

@@ -19,7 +19,7 @@ pub struct Radiance {
     pub ignored: Vec<String>,
 }
 
-/// One axis of the header line with size and orientation.
+/// An axis of the header line with size and orientation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Side {
     /// True for x, false for y.

@@ -1,5 +1,5 @@
-//! ICC profiles (ICC.1:2022), read by `moxcms`. They are recognised as sRGB or as linear light; other profiles are
-//! not converted.
+//! ICC profiles (ICC.1:2022), read by `moxcms`. Profiles of sRGB and of linear light are recognised;
+//! others are not converted.
 
 use moxcms::{ColorProfile, DataColorSpace, ParsingOptions, ProfileText, ToneReprCurve, Xyzd};
 

@@ -96,7 +96,7 @@ impl Scalar {
     }
 }
 
-/// One property of an element.
+/// A property of an element.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Property {
     /// Name in the file.

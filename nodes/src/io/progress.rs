@@ -188,8 +188,8 @@ mod tests {
         assert_eq!(ends(all.part(0.5, 1.0).piece(0, 2)), (0.5, 0.75));
     }
 
-    /// Cancelled after a tenth or four fifths of the way, each format stops before its end. Mutation: `check` left
-    /// out in `reach`, and `Progress::UNTRACKED` in place of the argument in each codec.
+    /// Each codec, cancelled at a tenth or at four fifths of its progress, stops before its end. Mutation: `check`
+    /// left out in `reach`, and `Progress::UNTRACKED` in place of the argument in each codec.
     #[test]
     fn every_codec_stops_half_way() {
         let (width, height) = (512, 600);

@@ -5,7 +5,7 @@ use crate::math::color::luminance;
 use crate::math::num;
 use crate::types::{Image, Linear};
 
-/// Exponent of the tone curve: samples are raised to 1 / this before the median is taken.
+/// Exponent of the tone curve: samples are raised to the power 1 / `GAMMA` before the median is taken.
 const GAMMA: f64 = 2.4;
 /// Value that the median has after the tone curve.
 const MIDDLE: f64 = 0.5;
@@ -71,9 +71,9 @@ impl Shown {
     }
 }
 
-/// For a pixel: log2 of its luminance relative to the panorama, at least 0, from the first of `exposures`
-/// (brightest first) that is not clipped there, otherwise from the last one; and whether all of them are clipped.
-/// `None` without exposures.
+/// The hidden light of a pixel: log2 of its luminance relative to the panorama, at least 0, from the first of
+/// `exposures` (brightest first) that is not clipped there, otherwise from the last one; and whether all of them
+/// are clipped. `None` without exposures.
 pub(crate) fn measured(own: [f32; 3], exposures: impl Iterator<Item = Shown>) -> Option<(f32, bool)> {
     let own = f64::from(luminance(own)).max(DARKEST);
     let mut last = None;

@@ -3,7 +3,7 @@
 
 use engine::{Context, NodeError};
 
-/// One level: colours times their confidence, and the confidence, 0 to 1.
+/// A level of the pyramid: colours times their confidence, and the confidence, 0 to 1.
 struct Level {
     width: usize,
     height: usize,

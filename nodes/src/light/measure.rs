@@ -8,7 +8,7 @@ use crate::math::equirect::{direction, pixel_solid_angle};
 use crate::math::num;
 use crate::types::Environment;
 
-/// One cell of an environment: a direction, its solid angle and the mean radiance in it.
+/// A cell of an environment: a direction, its solid angle and the mean radiance in it.
 #[derive(Debug, Clone, Copy)]
 pub struct Cell {
     /// Unit direction of the centre of its texels.

@@ -93,7 +93,7 @@ pub fn distance_to_edge(mask: &[bool], width: usize) -> Vec<f32> {
     squared.iter().map(|d| d.sqrt() as f32).collect()
 }
 
-/// One row or column of squared distances and the scratch memory of its lower envelope.
+/// A row or column of squared distances, with the scratch memory of its lower envelope.
 #[derive(Default)]
 struct Line {
     values: Vec<f64>,

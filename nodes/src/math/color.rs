@@ -11,8 +11,8 @@ pub fn luminance(rgb: [f32; 3]) -> f32 {
     LUMINANCE[0] * rgb[0] + LUMINANCE[1] * rgb[1] + LUMINANCE[2] * rgb[2]
 }
 
-/// Linear light of an sRGB-encoded value. Continues below 0 as an odd function and above 1 along the
-/// same power, since splat colours do both.
+/// Linear light of an sRGB-encoded value. The curve continues below 0 as an odd function and above 1 with the same
+/// power, since splat colours may have such values.
 #[inline]
 pub fn linear_from_srgb(encoded: f32) -> f32 {
     let x = f64::from(encoded.abs());

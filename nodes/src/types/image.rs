@@ -154,7 +154,7 @@ impl From<Image<Data>> for Picture {
     }
 }
 
-/// One picture of a set.
+/// A picture of a set, with its name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedImage {
     /// Name of the view, as in the rig; replaces `{view}` in paths.
@@ -163,7 +163,7 @@ pub struct NamedImage {
     pub picture: Picture,
 }
 
-/// One picture per camera of a rig, in the order of the rig. Port type `image`.
+/// Pictures, one per camera of a rig, in the order of the rig. Port type `image`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Images(pub Vec<NamedImage>);
 

@@ -184,7 +184,7 @@ pub struct Material {
     pub base_colour: [f32; 4],
     /// sRGB texture of base colour and alpha.
     pub base_colour_texture: Option<TextureRef>,
-    /// From 0 (dielectric) to 1 (metal).
+    /// Metalness, from 0 (dielectric) to 1 (metal).
     pub metallic: f32,
     /// Perceptual roughness, 0 to 1.
     pub roughness: f32,
@@ -210,17 +210,17 @@ pub struct Material {
     /// KHR_materials_volume: the surface bounds a medium that refracts light and absorbs it with these coefficients
     /// per metre. `None` for a thin wall.
     pub volume: Option<[f32; 3]>,
-    /// See [`Specular`].
+    /// Reflectance of the dielectric.
     pub specular: Specular,
-    /// See [`Clearcoat`].
+    /// Clear layer on top.
     pub clearcoat: Clearcoat,
-    /// See [`Sheen`].
+    /// Layer of fibres.
     pub sheen: Sheen,
-    /// See [`Anisotropy`].
+    /// Anisotropy of the reflection.
     pub anisotropy: Anisotropy,
-    /// See [`Iridescence`].
+    /// Thin film on the surface.
     pub iridescence: Iridescence,
-    /// See [`DiffuseTransmission`].
+    /// Diffuse light that passes through.
     pub diffuse_transmission: DiffuseTransmission,
 }
 

@@ -34,11 +34,11 @@ pub struct Primitive {
 /// A mesh object to insert, in the frame of its file: right-handed, y up, metres.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Object {
-    /// Its parts.
+    /// Parts of the object.
     pub primitives: Vec<Primitive>,
-    /// Their materials.
+    /// Materials of the parts.
     pub materials: Vec<Material>,
-    /// Their textures.
+    /// Textures of the materials.
     pub textures: Vec<Texture>,
 }
 

@@ -3,7 +3,7 @@
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
 use serde::Serialize;
 
-/// One value of a table.
+/// A value of a table.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Cell {

@@ -4,8 +4,8 @@ use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
 use glam::{DMat4, DVec3};
 use serde::Serialize;
 
-/// A pinhole camera in the OpenCV convention: x right, y down, z forward; pixel (0, 0) is the top left
-/// one and its centre lies at (0.5, 0.5).
+/// A pinhole camera in the OpenCV convention: x right, y down, z forward; pixel (0, 0) is at the top left, and its
+/// centre is at (0.5, 0.5).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Camera {
     /// Name of the view.
@@ -74,7 +74,7 @@ impl Camera {
     }
 }
 
-/// One or more cameras, each with a unique name.
+/// Cameras, at least one, each with a unique name.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rig {
     /// The cameras, in order.

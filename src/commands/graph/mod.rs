@@ -64,7 +64,7 @@ fn state(fate: &Fate) -> (&'static str, &'static str) {
     }
 }
 
-/// Each wire as (from node, its output, to node, its input).
+/// The wires of a graph, each as (from node, its output, to node, its input).
 fn wires(graph: &Graph) -> Vec<(usize, &'static str, usize, &'static str)> {
     let mut all = Vec::new();
     for (below, node) in graph.nodes.iter().enumerate() {

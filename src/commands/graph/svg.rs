@@ -123,7 +123,7 @@ fn above<'g>(graph: &'g Graph, entry: &'g Entry) -> &'g [usize] {
 
 /// The row of each node within one column.
 struct Rows {
-    /// For each node, its column and its row.
+    /// Column and row of each node.
     of: Vec<(usize, usize)>,
     column: usize,
 }

@@ -30,7 +30,7 @@ pub struct Init {
     /// A mesh of the place, in the frame of the splats; without it one is made from the splats
     #[arg(long, requires = "splats")]
     mesh: Option<PathBuf>,
-    /// The cameras of the capture (COLMAP, nerfstudio, INRIA, our JSON), in the frame of the splats
+    /// The cameras of the capture (COLMAP, nerfstudio, INRIA, lightharmony JSON), in the frame of the splats
     #[arg(long, requires = "splats")]
     cameras: Option<PathBuf>,
     /// A photograph of the place as the background; a camera of `--cameras` must have the same name

@@ -19,7 +19,7 @@ use crate::session::{
 };
 use crate::terminal::{self, Report};
 
-/// Runs a graph: computes what is not known and writes the files of its sinks.
+/// Runs a graph: computes what is not cached and writes the files of its sinks.
 #[derive(Debug, Args)]
 pub struct Run {
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `train-exposure --backend flux-kontext`: a LoRA that makes panoramas three stops darker.
+//! `train-exposure --backend flux-kontext`: training of a LoRA that makes panoramas three stops darker.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -25,7 +25,7 @@ pub struct TrainLora {
     /// Rank of the updates; alpha is equal to it
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u64).range(1..=1024))]
     rank: u64,
-    /// Maximum change of a weight per step
+    /// Learning rate: the approximate change of a weight per step
     #[arg(long, default_value_t = 1e-4)]
     rate: f64,
     /// Width of the panoramas it learns from, in pixels, a multiple of 32

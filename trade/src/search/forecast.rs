@@ -65,8 +65,9 @@ impl Turn {
     }
 }
 
-/// For each knob the values it can be changed to from a position and their effects, its own value first: as
-/// measured by changes of that knob alone, preferring short changes and those made near this position.
+/// The values that each knob can be changed to from a position, with their effects, its present value first.
+/// Effects are measured by changes of that knob alone; short changes and those made near this position are
+/// preferred.
 pub(super) fn effects(tried: &[Tried], here: &Tried) -> Vec<Vec<(usize, Effect)>> {
     let knobs = here.assignment.len();
     let mut turns: Vec<Vec<Turn>> = vec![Vec::new(); knobs];

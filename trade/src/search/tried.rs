@@ -12,7 +12,7 @@ pub enum Goal {
 /// An assignment with its measured cost and error.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tried {
-    /// For each knob the index of its value.
+    /// Index of the value of each knob.
     pub assignment: Vec<usize>,
     /// Measured cost, in the unit of the goal.
     pub cost: f64,

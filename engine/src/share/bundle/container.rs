@@ -98,7 +98,7 @@ impl BundleParts {
         self.files.insert(name.to_owned(), digest);
     }
 
-    /// Adds a file that is read when the bundle is written.
+    /// Adds a file whose content is read when the bundle is written.
     pub fn source(&mut self, name: &str, path: std::path::PathBuf, digest: Digest, length: u64) {
         self.contents.entry(*digest.as_bytes()).or_insert((length, Bytes::File(path)));
         self.files.insert(name.to_owned(), digest);

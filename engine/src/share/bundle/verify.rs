@@ -54,7 +54,7 @@ pub enum Verdict {
         /// The distance in the terms of its type, if the bundle has the value.
         difference: Option<Difference>,
     },
-    /// Its inputs differ, so it cannot be compared.
+    /// The inputs of the node differ, so it cannot be compared.
     OtherInputs,
     /// The node did not run.
     Failed,

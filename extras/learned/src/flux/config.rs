@@ -49,7 +49,7 @@ struct File {
     pooled_projection_dim: usize,
 }
 
-/// Maximum number of blocks; more indicate damage.
+/// Maximum number of blocks; a greater number is damage.
 const MAX_BLOCKS: usize = 1000;
 
 impl Config {

@@ -27,7 +27,7 @@ pub struct Conv {
 }
 
 impl Conv {
-    /// `weight` is outputs x inputs x size x size, `bias` has one number per output.
+    /// Creates a convolution. `weight` is outputs x inputs x size x size, `bias` has one number per output.
     pub fn new(weight: Tensor, bias: Tensor, stride: usize) -> Result<Self> {
         let outputs = bias.elem_count();
         Ok(Self { weight, bias: bias.reshape((outputs, 1, 1))?, stride })

@@ -11,7 +11,7 @@ use candle_core::quantized::GgmlDType;
 use super::error::{Error, Result};
 use super::source::{Entry, Format};
 
-/// Maximum length of a name or text; names of tensors are at most 64 bytes by the format.
+/// Maximum length of a name or text. The format limits names of tensors to 64 bytes.
 const MAX_TEXT: u64 = 1 << 20;
 /// Maximum number of tensors; the full-size model has 780.
 const MAX_TENSORS: u64 = 1 << 20;

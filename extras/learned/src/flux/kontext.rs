@@ -127,7 +127,7 @@ impl Kontext {
         Ok(made)
     }
 
-    /// Decodes latents to a picture, in 0..1.
+    /// Decodes latents to a picture, with values from 0 to 1.
     pub fn decode(&self, latents: &Tensor, settings: &Settings, watch: &mut dyn Watch) -> Result<Tensor> {
         let made = self.vae.decode(latents, settings.edge(), watch)?;
         if !made.abs()?.sum_all()?.to_scalar::<f32>()?.is_finite() {
@@ -218,8 +218,8 @@ impl Watch for Span<'_> {
     }
 }
 
-/// For each token 1 in the middle half of the columns and 0 in the outer quarters, with a ramp of an eighth of the
-/// columns between: tokens x 1. Rotated by half a turn, it is one minus itself.
+/// Weights of tokens: 1 in the middle half of the columns and 0 in the outer quarters, with a ramp of an eighth of
+/// the columns between: tokens x 1. The weights rotated by half a turn are one minus the weights.
 fn middle(rows: usize, columns: usize, device: &Device) -> Result<Tensor> {
     let share = |column: usize| {
         let from_edge = column.min(columns - 1 - column) as f64 + 0.5;

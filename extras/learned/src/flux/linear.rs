@@ -37,7 +37,7 @@ impl Matrix {
     }
 }
 
-/// A low-rank update of some rows of a layer: `scale * up * down` is added to them.
+/// A low-rank update of some rows of a layer, to which `scale * up * down` is added.
 #[derive(Debug, Clone)]
 pub struct Update {
     /// The first row it changes.
@@ -46,7 +46,7 @@ pub struct Update {
     pub down: Tensor,
     /// rows x rank, f32.
     pub up: Tensor,
-    /// `strength * alpha / rank`.
+    /// Scale of the update: `strength * alpha / rank`.
     pub scale: f64,
 }
 
@@ -72,7 +72,7 @@ impl Linear {
         &self.name
     }
 
-    /// Adds an update, whose sizes must fit.
+    /// Adds an update. Its sizes must match those of the layer.
     pub fn update(&mut self, update: Update) -> Result<()> {
         let (rows, columns) = self.weight.size()?;
         let ((up, rank), (down_rank, down)) = (update.up.dims2()?, update.down.dims2()?);

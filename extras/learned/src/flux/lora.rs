@@ -192,7 +192,7 @@ fn targets(config: &Config) -> BTreeMap<String, Target> {
     targets
 }
 
-/// `lora_alpha` of the header, as peft writes it: within the JSON text `lora_adapter_metadata`.
+/// Reads `lora_alpha` from the header, where peft writes it in the JSON text `lora_adapter_metadata`.
 fn header_alpha(source: &Source) -> Result<Option<f64>> {
     let Some(text) = source.metadata().get("lora_adapter_metadata") else { return Ok(None) };
     let json: serde_json::Value = serde_json::from_str(text).map_err(|error| {

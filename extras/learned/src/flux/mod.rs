@@ -56,7 +56,7 @@ pub fn device() -> Result<Device> {
     Ok(Device::cuda_if_available(0)?)
 }
 
-/// A picture from its samples: 3 planes of height x width, in 0..1.
+/// Converts samples to a picture: 3 planes of height x width, from 0 to 1.
 pub fn picture(planes: &[f32], (width, height): (usize, usize), device: &Device) -> Result<Tensor> {
     Ok(Tensor::from_slice(planes, (3, height, width), device)?)
 }

@@ -14,7 +14,7 @@ use super::rope::{Place, Rotations};
 use super::source::Source;
 use super::watch::Watch;
 
-/// Two layers with a silu between them, which embed a time or a vector.
+/// An embedding of a time or a vector: two layers with a silu between them.
 struct Embedder {
     inward: Linear,
     outward: Linear,

@@ -117,7 +117,7 @@ fn every_named_tensor_is_the_reference_s() {
     }
 }
 
-/// For each name the largest difference of each run.
+/// The largest difference of each run, by name.
 #[derive(Default)]
 struct Worst(BTreeMap<String, Vec<f32>>);
 

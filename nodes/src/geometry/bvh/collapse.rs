@@ -9,7 +9,7 @@ pub(super) enum Branch {
     Leaf { first: u32, count: u32 },
 }
 
-/// How a branch divides the places among the children of a node that it may occupy. For each number of places, from
+/// The division of places among the children of a node. For each number of places that a branch may occupy, from
 /// none to all: the number given to its left side; 0 if the branch occupies one place itself.
 type Shares = [u8; WIDE + 1];
 

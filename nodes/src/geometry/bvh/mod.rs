@@ -59,15 +59,14 @@ const WIDE: usize = 8;
 #[repr(align(32))]
 struct Node {
     bounds: [[[f32; WIDE]; 2]; 3],
-    /// For each child the index of a node, or [`LEAF`] + packets in bits 26 to 30 + index of the first packet.
+    /// The children: the index of a node, or [`LEAF`] + packets in bits 26 to 30 + index of the first packet.
     children: [u32; WIDE],
 }
 
 const LEAF: u32 = 1 << 31;
 const LEAF_SHIFT: u32 = 26;
 const LEAF_FIRST: u32 = (1 << LEAF_SHIFT) - 1;
-/// Factor by which the nearest hit may be exceeded at the entry of a box, which covers the rounding of both
-/// distances.
+/// Factor on the distance of the nearest hit up to which boxes are entered. It covers the rounding of both distances.
 const SLACK: f32 = 1.0 + 1.0 / 65_536.0;
 
 /// Runs a traversal with wide vector registers if the machine has them. Products are not fused with sums, so all

@@ -3,7 +3,7 @@
 
 use std::cell::Cell;
 
-/// Largest number of waiting children; a tree that needs more is replaced by a balanced one.
+/// Maximum number of waiting children. A tree that needs more is replaced by a balanced one.
 pub(super) const STACK: usize = 256;
 
 /// Children, and the distances at which the ray enters them.

@@ -30,7 +30,7 @@ pub struct Inspection {
 }
 
 impl Inspection {
-    /// True if every edge has two triangles that agree on which side is outside.
+    /// True if every edge has two triangles with consistent orientation.
     pub fn is_closed(&self) -> bool {
         self.triangles > 0 && self.open_edges == 0 && self.odd_edges == 0
     }

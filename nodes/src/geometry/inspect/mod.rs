@@ -91,7 +91,7 @@ const SIGNIFICANT: f64 = 8.0;
 struct Slab {
     /// Weight of all patches.
     all: f64,
-    /// Weight of the patches that lie flat in it.
+    /// Weight of the patches that lie flat in the slab.
     flat: f64,
     /// Variance of the weights of all patches, and of the weights of the flat ones.
     variance: f64,

@@ -9,7 +9,7 @@ use crate::types::{Mesh, SplatEncoding, Splats};
 const FAINT: f32 = 0.1;
 /// Maximum number of patches that are examined; if there are more, every n-th one is used.
 const MOST: usize = 300_000;
-/// Radius of the scene, in median distances of the centres from their median.
+/// Radius of the core of a scene, as a multiple of the median distance of the centres from their median.
 const CORE: f64 = 2.2;
 /// Largest standard deviation of a splat that counts, in radii of the core.
 const WIDEST: f64 = 0.02;

@@ -6,7 +6,7 @@ use gltf::accessor::{DataType, Dimensions};
 use super::File;
 use crate::error::Error;
 
-/// Numbers of an accessor.
+/// The numbers of an accessor, converted to f64.
 pub struct Numbers {
     /// Number of components per element.
     pub width: usize,

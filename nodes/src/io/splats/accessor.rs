@@ -31,7 +31,7 @@ enum Component {
     F32,
 }
 
-/// A column whose bytes are known to exist.
+/// Reader of a column whose bytes are known to exist.
 pub struct Reader<'a> {
     bytes: &'a [u8],
     count: usize,
@@ -96,7 +96,7 @@ impl Reader<'_> {
         self.width
     }
 
-    /// One component of a row; normalised integers map to 0 to 1 or -1 to 1.
+    /// Reads one component of a row. Normalised integers are mapped to 0 to 1 or -1 to 1.
     pub fn get(&self, row: usize, component: usize) -> f64 {
         let at = row * self.stride + component * self.size;
         let (value, largest) = match self.component {

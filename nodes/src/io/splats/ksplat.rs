@@ -49,7 +49,7 @@ pub(super) fn is_ksplat(bytes: &[u8]) -> bool {
         && (room == 0 || used <= room)
 }
 
-/// One section: its rows, and the buckets that their centres are relative to.
+/// A section: its rows, and the buckets that their centres are relative to.
 struct Section<'a> {
     count: usize,
     degree: u32,

@@ -76,7 +76,7 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Erro
         let coarser = own.range(wanted..).next();
         let Some((_, span)) = coarser.or_else(|| own.range(..wanted).next_back()) else { continue };
         if lod.filenames.get(span.file).is_none() {
-            return Err(wrong(format!("a region refers to file {} of {}", span.file, lod.filenames.len())));
+            return Err(wrong(format!("a region names file {} of {}", span.file, lod.filenames.len())));
         }
         let end = span.offset.checked_add(span.count);
         let end = end.ok_or_else(|| wrong("a range of splats is impossibly long".to_owned()))?;
@@ -173,7 +173,7 @@ mod tests {
         assert!(level("a", format!("{{\"filenames\": [], \"tree\": {deep}").as_bytes(), 0).is_err());
     }
 
-    /// Changed descriptions: an error, or ranges in order.
+    /// Changed descriptions give an error, or ranges in order.
     #[test]
     fn damaged_descriptions_are_survived() {
         let mut seed = 1_u64;

@@ -75,7 +75,7 @@ impl Lpips {
 
     /// The distance of two display-encoded pictures (0 to 1, three channels) of equal size. `None` if they are too
     /// small for the network. `scaled` maps the input to -1..1 as the network expects; the code of 3D Gaussian
-    /// splatting does not, and prints smaller numbers.
+    /// splatting does not do so, and reports smaller numbers.
     pub fn distance(
         &self,
         a: &Plane,
@@ -104,7 +104,7 @@ impl Lpips {
     }
 }
 
-/// The picture, normalised as in the training of the networks.
+/// Converts a picture to the input of the network, normalised as in its training.
 fn input(plane: &Plane, scaled: bool) -> Tensor {
     const SHIFT: [f64; 3] = [-0.030, -0.088, -0.188];
     const SCALE: [f64; 3] = [0.458, 0.448, 0.450];

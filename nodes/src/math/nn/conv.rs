@@ -11,7 +11,7 @@ pub struct Conv {
     pub shape: [usize; 4],
     /// The kernel, in the order of `shape`.
     pub weight: Vec<f32>,
-    /// One number per output channel; empty without a bias.
+    /// Biases, one per output channel; empty without a bias.
     pub bias: Vec<f32>,
     /// Step between outputs, along both axes.
     pub stride: usize,

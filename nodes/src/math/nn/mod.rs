@@ -26,7 +26,7 @@ impl Tensor {
         Self { channels, height, width, data: vec![0.0; channels * height * width] }
     }
 
-    /// One row of one channel.
+    /// A row of a channel.
     pub fn row(&self, channel: usize, y: usize) -> &[f32] {
         &self.data[(channel * self.height + y) * self.width..][..self.width]
     }

@@ -63,7 +63,7 @@ pub fn generate(p: &mut Primitive, second_set: bool) -> u64 {
     split_mirrored(p, &mirrored, &group, &sums)
 }
 
-/// Writes the tangents, duplicating each vertex that both sides of a mirror use.
+/// Writes the tangents, and duplicates each vertex that both sides of a mirror use.
 fn split_mirrored(
     p: &mut Primitive,
     mirrored: &[Option<bool>],

@@ -23,7 +23,8 @@ const LARGEST: f64 = 8_388_607.0;
 const HEADER: usize = 16;
 const HEADER_4: usize = 32;
 
-/// Numbers that were clamped to the range of a byte: their count, and the largest difference in steps.
+/// Statistics of numbers that were clamped to the range of a byte: their count, and the largest difference in
+/// steps.
 #[derive(Default, Clone, Copy)]
 struct Cut {
     count: u64,
@@ -31,7 +32,7 @@ struct Cut {
 }
 
 impl Cut {
-    /// Rounds to a byte; counts values more than a step outside.
+    /// Rounds to a byte. Numbers more than a step outside of its range are counted.
     fn byte(&mut self, value: f64) -> u8 {
         let rounded = (value + 0.5).floor();
         let within = rounded.clamp(0.0, 255.0);

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use crate::io::splats::sh_rest;
 
-/// One row of an INRIA PLY.
+/// A row of an INRIA PLY.
 #[derive(Clone)]
 pub struct PlyRow {
     pub mean: [f32; 3],
@@ -55,7 +55,7 @@ pub fn ply_with(rows: &[PlyRow], degree: u32, extra: &[(&str, f32)]) -> Vec<u8> 
     out
 }
 
-/// One row of a compressed PLY.
+/// A row of a compressed PLY.
 #[derive(Clone)]
 pub struct Packed {
     pub position: u32,

@@ -1,5 +1,5 @@
-//! Files as other tools write them: encodings of PLY, infinities, flat splats, display colours, comments of trainers,
-//! levels of streamed scenes.
+//! Tests with files as other tools write them: encodings of PLY, infinities, flat splats, display colours, comments
+//! of trainers, levels of streamed scenes.
 
 use super::*;
 
@@ -218,7 +218,7 @@ fn comments_of_trainers_set_the_compensation() {
     }
 }
 
-/// Two levels of one scene: the finest is read, by the folder and by its description, never both.
+/// Of two levels of one scene the finest is read, by the folder and by its description, never both.
 #[test]
 fn one_level_of_a_streamed_scene_is_read() {
     let folder = tempfile::tempdir().unwrap();

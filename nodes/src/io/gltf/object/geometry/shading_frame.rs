@@ -33,8 +33,8 @@ impl Geometry<'_> {
     }
 }
 
-/// For each vertex, the normalised sum of the normals of its faces, weighted by area; the up direction if the sum
-/// is 0.
+/// The normalised sum of the normals of the faces of each vertex, weighted by area; the up direction if the sum is
+/// 0.
 fn summed_face_normals(p: &Primitive) -> Vec<[f32; 3]> {
     let mut sums = vec![DVec3::ZERO; p.positions.len()];
     for t in &p.triangles {
@@ -45,7 +45,7 @@ fn summed_face_normals(p: &Primitive) -> Vec<[f32; 3]> {
     sums.into_iter().map(|sum| sum.try_normalize().unwrap_or(DVec3::Y).as_vec3().to_array()).collect()
 }
 
-/// Gives every triangle separate vertices.
+/// Gives every triangle its own vertices.
 fn unweld(p: &mut Primitive) {
     let corners: Vec<usize> = p.triangles.as_flattened().iter().map(|&v| v as usize).collect();
     fn spread<T: Copy>(list: &mut Vec<T>, corners: &[usize]) {

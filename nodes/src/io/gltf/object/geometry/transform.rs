@@ -59,7 +59,7 @@ pub(crate) fn local(transform: &Transform) -> DMat4 {
     }
 }
 
-/// Normalises a quaternion; one of length 0 is the identity.
+/// Converts a quaternion to a rotation after normalising it; one of length 0 is the identity.
 fn rotation(q: [f64; 4]) -> DQuat {
     let q = DQuat::from_array(q);
     if q.length() > 0.0 { q.normalize() } else { DQuat::IDENTITY }
