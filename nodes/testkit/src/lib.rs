@@ -1,5 +1,6 @@
-//! What the benches of the kinds and their tests on real data share: the data, its reference renders, scores of
-//! pictures, and the clock. A crate of its own, so that no program and no unit test is built with it.
+//! Common code of the benches of the kinds and of their tests on real data: the data, reference renders,
+//! scores of pictures, and the clock. It is a separate crate, so that no program and no unit test is built
+//! with it.
 #![allow(clippy::unwrap_used, reason = "tests and benches may stop at the first surprise")]
 
 mod data;
@@ -19,7 +20,7 @@ fn clock(id: ClockId) -> f64 {
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
-/// CPU seconds of all threads of this process by the kernel's clock: other processes are not counted.
+/// CPU seconds of all threads of this process, by a clock of the kernel that does not count other processes.
 pub fn process_seconds() -> f64 {
     clock(ClockId::ProcessCPUTime)
 }
