@@ -150,7 +150,7 @@ impl Kind for LoadSplats {
         let splats = assemble(files, cx)?;
         cx.count("splats", splats.len() as u64);
         if splats.is_empty() {
-            notes.degraded("no-splats", "the scene holds no splat that can be drawn");
+            notes.degraded("no-splats", "the scene contains no splat that can be drawn");
         }
         if let Some(text) = other_up(&splats, cx) {
             notes.warning("up-differs", text);
@@ -188,7 +188,7 @@ fn other_up(splats: &Splats, cx: &Context) -> Option<String> {
     let [x, y, z] = found.up;
     let found = found.axis().map_or_else(|| format!("({x:.3}, {y:.3}, {z:.3})"), str::to_owned);
     Some(format!(
-        "the floor of the scene says that {found} is up, the graph says {}: set `up` of the scene, or `frame` or \
+        "by its floor, the up axis of the scene is {found}, but the graph has {}: set `up` of the scene, or `frame` or \
          `matrix` here (`lightharmony inspect` shows the scene)",
         cx.up().name()
     ))

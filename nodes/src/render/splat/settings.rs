@@ -145,7 +145,7 @@ impl Drawing {
             return Ok(());
         }
         let what = format!("alpha_cap {} is less than alpha_cut {}", self.alpha_cap, self.alpha_cut);
-        Err(NodeError::new(what).at("alpha_cap").hint("no splat could show"))
+        Err(NodeError::new(what).at("alpha_cap").hint("no splat could be visible"))
     }
 }
 
