@@ -35,8 +35,8 @@ fn irradiance(texels: &[Texel], normal: DVec3) -> [f64; 3] {
     [0, 1, 2].map(each)
 }
 
-/// Scores in the order of [`reported`], for environments of at most 128 columns, of which the truth is the
-/// coarser one.
+/// Scores in the order of [`reported`], for environments of at most 128 columns. The truth is the coarser of
+/// the two.
 pub fn scores(found: &Environment, truth: &Environment) -> Vec<f64> {
     // Large texels are cut so that there are at least half as many columns as the program's grid has.
     let fine = |of: &Environment| texels(of, [128 / of.image.width, 64 / of.image.height].map(|n| n.max(1)));

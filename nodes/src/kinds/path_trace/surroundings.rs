@@ -10,7 +10,7 @@ use crate::render::transport::scene::block::{LAYERS, MOST_LAYERS};
 pub enum Surroundings {
     /// Chosen by probe rays from the point of capture.
     Auto,
-    /// As `Auto`, but the panorama is always infinitely far away.
+    /// Same as `Auto`, but the panorama is always infinitely far away.
     Distant,
     /// The panorama is projected from its point of capture onto the mesh, which emits it (near-field light).
     Projected,

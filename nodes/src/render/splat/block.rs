@@ -51,7 +51,7 @@ pub(super) struct Block {
 const SLACK: f64 = 1e-12;
 
 impl Block {
-    /// Block of these splats, of which there is at least one.
+    /// Block of these splats. There must be at least one.
     pub(super) fn of(splats: &Splats, range: Range<usize>) -> Self {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let mut longest = 0.0_f32;

@@ -146,7 +146,7 @@ mod tests {
     use crate::render::transport::scene::supports::Ground;
     use crate::types::{Material, Object, Placed, Primitive};
 
-    /// Unordered triangles in a cube around the origin, of which `large` are as large as the cube.
+    /// Unordered triangles in a cube around the origin; `large` of them are as large as the cube.
     fn triangles(large: u32) -> Objects {
         let corner = |i: u32, k: u32| {
             let points = Points::new(stream(3, i, large), k);
