@@ -18,7 +18,7 @@ use nodes::io::{exr, jpeg, png};
 static COUNTED: Cap<System> = Cap::new(System, usize::MAX);
 
 const MIB: u64 = 1 << 20;
-/// Other memory of the program: threads, names, a store in memory.
+/// Other memory of the program: threads, names, and a store in memory.
 const REST: f64 = 2.0 * MIB as f64;
 
 /// Writes the test files: pictures of one size, a mesh and splats.
@@ -119,7 +119,7 @@ const CASES: [(&str, f64); 22] = [
     (r#"a: LoadImage(path: "noise.png"), b: WriteAnimation(frames: ["a", "a", "a"], path: "a.png")"#, 1.5),
 ];
 
-/// Runs a case with a budget. Returns the peak of allocations, or `None` if a node asked for more.
+/// Runs a case with a budget. Returns the peak of allocations, or `None` if a node needs more memory.
 fn run(folder: &Path, nodes: &str, memory: u64) -> Option<u64> {
     let text = format!("Graph(version: 1, scene: (up: \"+z\"), nodes: ({nodes}))");
     let graph = Graph::parse(Source::new("g.ron", text), &nodes::registry(), SourceRoot::new(folder));
@@ -137,7 +137,7 @@ fn run(folder: &Path, nodes: &str, memory: u64) -> Option<u64> {
     None
 }
 
-/// One case in a process of its own, since allocations of several cases cannot be separated.
+/// Runs one case in a separate process, since the allocations of several cases cannot be separated.
 #[test]
 #[ignore = "is run by the other test"]
 fn child() {
@@ -164,7 +164,7 @@ fn in_a_process(folder: &Path, case: usize, budget: u64) -> Option<u64> {
     reported.parse().ok()
 }
 
-/// `--memory` holds within 20 %: nodes that take more are refused first, and no others.
+/// `--memory` is accurate within 20 %: nodes that need more are refused before they run, and no others are.
 #[test]
 #[ignore = "on demand: it starts some seventy processes"]
 fn a_budget_holds_within_a_fifth() {

@@ -1,4 +1,4 @@
-//! Tests the order of the rooms of the crate, and that no kind imports another.
+//! Tests the order of the modules of the crate, and that no kind imports another.
 
 use std::path::Path;
 
@@ -6,21 +6,22 @@ use std::path::Path;
 #[allow(clippy::unwrap_used, reason = "a test")]
 mod arrows;
 
-/// The rooms from the lowest to the highest: a file imports only its own room and those below.
+/// Modules from the lowest to the highest. A file imports only its own module and those below.
 const ROOMS: [&str; 8] = ["error", "math", "types", "io", "light", "geometry", "render", "kinds"];
 
 fn folder() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The imports of every file, without those of unit tests.
+/// Imports of every file, without those of unit tests.
 fn imports() -> arrows::Imports {
     let mut imports = arrows::imports(&folder().join("src"));
     imports.retain(|file, _| file != "testing");
     imports
 }
 
-/// Imports lead only to lower rooms. Mutation: `use crate::kinds::pose::PoseNode;` in `types/pose.rs`, seen red.
+/// Imports refer only to lower modules. Mutation: `use crate::kinds::pose::PoseNode;` in `types/pose.rs`,
+/// seen red.
 #[test]
 fn imports_lead_down_and_in_no_circle() {
     let imports = imports();
@@ -32,10 +33,10 @@ fn imports_lead_down_and_in_no_circle() {
     assert_eq!(arrows::circles(&imports), [[""; 0]; 0]);
 }
 
-/// The rooms of light transport from the lowest to the highest.
+/// Modules of light transport from the lowest to the highest.
 const TRANSPORT: [&str; 6] = ["bsdf", "sky", "scene", "ground", "path", "picture"];
 
-/// Imports within light transport lead only to lower rooms. Mutation: `use
+/// Imports within light transport refer only to lower modules. Mutation: `use
 /// crate::render::transport::path::rays::Rays;` in `scene/receiver.rs`, seen red.
 #[test]
 fn imports_of_light_transport_lead_down() {

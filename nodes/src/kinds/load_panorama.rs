@@ -54,9 +54,10 @@ engine::outputs! {
     pub struct Out {
         /// The panorama, for `predict-exposure` and `fuse-hdr`.
         pano: Arc<Panorama>,
-        /// Its colours, for `write-image`.
+        /// Colours of the panorama, for `write-image`.
         image: Arc<Images>,
-        /// Its light before clipping by `photograph_ev`, at the same exposure: the reference for `score-env`.
+        /// Light of the panorama before clipping by `photograph_ev`, at the same exposure: the reference for
+        /// `score-env`.
         env: Arc<Environment>,
     }
 }

@@ -43,11 +43,11 @@ engine::params! {
         max_extent: f64 = 1e6, range(1e-12, 1e30), unit("world units"), other("0.2");
         /// Level of a streamed SOG, 0 the finest.
         level: u32 = 0, range(0, 64), other("1"), inert("only streamed scenes have levels");
-        /// Up axis of the file: by its format, or given here.
+        /// Up axis of the file, defined by its format or given here.
         frame: Frame = Frame::ByFormat, other("YUp");
-        /// Rotation, uniform scale and translation applied after `frame`: a 4x4 matrix in row-major order. Spherical
-        /// harmonics are rotated too. Makes a tilted capture upright, such as one of COLMAP; give `load-cameras` and
-        /// `load-mesh` the same numbers. `lightharmony init` writes them.
+        /// Rotation, uniform scale and translation applied after `frame`: a 4x4 matrix in row-major order.
+        /// Spherical harmonics are rotated too. Makes a tilted capture upright, such as one of COLMAP. Give
+        /// `load-cameras` and `load-mesh` the same numbers, which `lightharmony init` writes.
         matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }
@@ -150,7 +150,7 @@ impl Kind for LoadSplats {
         let splats = assemble(files, cx)?;
         cx.count("splats", splats.len() as u64);
         if splats.is_empty() {
-            notes.degraded("no-splats", "the scene holds no splat that can be drawn");
+            notes.degraded("no-splats", "the scene contains no splat that can be drawn");
         }
         if let Some(text) = other_up(&splats, cx) {
             notes.warning("up-differs", text);
@@ -188,7 +188,7 @@ fn other_up(splats: &Splats, cx: &Context) -> Option<String> {
     let [x, y, z] = found.up;
     let found = found.axis().map_or_else(|| format!("({x:.3}, {y:.3}, {z:.3})"), str::to_owned);
     Some(format!(
-        "the floor of the scene says that {found} is up, the graph says {}: set `up` of the scene, or `frame` or \
+        "by its floor, the up axis of the scene is {found}, but the graph has {}: set `up` of the scene, or `frame` or \
          `matrix` here (`lightharmony inspect` shows the scene)",
         cx.up().name()
     ))
@@ -234,7 +234,7 @@ mod tests {
         };
         let sure = level::of_splats(&scene, None).is_some_and(|found| found.is_sure());
         assert_eq!(of(engine::Up::MinusY), None);
-        assert_eq!(of(engine::Up::PlusZ).is_some_and(|text| text.contains("-y is up")), sure);
+        assert_eq!(of(engine::Up::PlusZ).is_some_and(|text| text.contains("is -y, but")), sure);
     }
 
     /// A scene of degree 3 loaded with a matrix gives the same picture to a camera that was transformed by

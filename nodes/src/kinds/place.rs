@@ -19,7 +19,7 @@ engine::inputs! {
     pub struct In {
         /// The object.
         object: Arc<Object>,
-        /// Where the object is placed.
+        /// Pose at which the object is placed.
         pose: Arc<Pose>,
     }
 }

@@ -31,7 +31,7 @@ engine::params! {
 engine::inputs! {
     /// Inputs of [`Plane`].
     pub struct In {
-        /// Position of its middle, and its rotation.
+        /// Position of the middle of the rectangle, and its rotation.
         at: Arc<Pose>,
         /// The scene whose colours the rectangle takes.
         splats: Option<Arc<Splats>>,

@@ -75,7 +75,7 @@ impl Kind for PoseNode {
             };
         };
         if p.pixel.is_some() || p.translation != [0.0; 3] || p.yaw_deg != 0.0 || p.scale != 1.0 {
-            return Err(NodeError::new("`matrix` already holds translation, yaw and scale")
+            return Err(NodeError::new("`matrix` already contains translation, yaw and scale")
                 .at("matrix")
                 .hint("give either `matrix`, or the others"));
         }
@@ -137,8 +137,11 @@ impl Kind for PoseNode {
 fn ground(pixel: [f64; 2], inputs: &In, cx: &Context, notes: &mut Notes) -> Result<DVec3, NodeError> {
     let cameras = inputs.rig.as_deref().map_or(&[][..], |rig| &rig.cameras);
     let [camera] = cameras else {
-        return Err(NodeError::new(format!("`rig` has {} cameras; a pixel is of one", cameras.len()))
-            .hint("`LoadCameras(pick: [\"name\"])` takes one"));
+        return Err(NodeError::new(format!(
+            "`rig` has {} cameras, but `pixel` belongs to one",
+            cameras.len()
+        ))
+        .hint("`LoadCameras(pick: [\"name\"])` takes one"));
     };
     let picked = match (&inputs.mesh, &inputs.splats) {
         (Some(mesh), None) => on_mesh(mesh, camera, pixel)?,

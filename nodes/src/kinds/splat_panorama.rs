@@ -16,9 +16,9 @@ engine::params! {
     /// Renders a splat scene directly into an equirectangular panorama.
     ///
     /// Splats are sorted by distance for the whole sphere, and both ends of a row match exactly, so there are
-    /// no seams as between the faces of a cube. Near the zenith and the nadir, where the layout is stretched,
-    /// two pinhole cameras are used instead and blended with the layout between 25 and 30 degrees from the
-    /// pole. Replaces `cube-rig`, `splat-render` and `stitch`.
+    /// no seams, unlike between the faces of a cube. Near the zenith and the nadir, where the layout is
+    /// stretched, two pinhole cameras are used instead and blended with the layout between 25 and 30 degrees
+    /// from the pole. Replaces `cube-rig`, `splat-render` and `stitch`.
     pub struct SplatPanorama {
         /// Height of the point above the foot of the pose, along up.
         height_metres: f64 = 0.5, range(-1000.0, 1000.0), unit("m"), other("0.75");
@@ -50,7 +50,7 @@ engine::outputs! {
     pub struct Out {
         /// The panorama.
         pano: Arc<Panorama>,
-        /// Its colours, for `write-image`.
+        /// Colours of the panorama, for `write-image`.
         image: Arc<Images>,
         /// Coverage of each pixel, 0 to 1.
         alpha: Arc<Images>,

@@ -1,6 +1,7 @@
-//! How often the true value lies within the reported standard errors, over twenty seeds: of the ratio `with /
-//! without` by `path-trace`, and of the finished picture by `composite`. The tables of `docs/evidence/trade.md`.
-//! `cargo bench -p lightharmony-testkit --bench coverage`, in a checkout next to `shared`; `-- small` only tries it.
+//! Share of true values that lie within the reported standard errors, over twenty seeds: of the ratio `with /
+//! without` by `path-trace`, and of the finished picture by `composite`. Prints the tables of
+//! `docs/evidence/trade.md`. `cargo bench -p lightharmony-testkit --bench coverage`, in a checkout next to
+//! `shared`; `-- small` only checks that it runs.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
 use std::path::Path;
@@ -16,23 +17,23 @@ use nodes::kinds::shadow_ratio::{self, ShadowRatio};
 use nodes::math::color::luminance;
 use nodes::types::{Environment, Images, Mesh, Placed, Rig};
 
-/// The amount of tracing.
+/// Amount of tracing.
 struct Effort {
     seeds: u64,
-    /// Seeds and samples of the truth, different from those above.
+    /// Seeds and number of samples of the truth, different from those above.
     truth: (u64, u32),
     /// Maximum number of samples if an error bound is set.
     most: u32,
 }
 
 const WHOLE: Effort = Effort { seeds: 20, truth: (8, 256), most: 256 };
-/// A small amount, to check that the benchmark runs.
+/// Small amount, to check that the benchmark runs.
 const SMALL: Effort = Effort { seeds: 2, truth: (2, 8), most: 8 };
 /// An error bound, and the side of the tiles that it applies to.
 const ASKED: f64 = 0.03;
 const TILE: usize = 8;
 
-/// The inputs of `trace` in a graph of `tests/tables`, and the background of its picture.
+/// Inputs of `trace` in a graph of `tests/tables`, and the background of its picture.
 struct Place {
     receiver: Arc<Mesh>,
     objects: Vec<Arc<Placed>>,
@@ -41,11 +42,11 @@ struct Place {
     background: Arc<Images>,
 }
 
-/// Values of pixels with their reported standard errors; 0 where there is no noise.
+/// Values of pixels with their reported standard errors, which are 0 where there is no noise.
 type Told = Vec<[f64; 2]>;
 
 impl Place {
-    /// Loads a graph after replacing one piece of its text, which sets the size of its pictures.
+    /// Loads a graph after replacing one part of its text, which sets the size of its pictures.
     fn load(name: &str, (before, after): (&str, &str)) -> Self {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/tables");
         let text = std::fs::read_to_string(folder.join(name)).unwrap();
@@ -127,7 +128,7 @@ impl Place {
         seeds.filter_map(|seed| if seed % 2 == 0 { even.next() } else { odd.next() }).collect()
     }
 
-    /// The true error of the ratio in each tile with noise, as `max_error` defines it: the root mean square over
+    /// True error of the ratio in each tile with noise, as `max_error` defines it: the root mean square over
     /// the noisy pixels, relative to the ratio where that is above 1.
     fn tiles(&self, told: &Told, truth: &[f64]) -> Vec<f64> {
         let (mut errors, mut first) = (Vec::new(), 0);
@@ -164,7 +165,7 @@ fn plane(images: &Images, channel: usize) -> Vec<f64> {
     pixels.map(|p| f64::from(p[channel])).collect()
 }
 
-/// Counts of true values within 1, 2 and 3 standard errors, and the mean deviation.
+/// Numbers of true values within 1, 2 and 3 standard errors, and the mean deviation.
 #[derive(Default)]
 struct Tally {
     within: [u64; 3],

@@ -1,4 +1,4 @@
-//! A folder of files for tests and benches, and the loading of them.
+//! Folder of files for tests and benches, and functions that load them.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,12 +20,12 @@ pub struct Data {
 }
 
 impl Data {
-    /// The files of a folder, with metres as units.
+    /// Files of a folder, in a scene with metres as units.
     pub fn of(folder: &Path, up: Up, seed: u64) -> Self {
         Self { folder: folder.to_owned(), up, seed }
     }
 
-    /// The shared data next to the checkout.
+    /// Shared data next to the checkout.
     pub fn shared(up: Up, seed: u64) -> Self {
         Self::of(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), up, seed)
     }
@@ -35,7 +35,7 @@ impl Data {
         Self { seed, ..self.clone() }
     }
 
-    /// The path of a file or folder.
+    /// Path of a file or folder.
     ///
     /// # Panics
     /// If it is missing, so that no test is skipped.
@@ -50,18 +50,18 @@ impl Data {
         std::fs::read(self.path(path)).unwrap()
     }
 
-    /// A file of JSON.
+    /// Contents of a JSON file.
     pub fn json(&self, path: &str) -> serde_json::Value {
         serde_json::from_slice(&self.bytes(path)).unwrap()
     }
 
-    /// A context outside of any run, in which paths are relative to the folder.
+    /// Context outside of any run, in which paths are relative to the folder.
     pub fn context(&self) -> Context {
         let scene = Scene { up: self.up, metres_per_unit: 1.0, seed: self.seed, exhaustive: false };
         Context::detached(scene, &self.folder)
     }
 
-    /// Splats of the files `path` and `more`, in the frame that their format says.
+    /// Splats of the files `path` and `more`, in the frame that their format defines.
     pub fn splats(&self, path: &str, more: &[&str], strict: bool) -> Arc<Splats> {
         let file = |path: &str| InputFile(path.to_owned());
         let params = LoadSplats {
@@ -91,7 +91,7 @@ impl Data {
         (out.object, notes)
     }
 
-    /// An environment as its file has it.
+    /// Environment of a file, unchanged.
     pub fn environment(&self, path: &str) -> (Arc<Environment>, Notes) {
         let params = LoadEnvironment {
             path: InputFile(path.to_owned()),
@@ -104,7 +104,7 @@ impl Data {
         (out.env, notes)
     }
 
-    /// The cameras of a list of a file: all, or those with names that match `pick`.
+    /// Cameras of a list of a file: all, or those with names that match `pick`.
     pub fn cameras(&self, path: &str, list: &str, pick: &[&str]) -> Arc<Rig> {
         let params = LoadCameras {
             path: InputFile(path.to_owned()),

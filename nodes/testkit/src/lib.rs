@@ -19,7 +19,7 @@ fn clock(id: ClockId) -> f64 {
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
-/// CPU seconds of all threads of this process by the kernel's clock: other processes are not counted.
+/// CPU seconds of all threads of this process, by a clock of the kernel that does not count other processes.
 pub fn process_seconds() -> f64 {
     clock(ClockId::ProcessCPUTime)
 }

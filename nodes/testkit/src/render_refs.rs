@@ -1,4 +1,4 @@
-//! The scenes of `render-refs`.
+//! Scenes of `render-refs`.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use nodes::types::{Camera, Environment, Mesh, Placed, Rig};
 
 use crate::{Data, thread_seconds};
 
-/// A scene, ready to trace.
+/// Scene prepared for tracing.
 pub struct Case {
     data: Data,
     /// Folder of the scene within the data.
@@ -84,7 +84,7 @@ impl Case {
         }
     }
 
-    /// The scene with the camera `times` as far away, and a receiver that is larger by the same factor.
+    /// The scene with the camera at `times` its distance, and a receiver that is larger by the same factor.
     pub fn with_camera_at(&self, times: f32) -> Self {
         let mut receiver = Mesh::clone(&self.receiver);
         receiver.positions.iter_mut().flatten().for_each(|v| *v *= times);
@@ -101,18 +101,18 @@ impl Case {
         }
     }
 
-    /// Traces with or without the object; also returns the CPU seconds.
+    /// Traces with or without the object, and measures the CPU seconds.
     pub fn trace(&self, seed: u64, samples: u32, with: bool, surroundings: Surroundings) -> Traced {
         self.cropped(seed, samples, with, surroundings, 0.001)
     }
 
-    /// Traces only what the object changes.
+    /// Traces only the change by the object.
     pub fn shadow(&self, seed: u64, samples: u32, surroundings: Surroundings) -> Traced {
         let params = PathTrace { shadow_only: true, ..params(samples, surroundings, 0.001) };
         self.traced(&params, seed, true)
     }
 
-    /// Like [`shadow`](Self::shadow), with another `crop`.
+    /// Same as [`shadow`](Self::shadow), with another `crop`.
     pub fn cropped(
         &self,
         seed: u64,
@@ -167,7 +167,8 @@ pub struct Traced {
     pub notes: Notes,
 }
 
-/// The layers of a trace denoised with default parameters, and the CPU seconds of this thread that it took.
+/// Layers of a trace denoised with default parameters, and the CPU seconds of this thread that denoising
+/// took.
 pub fn denoised(out: &path_trace::Out, data: &Data) -> (denoise::Out, f64) {
     let inputs = denoise::In {
         without: Arc::clone(&out.without),

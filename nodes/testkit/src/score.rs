@@ -39,9 +39,9 @@ pub fn psnr(seen: &[f32], channels: usize, truth: &[f32], others: usize) -> (f64
     (-10.0 * num::f64::log10(squares / (truth.len() / others * 3) as f64), largest)
 }
 
-/// Difference of the luminance of two pictures with independent errors per pixel, over blocks of 8 by 8 pixels, in
-/// standard errors from the spread within a block: the mean over the blocks, and the share of them beyond 3 (0.0039
-/// for Student's distribution). Blocks without light are left out.
+/// Difference of the luminance of two pictures with independent errors per pixel, over blocks of 8 by 8
+/// pixels, in standard errors computed from the spread within a block: the mean over the blocks, and the
+/// share of blocks above 3 (0.0039 for Student's distribution). Blocks without light are left out.
 pub fn block_scores(ours: &[f32], other: &[f32], width: usize) -> (f64, f64) {
     let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
     let apart: Vec<f64> = ours.chunks(3).map(y).zip(other.chunks(3).map(y)).map(|(a, b)| a - b).collect();

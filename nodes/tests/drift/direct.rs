@@ -64,7 +64,7 @@ impl Direct {
     }
 }
 
-/// A camera that looks straight down.
+/// Camera that looks straight down.
 fn camera() -> Camera {
     let down = DMat4::from_cols(
         DVec3::X.extend(0.0),
@@ -79,7 +79,7 @@ fn camera() -> Camera {
     Camera { name, width_px: WIDTH, height_px: HEIGHT, fx: f, fy: f, cx, cy, world_from_camera }
 }
 
-/// A bright patch in a coloured sky, with texels so large that nothing is narrow.
+/// Bright patch in a coloured sky, with texels so large that no lobe is narrower than one.
 fn sky() -> Environment {
     let texel = |i: usize| {
         let bright = if i % 16 == 5 && (1..3).contains(&(i / 16)) { 8.0 } else { 0.4 };
@@ -117,8 +117,8 @@ fn block() -> Placed {
     Placed { object: Arc::new(object), world_from_object: DMat4::IDENTITY }
 }
 
-/// Directions above the horizon with the light of each, times its cosine: 24 by 24 per texel, of equal solid angle
-/// within a texel.
+/// Directions above the horizon with the light of each, times its cosine. There are 24 by 24 per texel, of
+/// equal solid angle within a texel.
 fn directions(sky: &Environment) -> Vec<(DVec3, [f64; 3])> {
     const ACROSS: usize = 24;
     let (width, height) = (sky.image.width, sky.image.height);
@@ -138,14 +138,14 @@ fn directions(sky: &Environment) -> Vec<(DVec3, [f64; 3])> {
     all
 }
 
-/// True if a ray meets the box, by slabs.
+/// True if a ray hits the box, by the slab method.
 fn meets(from: DVec3, direction: DVec3) -> bool {
     let (a, b) = ((LOW - from) / direction, (HIGH - from) / direction);
     a.max(b).min_element() > a.min(b).max_element().max(0.0)
 }
 
-/// Places along a row or column of pixels, 3 in each piece, with the share of the pixel that each represents: a
-/// pixel is split at an edge of the box's base, where the light jumps.
+/// Positions along a row or column of pixels, 3 in each piece, with the share of the pixel that each
+/// represents. A pixel is split at an edge of the box's base, where the light changes abruptly.
 fn places(pixel: u32, edges: [f64; 2]) -> Vec<(f64, f64)> {
     let (first, last) = (f64::from(pixel), f64::from(pixel + 1));
     let mut cuts = vec![first, last];
@@ -158,7 +158,7 @@ fn places(pixel: u32, edges: [f64; 2]) -> Vec<(f64, f64)> {
     cuts.windows(2).flat_map(piece).collect()
 }
 
-/// The light of a matte level surface at a height, the mean over 3 by 3 places in each piece of a pixel.
+/// Light of a matte level surface at a height, as the mean over 3 by 3 positions in each piece of a pixel.
 fn summed(
     camera: &Camera,
     directions: &[(DVec3, [f64; 3])],
@@ -191,7 +191,7 @@ fn summed(
     picture
 }
 
-/// The pixels that show nothing but the top of the box.
+/// Pixels that show only the top of the box, as traced and as summed.
 fn on_top(camera: &Camera, traced: &[f64], directions: &[(DVec3, [f64; 3])]) -> [Vec<f64>; 2] {
     let expected = summed(camera, directions, [BOX; 3], HIGH.z, false);
     let on_top = |pixel: u32| {

@@ -1,22 +1,22 @@
-//! The ground under an object, in float64: every triangle tested against every line, and the plane with most points
-//! found by trying many more than the node does.
+//! Reference in float64 for the ground under an object: every triangle is tested against every line, and the
+//! plane with most points is found by trying many more planes than the node does.
 
 use glam::{DMat3, DVec3};
 use nodes::types::{Cell, Mesh, Placed, Report};
 
-/// Lines along each side of the region under the foot.
+/// Number of lines along each side of the region under the foot.
 const GRID: u32 = 24;
-/// Points within 2 cm of a plane belong to it.
+/// Largest distance of points from a plane that belong to it: 2 cm.
 const NEAR: f64 = 0.02;
 
-/// The distance moved and the normal, from the report.
+/// Distance by which the object was moved, and the normal, from the report.
 pub fn reported(report: &Report) -> Vec<f64> {
     let number = |cell: &Cell| if let Cell::Number(n) = cell { *n } else { f64::NAN };
     let row: Vec<f64> = report.tables[0].rows[0].iter().map(number).collect();
     vec![row[0], row[2], row[3], row[4]]
 }
 
-/// The reference result for an object at most `reach` above or below the ground, in a world of metres with z up.
+/// Reference result for an object at most `reach` above or below the ground, in a world of metres with z up.
 pub fn found(mesh: &Mesh, placed: &Placed, reach: f64) -> Vec<f64> {
     let corners: Vec<DVec3> = placed
         .object
@@ -65,12 +65,12 @@ pub fn found(mesh: &Mesh, placed: &Placed, reach: f64) -> Vec<f64> {
     vec![heights[heights.len() / 2], normal.x, normal.y, normal.z]
 }
 
-/// Height of a point over a plane: its height at 0, and its rise along both axes.
+/// Height of a point above a plane, which is given by its height at 0 and its rise along both axes.
 fn over(plane: DVec3, p: DVec3) -> f64 {
     p.z - plane.x - plane.y * p.x - plane.z * p.y
 }
 
-/// The plane with most points, among all horizontal planes and those through three points of a subset (every 23rd
+/// Plane with most points, among all horizontal planes and those through three points of a subset (every 23rd
 /// point).
 fn densest(points: &[DVec3]) -> DVec3 {
     let some: Vec<DVec3> = points.iter().copied().step_by(23).collect();
@@ -91,7 +91,7 @@ fn densest(points: &[DVec3]) -> DVec3 {
     planes.into_iter().max_by(|a, b| held(a).cmp(&held(b)).then_with(|| nearer(a, b))).unwrap()
 }
 
-/// Rise along both axes of the plane nearest to all points in height.
+/// Rise along both axes of the plane with the smallest squared differences in height from all points.
 fn least_squares(points: &[DVec3]) -> DVec3 {
     let mean = points.iter().sum::<DVec3>() / points.len() as f64;
     let (mut moments, mut right) = (DMat3::ZERO, DVec3::ZERO);

@@ -1,4 +1,4 @@
-//! A reference for `score-env`: its scores computed from texels instead of cells.
+//! Reference for `score-env`: its scores computed from texels instead of cells.
 
 use std::f64::consts::PI;
 
@@ -10,10 +10,10 @@ use nodes::types::{Cell, Environment, Report};
 
 use super::references::luminance;
 
-/// Direction, solid angle and radiance.
+/// Direction, solid angle and radiance of a texel.
 type Texel = (DVec3, f64, [f64; 3]);
 
-/// The texels of an environment with z up, each split into this many columns and rows, with their solid angles.
+/// Texels of an environment with z up, each split into this many columns and rows, with their solid angles.
 fn texels(environment: &Environment, [across, down]: [usize; 2]) -> Vec<Texel> {
     let (width, height) = (environment.image.width * across, environment.image.height * down);
     let texel = |i: usize| {
@@ -35,7 +35,8 @@ fn irradiance(texels: &[Texel], normal: DVec3) -> [f64; 3] {
     [0, 1, 2].map(each)
 }
 
-/// The scores in the order of [`reported`], for environments of at most 128 columns, the truth being the coarser one.
+/// Scores in the order of [`reported`], for environments of at most 128 columns. The truth is the coarser of
+/// the two.
 pub fn scores(found: &Environment, truth: &Environment) -> Vec<f64> {
     // Large texels are cut so that there are at least half as many columns as the program's grid has.
     let fine = |of: &Environment| texels(of, [128 / of.image.width, 64 / of.image.height].map(|n| n.max(1)));
@@ -92,7 +93,7 @@ fn matte(texels: &[Texel], normal: DVec3) -> [f64; 3] {
     irradiance(texels, normal).map(|e| e / PI)
 }
 
-/// The direction that a mirror seen along +y shows.
+/// Direction that a mirror seen along +y reflects to the viewer.
 fn reflected(normal: DVec3) -> DVec3 {
     DVec3::Y - 2.0 * DVec3::Y.dot(normal) * normal
 }
@@ -103,7 +104,7 @@ fn glossy(texels: &[Texel], normal: DVec3) -> [f64; 3] {
     [0, 1, 2].map(|c| texels.iter().map(|(d, size, rgb)| lobe(d) * size * rgb[c]).sum::<f64>() / whole)
 }
 
-/// Root mean square over the pixels of a sphere 32 pixels across, seen along +y, relative to the truth.
+/// Root mean square error over the pixels of a sphere 32 pixels across, seen along +y, relative to the truth.
 fn sphere(shade: fn(&[Texel], DVec3) -> [f64; 3], found: &[Texel], truth: &[Texel]) -> f64 {
     let (mut off, mut square) = (0.0, 0.0);
     for i in 0..32 * 32 {
@@ -120,7 +121,7 @@ fn sphere(shade: fn(&[Texel], DVec3) -> [f64; 3], found: &[Texel], truth: &[Texe
     (off / square).sqrt()
 }
 
-/// The scores from the report, in the order of [`scores`].
+/// Scores from the report, in the order of [`scores`].
 pub fn reported(report: &Report) -> Vec<f64> {
     let begins = [
         "mean irradiance",

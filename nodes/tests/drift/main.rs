@@ -1,9 +1,9 @@
 //! Errors of every node: the largest error and the 99.9th percentile, compared with a slow float64 reference
 //! written from the node's definition, or, for nodes that sample, with the same node at a finer setting.
-//! `docs/evidence/README.md` lists the nodes that need none.
+//! `docs/evidence/README.md` lists the nodes that need no such test.
 //!
-//! Everything is deterministic, so `errors.tsv` holds the results to the last digit, on any machine. A change there
-//! is a change of a picture: look at it, then update the file with `UPDATE_GOLDEN=1`.
+//! All results are deterministic, so `errors.tsv` contains them to the last digit, for any machine. A change
+//! in the file is a change of a picture: look at the picture, then update the file with `UPDATE_GOLDEN=1`.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod direct;
@@ -20,21 +20,21 @@ use std::path::Path;
 use engine::{Artifact, Engine, Graph, RunOptions, Source, SourceRoot, Store, Wire};
 use nodes::types::{Brackets, Environment, Images, Mesh, Panorama, Placed, Report, Rig, Splats, Views};
 
-/// Permitted difference of metrics from the publications, since ours use the rounded matrices, white and curves of
-/// published tools.
+/// Permitted difference of metrics from the publications, because this crate uses the rounded matrices, white
+/// points and curves of published tools.
 const CONSTANTS: f64 = 1e-4;
 
 /// Errors of one output.
 struct Case {
     name: &'static str,
     against: &'static str,
-    /// The largest permitted error, independent of `errors.tsv`: the rounding of the format and of the order of
+    /// Largest permitted error, independent of `errors.tsv`: the rounding of the format and of the order of
     /// sums.
     bound: f64,
     errors: Vec<f64>,
 }
 
-/// The graph after its run.
+/// Graph after its run.
 struct Run {
     engine: Engine,
     graph: Graph,
@@ -58,7 +58,7 @@ impl Run {
         self.engine.value(&self.graph, Wire { node, port }).unwrap()
     }
 
-    /// The samples of a picture of one view, as float64.
+    /// Samples of a picture of one view, as float64.
     fn picture(&self, name: &str) -> Vec<f64> {
         self.value::<Images>(name).0[0].picture.samples().iter().map(|v| f64::from(*v)).collect()
     }
@@ -212,7 +212,7 @@ fn cases(run: &Run) -> Vec<Case> {
     ]
 }
 
-/// The largest value and the 99.9th percentile.
+/// Largest value and 99.9th percentile.
 fn summary(errors: &[f64]) -> [f64; 2] {
     let mut sorted = errors.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -220,7 +220,8 @@ fn summary(errors: &[f64]) -> [f64; 2] {
     [sorted[last], sorted[last - last / 1000]]
 }
 
-/// Three digits; below 1e-12 is the rounding of sums in float64.
+/// Formats an error with four digits. An error below 1e-12 is only the rounding of sums in float64, and is
+/// shown as `<1e-12`.
 fn digits(error: f64) -> String {
     match error {
         0.0 => "0".to_owned(),
@@ -252,8 +253,8 @@ fn no_error_drifts() {
     assert_eq!(text.lines().count(), known.lines().count());
 }
 
-/// The mean light is that of the sum over all directions: pixels lie on both sides of it, within their own
-/// variance.
+/// The mean light equals that of the sum over all directions, and pixels lie on both sides of it, within
+/// their reported variance.
 #[test]
 fn direct_light_is_that_of_all_directions() {
     let direct = direct::Direct::new(64);

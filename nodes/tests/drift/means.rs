@@ -1,11 +1,12 @@
-//! Non-local means as in `denoise`, in float64 and pixel by pixel (Rousselle, Knaus and Zwicker 2012).
+//! Reference for the non-local means of `denoise`, in float64 and pixel by pixel (Rousselle, Knaus and
+//! Zwicker 2012).
 
 use glam::DVec3;
 use nodes::math::num;
 
 use super::references::luminance;
 
-/// The outputs of `path-trace` for one view, channels interleaved.
+/// Outputs of `path-trace` for one view, with interleaved channels.
 pub struct Layers {
     pub width: usize,
     pub without: Vec<f64>,
@@ -20,7 +21,7 @@ pub struct Layers {
 struct Pixel {
     signal: [f64; 3],
     variance: f64,
-    /// Its reported variance, and the variance up to which it is averaged in full.
+    /// Reported variance of the pixel, and the variance up to which it is averaged at full weight.
     doubt: [f64; 2],
     /// The averaged values.
     values: [f64; 6],
@@ -58,7 +59,7 @@ impl Layers {
         [without, with, object].concat()
     }
 
-    /// The field of the receiver: compared by the ratio and its variance, without fireflies.
+    /// Field of the receiver, compared by the ratio and its variance, without fireflies.
     fn receiver(&self) -> Field<'_> {
         let pixel = |i: usize| {
             let (r0, r1) = (&self.without[3 * i..3 * i + 3], &self.with[3 * i..3 * i + 3]);
@@ -90,7 +91,7 @@ impl Layers {
         field.smoothed(3)
     }
 
-    /// The field of the object: compared by its colour, with the mean scaled to between 1 and 2.
+    /// Field of the object, compared by its colour, with the mean scaled to between 1 and 2.
     fn inserted(&self) -> Field<'_> {
         let pixels = self.object.chunks_exact(4);
         let [light, cover] = pixels
@@ -119,7 +120,7 @@ impl Layers {
 }
 
 impl Field<'_> {
-    /// The pixels at most `reach` columns and rows away, row by row.
+    /// Indices of the pixels at most `reach` columns and rows away, row by row.
     fn around(&self, i: usize, reach: usize) -> impl Iterator<Item = usize> {
         let (width, height) = (self.layers.width, self.pixels.len() / self.layers.width);
         let (x, y) = (i % width, i / width);
@@ -159,8 +160,8 @@ impl Field<'_> {
         self
     }
 
-    /// The change of inverse depth from column to column, or from row to row: the smaller step of both sides, if
-    /// they agree in sign.
+    /// Change of inverse depth from column to column, or from row to row: the smaller of the steps on the two
+    /// sides if they have the same sign, otherwise 0.
     fn slope(&self, i: usize, step: usize, before: bool, after: bool) -> f64 {
         if !(before && after) {
             return 0.0;

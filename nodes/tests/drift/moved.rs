@@ -1,4 +1,4 @@
-//! A whole insertion gives the same pictures in a world that is moved, enlarged or reduced.
+//! Test that a whole insertion gives the same pictures in a world that is moved, enlarged or reduced.
 
 use std::sync::Arc;
 
@@ -23,10 +23,10 @@ use super::Run;
 #[path = "../../../tests/extremes/row.rs"]
 mod row;
 
-/// The samples of the picture of a step, by its name.
+/// Name of a step, and the samples of its picture.
 type Step = (&'static str, Vec<f32>);
 
-/// The inputs of a graph.
+/// Inputs of a graph.
 struct World {
     splats: Splats,
     mesh: Mesh,
@@ -39,7 +39,7 @@ struct World {
     origin: DVec3,
 }
 
-/// Each coordinate as f32 and its remainder.
+/// Each coordinate as f32, and the remainder.
 fn halves(place: DVec3) -> [[f32; 3]; 2] {
     let high = place.to_array().map(|v| v as f32);
     let low = place - DVec3::from(high.map(f64::from));
@@ -76,7 +76,7 @@ impl World {
         }
     }
 
-    /// The pictures of every step, by name.
+    /// Pictures of every step, with their names.
     fn inserted(&self) -> Vec<Step> {
         let cx = Context::detached(
             Scene { up: Up::PlusZ, metres_per_unit: self.metres_per_unit, seed: 3, exhaustive: false },
@@ -140,7 +140,7 @@ impl World {
     }
 }
 
-/// The largest difference of a sample of each step, relative to those above 1.
+/// Largest difference of a sample of each step, relative to the sample if it is above 1.
 fn off(world: &World, here: &[Step]) -> Vec<(&'static str, f64)> {
     let worst = |((step, a), (_, b)): (&Step, &Step)| {
         assert_eq!(a.len(), b.len());
@@ -150,8 +150,8 @@ fn off(world: &World, here: &[Step]) -> Vec<(&'static str, f64)> {
     world.inserted().iter().zip(here).map(worst).collect()
 }
 
-/// Splats, mesh, cameras, probe and object moved by a million units, or scaled by a million up or down, with all
-/// parameters in world units: no step gives another picture. It does if the mesh is rounded to f32.
+/// No step gives a different picture if splats, mesh, cameras, probe and object are moved by a million units,
+/// or scaled by a million up or down, with all parameters in world units. Mutation: the mesh rounded to f32.
 #[test]
 fn the_whole_insertion_does_not_depend_on_where_or_how_large_the_world_is() {
     let run = Run::new();

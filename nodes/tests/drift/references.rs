@@ -8,7 +8,7 @@ use nodes::math::equirect;
 use nodes::math::num;
 use nodes::types::{Brackets, Cell, Panorama, Picture, Report, Views};
 
-/// sRGB to linear light, IEC 61966-2-1.
+/// Converts sRGB to linear light, by IEC 61966-2-1.
 fn decoded(v: f64) -> f64 {
     if v <= 0.04045 { v / 12.92 } else { num::pow((v + 0.055) / 1.055, 2.4) }
 }
@@ -21,15 +21,15 @@ pub fn luminance(rgb: &[f64]) -> f64 {
     0.21267 * rgb[0] + 0.71516 * rgb[1] + 0.07217 * rgb[2]
 }
 
-/// Premultiplied display values as premultiplied linear light.
+/// Converts premultiplied display values to premultiplied linear light.
 pub fn light(pixel: &[f64]) -> [f64; 4] {
     let alpha = pixel[3];
     let linear = |c: usize| if alpha > 0.0 { decoded(pixel[c] / alpha) * alpha } else { 0.0 };
     [linear(0), linear(1), linear(2), alpha]
 }
 
-/// The mean of the views over each pixel of a panorama with z up, 12x12 samples per pixel by solid angle, in
-/// display values; and the seen share of each pixel.
+/// Mean of the views over each pixel of a panorama with z up, with 12x12 samples per pixel by solid angle, in
+/// display values; and the visible share of each pixel.
 pub fn stitch(views: &Views, width: usize) -> (Vec<f64>, Vec<f64>) {
     const ACROSS: usize = 12;
     let height = width / 2;
@@ -60,7 +60,7 @@ pub fn stitch(views: &Views, width: usize) -> (Vec<f64>, Vec<f64>) {
     (colours, seen)
 }
 
-/// The mean of all views in a direction, each weighted by the distance from its border: a smooth step over the
+/// Mean of all views in a direction, each weighted by the distance from its border: a smooth step over the
 /// outer 8 % of its shorter side.
 fn around(views: &Views, faces: &[Vec<[f64; 4]>], direction: DVec3) -> [f64; 4] {
     let (mut sum, mut total) = ([0.0; 4], 0.0);
@@ -91,12 +91,12 @@ fn around(views: &Views, faces: &[Vec<[f64; 4]>], direction: DVec3) -> [f64; 4] 
     if total > 0.0 { sum.map(|v| v / total) } else { sum }
 }
 
-/// The predicted exposures, one after another.
+/// Predicted exposures, one after another.
 pub fn taken(brackets: &Brackets) -> Vec<f64> {
     brackets.exposures.iter().flat_map(|image| image.samples.iter().map(|v| f64::from(*v))).collect()
 }
 
-/// A photograph of a panorama at each exposure, by the predicted gain: no more than white.
+/// Photographs of a panorama at each exposure, by the predicted gain, limited to white.
 pub fn exposed(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     let gains = &brackets.log2_gain.samples;
     let at = |ev: f64| {
@@ -109,7 +109,8 @@ pub fn exposed(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     brackets.evs.iter().flat_map(|ev| at(*ev)).collect()
 }
 
-/// The factor in linear light of a grey mask over display values: the blocked share of luminance, as black.
+/// Factor in linear light of a grey mask over display values, which composites the blocked share of luminance
+/// as black.
 pub fn grey(without: &[f64], with: &[f64], strength: f64) -> Vec<f64> {
     let pairs = without.chunks_exact(3).zip(with.chunks_exact(3));
     let factor = |(a, b): (&[f64], &[f64])| {
@@ -119,8 +120,8 @@ pub fn grey(without: &[f64], with: &[f64], strength: f64) -> Vec<f64> {
     pairs.flat_map(factor).collect()
 }
 
-/// The fusion of a panorama and its exposures, the darkest first, each taking over from the darker ones where it is
-/// not clipped: a ramp of its brightest channel from 0.9 to 1. Nothing becomes darker.
+/// Fusion of a panorama and its exposures, starting with the darkest. Each brighter one replaces the darker
+/// ones where it is not clipped, by a ramp of its brightest channel from 0.9 to 1. No pixel becomes darker.
 pub fn fuse(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     let linear = |samples: &[f32], at: usize| [0, 1, 2].map(|c| decoded(f64::from(samples[3 * at + c])));
     let base = base.image.samples();
@@ -152,8 +153,8 @@ pub struct Ratio {
 }
 
 impl Ratio {
-    /// The factor of the background, from R0 and R1 of three channels. Where the mean of R0 around a pixel is less
-    /// than `min_energy` of the median of lit pixels the factor is 1, with a ramp up to twice as much.
+    /// Factor of the background, from R0 and R1 of three channels. It is 1 where the mean of R0 around a
+    /// pixel is less than `min_energy` of the median of lit pixels, with a ramp up to twice that.
     pub fn of(&self, without: &[f64], with: &[f64], width: usize) -> Vec<f64> {
         let mut sorted: Vec<f64> = without.iter().copied().filter(|v| *v > 0.0).collect();
         sorted.sort_by(f64::total_cmp);
@@ -177,7 +178,8 @@ impl Ratio {
     }
 }
 
-/// The object over the shaded background on black, in linear light, from a premultiplied display background.
+/// Composites the object over the shaded background on black, in linear light, from a premultiplied display
+/// background.
 pub fn composite(background: &[f64], object: &[f64], shadow: &[f64]) -> Vec<f64> {
     let pixels = background.chunks_exact(4).zip(object.chunks_exact(4)).zip(shadow.chunks_exact(3));
     let over = |((b, o), s): ((&[f64], &[f64]), &[f64])| {
@@ -187,7 +189,7 @@ pub fn composite(background: &[f64], object: &[f64], shadow: &[f64]) -> Vec<f64>
     pixels.flat_map(over).collect()
 }
 
-/// Object, shadow, rest and contact band, one after another.
+/// Masks of object, shadow, rest and contact band, one after another.
 pub fn masks(object: &[f64], shadow: &[f64], width: usize) -> Vec<f64> {
     let alpha: Vec<f64> = object.chunks_exact(4).map(|pixel| pixel[3]).collect();
     let inside = |i: usize| alpha[i] > 0.5;
@@ -222,7 +224,7 @@ const SCORES: [&str; 7] = [
     "ciede2000 mean",
 ];
 
-/// The scores of the whole picture by `compare`, in the order of [`scores`].
+/// Scores of the whole picture by `compare`, in the order of [`scores`].
 pub fn scores_of(report: &Report) -> Vec<f64> {
     let table = &report.tables[0];
     let whole = &table.rows[0];
@@ -240,8 +242,8 @@ pub fn shown(image: &[f64], reference: &[f64]) -> [Vec<f64>; 2] {
     [image.chunks_exact(3).flat_map(encode).collect(), reference.chunks_exact(4).flat_map(cut).collect()]
 }
 
-/// Mean absolute error, PSNR, and SSIM with zeros beyond the border and without the border, the window in two
-/// dimensions; then mean and 95th percentile of FLIP, and the mean of CIEDE2000. Of display values.
+/// Scores of display values: mean absolute error, PSNR, SSIM with zeros beyond the border and SSIM without
+/// the border (with a two-dimensional window), mean and 95th percentile of FLIP, and the mean of CIEDE2000.
 pub fn scores([a, b]: &[Vec<f64>; 2], width: usize) -> Vec<f64> {
     let apart: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
     let count = apart.len() as f64;
@@ -311,7 +313,7 @@ fn filtered(channel: &[f64], width: usize, reach: i64, kernel: &dyn Fn(i64, i64)
     (0..channel.len()).map(at).collect()
 }
 
-/// A kernel whose positive values sum to 1, and its negative ones, if any, to -1.
+/// Kernel whose positive values are scaled to sum to 1, and its negative ones, if any, to -1.
 fn balanced(reach: i64, kernel: impl Fn(f64, f64) -> f64) -> impl Fn(i64, i64) -> f64 {
     let all = (-reach..=reach).flat_map(|j| (-reach..=reach).map(move |i| (i as f64, j as f64)));
     let (mut above, mut below) = (0.0, 0.0);
@@ -325,7 +327,7 @@ fn balanced(reach: i64, kernel: impl Fn(f64, f64) -> f64) -> impl Fn(i64, i64) -
     }
 }
 
-/// XYZ of linear Rec.709 relative to white, from the chromaticities of the primaries and of D65.
+/// Converts linear Rec.709 to XYZ relative to white, from the chromaticities of the primaries and of D65.
 fn relative_xyz(rgb: [f64; 3]) -> [f64; 3] {
     let xyz = |[x, y]: [f64; 2]| DVec3::new(x / y, 1.0, (1.0 - x - y) / y);
     let white = xyz([0.3127, 0.3290]);
@@ -334,7 +336,7 @@ fn relative_xyz(rgb: [f64; 3]) -> [f64; 3] {
     (primaries * light / white).to_array()
 }
 
-/// Linear Rec.709 of XYZ relative to white.
+/// Converts XYZ relative to white to linear Rec.709.
 fn rgb_of(xyz: [f64; 3]) -> [f64; 3] {
     let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(relative_xyz);
     (DMat3::from_cols_array_2d(&columns).inverse() * DVec3::from_array(xyz)).to_array()
@@ -356,7 +358,7 @@ pub fn flip(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
     a.iter().zip(&b).map(pixel).collect()
 }
 
-/// Colour after the eye's filters, and the strength of edges and points.
+/// Colour after the contrast sensitivity filters, and the strengths of edges and of points.
 type Seen = ([f64; 3], f64, f64);
 
 fn seen(picture: &[f64], width: usize, density: f64) -> Vec<Seen> {
@@ -408,7 +410,7 @@ fn lab(relative: [f64; 3]) -> [f64; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// CIELAB with the chroma of dark colours reduced, of linear light.
+/// CIELAB of linear light, with the chroma of dark colours reduced.
 fn hunt(rgb: [f64; 3]) -> [f64; 3] {
     let [l, a, b] = lab(relative_xyz(rgb));
     [l, 0.01 * l * a, 0.01 * l * b]

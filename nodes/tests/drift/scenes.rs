@@ -1,4 +1,4 @@
-//! Pictures of splats and of triangles, in float64, testing all of them for each pixel.
+//! References for pictures of splats and of triangles, in float64, which test all of them for each pixel.
 
 use std::f64::consts::PI;
 
@@ -9,8 +9,8 @@ use nodes::types::{Camera, Mesh, Placed, Splats};
 
 use super::references::{encoded, light};
 
-/// Real spherical harmonics in a unit direction, degree after degree and -l to l within one, by the recurrence of the
-/// associated Legendre functions, with the sign (-1)^m of Condon and Shortley.
+/// Real spherical harmonics in a unit direction, ordered by degree and within a degree from -l to l, by the
+/// recurrence of the associated Legendre functions, with the sign (-1)^m of Condon and Shortley.
 fn harmonics(degree: u32, d: DVec3) -> Vec<f64> {
     let factorial = |n: i32| (1..=n).map(f64::from).product::<f64>();
     // sin(theta)^m cos(m phi) and the same with the sine.
@@ -37,7 +37,7 @@ fn harmonics(degree: u32, d: DVec3) -> Vec<f64> {
     (0..=degree as i32).flat_map(|l| (-l..=l).map(move |m| (l, m))).map(|(l, m)| value(l, m)).collect()
 }
 
-/// A splat on the picture.
+/// Splat projected to the picture.
 struct Footprint {
     depth: f64,
     centre: [f64; 2],
@@ -48,7 +48,7 @@ struct Footprint {
 }
 
 impl Footprint {
-    /// The footprint of a splat with this centre and these projected axes; 0.3 is the filter.
+    /// Footprint of a splat with this centre and these projected axes. The variance of the filter is 0.3.
     fn new(splats: &Splats, i: usize, eye: DVec3, depth: f64, centre: [f64; 2], rows: [DVec3; 2]) -> Self {
         let [xx, xy, yy] = [rows[0].dot(rows[0]) + 0.3, rows[0].dot(rows[1]), rows[1].dot(rows[1]) + 0.3];
         let determinant = xx * yy - xy * xy;
@@ -65,14 +65,15 @@ impl Footprint {
     }
 }
 
-/// The axes of a splat in the world, as long as its standard deviations.
+/// Axes of a splat in the world, with its standard deviations as lengths.
 fn axes(splats: &Splats, i: usize) -> DMat3 {
     let [w, x, y, z] = splats.quats[i].map(f64::from);
     let turn = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
     turn * DMat3::from_diagonal(DVec3::from(splats.scales[i].map(f64::from)))
 }
 
-/// Premultiplied colour and alpha of sorted splats at a position; with a period the picture wraps.
+/// Premultiplied colour and alpha of sorted splats at a position. If there is a period, the picture wraps
+/// around.
 fn blended(footprints: &[Footprint], at: [f64; 2], period: Option<f64>) -> [f64; 4] {
     let (mut rgb, mut clear) = ([0.0; 3], 1.0);
     for Footprint { centre, shape: [xx, xy, yy], opacity, rgb: colour, .. } in footprints {
@@ -126,9 +127,9 @@ pub fn splatted(splats: &Splats, camera: &Camera) -> Vec<f64> {
     places.flat_map(|at| blended(&footprints, at, None)).collect()
 }
 
-/// Display values of the belt of a panorama with z up, between 30 degrees from either pole, and the seen share of
-/// each pixel: the mean light of 2 by 2 samples per pixel, each blended as above in the plane of both angles,
-/// nearest first. The derivatives of the angles are finite differences.
+/// Display values of the belt of a panorama with z up, more than 30 degrees from either pole, and the visible
+/// share of each pixel. They are the mean light of 2 by 2 samples per pixel, each blended as in [`blended`]
+/// in the plane of both angles, nearest first. The derivatives of the angles are finite differences.
 pub fn belt(splats: &Splats, eye: DVec3, width: usize) -> (Vec<f64>, Vec<f64>) {
     let fine = 2.0 * width as f64;
     let angles = |p: DVec3| {

@@ -1,4 +1,4 @@
-//! Small files in formats that loaders read and no sink writes.
+//! Small files in formats that loaders read but no sink writes.
 
 use safetensors::tensor::{Dtype, TensorView, serialize};
 
@@ -36,7 +36,7 @@ pub const CAMERAS_JSON: &str = r#"{
   ]
 }"#;
 
-/// A move of nerfstudio's data parser.
+/// Transform of nerfstudio's data parser.
 pub const DATAPARSER_JSON: &str = r#"{"transform": [[0,-1,0,1],[1,0,0,0],[0,0,1,0]], "scale": 0.5}"#;
 
 /// INRIA PLY of `n` splats along a line, the last one large, degree 1.
@@ -66,7 +66,7 @@ pub fn splats_ply(n: usize) -> Vec<u8> {
     bytes
 }
 
-/// A GLB of two scenes, a triangle in each, of different size.
+/// GLB of two scenes with a triangle in each, of different size.
 pub fn object_glb() -> Vec<u8> {
     let mut buffer = Vec::new();
     for size in [0.5_f32, 0.3] {
@@ -107,7 +107,7 @@ pub fn object_glb() -> Vec<u8> {
     glb
 }
 
-/// Weights of LPIPS with AlexNet of two channels per layer.
+/// Weights of LPIPS with AlexNet, with two channels per layer.
 pub fn lpips_safetensors() -> Vec<u8> {
     let value = |i: usize| ((i * 7919) % 31) as f32 / 64.0;
     let bytes = |n: usize| (0..n).flat_map(|i| (value(i) - 0.2).to_le_bytes()).collect::<Vec<u8>>();
@@ -124,7 +124,7 @@ pub fn lpips_safetensors() -> Vec<u8> {
     serialize(views, None).expect("names differ")
 }
 
-/// The shipped weights, with another amount of hidden light.
+/// Shipped weights, changed so that they predict another amount of hidden light.
 pub fn exposure_safetensors() -> Vec<u8> {
     let shipped = include_bytes!("../../weights/exposure.safetensors");
     let shipped = safetensors::SafeTensors::deserialize(shipped).expect("is sound");

@@ -1,5 +1,5 @@
-//! Tests that read the table of kinds: every kind, every parameter, every output, with no list of names
-//! here. A new kind is covered once `table/fixture.ron` holds a node of it.
+//! Tests that use the table of kinds: every kind, every parameter, every output, without a list of names
+//! here. A new kind is covered once `table/fixture.ron` contains a node of it.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod files;
@@ -12,7 +12,7 @@ use engine::{
     Digest, Engine, Event, Graph, ParamSpec, Registry, Role, RunOptions, Setting, Source, SourceRoot, State,
 };
 
-/// The result of a run of the fixture for each node: its key and the digests of its outputs.
+/// Result of a run of the fixture for each node: its key and the digests of its outputs.
 type Results = BTreeMap<String, (Digest, Vec<Digest>)>;
 
 struct Fixture {
@@ -21,8 +21,8 @@ struct Fixture {
     folder: PathBuf,
 }
 
-/// One fixture serves all tests: its cold run is expensive. One test at a time, since the digests of a node are
-/// those of its last run, whoever ran it.
+/// Fixture that all tests share, because its first run is expensive. Tests use it one at a time, since the
+/// digests of a node are those of its last run, by any test.
 static SHARED: LazyLock<Mutex<Fixture>> = LazyLock::new(|| Mutex::new(Fixture::new()));
 
 fn shared() -> MutexGuard<'static, Fixture> {
@@ -39,7 +39,7 @@ impl Fixture {
         fixture
     }
 
-    /// Writes the files that the loaders of the fixture read, by its own sinks.
+    /// Writes the files that the loaders of the fixture read, by the sinks of the crate.
     fn make_files(&self) {
         let text = include_str!("files.ron");
         let graph = self.parse(text, &[]).unwrap_or_else(|e| panic!("{e}"));
@@ -261,9 +261,10 @@ fn decoding_then_encoding_gives_the_same_bytes() {
     assert!(types.len() >= 6, "only {types:?} are stored");
 }
 
-/// One line per node: its kind, key and the digests of its outputs. A key holds the kind's VERSION and the content
-/// of everything that the node reads, so equal keys with unequal outputs mean a forgotten VERSION. A key that is
-/// not in the file is not a mistake: a node above it, or its VERSION, changed.
+/// Compares one line per node with `golden.txt`: its kind, key and the digests of its outputs. A key contains
+/// the kind's VERSION and the content of all inputs of the node, so equal keys with unequal outputs mean that
+/// VERSION was not raised. A key that is not in the file is not an error: an upstream node, or the VERSION of
+/// this one, has changed.
 #[test]
 fn equal_keys_give_the_outputs_they_have_always_given() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/table/golden.txt");

@@ -28,7 +28,7 @@ enum Of {
     Data,
 }
 
-/// Measures that exist for colours only. Maps hold a value per pixel.
+/// Measures that exist for colours only. Maps contain one value per pixel.
 struct Colours {
     light: (Plane, Plane),
     ssim: Vec<f64>,

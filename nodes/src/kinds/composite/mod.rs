@@ -32,8 +32,8 @@ engine::params! {
     pub struct Composite {
         /// Linear colour behind the holes of the background; `None` keeps the alpha channel.
         backdrop: Option<[f64; 3]> = Some([0.0; 3]), range(0.0, 1e6), other("(0.5, 0.25, 1.0)");
-        /// Whether the objects and their shadow are blurred to the sharpness of the background: captures are softer than
-        /// renders.
+        /// Sharpness of the objects and their shadow. Captures are softer than renders, so `Match` blurs them
+        /// to the sharpness of the background.
         sharpness: Sharpness = Sharpness::Keep, other("Match"), inert("a picture of a few pixels has no edges to measure");
     }
 }
@@ -280,7 +280,7 @@ mod tests {
         Image::<Linear>::from_samples(1, 1, 3, c.to_vec()).into()
     }
 
-    /// Without a shadow the background stays the same bit for bit.
+    /// The background stays the same bit for bit if there is no shadow.
     #[test]
     fn full_and_empty_masks_are_exact() {
         let (b, s) = ([0.1, 0.7, 3.3], [0.25, 0.5, 1.0]);

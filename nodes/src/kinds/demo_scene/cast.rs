@@ -1,4 +1,4 @@
-//! Rays against the quads of a demo place: a small bounding volume hierarchy over their triangles.
+//! Ray casting against the quads of a demo place, by a small bounding volume hierarchy over their triangles.
 
 use glam::DVec3;
 

@@ -22,7 +22,7 @@ const PATCHES: usize = 2 * PATCH + 1;
 const LANES: usize = 8;
 /// Number of pixels of a row that are compared for the patches of a tile, in whole vectors.
 const SIDE: usize = (TILE + 2 * PATCH).next_multiple_of(LANES);
-/// Variance below this counts as zero, for signals near 1.
+/// Variance below which it counts as zero, for signals near 1.
 const FLOOR: f32 = 1e-8;
 /// Relative deviation in depth from the plane of another pixel beyond which a pixel belongs to another
 /// surface.
@@ -174,7 +174,8 @@ impl Field {
         self.average_at(Level::new(), reach, cx)
     }
 
-    /// Like [`average`](Self::average), with a given set of vector instructions; all sets give the same bits.
+    /// Same as [`average`](Self::average), with a given set of vector instructions. All sets give the same
+    /// bits.
     pub(super) fn average_at(
         &self,
         level: Level,

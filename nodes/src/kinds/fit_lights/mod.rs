@@ -92,8 +92,7 @@ impl Kind for FitLights {
         let In { env, receiver, splats } = inputs;
         let mut notes = Notes::none();
         let Some(origin) = env.origin else {
-            let what =
-                "the environment does not say where it was captured, so it cannot be compared with the place";
+            let what = "the environment has no point of capture, so it cannot be compared with the place";
             return Err(NodeError::from(Error::Mismatch(what.to_owned()))
                 .at("env")
                 .hint("set `origin` where it is loaded"));

@@ -45,9 +45,9 @@ struct Surface {
 }
 
 impl Shading {
-    /// Samples `count` points on the splats, or on the mesh if there are none. Only points visible from the
-    /// point of capture are taken. Near points are taken more often, since they matter more for an object at
-    /// that point. Points are taken at equal steps of the cumulative weight, so equal inputs give equal
+    /// Samples `count` points on the splats, or on the mesh if there are no splats. Only points visible from
+    /// the point of capture are taken. Near points are taken more often, since they matter more for an object
+    /// at that point. Points are taken at equal steps of the cumulative weight, so equal inputs give equal
     /// points.
     pub fn sample(
         place: &Place,

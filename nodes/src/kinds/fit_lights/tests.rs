@@ -146,5 +146,5 @@ fn what_cannot_be_compared_is_an_error_that_names_the_input() {
     let text = run(Mesh { colours: Vec::new(), ..yard(sun, 1.0) }, sky(sun));
     assert!(text.contains("no vertex colours"), "{text}");
     let text = run(yard(sun, 1.0), Environment { origin: None, ..sky(sun) });
-    assert!(text.contains("where it was captured"), "{text}");
+    assert!(text.contains("no point of capture"), "{text}");
 }

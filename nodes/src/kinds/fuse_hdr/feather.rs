@@ -60,7 +60,8 @@ struct Edges {
     width: usize,
     /// Largest angle that is measured, in radians.
     most: f64,
-    /// For each pixel, the number of columns to the nearest unlit pixel of its row; `None` if the whole row is lit.
+    /// Number of columns from each pixel to the nearest unlit pixel of its row. `None` if the whole row is
+    /// lit.
     columns: Vec<Option<u32>>,
     /// Sine and cosine of the polar angle of each row.
     rows: Vec<(f64, f64)>,

@@ -147,8 +147,8 @@ impl Kind for LoadCameras {
         let raw = read(p, cx, &mut notes).map_err(|e| e.at("path"))?;
         if unused_dataparser(p, cx.root()).is_some() {
             let text = format!(
-                "`{}` lies in the folder of the cameras: splats that nerfstudio exported are in the coordinates that it gives; \
-                 for them, set `dataparser` to it",
+                "`{}` is in the folder of the cameras: it defines the coordinates of splats exported by \
+                 nerfstudio; for such splats, set `dataparser` to this file",
                 dataparser::NAME
             );
             notes.warning("dataparser-unused", text);
@@ -278,7 +278,7 @@ fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, No
         dataparser = dataparser.after_applied(&p.path.0, &json)?;
     }
     cameras.iter_mut().for_each(|camera| dataparser.apply(camera));
-    notes.decision("dataparser", format!("the cameras are moved by `{}`", file.0));
+    notes.decision("dataparser", format!("the cameras are transformed by `{}`", file.0));
     Ok(cameras)
 }
 

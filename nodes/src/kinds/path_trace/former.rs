@@ -19,7 +19,7 @@ pub(super) fn former(name: &str, fields: &[(&str, &str)]) -> Option<Former> {
         let [block, bounce, specular, near] = VISIBILITY.map(text);
         let instead = match surroundings(block, bounce, specular, near) {
             Some(choice) => format!("write `surroundings: {choice}`"),
-            None => "no choice of `surroundings` stands for this combination; \
+            None => "no choice of `surroundings` is equivalent to this combination; \
                      `lightharmony nodes path-trace` lists them"
                 .to_owned(),
         };

@@ -44,8 +44,8 @@ engine::params! {
     /// `with` is `without` plus the change by the objects, so their ratio is exactly 1 where nothing changes.
     /// In `with` the objects are hidden from the camera only. `object` is premultiplied; its alpha is the
     /// share of the pixel that the objects cover, without the part that the receiver hides. In a closed room
-    /// the mesh would block light that already arrives at the panorama, so `surroundings` sets how the mesh
-    /// and the panorama together model the place, by default automatically.
+    /// the mesh would block light that the panorama already shows, so `surroundings` sets how the mesh and
+    /// the panorama together model the place, by default automatically.
     pub struct PathTrace {
         /// Paths per pixel; with `max_error`, the maximum number, at least 4.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");

@@ -111,18 +111,19 @@ pub(crate) fn report_capture(fault: Option<CaptureFault>, metres_per_unit: f64, 
         None => {}
         Some(CaptureFault::Raised(raised)) => {
             let millimetres = f64::from(raised) * metres_per_unit * 1e3;
-            let text = "the point of capture lies on or under the mesh and sees back faces or nothing; it was moved up by";
+            let text = "the point of capture lies on or under the mesh, from where only back faces or no surfaces \
+                        are visible; it was moved up by";
             notes.warning("capture-under-ground", format!("{text} {millimetres:.0} mm"));
         }
         Some(CaptureFault::SeesNothing(held)) => {
-            let text = "the point of capture sees nothing of the mesh, which fills";
+            let text = "no part of the mesh is visible from the point of capture, but it fills";
             notes.warning(
                 "capture-far-off",
                 format!("{text} {:.0} % of the view of a camera; {hint}", 100.0 * held),
             );
         }
         Some(CaptureFault::SeesBacks(backs)) => {
-            let text = "of the surfaces that the point of capture sees are back faces, so it is inside an object, under \
+            let text = "of the surfaces visible from the point of capture are back faces, so it is inside an object, under \
                         the ground or outside the room";
             notes.warning("capture-behind-surfaces", format!("{:.0} % {text}; {hint}", 100.0 * backs));
         }
@@ -159,8 +160,7 @@ pub(crate) fn report_views(
         if looks && view.shows_objects() {
             let found = holes(&view.depth);
             let share = 100.0 * found as f64 / view.depth.samples.len().max(1) as f64;
-            let text =
-                format!("pixels of `{}` ({share:.1} %) see through holes of the receiver mesh", camera.name);
+            let text = format!("pixels of `{}` ({share:.1} %) show holes of the receiver mesh", camera.name);
             notes.count("holes", found, format_args!("{text}, where no shadow can fall"));
         }
         report_darkness(view, &camera.name, prepared.sky().power, rules, notes);
@@ -180,7 +180,7 @@ fn report_darkness(view: &FinishedView, name: &str, power: [f64; 3], rules: &Rul
         let why = match rules.block {
             _ if power == [0.0; 3] => "the environment is black",
             Block::Solid if rules.near.is_none() => {
-                "the mesh keeps out all light of the environment; `surroundings: Room` lets it into a closed mesh, \
+                "the mesh blocks all light of the environment; `surroundings: Room` lets it into a closed mesh, \
                              and `Projected` makes the mesh emit it"
             }
             _ => "no light of the environment reaches the surfaces in view",

@@ -10,7 +10,7 @@ use crate::render::transport::scene::block::{LAYERS, MOST_LAYERS};
 pub enum Surroundings {
     /// Chosen by probe rays from the point of capture.
     Auto,
-    /// As `Auto`, but the panorama is always infinitely far away.
+    /// Same as `Auto`, but the panorama is always infinitely far away.
     Distant,
     /// The panorama is projected from its point of capture onto the mesh, which emits it (near-field light).
     Projected,
@@ -72,12 +72,12 @@ impl Surroundings {
         ("Distant", "As Auto, but the panorama is always infinitely far away (never Projected)."),
         (
             "Projected",
-            "The panorama is projected from its point of capture onto the mesh, which emits what it shows there \
-             (near-field light).",
+            "The panorama is projected from its point of capture onto the mesh, which emits the light that it shows \
+             there (near-field light).",
         ),
         (
             "Open(bounces: true)",
-            "An open scene: the mesh blocks the light of the panorama and reflects light, as any solid object.",
+            "An open scene: the mesh blocks the light of the panorama and reflects light like any solid object.",
         ),
         (
             "Room(layers: 3, bounces: false)",
@@ -87,7 +87,8 @@ impl Surroundings {
         ("Transparent(bounces: false)", "The mesh does not block the light of the panorama."),
         (
             "Within(metres: number, bounces: false)",
-            "Mesh within this distance of the point of capture blocks the light of the panorama, mesh farther away does not.",
+            "The part of the mesh within this distance of the point of capture blocks the light of the panorama; the rest \
+             does not.",
         ),
         (
             "Paper",

@@ -213,7 +213,7 @@ impl Photographs {
         notes.count(
             "white-early",
             added,
-            "pixels below `white` count as clipped, since a photograph shows more",
+            "pixels below `white` count as clipped, since a photograph shows more light there",
         );
         Ok(())
     }

@@ -78,7 +78,7 @@ fn clear_sky(grid: &Grid, up: Up) -> f64 {
 pub(super) fn report_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes: &mut Notes) {
     let doubtful = |[bluer, blue]: &[f64; 2]| *bluer <= BLUER[0] && *blue > BLUE;
     if hues(grid, up, regions).iter().flatten().any(doubtful) {
-        let text = "a small clipped region above the horizon, in blue surroundings, does not count as the sun, since the ground is as blue; if it is the sun (over water, for example), give it by `method: Manual`";
+        let text = "a small clipped region above the horizon, in blue surroundings, does not count as the sun, since the ground is as blue; if it is the sun (over water, for example), add it by `method: Manual`";
         notes.decision("sun-doubtful", text);
     }
 }

@@ -50,7 +50,7 @@ impl Tally {
         notes.count(
             "too-dark",
             self.dark,
-            format_args!("samples ({:.2} %) are too dark for a full ratio", share(self.dark)),
+            format_args!("samples ({:.2} %) have too little light for a reliable ratio; their shadow is weakened or left out", share(self.dark)),
         );
         notes.count(
             "clipped",

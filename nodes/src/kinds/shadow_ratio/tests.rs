@@ -197,7 +197,7 @@ fn shaping_follows_the_paper() {
     }
 }
 
-/// Without `s_max`, added light is clipped, and its share reported.
+/// Added light is clipped without a higher `s_max`, and its share is reported.
 #[test]
 fn added_light_needs_s_max() {
     let inputs = In { without: image(&[1.0; 4]), with: image(&[1.3, 0.5, 1.0, 0.9]) };

@@ -80,8 +80,8 @@ impl Ground {
         Ok(columns)
     }
 
-    /// Ground within reach: surfaces that face up, or if there are none, those that face down, unless they
-    /// are the underside of a shell.
+    /// Ground within reach: surfaces that face up, or if none face up, those that face down, unless they are
+    /// the underside of a shell.
     pub(super) fn ground(
         &self,
         foot: &Foot,

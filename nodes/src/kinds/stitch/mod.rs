@@ -48,7 +48,7 @@ engine::outputs! {
     pub struct Out {
         /// The panorama.
         pano: Arc<Panorama>,
-        /// Its colours, for `write-image`.
+        /// Colours of the panorama, for `write-image`.
         image: Arc<Images>,
         /// Coverage of each pixel, 0 to 1.
         alpha: Arc<Images>,

@@ -118,7 +118,7 @@ impl Grid {
         self.low + DVec3::new(x as f64 + 0.5, y as f64 + 0.5, z as f64 + 1.0) * self.cell
     }
 
-    /// Mean size of the splats around a column, in world units. `None` if there are none.
+    /// Mean size of the splats around a column, in world units. `None` if no splats are there.
     pub fn detail(&self, x: usize, y: usize) -> Option<f64> {
         let (mut sum, mut count) = (0.0, 0.0);
         for v in y.saturating_sub(2)..(y + 3).min(self.size[1]) {

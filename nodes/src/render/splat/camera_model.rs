@@ -115,7 +115,8 @@ fn tiles_around(left: f64, right: f64, period: u32) -> Option<(u16, u16)> {
     Some((x0, if wraps { (columns + x1).min(x0 + columns) } else { x1 }))
 }
 
-/// Tiles of an interval of columns, within `span` or wrapped by `period`. An empty range if there are none.
+/// Tiles of an interval of columns, within `span` or wrapped by `period`. The range is empty if the interval
+/// contains no tile.
 pub(super) fn columns(left: f64, right: f64, span: (u16, u16), period: Option<u32>) -> (u16, u16) {
     let found = match period {
         None => tiles(left, right, (usize::from(span.1) * TILE) as f64).map(|(a, b)| (a.max(span.0), b)),

@@ -124,7 +124,7 @@ impl Work {
             } else {
                 "do the camera and the splats use the same frame and scale?".to_owned()
             };
-            let text = format!("{} of {splats} splats are seen; {why}", self.projected);
+            let text = format!("{} of {splats} splats are visible; {why}", self.projected);
             notes.warning("few-splats-seen", text);
         }
     }

@@ -77,7 +77,8 @@ mod tests {
         splats
     }
 
-    /// Only solid splats before the eye count. Mutation: `depth <= near` to `depth < 0.0`, seen red.
+    /// The share counts only solid splats before the eye. Mutation: `depth <= near` to `depth < 0.0`, seen
+    /// red.
     #[test]
     fn only_solid_splats_before_the_eye_count() {
         let axes = [DVec3::X, DVec3::Y, DVec3::Z];

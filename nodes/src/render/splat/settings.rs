@@ -36,11 +36,11 @@ engine::choices! {
 engine::choices! {
     /// Compensation of opacity for the area that the low-pass filter adds to a splat.
     pub enum Compensation {
-        /// On if the file says that it was trained with compensation.
+        /// Compensates if the file says that it was trained with compensation.
         File,
-        /// Always on.
+        /// Always compensates.
         On,
-        /// Always off.
+        /// Never compensates.
         Off,
     }
 }
@@ -77,7 +77,8 @@ engine::params! {
         near: f64 = 0.2, range(1e-12, 1e12), unit("m"), other("1.5");
         /// Variance of the low-pass filter added to every footprint, in square pixels (in a panorama, square samples).
         low_pass_px2: f64 = 0.3, range(0.0, 100.0), unit("px^2"), other("1.0");
-        /// True to reduce opacity for the area that the low-pass filter adds to a splat (as in Mip-Splatting).
+        /// Compensation of opacity for the area that the low-pass filter adds to a splat (as in
+        /// Mip-Splatting).
         compensation: Compensation = Compensation::File, other("On");
         /// Smallest alpha that is blended; 0 blends every splat at every pixel.
         alpha_cut: f64 = 1.0 / 255.0, range(0.0, 0.5), other("0.1"),
@@ -145,7 +146,7 @@ impl Drawing {
             return Ok(());
         }
         let what = format!("alpha_cap {} is less than alpha_cut {}", self.alpha_cap, self.alpha_cut);
-        Err(NodeError::new(what).at("alpha_cap").hint("no splat could show"))
+        Err(NodeError::new(what).at("alpha_cap").hint("no splat could be visible"))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Measures how time grows with the scene, and the cost and gain of a second thread.
+//! Measures how the time grows with the scene, and the cost and gain of a second thread.
 
 use std::sync::Mutex;
 
@@ -75,7 +75,7 @@ pub fn table(bench: &Bench) {
     }
 }
 
-/// CPU milliseconds of a picture: project, sort, bin, blend, and freeing memory.
+/// CPU milliseconds of each stage of a picture: project, sort, bin, blend, and freeing memory.
 #[derive(Clone, Copy)]
 struct Run {
     /// Times of the drawing thread, and of all threads.
@@ -99,7 +99,7 @@ impl Run {
         (Self { stages }, seen.work)
     }
 
-    /// The sum, and each stage.
+    /// Sum of the stages, followed by each stage.
     fn with_sum(stages: [f64; 5]) -> [f64; 6] {
         let [project, sort, bin, blend, free] = stages;
         [stages.iter().sum(), project, sort, bin, blend, free]

@@ -1,4 +1,4 @@
-//! Cost of each knob in decibels, and its saving in evaluations.
+//! Cost of each knob in decibels, and the evaluations that it saves.
 
 use nodes::render::splat::{Bounds, DepthMode, Precision, Rendered, Settings, Sort, render};
 use nodes::types::{Camera, Splats};

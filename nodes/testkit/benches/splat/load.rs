@@ -48,7 +48,7 @@ fn least(mut work: impl FnMut()) -> [f64; 2] {
     best
 }
 
-/// A folder with the file, and a function that loads it.
+/// Folder with the file, and a function that loads it.
 pub fn million() -> (tempfile::TempDir, impl Fn() -> Arc<Splats>) {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("scene.ply"), file()).unwrap();

@@ -1,7 +1,8 @@
-//! Every table of `docs/evidence/splats.md`: how fast splats are loaded and drawn, how exact, what each knob costs and each
-//! skip saves, how time and memory grow, and both ways to a panorama.
-//! `cargo bench -p lightharmony-testkit --bench splat -- DATA [section ..]`, where DATA holds `splats/garden_sog`,
-//! `splats/playbot_sog` and `splat-refs`. Without DATA, speed alone, on a cloud made from a seed.
+//! Prints every table of `docs/evidence/splats.md`: speed of loading and drawing splats, exactness, cost of
+//! each knob, savings of each skip, growth of time and memory, and the two ways to render a panorama. `cargo
+//! bench -p lightharmony-testkit --bench splat -- DATA [section ..]`, where DATA holds `splats/garden_sog`,
+//! `splats/playbot_sog` and `splat-refs`. Without DATA, only the speed is measured, for a cloud made from a
+//! seed.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
 mod exact;
@@ -22,9 +23,9 @@ use glam::DVec3;
 use nodes::types::{Camera, SplatEncoding, Splats};
 use testkit::{Data, Reference, process_seconds};
 
-/// The data if there is any, a context to work in, and one thread.
+/// Data if there are any, a context to work in, and one thread.
 struct Bench {
-    /// The folder of the data.
+    /// Folder of the data.
     folder: Option<PathBuf>,
     data: Option<Data>,
     cx: Context,
@@ -33,7 +34,7 @@ struct Bench {
 }
 
 impl Bench {
-    /// The garden, or the cloud.
+    /// Splats of the garden, or of the cloud if there are no data.
     fn garden(&self) -> Arc<Splats> {
         let load = || match &self.data {
             Some(data) => data.splats("splats/garden_sog", &[], false),
@@ -46,7 +47,7 @@ impl Bench {
         self.data.as_ref().unwrap().splats("splats/playbot_sog", &[], false)
     }
 
-    /// The camera of a view of `splat-refs`.
+    /// Camera of a view of `splat-refs`.
     fn camera(&self, name: &str) -> Camera {
         match &self.data {
             Some(data) => Camera { name: name.to_owned(), ..Reference::named(data, name).camera },
@@ -61,7 +62,7 @@ impl Bench {
     }
 }
 
-/// A point of the garden around which panoramas are made.
+/// Point of the garden around which panoramas are made.
 const EYE: DVec3 = DVec3::new(4.02, -31.3, 0.2);
 
 /// 800 thousand splats, uniform in a slab before the camera.
@@ -86,7 +87,7 @@ fn cloud() -> Splats {
     }
 }
 
-/// A 640x480 view along -y, rotated off the axes if its name says so.
+/// View of 640x480 pixels along -y, rotated off the axes if its name says so.
 fn before_the_cloud(name: &str) -> Camera {
     let tilted = DVec3::new(-0.121_572, -0.990_128, -0.069_756);
     let forward = if name.contains("tilted") { tilted.normalize() } else { DVec3::NEG_Y };
@@ -106,13 +107,13 @@ fn before_the_cloud(name: &str) -> Camera {
     }
 }
 
-/// The transform of a camera from its axes and position.
+/// Transform of a camera from its axes and position.
 fn look(right: DVec3, down: DVec3, forward: DVec3, eye: DVec3) -> [f64; 16] {
     let columns = [right.extend(0.0), down.extend(0.0), forward.extend(0.0), eye.extend(1.0)];
     glam::DMat4::from_cols(columns[0], columns[1], columns[2], columns[3]).to_cols_array()
 }
 
-/// A result, and the least CPU seconds of several runs of it.
+/// Result of `work`, and the least CPU seconds of several runs of it.
 fn timed<T>(runs: usize, mut work: impl FnMut() -> T) -> (T, f64) {
     let mut best: Option<(T, f64)> = None;
     for _ in 0..runs {
@@ -130,13 +131,13 @@ fn millions(n: u64) -> f64 {
     n as f64 / 1e6
 }
 
-/// The first line of what a command prints.
+/// First line that a command prints.
 fn told(command: &mut Command) -> Option<String> {
     let output = command.output().ok().filter(|output| output.status.success())?;
     Some(String::from_utf8_lossy(&output.stdout).lines().next().unwrap_or_default().to_owned())
 }
 
-/// Commit and scenes of the tables.
+/// Commit and scenes of the tables, as text.
 fn origin() -> String {
     let commit = told(Command::new("git").args(["rev-parse", "--short", "HEAD"]));
     let changed = told(Command::new("git").args(["status", "--porcelain", "--untracked-files=no"]));
@@ -150,7 +151,7 @@ fn origin() -> String {
     )
 }
 
-/// The name of a section, and the function that prints it.
+/// Name of a section, and the function that prints it.
 type Section = (&'static str, fn(&Bench));
 
 fn main() {

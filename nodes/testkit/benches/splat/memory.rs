@@ -14,8 +14,8 @@ use nodes::types::{Pose, Rig};
 
 use crate::{Bench, EYE, load};
 
-/// An environment variable that makes the allocator of the C library return freed memory at once, since kept memory
-/// would hide a peak.
+/// Environment variable that makes the allocator of the C library return freed memory at once, because memory
+/// that it keeps would hide a peak.
 const GIVE_BACK: (&str, &str) = ("MALLOC_MMAP_THRESHOLD_", "65536");
 
 /// A value of `/proc/self/status`, in MiB.
@@ -25,7 +25,7 @@ fn status(name: &str) -> f64 {
     line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
 }
 
-/// The peak memory while `work` runs, minus the memory before it, in MiB.
+/// Peak memory while `work` runs, minus the memory before it, in MiB.
 fn peak<T>(work: impl FnOnce() -> T) -> f64 {
     // 5 forgets the peak so far (proc(5)).
     std::fs::write("/proc/self/clear_refs", "5").unwrap();
@@ -34,7 +34,7 @@ fn peak<T>(work: impl FnOnce() -> T) -> f64 {
     status("VmHWM") - before
 }
 
-/// True in the process that measures.
+/// True in the process that takes the measurement.
 pub fn measures() -> bool {
     std::env::var_os(GIVE_BACK.0).is_some()
 }

@@ -1,5 +1,5 @@
-//! Compares both ways to a panorama with a float64 panorama from narrow cameras, with three samples per pixel along
-//! each axis.
+//! Compares the two ways to render a panorama with a float64 panorama from narrow cameras, with three samples
+//! per pixel along each axis.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -57,7 +57,7 @@ fn direct(scene: &Arc<Splats>, supersample: u32, precision: Precision, bench: &B
     SplatPanorama::run(&params, input, &bench.cx).unwrap().0.pano
 }
 
-/// A rig of 16 by 8 cameras, each covering 22.5 degrees in both directions and a margin.
+/// Rig of 16 by 8 cameras, each covering 22.5 degrees in both directions and a margin.
 fn narrow() -> Arc<Rig> {
     let focal = 3.0 * WIDTH as f64 / (2.0 * PI);
     let size = (2.0 * focal * num::f64::tan(18.5_f64.to_radians())).ceil();
@@ -129,7 +129,7 @@ fn seam(seen: &[f32], truth: &[f32], rig: &Rig) -> f64 {
     (sums[1][0] / sums[1][1] / (sums[0][0] / sums[0][1])).sqrt()
 }
 
-/// The same ratio across the wrap-around, between columns `WIDTH - 1` and 0.
+/// Same ratio as [`seam`] across the wrap-around, between columns `WIDTH - 1` and 0.
 fn wrap(seen: &[f32], truth: &[f32]) -> f64 {
     let mut sums = [[0.0_f64; 2]; 2];
     for y in 0..WIDTH / 2 {
@@ -189,7 +189,7 @@ pub fn table(bench: &Bench) {
     }
 }
 
-/// Writes a PNG to look at, if `SPLAT_TABLES_OUT` names a folder.
+/// Writes a PNG for inspection, if `SPLAT_TABLES_OUT` names a folder.
 fn save(name: &str, samples: &[f32]) {
     let Some(folder) = std::env::var_os("SPLAT_TABLES_OUT") else { return };
     let name = name.replace([' ', ','], "_");

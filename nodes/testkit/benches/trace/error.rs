@@ -1,4 +1,4 @@
-//! Error of each output by samples and seconds.
+//! Prints the error of each output by samples and seconds.
 
 use nodes::kinds::path_trace::surroundings::Surroundings;
 use testkit::{Case, Data, Traced, block_scores, relative_mse, rgb};
@@ -24,7 +24,7 @@ const WHOLE: Effort = Effort { rows: &[4, 8, 16, 64], reference: 256 };
 /// A small amount, to check that the benchmark runs.
 const SMALL: Effort = Effort { rows: &[4], reference: 8 };
 
-/// Prints the table of the open scene, or only tries it.
+/// Prints the table of the open scene. If `small`, only checks that it runs.
 pub fn plane(data: &Data, small: bool) {
     let case = Case::load(data, "sunny_plane");
     let outside = case.reference("ref-mitsuba/R0.exr");
@@ -32,7 +32,7 @@ pub fn plane(data: &Data, small: bool) {
     table("sunny_plane", &case, Surroundings::OPEN, &outside, &effort);
 }
 
-/// Prints those of the closed room.
+/// Prints the tables of the closed rooms.
 pub fn rooms(data: &Data) {
     let case = Case::load(data, "closed_room");
     for (tag, bounces) in [("env", false), ("solid", true)] {
@@ -78,7 +78,7 @@ fn table(name: &str, case: &Case, how: Surroundings, outside: &[f32], effort: &E
     println!("\n{}\n", more.join("\n"));
 }
 
-/// Prints what `crop` saves, and how far it is off, on the open scene from afar.
+/// Prints the savings of `crop`, and its error, for the open scene from afar.
 pub fn crop(data: &Data) {
     let (near, how) = (Case::load(data, "sunny_plane"), Surroundings::OPEN);
     println!("| seen from | `crop` | rays of `with` and `object` | CPU-s | largest error of S in a tile |");

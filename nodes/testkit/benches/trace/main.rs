@@ -1,7 +1,8 @@
-//! The tables of `docs/evidence/trace.md`: error against samples and CPU seconds for each output of `path-trace`.
-//! `cargo bench -p lightharmony-testkit --bench trace -- DATA [plane|ratio|rooms|crop|turn|rays] [SAMPLES ..]`, where DATA holds
-//! `render-refs` and `gltf`. `ratio` takes numbers of samples; `small` only tries `plane` and `ratio`. `rays` compares with Embree where that is installed.
-//! `peers OUT SAMPLES ..` is for `tests/tables/peers.py`.
+//! Prints the tables of `docs/evidence/trace.md`: error against samples and CPU seconds for each output of
+//! `path-trace`. `cargo bench -p lightharmony-testkit --bench trace -- DATA
+//! [plane|ratio|rooms|crop|turn|rays] [SAMPLES ..]`, where DATA holds `render-refs` and `gltf`. `ratio` takes
+//! numbers of samples; `small` only checks that `plane` and `ratio` run. `rays` compares with Embree if it is
+//! installed. `peers OUT SAMPLES ..` is for `tests/tables/peers.py`.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
 mod error;

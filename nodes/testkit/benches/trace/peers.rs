@@ -13,9 +13,9 @@ fn write(path: &Path, images: &Images) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// For each number of samples the CPU seconds of one thread, after loading: setting up, the receiver alone, the
-/// additional cost of the object, that of its shadow alone, and the filter. `without`, `with` and the denoised
-/// `with` go to a folder as RGB in little-endian f32.
+/// Measures, for each number of samples, the CPU seconds of one thread, after loading: setting up, the
+/// receiver alone, the additional cost of the object, that of its shadow alone, and the filter. `without`,
+/// `with` and the denoised `with` are written to a folder as RGB in little-endian f32.
 pub fn once(data: &Data, folder: &Path, numbers: &[u32]) {
     let case = Case::load(data, "sunny_plane");
     std::fs::create_dir_all(folder).unwrap();

@@ -6,11 +6,11 @@ use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::types::Images;
 use testkit::{Case, Data, Traced, denoised, relative_mse, rgb};
 
-/// Number of seeds. Errors are means over them, seconds are medians.
+/// Number of seeds. Errors are means over the seeds, and seconds are medians.
 const SEEDS: u64 = 3;
 
-/// Root mean square errors of S, at most 1: over pixels that the object does not cover, and over those that it
-/// covers in part.
+/// Root mean square errors of S, limited to at most 1: over pixels that the object does not cover, and over
+/// those that it covers in part.
 fn errors(alpha: &Images, [r0, r1]: [&Images; 2], [b0, b1]: &[Vec<f32>; 2]) -> [f64; 2] {
     let (r0, r1, alpha) = (rgb(r0), rgb(r1), alpha.0[0].picture.samples());
     let (mut sums, mut counts) = ([0.0; 2], [0.0; 2]);
@@ -26,8 +26,8 @@ fn errors(alpha: &Images, [r0, r1]: [&Images; 2], [b0, b1]: &[Vec<f32>; 2]) -> [
     [0, 1].map(|k| (sums[k] / f64::max(counts[k], 1.0)).sqrt())
 }
 
-/// Prints the table, or only tries it. A turn of the object keeps `without`, so its cost is that of the objects and
-/// the filter; a step costs all.
+/// Prints the table. If `small`, only checks that it runs. Rotating the object keeps `without`, so its cost
+/// is that of the objects and the filter; moving the object costs all of it.
 pub fn table(data: &Data, numbers: &[u32], small: bool) {
     let (seeds, most) = if small { (1, 8) } else { (SEEDS, 128) };
     let case = Case::load(data, "sunny_plane");

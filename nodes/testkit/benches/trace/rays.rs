@@ -1,4 +1,4 @@
-//! Rays per second compared with Embree, on the same triangles and rays in one run.
+//! Rays per second compared with Embree, for the same triangles and rays in one run.
 
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::path::{Path, PathBuf};
@@ -64,7 +64,7 @@ fn write(path: &Path, vectors: impl Iterator<Item = Vec3>) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Embree on the same triangles and rays: a separate process that waits for the name of a set.
+/// Embree on the same triangles and rays: a separate process that waits for the name of a set of rays.
 struct Embree {
     program: Child,
     folder: PathBuf,
@@ -97,13 +97,13 @@ impl Embree {
         Some(Self { program, folder, said })
     }
 
-    /// The numbers in the next line of its output.
+    /// Numbers in the next line of the output of the process.
     fn numbers(&mut self) -> Vec<f64> {
         let line = self.said.next().expect("a line").unwrap();
         line.split(' ').map(|word| word.parse().unwrap()).collect()
     }
 
-    /// Result of [`pass`] for a set.
+    /// Result of [`pass`] by Embree, for a set of rays.
     fn pass(&mut self, set: usize) -> ([f64; 2], usize) {
         writeln!(self.program.stdin.as_mut().unwrap(), "{set}").unwrap();
         let told = self.numbers();

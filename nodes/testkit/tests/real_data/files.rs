@@ -1,4 +1,4 @@
-//! Loaders on real files.
+//! Tests of loaders on real files.
 
 use engine::{InputFile, Kind, Notes, SourceRoot, Up};
 use nodes::io::{exr, hdr};

@@ -1,5 +1,5 @@
-//! Which way is up and where the floor lies: every scene of the shared data, turned into all six axes and by ten
-//! arbitrary rotations. `tests/tables/level.py` makes a table of what is printed here.
+//! Tests of the estimated up direction and floor height, for every scene of the shared data, rotated to all
+//! six axes and by ten arbitrary rotations. `tests/tables/level.py` makes a table from the output.
 
 use std::sync::Arc;
 
@@ -14,12 +14,12 @@ use nodes::types::Splats;
 
 use super::data;
 
-/// A scene and what is known of it in its own frame: up, and the height of its floor along up.
+/// A scene with its known up direction and the known height of its floor along up, in its own frame.
 struct Known {
     name: &'static str,
     splats: Arc<Splats>,
     truth: Option<(DVec3, f64)>,
-    /// Most degrees by which up may be off, and most world units by which the floor may.
+    /// Largest permitted error of up, in degrees, and of the floor, in world units.
     bounds: (f64, f64),
 }
 
@@ -52,9 +52,10 @@ fn demo(name: &'static str, place: Setting, floor: (f64, f64)) -> Known {
     Known { name, splats, truth: Some((DVec3::Z, floor.0)), bounds: (1.0, floor.1) }
 }
 
-/// Truth: `README.md` of the data, and for the garden its floor under the middle of the capture (the ground rises and
-/// falls there by 0.3). A man without ground, a failed training, a failed phone capture, 1000 splats of one and a chart have no
-/// truth: nothing may be sure of them.
+/// Scenes with their truth, from `README.md` of the data. The truth of the garden is the floor under the
+/// middle of the capture, since the ground rises and falls there by 0.3. Six have no truth, so no estimate
+/// for them may be confident: a man without ground, a failed training, a failed phone capture, 1000 splats of
+/// one scene, and a chart.
 fn scenes() -> Vec<Known> {
     let (y, z) = (DVec3::Y, DVec3::Z);
     vec![
@@ -74,7 +75,7 @@ fn scenes() -> Vec<Known> {
     ]
 }
 
-/// The six that bring z to an axis, and ten arbitrary ones.
+/// The six rotations that bring z to an axis, and ten arbitrary ones.
 fn rotations() -> Vec<DMat3> {
     let axes = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
     let mut all: Vec<DMat3> = axes.map(|a| DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, a))).into();
@@ -113,7 +114,7 @@ fn degrees(a: DVec3, b: DVec3) -> f64 {
     num::atan2(a.cross(b).length(), a.dot(b)).to_degrees()
 }
 
-/// How far the floor is off, where it matters: over the middle of the scene, along the true up.
+/// Error of the height of the floor above the middle of the scene, along the true up.
 fn floor_off(found: &LevelEstimate, up: DVec3, floor: f64) -> f64 {
     let (own, centre) = (DVec3::from_array(found.up), DVec3::from_array(found.centre));
     (centre.dot(up) - floor) - (centre.dot(own) - found.floor)

@@ -1,4 +1,4 @@
-//! Recovered light on real panoramas.
+//! Tests of recovered light on real panoramas.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use nodes::types::{Brackets, Cell, Image, Panorama, Srgb};
 
 use super::data;
 
-/// A display picture of the probe of the bench case.
+/// Display picture of the probe of the bench case.
 fn picture(name: &str) -> Image<Srgb> {
     let bytes = data().bytes(&format!("bench-case/probe/{name}"));
     let raster = nodes::io::png::read(name, &bytes).unwrap();
@@ -94,8 +94,8 @@ fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
     assert!(judged > 290_000 && off * 100 < judged, "{off} of {judged} pixels are off");
 }
 
-/// Over every second panorama that the weights were trained on, photographed at EV 0, the mean errors of irradiance and of
-/// contrast, in stops, as photographed and with the light that a method recovers.
+/// Mean errors of irradiance and of contrast over every second panorama that the weights were trained on,
+/// photographed at EV 0: as photographed, and with the light that a method recovers. In stops.
 fn errors(method: &Method) -> [[f64; 2]; 2] {
     let mut files: Vec<_> =
         std::fs::read_dir(data().path("hdri-train")).unwrap().map(|entry| entry.unwrap().path()).collect();

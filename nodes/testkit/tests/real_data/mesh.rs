@@ -1,4 +1,5 @@
-//! `extract-mesh` on the courtyard of the bench case, against the depths that Cycles gives; and on a real capture.
+//! Tests of `extract-mesh` on the courtyard of the bench case, against the depths rendered by Cycles, and on
+//! a real capture.
 
 use std::sync::Arc;
 
@@ -21,7 +22,7 @@ fn views() -> Arc<Rig> {
     data().cameras("bench-case/case.json", "views", &[])
 }
 
-/// Planar depth of a view without the object, by Cycles; 1e6 where there is nothing.
+/// Planar depth of a view without the object, by Cycles; 1e6 where no surface is visible.
 fn truth(view: &str) -> Vec<f32> {
     let bytes = data().bytes(&format!("bench-case/gt/{view}_without.exr"));
     nodes::io::exr::read(view, &bytes).unwrap().find("Z").unwrap().to_vec()
@@ -41,7 +42,7 @@ impl Normal {
         radius * num::f64::cos(turn)
     }
 
-    /// A random number of a gamma distribution with a shape above 1 (Marsaglia and Tsang 2000).
+    /// Random number of a gamma distribution with a shape above 1 (Marsaglia and Tsang 2000).
     fn gamma(&mut self, shape: f64) -> f64 {
         let d = shape - 1.0 / 3.0;
         let c = 1.0 / (9.0 * d).sqrt();
@@ -55,8 +56,9 @@ impl Normal {
     }
 }
 
-/// Splats with the errors of a training: normals rotated by N(0, tilt), centres moved by N(0, jitter) along the
-/// normal and half of that across, axes times exp N(0, 0.35), opacities of Beta(4, 1.2).
+/// Splats with errors like those of a training: normals rotated by N(0, tilt), centres moved by N(0, jitter)
+/// along the normal and half of that across, axes multiplied by exp N(0, 0.35), and opacities of Beta(4,
+/// 1.2).
 fn degraded(splats: &Splats, tilt_deg: f64, jitter: f64) -> Splats {
     let (mut random, mut out) = (Normal(12_345), splats.clone());
     out.means_low.clear();
@@ -89,8 +91,8 @@ struct Score {
     /// Deviation along the ray within 1 m of the foot, in millimetres: median and 90th percentile.
     median: f64,
     most: f64,
-    /// Percent of the pixels where the ground truth has a surface and the mesh has none, and where the mesh shows
-    /// its back.
+    /// Percentages of the pixels where the ground truth has a surface and the mesh has none, and where the
+    /// mesh shows its back.
     holes: f64,
     backs: f64,
 }

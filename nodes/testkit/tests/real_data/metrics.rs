@@ -1,4 +1,4 @@
-//! Metrics against the values of published packages, and regions against the bench case.
+//! Tests of metrics against the values of published packages, and of regions against the bench case.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Splat rendering against the float64 references.
+//! Tests of splat rendering against the float64 references.
 
 use std::sync::Arc;
 

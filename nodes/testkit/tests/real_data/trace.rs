@@ -1,4 +1,4 @@
-//! Path tracing against the renders of independent programs.
+//! Tests of path tracing against the renders of independent programs.
 
 use engine::Up;
 use nodes::kinds::path_trace;
@@ -11,7 +11,7 @@ fn case(name: &str) -> Case {
     Case::load(&Data::shared(Up::PlusY, 7), name)
 }
 
-/// Traces with the object and without `crop`; prints notes and cost.
+/// Traces with the object and without `crop`, and prints notes and cost.
 fn trace(case: &Case, samples: u32, surroundings: Surroundings) -> path_trace::Out {
     let traced = case.cropped(7, samples, true, surroundings, 0.0);
     for note in traced.notes.iter() {
@@ -21,7 +21,7 @@ fn trace(case: &Case, samples: u32, surroundings: Surroundings) -> path_trace::O
     traced.out
 }
 
-/// (ratio of the means, relative mean squared error).
+/// Ratio of the means, and relative mean squared error.
 fn compare(name: &str, ours: &[f32], reference: &[f32]) -> (f64, f64) {
     let (ratio, relmse) = (mean(ours) / mean(reference), relative_mse(ours, reference));
     println!(
@@ -32,9 +32,9 @@ fn compare(name: &str, ours: &[f32], reference: &[f32]) -> (f64, f64) {
     (ratio, relmse)
 }
 
-/// Difference of the luminance of `without` from another program's, in standard errors of both: the mean over the
-/// pixels, and the share of them beyond 3. The other's variance is assumed to be `noise` times its square plus
-/// 0.01, as stated in its notes.
+/// Difference between the luminance of `without` and that of another program, in standard errors of both: the
+/// mean over the pixels, and the share of pixels above 3. The variance of the other program is assumed to be
+/// `noise` times its squared luminance plus 0.01, as stated in its notes.
 fn z_scores(out: &path_trace::Out, outside: &[f32], noise: f64) -> (f64, f64) {
     let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
     let variance = out.variance.0[0].picture.samples().chunks(4).map(|v| f64::from(v[0]));
@@ -121,8 +121,8 @@ fn closed_room_agrees_with_the_prototype_in_every_mode() {
     }
 }
 
-/// RMSE of the ratio compared with that of two renders with shared random numbers: of pixels that no object covers,
-/// and of partly covered ones.
+/// RMSE of the ratio compared with that of two renders with shared random numbers: of pixels that no object
+/// covers, and of partly covered ones.
 fn ratio_error(out: &path_trace::Out, pair: [&Images; 2], reference: [&[f32]; 2]) -> [f64; 2] {
     let ratio = |without: &[f32], with: &[f32], i: usize| f64::from(with[i] / without[i]).min(1.0);
     let alpha: Vec<f32> = out.object.0[0].picture.samples().chunks(4).map(|p| p[3]).collect();
@@ -156,8 +156,8 @@ fn the_ratio_raw_and_denoised_is_within_its_bars() {
     }
 }
 
-/// Builds and traces ten million triangles: all in one place, and as rough ground.
-/// Mutation: `most_in_one_place` of 0 in `Bvh::build`.
+/// Ten million triangles are built and traced: all in one place, and as rough ground. Mutation:
+/// `most_in_one_place` of 0 in `Bvh::build`.
 #[test]
 fn ten_million_triangles_are_built_and_met() {
     use glam::Vec3;

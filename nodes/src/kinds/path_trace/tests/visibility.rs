@@ -20,7 +20,7 @@ fn darkness_is_reported() {
         notes.iter().find(|note| note.id == "no-light").map(|note| note.text.clone()).unwrap_or_default()
     };
     let black = constant(Up::PlusZ, [0.0; 3], 8);
-    assert!(told(&room(), Surroundings::OPEN, &white()).contains("the mesh keeps out all light"));
+    assert!(told(&room(), Surroundings::OPEN, &white()).contains("the mesh blocks all light"));
     assert!(told(&room(), Surroundings::TRANSPARENT, &black).contains("the environment is black"));
     assert_eq!(told(&room(), Surroundings::TRANSPARENT, &white()), "");
     assert_eq!(told(&Mesh::default(), Surroundings::OPEN, &white()), "", "all sky");

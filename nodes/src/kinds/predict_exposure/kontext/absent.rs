@@ -8,7 +8,7 @@ use crate::light::linear::LinearPixels;
 
 impl Kontext<'_> {
     pub(in super::super) fn check(&self) -> Result<(), NodeError> {
-        Err(NodeError::new("this build lacks the feature `learned`, which has the diffusion model")
+        Err(NodeError::new("this build lacks the feature `learned`, which contains the diffusion model")
             .at("method")
             .hint(format!("build it with `--features learned`, or use another method; {WHERE}")))
     }

@@ -1,4 +1,4 @@
-//! Minimum share of the hidden light that a region must have to count for the uncertainty.
+//! Evaluation of networks on held-out panoramas.
 
 use super::super::network::{Network as Forward, hidden};
 use super::truth::Example;
@@ -7,20 +7,20 @@ use crate::error::Error;
 use crate::io::exr::{self, Channel, Depth};
 use crate::math::num;
 
-/// Limit to which the error of a region is clamped, in stops.
+/// Minimum share of the hidden light that a region must have to count for the uncertainty.
 const MATTERS: f64 = 0.05;
-/// Largest error of a region that counts, in stops.
+/// Limit to which the error of a region is clamped, in stops.
 const LARGEST_ERROR: f64 = 4.0;
 
 /// Header of the lines of [`Judged::lines`].
 pub(super) const COLUMNS: &str = "panorama,part,open,sun,visible,hidden,predicted,given,disagreement\n";
 
-/// Hidden flux predicted by the networks alone, and with the rule for suns applied.
+/// Predicted and true fluxes of one clipped region.
 struct Region {
     sun: f64,
     visible: f64,
     hidden: f64,
-    /// Hidden flux predicted by the networks alone, and including the rule for suns.
+    /// Hidden flux predicted by the networks alone, and with the rule for suns applied.
     predicted: f64,
     given: f64,
     /// Disagreement of the networks, in stops.

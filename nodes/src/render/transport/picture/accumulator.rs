@@ -69,8 +69,8 @@ pub(crate) struct Accumulator {
     sums: Vec<f64>,
     /// Number of samples per pixel.
     samples: Vec<u32>,
-    /// For the luminances y0 of R0, y1 of R1 and y of O, sums over a chunk: y1 y1, y1 y0, y0 y0 and y y per pixel,
-    /// divided by the chunk's number of samples and added over chunks.
+    /// Sums over a chunk for the luminances y0 of R0, y1 of R1 and y of O: y1 y1, y1 y0, y0 y0 and y y per
+    /// pixel, divided by the chunk's number of samples and added over chunks.
     cross: Vec<[f64; CROSS]>,
     rays: Rays,
     broken: u64,

@@ -16,7 +16,7 @@ use crate::types::{ColourMap, Map, Object, Primitive, Texture, TextureRef, Wrap}
 pub struct SurfacePoint<'a> {
     /// Object that contains the textures.
     pub object: &'a Object,
-    /// Vertex indices of the triangle, in the order of the barycentric weights of the hit.
+    /// Primitive that contains the triangle.
     pub primitive: &'a Primitive,
     /// Vertex indices of the triangle, in the order of the barycentric weights of the hit.
     pub corner: [u32; 3],

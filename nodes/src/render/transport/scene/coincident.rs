@@ -11,8 +11,8 @@ use super::surface::Surface;
 use super::touching::Touching;
 use crate::geometry::bvh::Hit;
 
-/// Minimum cosine between the normals of two surfaces that lie on each other. The surfaces of an object that
-/// stands on another are below it.
+/// Minimum cosine between the normals of two surfaces that lie on each other. The sides of an object that
+/// stands on another have a smaller cosine.
 const ALONG: f32 = 0.5;
 
 /// Finds the triangles of objects that coincide with the receiver, whose camera hits may be moved to

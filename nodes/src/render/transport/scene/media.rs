@@ -1,4 +1,4 @@
-//! The stack of transparent bodies that a path is in.
+//! Stack of the transparent bodies that contain the current point of a path.
 //!
 //! A path carries the bodies that it has entered and not left. Only the one entered last absorbs light: a
 //! body inside another displaces its medium, as ice does in water, so a part of the same medium inside a body

@@ -13,13 +13,13 @@ use crate::types::Texture;
 /// How the texels of a texture are averaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Texels {
-    /// Averaged as plain numbers.
+    /// Mean of plain numbers.
     Numbers,
-    /// Averaged as sRGB-encoded colours.
+    /// Mean of sRGB-encoded colours.
     Colours,
-    /// Averaged as sRGB-encoded colours weighted by alpha.
+    /// Mean of sRGB-encoded colours weighted by alpha.
     CoveredColours,
-    /// The maximum of colours instead of the mean.
+    /// Maximum of colours instead of the mean.
     Peaks,
 }
 

@@ -1,4 +1,4 @@
-//! The inserted objects as triangles in one frame, and what rays hit.
+//! Inserted objects as triangles in one frame, and the intersections of rays with them.
 //!
 //! Transmission bends and blurs light for camera rays and specular rays. For rays from matte surfaces, and so
 //! for shadows, light goes straight on and is only attenuated: refractive caustics are left out, consistently

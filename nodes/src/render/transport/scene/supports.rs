@@ -56,8 +56,8 @@ impl Ground {
         })
     }
 
-    /// Distance by which a camera hit is moved along its unit ray, to lie on the support of the nearest object (the
-    /// first of equal ones); 0 where it belongs to no support.
+    /// Distance by which a camera hit is moved along its unit ray to lie on the support of the nearest object
+    /// (the first of equal ones); 0 if it belongs to no support.
     pub fn shift(&self, position: Vec3, normal: Vec3, direction: Vec3) -> f32 {
         let along = |out: Vec3| normal.dot(out).abs() >= STEEPEST;
         let Some((part, out)) = self.rise(position, along) else { return 0.0 };
@@ -70,8 +70,9 @@ impl Ground {
         way.clamp(-10.0 * part.abs(), 10.0 * part.abs())
     }
 
-    /// The offset at which rays to the receiver start from a point of an object that the mesh covers though the
-    /// camera sees it: just above the mesh, along the direction of support. `None` where no mesh covers the point.
+    /// Offset at which rays to the receiver start from a point of an object that is visible to the camera but
+    /// covered by the mesh: just above the mesh, along the direction of support. `None` if no mesh covers the
+    /// point.
     pub fn over(&self, receiver: &Receiver, position: Vec3) -> Option<Vec3> {
         // In a corner first above the floor, then off the wall.
         self.ways.iter().fold(None, |off: Option<Vec3>, &out| {
@@ -97,7 +98,8 @@ impl Ground {
         (level <= height + slack).then(|| receiver.start(&hit) - position)
     }
 
-    /// Height of a support above a point of the mesh, and its direction, among the permitted directions.
+    /// Height of a support above a point of the mesh, and its direction. `may_be` selects the permitted
+    /// directions.
     fn rise(&self, position: Vec3, may_be: impl Fn(Vec3) -> bool) -> Option<(f32, Vec3)> {
         let height = |s: &Support| position.dot(s.out);
         let aside = |s: &Support| {

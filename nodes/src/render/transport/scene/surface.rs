@@ -1,4 +1,4 @@
-//! A surface point as light transport sees it.
+//! Surface points for light transport.
 
 use glam::Vec3;
 
@@ -6,14 +6,14 @@ use super::media::Media;
 use crate::geometry::bvh::Ray;
 use crate::render::transport::bsdf::Bsdf;
 
-/// A surface point as light transport sees it.
+/// Surface point with the data that light transport needs.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface {
     /// Position in the frame of the scene.
     pub position: Vec3,
     /// Unit geometric normal on the side of the viewer.
     pub normal: Vec3,
-    /// Offset of rays that leave the surface: see `super::face`.
+    /// Offset of rays that leave the surface; see `super::face`.
     pub margin: f32,
     /// Scattering function.
     pub bsdf: Bsdf,
@@ -21,24 +21,25 @@ pub struct Surface {
     pub emission: Vec3,
     /// Media on the side of the viewer and on the other side.
     pub media: [Media; 2],
-    /// Depth below the surface at which rays to objects start, where an object lies on it: see [`super::touching`].
+    /// Depth below the surface at which rays to objects start, if an object lies on the surface; see
+    /// [`super::touching`].
     pub cover: Option<f32>,
-    /// Offset at which rays to the receiver start, where the surface lies on the receiver or is covered by it: see
-    /// [`super::supports`].
+    /// Offset at which rays to the receiver start, if the surface lies on the receiver or is covered by it;
+    /// see [`super::supports`].
     pub bed: Option<Vec3>,
-    /// Offset added to the origin of rays to objects: see [`super::supports`].
+    /// Offset added to the origin of rays to objects; see [`super::supports`].
     pub lift: Vec3,
 }
 
 impl Surface {
-    /// A ray that leaves the surface.
+    /// Ray that leaves the surface.
     #[inline]
     pub fn spawn_ray(&self, direction: Vec3) -> Ray {
         let side = self.margin.copysign(direction.dot(self.normal));
         Ray::new(self.position + self.normal * side, direction)
     }
 
-    /// A ray that leaves the surface and may hit the receiver.
+    /// Ray that leaves the surface and may hit the receiver.
     #[inline]
     pub fn ray_to_receiver(&self, direction: Vec3) -> Ray {
         match self.bed {
@@ -47,13 +48,13 @@ impl Surface {
         }
     }
 
-    /// The point from which light of the receiver is sampled.
+    /// Point for which light of the receiver is sampled.
     #[inline]
     pub fn looks_from(&self) -> Vec3 {
         self.position + self.bed.unwrap_or_default()
     }
 
-    /// A ray that leaves the lifted surface and may hit objects.
+    /// Ray that leaves the lifted surface and may hit objects.
     #[inline]
     pub fn ray_to_objects(&self, direction: Vec3) -> Ray {
         let ray = match self.cover {
@@ -63,12 +64,12 @@ impl Surface {
         Ray { origin: ray.origin + self.lift, ..ray }
     }
 
-    /// A ray to objects along the normal.
+    /// Ray to objects along the normal.
     pub fn upright(&self) -> Ray {
         self.ray_to_objects(self.normal)
     }
 
-    /// The media that a ray in a direction starts in.
+    /// Media in which a ray in a direction starts.
     pub fn medium(&self, direction: Vec3) -> Media {
         self.media[usize::from(direction.dot(self.normal) < 0.0)]
     }

@@ -1,21 +1,21 @@
 //! Objects that coincide with the receiver: a rug on a floor, a picture on a wall.
 //!
-//! Rounding would decide which of two coincident surfaces a ray hits. Here the object counts as in front of the
-//! receiver: rays to the receiver pass through it first, and rays through it reach the receiver, as if the object
-//! lay a millimetre higher. Surfaces of bodies are handled in [`super::media`], such as the lower face of a glass
-//! that stands on a floor.
+//! Which of two coincident surfaces a ray hits would depend on rounding. Here the object counts as in front
+//! of the receiver: rays to the receiver pass through it first, and rays through it reach the receiver, as if
+//! the object lay a millimetre higher. Surfaces of bodies are handled in [`super::media`], such as the lower
+//! face of a glass that stands on a floor.
 
 use glam::Vec3;
 
 use super::aabb::Aabb;
 use crate::geometry::bvh::Ray;
 
-/// The triangles of objects that may coincide with the receiver.
+/// Triangles of objects that may coincide with the receiver.
 #[derive(Debug, Clone, Default)]
 pub struct Touching {
-    /// For each triangle, true if it may coincide; empty if none does.
+    /// True for each triangle that may coincide; empty if there is no such triangle.
     pub(crate) triangles: Vec<bool>,
-    /// Bounding box of those triangles, grown by [`reach`](Self::reach).
+    /// Bounding box of those triangles, enlarged by [`reach`](Self::reach).
     pub(crate) held: Option<Aabb>,
     /// Maximum distance between two coincident surfaces.
     pub(crate) reach: f32,
@@ -40,7 +40,7 @@ impl Touching {
         self.triangles.get(triangle as usize).is_some_and(|holds| *holds)
     }
 
-    /// A ray across a point where surfaces may coincide.
+    /// Ray across a point where surfaces may coincide.
     pub(crate) fn across(&self, position: Vec3, normal: Vec3) -> Ray {
         Ray { t_max: 2.0 * self.reach, ..Ray::new(position + normal * self.reach, -normal) }
     }

@@ -1,37 +1,38 @@
-//! The grid of cells that the sky is divided into for sampling, and the light of each cell for a cone of normals.
+//! Grid of cells into which the sky is divided for sampling, and the light of each cell for a cone of
+//! normals.
 
 use glam::{Vec3, Vec4};
 
 use super::cone::{Cone, sine};
 
-/// Cells evaluated at once.
+/// Number of cells that are evaluated at once.
 const LANES: usize = 4;
 
-/// A part of the sky.
+/// Part of the sky.
 #[derive(Debug, Clone, Copy)]
 pub struct LightCell {
-    /// Its directions; with a cosine below 0 they are unknown.
+    /// Cone that contains the directions of the cell. They are unknown if its cosine is below 0.
     pub cone: Cone,
     /// Solid angle.
     pub area: f64,
     /// Luminance times solid angle.
     pub power: f64,
-    /// Mean direction of its light, shorter than 1.
+    /// Mean direction of the light of the cell, shorter than 1.
     pub towards: Vec3,
 }
 
-/// The cells of the sky, row by row.
+/// Cells of the sky, row by row.
 #[derive(Debug, Clone, Default)]
 pub struct CellGrid {
-    /// Cells per row.
+    /// Number of cells per row.
     pub columns: usize,
-    /// Luminance times solid angle, and solid angle.
+    /// Luminance times solid angle, and solid angle, of each cell.
     powers: Vec<[f64; 2]>,
-    /// Directions of groups of cells of a row; the last group of a row may have empty lanes.
+    /// Directions of groups of cells of a row. The last group of a row may have empty lanes.
     directions: Vec<Directions>,
 }
 
-/// Directions and mean light directions of a group of cells, one lane each.
+/// Directions and mean light directions of a group of cells, one per lane.
 #[derive(Debug, Clone, Copy, Default)]
 struct Directions {
     axes: [Vec4; 3],
@@ -40,7 +41,7 @@ struct Directions {
     towards: [Vec4; 3],
 }
 
-/// Dot product with an axis.
+/// Dot products with an axis.
 fn dot([x, y, z]: [Vec4; 3], axis: Vec3) -> Vec4 {
     x * axis.x + y * axis.y + z * axis.z
 }
@@ -58,8 +59,8 @@ impl Directions {
         all
     }
 
-    /// The share of its power that each cell contributes at the centre of a cone of normals, and at least half of
-    /// an upper bound over the cone; `sine` is that of the cone's angle.
+    /// Share of its power that each cell contributes at the centre of a cone of normals, and at least half of
+    /// an upper bound over the cone. `sine` is that of the cone's angle.
     #[inline]
     fn shares(&self, normals: &Cone, sine: f32) -> Vec4 {
         let cosine = normals.cosine;
@@ -70,7 +71,8 @@ impl Directions {
         dot(self.towards, normals.axis).max(most).max(Vec4::ZERO)
     }
 
-    /// 1 for cells that share a direction with a cone of less than a right angle, up to rounding, else 0.
+    /// 1 for cells that share a direction with a cone of less than a right angle, up to rounding; otherwise
+    /// 0.
     #[inline]
     fn meet(&self, to: &Cone, sine: f32) -> Vec4 {
         let together = self.cosines * to.cosine - self.sines * sine;
@@ -80,7 +82,7 @@ impl Directions {
 }
 
 impl CellGrid {
-    /// Builds the grid from cells row by row, `columns` per row.
+    /// Builds the grid from cells, row by row, with `columns` cells per row.
     pub fn new(cells: &[LightCell], columns: usize) -> Self {
         let rows = cells.chunks_exact(columns);
         let directions = rows.flat_map(|row| row.chunks(LANES).map(Directions::of)).collect();
@@ -97,9 +99,9 @@ impl CellGrid {
         self.powers.iter().map(|[power, _]| power).sum()
     }
 
-    /// The contribution of each cell of a row to surfaces whose normals lie in a cone (if light from one side
-    /// reaches them), among the cells that meet a cone of directions. Returns the solid angle of the contributing
-    /// cells.
+    /// Writes the contribution of each cell of a row to surfaces whose normals lie in a cone (or in any
+    /// direction, if they are lit from all sides), among the cells that meet a cone of directions. Returns
+    /// the solid angle of the contributing cells.
     pub fn weigh(&self, row: usize, normals: Option<&Cone>, to: &Cone, weights: &mut [f64]) -> f64 {
         let each = self.columns.div_ceil(LANES);
         let directions = &self.directions[row * each..][..each];
@@ -139,7 +141,7 @@ mod tests {
         Cone { axis: direction(i, pair), cosine }
     }
 
-    /// The contribution of a single cell, for comparison.
+    /// Contribution of a single cell, for comparison.
     fn weight(cell: &LightCell, normals: Option<&Cone>, to: &Cone) -> f64 {
         if !to.meets(&cell.cone) {
             return 0.0;

@@ -5,8 +5,8 @@ use glam::Vec3;
 use crate::geometry::sampling::{Points, circle, unit};
 use crate::render::transport::bsdf::Frame;
 
-/// First of the dimension pairs for rays towards objects: direction, whether one is sent, and whether the sample
-/// estimates a change at all.
+/// First of the dimension pairs for rays towards objects: for the direction, for whether a ray is sent, and
+/// for whether the sample estimates a change at all.
 pub(crate) const TOWARDS: u32 = 1 << 17;
 /// A cone of directions around a unit axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,14 +21,14 @@ impl Cone {
     /// All directions.
     pub const ALL: Self = Self { axis: Vec3::Z, cosine: -1.0 };
 
-    /// A cone that contains unit vectors, with a small margin for rounding.
+    /// Cone that contains unit vectors, with a small margin for rounding.
     pub fn around(directions: impl Iterator<Item = Vec3> + Clone) -> Self {
         let Some(axis) = directions.clone().sum::<Vec3>().try_normalize() else { return Self::ALL };
         let cosine = directions.map(|d| d.dot(axis)).fold(1.0, f32::min) - 1e-5;
         Self { axis, cosine }
     }
 
-    /// A cone that contains the directions from any point of one box to any point of another.
+    /// Cone that contains the directions from any point of one box to any point of another.
     pub fn between(from: [Vec3; 2], to: [Vec3; 2]) -> Self {
         // The difference vectors fill a box, and a cone of less than a right angle contains a box if it contains
         // its corners.
@@ -44,8 +44,8 @@ impl Cone {
         if cosine > 1e-3 { Self { axis, cosine: cosine - 1e-5 } } else { Self::ALL }
     }
 
-    /// True if two cones share a direction; sometimes true for cones that barely miss. [`CellGrid`] tests many at
-    /// once.
+    /// True if two cones share a direction. It may be true for cones that barely miss each other.
+    /// [`CellGrid`] tests many cones at once.
     #[cfg(test)]
     pub fn meets(&self, other: &Self) -> bool {
         if self.cosine <= 0.0 || other.cosine <= 0.0 {
@@ -61,50 +61,50 @@ impl Cone {
     }
 }
 
-/// The sine for a cosine.
+/// Sine of the angle with a cosine.
 pub fn sine(cosine: f32) -> f32 {
     (1.0 - cosine * cosine).max(0.0).sqrt()
 }
 
-/// Rays towards objects: none, or at most one per sample, uniform over a cone.
+/// Sampling of rays towards objects, uniform over a cone, with at most one ray per sample.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Towards {
     pub(crate) cone: Cone,
-    /// Probability density by solid angle within the cone, including the probability that a ray is sent; 0 for
-    /// none.
+    /// Probability density by solid angle within the cone, including the probability that a ray is sent; 0 if
+    /// no rays are sent.
     pub(crate) pdf: f32,
 }
 
 impl Towards {
-    /// No rays, because the objects may be in any direction.
+    /// Sampling without rays, for objects that may be in any direction.
     pub(crate) const NOWHERE: Self = Self { cone: Cone::ALL, pdf: 0.0 };
 
-    /// `rays` per steradian, at most one in total.
+    /// Sampling with `rays` per steradian, at most one in total.
     pub(crate) fn within(cone: Cone, rays: f32) -> Self {
         let pdf = if cone.cosine > 0.0 { rays.min(1.0 / cone.solid_angle()) } else { 0.0 };
         Self { cone, pdf }
     }
 
-    /// The density of a direction.
+    /// Density of a direction.
     pub(crate) fn pdf(&self, direction: Vec3) -> f32 {
         let inside = self.pdf > 0.0 && direction.dot(self.cone.axis) >= self.cone.cosine;
         if inside { self.pdf } else { 0.0 }
     }
 
-    /// The balance-heuristic weight (Veach 1997) of scattered rays with density `pdf` compared with these rays.
+    /// Weight of the balance heuristic (Veach 1997) of scattered rays with density `pdf` against these rays.
     pub(crate) fn share(&self, direction: Vec3, pdf: f32) -> f32 {
         let own = self.pdf(direction);
         if own > 0.0 { pdf / (pdf + own) } else { 1.0 }
     }
 
-    /// The direction of the ray of a sample, if it sends one.
+    /// Direction of the ray of a sample. `None` if no ray is sent.
     pub(crate) fn ray(&self, points: &Points) -> Option<Vec3> {
         let chance = self.pdf * self.cone.solid_angle();
         let sends = self.pdf > 0.0 && (chance >= 1.0 || unit(points.bits(TOWARDS + 1)[0]) < chance);
         sends.then(|| self.direction(points.pair(TOWARDS)))
     }
 
-    /// A direction, from two random numbers.
+    /// Direction for two random numbers.
     fn direction(&self, [u, v]: [f32; 2]) -> Vec3 {
         let (sin, cos) = circle(u);
         // Measured from the axis, so that narrow cones keep their precision.
@@ -121,9 +121,9 @@ mod tests {
     use crate::geometry::sampling::stream;
     use crate::testing::chi_square;
 
-    /// Chi-square of directions against their density, over rings and sectors of the cone, and of how often a ray
-    /// is sent. Mutation: `below` to `v * below` in `direction`, or the bound of `rays` left out of `within` (each
-    /// seen red).
+    /// Chi-square test of directions against their density, over rings and sectors of the cone, and of the
+    /// share of samples with a ray. Mutation: `below` to `v * below` in `direction`, or the bound of `rays`
+    /// left out of `within` (each seen red).
     #[test]
     fn rays_to_the_objects_fill_their_cone_evenly() {
         let axis = Vec3::new(0.48, -0.6, 0.64);

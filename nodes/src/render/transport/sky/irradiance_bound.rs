@@ -1,4 +1,4 @@
-//! An upper bound of the irradiance of any surface under given light.
+//! Upper bound of the irradiance of any surface under given light.
 //!
 //! The irradiance is half of the light from both sides of a plane plus half of their difference:
 //!
@@ -6,8 +6,8 @@
 
 use glam::{DMat3, DVec3};
 
-/// The bound, from integrals over the sphere of radiance, radiance times direction, and radiance times products of
-/// direction components.
+/// Upper bound of the irradiance, from integrals over the sphere of radiance, radiance times direction, and
+/// radiance times products of direction components.
 pub fn greatest_irradiance(power: f64, towards: DVec3, squares: DMat3) -> f64 {
     let trace = squares.x_axis.x + squares.y_axis.y + squares.z_axis.z;
     if trace <= 0.0 {

@@ -17,14 +17,15 @@ use crate::math::equirect::pixel_solid_angle;
 pub struct LightCells {
     width: usize,
     height: usize,
-    /// The cells that distributions choose from.
+    /// Cells from which distributions choose.
     pub grid: CellGrid,
     /// Distributions by bins of normals.
     distributions: LightTable,
-    /// First texel column of each cell column and first texel row of each cell row, with a final end.
+    /// First texel column of each cell column and first texel row of each cell row, each list followed by the
+    /// end of the last one.
     columns: Vec<usize>,
     rows: Vec<usize>,
-    /// Cumulative probability of the texel rows of each cell, for each cell column all rows.
+    /// Cumulative probability of the texel rows of each cell: all rows for each cell column.
     down: Vec<f32>,
     /// Cumulative probability of the texels of each row within its cell.
     across: Vec<f32>,
@@ -33,7 +34,7 @@ pub struct LightCells {
 /// f32 values per cache line.
 const LINE: usize = 16;
 
-/// The first half of a choice of a texel.
+/// First half of the choice of a texel.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct RowChoice {
     y: u32,
@@ -44,8 +45,8 @@ pub struct RowChoice {
     pub probability: f32,
 }
 
-/// Divides a line of weights into pieces, by repeatedly halving the piece with the largest weight times length, so
-/// that bright parts get narrow pieces. Returns the starts of the pieces and the end.
+/// Divides a line of weights into pieces by repeatedly halving the piece with the largest product of weight
+/// and length, so that bright parts get narrow pieces. Returns the starts of the pieces and the end.
 fn cut(weights: &[f64], pieces: usize) -> Vec<usize> {
     let mut cuts = vec![0, weights.len()];
     let heavy = |cuts: &[usize]| match cuts[1] - cuts[0] {
@@ -65,8 +66,8 @@ fn cut(weights: &[f64], pieces: usize) -> Vec<usize> {
 }
 
 impl LightCells {
-    /// Divides weights into at most `most` columns and rows of cells. `pdf` receives the density of each texel with
-    /// weight, given its cell.
+    /// Divides weights into at most `most` columns and rows of cells. The density of each texel with weight,
+    /// within its cell, is written to `pdf`.
     pub fn new(texel_grid: &TexelGrid, weights: Vec<f32>, most: [usize; 2], pdf: &mut [f32]) -> Self {
         let TexelGrid { width, height, .. } = *texel_grid;
         let (mut of_rows, mut of_columns) = (vec![0.0; height], vec![0.0; width]);
@@ -101,14 +102,14 @@ impl LightCells {
         all
     }
 
-    /// The distribution for a surface with the given unit normal, or for surfaces lit from all sides.
+    /// Distribution for a surface with the given unit normal, or for surfaces lit from all sides.
     #[inline]
     pub fn distribution(&self, normal: Option<Vec3>) -> &LightDistribution {
         self.distributions.of(&self.grid, normal)
     }
 
-    /// The first half of a choice: a cell and a row of it. Choices are made in halves for several points at once,
-    /// so that memory accesses overlap.
+    /// Makes the first half of a choice: a cell and a row of it. Choices are made in halves for several
+    /// points at once, so that memory accesses overlap.
     #[inline(always)]
     pub fn row<S: Simd>(&self, simd: S, distribution: &LightDistribution, point: [f64; 2]) -> RowChoice {
         let (row, column, [v, u]) = distribution.choose(simd, point);
@@ -123,8 +124,8 @@ impl LightCells {
         }
     }
 
-    /// Touches the data that the second half searches, so that memory accesses of many choices overlap. Returns a
-    /// meaningless sum.
+    /// Reads the data that the second half searches, so that memory accesses of many choices overlap. The
+    /// returned sum has no meaning.
     #[inline(always)]
     pub fn look_ahead(&self, &RowChoice { y, columns: [start, end], .. }: &RowChoice) -> f32 {
         let line = &self.across[y as usize * self.width + start as usize..];
@@ -132,7 +133,7 @@ impl LightCells {
         line[0] + line[last.min(LINE)] + line[last.min(2 * LINE)]
     }
 
-    /// The second half: column and row of a texel, and the position in it.
+    /// Makes the second half of a choice: column and row of a texel, and the position in it.
     #[inline(always)]
     pub fn texel<S: Simd>(
         &self,
@@ -151,13 +152,13 @@ impl LightCells {
         distribution.probability(cell(&self.rows, y), cell(&self.columns, x))
     }
 
-    /// The texel rows and columns of a cell.
+    /// Texel rows and columns of a cell.
     #[inline]
     fn texels_of(&self, row: usize, column: usize) -> (Range<usize>, Range<usize>) {
         (self.rows[row]..self.rows[row + 1], self.columns[column]..self.columns[column + 1])
     }
 
-    /// Makes a cell, and the probabilities within it.
+    /// Makes a cell, and computes the probabilities within it.
     fn divide(&mut self, texel_grid: &TexelGrid, pdf: &mut [f32], row: usize, column: usize) -> LightCell {
         let (rows, columns) = self.texels_of(row, column);
         let down = column * self.height..(column + 1) * self.height;

@@ -1,9 +1,10 @@
 //! Importance sampling of the sky for a surface: in proportion to light times cosine.
 //!
-//! The sky is divided into a grid of cells, narrow where it is bright. A cone of normals, and optionally a cone of
-//! directions of interest, has a distribution over the cells: by the light that each contributes at the centre of
-//! the normals, and at least half of an upper bound of its contribution to any of them, so that no light is ever
-//! missed. A table holds one distribution per bin of the sphere of normals, made on demand.
+//! The sky is divided into a grid of cells, narrow where it is bright. A distribution over the cells is made
+//! for a cone of normals, and optionally for light from a cone of directions. The weight of a cell is the
+//! light that it contributes at the centre of the normals, but at least half of an upper bound of its
+//! contribution to any of them, so that no light is ever missed. A table contains one distribution per bin of
+//! the sphere of normals, made on demand.
 
 use std::sync::OnceLock;
 
@@ -13,23 +14,25 @@ use glam::Vec3;
 use super::cell_grid::CellGrid;
 use super::cone::Cone;
 
-/// Bins per side of the octahedral map; even, so that no bin crosses an edge of the octahedron.
+/// Number of bins per side of the octahedral map. It is even, so that no bin crosses an edge of the
+/// octahedron.
 const SIDE: usize = 24;
-/// The bin of surfaces lit from all sides.
+/// Index of the bin of surfaces lit from all sides.
 const ANY: usize = SIDE * SIDE;
 
-/// Entries compared at once.
+/// Number of entries that are compared at once.
 const LANES: usize = 8;
-/// Number of entries that are scanned; longer lines are bisected down to this number first.
+/// Number of entries that are scanned. Longer lines are bisected down to this number first.
 const SCANNED: usize = 32;
 
-/// Pads a line of cumulative probabilities for [`invert`]: whole vectors may be read from any entry.
+/// Pads a line of cumulative probabilities for [`invert`], which may read a whole vector from any entry.
 pub fn pad(cumulative: &mut Vec<f32>) {
     cumulative.extend([f32::INFINITY; LANES]);
 }
 
-/// Index of the first of `length` entries of a cumulative distribution above `u`, and the position of `u` between
-/// its neighbours, in [0, 1). The last entry is 1 and `u` less than that. The entries are padded: see [`pad`].
+/// Index of the first of `length` entries of a cumulative distribution above `u`, and the position of `u`
+/// between its neighbours, in [0, 1). The last entry is 1, and `u` is less. The entries must be padded; see
+/// [`pad`].
 #[inline(always)]
 pub fn invert<S: Simd>(simd: S, cumulative: &[f32], length: usize, u: f64) -> (usize, f64) {
     // Entries up to `u` are entries up to the largest f32 not above it.
@@ -57,7 +60,8 @@ pub fn invert<S: Simd>(simd: S, cumulative: &[f32], length: usize, u: f64) -> (u
     (index, within.clamp(0.0, 1.0 - f64::EPSILON))
 }
 
-/// Cumulative probabilities in proportion to weights, uniform if all are 0, and their sum.
+/// Writes cumulative probabilities in proportion to weights, uniform if all are 0. Returns the sum of the
+/// weights.
 pub fn accumulate(weights: &[f64], out: &mut [f64]) -> f64 {
     let mut sum = 0.0;
     for (to, weight) in out.iter_mut().zip(weights) {
@@ -76,14 +80,14 @@ pub fn accumulate(weights: &[f64], out: &mut [f64]) -> f64 {
     sum
 }
 
-/// The direction of a point of the octahedral map, from [-1, 1] squared.
+/// Direction of a point of the octahedral map, from [-1, 1] squared.
 fn unfold(x: f32, y: f32) -> Vec3 {
     let z = 1.0 - x.abs() - y.abs();
     let under = (-z).max(0.0);
     Vec3::new(x - under.copysign(x), y - under.copysign(y), z).normalize()
 }
 
-/// The bin of a normal.
+/// Index of the bin of a normal.
 #[inline]
 fn bin(normal: Option<Vec3>) -> usize {
     let Some(normal) = normal else { return ANY };
@@ -96,7 +100,7 @@ fn bin(normal: Option<Vec3>) -> usize {
     index(y) * SIDE + index(x)
 }
 
-/// The cone of normals of a bin.
+/// Cone of the normals of a bin.
 fn normals(at: usize) -> Cone {
     let edge = |i: usize| i as f32 * (2.0 / SIDE as f32) - 1.0;
     let (x, y) = (at % SIDE, at / SIDE);
@@ -105,12 +109,13 @@ fn normals(at: usize) -> Cone {
     )
 }
 
-/// A distribution over the cells of the sky.
+/// Distribution over the cells of the sky.
 #[derive(Debug, Clone)]
 pub struct LightDistribution {
     rows: usize,
     columns: usize,
-    /// Cumulative probability of the rows, then that of the columns of each row, each padded to whole vectors.
+    /// Cumulative probabilities of the rows, followed by those of the columns of each row, each padded to
+    /// whole vectors.
     cumulative: Vec<f32>,
     /// Offset of the columns of the first row, and the stride between rows.
     starts: usize,
@@ -122,8 +127,8 @@ pub struct LightDistribution {
 }
 
 impl LightDistribution {
-    /// The distribution for surfaces whose normals lie in a cone (all normals if `None`), over the cells that meet
-    /// a cone of directions.
+    /// Computes the distribution for surfaces whose normals lie in a cone (all normals if `None`), over the
+    /// cells that meet a cone of directions.
     pub fn new(grid: &CellGrid, normals: Option<Cone>, to: &Cone) -> Self {
         let (rows, columns) = (grid.rows(), grid.columns);
         let [starts, stride] = [rows, columns].map(|length| length.next_multiple_of(LANES));
@@ -145,7 +150,7 @@ impl LightDistribution {
         distribution
     }
 
-    /// Row and column of a cell, and the position of the point within the choice.
+    /// Chooses the row and column of a cell, and returns the position of the point within the choice.
     #[inline(always)]
     pub fn choose<S: Simd>(&self, simd: S, point: [f64; 2]) -> (usize, usize, [f64; 2]) {
         let (row, v) = invert(simd, &self.cumulative, self.rows, point[0]);
@@ -166,17 +171,18 @@ impl LightDistribution {
     }
 }
 
-/// A distribution for each bin of normals, and one for surfaces lit from all sides; each is made on first use.
+/// One distribution for each bin of normals, and one for surfaces lit from all sides. Each is made on first
+/// use.
 #[derive(Debug)]
 pub struct LightTable(Vec<OnceLock<LightDistribution>>);
 
 impl LightTable {
-    /// An empty table.
+    /// Creates an empty table.
     pub fn new() -> Self {
         Self((0..=ANY).map(|_| OnceLock::new()).collect())
     }
 
-    /// The distribution over the cells of a grid, always the same one, for a unit normal.
+    /// Distribution over the cells of a grid for a unit normal. The grid must be the same in all calls.
     #[inline]
     pub fn of(&self, grid: &CellGrid, normal: Option<Vec3>) -> &LightDistribution {
         let at = bin(normal);

@@ -8,23 +8,23 @@ use super::light_cells::RowChoice;
 use super::light_distribution::LightDistribution;
 use crate::geometry::sampling::{Points, fraction};
 
-/// Samples drawn at once.
+/// Number of samples that are drawn at once.
 const LANES: usize = 8;
 /// Offset between the dimension pairs of one tier and the next.
 const TIER: u32 = 1 << 18;
 
-/// A light sample to be drawn.
+/// Light sample to be drawn.
 #[derive(Debug, Clone, Copy)]
 pub struct Wanted<'a> {
     tier: usize,
     distribution: &'a LightDistribution,
-    /// Light samples of its tier that the vertex takes.
+    /// Number of light samples of its tier that the vertex takes.
     number: f32,
     points: Points,
     pair: u32,
 }
 
-/// The light samples of a vertex, `lights` per tier; none of a tier without light.
+/// Light samples of a vertex, `lights` per tier. A tier without light gets none.
 pub fn wanted(
     distributions: Distributions<'_>,
     lights: [u32; TIERS],
@@ -36,7 +36,7 @@ pub fn wanted(
 }
 
 impl<'a> Wanted<'a> {
-    /// The samples of a tier.
+    /// Samples of a tier.
     fn each(
         (tier, distribution): (usize, &'a LightDistribution),
         count: u32,
@@ -51,8 +51,8 @@ impl<'a> Wanted<'a> {
 }
 
 impl EnvironmentLight {
-    /// Samples directions about in proportion to light times cosine. They may lie slightly below the horizon, so
-    /// that no light above it is missed.
+    /// Samples directions approximately in proportion to light times cosine. They may lie slightly below the
+    /// horizon, so that no light above it is missed.
     pub fn draw_each(&self, wanted: &[Wanted<'_>], found: impl FnMut(DrawnDirection)) {
         dispatch!(self.level, simd => self.draw_each_at(simd, wanted, found));
     }
@@ -80,31 +80,31 @@ impl EnvironmentLight {
     }
 }
 
-/// The light samples of successive vertices, drawn in batches.
+/// Light samples of successive vertices, drawn in batches.
 pub struct LightDraws<'a, V> {
     sky: &'a EnvironmentLight,
     lights: [u32; TIERS],
     pair: u32,
     vertices: V,
-    /// The samples of the batch, and the end of each vertex's samples.
+    /// Samples of the batch, and the end of the samples of each vertex.
     wanted: Vec<Wanted<'a>>,
     draws: Vec<DrawnDirection>,
     ends: Vec<usize>,
-    /// Vertices of the batch that were returned.
+    /// Number of vertices of the batch that were returned.
     asked: usize,
 }
 
-/// Vertices per batch: enough to fill registers, few enough to stay in cache.
+/// Number of vertices per batch: enough to fill registers, few enough to stay in cache.
 const TOGETHER: usize = 32;
 
 impl<'a, V: Iterator<Item = Option<(Points, Distributions<'a>)>>> LightDraws<'a, V> {
-    /// Light samples of `vertices`, `lights` per tier, from dimension pair `pair` on.
+    /// Creates the light samples of `vertices`, `lights` per tier, whose dimension pairs start at `pair`.
     pub fn new(sky: &'a EnvironmentLight, lights: [u32; TIERS], pair: u32, vertices: V) -> Self {
         let (wanted, draws, ends) = (Vec::new(), Vec::new(), Vec::new());
         Self { sky, lights, pair, vertices, wanted, draws, ends, asked: 0 }
     }
 
-    /// The samples of the next vertex, tier after tier; empty where there is no vertex.
+    /// Samples of the next vertex, tier after tier; empty if there is no further vertex.
     pub fn next_vertex(&mut self) -> &[DrawnDirection] {
         if self.asked == self.ends.len() {
             self.draw();
@@ -146,7 +146,7 @@ mod tests {
     use crate::geometry::sampling::{mix, stream, unit};
     use crate::types::{Environment, Image};
 
-    /// A sky of noise with a few lamps.
+    /// Sky of noise with a few lamps.
     fn sky() -> EnvironmentLight {
         let (width, height) = (256, 96);
         let lamp = |i: usize| if mix(i as u32 / 3).is_multiple_of(997) { 3e3 } else { unit(mix(i as u32)) };
@@ -155,8 +155,8 @@ mod tests {
         EnvironmentLight::new(&Environment { image, up: Up::PlusY, origin: None })
     }
 
-    /// A batch gives the samples of each vertex alone, and every SIMD level the same bits. Mutation: `wanted[0]`
-    /// for `lane(k)` in `draw_each_at`, `draws.clear()` left out.
+    /// A batch gives the same samples of each vertex as if the vertex were alone, and every SIMD level gives
+    /// the same bits. Mutation: `wanted[0]` for `lane(k)` in `draw_each_at`, `draws.clear()` left out.
     #[test]
     fn drawn_together_is_drawn_alone() {
         let sky = sky();

@@ -1,4 +1,4 @@
-//! The environment as a light source: importance sampling, cones of directions, bounds.
+//! Environment as a light source: importance sampling, cones of directions, bounds.
 
 pub(crate) mod cell_grid;
 pub mod cone;

@@ -16,16 +16,16 @@ pub struct TexelGrid {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Right, forward and up in the world.
+    /// Unit vectors to the right, forward and up in the world.
     pub axes: [Vec3; 3],
-    /// (sine, cosine) of the azimuth of each column's left edge; the last closes the circle.
+    /// Sine and cosine of the azimuth of the left edge of each column. The last pair closes the circle.
     pub edges: Vec<(f64, f64)>,
-    /// Cosine of the polar angle of each row's upper edge; the last is -1.
+    /// Cosine of the polar angle of the upper edge of each row. The last is -1.
     pub cosines: Vec<f64>,
 }
 
 impl TexelGrid {
-    /// The texels of a panorama of a size.
+    /// Texels of a panorama of the given size.
     pub fn new(width: usize, height: usize, up: Up) -> Self {
         let azimuth = |x: usize| 2.0 * PI * (x as f64 / width as f64 - 0.5);
         let mut cosines: Vec<f64> =
@@ -40,7 +40,7 @@ impl TexelGrid {
         }
     }
 
-    /// A direction in the world, from components along right, forward and up.
+    /// Direction in the world, from components along right, forward and up.
     pub fn to_world(&self, local: [f64; 3]) -> Vec3 {
         let [x, y, z] = [local[0] as f32, local[1] as f32, local[2] as f32];
         self.axes[0] * x + self.axes[1] * y + self.axes[2] * z
@@ -52,7 +52,7 @@ impl TexelGrid {
         self.to_world([self.edges[x].0 * radius, self.edges[x].1 * radius, self.cosines[y]])
     }
 
-    /// A direction in a texel, from two numbers in [0, 1), uniform over its solid angle.
+    /// Direction in a texel for two numbers in [0, 1), uniform over its solid angle.
     #[inline(always)]
     pub fn within(&self, (x, y): (usize, usize), [u, v]: [f64; 2]) -> Vec3 {
         // Uniform in azimuth and in the cosine of the polar angle.
@@ -76,12 +76,12 @@ impl TexelGrid {
         pixel_solid_angle(self.width, self.height, y)
     }
 
-    /// An upper bound of half the distance between two directions of a texel.
+    /// Upper bound of half the distance between two directions of a texel.
     pub fn radius(&self) -> f64 {
         PI * (0.5 / self.height as f64 + 1.0 / self.width as f64)
     }
 
-    /// Visits column and row of each texel that overlaps a cone, and some near it.
+    /// Calls `each` with column and row of each texel that overlaps a cone, and of some near it.
     pub fn each_around(&self, cone: &Cone, mut each: impl FnMut(usize, usize)) {
         let [x, y, z] = self.axes.map(|axis| f64::from(axis.dot(cone.axis)).clamp(-1.0, 1.0));
         let texel = 2.0 * self.radius();
@@ -109,7 +109,7 @@ impl TexelGrid {
         (self.column(x, y), self.row(z, (x * x + y * y).sqrt()))
     }
 
-    /// The row of a direction: estimated by an approximate angle, corrected by the exact edges.
+    /// Row of a direction, estimated by an approximate angle and corrected by the exact edges.
     fn row(&self, above: f64, radius: f64) -> usize {
         let turns = approximate_turns(radius, above) * 2.0;
         let mut row = ((turns * self.height as f64) as usize).min(self.height - 1);
@@ -122,7 +122,7 @@ impl TexelGrid {
         row
     }
 
-    /// The column of a direction: estimated by an approximate angle, corrected by the exact edges.
+    /// Column of a direction, estimated by an approximate angle and corrected by the exact edges.
     fn column(&self, x: f64, y: f64) -> usize {
         let turns = approximate_turns(x, y) + 0.5;
         let column = ((turns * self.width as f64) as usize).min(self.width - 1);
@@ -141,8 +141,8 @@ impl TexelGrid {
     }
 }
 
-/// atan2(x, y) / (2 pi) in [-0.5, 0.5], to about 2e-6 turns: an odd polynomial in the smaller ratio, the
-/// least-squares fit of atan on [0, 1] at Chebyshev points.
+/// Approximation of atan2(x, y) / (2 pi) in [-0.5, 0.5], with an error of about 2e-6 turns: an odd polynomial
+/// in the smaller of the two ratios, fitted to atan on [0, 1] by least squares at Chebyshev points.
 pub fn approximate_turns(x: f64, y: f64) -> f64 {
     let (ax, ay) = (x.abs(), y.abs());
     let (small, large) = if ax < ay { (ax, ay) } else { (ay, ax) };
@@ -164,7 +164,7 @@ mod tests {
     use crate::geometry::sampling::Points;
     use crate::testing::direction;
 
-    /// Every texel that contains a direction of the cone is visited once, with few others.
+    /// Every texel that contains a direction of the cone is visited once, and few others are.
     #[test]
     fn texels_of_a_cone_are_all_visited() {
         for (width, height) in [(64, 32), (200, 77), (8, 3), (1, 1)] {

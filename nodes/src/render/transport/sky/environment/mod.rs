@@ -1,4 +1,4 @@
-//! The environment as a light source: radiance by direction, and importance sampling.
+//! Environment as a light source: radiance by direction, and importance sampling.
 
 use fearless_simd::{Level, dispatch, prelude::*};
 use glam::{DMat3, DVec3, Vec3};
@@ -15,7 +15,7 @@ use crate::types::Environment;
 #[cfg(test)]
 mod tests;
 
-/// A sample of environment light.
+/// Sample of environment light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LightSample {
     /// Unit direction towards the light, in the world.
@@ -26,36 +26,36 @@ pub struct LightSample {
     pub pdf: f32,
 }
 
-/// A sampled direction whose radiance is not fetched yet, so that memory accesses can overlap.
+/// Sampled direction whose radiance is not loaded yet, so that memory accesses can overlap.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct DrawnDirection {
     /// Unit direction towards the light, in the world.
     pub direction: Vec3,
     texel: u32,
-    /// Expected number of light samples in its cell.
+    /// Expected number of light samples in the cell of the direction.
     expected: f32,
 }
 
-/// The tiers of a sky: small bright sources, and the rest.
+/// Number of tiers of a sky: small bright sources, and the rest.
 pub const TIERS: usize = 2;
-/// Maximum columns and rows of cells of each tier.
+/// Maximum number of columns and rows of cells of each tier.
 const CELLS: [[usize; 2]; TIERS] = [[16, 8], [32, 16]];
-/// A texel is in the bright tier if its radiance exceeds the mean by this factor.
+/// Ratio of the radiance of a texel to the mean above which it belongs to the bright tier.
 const BRIGHT: f64 = 16.0;
 
-/// An environment prepared for lookup and sampling. Radiance is constant over each texel, and texels are weighted
-/// by their exact solid angle, so energy is preserved. Suns and lamps form a tier with its own samples, so their
-/// number is not left to chance.
+/// An environment prepared for lookup and sampling. Radiance is constant over each texel, and texels are
+/// weighted by their exact solid angle, so energy is preserved. Suns and lamps form a tier with separate
+/// samples, so the number of samples that they receive is not random.
 #[derive(Debug)]
 pub struct EnvironmentLight {
     pub(crate) texel_grid: TexelGrid,
-    /// Radiance of each texel, and its density given its cell.
+    /// Radiance of each texel, and the density of the texel within its cell.
     pub(crate) texels: Vec<[f32; 4]>,
     bright: Vec<bool>,
     pub(crate) tiers: [LightCells; TIERS],
-    /// The SIMD level; every level gives the same bits.
+    /// SIMD level. Every level gives the same bits.
     pub(crate) level: Level,
-    /// Light samples per tier at vertices that take several; powers of 2.
+    /// Number of light samples per tier at vertices that take several, each a power of 2.
     pub lights: [u32; TIERS],
     /// Number of pixels that were negative or not finite and count as black.
     pub broken: u64,
@@ -63,7 +63,7 @@ pub struct EnvironmentLight {
     pub power: [f64; 3],
 }
 
-/// The distribution of each tier.
+/// Distribution of each tier.
 pub type Distributions<'a> = [&'a LightDistribution; TIERS];
 
 impl EnvironmentLight {
@@ -72,7 +72,7 @@ impl EnvironmentLight {
         2 * size_of_val(&*self.texels) as u64
     }
 
-    /// Prepares an environment.
+    /// Prepares an environment for lookup and sampling.
     pub fn new(environment: &Environment) -> Self {
         let image = &environment.image;
         let texel_grid = TexelGrid::new(image.width, image.height, environment.up);
@@ -125,7 +125,7 @@ impl EnvironmentLight {
         Self { texel_grid, texels, bright, tiers, level: Level::new(), lights, broken, power }
     }
 
-    /// The maximum radiance, and an upper bound of the irradiance of any surface, per channel.
+    /// Maximum radiance, and an upper bound of the irradiance of any surface, per channel.
     pub fn bounds(&self) -> ([f64; 3], [f64; 3]) {
         let mut brightest = [0.0_f32; 4];
         let (mut towards, mut squares) = ([DVec3::ZERO; 3], [DMat3::ZERO; 3]);
@@ -165,8 +165,8 @@ impl EnvironmentLight {
         (brightest, irradiance)
     }
 
-    /// Visits the texels that overlap a cone, and perhaps some near it: a direction in each, the maximum distance
-    /// of other directions in it, its solid angle and its radiance.
+    /// Calls `each` for the texels that overlap a cone, and perhaps for some near it, with a direction in the
+    /// texel, the maximum distance of other directions in it, its solid angle and its radiance.
     pub fn each_around(&self, cone: &Cone, mut each: impl FnMut(DVec3, f64, f64, [f64; 3])) {
         let radius = 2.0 * self.texel_grid.radius();
         self.texel_grid.each_around(cone, |x, y| {
@@ -176,13 +176,13 @@ impl EnvironmentLight {
         });
     }
 
-    /// The distributions for a surface with the given unit normal, or for surfaces lit from all sides.
+    /// Distributions for a surface with the given unit normal, or for surfaces lit from all sides.
     #[inline]
     pub fn distributions(&self, normal: Option<Vec3>) -> Distributions<'_> {
         [self.tiers[0].distribution(normal), self.tiers[1].distribution(normal)]
     }
 
-    /// The distributions for surfaces whose normals lie in a cone, restricted to light from a cone of directions.
+    /// Distributions for surfaces whose normals lie in a cone, restricted to light from a cone of directions.
     pub fn distributions_within(&self, normals: Option<Cone>, to: &Cone) -> [LightDistribution; TIERS] {
         [0, 1].map(|k| LightDistribution::new(&self.tiers[k].grid, normals, to))
     }
@@ -198,7 +198,7 @@ impl EnvironmentLight {
         }
     }
 
-    /// The tier of a single light sample, and the remaining random numbers.
+    /// Tier of a single light sample, and the remaining random numbers.
     #[inline]
     pub fn tier(&self, distributions: Distributions<'_>, [v, u]: [u32; 2]) -> (usize, [u32; 2]) {
         let share = f64::from(self.numbers(distributions, None)[0]);
@@ -208,7 +208,7 @@ impl EnvironmentLight {
         (tier, [(at / SCALE) as u32, u])
     }
 
-    /// Samples a direction of a tier from two 32-bit random numbers, as one of `number` samples: see
+    /// Samples a direction of a tier from two 32-bit random numbers, as one of `number` samples; see
     /// [`draw_each`](Self::draw_each).
     pub fn draw_one(
         &self,
@@ -223,7 +223,7 @@ impl EnvironmentLight {
         })
     }
 
-    /// Completes the choice of a texel; its tier takes `number` light samples.
+    /// Completes the choice of a texel. The tier takes `number` light samples.
     #[inline(always)]
     pub(crate) fn found<S: Simd>(
         &self,
@@ -238,14 +238,15 @@ impl EnvironmentLight {
         DrawnDirection { direction, texel, expected: number * row.probability }
     }
 
-    /// The light of a sampled direction.
+    /// Light of a sampled direction.
     #[inline]
     pub fn light(&self, &DrawnDirection { direction, texel, expected }: &DrawnDirection) -> LightSample {
         let [r, g, b, pdf] = self.texels[texel as usize];
         LightSample { direction, radiance: Vec3::new(r, g, b), pdf: expected * pdf }
     }
 
-    /// A single light sample for a surface lit from one side, or from all; `None` where no light comes from there.
+    /// Takes a single light sample for a surface lit from one side, or from all. `None` if no light comes
+    /// from there.
     pub fn sample_one(&self, normal: Option<Vec3>, point: [u32; 2]) -> Option<LightSample> {
         let distributions = self.distributions(normal);
         distributions.iter().any(|distribution| distribution.power > 0.0).then(|| {
@@ -255,8 +256,8 @@ impl EnvironmentLight {
         })
     }
 
-    /// As [`sample_one`](Self::sample_one), but a quarter of the samples ignores the normal (defensive sampling):
-    /// for light whose direction differs slightly from that of the panorama.
+    /// Same as [`sample_one`](Self::sample_one), except that a quarter of the samples ignores the normal
+    /// (defensive sampling). Used for light whose direction differs slightly from that of the panorama.
     pub fn sample_defensive(&self, normal: Option<Vec3>, [a, b]: [u32; 2]) -> Option<LightSample> {
         const QUARTER: u32 = 1 << 30;
         let (aimed, a) = match a.checked_sub(QUARTER) {
@@ -266,19 +267,19 @@ impl EnvironmentLight {
         Some(self.eval_defensive(normal, self.sample_one(aimed, [a, b])?.direction))
     }
 
-    /// The light from a unit direction, and the density of [`sample_defensive`](Self::sample_defensive).
+    /// Light from a unit direction, and the density of [`sample_defensive`](Self::sample_defensive).
     pub fn eval_defensive(&self, normal: Option<Vec3>, direction: Vec3) -> LightSample {
         let (aimed, any) = (self.eval_one(normal, direction), self.eval_one(None, direction));
         LightSample { pdf: 0.75 * aimed.pdf + 0.25 * any.pdf, ..aimed }
     }
 
-    /// The light from a unit direction, and the density of [`sample_one`](Self::sample_one).
+    /// Light from a unit direction, and the density of [`sample_one`](Self::sample_one).
     pub fn eval_one(&self, normal: Option<Vec3>, direction: Vec3) -> LightSample {
         let distributions = self.distributions(normal);
         self.eval(distributions, self.numbers(distributions, None), direction)
     }
 
-    /// The radiance from a unit direction.
+    /// Radiance from a unit direction.
     #[inline]
     pub fn radiance(&self, direction: Vec3) -> Vec3 {
         let (x, y) = self.texel_grid.texel(direction);
@@ -286,8 +287,9 @@ impl EnvironmentLight {
         Vec3::new(r, g, b)
     }
 
-    /// True if a glossy lobe with this density is narrower than a texel, as of mirrors and clear glass: it would
-    /// show the edges of texels. Only scattered rays find its light, as [`seen`](Self::seen).
+    /// True if a glossy lobe with this density is narrower than a texel, as for mirrors and clear glass, so
+    /// that the edges of texels would be visible. The light of such a lobe is found only by scattered rays;
+    /// see [`seen`](Self::seen).
     #[inline]
     pub fn is_narrow(&self, pdf: f32) -> bool {
         let texels = (self.texel_grid.width * self.texel_grid.height) as f32;
@@ -295,8 +297,8 @@ impl EnvironmentLight {
         pdf * 2.0 * std::f32::consts::PI * std::f32::consts::PI > texels
     }
 
-    /// A light as a glossy ray with this density sees it: the interpolated [`background`](Self::background) without
-    /// light samples if the lobe is [narrow](Self::is_narrow).
+    /// Light along a glossy ray with this density: `light` itself, or, if the lobe is
+    /// [narrow](Self::is_narrow), the interpolated [`background`](Self::background) without light samples.
     pub fn seen(&self, light: LightSample, pdf: f32) -> LightSample {
         if self.is_narrow(pdf) {
             LightSample { radiance: self.background(light.direction), pdf: 0.0, ..light }
@@ -305,8 +307,8 @@ impl EnvironmentLight {
         }
     }
 
-    /// The environment as a background image: bilinear between the centres of texels. Light samples use
-    /// [`EnvironmentLight::radiance`], whose sum is exact.
+    /// Radiance of the environment as a background image, interpolated bilinearly between the centres of
+    /// texels. Light samples use [`EnvironmentLight::radiance`], whose sum is exact.
     pub fn background(&self, direction: Vec3) -> Vec3 {
         let [x, y, z] = self.texel_grid.axes.map(|axis| f64::from(direction.dot(axis)));
         let u = (approximate_turns(x, y) + 0.5) * self.texel_grid.width as f64 - 0.5;
@@ -324,7 +326,7 @@ impl EnvironmentLight {
         upper * (1.0 - dv) + lower * dv
     }
 
-    /// The light from a unit direction, and the density of sampling it.
+    /// Light from a unit direction, and the density of sampling it.
     #[inline]
     pub fn eval(
         &self,

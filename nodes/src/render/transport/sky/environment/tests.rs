@@ -6,7 +6,7 @@ use crate::math::equirect;
 use crate::render::transport::sky::light_draws::wanted;
 use crate::testing::{chi_square, row};
 
-/// The light samples of a first vertex.
+/// Light samples of a first vertex.
 fn sampled(
     sky: &EnvironmentLight,
     distributions: Distributions<'_>,
@@ -140,7 +140,8 @@ fn a_black_sky_is_sampled_evenly() {
     }
 }
 
-/// A surface facing the hot texel samples it, one facing away never does; its light is complete either way.
+/// A surface that faces the bright texel samples it, and one that faces away never does. The light of both is
+/// complete.
 #[test]
 fn one_texel_may_outshine_all_others() {
     let mut environment = constant(Up::PlusZ, [1e-9; 3], 32);
@@ -180,7 +181,7 @@ fn one_texel_may_outshine_all_others() {
     row(37, "relative error of the irradiance of 4096 points", (got / exact - 1.0).abs(), 1e-4);
 }
 
-/// Chi-square of samples against the density that they report, by quarters of texels.
+/// Chi-square test of samples against the density that they report, by quarters of texels.
 fn follows(
     what: &str,
     sky: &EnvironmentLight,
@@ -212,10 +213,10 @@ fn follows(
     assert!(z < 4.0, "{what}: {z}");
 }
 
-/// Samples follow their densities in every step: tiers, cells, texels and points in them. Mutation: `numbers[tier]`
-/// left out of `EnvironmentLight::eval`, `share(rows, row)` of `LightDistribution::probability` squared, `of_row`
-/// left out of `LightCells::divide`, `v` squared in `TexelGrid::within`, `0.75` and `0.25` of `eval_defensive`
-/// swapped (each seen red).
+/// Samples follow their densities in every step: tiers, cells, texels and points in them. Mutation:
+/// `numbers[tier]` left out of `EnvironmentLight::eval`, `share(rows, row)` of
+/// `LightDistribution::probability` squared, `of_row` left out of `LightCells::divide`, `v` squared in
+/// `TexelGrid::within`, `0.75` and `0.25` of `eval_defensive` swapped (each seen red).
 #[test]
 fn samples_follow_their_densities() {
     let mut lamps = noisy(24, 12);
