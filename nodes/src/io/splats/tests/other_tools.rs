@@ -218,7 +218,7 @@ fn comments_of_trainers_set_the_compensation() {
     }
 }
 
-/// Of two levels of one scene the finest is read, by the folder and by its description, never both.
+/// Reads the finest of two levels of one scene, given the folder or its description, and never both levels.
 #[test]
 fn one_level_of_a_streamed_scene_is_read() {
     let folder = tempfile::tempdir().unwrap();
