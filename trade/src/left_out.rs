@@ -134,7 +134,7 @@ const SKIPS: [Skip; 8] = [
         kinds: SPLATS,
         judge: |seen| {
             let [directed, projected] = ["splats_directed", "splats_projected"].map(|name| seen.count(name));
-            let text = format!("{} of {} splats need one", directed, projected);
+            let text = format!("{} of {} splats need them", directed, projected);
             (projected > 0).then_some((directed == 0, text))
         },
     },
@@ -285,7 +285,7 @@ mod tests {
         let view = NodeCost { id: "view".to_owned(), ..faces.clone() };
         let rows = left_out(&[faces, view], &[]);
         assert_eq!(rows[4].nodes, ["faces", "view"], "what found the same stands together");
-        assert_eq!((rows[4].left_out, rows[4].found.as_str()), (Some(true), "0 of 10 splats need one"));
+        assert_eq!((rows[4].left_out, rows[4].found.as_str()), (Some(true), "0 of 10 splats need them"));
         assert_eq!((rows[6].left_out, rows[6].found.as_str()), (Some(true), "70 % of 100"));
 
         let trace = node("trace", "path-trace");

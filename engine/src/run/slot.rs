@@ -44,7 +44,7 @@ pub(crate) enum Life {
 pub(crate) enum Waiter {
     /// The code of a node that reads it.
     Code(usize),
-    /// The files of the sink that made the value.
+    /// The task that writes the files of a sink, by the index of that node.
     Files(usize),
 }
 

@@ -42,7 +42,7 @@ engine::inputs! {
     pub struct In {
         /// The view: one camera.
         rig: Option<Arc<Rig>>,
-        /// Mesh of the place that the view shows, or else `splats`.
+        /// Mesh of the place that the view shows; `splats` can be given instead.
         mesh: Option<Arc<Mesh>>,
         /// The splats of the place.
         splats: Option<Arc<Splats>>,

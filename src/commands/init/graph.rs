@@ -127,7 +127,7 @@ pub fn text(survey: &Survey) -> String {
     line("");
     let on = match arranged.surface {
         Some(surface) => format!(
-            "on a level surface {} over the floor, free for {} around",
+            "on a level surface, {} above the floor, with {} of free space around it",
             length(surface.height.max(0.0), 2),
             length(surface.radius, 2)
         ),
@@ -313,7 +313,7 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
         Some(surface) => line(
             "place",
             format!(
-                "{} on a level surface {} over the floor, free for {} around",
+                "{} on a level surface, {} above the floor, with {} of free space around it",
                 vector(s.translation),
                 length(surface.height.max(0.0), digits),
                 length(surface.radius, digits)

@@ -141,7 +141,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         best(&self.tried, self.goal)
     }
 
-    /// Continues from a position to better ones until neither a forecast nor a single change is better.
+    /// Moves to better positions until neither the forecast nor changing one knob finds a better one.
     fn improve(&mut self, mut from: usize) -> Option<()> {
         let mut stage = 0;
         while stage < if self.tried[from].fits(self.goal) { 5 } else { 2 } {

@@ -293,7 +293,7 @@ pub struct Vae {
 }
 
 impl Vae {
-    /// Checks every key of a file, and counts, without reading any weight.
+    /// Checks every key of a file and returns the number and size of its tensors, without reading any weights.
     pub fn survey(path: &Path) -> Result<(VaeConfig, Tally)> {
         let source = Source::open(path)?;
         let (names, config) = VaeConfig::of(&source)?;

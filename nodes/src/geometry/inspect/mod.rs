@@ -106,9 +106,9 @@ impl Slab {
         self.flat_variance += other.flat_variance;
     }
 
-    /// The flat area beyond what it would be with the same flat fraction as elsewhere, and the number of standard
-    /// deviations: by the null hypothesis, a patch is flat with the same probability everywhere. If few patches are
-    /// flat, the deviation of the observed count itself is larger, and is used.
+    /// Flat area in excess of what the flat fraction elsewhere predicts, and this excess in standard deviations.
+    /// The null hypothesis is that a patch is flat with the same probability everywhere. The larger of its deviation
+    /// and that of the observed flat area is used; the latter is larger if few patches are flat.
     fn excess(&self, total: &Self) -> (f64, f64) {
         let elsewhere = total.all - self.all;
         if elsewhere <= 0.0 {

@@ -99,12 +99,12 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     }
     for texture in json["textures"].as_array().into_iter().flatten() {
         if texture.get("source").is_none() && texture["extensions"].get("EXT_texture_webp").is_none() {
-            let other =
-                texture["extensions"].as_object().and_then(|o| o.keys().next()).map_or("no picture", |k| k);
-            return Err(Error::unsupported(
-                name,
-                format!("a texture in the format {other}{}", advice(other)),
-            ));
+            let format = texture["extensions"].as_object().and_then(|o| o.keys().next());
+            let what = match format {
+                Some(format) => format!("a texture in the format {format}{}", advice(format)),
+                None => "a texture without a picture".to_owned(),
+            };
+            return Err(Error::unsupported(name, what));
         }
     }
     check_accessors(name, &json)?;

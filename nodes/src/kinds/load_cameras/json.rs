@@ -184,7 +184,7 @@ fn nerfstudio(top: &Value, frame: &Value, sizes: Sizes<'_>) -> Result<Raw, Strin
         }
     }
     if let Some(flag) = OTHER_LENSES.into_iter().find(|flag| is_set(&holder(flag)[*flag])) {
-        return Err(format!("has `{flag}`, which is not a pinhole camera"));
+        return Err(format!("has `{flag}`, so it is not a pinhole camera"));
     }
     let fisheye = is_set(&holder("is_fisheye")["is_fisheye"]);
     let upper = model.to_ascii_uppercase();

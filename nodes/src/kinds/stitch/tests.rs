@@ -179,7 +179,8 @@ fn faces_of_any_shape_are_sampled_within_their_edges() {
     }
 }
 
-/// The wrap is as smooth as any other pair of columns, and the polar rows grow constant.
+/// The seam between the last and the first column is as smooth as any other pair of columns, and the rows at the
+/// poles approach a constant colour as the width grows.
 #[test]
 fn the_wrap_is_smooth_and_poles_grow_constant() {
     let sky = |d: DVec3| 0.5 + 0.3 * d.x + 0.2 * d.y * d.z;

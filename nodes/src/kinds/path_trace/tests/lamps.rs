@@ -1,5 +1,5 @@
-//! Tests of light that objects emit. It is not in the panorama, so it is reflected from wall to wall, however
-//! the receiver treats the light of the environment.
+//! Tests of light that objects emit. This light is not in the panorama, so it is reflected between walls
+//! regardless of how the receiver treats the light of the environment.
 
 use super::*;
 use crate::types::{ColourMap, DiffuseTransmission, Map};

@@ -95,7 +95,10 @@ pub fn read(name: &str, bytes: &[u8]) -> Result<Image<Linear>, Error> {
     if width < WIDTH || height < WIDTH / 2 || width != 2 * height {
         return Err(Error::format(
             name,
-            format!("is {width}x{height}; the minimum is a whole panorama of {WIDTH}x{}", WIDTH / 2),
+            format!(
+                "is {width}x{height}; a panorama must be twice as wide as high, and at least {WIDTH}x{}",
+                WIDTH / 2
+            ),
         ));
     }
     rgb.iter_mut().for_each(|v| *v = if v.is_finite() { v.max(0.0) } else { 0.0 });

@@ -7,10 +7,10 @@ use crate::math::equirect;
 
 const RAY: Settings = Settings { depth: DepthMode::RayMedian, ..F64 };
 
-/// Reciprocal of the depth at which one opaque splat is densest along a ray, by its inverse covariance,
-/// limited to two standard deviations of its depth; and the expected error of the linear form of it: the
-/// square of the smallest distance of the ray from the centre in standard deviations, divided by that of the
-/// eye.
+/// Reference values from the inverse covariance of one opaque splat. First: reciprocal of the depth of greatest
+/// density along a ray, clamped to two standard deviations of depth around the centre. Second: expected error of
+/// its linear approximation, which is the squared distance of the ray from the centre, divided by the squared
+/// distance of the eye from it, both in standard deviations.
 fn textbook(splats: &Splats, ray: DVec3) -> (f64, f64) {
     let (sigma, centre) = (covariance(splats, 0), splats.mean(0));
     let a = sigma.inverse();

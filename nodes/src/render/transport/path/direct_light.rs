@@ -205,9 +205,9 @@ impl<'a> Integrator<'a> {
         found
     }
 
-    /// Share of near light from a receiver point that remains with the objects, without which the panorama
-    /// was captured. For each channel, the share is decided by one piece of the light that falls on the
-    /// point, which is chosen in proportion to its contribution.
+    /// Share of the near light emitted by a receiver point that remains once the objects block some of the light
+    /// that falls on it; the panorama was captured without them. Each channel is estimated from one piece of that
+    /// light, chosen in proportion to its contribution.
     pub(crate) fn dimming(
         &mut self,
         near: &NearFieldLight<'_>,
@@ -303,7 +303,7 @@ impl<'a> Integrator<'a> {
     }
 
     /// Same as [`light_sample`](Self::light_sample) for a matte surface and distant light, for which light
-    /// samples find all light.
+    /// samples alone are enough.
     fn matte_light_sample(&mut self, surface: &Surface, sample: &LightSample, key: u32) -> Vec3 {
         let scatter = surface.bsdf.eval(sample.direction)[Lobe::Diffuse as usize];
         if sample.radiance == Vec3::ZERO || scatter.value == Vec3::ZERO {

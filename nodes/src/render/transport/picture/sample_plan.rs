@@ -18,8 +18,8 @@ const BLOCK: u32 = 4;
 const DARK: f64 = 1e-3;
 /// Largest assumed reduction of variance by stratification.
 const GAIN: f64 = 16.0;
-/// Divisor of a ratio with which its standard error is compared. If the error exceeds the quotient, the ratio
-/// may be an outlier of one path, whose error must not be taken relative to itself.
+/// A ratio is reliable if its standard error is at most the ratio divided by this. Otherwise it may be caused by a
+/// single outlier path, and its error must not be measured relative to it.
 const SURE: f64 = 2.0;
 /// Number of degrees of freedom given to the variance of independent samples when it is mixed with the
 /// variance between chunks, which is unreliable for few chunks and few pixels.
