@@ -1,27 +1,24 @@
-//! `convert`: a scene of splats, or a mesh, in another format.
+//! `convert`: writes a scene of splats in another format.
 
-use std::io::{Read, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use engine::{Context, InputFile, Kind, NodeError, Notes, ReadFiles, Up};
-use nodes::io::mesh::{MeshFormat, encode as encode_mesh};
+use engine::{Context, NodeError, Notes, ReadFiles, Up};
 use nodes::io::splats::Frame;
 use nodes::io::splats::save::{SaveFormat, encode};
-use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::types::Splats;
 
-use crate::commands::inspect;
 use crate::session::Error;
 use crate::session::splats::{self, MemoryArgs, UpArg};
 use crate::terminal;
 
-/// Writes a scene of splats, or a mesh, in another format.
+/// Writes a scene of splats in another format.
 #[derive(Debug, Args)]
 pub struct Convert {
-    /// A file or folder of splats: PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF; or a mesh: PLY, glTF, GLB
+    /// A file or folder of splats: PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF
     input: PathBuf,
-    /// The file to write; its ending names the format: .ply (INRIA) or .spz of splats, .ply, .glb or .obj of a mesh
+    /// The file to write; its ending names the format: .ply (INRIA) or .spz
     output: PathBuf,
     /// The up axis of formats that do not define one, such as PLY: SPZ and glTF have +y up and are turned between
     /// it and this axis [default: -y, as INRIA's files mostly have]
@@ -41,9 +38,6 @@ pub struct Convert {
 impl Convert {
     /// Converts the scene. Returns exit code 0, or 1 if a file cannot be read or written.
     pub fn run(self) -> Result<u8, Error> {
-        if let Some(converted) = self.mesh()? {
-            return Ok(converted);
-        }
         let Some(format) = SaveFormat::of_path(&self.output.to_string_lossy()) else {
             terminal::error(&format!("`{}`: the ending must be .ply or .spz", self.output.display()));
             return Ok(2);
@@ -97,74 +91,7 @@ impl Convert {
     }
 }
 
-/// Bytes of a PLY file that hold its header.
-const PLY_HEAD: u64 = 1 << 16;
-
-/// The bytes of a file that say what it holds: all of glTF, the header of PLY, none of other files.
-fn head(path: &Path) -> std::io::Result<Vec<u8>> {
-    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-    let most = match ending.as_deref() {
-        Some("ply") => PLY_HEAD,
-        Some("glb" | "gltf") => u64::MAX,
-        _ => return Ok(Vec::new()),
-    };
-    let mut bytes = Vec::new();
-    if std::fs::metadata(path)?.is_file() {
-        std::fs::File::open(path)?.take(most).read_to_end(&mut bytes)?;
-    }
-    Ok(bytes)
-}
-
-impl Convert {
-    /// The exit code of writing a mesh, where the file holds one.
-    fn mesh(&self) -> Result<Option<u8>, Error> {
-        let is_mesh = head(&self.input).is_ok_and(|bytes| inspect::is_mesh(&bytes));
-        let Some(format) = MeshFormat::of_path(&self.output.to_string_lossy()).filter(|_| is_mesh) else {
-            if is_mesh {
-                terminal::error(&format!(
-                    "`{}`: the ending must be .ply, .glb or .obj",
-                    self.output.display()
-                ));
-            }
-            return Ok(is_mesh.then_some(2));
-        };
-        let up: Up = self.up.unwrap_or(UpArg::MinusY).into();
-        let cx = splats::context(up);
-        // Between glTF, whose y is up, and formats that do not say, the mesh is turned where an axis was named.
-        let gltf = |path: &Path| {
-            let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-            matches!(ending.as_deref(), Some("glb" | "gltf"))
-        };
-        let turned = self.up.is_some() && !self.as_stored;
-        let convert = || {
-            if ReadFiles::new([self.input.clone()]).has(&self.output) {
-                return Err(NodeError::new(format!("`{}` is the file to read", self.output.display()))
-                    .hint("name another one to write"));
-            }
-            check_folder(&self.output)?;
-            let frame = if turned && gltf(&self.input) { MeshFrame::Gltf } else { MeshFrame::World };
-            let path = InputFile(self.input.display().to_string());
-            let params = LoadMesh { path, colours: ColourEncoding::Auto, frame, matrix: None };
-            let (out, notes) = LoadMesh::run(&params, load_mesh::In {}, &cx)?;
-            Ok((encode_mesh(&out.mesh, format, turned.then_some((up, 1.0))), out.mesh, notes))
-        };
-        let converted: Result<_, NodeError> = convert();
-        let (bytes, mesh, notes) = match converted {
-            Ok(converted) => converted,
-            Err(error) => return Ok(Some(splats::failed(&error))),
-        };
-        if let Err(error) = cache::publish_file(&self.output, &bytes) {
-            terminal::error(&error.to_string());
-            return Ok(Some(1));
-        }
-        std::io::stderr().lock().write_all(splats::lines(&notes).as_bytes())?;
-        let (name, count) = (self.output.display(), mesh.triangles.len());
-        terminal::print(&format!("{name}: {count} triangles, {} bytes\n", bytes.len()))?;
-        Ok(Some(0))
-    }
-}
-
-/// Refuses an output whose folder does not exist, as `cp` does: a typing mistake should not create one.
+/// Rejects an output whose folder does not exist, as `cp` does, since a typing mistake should not create a folder.
 fn check_folder(output: &Path) -> Result<(), NodeError> {
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
     let Some(folder) = folder.filter(|folder| !folder.is_dir()) else { return Ok(()) };

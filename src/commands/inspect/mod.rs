@@ -95,7 +95,7 @@ impl Inspect {
             Err(failed) => failed,
         };
         // PLY, glTF and GLB hold splats or a mesh; the error for another file is that of the more likely one.
-        let is_mesh = is_mesh(&bytes);
+        let is_mesh = other::is_mesh(&bytes);
         match load_mesh(&self.file, &cx) {
             Ok((found, notes)) if !found.triangles.is_empty() => {
                 let inspected = mesh::inspect(&found);
@@ -142,9 +142,7 @@ impl Inspect {
     }
 }
 
-pub(super) use other::is_mesh;
-
-/// A mesh of any format, as stored.
+/// Reads a mesh of any format, with its coordinates as stored.
 fn load_mesh(path: &Path, cx: &Context) -> Result<(nodes::types::Mesh, Notes), NodeError> {
     let params = LoadMesh {
         path: InputFile(path.display().to_string()),

@@ -37,8 +37,8 @@ pub(super) fn other(path: &Path, bytes: &[u8]) -> Option<String> {
     None
 }
 
-/// Returns true if a file, by its header, holds a mesh and no splats.
-pub(in crate::commands) fn is_mesh(bytes: &[u8]) -> bool {
+/// True if a file, by its header, contains a mesh and no splats.
+pub(super) fn is_mesh(bytes: &[u8]) -> bool {
     let holds = |what: &[u8]| bytes.windows(what.len()).any(|at| at == what);
     if bytes.starts_with(b"ply") {
         let end = bytes.windows(10).position(|at| at == b"end_header").unwrap_or(bytes.len());

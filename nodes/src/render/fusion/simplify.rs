@@ -1,7 +1,10 @@
-//! Fewer triangles within an error: edges are contracted where that costs little (Garland and Heckbert 1997), where cost is
-//! the mean square distance from the planes of the triangles that a point stands for, by area. What costs least goes first, in
-//! passes over all triangles with a bound that grows from pass to pass: a queue by cost takes twice the time and twice the
-//! memory. Nothing folds over and no hole is closed.
+//! Reduces the number of triangles within an error. Edges are contracted in the order of their cost (Garland
+//! and Heckbert 1997), which is the mean square distance from the planes of the triangles that a point
+//! replaces, weighted by area. The surface does not fold over, holes are not closed, and ties are decided by
+//! the indices of points, so the result is the same on every machine.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 
 use engine::{Context, NodeError};
 use glam::{DMat3, DVec3};
@@ -15,11 +18,8 @@ const TIDY: f64 = 1e-3;
 const BORDER: f64 = 10.0;
 /// Minimum cosine between the normals of a triangle before and after a contraction.
 const TURNED: f64 = 0.3;
-/// Triangles between two looks at whether the run is stopped.
+/// Number of contractions between two checks whether the run was cancelled.
 const CHECKED: usize = 1 << 12;
-/// Shares of the error, squared, that the passes allow one after the other; and how many passes with all of it follow at most.
-const SHARES: [f64; 5] = [0.0004, 0.004, 0.02, 0.1, 0.3];
-const LAST_PASSES: usize = 6;
 
 /// Weighted sum of squared distances from planes, as a function of the position x: `x.A x + 2 b.x + c`.
 #[derive(Debug, Clone, Copy)]
@@ -89,8 +89,13 @@ struct Mesh<'a> {
     at: Vec<Vec<u32>>,
     triangles: Vec<[u32; 3]>,
     gone: Vec<bool>,
+    /// Counter of the movements of each point; `u32::MAX` once the point is removed.
+    stamps: Vec<u32>,
     bounds: Bounds<'a>,
 }
+
+/// Candidate edge: the bits of its cost, its two points, and their stamps.
+type Entry = Reverse<(u64, u32, u32, u32, u32)>;
 
 impl Mesh<'_> {
     fn normal(&self, [a, b, c]: [u32; 3]) -> DVec3 {
@@ -111,11 +116,13 @@ impl Mesh<'_> {
         to.sort_unstable();
     }
 
-    /// Whether an edge may be contracted for a share of the error that is allowed, squared.
-    fn is_cheap(&self, a: u32, b: u32, share: f64) -> bool {
+    fn entry(&self, a: u32, b: u32) -> Option<Entry> {
+        let (a, b) = (a.min(b), a.max(b));
         let (cost, place, _) = self.joined(a, b);
-        let (error, _) = (self.bounds)(self.levels[a as usize].min(self.levels[b as usize]));
-        cost <= share * error * error && place.is_finite()
+        let level = self.levels[a as usize].min(self.levels[b as usize]);
+        let (error, _) = (self.bounds)(level);
+        (cost <= error * error && place.is_finite())
+            .then(|| Reverse((cost.to_bits(), a, b, self.stamps[a as usize], self.stamps[b as usize])))
     }
 
     fn joined(&self, a: u32, b: u32) -> (f64, DVec3, Quadric) {
@@ -199,6 +206,8 @@ impl Mesh<'_> {
         self.points[a as usize] = place;
         self.quadrics[a as usize] = quadric;
         self.levels[a as usize] = level;
+        self.stamps[a as usize] += 1;
+        self.stamps[b as usize] = u32::MAX;
         true
     }
 }
@@ -228,6 +237,7 @@ pub fn simplified(
         quadrics: vec![Quadric::ZERO; count],
         at: vec![Vec::new(); count],
         gone: vec![false; surface.triangles.len()],
+        stamps: vec![0; count],
         triangles: surface.triangles,
         bounds,
     };
@@ -246,6 +256,7 @@ pub fn simplified(
         }
     }
     edges.sort_unstable();
+    let mut heap: BinaryHeap<Entry> = BinaryHeap::new();
     let same_edge = |a: &[u32; 3], b: &[u32; 3]| a[..2] == b[..2];
     for same in edges.chunk_by(same_edge).filter(|same| same.len() == 1) {
         let [a, b, t] = same[0];
@@ -259,30 +270,22 @@ pub fn simplified(
             mesh.quadrics[b as usize].add(&wall);
         }
     }
+    heap.extend(edges.chunk_by(same_edge).filter_map(|same| mesh.entry(same[0][0], same[0][1])));
     drop(edges);
     let (mut around_a, mut around_b) = (Vec::new(), Vec::new());
-    for share in SHARES.iter().copied().chain(std::iter::repeat_n(1.0, LAST_PASSES)) {
-        let (mut contracted, mut left) = (0, 0);
-        for t in 0..mesh.triangles.len() {
-            if t % CHECKED == 0 {
-                cx.check()?;
-            }
-            if mesh.gone[t] {
-                continue;
-            }
-            left += 1;
-            for i in 0..3 {
-                let [a, b] = [mesh.triangles[t][i], mesh.triangles[t][(i + 1) % 3]];
-                let (a, b) = (a.min(b), a.max(b));
-                if mesh.is_cheap(a, b, share) && mesh.contract(a, b, [&mut around_a, &mut around_b]) {
-                    contracted += 1;
-                    break;
-                }
-            }
+    let mut tried = 0;
+    while let Some(Reverse((_, a, b, stamp_a, stamp_b))) = heap.pop() {
+        tried += 1;
+        if tried % CHECKED == 0 {
+            cx.check()?;
         }
-        // Another pass at the full error is worth it only where the last one did something.
-        if share == 1.0 && contracted * 100 < left {
-            break;
+        if mesh.stamps[a as usize] != stamp_a || mesh.stamps[b as usize] != stamp_b {
+            continue;
+        }
+        if mesh.contract(a, b, [&mut around_a, &mut around_b]) {
+            mesh.around(a, &mut around_a);
+            around_a.dedup();
+            heap.extend(around_a.iter().filter_map(|other| mesh.entry(a, *other)));
         }
     }
     let Mesh { points, levels, seen, triangles, gone, .. } = mesh;

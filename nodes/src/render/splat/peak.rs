@@ -21,17 +21,7 @@ const HELD_SIGMAS: f64 = 2.0;
 /// covariance.
 const THINNEST: f64 = 1e-3;
 
-/// The share by which inverse depths of one sheet of splats may lie off their mean.
-pub(super) const SHEET: f64 = 0.02;
-/// Transmittance down to which splats of a sheet count alike in its mean, over one half of that a half, and so on: those behind
-/// others are of the sheet as those in front are, but what hides behind it is not.
-pub(super) const COUNTS_DOWN_TO: f64 = 0.25;
-
-/// The share with which a splat counts in the mean of a sheet where its peak is held: that is not where the surface is, but better
-/// than nothing where no other splat is visible.
-pub(super) const HELD_COUNTS: f64 = 0.01;
-
-/// The peaks of a splat over the pixels around its centre. One line of the cache, as a footprint.
+/// Peaks of a splat over the pixels around its centre. Fits one cache line, like a footprint.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Peak {
