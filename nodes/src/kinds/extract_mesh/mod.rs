@@ -71,6 +71,9 @@ engine::outputs! {
 
 /// Height of a place above where an object stands.
 const EYE_METRES: f64 = 0.45;
+/// Depth below which the views that are fused show nothing. A larger one would cut away the ground below a place, which
+/// would then count as seen through.
+const NEAR_METRES: f64 = 0.2;
 /// Depth at which a view counts half.
 const HALF_METRES: f64 = 2.0;
 /// Longest edge, in cells.
@@ -80,7 +83,7 @@ const MOST_CUBES: usize = 1 << 16;
 
 impl Kind for ExtractMesh {
     const NAME: &'static str = "extract-mesh";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     type Params = Self;
     type In = In;
@@ -122,7 +125,8 @@ impl Kind for ExtractMesh {
         let above = at.map(|foot| local(foot + axes[2] * (EYE_METRES * metre)));
         let seeds: Vec<Vec3> = above.into_iter().chain(eyes.iter().map(|eye| local(*eye))).collect();
 
-        let settings = Settings { sh_degree: 0, compensate: splats.antialiased, ..Settings::default() };
+        let near = NEAR_METRES * metre;
+        let settings = Settings { sh_degree: 0, compensate: splats.antialiased, near, ..Settings::default() };
         let blocks = Blocks::of(&splats, cx)?;
         let ground = Ground {
             splats: &splats,

@@ -76,9 +76,24 @@ impl Scene {
     }
 
     fn mesh(self, params: &ExtractMesh) -> (Out, Notes) {
-        let pose = Pose { world_from_local: DMat4::from_translation(DVec3::new(0.3, 0.2, 0.0)) };
+        self.mesh_in(params, 1.0)
+    }
+
+    /// The mesh of the scene stored in units of that many metres.
+    fn mesh_in(mut self, params: &ExtractMesh, metres_per_unit: f32) -> (Out, Notes) {
+        let scene = engine::Scene {
+            up: engine::Up::PlusZ,
+            metres_per_unit: f64::from(metres_per_unit),
+            seed: 7,
+            exhaustive: false,
+        };
+        for value in self.splats.means.iter_mut().chain(&mut self.splats.scales).flatten() {
+            *value /= metres_per_unit;
+        }
+        let foot = DVec3::new(0.3, 0.2, 0.0) / f64::from(metres_per_unit);
+        let pose = Pose { world_from_local: DMat4::from_translation(foot) };
         let inputs = In { splats: Arc::new(self.splats), cameras: None, around: Some(Arc::new(pose)) };
-        ExtractMesh::run(params, inputs, &context()).expect("runs")
+        ExtractMesh::run(params, inputs, &Context::detached(scene, ".")).expect("runs")
     }
 }
 
@@ -164,6 +179,17 @@ fn a_room_is_closed_and_faces_inwards() {
     for colour in &out.mesh.colours {
         assert!((0..3).all(|c| (colour[c] - expected[c]).abs() < 0.02), "{colour:?}");
     }
+}
+
+/// The near plane was 0.2 units once: in units of 16 m, the floor around `around` was cut away and became a hole.
+#[test]
+fn units_do_not_matter() {
+    let metres = Scene::room().mesh(&coarse()).0.mesh;
+    let units = Scene::room().mesh_in(&coarse(), 16.0).0.mesh;
+    assert_eq!(metres.triangles.len(), units.triangles.len());
+    let pairs = metres.positions.iter().zip(&units.positions);
+    let worst = pairs.map(|(a, b)| (Vec3::from(*a) - 16.0 * Vec3::from(*b)).length()).fold(0.0, f32::max);
+    assert!(worst < 1e-4, "{worst}");
 }
 
 #[test]
