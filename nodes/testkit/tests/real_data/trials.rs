@@ -187,5 +187,6 @@ fn meshes_and_lights_of_other_tools_are_read() {
         LoadEnvironment::run(&p, load_environment::In {}, &cx(1.0)).map(|(out, _)| out.env)
     };
     let env = light("exposure_0.hdr").unwrap();
-    near(env.image.rgb(0, 0).map(f64::from), [0.25, 0.5, 1.0], 1e-3);
+    // The largest mantissa, 255 of 256, stands for 1: one step of 8 bits.
+    near(env.image.rgb(0, 0).map(f64::from), [0.25, 0.5, 1.0], 1.0 / 256.0);
 }
