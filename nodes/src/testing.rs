@@ -17,21 +17,6 @@ pub fn context() -> Context {
     Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".")
 }
 
-/// A scene of degree 0 without splats.
-pub fn no_splats() -> Splats {
-    Splats {
-        means: Vec::new(),
-        means_low: Vec::new(),
-        quats: Vec::new(),
-        scales: Vec::new(),
-        opacities: Vec::new(),
-        sh_degree: 0,
-        sh: Vec::new(),
-        encoding: SplatEncoding::Srgb,
-        antialiased: false,
-    }
-}
-
 /// Every set of vector instructions that this machine has.
 pub fn levels() -> Vec<Level> {
     let best = Level::new();

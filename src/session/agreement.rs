@@ -1,20 +1,26 @@
 //! A check after a run: whether the splats and the mesh of a place agree in the wanted views.
 
+use std::collections::BTreeSet;
+
 use engine::{Engine, Graph, Wire};
 use nodes::geometry::agreement::{Agreement, Depths};
 use nodes::types::{Images, Picture};
 
-/// Maximum number of compared pairs of a picture of splats and a trace. More pairs would give the same findings.
+/// Maximum number of compared pairs of a picture of splats and a trace, which bounds the time of the check. Only the
+/// first view of each is compared.
 const MOST_PAIRS: usize = 4;
 
 /// Finding of a pair of nodes: its id, and its text with the names of the nodes.
 pub type Finding = (&'static str, String);
 
-/// Compares each picture of splats with each trace of the same cameras that has a mesh of the place. Values that
-/// are not in the cache are left out, since the run that computed them reported its findings.
-pub fn findings(engine: &Engine, graph: &Graph) -> Vec<Finding> {
+/// Compares each picture of splats with each trace of the same cameras that has a mesh of the place, if this run
+/// computed one of them: `ran` holds the names of the nodes that ran. Findings about cached results were reported by
+/// the run that computed them. Values that are not in the cache are left out.
+pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<Finding> {
     let mut found = Vec::new();
-    for (splats, trace) in pairs(graph).into_iter().take(MOST_PAIRS) {
+    let is_new = |node: usize| ran.contains(graph.nodes[node].id.as_str());
+    let new = pairs(graph).into_iter().filter(|&(splats, trace)| is_new(splats) || is_new(trace));
+    for (splats, trace) in new.take(MOST_PAIRS) {
         for (id, text) in of_pair(engine, graph, splats, trace).unwrap_or_default() {
             let [a, b] = [splats, trace].map(|node| &graph.nodes[node].id);
             found.push((id, format!("`{a}` and `{b}`: {text}")));

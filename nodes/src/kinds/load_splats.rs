@@ -207,7 +207,7 @@ mod tests {
     /// to `< SAME_UP`.
     #[test]
     fn another_axis_up_than_the_floor_says_is_reported() {
-        let mut scene = crate::testing::no_splats();
+        let mut scene = Splats::empty();
         let mut put = |mean: [f32; 3], scale: [f32; 3]| {
             scene.means.push(mean);
             scene.scales.push(scale);
@@ -241,7 +241,7 @@ mod tests {
     /// the same matrix. Mutation: `self.sh.apply(sh)` left out of `Turn::apply`, seen red.
     #[test]
     fn turned_scene_and_turned_camera_give_the_same_picture() {
-        let mut scene = crate::testing::no_splats();
+        let mut scene = Splats::empty();
         scene.sh_degree = 3;
         let unit = |i: usize, k: usize| ((i * 7919 + k * 104_729) % 1009) as f32 / 504.0 - 1.0;
         for i in 0..400 {

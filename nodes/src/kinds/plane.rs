@@ -172,7 +172,7 @@ mod tests {
     use glam::DMat4;
 
     use super::*;
-    use crate::testing::{context, no_splats};
+    use crate::testing::context;
 
     fn plane(params: &Plane, pose: DMat4, splats: Option<Arc<Splats>>) -> Arc<Mesh> {
         let at = Arc::new(Pose { world_from_local: pose });
@@ -201,7 +201,7 @@ mod tests {
 
     /// Red ground to the left, green to the right, and a blue board a metre above both.
     fn ground() -> Splats {
-        let mut splats = no_splats();
+        let mut splats = Splats::empty();
         let mut add = |mean: [f32; 3], dc: [f32; 3]| {
             splats.means.push(mean);
             splats.quats.push([1.0, 0.0, 0.0, 0.0]);

@@ -215,7 +215,7 @@ mod tests {
 
     /// Sky of overlapping splats whose colour changes slowly with direction.
     fn sky(eye: DVec3) -> Arc<Splats> {
-        let mut splats = crate::testing::no_splats();
+        let mut splats = Splats::empty();
         for i in 0..60 {
             for j in 0..120 {
                 let d =

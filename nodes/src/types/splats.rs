@@ -43,6 +43,21 @@ pub struct Splats {
 }
 
 impl Splats {
+    /// A scene of degree 0 without splats, with colours in sRGB.
+    pub fn empty() -> Self {
+        Self {
+            means: Vec::new(),
+            means_low: Vec::new(),
+            quats: Vec::new(),
+            scales: Vec::new(),
+            opacities: Vec::new(),
+            sh_degree: 0,
+            sh: Vec::new(),
+            encoding: SplatEncoding::Srgb,
+            antialiased: false,
+        }
+    }
+
     /// Number of splats.
     pub fn len(&self) -> usize {
         self.means.len()

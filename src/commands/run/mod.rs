@@ -2,13 +2,14 @@
 
 mod trace;
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use engine::{Engine, Event, Outcome, RunOptions, run_unchanged};
+use engine::{Engine, Event, Outcome, RunOptions, State, run_unchanged};
 use serde_json::{Value, json};
 use trace::Trace;
 
@@ -114,9 +115,12 @@ impl Run {
         }
         let mut trace = Trace::default();
         // Failures are printed before the end, which is the last line of JSON.
-        let mut end = None;
+        let (mut end, mut ran) = (None, BTreeSet::new());
         let outcome = engine.run(graph, &options, |event| {
             trace.add(&event);
+            if let Event::Node { id, state: State::Ran, .. } = &event {
+                ran.insert(id.clone());
+            }
             match event {
                 Event::Done(_) if self.json => end = Some(event),
                 event => report.show(&event),
@@ -129,7 +133,7 @@ impl Run {
             terminal::mistakes(failures, self.json);
         }
         if outcome.totals.exit_code() == 0 || outcome.totals.exit_code() == 3 {
-            for (id, text) in agreement::findings(&engine, graph) {
+            for (id, text) in agreement::findings(&engine, graph, &ran) {
                 report.show(&Event::Warning { id, text });
             }
         }

@@ -248,7 +248,7 @@ mod tests {
 
     /// A floor of flat splats at -1 along `up`, walls around it and some dust above.
     fn room(axis: usize, sign: f32) -> Splats {
-        let mut splats = crate::testing::no_splats();
+        let mut splats = Splats::empty();
         let unit = |i: usize, k: usize| ((i * 7919 + k * 104_729) % 1009) as f32 / 1008.0 * 2.0 - 1.0;
         for i in 0..4000 {
             let (mut mean, mut scale) = ([unit(i, 1) * 4.0, unit(i, 2) * 4.0, unit(i, 3) * 4.0], [0.05; 3]);
@@ -291,7 +291,7 @@ mod tests {
         };
         for (count, tries) in [(3, 40), (30, 40), (300, 40), (3000, 40), (30_000, 8)] {
             for attempt in 0..tries {
-                let mut splats = crate::testing::no_splats();
+                let mut splats = Splats::empty();
                 for _ in 0..count {
                     // A box, or a ball that is denser in the middle.
                     let mut sum = || (0..if attempt % 2 == 0 { 1 } else { 4 }).map(|_| next() - 0.5).sum();

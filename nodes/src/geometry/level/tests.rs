@@ -38,7 +38,7 @@ struct Made(Splats);
 
 impl Made {
     fn new() -> Self {
-        Self(crate::testing::no_splats())
+        Self(Splats::empty())
     }
 
     /// Adds a rectangle of flat splats with half sides `u` and `v`.

@@ -5,7 +5,7 @@ use glam::{DMat4, Vec3};
 use super::*;
 use crate::geometry::bvh::{Bvh, Ray};
 use crate::geometry::sampling::{hash, unit};
-use crate::testing::{context, direction, no_splats};
+use crate::testing::{context, direction};
 use crate::types::Cell;
 
 /// Two numbers in [-1, 1] of a counter.
@@ -27,7 +27,7 @@ struct Scene {
 
 impl Scene {
     fn new() -> Self {
-        Self { splats: no_splats(), jitter: 0.0, tilt: 0.0 }
+        Self { splats: Splats::empty(), jitter: 0.0, tilt: 0.0 }
     }
 
     /// A rectangle of splats every 5 cm, about a middle, along two half sides.

@@ -216,7 +216,7 @@ fn what_stands_at_an_edge_stays() {
         both.triangles.extend([[4, 5, 6], [4, 6, 7]]);
         let pose = Pose { world_from_local: DMat4::from_translation(DVec3::new(0.3, 0.0, 0.44)) };
         let (mesh, splats) = if splats {
-            let mut ground = crate::testing::no_splats();
+            let mut ground = Splats::empty();
             for i in 0..80 * 80 {
                 let [x, y] = [i % 80, i / 80].map(|k| k as f32 * 0.02 - 0.8);
                 ground.means.push([x, y, 0.0]);

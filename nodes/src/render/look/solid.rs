@@ -4,7 +4,7 @@ use glam::{DMat3, DMat4, DVec3};
 
 use crate::io::splats::{SH_C0, quaternion};
 use crate::math::color::srgb_from_linear;
-use crate::types::{Mesh, Object, SplatEncoding, Splats};
+use crate::types::{Mesh, Object, Splats};
 
 /// Approximate number of splats of a surface.
 const COUNT: f64 = 200_000.0;
@@ -46,17 +46,7 @@ fn splats(faces: &[Face]) -> Splats {
     let cross = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a);
     let area: f64 = faces.iter().map(|face| 0.5 * cross(face.corners).length()).sum();
     let each = (area / COUNT).max(1e-300);
-    let mut out = Splats {
-        means: Vec::new(),
-        means_low: Vec::new(),
-        quats: Vec::new(),
-        scales: Vec::new(),
-        opacities: Vec::new(),
-        sh_degree: 0,
-        sh: Vec::new(),
-        encoding: SplatEncoding::Srgb,
-        antialiased: false,
-    };
+    let mut out = Splats::empty();
     // Light from over the left shoulder of one who looks along -x -y -z; both sides alike.
     let light = DVec3::new(0.45, 0.35, 0.82);
     for face in faces {

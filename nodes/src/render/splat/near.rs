@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     fn scene(depths: &[f64], opacity: f32) -> Splats {
-        let mut splats = crate::testing::no_splats();
+        let mut splats = Splats::empty();
         for &depth in depths {
             splats.means.push([0.0, 0.0, depth as f32]);
             splats.scales.push([0.01; 3]);

@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn the_file_says_how_it_was_trained_and_another_choice_is_reported() {
         for antialiased in [false, true] {
-            let splats = Splats { antialiased, ..crate::testing::no_splats() };
+            let splats = Splats { antialiased, ..Splats::empty() };
             for (compensation, on, reported) in [
                 (Compensation::File, antialiased, false),
                 (Compensation::On, true, !antialiased),

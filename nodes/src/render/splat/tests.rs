@@ -25,7 +25,7 @@ impl Random {
 }
 
 fn empty(sh_degree: u32) -> Splats {
-    Splats { sh_degree, ..crate::testing::no_splats() }
+    Splats { sh_degree, ..Splats::empty() }
 }
 
 /// Splats of all sizes and shapes in front of and around a camera at the origin that looks along z.
