@@ -5,7 +5,6 @@ use fearless_simd::Level;
 use glam::Vec3;
 
 use crate::geometry::sampling::circle;
-use crate::types::{SplatEncoding, Splats};
 
 #[path = "../../tests/extremes/row.rs"]
 mod row;
