@@ -10,7 +10,8 @@ fn done(log: &Log, wanted: &str) -> usize {
     log.events.iter().position(is).unwrap_or_else(|| panic!("`{wanted}` ran"))
 }
 
-// Mutation: helpers that do not ask `join` before each tile; tiles on the pool in which nodes run.
+// Mutation: one thread for all nodes (`most` of `Workers::new`), seen red. That helpers give way within a tile is
+// tested next to `Threads::join`.
 #[test]
 fn a_small_node_does_not_wait_for_the_tiles_of_a_large_one() {
     for jobs in [1, 2, 3] {
@@ -26,7 +27,7 @@ fn a_small_node_does_not_wait_for_the_tiles_of_a_large_one() {
     }
 }
 
-// Mutation: `Line::next` without the short ones.
+// Mutations: `Line::next` without the short ones; one thread for all nodes, the second seen red.
 #[test]
 fn a_short_node_runs_though_large_ones_have_every_thread() {
     let lab = Lab { jobs: 2, ..Lab::on_disk() };

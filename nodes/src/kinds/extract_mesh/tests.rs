@@ -182,6 +182,7 @@ fn a_room_is_closed_and_faces_inwards() {
 }
 
 /// The near plane was 0.2 units once: in units of 16 m, the floor around `around` was cut away and became a hole.
+/// Mutation: `NEAR_METRES` without `* metre`, seen red.
 #[test]
 fn units_do_not_matter() {
     let metres = Scene::room().mesh(&coarse()).0.mesh;
