@@ -13,6 +13,7 @@ mod knobs;
 mod lock;
 mod nodes;
 mod pack;
+mod pick;
 mod plan;
 mod report;
 mod run;
@@ -38,7 +39,7 @@ mistake in the graph or the command line; 3 done, but degraded (a note explains 
 /// The groups of verbs in `--help`, with their titles.
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Begin", &["init", "nodes", "inspect", "convert"]),
-    ("Run a graph", &["run", "watch", "check", "plan", "explain", "show", "graph"]),
+    ("Run a graph", &["run", "watch", "check", "plan", "explain", "show", "pick", "graph"]),
     ("Trade work for accuracy", &["knobs", "tune", "report"]),
     ("Share and reproduce", &["pack", "unpack", "verify", "lock", "diff"]),
     ("Maintain", &["cache", "completions", "manual", "train-exposure"]),
@@ -90,6 +91,8 @@ enum Verb {
     Nodes(nodes::Nodes),
     /// Write the picture of any node, without editing the graph
     Show(show::Show),
+    /// Print the point of the scene that a pixel of a view shows, and a pose to paste
+    Pick(pick::Pick),
     /// Draw a graph with the state of its results
     Graph(graph::Draw),
     /// Maintain the cache: contents, damage, size
@@ -187,6 +190,7 @@ impl Command {
             Verb::Explain(verb) => verb.run(),
             Verb::Nodes(verb) => verb.run(),
             Verb::Show(verb) => verb.run(),
+            Verb::Pick(verb) => verb.run(),
             Verb::Graph(verb) => verb.run(),
             Verb::Cache(verb) => verb.run(),
             Verb::Convert(verb) => verb.run(),

@@ -3,12 +3,17 @@
 use std::collections::BTreeSet;
 
 use engine::{Engine, Graph, Wire};
-use nodes::geometry::agreement::{Agreement, Depths};
+use nodes::geometry::agreement::{Agreement, Depths, ELSEWHERE};
 use nodes::types::{Images, Picture};
+
+use super::wires;
 
 /// Maximum number of compared pairs of a picture of splats and a trace, which bounds the time of the check. Only the
 /// first view of each is compared.
 const MOST_PAIRS: usize = 4;
+
+/// Kinds that make the mesh of a place from its splats.
+const MADE_OF_SPLATS: [&str; 2] = ["extract-mesh", "plane"];
 
 /// Finding of a pair of nodes: its id, and its text with the names of the nodes.
 pub type Finding = (&'static str, String);
@@ -21,7 +26,11 @@ pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<F
     let is_new = |node: usize| ran.contains(graph.nodes[node].id.as_str());
     let new = pairs(graph).into_iter().filter(|&(splats, trace)| is_new(splats) || is_new(trace));
     for (splats, trace) in new.take(MOST_PAIRS) {
+        let is_own = is_made_of_splats(graph, trace);
         for (id, text) in of_pair(engine, graph, splats, trace).unwrap_or_default() {
+            if is_own && id == ELSEWHERE {
+                continue;
+            }
             let [a, b] = [splats, trace].map(|node| &graph.nodes[node].id);
             found.push((id, format!("`{a}` and `{b}`: {text}")));
         }
@@ -29,11 +38,19 @@ pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<F
     found
 }
 
-/// The wires of an input with this name.
-fn wires<'a>(graph: &'a Graph, node: usize, input: &str) -> &'a [Wire] {
-    let node = &graph.nodes[node];
-    let at = node.kind.inputs.iter().position(|port| port.name == input);
-    at.and_then(|at| node.inputs.get(at)).map_or(&[], Vec::as_slice)
+/// True if the receiver of a trace is made from splats, so that it cannot be in another frame than they are.
+fn is_made_of_splats(graph: &Graph, trace: usize) -> bool {
+    let mut open: Vec<usize> = wires(graph, trace, "receiver").iter().map(|wire| wire.node).collect();
+    let mut seen = BTreeSet::new();
+    while let Some(node) = open.pop() {
+        if MADE_OF_SPLATS.contains(&graph.nodes[node].kind.name) {
+            return true;
+        }
+        if seen.insert(node) {
+            open.extend(wires(graph, node, "mesh").iter().map(|wire| wire.node));
+        }
+    }
+    false
 }
 
 /// Pairs of a `splat-render` without `limit` and a `path-trace` with a receiver that have the same cameras. A trace

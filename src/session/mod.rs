@@ -2,6 +2,7 @@
 
 pub mod agreement;
 pub mod budget;
+mod compute;
 mod engine;
 mod error;
 mod graph;
@@ -11,7 +12,8 @@ pub mod origin;
 pub mod splats;
 pub mod standing;
 
+pub use compute::compute;
 pub use engine::{EngineArgs, cache_folder, on_interrupt, size, time};
 pub use error::Error;
 pub use graph::{GraphArgs, Loaded};
-pub use names::find;
+pub use names::{find, wires};

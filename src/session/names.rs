@@ -1,10 +1,17 @@
-//! Resolution of the names of nodes on the command line.
+//! Resolution of the names of nodes and inputs.
 
 use std::collections::BTreeSet;
 
-use engine::{Graph, nearest};
+use engine::{Graph, Wire, nearest};
 
 use super::error::Error;
+
+/// The wires of an input with this name; empty if the node has no such input or nothing is wired to it.
+pub fn wires<'a>(graph: &'a Graph, node: usize, input: &str) -> &'a [Wire] {
+    let node = &graph.nodes[node];
+    let at = node.kind.inputs.iter().position(|port| port.name == input);
+    at.and_then(|at| node.inputs.get(at)).map_or(&[], Vec::as_slice)
+}
 
 /// The name of the axis that `--frames` selects values of.
 const FRAME: &str = "frame";

@@ -33,6 +33,39 @@ fn any_node_is_shown_without_editing_the_graph() {
     }
 }
 
+/// A pixel of the splats and of the mesh shows the same point of the floor.
+#[test]
+fn a_pixel_gives_the_point_that_it_shows() {
+    let place = Place::new(INSERT);
+    let picked = |view: &str| {
+        let output = place.call(&["pick", "graph.ron", view, "30,45"]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let printed = text(&output.stdout);
+        let position = printed.lines().next().unwrap().trim_start_matches("position").trim().to_owned();
+        let numbers = position.trim_matches(['(', ')']).split(", ").map(|n| n.parse::<f64>().unwrap());
+        (numbers.collect::<Vec<_>>(), printed)
+    };
+    let (on_mesh, printed) = picked("trace");
+    assert!(
+        printed.contains("or  Pose(pixel: Some((30.0, 45.0)), rig: \"camera\", mesh: \"demo.proxy\")"),
+        "{printed}"
+    );
+    assert!(on_mesh[2].abs() < 0.02, "the floor: {on_mesh:?}");
+    let (on_splats, printed) = picked("view");
+    assert!(printed.contains("splats: \"demo.splats\")"), "{printed}");
+    let apart = (0..3).map(|k| (on_mesh[k] - on_splats[k]).abs()).fold(0.0, f64::max);
+    assert!(apart < 0.1, "4000 splats are 10 cm apart: {on_mesh:?} {on_splats:?}");
+    for (arguments, why) in [
+        (["view", "96.5,3"], "lies outside"),
+        (["view", "here"], "is not a pixel"),
+        (["final", "1,1"], "is not a view of the scene"),
+    ] {
+        let output = place.call(&[&["pick", "graph.ron"], &arguments[..]].concat());
+        assert_ne!(output.status.code(), Some(0));
+        assert!(text(&output.stderr).contains(why), "{}", text(&output.stderr));
+    }
+}
+
 #[test]
 fn plates_and_cameras_are_compared_before_a_run() {
     let place = Place::new(INSERT);

@@ -1,5 +1,8 @@
 //! Checks whether the splats and the mesh of a place agree, by their depths in a rendered view.
 
+/// Id of the finding that splats and mesh are in different frames.
+pub const ELSEWHERE: &str = "mesh-elsewhere";
+
 /// The depths of one view, pixel by pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Depths<'a> {
@@ -86,7 +89,7 @@ impl Agreement {
         if self.solid >= PIXELS && known < SHARE_BOTH {
             let text = "the mesh of the place is not visible where the splats are: check that both have the same origin, \
                         unit and up axis; `matrix` of `LoadMesh` or `LoadSplats` transforms one of them";
-            list.push(("mesh-elsewhere", text.to_owned()));
+            list.push((ELSEWHERE, text.to_owned()));
         } else if self.both >= PIXELS && seen < SHARE_AGREE {
             let text = format!(
                 "the depths of the mesh of the place and of the splats differ at {:.0} % of the pixels that show both \
@@ -95,14 +98,14 @@ impl Agreement {
                 100.0 * (1.0 - seen),
                 self.ratio
             );
-            list.push(("mesh-elsewhere", text));
+            list.push((ELSEWHERE, text));
         }
         let before = share(self.before_objects, self.objects);
         if list.is_empty() && self.objects >= PIXELS && before >= SHARE_BEFORE {
             let text = format!(
-                "splats stand before the object at {:.0} % of its pixels, where the mesh of the place has nothing: the \
-                 object is drawn over them. A second `SplatRender` with `limit` of `path-trace.nearest` gives them, for \
-                 `front` of `Composite`",
+                "splats are in front of the object at {:.0} % of its pixels, where the mesh of the place has nothing: the \
+                 object is drawn over them. To draw them over the object, wire `path-trace.nearest` to `limit` of a second \
+                 `SplatRender`, and that to `front` of `Composite`",
                 100.0 * before
             );
             list.push(("splats-before-object", text));

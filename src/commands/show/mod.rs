@@ -5,11 +5,11 @@ mod sheet;
 use std::path::PathBuf;
 
 use clap::Args;
-use engine::{Engine, Graph, RunOptions, Wire};
+use engine::{Engine, Graph, Wire};
 use nodes::types::{Environment, Images, NamedImage, Panorama, Picture, Views};
 
-use crate::session::{EngineArgs, Error, GraphArgs, find, on_interrupt};
-use crate::terminal::{self, Report};
+use crate::session::{EngineArgs, Error, GraphArgs, compute, find};
+use crate::terminal;
 
 /// Writes the picture of any node, without editing the graph.
 ///
@@ -46,16 +46,7 @@ impl Show {
         let path = self.out.clone().unwrap_or_else(|| PathBuf::from("out").join(name));
         loaded.check_output(&path)?;
         let engine = self.engine.open()?;
-        let options = RunOptions { only: vec![wire.node], cancel: on_interrupt()?, ..RunOptions::default() };
-        let mut report = Report::lines(false);
-        if report.shows_forecast() {
-            report.expect(&engine.plan(graph, &options.only));
-        }
-        let outcome = engine.run(graph, &options, |event| report.show(&event));
-        if let Some(failures) = &outcome.failures {
-            terminal::mistakes(failures, false);
-        }
-        let code = outcome.totals.exit_code();
+        let code = compute(&engine, graph, vec![wire.node])?;
         if !matches!(code, 0 | 3) {
             return Ok(code);
         }

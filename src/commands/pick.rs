@@ -1,0 +1,134 @@
+//! `pick`: prints the point of the scene that a pixel of a view shows.
+
+use clap::Args;
+use engine::{Graph, Wire};
+use glam::DVec3;
+use nodes::render::pick::{Picked, on_mesh, on_splats};
+use nodes::types::{Mesh, Rig, Splats};
+
+use crate::session::splats::{context, failed};
+use crate::session::{EngineArgs, Error, GraphArgs, compute, find, wires};
+use crate::terminal;
+
+/// Prints the position and the normal of the surface that a pixel of a view shows, and a `Pose` to paste.
+///
+/// The view is a `splat-render`, whose splats are picked, or a `path-trace`, whose receiver is. Of several cameras, the
+/// first one is used unless `--camera` names another.
+#[derive(Debug, Args)]
+pub struct Pick {
+    #[command(flatten)]
+    graph: GraphArgs,
+    /// The view: a `splat-render` or a `path-trace`
+    view: String,
+    /// The pixel, counted from the upper left corner, such as 480,300
+    #[arg(value_name = "X,Y")]
+    pixel: String,
+    /// The name of a camera of the view
+    #[arg(long, value_name = "NAME")]
+    camera: Option<String>,
+    #[command(flatten)]
+    engine: EngineArgs,
+}
+
+/// The scene that a view shows.
+enum Scene {
+    Splats,
+    Mesh,
+}
+
+impl Pick {
+    /// Prints the point. Returns the exit code: 1 if the pixel shows nothing.
+    pub fn run(self) -> Result<u8, Error> {
+        let pixel = pixel(&self.pixel)?;
+        let loaded = self.graph.load()?;
+        let graph = &loaded.graph;
+        let node = find(graph, &self.view)?;
+        let (rig, shown, scene) = inputs(graph, node)?;
+        let engine = self.engine.open()?;
+        let code = compute(&engine, graph, vec![rig.node, shown.node])?;
+        if !matches!(code, 0 | 3) {
+            return Ok(code);
+        }
+        let gone = || Error::usage(format!("the inputs of `{}` are not in the cache; run again", self.view));
+        let cameras = engine.value::<Rig>(graph, rig).ok_or_else(gone)?.cameras;
+        let is_named = |name: &str| self.camera.as_ref().is_none_or(|wanted| wanted == name);
+        let Some(camera) = cameras.iter().find(|camera| is_named(&camera.name)) else {
+            let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
+            return Err(Error::usage(format!("no such camera; `{}` has {}", self.view, names.join(", "))));
+        };
+        let picked = match scene {
+            Scene::Splats => {
+                let splats = engine.value::<Splats>(graph, shown).ok_or_else(gone)?;
+                on_splats(&splats, camera, pixel, &context(graph.scene.up))
+            }
+            Scene::Mesh => on_mesh(&engine.value::<Mesh>(graph, shown).ok_or_else(gone)?, camera, pixel),
+        };
+        let Picked { position, normal } = match picked {
+            Ok(picked) => picked,
+            Err(error) => return Ok(failed(&error)),
+        };
+        let port = if matches!(scene, Scene::Splats) { "splats" } else { "mesh" };
+        let [at, along] = [position, normal].map(vector);
+        terminal::print(&format!(
+            "position  {at}\n  normal  {along}\n    pose  Pose(translation: {at})\n      or  Pose(pixel: Some(({:?}, {:?})), \
+             rig: \"{}\", {port}: \"{}\")\n",
+            pixel[0],
+            pixel[1],
+            name(graph, rig),
+            name(graph, shown),
+        ))?;
+        Ok(0)
+    }
+}
+
+/// The pixel of `X,Y`.
+fn pixel(text: &str) -> Result<[f64; 2], Error> {
+    let number = |text: &str| text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
+    let both = text.split_once(',').and_then(|(x, y)| Some([number(x)?, number(y)?]));
+    both.ok_or_else(|| Error::usage(format!("`{text}` is not a pixel; write X,Y, such as 480,300")))
+}
+
+/// The cameras of a view, and the splats or the receiver that it shows.
+fn inputs(graph: &Graph, node: usize) -> Result<(Wire, Wire, Scene), Error> {
+    let first = |input: &str| wires(graph, node, input).first().copied();
+    let shown = |input: &str, scene: Scene| first(input).map(|wire| (wire, scene));
+    let scene = shown("splats", Scene::Splats).or_else(|| shown("receiver", Scene::Mesh));
+    first("rig").zip(scene).map(|(rig, (wire, scene))| (rig, wire, scene)).ok_or_else(|| {
+        let id = &graph.nodes[node].id;
+        Error::usage(format!("`{id}` is not a view of the scene; name a `splat-render` or a `path-trace`"))
+    })
+}
+
+/// A wire as a graph writes it: `camera`, or `demo.splats` if its node has several outputs.
+fn name(graph: &Graph, wire: Wire) -> String {
+    let node = &graph.nodes[wire.node];
+    match &node.kind.outputs[..] {
+        [_] => node.id.clone(),
+        outputs => format!("{}.{}", node.id, outputs[wire.port].name),
+    }
+}
+
+/// A vector as a graph writes it, to six significant digits of its largest component.
+fn vector(v: DVec3) -> String {
+    let (largest, mut digits, mut unit) = (v.abs().max_element(), 1, 10.0);
+    while digits < 9 && largest * unit < 1e5 {
+        (digits, unit) = (digits + 1, unit * 10.0);
+    }
+    let [x, y, z] = v.to_array().map(|c| format!("{:.digits$}", c + 0.0));
+    format!("({x}, {y}, {z})")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn vectors_and_pixels_are_those_of_graphs() {
+        assert_eq!(vector(DVec3::new(5.72, -31.26, -0.0)), "(5.7200, -31.2600, 0.0000)");
+        assert_eq!(vector(DVec3::new(1e6, 0.0, 0.0)), "(1000000.0, 0.0, 0.0)");
+        assert!(matches!(pixel("480, 300.5"), Ok([x, y]) if (x, y) == (480.0, 300.5)));
+        for wrong in ["480", "a,b", "nan,1", "1,2,3"] {
+            assert!(pixel(wrong).is_err(), "{wrong}");
+        }
+    }
+}
