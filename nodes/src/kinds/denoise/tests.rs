@@ -373,7 +373,7 @@ fn oidn_is_refused_where_it_cannot_run() {
     let refused = Denoise::check(&oidn()).err().map(|error| error.to_string());
     if cfg!(feature = "oidn") {
         // Either it is installed, or the error says where it was looked for.
-        assert!(refused.is_none_or(|text| text.contains("there is no `libOpenImageDenoise.so.2` in `/")));
+        assert!(refused.is_none_or(|text| text.contains("`libOpenImageDenoise.so.2` was not found in `/")));
     } else {
         assert!(refused.expect("is not built in").contains("feature `oidn`"));
     }
