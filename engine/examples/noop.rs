@@ -1,7 +1,8 @@
 //! Measures the time of a run with nothing to do, stage by stage, in a new process.
 //!
-//! `noop SHAPE NODES FOLDER` makes a graph (`chain`, `fan` or `grid`) and runs it on the cache in FOLDER: the first
-//! time all nodes run; the second time this prints the time needed to find that no node has to run.
+//! `noop SHAPE NODES FOLDER` makes a graph (`chain`, `fan` or `grid`) and runs it on the cache in FOLDER. The first
+//! time, all nodes run. The second time, no node has to run, and the printed times show how long it takes to find
+//! that out.
 #![allow(clippy::print_stdout, reason = "this is what the program is for")]
 #![allow(missing_docs, dead_code, reason = "kinds of the tests")]
 

@@ -1,13 +1,15 @@
 //! Declarative dataflow: graph files, typed ports, content keys, a caching scheduler.
 //!
-//! The engine knows graphs, ports, keys and schedules, but no images. A crate of kinds implements [`Kind`] for each of its
-//! kinds of node and provides a [`Registry`].
+//! The engine handles graphs, ports, keys and scheduling, and knows nothing about images. Other crates define the
+//! kinds of nodes: they implement [`Kind`] for each kind and provide a [`Registry`]. The nodes *above* a node are
+//! the nodes that it depends on, directly or through others; the nodes *below* it depend on it.
 //!
 //! - A graph file is RON text. [`Graph::parse`] parses and checks it against the registry and reports all mistakes
-//!   together as [`Diagnostics`], with places and advice. [`apply`] adds settings (`--set node.field=value`).
-//! - [`Engine::run`] computes the targets of a graph. Each node has a [key](crate#keys). Results whose key is in
-//!   the store are not computed again; the other nodes run on several threads within a memory budget. Progress is
-//!   reported as [`Event`]s. [`Engine::plan`] shows what a run would do, and why.
+//!   together as [`Diagnostics`], with their places in the text and hints. [`apply`] adds settings (`--set
+//!   node.field=value`).
+//! - [`Engine::run`] computes the targets of a graph. Each node has a [key](crate#keys). A node whose key is in the
+//!   store does not run again; the others run on several threads within a memory budget. Progress is reported as
+//!   [`Event`]s. [`Engine::plan`] shows what a run would do, and why.
 //! - Values are [`Artifact`]s. Their encoded bytes are stored, compared and digested.
 //!
 //! ```
@@ -77,12 +79,13 @@
 //! # Guarantees
 //! - Results do not depend on the number of threads, the order in which nodes run, or the content of the cache.
 //! - A node that fails affects only the nodes that depend on it. A panic in its code is a failure of the node.
-//! - Damage to the cache costs time and one warning. A run that is cancelled or killed keeps what is finished.
+//! - Damage to the cache costs only time, and is reported by one warning. If a run is cancelled or killed, its
+//!   finished results are kept.
 //! - No code recurses over the graph: a chain may be as long as memory allows.
 //!
 //! # Modules
-//! The folders of `src` are layers: `value`, `text`, `kind`, `graph`, `record`, `run`, `plan`, `watch`, `share`. A module
-//! uses only its own layer and those before it.
+//! The folders of `src` are layers: `value`, `text`, `kind`, `graph`, `record`, `run`, `plan`, `watch`, `share`. A
+//! module uses only its own layer and the layers before it.
 
 #![allow(clippy::module_inception, reason = "the main noun of a room is in the file of that name")]
 

@@ -123,7 +123,7 @@ fn a_picture_is_made_again_where_its_inputs_are_at_hand() {
     for name in ["deep/view.png", "view.jpg", "view.exr"] {
         let picture = format!("out/{name}");
         let errors = bad(place.call(&["run", &picture, "--out", "again"]), 2);
-        assert!(errors.contains("`small.hdr` with the content") && errors.contains("--inputs"), "{errors}");
+        assert!(errors.contains("`small.hdr` with the digest") && errors.contains("--inputs"), "{errors}");
         let mut again = place.command(&[
             "run", &picture, "--out", "again", "--inputs", "project", "--inputs", "photos", "--cache",
             "fresh",
@@ -139,7 +139,7 @@ fn a_picture_is_made_again_where_its_inputs_are_at_hand() {
     // Another file of the same name is refused.
     std::fs::write(place.path("photos/small.hdr"), radiance(1)).unwrap();
     let arguments = ["run", "out/view.jpg", "--inputs", "project", "--inputs", "photos"];
-    assert!(bad(place.call(&arguments), 2).contains("`small.hdr` with the content"));
+    assert!(bad(place.call(&arguments), 2).contains("`small.hdr` with the digest"));
     // Another version of a kind is reported.
     let mut picture = out("view.jpg");
     let place_of = picture.windows(11).position(|w| w == b"load-image ").unwrap();
@@ -275,7 +275,7 @@ fn a_locked_run_refuses_what_differs() {
     good(place.call(&["run", "project/graph.ron", "--locked", "--cache", "fresh"]));
     std::fs::write(place.path("photos/small.hdr"), radiance(1)).unwrap();
     let errors = bad(place.call(&["run", "project/graph.ron", "--locked"]), 2);
-    assert!(errors.contains("`../photos/small.hdr` has the content"), "{errors}");
+    assert!(errors.contains("`../photos/small.hdr` has the digest"), "{errors}");
     std::fs::write(place.path("photos/small.hdr"), radiance(0)).unwrap();
     // The same inputs, but another result.
     let set = ["run", "project/graph.ron", "--locked", "--set", "jpeg.quality=50"];

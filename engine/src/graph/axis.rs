@@ -1,7 +1,8 @@
-//! Axes: one node of the file becomes many, each with a value of the axis.
+//! Axes: one node in the file becomes several nodes, one for each value of an axis.
 //!
 //! `axes: (yaw: List([0.0, 15.0]))` defines the values and `yaw_deg: Axis("yaw")` reads them. Each such call in a
-//! field is replaced by the text of a value, and the field is read once per point; see `expand`.
+//! field is replaced by the text of a value. The field is read once for each combination of axis values, which is
+//! called a *point*; see `expand`.
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -29,7 +30,7 @@ pub(crate) struct Axis<'t> {
 /// Maximum number of values of an axis.
 const MOST_VALUES: usize = 100_000;
 
-/// Notation of the values of an axis.
+/// Syntax of the values of an axis.
 #[derive(Deserialize)]
 enum Values<'t> {
     /// Start, end (exclusive) and step (1 by default).
@@ -60,7 +61,11 @@ impl<'t> Axis<'t> {
         };
         let values: Vec<String> = values;
         if values.is_empty() || values.len() > MOST_VALUES {
-            return Err(wrong(format!("`{}` has {} values", field.name, values.len())));
+            return Err(wrong(format!(
+                "`{}` has {} values; an axis needs 1 to {MOST_VALUES}",
+                field.name,
+                values.len()
+            )));
         }
         let mut seen = BTreeSet::new();
         if let Some(twice) = values.iter().find(|value| !seen.insert(value.as_str())) {
@@ -69,7 +74,8 @@ impl<'t> Axis<'t> {
         Ok(Self::new(field.name, values))
     }
 
-    /// A placeholder for an axis that could not be parsed, so that its name is known.
+    /// A placeholder for an axis that could not be parsed. It makes the name known, so that uses of the axis are
+    /// not reported as mistakes too.
     pub fn broken(name: &'t str) -> Self {
         Self { name, values: Vec::new(), padding: None }
     }
@@ -95,7 +101,7 @@ fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
         return Err(format!("has no values: steps of {step} from {from} do not approach {to} (exclusive)"));
     }
     if count > MOST_VALUES as f64 {
-        return Err(format!("has more than {MOST_VALUES} values"));
+        return Err(format!("has more than {MOST_VALUES} values, the maximum for an axis"));
     }
     let whole = [from, step].iter().all(|number| number.fract() == 0.0 && number.abs() < 1e15);
     let text = |index: usize| {
@@ -105,20 +111,21 @@ fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
     Ok((0..count as usize).map(text).collect())
 }
 
-/// A call in a field, which stands for a value.
+/// A call in a field that is replaced by a value.
 #[derive(Deserialize)]
 enum Call<'t> {
     /// The value of an axis.
     Axis(#[serde(borrow)] Cow<'t, str>),
-    /// Interpolates between keys (axis value, number or numbers) in ascending order.
+    /// Interpolates between keys in ascending order. A key is an axis value with a number, or with several numbers
+    /// in parentheses.
     Track(Cow<'t, str>, #[serde(borrow)] Vec<(f64, &'t RawValue)>),
 }
 
 /// The names of the calls.
 const CALLS: [&str; 2] = ["Axis", "Track"];
 
-/// The axes that the text of a field reads, by index, or the mistake in one of its calls. `span` is the place of
-/// the field.
+/// The indices of the axes that the text of a field reads. Returns an error if one of its calls has a mistake.
+/// `span` is the place of the field.
 pub(crate) fn axes_read(
     text: &str,
     span: &Range<usize>,
@@ -131,7 +138,7 @@ pub(crate) fn axes_read(
         let place = if as_written { span.start + call.start..span.start + call.end } else { span.clone() };
         let text = &text[call];
         let call = parse_value::<Call<'_>>(text).map_err(|_| {
-            Diagnostic::new(place.clone(), format!("`{}` does not read an axis", shown(text)))
+            Diagnostic::new(place.clone(), format!("`{}` is not a valid use of an axis", shown(text)))
                 .hint("write `Axis(\"yaw\")`, or `Track(\"frame\", [(0, 1.0), (11, 2.5)])`")
         })?;
         let (Call::Axis(name) | Call::Track(name, _)) = &call;
@@ -154,7 +161,7 @@ pub(crate) fn axes_read(
     Ok(read)
 }
 
-/// The text of a field with each axis replaced by the value with index `at(axis)`.
+/// The text of a field with each call replaced by its value, where each axis is at its value with index `at(axis)`.
 pub(crate) fn at_point<'t>(text: &'t str, axes: &[Axis<'_>], at: impl Fn(usize) -> usize) -> Cow<'t, str> {
     let calls = calls(text, &CALLS);
     if calls.is_empty() {
@@ -183,17 +190,19 @@ pub(crate) fn at_point<'t>(text: &'t str, axes: &[Axis<'_>], at: impl Fn(usize) 
 
 /// The value of a track: linear between keys, constant before the first and after the last.
 fn track(keys: &[(f64, &RawValue)], place: &str) -> Result<String, String> {
-    let place: f64 = place.parse().map_err(|_| format!("a track needs an axis of numbers, not {place}"))?;
+    let place: f64 = place
+        .parse()
+        .map_err(|_| format!("`Track` needs an axis of numbers, but `{place}` is not a number"))?;
     let keys: Vec<(f64, Vec<f64>)> = keys
         .iter()
         .map(|(at, value)| Some((*at, numbers(value.get_ron())?)))
         .collect::<Option<_>>()
-        .ok_or("the keys of a track are written `(place, number)` or `(place, (number, ..))`")?;
+        .ok_or("each key of `Track` is written `(axis value, number)` or `(axis value, (number, ..))`")?;
     if keys.is_empty()
         || keys.windows(2).any(|pair| pair[0].0 >= pair[1].0 || pair[0].1.len() != pair[1].1.len())
     {
         return Err(
-            "the keys of a track must be in ascending order, and its values all numbers or all of the same length".to_owned()
+            "the keys of `Track` must be in ascending order, and all with a number or all with lists of the same length".to_owned()
         );
     }
     let after = keys.partition_point(|(at, _)| *at <= place);
@@ -291,7 +300,7 @@ mod tests {
         let wrong = |text| read(text).expect_err(text);
         assert_eq!(wrong("(1, Axis(\"yow\"))").span, 9..20);
         assert!(wrong("Axis(\"yow\")").hints[0].contains("did you mean `yaw`?"));
-        assert!(wrong("Axis(yaw)").message.contains("does not read an axis"));
+        assert!(wrong("Axis(yaw)").message.contains("is not a valid use of an axis"));
         assert!(wrong("Track(\"file\", [(0, 1)])").message.contains("needs an axis of numbers"));
         assert!(wrong("Track(\"frame\", [])").message.contains("ascend"));
         assert!(wrong("Track(\"frame\", [(1, 1), (1, 2)])").message.contains("ascend"));

@@ -4,23 +4,24 @@ use std::ops::Range;
 
 use crate::value::files::plain_name;
 
-/// Number of digits to which the values of an axis are padded, so that file names sort like the values.
+/// Numbers of digits to which the values of an axis are padded, so that file names sort in the order of the values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Padding {
-    /// Digits before the point.
+    /// Digits before the decimal point.
     whole: usize,
-    /// Digits after the point.
+    /// Digits after the decimal point.
     fraction: usize,
 }
 
-/// Maximum number of digits after the point to which values are padded; longer fractions come from arithmetic.
+/// Maximum number of digits after the decimal point. Longer fractions, such as 0.30000000000000004, come from
+/// rounding errors; an axis that has them is not padded.
 const MOST_FRACTION: usize = 6;
-/// Maximum number of digits in a path.
+/// Maximum number of digits that a placeholder in a path may request.
 const MOST_DIGITS: usize = 32;
 
 impl Padding {
-    /// The padding of values that are all numbers of at least 0 without an exponent; `None` for others, which are
-    /// not padded.
+    /// The padding for a list of values. `None` if they are not padded: all of them must be non-negative numbers
+    /// without an exponent, with at most [`MOST_FRACTION`] digits after the decimal point.
     pub fn of(values: &[String]) -> Option<Self> {
         let parts = values.iter().map(|value| digits(value)).collect::<Option<Vec<_>>>()?;
         let longest = |lengths: &dyn Fn(&(&str, &str)) -> usize| parts.iter().map(lengths).max().unwrap_or(0);
@@ -32,7 +33,8 @@ impl Padding {
     }
 }
 
-/// The digits before and after the point; those of `.0` are left out.
+/// The digits before and after the decimal point. The fraction `.0` counts as empty. `None` if the value is not of
+/// this form.
 fn digits(value: &str) -> Option<(&str, &str)> {
     let (whole, fraction) = value.split_once('.').unwrap_or((value, ""));
     let all = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
@@ -58,7 +60,8 @@ pub(crate) fn file_text(value: &str, padding: Option<Padding>, width: Option<usi
     }
 }
 
-/// The placeholders of an axis in a path, each with its range and number of digits: `{frame}`, or `{frame:4}`.
+/// The placeholders of an axis in a path, such as `{frame}` or `{frame:4}`. For each: its range in the path, and
+/// the number of digits if it has one.
 fn holders<'p>(path: &'p str, axis: &str) -> impl Iterator<Item = (Range<usize>, Option<usize>)> + 'p {
     let open = format!("{{{axis}");
     let length = open.len();
@@ -90,7 +93,8 @@ pub(crate) fn with_value(path: &str, axis: &str, text: impl Fn(Option<usize>) ->
     out + &path[end..]
 }
 
-/// True if an axis value matches the one in a name: `5`, `005`, or the inclusive range `5..7`.
+/// True if an axis value matches `asked`, the value in a node name on the command line. This may be written `5`,
+/// `005`, or as the inclusive range `5..7`.
 pub(crate) fn is_asked_for(value: &str, asked: &str) -> bool {
     if value == asked {
         return true;
@@ -106,8 +110,8 @@ pub(crate) fn is_asked_for(value: &str, asked: &str) -> bool {
     }
 }
 
-/// The rest of `values`, such as `x=1/y=2`, after the value of an axis; all of `values` if the value does not
-/// match. A value may contain slashes.
+/// Removes the value of an axis from the start of `values`, such as `x=1/y=2`, and returns the rest. Returns all of
+/// `values` if the value does not match. A value may contain slashes.
 pub(crate) fn after_value<'v>(values: &'v str, axis: &str, value: &str) -> &'v str {
     let Some(asked) = values.strip_prefix(axis).and_then(|rest| rest.strip_prefix('=')) else {
         return values;

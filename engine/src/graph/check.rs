@@ -33,7 +33,7 @@ impl<'t, 'a> Check<'t, 'a> {
         for field in document.version.iter().chain(versions).filter(|field| field.text.trim() != "1") {
             let what = format!("version {} of graph files is unknown", field.text);
             let mistake = Diagnostic::of(Code::Version, field.span.clone(), what);
-            self.report(mistake.label("this program reads version 1"));
+            self.report(mistake.label("this version of lightharmony reads version 1"));
         }
         if document.version.is_none() && document.whole {
             self.report(
@@ -102,7 +102,7 @@ impl<'t, 'a> Check<'t, 'a> {
         Some(Scene { up: up?, metres_per_unit: metres_per_unit?, seed: seed?, exhaustive: exhaustive? })
     }
 
-    /// Checks the nodes. Returns those without mistakes, and the wiring of all.
+    /// Checks the nodes. Returns the nodes without mistakes, and the wiring of all nodes.
     pub fn nodes(&mut self, raw: &'a [RawNode<'t>]) -> (Vec<Option<Template<'a, 't>>>, Wiring) {
         for (index, node) in raw.iter().enumerate() {
             if let Some(&first) = self.ids.get(&*node.id) {
@@ -177,7 +177,7 @@ impl<'t, 'a> Check<'t, 'a> {
                 let node =
                     field.text.starts_with(|c: char| c.is_ascii_uppercase()) && field.text.ends_with(')');
                 self.report(if node {
-                    mistake.hint("if it is a node of its own, a `)` is missing before it")
+                    mistake.hint("if this is a separate node, a `)` is missing before it")
                 } else {
                     mistake.hint(format!("`lightharmony nodes {}` describes it", kind.name))
                 });
@@ -193,7 +193,10 @@ impl<'t, 'a> Check<'t, 'a> {
                     continue;
                 }
                 if let Ok(1..) = axes_read(field.text, &field.span, &self.axes).map(|axes| axes.len()) {
-                    self.report(Diagnostic::new(field.span.clone(), "a wire cannot run along an axis"));
+                    self.report(Diagnostic::new(
+                        field.span.clone(),
+                        "an input cannot contain `Axis` or `Track`; only parameters can",
+                    ));
                 }
                 continue;
             };
@@ -236,8 +239,8 @@ impl<'t, 'a> Check<'t, 'a> {
         (self.mistakes() == before).then_some(Template { node, raw, fields, own, gathers })
     }
 
-    /// Adds the use of the subgraph as a note to mistakes inside it, and the place of reading to mistakes in given
-    /// values.
+    /// Adds related places to the mistakes found since `before`. A mistake inside a subgraph gets the place where
+    /// the subgraph is used; a mistake in a value given to the subgraph gets the place where the value is read.
     fn add_use(&mut self, node: &RawNode<'t>, before: usize) {
         let scope = &self.scopes[node.scope];
         let Some((used, _)) = &scope.used else { return };
@@ -294,7 +297,8 @@ impl Graph {
     }
 }
 
-/// The parameters of former versions among the fields of a node, each group with what to write instead of it.
+/// Finds the fields of a node that were parameters in a former version of its kind. Each group of such fields comes
+/// with a diagnostic that says what to write instead.
 fn former_fields(raw: &RawNode<'_>, kind: &KindEntry) -> Vec<(&'static [&'static str], Diagnostic)> {
     let texts: Vec<(&str, &str)> = raw.fields.iter().map(|field| (field.name, field.text)).collect();
     let mut found: Vec<(&'static [&'static str], Diagnostic)> = Vec::new();
@@ -311,7 +315,9 @@ fn former_fields(raw: &RawNode<'_>, kind: &KindEntry) -> Vec<(&'static [&'static
         let message = format!("`{}` no longer has {}", kind.camel_name(), written.join(", "));
         let mistake = Diagnostic::of(Code::UnknownField, field.name_span.clone(), message)
             .label(former.instead)
-            .hint(format!("recipes and bundles that use it need a program with {version} or earlier"));
+            .hint(format!(
+                "recipes and bundles that use it need a version of lightharmony with {version} or earlier"
+            ));
         found.push((former.fields, mistake));
     }
     found

@@ -36,7 +36,7 @@ impl<'t, 'a> Check<'t, 'a> {
         Some((step, sink_path, places(raw, kind, &fields)))
     }
 
-    /// A field with its parameters inserted, and the axes that it reads.
+    /// A field with each `Param` call replaced by its value, and the axes that the field reads.
     pub(super) fn field(
         &self,
         raw: &RawField<'t>,
@@ -154,7 +154,7 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 }
 
-/// The places of the fields of a node: of the value for parameters, of the field for wires.
+/// The places of the fields of a node. If a parameter is a single `Param` call, its place is that of the value.
 pub(crate) fn places(raw: &RawNode<'_>, kind: &KindEntry, fields: &[Field<'_>]) -> FieldPlaces {
     let place = |name: &'static str| {
         let param = fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
@@ -180,7 +180,7 @@ fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
     }
     // These characters have other meanings on other systems.
     if plain.contains(['\\', ':']) || path.chars().any(char::is_control) {
-        return Err("write `/` between folders, and no `\\` or `:`");
+        return Err("`\\` and `:` are not permitted; write `/` between folders");
     }
     for part in std::path::Path::new(path).components() {
         match part {

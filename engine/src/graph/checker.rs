@@ -14,7 +14,7 @@ use crate::text::document::{Document, RawNode, Scope};
 use crate::text::source::Source;
 use crate::value::root::SourceRoot;
 
-/// The check of a graph: what is known so far, and the mistakes.
+/// The check of a graph: the facts known so far, and the mistakes found.
 pub(crate) struct Check<'t, 'a> {
     pub text: &'t str,
     pub source: &'t Source,
@@ -75,16 +75,17 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 }
 
-/// A field with its parameters replaced by their values.
+/// A field with each `Param` call replaced by its value.
 #[derive(Clone)]
 pub(crate) struct Field<'t> {
     pub name: &'t str,
     pub text: Cow<'t, str>,
-    /// Place of the field, or of the value if the field consists of one parameter.
+    /// Place of the field or, if the field is a single `Param` call, of the value.
     pub span: Range<usize>,
 }
 
-/// The fields of a node with each axis replaced by the value with index `at(axis)`.
+/// The fields of a node with each axis call replaced by its value, where each axis is at its value with index
+/// `at(axis)`.
 pub(crate) fn at_each<'f>(
     fields: &'f [Field<'_>],
     axes: &[Axis<'_>],
@@ -102,11 +103,12 @@ pub(crate) struct Template<'r, 't> {
     /// The node. Its wires refer to templates by index.
     pub node: Node,
     pub raw: &'r RawNode<'t>,
-    /// Fields of the node, with axis calls in place.
+    /// Fields of the node, before axis calls are replaced by values.
     pub fields: Vec<Field<'t>>,
-    /// The axes that its fields read.
+    /// The axes that the fields read.
     pub own: Vec<usize>,
-    /// The axes gathered by a wire, by port and position in the port.
+    /// The axes that each wire to a `Gather` gathers. The key is the index of the input port and the position of
+    /// the wire in it.
     pub gathers: BTreeMap<(usize, usize), Vec<usize>>,
 }
 

@@ -1,4 +1,5 @@
-//! Expands nodes along axes: one instance per point of the axes that the node or its inputs read.
+//! Expands nodes along axes. A node gets one instance per point: per combination of values of the axes that it or
+//! its inputs read.
 //!
 //! `Gather(input: "final", over: "frame")` is not a node but a name for many wires: one to each instance of `final`
 //! along the axis. A node that reads a gather therefore does not depend on the axis.
@@ -18,13 +19,13 @@ use crate::text::source::Source;
 use crate::text::values::parse_value;
 use crate::value::root::SourceRoot;
 
-/// Maximum number of instances of all nodes.
+/// Maximum total number of instances in a graph.
 const MOST_INSTANCES: usize = 1_000_000;
 
 /// The points of some axes. The last axis varies fastest.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Grid {
-    /// (axis, number of values), ascending.
+    /// Pairs of axis index and number of values, in ascending order.
     axes: Vec<(usize, usize)>,
 }
 
@@ -44,7 +45,7 @@ impl Grid {
         self.axes.iter().try_fold(1_usize, |product, (_, size)| product.checked_mul(*size))
     }
 
-    /// The index of the value of each axis at a point.
+    /// For the point with this index, pairs of axis and index of the axis value.
     fn point(&self, mut index: usize) -> Vec<(usize, usize)> {
         let mut point: Vec<(usize, usize)> = self.axes.clone();
         for (_, value) in point.iter_mut().rev() {
@@ -116,19 +117,21 @@ impl<'t> Check<'t, '_> {
         }
         if over.is_empty() && self.mistakes() == before {
             let what = "`over` names no axis, so there is nothing to gather";
-            self.report(Diagnostic::new(raw.kind_span.clone(), what).hint("read the node itself"));
+            self.report(Diagnostic::new(raw.kind_span.clone(), what).hint("connect the node itself"));
         }
         if inputs.len() > 1 {
             let what = format!("`input` takes one wire, not {}", inputs.len());
-            self.report(Diagnostic::new(raw.kind_span.clone(), what).hint("write a `Gather` for each"));
+            self.report(
+                Diagnostic::new(raw.kind_span.clone(), what).hint("write one `Gather` for each wire"),
+            );
         }
         let named = inputs.into_iter().next()?;
         let End { node, output } = self.end(&named)?;
         if all[node].kind == GATHER {
-            let what = format!("`{}` is a gather itself", shown(&named.name));
+            let what = format!("`{}` is itself a `Gather`", shown(&named.name));
             self.report(
                 Diagnostic::new(named.span.clone(), what)
-                    .hint("gather along both at once: `over: [\"yaw\", \"frame\"]`"),
+                    .hint("gather along both axes at once: `over: [\"yaw\", \"frame\"]`"),
             );
         }
         (self.mistakes() == before).then(|| Gather { node, output: output.map(str::to_owned), over })
@@ -144,7 +147,7 @@ impl<'t> Check<'t, '_> {
         if total.is_none_or(|total| total > MOST_INSTANCES) {
             let widest = counts().max_by_key(|(_, grid)| grid.len().unwrap_or(usize::MAX));
             let span = widest.and_then(|(template, _)| template.as_ref()).map(|t| t.raw.id_span.clone());
-            let what = format!("the axes make more than {MOST_INSTANCES} nodes of the graph");
+            let what = format!("the axes expand the graph to more than {MOST_INSTANCES} nodes");
             self.report(
                 Diagnostic::new(span.unwrap_or_default(), what)
                     .label("most of them are instances of this node"),
@@ -175,7 +178,7 @@ impl<'t> Check<'t, '_> {
         if self.mistakes() > before { Vec::new() } else { nodes }
     }
 
-    /// The axes of each node: its own and those of its inputs, except gathered ones.
+    /// The axes of each node: its own axes and the axes of its inputs, except the gathered axes.
     fn grids(&mut self, templates: &[Option<Template<'_, 't>>], order: &[usize]) -> Vec<Grid> {
         let mut grids: Vec<Grid> = vec![Grid::default(); templates.len()];
         for &index in order {
@@ -203,7 +206,7 @@ impl<'t> Check<'t, '_> {
         grids
     }
 
-    /// Checks that the path of a sink differs between points, since it writes one file per point.
+    /// Checks that the path of a sink differs between points, since the sink writes one file per point.
     fn sink_axes(&mut self, template: &Template<'_, 't>, grid: &Grid) {
         let Some(path) = &template.node.sink_path else { return };
         let span = || template.node.place(Some("path"));
@@ -214,8 +217,10 @@ impl<'t> Check<'t, '_> {
                 self.file_names(axis, &span());
             }
             if grid.has(index) && !named {
-                let what =
-                    format!("`{path}` names one file, but there is one for each value of `{}`", axis.name);
+                let what = format!(
+                    "`{path}` names one file, but the sink writes one for each value of `{}`",
+                    axis.name
+                );
                 self.report(Diagnostic::new(span(), what).hint(format!("put `{holder}` into the path")));
             } else if !grid.has(index) && is_held(path, axis.name) {
                 let what = format!("`{}` does not vary along `{}`", template.node.id, axis.name);
@@ -231,12 +236,12 @@ impl<'t> Check<'t, '_> {
             if let Some(first) = seen.insert(file_text(&axis.values[value], axis.padding, None), value) {
                 let (a, b) = (shown(&axis.values[first]), shown(&axis.values[value]));
                 let what = format!("the values {a} and {b} of `{}` give the same file name", axis.name);
-                return self.report(Diagnostic::new(span.clone(), what).hint("rename one of them"));
+                return self.report(Diagnostic::new(span.clone(), what).hint("change one of the values"));
             }
         }
     }
 
-    /// The instance of a node at a point. Its wires are still those of the template.
+    /// The instance of a node at a point. Its wires still refer to templates, not to instances.
     fn instance(&mut self, template: &Template<'_, 't>, point: &[(usize, usize)]) -> Option<Node> {
         let mut node = template.node.clone();
         if point.is_empty() {

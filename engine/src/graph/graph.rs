@@ -108,7 +108,7 @@ impl Graph {
         self.starts[node]
     }
 
-    /// Number of nodes that begin before an offset of the text, for a [`plain`](Self::plain) graph.
+    /// Number of nodes that begin before an offset in the text. The graph must be [`plain`](Self::plain).
     pub(crate) fn begun_before(&self, place: usize) -> usize {
         self.starts.partition_point(|start| *start < place)
     }
@@ -122,7 +122,7 @@ impl Graph {
     pub fn place(&self, node: usize, field: Option<&str>) -> Range<usize> {
         let (start, node) = (self.starts[node], &self.nodes[node]);
         let place = node.place(field);
-        // Overlays are outside of the node, but a graph with overlays is never edited in place.
+        // Overlays are outside the node, but a graph with overlays is never edited in place.
         let moved = |at: usize| at.wrapping_sub(node.span.start).wrapping_add(start);
         moved(place.start)..moved(place.end)
     }
@@ -173,8 +173,8 @@ impl Graph {
         Wired(ports.map(|(port, wires)| (port.name, wires.iter().map(name).collect())).collect())
     }
 
-    /// Checks across nodes: combinations of wires, and sinks that write many views to one path, if the number of
-    /// views is known before the run.
+    /// Checks that concern several nodes. Rejects invalid combinations of wires, and sinks that would write several
+    /// views to one path; the latter are found only if the number of views is known before the run.
     pub(crate) fn check_between(&self) -> Vec<Diagnostic> {
         let mut mistakes = Vec::new();
         for (index, node) in self.nodes.iter().enumerate() {
@@ -233,7 +233,7 @@ impl Graph {
     pub fn files(&self) -> Vec<PathBuf> {
         let mut files = Vec::new();
         for node in self.nodes.iter().filter(|node| node.kind.reads_files) {
-            // Fixing a file that cannot be read is a change, so the named files are returned.
+            // A file that cannot be read may be repaired, which is a change. So the named files are returned.
             match node.step.sources(&self.root) {
                 Ok(sources) => files.extend(sources.into_iter().map(|source| source.path)),
                 Err(_) => files.extend(node.named_files(&self.root)),
@@ -242,13 +242,13 @@ impl Graph {
         files
     }
 
-    /// The files named by parameters, without the files that these name.
+    /// The files named by parameters, without further files that those files refer to.
     pub(crate) fn named_files(&self) -> impl Iterator<Item = PathBuf> {
         let readers = self.nodes.iter().filter(|node| node.kind.reads_files);
         readers.flat_map(|node| node.named_files(&self.root))
     }
 
-    /// True if another graph has the same meaning, whatever its layout.
+    /// True if another graph has the same meaning. The layout of the text does not matter.
     pub fn same(&self, other: &Graph) -> bool {
         let alike = |(a, b): (&Arc<Node>, &Arc<Node>)| {
             Arc::ptr_eq(a, b)
@@ -271,8 +271,8 @@ impl Graph {
         values.iter().find(|(name, _)| *name == parameter)?.1.parse().ok()
     }
 
-    /// The nodes with a name: one node, all nodes of a subgraph, or the instances of a node along axes. If the name
-    /// has axis values, only the instances at these: `shot/y=2` matches `shot/x=1/y=2`.
+    /// The nodes that a name refers to: one node, all nodes of a subgraph, or all instances of a node along axes.
+    /// If the name contains axis values, only the instances with these values: `shot/y=2` matches `shot/x=1/y=2`.
     pub fn find_all(&self, id: &str) -> Vec<usize> {
         let (name, values) = id.split_once('/').map_or((id, None), |(name, values)| (name, Some(values)));
         let is = |node: &Arc<Node>| {
@@ -298,7 +298,7 @@ impl Graph {
         if sinks.is_empty() { all.filter(|&n| self.consumers(n).is_empty()).collect() } else { sinks }
     }
 
-    /// Marks the nodes that a run with these targets needs. Empty stands for [`targets`](Self::targets).
+    /// Marks the nodes that a run with these targets needs. An empty list stands for [`targets`](Self::targets).
     pub(crate) fn wanted(&self, only: &[usize]) -> Vec<bool> {
         self.above(&if only.is_empty() { self.targets() } else { only.to_vec() })
     }

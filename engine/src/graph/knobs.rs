@@ -18,27 +18,29 @@ use crate::value::root::SourceRoot;
 /// A knob of a node.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GraphKnob {
-    /// Name of the node in the file, which all its instances along axes share.
+    /// Name of the node in the file. All instances of the node along axes share it.
     pub node: String,
     /// Name of the parameter.
     pub parameter: &'static str,
     /// The declaration of the knob.
     pub knob: Knob,
-    /// The value in the graph, in canonical RON; that of the first instance for a node along axes.
+    /// The value in the graph, in canonical RON. For a node with instances along axes, the value of the first
+    /// instance.
     pub value: String,
-    /// Names of the targets that depend on it.
+    /// Names of the targets that depend on the knob.
     pub reaches: Vec<String>,
     /// True if instances of the node have different values.
     pub varies: bool,
 }
 
-/// The name in the file of a node or of an instance.
+/// The name that a node or an instance has in the file.
 fn name_in_file(id: &str, instance: bool) -> &str {
     if instance { id.split('/').next().unwrap_or(id) } else { id }
 }
 
 impl Graph {
-    /// The knobs above the given targets, in the order of the file. Empty stands for [`Graph::targets`].
+    /// The knobs of the nodes above the given targets, in the order of the file. An empty list stands for
+    /// [`Graph::targets`].
     pub fn knobs(&self, only: &[usize]) -> Vec<GraphKnob> {
         let targets = if only.is_empty() { self.targets() } else { only.to_vec() };
         let above: Vec<(usize, Vec<bool>)> = targets.iter().map(|&to| (to, self.shown_by(to))).collect();
@@ -80,8 +82,8 @@ impl Graph {
         knobs
     }
 
-    /// Marks the nodes whose results a target shows: the target and the nodes above it, except through
-    /// [`Preview::looks`] inputs.
+    /// Marks the nodes whose results a target shows: the target and the nodes above it. [`Preview::looks`] inputs
+    /// are not followed.
     ///
     /// [`Preview::looks`]: crate::Preview::looks
     fn shown_by(&self, target: usize) -> Vec<bool> {
@@ -97,9 +99,9 @@ impl Graph {
         shown
     }
 
-    /// Parameters above the given targets that differ in another version of this graph, for example under a preset:
-    /// node, parameter, and the canonical values in this and in the other graph. The [`Graph::knobs`] and instances
-    /// along axes are left out.
+    /// Parameters of nodes above the given targets whose values differ in another version of this graph, for
+    /// example under a preset. For each: the node, the parameter, and the canonical values in this graph and in the
+    /// other. Knobs that [`Graph::knobs`] lists and instances along axes are left out.
     pub fn fields_otherwise(
         &self,
         other: &Self,
@@ -177,8 +179,8 @@ impl Source {
         names
     }
 
-    /// Applies a preset: one of the graph's own, or one of [`PRESETS`], which sets all knobs of all nodes to a step
-    /// of their ladders.
+    /// Applies a preset: one that the graph defines, or one of [`PRESETS`]. A preset of [`PRESETS`] sets the knobs
+    /// of all nodes to one step of their ladders.
     pub fn with_preset(self, preset: &str, registry: &Registry) -> Self {
         // Mistakes in the text are reported by the check.
         let document = parse_all(&self, &SourceRoot::new(""), &mut Vec::new());

@@ -20,7 +20,7 @@ use crate::value::root::{InputFile, SourceRoot};
 pub struct Wire {
     /// Index into [`Graph::nodes`](crate::Graph::nodes).
     pub node: usize,
-    /// Index into the outputs of its kind.
+    /// Index into the outputs of the node's kind.
     pub port: usize,
 }
 
@@ -30,7 +30,7 @@ pub(crate) type FieldPlaces = Vec<(&'static str, Range<usize>)>;
 /// A checked node.
 #[derive(Clone)]
 pub struct Node {
-    /// Name in the file, with axis values for an instance: `trace/yaw=15.0`.
+    /// Name in the file, followed by axis values if the node is an instance: `trace/yaw=15.0`.
     pub id: String,
     /// Kind of the node.
     pub kind: Arc<KindEntry>,
@@ -40,7 +40,7 @@ pub struct Node {
     pub sink_path: Option<String>,
     /// The values of the axes that the node or its inputs read, in the order of the axes: `("yaw", "15.0")`.
     pub point: Point,
-    /// Place in the text that the node was parsed from. [`Graph::place`](crate::Graph) has the current place.
+    /// Place in the text that the node was parsed from. [`Graph::place`](crate::Graph) returns the current place.
     pub(crate) span: Range<usize>,
     pub(crate) places: FieldPlaces,
     pub(crate) step: Arc<dyn Step>,
@@ -76,12 +76,12 @@ impl Node {
         values
     }
 
-    /// The parameters of the node; `None` if its kind has other ones.
+    /// The parameters of the node as a `P`; `None` if its kind has different parameters.
     pub fn params<P: Params>(&self) -> Option<P> {
         read(self.kind.name, &self.values(), P::read)
     }
 
-    /// The node's parameters with another value for one of them; `None` if its kind rejects the value.
+    /// The node's parameters with one value replaced; `None` if its kind rejects the new value.
     pub(crate) fn with(&self, parameter: &str, text: &str) -> Option<Arc<dyn Step>> {
         let mut values = self.values();
         values.iter_mut().find(|(name, _)| *name == parameter)?.1 = text.to_owned();
@@ -115,7 +115,7 @@ impl Node {
         });
     }
 
-    /// Index and canonical text of each parameter, for [`KindEntry::step_of`].
+    /// The index and canonical text of each parameter, encoded for [`KindEntry::step_of`].
     pub(crate) fn texts(&self) -> Vec<u8> {
         let mut to = Encoder::default();
         self.visit_texts(|index, text| {

@@ -1,4 +1,4 @@
-//! The files that a graph is made of and reads. No sink may write to them.
+//! The files that contain a graph, and the files that it reads. No sink may write to them.
 
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Component, Path, PathBuf};
@@ -20,14 +20,15 @@ impl ReadFiles {
         Self(places)
     }
 
-    /// True if writing to `path` would change one of the files: `path` is the file, a link to it, or a link on the
-    /// way to it.
+    /// True if writing to `path` would change one of the files. This is so if `path` is the file, a link to it, or
+    /// the link by which the set names it.
     pub fn has(&self, path: &Path) -> bool {
         !self.0.is_empty() && places_of(path, &mut HashMap::new()).any(|place| self.0.contains(&place))
     }
 }
 
-/// The locations of a path: its name in a folder without links and, for a link, its target. `folders` is a cache.
+/// The locations of a path: the path itself, with the links in its folder resolved, and, if the path is a link, its
+/// target. `folders` caches the resolved folders.
 fn places_of(path: &Path, folders: &mut HashMap<PathBuf, PathBuf>) -> impl Iterator<Item = PathBuf> + use<> {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -41,7 +42,7 @@ fn places_of(path: &Path, folders: &mut HashMap<PathBuf, PathBuf>) -> impl Itera
     [Some(place), end].into_iter().flatten()
 }
 
-/// The location, after links are resolved, of a folder that does not exist or exists only in part.
+/// Resolves the links in the path of a folder that does not exist, as far as the path does exist.
 fn in_steps(folder: &Path) -> PathBuf {
     let mut at = PathBuf::new();
     for part in std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned()).components() {
@@ -56,9 +57,9 @@ fn in_steps(folder: &Path) -> PathBuf {
 }
 
 impl Graph {
-    /// Rejects sinks that would overwrite one of `texts`, the files of the graph itself, or a file that a parameter
-    /// names. `only` are the targets of the run. Further conflicts, such as with a file that a source names, are
-    /// found during the run.
+    /// Rejects sinks that would overwrite one of `texts`, which are the files of the graph itself, or a file that a
+    /// parameter names. `only` contains the targets of the run. Other conflicts, such as with a file that a source
+    /// file refers to, are found during the run.
     ///
     /// # Errors
     /// All such sinks.

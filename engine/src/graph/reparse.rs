@@ -1,9 +1,9 @@
-//! Applies a small edit of the text to a checked graph without parsing all of it.
+//! Applies a small edit of the text to a checked graph without parsing the whole text again.
 //!
 //! The edit may change parameters of one node, or comments and white space between nodes. For any other edit, and
 //! for any mistake, the caller uses [`Graph::parse`](crate::Graph::parse), which gives the same graph. The scanner
 //! reads forwards, and nothing that ends in `)` depends on the text after it. So if the text of a node is still one
-//! node, or the text between nodes differs in white space only, the rest of the file is unaffected.
+//! node, or the text between nodes differs only in comments and white space, the rest of the file is unaffected.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ use crate::text::source::Source;
 use crate::text::syntax::parse_node;
 
 impl Graph {
-    /// The graph of an edited text; `None` if all of it must be parsed. The registry is made only if a node
+    /// The graph of an edited text; `None` if the whole text must be parsed. `registry` is called only if a node
     /// changed.
     pub fn reparse(self: &Arc<Self>, text: String, registry: impl Fn() -> Registry) -> Option<Arc<Self>> {
         if !self.plain || *self.source.text == *text {
@@ -56,7 +56,7 @@ impl Graph {
         Some(Arc::new(graph))
     }
 
-    /// A node with an edited text; `None` unless only parameters changed and all are valid.
+    /// A node after its text was edited; `None` unless only parameters changed and all of them are valid.
     fn node_edited(
         &self,
         index: usize,

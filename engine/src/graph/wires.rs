@@ -84,9 +84,9 @@ impl<'t, 'a> Check<'t, 'a> {
             let (node, from, over) = (gather.node, gather.output.clone(), gather.over.clone());
             let name = &named.name;
             let wrong = match (output, port.arity) {
-                (Some(output), _) => Some(format!("a gather has no output `{}`", shown(output))),
+                (Some(output), _) => Some(format!("a `Gather` has no output `{}`", shown(output))),
                 (None, Arity::One | Arity::Optional) => {
-                    Some(format!("`{}` takes one wire, and `{name}` gathers many", port.name))
+                    Some(format!("`{}` takes one wire, but `{name}` gathers many", port.name))
                 }
                 (None, Arity::Many) => None,
             };
@@ -216,8 +216,8 @@ impl<'t, 'a> Check<'t, 'a> {
 const MOST_MAKERS: usize = 2;
 
 impl Check<'_, '_> {
-    /// Kinds whose first output is of type `wanted` and that take `given` but not `wanted`, as calls with their first
-    /// required input.
+    /// Kinds that could convert `given` to `wanted`: their first output is of type `wanted`, and they take `given`
+    /// but not `wanted`. Each is written as a call with its first required input.
     fn makers(&self, given: &str, wanted: &str) -> Option<String> {
         let takes = |kind: &KindEntry, name: &str| kind.inputs.iter().any(|port| port.artifact.name == name);
         let makes = |kind: &&Arc<KindEntry>| {
@@ -234,7 +234,8 @@ impl Check<'_, '_> {
     }
 }
 
-/// The names in a wire or a list of wires. Names from a parameter are resolved in the scope that gave it.
+/// The names in a wire or a list of wires. Names from a `Param` call are resolved in the scope where its value is
+/// written.
 pub(crate) fn wire_names<'t>(
     field: &RawField<'t>,
     scopes: &[Scope<'t>],

@@ -19,7 +19,7 @@ use crate::value::cpu;
 use crate::value::error::NodeError;
 use crate::value::root::{InputFile, SourceFile, SourceRoot};
 
-/// Fields of the context. A kind declares those that it reads, and only those enter its keys.
+/// Fields of the context. A kind declares the fields that it reads, and only these enter its keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ContextField {
     /// [`Scene::up`].
@@ -84,8 +84,8 @@ pub struct Context {
 }
 
 impl Context {
-    /// A context outside of any run: no cache, no cancellation, every field readable. For tests and benches of
-    /// kinds. Tiles run on the rayon pool of the caller.
+    /// A context that belongs to no run, for tests and benchmarks of kinds. It has no cache and no cancellation,
+    /// and every field can be read. Tiles run on the rayon pool of the caller.
     pub fn detached(scene: Scene, folder: impl Into<PathBuf>) -> Self {
         Self {
             scene,
@@ -128,22 +128,23 @@ impl Context {
         self.scene.seed
     }
 
-    /// True if all work is to be done, even if a check shows that it changes no byte, so that the savings of such
-    /// checks can be measured. The kind must declare [`ContextField::Exhaustive`].
+    /// True if the node must do all its work, even where a check shows that the work has no effect on the output.
+    /// This makes it possible to measure what such checks save. The kind must declare [`ContextField::Exhaustive`].
     pub fn exhaustive(&self) -> bool {
         self.declared(ContextField::Exhaustive);
         self.scene.exhaustive
     }
 
-    /// The canonical graph above this node, for the metadata of written pictures: nodes renumbered in order, all
-    /// parameters written, sources by digest. The kind must declare [`ContextField::Recipe`].
+    /// The canonical graph above this node, for the metadata of written pictures. Its nodes are numbered in order,
+    /// all parameters are written out, and sources are named by digest. The kind must declare
+    /// [`ContextField::Recipe`].
     pub fn recipe(&self) -> Option<&str> {
         self.declared(ContextField::Recipe);
         self.recipe.as_deref()
     }
 
-    /// The output names of the wires of an input: `["colour", "depth"]`. The kind must declare
-    /// [`ContextField::Wired`]. Empty in a detached context.
+    /// For each wire of an input, the name of the output that it comes from: `["colour", "depth"]`. The kind must
+    /// declare [`ContextField::Wired`]. Empty in a detached context.
     pub fn wired(&self, input: &str) -> &[&'static str] {
         self.declared(ContextField::Wired);
         self.wired.of(input)
@@ -165,12 +166,12 @@ impl Context {
         cancelled
     }
 
-    /// Cancels the run, in tests of kinds.
+    /// Cancels the run. For tests of kinds.
     pub fn stop(&self) {
         self.cancel.store(true, Ordering::Relaxed);
     }
 
-    /// Makes the context cancel the run once progress reaches `fraction`, in tests of kinds.
+    /// Makes the context cancel the run once progress reaches `fraction`. For tests of kinds.
     pub fn stopping_at(self, fraction: f32) -> Self {
         let cancel = self.cancel.clone();
         let progress = move |done| {
@@ -181,7 +182,7 @@ impl Context {
         Self { progress: Box::new(progress), ..self }
     }
 
-    /// Makes the context list these files as sources, in tests of kinds.
+    /// Makes the context list these files as sources. For tests of kinds.
     pub fn having_listed(mut self, files: &[SourceFile]) -> Self {
         let read = |file: &SourceFile| {
             let content = std::fs::read(&file.path).unwrap_or_default();
@@ -223,7 +224,7 @@ impl Context {
         run_tiles(self.threads.as_deref(), n, &|| self.cancelled(), &|index| self.on_cpu(|| tile(index)))
     }
 
-    /// Runs code of the node and adds the CPU time that this thread spent to that of the node.
+    /// Runs code of the node and adds the CPU time that it took on this thread to the node's CPU time.
     pub(crate) fn on_cpu<T>(&self, code: impl FnOnce() -> T) -> T {
         let (value, spent) = cpu::measured(code);
         self.cpu.fetch_add(spent.as_nanos() as u64, Ordering::Relaxed);
@@ -287,10 +288,10 @@ impl Context {
         Ok(Arc::new(made))
     }
 
-    /// Computes a part that is kept in memory and never stored, or takes it from memory, for values that are faster
-    /// to compute than to read, such as a tree of triangles. It serves other nodes with the same inputs and, in
-    /// `watch`, later runs, until it is evicted. If two nodes need it at once, both compute it, so that neither
-    /// waits. The code must not count work.
+    /// Computes a part that is kept in memory and never stored, or takes it from memory. This is for values that
+    /// are faster to compute than to read, such as a tree of triangles. It serves other nodes with the same inputs
+    /// and, in `watch`, later runs, until it is evicted. If two nodes need it at once, both compute it, so that
+    /// neither waits. `make` must not call [`count`](Self::count).
     ///
     /// # Errors
     /// If `extra` has no canonical form.
@@ -321,8 +322,9 @@ impl Context {
         self.root.file(file)
     }
 
-    /// Returns an error that requests another run if these files differ from those that `sources` listed; for kinds
-    /// that list a folder again when they run. In a detached context every file is accepted, since no list exists.
+    /// Returns an error, with the hint to run again, if these files differ from the files that `sources` listed.
+    /// For kinds that list a folder in `sources` and again in `run`. In a detached context every file is accepted,
+    /// since no list exists.
     pub fn check_listed(&self, files: &[SourceFile]) -> Result<(), NodeError> {
         if self.parts.is_none() && self.sources.is_empty() {
             return Ok(());
@@ -343,7 +345,7 @@ impl Context {
         self.read_source(&self.root.file(file))
     }
 
-    /// The bytes of a file that a source names, such as a glTF buffer.
+    /// The bytes of a file that a source file refers to, such as a glTF buffer.
     pub fn read_beside(&self, file: &InputFile, name: &str) -> Result<Vec<u8>, NodeError> {
         self.read_source(&self.root.beside(&self.root.file(file), name))
     }

@@ -7,7 +7,7 @@ use crate::value::error::NodeError;
 use crate::value::note::Notes;
 use crate::value::root::{FileHead, SourceFile, SourceRoot};
 
-/// Memory that a node needs, for admission. Zero means negligible.
+/// Memory that a node needs, which determines when the node may start. Zero means a negligible amount.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Cost {
     /// Peak memory beyond the inputs, in bytes.
@@ -15,15 +15,16 @@ pub struct Cost {
 }
 
 impl Cost {
-    /// The sum of count times bytes over all items. It saturates, so that a node that needs too much memory is
-    /// refused and not admitted as a small one.
+    /// The sum of count times bytes over all items. It saturates: if it wrapped around, a node that needs too much
+    /// memory would appear to need little.
     pub fn of(items: impl IntoIterator<Item = (u64, u64)>) -> Self {
         let add = |sum: u64, (count, each): (u64, u64)| sum.saturating_add(count.saturating_mul(each));
         Self { bytes: items.into_iter().fold(0, add) }
     }
 }
 
-/// Sizes of the inputs of a node, by [`crate::Artifact::size`]. Known from records, without the values.
+/// Sizes of the inputs of a node, as returned by [`crate::Artifact::size`]. They come from records, so that the
+/// values themselves are not needed.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Sizes {
     pub(crate) ports: Vec<(&'static str, u64)>,
@@ -47,14 +48,15 @@ impl Sizes {
 pub enum Keep {
     /// Outputs are stored.
     Always,
-    /// Only digests of outputs are stored, since recomputing them is as cheap as reading (loaders).
+    /// Only digests of outputs are stored. This is for loaders, whose outputs are as cheap to compute as to read
+    /// from the store.
     Cheap,
 }
 
-/// The replacement for a parameter of a former version.
+/// The replacement for parameters of a former version of a kind.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Former {
-    /// The parameters that went together, reported as one.
+    /// The former parameters. They are reported as one mistake.
     pub fields: &'static [&'static str],
     /// The last version of the kind that had these parameters.
     pub last: u32,
@@ -63,8 +65,8 @@ pub struct Former {
 }
 
 impl Former {
-    /// Parameters that forced work without an effect on the output; the option `--exhaustive` now does so for a
-    /// whole run.
+    /// The replacement for parameters that forced work without an effect on the output. The option `--exhaustive`
+    /// now forces such work in a whole run.
     pub fn exhaustive(fields: &'static [&'static str], last: u32) -> Self {
         let instead = "remove it; `--exhaustive` forces all such work in a run".to_owned();
         Self { fields, last, instead }
@@ -78,20 +80,22 @@ pub enum ViewCount {
     Unknown,
     /// Fixed number of views.
     Known(usize),
-    /// Equal to the number of views of the first of these inputs that is wired and whose number is known.
+    /// Equal to the number of views of an input: the first of these inputs that is connected and whose number is
+    /// known.
     As(&'static [&'static str]),
 }
 
-/// Ways to reduce the work of a kind for previews while watching and for presets, and facts for forecasts.
+/// Ways to reduce the work of a kind, for previews in `watch`, for presets and for forecasts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Preview {
-    /// A parameter (such as `samples`) whose work is cached in chunks: raising it computes only the added chunks, and a
-    /// forecast counts no more than these.
+    /// A parameter (such as `samples`) whose work is cached in chunks: raising it computes only the added chunks,
+    /// and forecasts count only these.
     pub refines: Option<&'static str>,
-    /// The parameter by which a first preview computes one pixel per block of n by n pixels; 1 is every pixel.
+    /// A parameter whose value n makes a node compute one pixel per block of n by n pixels; 1 means every pixel. It
+    /// is used for the first preview.
     pub coarse: Option<&'static str>,
-    /// Parameters that previews reduce, with their values there: a whole number is an upper limit, anything else replaces
-    /// the value.
+    /// Parameters that previews reduce, each with its value for previews. A whole number is an upper limit; any
+    /// other value replaces the parameter's value.
     pub rough: &'static [(&'static str, &'static str)],
     /// Inputs used only to choose a resolution; presets do not raise knobs that affect only such inputs.
     pub looks: &'static [&'static str],
@@ -116,7 +120,8 @@ pub trait Kind: 'static {
     const FOLDERS: bool = false;
     /// Hint on where to download required files; shown when one is missing.
     const SUPPLIED: Option<&'static str> = None;
-    /// Profile of the arithmetic: `portable`, or the name of a library whose bits may differ between machines.
+    /// Profile of the arithmetic: `portable`, or the name of a library whose results may differ slightly between
+    /// machines.
     const PROFILE: &'static str = "portable";
 
     /// Compiled-in data that may change without a new version, such as weights. Its digest enters the key.
@@ -125,7 +130,7 @@ pub trait Kind: 'static {
     /// would run.
     const INSTANT: bool = false;
 
-    /// Ways in which `watch`, presets and forecasts reduce its work.
+    /// Ways to reduce the work of the kind, for `watch`, presets and forecasts.
     const PREVIEW: Preview = Preview::NONE;
 
     /// Parameters, declared with [`params!`](crate::params).
@@ -140,19 +145,19 @@ pub trait Kind: 'static {
         Cost::default()
     }
 
-    /// Estimates the additional memory for the files of `sources`, in the same order, from their headers. Errors in
-    /// the files are reported by `run`.
+    /// Estimates the additional memory for `files` from their headers. These are the files that `sources` listed,
+    /// in the same order. Errors in the files are reported by `run`.
     fn estimate_files(_params: &Self::Params, files: &[FileHead<'_>]) -> Cost {
         Cost { bytes: files.iter().fold(0, |sum, file| sum.saturating_add(file.bytes)) }
     }
 
     /// Work of a run in arbitrary units proportional to its time. Seconds per unit are learnt from earlier runs of
-    /// the kind, so that forecasts follow sample counts and sizes.
+    /// the kind, so that forecasts take sample counts and sizes into account.
     fn work(_params: &Self::Params, sizes: &Sizes) -> f64 {
         sizes.total()
     }
 
-    /// The files that `run` reads. Only headers may be read to find them.
+    /// The files that `run` reads. An implementation may read only headers to find them.
     fn sources(_params: &Self::Params, _root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         Ok(Vec::new())
     }

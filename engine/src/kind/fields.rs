@@ -7,7 +7,7 @@ use crate::text::diag::{Code, Diagnostic, shown};
 use crate::text::document::RawField;
 use crate::text::values::{parse_value, value_mistake, with_article};
 
-/// Reads a value. A choice whose fields all have defaults may be written without parentheses: `Room` is `Room()`.
+/// Reads a value. A choice whose fields all have defaults may be written without parentheses: `Room` for `Room()`.
 fn read_value<T: ParamType>(text: &str) -> Result<T, ron::Error> {
     parse_value::<T>(text).or_else(|error| {
         let is_word = text.starts_with(|c: char| c.is_ascii_uppercase())
@@ -29,7 +29,7 @@ pub struct Fields<'t, 'a> {
 }
 
 impl Fields<'_, '_> {
-    /// Reads a parameter: its value or default, or `None` after reporting a mistake.
+    /// Reads a parameter. Returns its value or its default, or reports a mistake and returns `None`.
     pub fn parameter<T: ParamType>(
         &mut self,
         name: &'static str,

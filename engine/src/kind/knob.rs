@@ -12,13 +12,13 @@ pub enum KnobKind {
     Resolution,
     /// Number of terms of a series, such as light bounces.
     Depth,
-    /// Share below which contributions are left out.
+    /// Relative size below which contributions are left out.
     Cutoff,
     /// Precision of the arithmetic.
     Precision,
     /// Strength of smoothing, which removes noise and detail.
     Filter,
-    /// Maximum contribution of a sample, which removes noise and some light; 0 for no limit.
+    /// Maximum contribution of a sample, or 0 for no limit. A limit removes noise, but also some light.
     Limit,
 }
 
@@ -37,7 +37,7 @@ impl KnobKind {
     }
 }
 
-/// A parameter as a knob. Each step of its ladder is at least as exact as the previous one.
+/// Declaration of a parameter as a knob. Each step of its ladder is at least as exact as the step before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Knob {
     /// Type of the knob.
@@ -47,8 +47,8 @@ pub struct Knob {
 }
 
 impl Knob {
-    /// The values to try, from the least work to the smallest error: the ladder, with whole numbers doubled in
-    /// between.
+    /// The values to try, from the least work to the smallest error. These are the steps of the ladder; between two
+    /// whole numbers, the lower one is also doubled repeatedly.
     pub fn values(&self) -> Vec<String> {
         let mut values: Vec<String> = Vec::new();
         for level in self.ladder.iter().filter(|level| !level.is_empty()) {

@@ -21,7 +21,7 @@ pub trait ParamType:
     fn within(&self, _low: f64, _high: f64) -> bool {
         true
     }
-    /// The text that enters the key; `None` if a digest enters in its place.
+    /// The text that enters the key; `None` if the digest of a file enters the key instead.
     fn key_text(&self) -> Result<Option<String>, NotCanonical> {
         canonical(self).map(Some)
     }
@@ -47,7 +47,7 @@ pub enum Role {
 #[error("`{0}` is not a finite number")]
 pub struct NotCanonical(pub String);
 
-/// The canonical RON text of a value: shortest floats, no layout, `-0` written as `0`.
+/// The canonical RON text of a value: floats in their shortest form, no white space, and `-0` written as `0`.
 pub fn canonical<T: Serialize>(value: &T) -> Result<String, NotCanonical> {
     let text = ron::to_string(value).map_err(|e| NotCanonical(e.to_string()))?;
     let mut out = String::with_capacity(text.len());
@@ -226,7 +226,7 @@ impl<T: ParamType> ParamValue for T {
 mod tests {
     use super::ParamType;
 
-    // Mutation: the bounds of f32 compared in f64.
+    // This test fails if the bounds of an `f32` are compared as `f64`.
     #[test]
     fn the_ends_of_a_range_are_in_it() {
         assert!(0.999_f32.within(0.05, 0.999) && 0.05_f32.within(0.05, 0.999));

@@ -23,7 +23,7 @@ pub struct ParamSpec {
     pub unit: &'static str,
     /// Another valid value in RON, for tests.
     pub other: Option<&'static str>,
-    /// The reason why the output may be equal for another value (a speed setting, for example).
+    /// The reason why another value may give the same output, for example because the parameter affects only speed.
     pub inert: Option<&'static str>,
     /// The knob, if the parameter trades work for accuracy.
     pub knob: Option<Knob>,
@@ -43,7 +43,7 @@ pub trait Params: Sized + std::fmt::Debug + Clone + PartialEq + Send + Sync + 's
     fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
 }
 
-/// The parameters of a kind, followed by those that several kinds share. The documentation is that of the kind.
+/// The parameters of one kind, followed by parameters that several kinds share. The documentation comes from `Own`.
 impl<Own: Params, Shared: Params> Params for (Own, Shared) {
     const DOC: &'static str = Own::DOC;
     fn specs() -> Vec<ParamSpec> {
@@ -70,7 +70,7 @@ impl<Own: Params, Shared: Params> Params for (Own, Shared) {
 ///         /// Width of the panorama; the height is half of it.
 ///         width_px: u32 = 2048, range(16, 16384), unit("px"), other("64"),
 ///             knob(Resolution, "256", "512", "1024", "4096");
-///         /// Where to read from; has no default, so it must be given.
+///         /// The file to read. It has no default, so it must be given.
 ///         path: engine::InputFile, other("\"b.ply\"");
 ///     }
 /// }
@@ -150,12 +150,12 @@ macro_rules! params {
     (@range $attr:ident($($arg:tt)*) $($rest:tt)*) => { $crate::params!(@range $($rest)*) };
 }
 
-/// Declares a parameter type that is one of several words, each documented.
+/// Declares a parameter type whose values are a fixed set of words, each with documentation.
 ///
 /// ```
 /// engine::choices! {
 ///     /// How the darker exposure replaces the brighter one.
-///     pub enum Blend { /** At the threshold, as the paper. */ Hard, /** Over a ramp. */ Ramp }
+///     pub enum Blend { /** At the threshold, as in the paper. */ Hard, /** Over a ramp. */ Ramp }
 /// }
 /// assert_eq!(<Blend as engine::ParamType>::describe(), "Hard | Ramp");
 /// assert_eq!(<Blend as engine::ParamType>::choices()[1], ("Ramp", "Over a ramp."));

@@ -9,7 +9,7 @@ use crate::value::error::NodeError;
 /// The identity of a part of a node's work: an action with its own key.
 #[derive(Debug, Clone, Copy)]
 pub struct Part<'a> {
-    /// Name in events: `r0`.
+    /// Name in events, such as `r0`.
     pub name: &'a str,
     /// Version of the part's code; raised whenever its output changes.
     pub version: u32,
@@ -17,9 +17,9 @@ pub struct Part<'a> {
     pub inputs: &'a [&'static str],
 }
 
-/// Storage of parts: the side of `Context::part` that the engine implements.
+/// Storage of parts, which the engine provides for `Context::part`.
 pub(crate) trait PartStore: Send + Sync {
-    /// The stored bytes of a part, and the time and counts that it took.
+    /// The stored bytes of a part, and the time and counts of its computation.
     fn load(&self, part: Part<'_>, extra: &str) -> Option<(Vec<u8>, Effort)>;
     /// Acquires the lease of a part, or returns an error that makes the engine try the node again once the lease is
     /// free. Never waits, since a caller on the same thread may hold the lease.

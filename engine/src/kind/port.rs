@@ -11,7 +11,7 @@ pub enum Arity {
     One,
     /// Zero or one.
     Optional,
-    /// Any number of wires, in an order that matters.
+    /// Any number. The order of the wires matters.
     Many,
 }
 
@@ -45,7 +45,7 @@ pub trait InPort: Sized {
     const ARITY: Arity;
     /// Type of the values.
     fn artifact() -> ArtifactType;
-    /// Converts the values of the wires. Their number and type were checked with the graph.
+    /// Converts the values of the wires. The check of the graph has verified their number and types.
     fn take(values: Vec<AnyArtifact>) -> Self;
 }
 
@@ -87,7 +87,7 @@ impl<T: Artifact> InPort for Vec<Arc<T>> {
 pub trait Inputs: Sized {
     /// The ports in the order of declaration, which is also the order in keys.
     fn ports() -> Vec<PortSpec>;
-    /// Converts one list of values per port.
+    /// Builds the inputs from one list of values per port.
     fn take(values: Vec<Vec<AnyArtifact>>) -> Self;
 }
 

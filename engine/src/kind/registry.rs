@@ -71,7 +71,8 @@ impl<K: Kind> Step for StepOf<K> {
     }
 }
 
-/// [`Kind::former`]: a field name and all fields as written, by name and text.
+/// Type of [`Kind::former`]. The arguments are the name of a field, and the names and texts of all fields of the
+/// node.
 type FormerField = fn(&str, &[(&str, &str)]) -> Option<Former>;
 
 /// The engine's view of a kind.
@@ -166,7 +167,7 @@ pub(crate) fn camel(kebab: &str) -> String {
     out
 }
 
-/// The table of kinds. A crate of kinds adds its own with [`Registry::with`].
+/// The table of kinds. A crate adds its kinds with [`Registry::with`].
 #[derive(Default)]
 pub struct Registry {
     kinds: BTreeMap<String, Arc<KindEntry>>,
@@ -185,16 +186,16 @@ impl Registry {
     pub fn with(mut self, entry: KindEntry) -> Self {
         let name = entry.camel_name();
         let earlier = self.kinds.insert(name.clone(), Arc::new(entry));
-        assert!(earlier.is_none(), "two kinds are named {name}");
+        assert!(earlier.is_none(), "two kinds are named `{name}`");
         self
     }
 
-    /// The kind with a name in either spelling.
+    /// The kind with this name, which may be spelled `splat-render` or `SplatRender`.
     pub fn get(&self, name: &str) -> Option<&Arc<KindEntry>> {
         self.kinds.get(name).or_else(|| self.kinds.get(&camel(name)))
     }
 
-    /// All kinds in order of name.
+    /// All kinds, sorted by name.
     pub fn iter(&self) -> impl Iterator<Item = &Arc<KindEntry>> {
         self.kinds.values()
     }

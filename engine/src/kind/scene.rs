@@ -56,7 +56,8 @@ pub struct Scene {
     pub metres_per_unit: f64,
     /// Seed of all random numbers in the graph.
     pub seed: u64,
-    /// True if work is done even where checks show that it changes no byte; see [`crate::Context::exhaustive`].
+    /// True if nodes do all their work, even where a check shows that it has no effect on the output; see
+    /// [`crate::Context::exhaustive`].
     pub exhaustive: bool,
 }
 

@@ -1,9 +1,9 @@
 //! Tiles: parts of one node's work that run on all free threads.
 //!
 //! The thread that runs the code of a node works through its tiles, and *helpers* join in as long as fewer than the
-//! permitted number of threads are busy. A helper checks this before each tile. So a node that starts gets its
-//! processor within the time of one tile, whatever else is running, and no thread ever runs the code of one node
-//! within that of another.
+//! permitted number of threads are busy. A helper checks this before each tile. So a node that starts gets a
+//! processor core within the time of one tile, whatever else is running. No thread ever runs the code of one node
+//! within the code of another.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::OnceLock;
@@ -32,12 +32,12 @@ impl Drop for Busy<'_> {
 }
 
 impl Threads {
-    /// A set of threads of which at most `limit` compute at once. Within the time of one tile, more may.
+    /// A set of threads of which at most `limit` compute at once. More may do so for the time of one tile.
     pub fn new(limit: usize) -> Self {
         Self { limit: limit.max(1), busy: AtomicUsize::new(0), helpers: OnceLock::new() }
     }
 
-    /// Runs code that must start at once; helpers make room for it.
+    /// Runs code at once, and counts the thread as busy so that a helper stops after its current tile.
     pub fn occupied<T>(&self, code: impl FnOnce() -> T) -> T {
         self.busy.fetch_add(1, Ordering::Relaxed);
         let _busy = Busy(&self.busy);
@@ -117,7 +117,7 @@ struct Tiles<'t> {
 }
 
 impl<'t> Tiles<'t> {
-    /// Runs tiles on the thread of the node until none is left.
+    /// Runs tiles on the thread of the node until all have been started.
     fn lead<'s>(&'s self, scope: &rayon::Scope<'s>) {
         for _ in 0..self.most {
             self.call_helper(scope);
@@ -138,8 +138,8 @@ impl<'t> Tiles<'t> {
         }
     }
 
-    /// Runs one tile on a helper, which then spawns its next turn instead of looping, since it may run on a thread
-    /// that waits for its own tiles.
+    /// Runs tiles on a helper for the time [`TURN`]. The helper then spawns its next turn instead of continuing the
+    /// loop, since it may run on a thread that waits for its own tiles.
     fn help<'s>(&'s self, scope: &rayon::Scope<'s>) {
         let start = Instant::now();
         loop {
@@ -156,7 +156,7 @@ impl<'t> Tiles<'t> {
         }
     }
 
-    /// Runs the next tile. Returns false if all were started.
+    /// Runs the next tile. Returns false if there is none, or if the run has ended.
     fn run_next(&self) -> bool {
         if self.ended.load(Ordering::Relaxed) {
             return false;
@@ -213,7 +213,7 @@ mod tests {
         assert_eq!(sorted(made), (0..1000).collect::<Vec<_>>());
     }
 
-    // Mutation: helpers that do not call `join` before each tile keep running.
+    // This test fails if helpers do not call `join` before each tile, since they then keep running.
     #[test]
     fn helpers_make_room_within_a_tile() {
         let (threads, helped) = (Threads::new(2), AtomicUsize::new(0));

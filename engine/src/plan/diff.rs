@@ -23,8 +23,9 @@ pub enum NodeDifference {
     Changed(Vec<Change>),
 }
 
-/// Differences between two graphs: `scene` and the nodes by name, in the order of the first graph, then nodes that
-/// only the second has. Written defaults, layout and comments make no difference.
+/// Lists the differences between two graphs by name: `scene`, then the nodes in the order of the first graph, then
+/// the nodes that only the second graph has. Layout, comments, and defaults that are written out make no
+/// difference.
 pub fn graph_differences(a: &Graph, b: &Graph) -> Vec<(String, NodeDifference)> {
     let mut found = Vec::new();
     let scene = |graph: &Graph| {
@@ -60,7 +61,7 @@ fn by_name(graph: &Graph) -> HashMap<&str, usize> {
     graph.nodes.iter().enumerate().map(|(index, node)| (node.id.as_str(), index)).collect()
 }
 
-/// Kind, parameters including defaults, and wires, by name.
+/// The kind, the parameters (including defaults) and the wires of a node, as pairs of name and text.
 fn fields(graph: &Graph, index: usize) -> Vec<(String, String)> {
     let node = &graph.nodes[index];
     let mut fields = vec![("kind".to_owned(), node.kind.name.to_owned())];
@@ -95,18 +96,18 @@ pub struct ResultDifference {
     pub id: String,
     /// Names of the outputs that differ, with the distance between their values if both are stored.
     pub outputs: Vec<(String, Option<Difference>)>,
-    /// True if none of its inputs differ, so that the difference originates here.
+    /// True if none of its inputs differ, so that the difference originates in this node.
     pub first: bool,
 }
 
-/// Comparison of the results of two graphs, by nodes of the same name and kind, in topological order.
+/// Comparison of the results of two graphs. Nodes with the same name and kind are compared, in topological order.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ResultDifferences {
     /// Number of nodes with results in both graphs.
     pub compared: usize,
     /// Nodes whose results differ.
     pub unequal: Vec<ResultDifference>,
-    /// Nodes without a result in the first graph, and those without one in the second.
+    /// Names of the nodes without a result: in the first graph, and in the second graph.
     pub unknown: [Vec<String>; 2],
 }
 

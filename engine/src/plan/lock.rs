@@ -1,4 +1,4 @@
-//! Locks: the inputs, kinds and results of a graph by digest, to check that another run is the same.
+//! Locks: records of the inputs, kinds and results of a graph, to check that another run gives the same results.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,8 @@ use crate::value::error::NodeError;
 /// Version of the format of locks; raised when their fields change.
 const FORMAT: u32 = 1;
 
-/// The inputs, kinds and results of a graph. The text is RON in a fixed order, equal for equal graphs.
+/// The inputs, kinds and results of a graph. The text is RON in a fixed order, so that equal graphs give equal
+/// texts.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lock {
@@ -27,7 +28,7 @@ pub struct Lock {
     pub results: BTreeMap<String, BTreeMap<String, String>>,
 }
 
-/// Errors of parsing a lock.
+/// Errors when parsing a lock.
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
     /// The text does not parse.
@@ -39,7 +40,7 @@ pub enum LockError {
         why: String,
     },
     /// The lock has another format.
-    #[error("{name}: the lock has format {format}, but this program reads format {FORMAT}")]
+    #[error("{name}: the lock has format {format}, but this version of lightharmony reads format {FORMAT}")]
     Format {
         /// Name of the file.
         name: String,
@@ -51,9 +52,9 @@ pub enum LockError {
 /// Differences between a lock and the current state, one line each.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct LockDifferences {
-    /// Kinds and inputs that differ, so that a new run would differ.
+    /// Differences in kinds and inputs, which mean that a new run would give different results.
     pub before: Vec<String>,
-    /// Results that differ, so that the earlier runs differed.
+    /// Differences in results, which mean that the earlier runs gave different results.
     pub results: Vec<String>,
 }
 
@@ -111,7 +112,8 @@ impl Lock {
         if lock.format == FORMAT { Ok(lock) } else { Err(LockError::Format { name, format: lock.format }) }
     }
 
-    /// Differences between this lock and the current one. Results are compared if both have them.
+    /// Lists the differences between this lock and `now`, the current one. A result is compared only if both locks
+    /// have it.
     pub fn differences(&self, now: &Lock) -> LockDifferences {
         let short = |digest: &str| digest.chars().take(12).collect::<String>();
         let mut found = LockDifferences::default();
@@ -129,7 +131,7 @@ impl Lock {
             match self.inputs.get(name) {
                 None => found.before.push(format!("the lock has no input `{name}`")),
                 Some(known) if known != digest => found.before.push(format!(
-                    "`{name}` has the content {}, but the lock has {}",
+                    "`{name}` has the digest {}, but the lock has {}",
                     short(digest),
                     short(known)
                 )),
@@ -141,9 +143,9 @@ impl Lock {
             for (port, digest) in outputs {
                 if let Some(known) = known.get(port).filter(|known| *known != digest) {
                     let (now, then) = (short(digest), short(known));
-                    found
-                        .results
-                        .push(format!("the result of `{node}.{port}` is {now}, but the lock has {then}"));
+                    found.results.push(format!(
+                        "the result of `{node}.{port}` has the digest {now}, but the lock has {then}"
+                    ));
                 }
             }
         }

@@ -1,4 +1,4 @@
-//! Plans of runs, and comparisons of earlier ones: last values, locks, differences.
+//! Plans of runs, and queries about earlier runs: last values, locks, differences.
 
 pub(crate) mod diff;
 pub(crate) mod last_values;

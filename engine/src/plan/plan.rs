@@ -1,8 +1,8 @@
 //! Plans: what a run would do and why. A plan computes nothing that takes time.
 //!
-//! A node is known if its key is in the store. If it is not, the keys of the nodes below depend on its result. A
-//! plan runs kinds that are [`INSTANT`](crate::Kind::INSTANT) (a pose, a rig), so that it shows exactly which nodes
-//! an edit affects.
+//! A node is known if its key is in the store. If it is not, the keys of the nodes below are unknown, since they
+//! depend on its result. A plan runs kinds that are [`INSTANT`](crate::Kind::INSTANT) (a pose, a rig), so that it
+//! shows exactly which nodes an edit affects.
 
 use std::path::Path;
 
@@ -58,19 +58,19 @@ pub struct Planned {
     pub kind: &'static str,
     /// Planned treatment of the node.
     pub fate: Fate,
-    /// Forecast of its time in seconds, from earlier runs of its kind; `None` if there are none or if it would not
-    /// run. Cached parts make it shorter.
+    /// Forecast of the node's time in seconds, from earlier runs of its kind. `None` if there were no such runs or
+    /// if the node would not run. With cached parts, the node takes less time than forecast.
     pub forecast: Option<f64>,
     /// The manifest of its key, if the key is known.
     pub manifest: Option<Manifest>,
 }
 
-/// History of a node, by its name and that of its graph file.
+/// History of a node, found by the name of the node and the name of its graph file.
 #[derive(Debug, Clone, Default)]
 pub struct Past {
     /// Time, memory and counts of its last run.
     pub spent: Option<Spent>,
-    /// Differences between its key and the previous one.
+    /// Differences between its key and its previous key.
     pub changes: Vec<Change>,
 }
 
@@ -95,8 +95,8 @@ impl Engine {
         self.plan_of(graph, only, Outlook::new(self, graph), |_| true)
     }
 
-    /// The plan of the next run into `out`, with everything that the previous run of this process left up to date
-    /// as known.
+    /// The plan of the next run into `out`. Nodes that the previous run of this process left up to date count as
+    /// known.
     pub(crate) fn plan_next(&self, graph: &Graph, only: &[usize], out: &Path) -> Vec<Planned> {
         let wanted = graph.wanted(only);
         let Some(warm) = &self.warm else { return self.plan(graph, only) };
@@ -150,8 +150,8 @@ impl Engine {
         Past { spent, changes: planned.manifest.as_ref().and_then(change).unwrap_or_default() }
     }
 
-    /// Time, memory and counts of a node's code without a cache, from the last run of a node of this name in this
-    /// graph file.
+    /// Time, memory and counts that a node's code takes without a cache, from the last run of the node with this
+    /// name in this graph file.
     pub fn spent(&self, graph: &Graph, node: usize) -> Option<Spent> {
         last_outputs(self.store(), graph, &graph.nodes[node]).map(|record| record.spent)
     }
@@ -163,7 +163,7 @@ impl Engine {
     }
 }
 
-/// State of a plan: known facts about each node, without running it. Nodes are visited in topological order.
+/// State of a plan: the facts known about each node. Nodes are visited in topological order.
 pub(crate) struct Outlook<'a> {
     engine: &'a Engine,
     graph: &'a Graph,
@@ -312,7 +312,8 @@ impl<'a> Outlook<'a> {
     }
 }
 
-/// Share of the work that is new if only the parameter `refines` changed, from 0 to 1.
+/// Fraction of a node's work that is new, from 0 to 1. It is less than 1 only if no parameter except `refines`
+/// changed.
 fn new_share(fate: &Fate, refines: Option<&str>) -> f64 {
     let Fate::Runs(Why::Changed(changes)) = fate else { return 1.0 };
     let ([Change { path, old: Some(old), new: Some(new) }], Some(refines)) = (changes.as_slice(), refines)
@@ -330,7 +331,7 @@ fn written(old: &Manifest, new: &Manifest) -> Vec<Change> {
     Manifest::difference(old, new).into_iter().map(as_written).collect()
 }
 
-/// Removes the outer quotes of parameters, which keys contain as strings of RON.
+/// Removes the outer quotes of parameters, which keys contain as RON strings.
 fn as_written(change: Change) -> Change {
     let plain = |value: String| parse_value::<String>(&value).unwrap_or(value);
     Change { path: change.path, old: change.old.map(plain), new: change.new.map(plain) }

@@ -1,4 +1,4 @@
-//! Actions: a node with known inputs, its key, and its record in the store.
+//! Actions: nodes with known inputs, their keys, and their records in the store.
 
 use std::sync::Arc;
 
@@ -29,7 +29,7 @@ impl Action {
         self.key.as_ref().expect("a prepared action has a key").digest
     }
 
-    /// Drops the manifest of the key and returns its memory for the next one.
+    /// Drops the manifest of the key and returns its memory for the next manifest.
     pub fn take_memory(&mut self) -> Vec<u8> {
         self.key.take().map(|key| key.manifest.into_bytes()).unwrap_or_default()
     }
@@ -93,7 +93,7 @@ fn digest_source(store: &Store, node: &Node, file: SourceFile) -> Result<ReadSou
     }
 }
 
-/// The record of a key in the store; `None` also if it does not decode.
+/// The record of a key in the store; `None` if it is missing or does not decode.
 pub(crate) fn look_up(store: &Store, node: &Node, key: &Digest) -> Option<Record> {
     Record::decode(&store.get_record(key)?, node).ok()
 }
@@ -103,7 +103,7 @@ pub(crate) fn history_of(graph: &Graph) -> String {
     history_name(&graph.source, &graph.root)
 }
 
-/// Like [`history_of`], for a graph that was not parsed yet.
+/// Like [`history_of`], for a graph that has not been parsed yet.
 pub(crate) fn history_name(source: &Source, root: &SourceRoot) -> String {
     let file = source.name.rsplit('/').next().unwrap_or_default();
     format!("last key\n{}\n{file}\n", root.folder().display())
@@ -119,30 +119,30 @@ pub(crate) fn sizes<'s>(node: &Node, sources: &[ReadSource], output: impl Fn(Wir
     }
 }
 
-/// The last key and the key before it of a node with this name in a graph file with this name.
+/// The last two keys of the node with this name in the graph file with this name, newest first.
 fn keys_of(store: &Store, graph: &Graph, node: &Node) -> Vec<Digest> {
     let bytes = store.history_get(&history_of(graph), &node.id).unwrap_or_default();
     bytes.as_chunks::<32>().0.iter().map(|key| Digest::from_bytes(*key)).collect()
 }
 
-/// The record of the last run of a node with this name.
+/// The record of the last run of the node with this name.
 pub(crate) fn last_outputs(store: &Store, graph: &Graph, node: &Node) -> Option<Record> {
     look_up(store, node, keys_of(store, graph, node).first()?)
 }
 
-/// Time, counts and manifest of the last run of a node with this name.
+/// Time, counts and manifest of the last run of the node with this name.
 pub(crate) fn last_run(store: &Store, graph: &Graph, node: &Node) -> Option<(Spent, Manifest)> {
     let bytes = store.get_record(keys_of(store, graph, node).first()?)?;
     Some((Record::decode(&bytes, node).ok()?.spent, Record::manifest(&bytes)?))
 }
 
-/// The manifest of the last key of a node with this name that differs from `now`.
+/// The manifest of the newest key that differs from `now` in the history of the node with this name.
 pub(crate) fn manifest_before(store: &Store, graph: &Graph, node: &Node, now: &Digest) -> Option<Manifest> {
     let before = keys_of(store, graph, node).into_iter().find(|key| key != now)?;
     Record::manifest(&store.get_record(&before)?)
 }
 
-/// Adds the key of a node to the history of its graph, which keeps it and the one before.
+/// Adds the key of a node to the history of its graph, which keeps the last two keys of each node.
 pub(crate) fn remember(store: &Store, history_name: &str, node: &Node, key: &Digest) {
     let known = store.history_get(history_name, &node.id).unwrap_or_default();
     if !known.starts_with(key.as_bytes()) {

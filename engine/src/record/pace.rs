@@ -7,7 +7,7 @@ use cache::Store;
 
 use crate::kind::registry::KindEntry;
 
-/// Name of the history of paces.
+/// Name of the history that contains the runs of each kind.
 const HISTORY: &str = "pace";
 /// Number of runs kept for each kind.
 const KEPT: usize = 16;
@@ -40,8 +40,8 @@ impl Pace {
         store.history_put(HISTORY, &name(kind), &bytes);
     }
 
-    /// Forecast in seconds, in proportion to the run with the nearest work by ratio (the newest of equal ones).
-    /// `None` if the kind never ran.
+    /// Forecast in seconds for this work. The time of the run whose work is nearest by ratio is scaled in
+    /// proportion; of equally near runs, the newest counts. `None` if the kind has never run.
     pub fn seconds(&self, work: f64) -> Option<f64> {
         let work = work.max(1.0);
         // The larger of both ratios orders like the distance of logarithms.

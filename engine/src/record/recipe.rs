@@ -1,8 +1,8 @@
 //! Recipes: the canonical graph above a node as text, for the metadata of written pictures.
 //!
-//! Nodes are numbered in the order in which they are first read, all parameters are written, since defaults may
-//! change, and kinds have their versions. Paths are reduced to file names; the content digests follow at the end.
-//! So renaming, reordering and comments in the graph file do not change the recipe.
+//! Nodes are numbered in the order in which they are first read. All parameters are written, since defaults may
+//! change, and kinds are listed with their versions. Paths are reduced to file names; the content digests of the
+//! files follow at the end. So renaming, reordering and comments in the graph file do not change the recipe.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -88,8 +88,8 @@ pub(crate) fn recipe<'s>(
     text + &files
 }
 
-/// Returns the last component of a path. If it is `.` or `..`, it depends on the location of the graph, and
-/// [`ANY_FOLDER`] is returned.
+/// Returns the last component of a path. Returns [`ANY_FOLDER`] for `.` and `..`, since the name of that folder
+/// depends on the location of the graph.
 pub(crate) fn last(path: &str) -> &str {
     let path = path.trim_end_matches('/');
     match path.rsplit('/').next().unwrap_or(path) {

@@ -42,7 +42,7 @@ pub struct Spent {
     pub counts: Counts,
 }
 
-/// The stored record of a part: its blob, and the time and counts that it took.
+/// The stored record of a part: its blob, and the time and counts of its computation.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct PartRecord {
     pub blob: Digest,
@@ -64,7 +64,7 @@ impl PartRecord {
     pub fn decode(bytes: &[u8]) -> Result<Self, Corrupt> {
         let mut from = Decoder::new(bytes);
         if from.u64()? != u64::MAX {
-            return Err(Corrupt("no part".to_owned()));
+            return Err(Corrupt("not the record of a part".to_owned()));
         }
         let (blob, seconds, cpu_seconds) = (read_digest(&mut from)?, from.f64()?, from.f64()?);
         let spent = Effort { seconds, cpu_seconds, counts: read_counts(&mut from)? };
@@ -129,7 +129,7 @@ impl Record {
         to.finish()
     }
 
-    /// Decodes a record of a node's kind. A record with other outputs is an error.
+    /// Decodes a record of this node. Returns an error if its outputs are not those of the node's kind.
     pub fn decode(bytes: &[u8], node: &Node) -> Result<Self, Corrupt> {
         Self::decode_body(Decoder::new(bytes).raw()?, node)
     }
@@ -145,7 +145,7 @@ impl Record {
         for ArtifactType { name, format, .. } in ports.iter().map(|port| port.artifact) {
             let StoredOutput { type_name, number, digest, size, stored } = StoredOutput::read(&mut from)?;
             if type_name != name.as_bytes() || number != format {
-                return Err(Corrupt(format!("its type is not {name} {format}")));
+                return Err(Corrupt(format!("an output is not of type `{name}` in format {format}")));
             }
             outputs.push(Output { type_name: name, format, digest, size, stored });
         }
@@ -214,8 +214,8 @@ impl<'a> StoredOutput<'a> {
     }
 }
 
-/// The blobs named by a record in the store: that of a node, of a part, or of a compiled graph of an earlier
-/// version. Empty for anything else.
+/// The blobs named by a record in the store. The record may belong to a node, to a part, or to a compiled graph of
+/// an earlier version. Empty for any other bytes.
 pub fn blobs_of(payload: &[u8]) -> Vec<Digest> {
     match payload.try_into() {
         Ok(digest) => vec![Digest::from_bytes(digest)],
@@ -239,7 +239,8 @@ pub(crate) fn read_notes(from: &mut Decoder<'_>) -> Result<Notes, Corrupt> {
     let mut notes = Notes::none();
     for _ in 0..from.length(17)? {
         let level = from.u8()? as usize;
-        let level = *LEVELS.get(level).ok_or_else(|| Corrupt(format!("level {level}")))?;
+        let level =
+            *LEVELS.get(level).ok_or_else(|| Corrupt(format!("a note has the unknown level {level}")))?;
         notes.push(level, &from.str()?, from.str()?);
     }
     Ok(notes)

@@ -16,8 +16,8 @@ pub(crate) struct Claims {
 }
 
 impl Claims {
-    /// Claims a path for a sink. If another sink has it already, returns both in the order of the file, so that the
-    /// error does not depend on the order in which they run.
+    /// Claims a path for a sink. If another sink has claimed it already, returns both sinks in the order of the
+    /// graph file, so that the error does not depend on the order in which the sinks run.
     pub fn claim(&mut self, path: &Path, index: usize) -> Option<[usize; 2]> {
         let other = self.writers.insert(path.to_owned(), index).filter(|&other| other != index)?;
         let (first, second) = (other.min(index), other.max(index));
@@ -25,7 +25,7 @@ impl Claims {
         Some([first, second])
     }
 
-    /// Files that no sink may overwrite; `files` finds them once, since it inspects every file.
+    /// Files that no sink may overwrite. `files` is called only once, since it inspects every file.
     pub fn read(&self, files: impl FnOnce() -> ReadFiles) -> &ReadFiles {
         self.read.get_or_init(files)
     }

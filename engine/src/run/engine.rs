@@ -26,14 +26,14 @@ pub struct Engine {
 pub(crate) struct Limits {
     /// Number of threads.
     pub jobs: usize,
-    /// Bytes of values and of the estimates of running code.
+    /// Maximum number of bytes of values in memory, plus the estimates for running code.
     pub memory: u64,
 }
 
 impl Engine {
-    /// An engine of `jobs` threads (0: one per core) with a memory budget of about `memory` bytes for values (0:
-    /// three quarters of the free memory). Threads start, and the machine is inspected, when a run first needs
-    /// them.
+    /// An engine with `jobs` threads (one per core if 0) and a memory budget of about `memory` bytes for values
+    /// (three quarters of the free memory if 0). Threads start, and cores and memory are inspected, when a run
+    /// first needs them.
     pub fn new(store: Store, jobs: usize, memory: u64) -> Self {
         let (limits, threads) = (OnceLock::new(), OnceLock::new());
         Self { store: Arc::new(store), jobs, memory, limits, threads, prepared: OnceLock::new(), warm: None }
@@ -50,7 +50,8 @@ impl Engine {
         })
     }
 
-    /// Values that nodes keep in memory for other nodes, within another twelfth of the budget.
+    /// Values that nodes keep in memory for other nodes. They may take a twelfth of the memory budget in addition
+    /// to it.
     pub(crate) fn prepared(&self) -> &Arc<ValueCache> {
         self.prepared.get_or_init(|| Arc::new(ValueCache::new(self.limits().memory / 12)))
     }
@@ -62,7 +63,7 @@ impl Engine {
 
     /// Keeps values from one run to the next, in a third of the memory budget, and the end state of the last run.
     /// For processes that run a graph repeatedly: the next run inspects only nodes that changed and the nodes below
-    /// them, and reports nothing else except the files of sinks.
+    /// them, and reports only these nodes and the files of sinks.
     pub fn keeping(self) -> Self {
         let Limits { jobs, memory } = self.limits();
         let limits = OnceLock::from(Limits { jobs, memory: memory / 3 * 2 });

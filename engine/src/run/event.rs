@@ -19,7 +19,7 @@ pub enum State {
     Cached,
     /// The code failed.
     Failed,
-    /// Something that it needs failed, or the run was cancelled.
+    /// A node that it depends on failed, or the run was cancelled.
     Skipped,
 }
 
@@ -33,7 +33,7 @@ pub enum Event {
         id: String,
         /// Kind of the node.
         kind: &'static str,
-        /// Forecast of its time in seconds, from earlier runs of the kind; absent if there are none.
+        /// Forecast of its time in seconds, from earlier runs of the kind; absent if there were none.
         #[serde(skip_serializing_if = "Option::is_none")]
         forecast: Option<f64>,
     },
@@ -58,7 +58,7 @@ pub enum Event {
         /// Wall time in seconds.
         seconds: f64,
     },
-    /// Work of a thread for a node; only if [`crate::RunOptions::trace`] is set.
+    /// Work of a thread for a node. Sent only if [`crate::RunOptions::trace`] is set.
     Span {
         /// Name of the node.
         id: String,
@@ -97,7 +97,7 @@ pub enum Event {
         counts: Counts,
         /// Notes of the node, whether it ran or was cached.
         notes: Vec<Note>,
-        /// True if its result, or one above it, is less than what was asked for.
+        /// True if the result of this node, or of a node above it, is worse than what the graph asks for.
         degraded: bool,
         /// The error, if it failed.
         #[serde(skip_serializing_if = "Option::is_none")]
@@ -130,20 +130,20 @@ pub enum Event {
     Plan(Forecast),
     /// Watching: a preview run starts.
     Pass {
-        /// The parameter that it limits.
+        /// The parameter that the preview limits.
         parameter: String,
         /// The limit.
         level: u64,
         /// The value in the graph.
         of: u64,
-        /// Side of the blocks of pixels of which one is computed; 1 for all pixels.
+        /// Side length of the blocks of pixels in which only one pixel is computed; 1 if all pixels are computed.
         coarse: u64,
     },
     /// The graph has mistakes, or nodes failed.
     Mistakes {
         /// The mistakes with their places; empty if the graph file cannot be read.
         list: Vec<Mistake>,
-        /// The mistakes as text for a person.
+        /// The mistakes as formatted text.
         #[serde(skip_serializing_if = "String::is_empty")]
         text: String,
     },
@@ -166,7 +166,7 @@ pub struct Totals {
     pub ran: usize,
     /// Nodes whose result came from the cache.
     pub cached: usize,
-    /// Cached nodes whose code ran again, since a reader needed values that were not stored or damaged.
+    /// Cached nodes whose code ran again, since a reader needed values that were damaged or had not been stored.
     pub remade: usize,
     /// Nodes whose code failed.
     pub failed: usize,
@@ -182,7 +182,7 @@ pub struct Totals {
     pub cpu_seconds: f64,
     /// Maximum number of bytes of values in memory, by the estimates of their types.
     pub peak_bytes: u64,
-    /// Counts of work of everything that ran.
+    /// Sums of the counts of work of all nodes that ran.
     pub counts: Counts,
 }
 
@@ -229,12 +229,12 @@ fn hex_option<S: Serializer>(digest: &Option<Digest>, to: S) -> Result<S::Ok, S:
 /// Summary of a plan.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Forecast {
-    /// Number of nodes that may run, an upper bound: a node is skipped if its recomputed inputs equal those of its
-    /// last run.
+    /// Number of nodes that may run. Fewer nodes may actually run, since a node is skipped if its recomputed inputs
+    /// equal those of its last run.
     pub open: usize,
     /// Nodes that the targets need.
     pub wanted: usize,
-    /// Forecast in seconds of the nodes that may run.
+    /// Forecast of the total time in seconds of the nodes that may run.
     pub seconds: f64,
     /// Number of nodes that may run and have no forecast.
     pub untimed: usize,

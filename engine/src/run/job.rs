@@ -27,9 +27,9 @@ use crate::value::counts::Effort;
 use crate::value::error::{NodeError, NodeErrorKind, guarded};
 use crate::value::files::Files;
 
-/// Name of the count of the bytes in memory of a node's inputs and source files.
+/// Name of a count: the bytes that a node's inputs and source files take in memory.
 const BYTES_READ: &str = "bytes_read";
-/// Name of the count of the bytes in memory of a node's outputs.
+/// Name of a count: the bytes that a node's outputs take in memory.
 const BYTES_MADE: &str = "bytes_made";
 
 /// A node whose code runs on a thread.
@@ -62,7 +62,7 @@ impl Job<'_> {
     /// Runs the code, reports the values and then stores them.
     pub fn run(self) {
         let (index, sender, store, key) = (self.node, self.sender.clone(), self.store, self.key);
-        // The later of two is dropped first, so that the messages of a panic come in their order.
+        // The variable declared last is dropped first, so that `Finished` is sent before `Stored` after a panic.
         let text = |error: NodeError| Some(error.to_string());
         let stored = Owed::new(&sender, |error| Message::Stored { node: index, error: text(error) });
         let finished = Owed::new(&sender, |error| Message::Finished { node: index, outcome: Err(error) });
@@ -70,7 +70,7 @@ impl Job<'_> {
             node: index,
             outcome: outcome.map(Box::new),
         };
-        // A stalled one is not waited for: equal keys give equal bytes.
+        // A node does not wait for a stalled process, since equal keys give equal bytes.
         let (LeaseState::Acquired(lease) | LeaseState::Stalled(lease)) = store.lease(&key) else {
             finished.send(Message::Busy { node: index, key, spent: Effort::default() });
             return stored.cancel();
@@ -190,12 +190,12 @@ impl Job<'_> {
     }
 }
 
-/// Bytes of values in memory.
+/// Number of bytes that values take in memory.
 fn bytes_of<'v>(values: impl Iterator<Item = (ArtifactType, &'v AnyArtifact)>) -> u64 {
     values.fold(0, |sum, (artifact, value)| sum + (artifact.bytes)(value) as u64)
 }
 
-/// The outputs of a node by digest, and the canonical bytes of those that are stored.
+/// The outputs of a node with their digests, and the canonical bytes of each output; no bytes if it is not stored.
 pub(crate) fn encode(node: &Node, values: &[AnyArtifact]) -> (Vec<Output>, Vec<Vec<u8>>) {
     let one = |(port, value): (&PortSpec, &AnyArtifact)| {
         let stored = node.kind.store == Keep::Always;
@@ -287,7 +287,7 @@ pub(crate) fn stored_value(store: &Store, artifact: &ArtifactType, digest: &Dige
     let bytes = store.get_blob(digest).ok()??;
     guarded(|| {
         let value = (artifact.decode)(&bytes)?;
-        // Code of a kind, too, which the thread that decides calls without a guard.
+        // This, too, is code of a kind, and the scheduler calls it without a guard.
         (artifact.bytes)(&value);
         Ok(value)
     })

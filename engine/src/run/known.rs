@@ -12,9 +12,9 @@ use crate::run::slot::{Life, Slot};
 pub(crate) struct Known {
     /// Name of the history that holds the keys of the graph's nodes.
     history: String,
-    /// Nodes that ran, by key. Looked up before the store, which may lack some results.
+    /// Nodes that ran, by key. This table is searched before the store, which may lack some results.
     made: HashMap<Digest, usize>,
-    /// Keys that are being computed, with the nodes that wait for each.
+    /// Keys whose results are being computed, with the nodes that wait for each.
     in_flight: HashMap<Digest, Vec<usize>>,
     paces: BTreeMap<&'static str, Pace>,
 }
@@ -31,23 +31,23 @@ impl Known {
         &self.history
     }
 
-    /// The node of this run that computed a key.
+    /// The node of this run that computed the result of a key.
     pub fn made_by(&self, key: &Digest) -> Option<usize> {
         self.made.get(key).copied()
     }
 
-    /// Records that a node computed a key.
+    /// Records that a node computed the result of a key.
     pub fn set_made(&mut self, key: Digest, index: usize) {
         self.made.insert(key, index);
     }
 
-    /// Makes a node wait for its key. Returns false if the key is not being computed.
+    /// Makes a node wait for the result of its key. Returns false if that is not being computed.
     pub fn follow(&mut self, key: &Digest, index: usize) -> bool {
         let followers = self.in_flight.get_mut(key);
         followers.map(|followers| followers.push(index)).is_some()
     }
 
-    /// Records that a key is being computed.
+    /// Records that the result of a key is being computed.
     pub fn begin(&mut self, key: Digest) {
         self.in_flight.insert(key, Vec::new());
     }
@@ -57,7 +57,7 @@ impl Known {
         self.in_flight.remove(key).unwrap_or_default()
     }
 
-    /// Forecast in seconds for this much work of a kind.
+    /// Forecast of the time in seconds that a node of this kind takes for `work`.
     pub fn seconds(&mut self, store: &Store, kind: &KindEntry, work: f64) -> Option<f64> {
         self.paces.entry(kind.name).or_insert_with(|| Pace::of(store, kind)).seconds(work)
     }

@@ -1,10 +1,10 @@
-//! Accounting for memory: bytes of values that may still be read, and estimates of running code.
+//! Memory accounting: the bytes of values that may still be read, and the estimates for running code.
 
 use crate::graph::graph::Graph;
 use crate::run::slot::{Life, Slot};
 use crate::value::artifact::AnyArtifact;
 
-/// The memory of a run. All changes of slots that change a number of bytes go through it.
+/// The memory of a run. Every change of a slot that affects its memory goes through this type.
 pub(crate) struct Memory {
     limit: u64,
     held: u64,
@@ -63,7 +63,7 @@ impl Memory {
         self.drop_unread(slot);
     }
 
-    /// Drops the values of a node without readers.
+    /// Drops the values of a node if it has no readers.
     pub fn drop_unread(&mut self, slot: &mut Slot) {
         if slot.is_unread() {
             self.held -= slot.drop_values();

@@ -47,8 +47,8 @@ pub(crate) enum Message {
 }
 
 /// A message that a thread must send, since the scheduler waits for it. If the thread panics first, `otherwise`
-/// makes the message from an error. Must be created by the thread itself, so that work that never starts owes
-/// nothing.
+/// makes the message from an error. Must be created by the thread itself, so that work that never starts owes no
+/// message.
 pub(crate) struct Owed<'s, F: FnOnce(NodeError) -> Message> {
     sender: &'s Sender<Message>,
     otherwise: Option<F>,
@@ -75,7 +75,7 @@ impl<F: FnOnce(NodeError) -> Message> Drop for Owed<'_, F> {
     fn drop(&mut self) {
         if let Some(otherwise) = self.otherwise.take() {
             let error = NodeError::new("a thread that worked on this node panicked")
-                .hint("this is a mistake in the program, not in the graph; please report it");
+                .hint("this is a bug in lightharmony, not a mistake in the graph; please report it");
             let _ = self.sender.send(otherwise(error));
         }
     }

@@ -16,10 +16,10 @@ pub struct RunOptions {
     pub texts: Vec<PathBuf>,
     /// Target nodes; empty stands for [`Graph::targets`](crate::Graph::targets).
     pub only: Vec<usize>,
-    /// Set from outside to cancel the run. Finished nodes are kept.
+    /// Flag that the caller sets to cancel the run. The results of finished nodes are kept.
     pub cancel: Arc<AtomicBool>,
-    /// Nodes reduced for a preview. They and the nodes below are not recorded as the last run, and their files are
-    /// marked as previews.
+    /// Nodes reduced for a preview. Neither they nor the nodes below them are recorded as the last run, and their
+    /// files are marked as previews.
     pub rough: Vec<usize>,
     /// True to report the work of each thread as [`Event::Span`](crate::Event::Span)s.
     pub trace: bool,

@@ -32,16 +32,17 @@ pub(crate) struct Cone {
 }
 
 impl PreviousRun {
-    /// Keeps the end state of each node, without values. `None` for an untrusted graph, whose links must be checked
-    /// every time.
+    /// Keeps the end state of each node, without values. `None` for an untrusted graph, for which every run must
+    /// check the output folder for links.
     pub fn of(graph: &Graph, only: &[usize], mut slots: Vec<Slot>) -> Option<Self> {
         slots.iter_mut().for_each(Slot::rest);
         let (nodes, root) = (graph.nodes.clone(), graph.root.clone());
         (!root.is_confined()).then(|| Self { nodes, scene: graph.scene, root, only: only.to_vec(), slots })
     }
 
-    /// The needed nodes that changed, whose source files changed, that did not succeed, or whose files are not up
-    /// to date, and all nodes below them. `None` if the graph as a whole differs.
+    /// The nodes that the run must inspect. These are the needed nodes that changed, whose source files changed,
+    /// that did not succeed, or whose output files are not up to date, and all nodes below them. `None` if the two
+    /// graphs differ in more than single nodes.
     pub fn cone(
         &self,
         graph: &Graph,

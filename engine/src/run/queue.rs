@@ -1,9 +1,9 @@
 //! The queue of nodes whose code is to run.
 //!
-//! A node is *ready* until its turn comes, *supplied* while its input values are loaded and it waits for a thread,
-//! and then it *runs*. Nodes proceed in topological order, as many at once as there are threads. In addition, one
-//! *short* node (by forecast) may be supplied and one may run, so that a small node never waits for large ones to
-//! end.
+//! A node is *ready* until its turn comes. It is then *supplied*: its input values are loaded, and it waits for a
+//! thread. Finally it *runs*. Nodes proceed in topological order, as many at once as there are threads. In
+//! addition, one *short* node (with a forecast below a second) may be supplied and one may run, so that a small
+//! node never waits for large ones to end.
 
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
@@ -12,40 +12,41 @@ use cache::Digest;
 
 use crate::run::slot::{Life, Slot};
 
-/// A node that waits for a key which is being computed elsewhere.
+/// A node that waits because the result of its key is being computed elsewhere.
 pub(crate) struct Parked {
     pub node: usize,
     pub key: Digest,
-    /// Start of the wait; `None` once it was reported.
+    /// Start of the wait; `None` once the wait has been reported.
     pub since: Option<Instant>,
     /// Time of the next attempt.
     pub when: Instant,
     pub pause: Duration,
 }
 
-/// The nodes that wait for their turn or run.
+/// The nodes that wait for their turn, and the nodes that run.
 pub(crate) struct Queue {
-    /// Maximum number of running nodes, except one short node.
+    /// Maximum number of running nodes, not counting one short node.
     jobs: usize,
     /// Topological position of each node.
     rank: Vec<usize>,
     ready: Line,
-    /// Nodes that wait for a thread, including those that run again for their values.
+    /// Nodes that wait for a thread, including nodes that run again because their values are needed.
     queued: Line,
     parked: Vec<Parked>,
-    /// Nodes that are [`Life::Gathering`] or [`Life::Queued`], except those that run again for their values.
+    /// Number of nodes that are [`Life::Gathering`] or [`Life::Queued`], except nodes that run again because their
+    /// values are needed.
     supplied: Count,
     running: Count,
 }
 
-/// Nodes by position, and the short ones among them.
+/// Nodes by position, and the short nodes among them.
 #[derive(Default)]
 struct Line {
     all: BTreeSet<(usize, usize)>,
     short: BTreeSet<(usize, usize)>,
 }
 
-/// A number of nodes, and the number of short ones among them.
+/// A number of nodes, and the number of short nodes among them.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 struct Count {
     all: usize,
@@ -65,7 +66,8 @@ impl Line {
         self.short.remove(&place);
     }
 
-    /// The next node, or `None` if `count` nodes are ahead of it and `jobs` permits no more.
+    /// The next node in the line. `None` if the line is empty, or if `jobs` permits no more than the `count` nodes
+    /// that have left it.
     fn next(&self, count: Count, jobs: usize) -> Option<usize> {
         let line = match count {
             Count { all, .. } if all < jobs => &self.all,
@@ -131,7 +133,7 @@ impl Queue {
         self.ready.next(self.supplied, self.jobs)
     }
 
-    /// Moves a ready node to supply.
+    /// Marks a ready node as supplied.
     pub fn supply(&mut self, index: usize, slot: &mut Slot) {
         self.ready.remove(self.place(index));
         slot.life = Life::Gathering;
@@ -164,7 +166,7 @@ impl Queue {
         self.running.subtract(slot);
     }
 
-    /// Adds a node that waits for a key which is being computed elsewhere.
+    /// Adds a node that waits because the result of its key is being computed elsewhere.
     pub fn park(&mut self, parked: Parked, slot: &mut Slot) {
         slot.life = Life::Parked;
         self.parked.push(parked);

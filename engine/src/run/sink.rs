@@ -19,7 +19,8 @@ pub(crate) fn targets(
 ) -> Result<Vec<(PathBuf, Digest)>, NodeError> {
     if files.len() > 1 && !template.contains("{view}") {
         let views: Vec<&str> = files.iter().map(|file| file.view.as_str()).collect();
-        let message = format!("`{template}` names one file, there are {}: {}", files.len(), views.join(", "));
+        let message =
+            format!("`{template}` names one file, but the sink writes {}: {}", files.len(), views.join(", "));
         return Err(NodeError::new(message).at("path").hint("put `{view}` into the path"));
     }
     let mut seen: BTreeMap<String, &str> = BTreeMap::new();
@@ -33,7 +34,8 @@ pub(crate) fn targets(
     Ok(files.iter().map(|file| (path(file), file.digest)).collect())
 }
 
-/// The result of [`place`] if all files are known to be up to date without reading them; `None` otherwise.
+/// Returns the result of [`place`] without reading any file if all files are known to be up to date; `None`
+/// otherwise.
 pub(crate) fn in_place(
     store: &Store,
     targets: &[(PathBuf, Digest)],
@@ -47,8 +49,8 @@ pub(crate) fn in_place(
     targets.iter().map(one).collect()
 }
 
-/// Writes files that are missing or differ. `None` if bytes to be written are not in memory. With `confined`, links
-/// below that folder are not followed.
+/// Writes files that are missing or differ. Returns `None` if a file must be written but its bytes are not in
+/// memory. A link below the folder `confined` is an error.
 pub(crate) fn place(
     store: &Store,
     targets: Vec<(PathBuf, Digest)>,
@@ -80,8 +82,8 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), NodeError> {
     publish_file(path, bytes).map_err(|error| NodeError::from(error).at("path"))
 }
 
-/// The first link between `out` and the folder of a file. A link in place of the file itself is replaced and not
-/// followed.
+/// The first link on the way from `out` to the folder of a file. The file itself is not checked: if it is a link,
+/// the link is replaced and not followed.
 fn link_below(out: &Path, path: &Path) -> Option<PathBuf> {
     let mut at = out.to_owned();
     for part in path.strip_prefix(out).ok()?.parent()?.components() {

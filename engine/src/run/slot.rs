@@ -23,7 +23,7 @@ pub(crate) enum Life {
     Gathering,
     /// The node waits for a thread and for memory.
     Queued,
-    /// The key of the node, or that of a part of it, is being computed elsewhere; it is tried again later.
+    /// The result of the node or of one of its parts is being computed elsewhere. The node is tried again later.
     Parked,
     /// The code runs.
     Running,
@@ -42,9 +42,9 @@ pub(crate) enum Life {
 /// A consumer that waits for a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Waiter {
-    /// The code of a node that reads it.
+    /// The code of the node with this index, which reads the value.
     Code(usize),
-    /// The task that writes the files of a sink, by the index of that node.
+    /// The task that writes the files of the sink with this index.
     Files(usize),
 }
 
@@ -55,15 +55,16 @@ pub(crate) struct Slot {
     pub unresolved: usize,
     /// Number of input values that are not in memory.
     pub missing: usize,
-    /// Number of consumers that may need the values: unfinished nodes below, reruns of them, and its own files.
+    /// Number of consumers that may need the values: unfinished nodes below, reruns of nodes below, and the node's
+    /// own files.
     pub readers: usize,
     pub action: Action,
     pub key: Option<Digest>,
     pub record: Option<Record>,
-    /// The values of the outputs; empty without values.
+    /// The values of the outputs. Empty if no value was kept.
     values: Vec<Value>,
     pub waiters: Vec<(usize, Waiter)>,
-    /// The stage before its code was started again for its values; the node returns to that stage afterwards.
+    /// Set while the code runs again because its values are needed: the stage to which the node returns afterwards.
     pub remaking: Option<Life>,
     /// True if its values are lost because the rerun failed.
     pub lost: bool,
@@ -76,7 +77,7 @@ pub(crate) struct Slot {
     pub rough: bool,
     /// Work of its code, in units of its kind.
     pub work: f64,
-    /// True if its forecast is below a limit.
+    /// True if its forecast is below the limit for short nodes; see `queue`.
     pub short: bool,
     /// Memory reserved for its code, in bytes.
     pub reserved: u64,
@@ -84,7 +85,7 @@ pub(crate) struct Slot {
     pub cost: Option<u64>,
     /// State in which it ended; reported once its files are up to date.
     pub end: Option<State>,
-    /// Work done for its result; until there is one, work done before it was parked.
+    /// Work done for its result. While there is no result, the work done before the node was parked.
     pub effort: Effort,
 }
 
@@ -122,7 +123,7 @@ impl Slot {
         }
     }
 
-    /// True if other nodes with its key wait for it.
+    /// True if the node is responsible for its key: other nodes with the same key wait for it.
     pub fn leads(&self) -> bool {
         use Life::{Gathering, Parked, Queued, Ready, Running};
         self.remaking.is_none() && matches!(self.life, Ready | Gathering | Queued | Parked | Running)
@@ -156,7 +157,7 @@ impl Slot {
         true
     }
 
-    /// Marks a value as being loaded. Returns false if it is already.
+    /// Marks a value as being loaded. Returns false if it was marked already.
     pub fn begin_loading(&mut self, port: usize) -> bool {
         !std::mem::replace(&mut self.entry(port).loading, true)
     }

@@ -20,7 +20,7 @@ impl Tracer {
         Self { start, sender }
     }
 
-    /// Runs `code` on behalf of a node.
+    /// Runs `code`, which is work for a node, and sends its span.
     pub fn span<T>(&self, id: &str, what: &str, code: impl FnOnce() -> T) -> T {
         if self.sender.is_none() {
             return code();

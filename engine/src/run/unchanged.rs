@@ -1,9 +1,10 @@
-//! The memory of a run that found everything up to date, across processes. If nothing changed since, the next run
+//! Remembers across processes that a run found everything up to date. If nothing has changed since, the next run
 //! reports the same without parsing the graph or making keys.
 //!
-//! A run depends on the text of the graph, the kinds in it, the source files, and the output files. Text, kinds and
-//! program are compared by digest or stamp; source files are found again; and files are compared by a stamp that
-//! reflects any later change. If any of them differs or is uncertain, the run is an ordinary one.
+//! A run depends on the program, the text of the graph, the kinds in it, the source files, and the output files.
+//! The text and the kinds are compared by digest. The list of source files is made again. The program and all files
+//! are compared by a stamp that any later change affects. If anything differs or is uncertain, an ordinary run
+//! takes place.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -24,11 +25,12 @@ use crate::value::artifact::{Corrupt, Decoder, Encoder};
 use crate::value::cpu;
 use crate::value::root::SourceRoot;
 
-/// Raised when the byte layout changes.
+/// Format of the stored bytes. Its number is raised when the layout changes.
 const FORMAT: &str = "lightharmony unchanged 2";
 
-/// Reports what a run of all sinks would report, if an earlier run in the cache in `folder` found everything up to
-/// date and nothing changed since. Otherwise reports nothing and returns `None`, and the graph must be run.
+/// Reports what a run of all sinks would report, if the cache in `folder` remembers a run that found everything up
+/// to date and nothing has changed since. Otherwise reports nothing and returns `None`; the caller must then run
+/// the graph.
 pub fn run_unchanged(
     folder: &Path,
     source: &Source,
@@ -44,8 +46,9 @@ pub fn run_unchanged(
     Some(Outcome { totals, failures: None })
 }
 
-/// Stores the outcome of a run that found everything up to date. Nothing is stored for an untrusted graph, whose
-/// links must be checked every time, or if a file is so recent that it may change without a new stamp.
+/// Stores the outcome of a run that found everything up to date. Nothing is stored for an untrusted graph, for
+/// which every run must check the output folder for links, or if a file is so recent that it may change without a
+/// new stamp.
 pub(crate) fn keep(store: &Store, graph: &Graph, out: &Path, slots: &[Slot]) {
     if let Some(bytes) = written(store, graph, out, slots) {
         store.last_run_put(&name(&graph.source, &graph.root), &bytes);
@@ -82,7 +85,7 @@ fn kind_digest(kind: &KindEntry) -> Digest {
     Digest::of(&of.finish())
 }
 
-/// The stamp of a file, if the file is known to have had this digest since it got the stamp.
+/// The stamp of a file, if the store knows that a file with this stamp has this digest.
 fn trusted(store: &Store, path: &Path, digest: &Digest) -> Option<[u8; 40]> {
     let stamp = FileStamp::of(path).ok()?;
     (store.memo_get(path, &stamp)? == *digest).then(|| stamp.to_bytes())
@@ -137,7 +140,7 @@ fn written(store: &Store, graph: &Graph, out: &Path, slots: &[Slot]) -> Option<V
     Some(to.finish())
 }
 
-/// The events to report except `Done`; `None` if anything changed.
+/// The events to report, except `Done`, and the totals; `None` if anything changed.
 fn read(
     bytes: &[u8],
     source: &Source,

@@ -9,7 +9,7 @@ use cache::Digest;
 use crate::record::record::Output;
 use crate::value::artifact::AnyArtifact;
 
-/// The values used last, by digest, type and format.
+/// The most recently used values, by digest, type and format.
 #[derive(Default)]
 pub(crate) struct ValueCache {
     limit: u64,
@@ -54,7 +54,7 @@ impl Entries {
 }
 
 impl ValueCache {
-    /// A cache of at most `limit` bytes; 0 keeps nothing.
+    /// A cache of at most `limit` bytes. If `limit` is 0, it keeps nothing.
     pub fn new(limit: u64) -> Self {
         Self { limit, ..Self::default() }
     }
@@ -72,7 +72,7 @@ impl ValueCache {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner).touch(name)
     }
 
-    /// Adds a value of the given size and evicts those not used for longest.
+    /// Adds a value of the given size. Evicts the least recently used values to make room.
     pub fn put(&self, name: &Name, value: &AnyArtifact, bytes: u64) {
         if bytes > self.limit || self.limit == 0 {
             return;
@@ -94,7 +94,7 @@ impl ValueCache {
     }
 }
 
-/// The default limit of memory for values and running code, in bytes: three quarters of what is free.
+/// The default limit of memory for values and running code, in bytes: three quarters of the free memory.
 pub fn default_memory() -> u64 {
     free_memory() / 4 * 3
 }

@@ -5,7 +5,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use crate::run::previous::PreviousRun;
 use crate::run::value_cache::ValueCache;
 
-/// The end state of the last run, so that the next one inspects only what changed, and the values used last.
+/// The most recently used values, and the end state of the last run, so that the next run inspects only what
+/// changed.
 pub(crate) struct Warm {
     pub values: ValueCache,
     previous: Mutex<Option<PreviousRun>>,

@@ -1,7 +1,7 @@
 //! The threads of a run. They start when there is work for them and end with the run.
 //!
-//! At most one node more than the permitted number of threads runs code at once. Digesting, loading and writing of
-//! files use further threads, so that small tasks never wait for large ones.
+//! At most one more node than the permitted number of threads runs code at once. Files are digested, loaded and
+//! written on further threads, so that small tasks never wait for large tasks.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -24,7 +24,7 @@ pub(crate) fn thread_number() -> usize {
     NUMBER.get()
 }
 
-/// The threads of a run and the work that waits for one.
+/// The threads of a run, and the work that waits for a thread.
 pub(crate) struct Workers<'a> {
     threads: &'a Threads,
     /// Maximum number of threads.
@@ -91,7 +91,7 @@ impl<'a> Workers<'a> {
         loop {
             if let Some(work) = queue.code.pop_front().or_else(|| queue.other.pop_front()) {
                 drop(queue);
-                // What it owes, it sends when it panics; the thread goes on.
+                // Work that panics sends the messages that it owes. The thread continues.
                 let _ = catch_unwind(AssertUnwindSafe(|| self.threads.occupied(work)));
                 queue = self.queue();
             } else if queue.closed {
@@ -110,7 +110,7 @@ impl<'a> Workers<'a> {
     }
 }
 
-/// Ends the threads of a run when dropped, also if the scheduler panics.
+/// Ends the threads of a run when dropped, even if the scheduler panics.
 pub(crate) struct Closing<'w, 'a>(&'w Workers<'a>);
 
 impl Drop for Closing<'_, '_> {

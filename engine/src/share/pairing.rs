@@ -14,7 +14,7 @@ use crate::text::edit::replace_strings;
 /// A node of a recipe, or its scene, for comparison.
 #[derive(Debug, Clone)]
 pub(crate) struct Described {
-    /// Name of the node, which is a number.
+    /// Name of the node, such as `n3`.
     pub id: String,
     /// Name of the kind without its version; empty for the scene.
     pub kind: String,
@@ -31,14 +31,14 @@ impl Described {
 /// A node of a recipe and its inputs.
 struct Node<'s> {
     said: &'s Described,
-    /// (node, output) by field.
+    /// Pairs of node and output, by field.
     wires: Vec<(&'s str, Vec<(usize, String)>)>,
     /// Digest of the node and everything above it, without names.
     digest: Digest,
 }
 
-/// Parses a text such as `n3.image` as a wire to a node above. Wires and strings are distinguished by this alone,
-/// since the kind may be unknown to this program.
+/// Parses a text such as `n3.image` as a wire to a node above. Only this form distinguishes wires from strings,
+/// since the kind may be unknown to this version of lightharmony.
 fn wire<'t>(text: &'t str, above: &HashMap<&str, usize>) -> Option<(usize, &'t str)> {
     let (id, output) = text.split_once('.')?;
     Some((*above.get(id)?, output))
@@ -104,7 +104,7 @@ impl<'s> Pairs<'s> {
     }
 
     /// Compares two nodes that are read at the same place. They are paired if they have the same kind. Otherwise
-    /// one of them may have been inserted, and the other is paired with an input of it.
+    /// one of them may have been inserted; the other is then paired with an input of the inserted node.
     fn meet(&mut self, a: usize, b: usize) {
         let kind = |node: &Node<'s>| node.said.kind.as_str();
         let above = |nodes: &[Node<'s>], node: usize, wanted: &str| {
@@ -139,7 +139,8 @@ impl<'s> Pairs<'s> {
         }
     }
 
-    /// Pairs equal nodes of two lists in order. Returns the rest of the first list; `b` keeps that of the second.
+    /// Pairs the nodes of two lists that have equal values of `of`, in order. Returns the unpaired nodes of the
+    /// first list; `b` keeps the unpaired nodes of the second list.
     fn alike(&mut self, a: Vec<usize>, b: &mut Vec<usize>, of: impl Fn(&Node<'s>) -> String) -> Vec<usize> {
         let mut known: HashMap<String, VecDeque<usize>> = HashMap::new();
         for &b in b.iter().filter(|b| self.of_b[**b].is_none()) {
@@ -171,8 +172,8 @@ fn inputs<'s>(node: &Node<'s>) -> Vec<(&'s str, Vec<usize>)> {
 }
 
 /// The differences between two recipes, each given as its scene and then its nodes. Nodes have the names of the
-/// first recipe, and nodes that only the second has are named `b.n3`. Kinds are included for nodes without a
-/// counterpart.
+/// first recipe; nodes that only the second has are named like `b.n3`. For nodes without a counterpart, the name is
+/// followed by the kind.
 pub(crate) fn recipe_differences(a: &[Described], b: &[Described]) -> Vec<(String, NodeDifference)> {
     let pairs = Pairs::new(a, b);
     let own: HashMap<&str, usize> = b.iter().enumerate().map(|(index, said)| (&*said.id, index)).collect();

@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use crate::text::diag::Diagnostics;
 
-/// Errors of making a graph from a recipe.
+/// Errors when making a graph from a recipe.
 #[derive(Debug, thiserror::Error)]
 pub enum RecipeError {
     /// The recipe is missing or has another format.
-    #[error("the picture has no recipe that this program can read")]
+    #[error("the picture has no recipe that this version of lightharmony can read")]
     NoRecipe,
     /// The graph of the recipe has mistakes.
     #[error(transparent)]

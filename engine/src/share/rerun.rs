@@ -1,7 +1,7 @@
 //! Turns the recipe in a picture back into a graph that can run.
 //!
-//! A recipe names its source files without folders, with digests. They are found by name and digest in folders
-//! given by the user, so that only the same graph can run.
+//! A recipe contains the names of its source files, without folders, and their digests. The files are searched for
+//! by name and digest in folders given by the user, so that only a graph with the same inputs can run.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -28,7 +28,7 @@ use crate::value::error::NodeError;
 #[derive(Debug, Clone)]
 pub struct Recipe {
     text: String,
-    /// Kind, version and profile.
+    /// Name, version and profile of each kind.
     kinds: Vec<(String, u32, String)>,
     /// Source files by node, as (name, digest).
     sources: BTreeMap<String, Vec<(String, Digest)>>,
@@ -63,12 +63,13 @@ impl Recipe {
         &self.text
     }
 
-    /// Kinds that this program does not have, or has in another version, so that the picture would differ.
+    /// Descriptions of the kinds that this version of lightharmony does not have, or has in another version, so
+    /// that the picture would differ.
     pub fn other_kinds(&self, registry: &Registry) -> Vec<String> {
         let other = |(name, version, profile): &(String, u32, String)| match registry.get(name) {
-            None => Some(format!("this program has no kind `{name}`")),
+            None => Some(format!("this version of lightharmony has no kind `{name}`")),
             Some(kind) if kind.version != *version || kind.profile != profile => Some(format!(
-                "the picture was made by `{name}` {version} ({profile}), and this is {} ({})",
+                "the picture was made with version {version} of `{name}` ({profile}), but this is version {} ({})",
                 kind.version, kind.profile
             )),
             Some(_) => None,
@@ -77,8 +78,8 @@ impl Recipe {
     }
 
     /// Differences between two recipes by node: kinds with versions, fields, and the content of source files. Node
-    /// numbers are not compared; see the module `pairing`. Nodes have their names in the first recipe; nodes that
-    /// only the second has are named `b.n3`. The file name of the picture is not part of a recipe.
+    /// numbers are not compared; see the module `pairing`. Nodes have the names of the first recipe; nodes that
+    /// only the second has are named like `b.n3`. The file name of the picture is not part of a recipe.
     ///
     /// # Errors
     /// If one of the graphs cannot be parsed.
@@ -122,9 +123,9 @@ impl Recipe {
         Err(Diagnostics::new(Source::new(name, self.text.as_str()), diagnostics).into())
     }
 
-    /// The graph with the path of each source file in one of `folders`. If a node reads several files of the same
-    /// name, they are matched in order. `file` becomes the name of the output, if there is only one. `store`
-    /// remembers digests.
+    /// The graph, with each source file replaced by its path in one of `folders`. If a node reads several files of
+    /// the same name, they are matched in order. `file` becomes the output path, unless the sink writes one file
+    /// per view. `store` remembers digests.
     ///
     /// # Errors
     /// If the graph cannot be parsed, or files are not found or ambiguous; all of them are reported.
@@ -180,8 +181,9 @@ impl Recipe {
         Ok(Source::new(name, text))
     }
 
-    /// Source files of a graph made from this recipe that differ from those in the recipe, such as a texture next
-    /// to a model, and nodes that read more files, fewer, or in another order.
+    /// Descriptions of differences between the source files of a graph made from this recipe and those in the
+    /// recipe. These are files with other contents, such as a texture next to a model, and nodes that read more
+    /// files, fewer files, or files in another order.
     ///
     /// # Errors
     /// If a file cannot be read.
@@ -196,7 +198,7 @@ impl Recipe {
                     let path = source.file.path.display();
                     let what = if known.contains(&now) {
                         format!(
-                            "`{path}`, which `{}` reads, was at another position among its files when the picture was made",
+                            "`{path}` was at another position among the files that `{}` reads when the picture was made",
                             node.id
                         )
                     } else {
@@ -207,12 +209,12 @@ impl Recipe {
             }
             for (name, digest) in known.iter().skip(found.len()) {
                 let digest = digest.short();
-                other.push(format!("`{}` no longer reads `{name}` with the content {digest}", node.id));
+                other.push(format!("`{}` no longer reads `{name}` with the digest {digest}", node.id));
             }
         }
         Ok(other)
     }
 }
 
-/// The addition to a message if not all files could be inspected.
+/// Addition to an error message if not all files could be inspected.
 const CUT: &str = "(the folders of `--inputs` contain too many files to search; name smaller folders)";

@@ -1,4 +1,4 @@
-//! An index of the files in the folders of `--inputs`, to find those that a node of a recipe read.
+//! An index of the files in the folders of `--inputs`, to find the source files of a recipe.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
@@ -15,7 +15,7 @@ const MOST_FILES: usize = 200_000;
 /// Name and digest of a source file.
 type Read = (String, Digest);
 
-/// The folders of the user, and all files in them by file name.
+/// The folders given by the user, and all files in them by file name.
 #[derive(Default)]
 pub(crate) struct SourceIndex {
     roots: Vec<PathBuf>,
@@ -25,7 +25,8 @@ pub(crate) struct SourceIndex {
 }
 
 impl SourceIndex {
-    /// Indexes folders in order of their names. Links are not followed.
+    /// Indexes the files in `folders`. The entries of a folder are visited in order of name. Links are not
+    /// followed.
     ///
     /// # Errors
     /// If a folder cannot be read.
@@ -63,15 +64,15 @@ impl SourceIndex {
         Ok(index)
     }
 
-    /// True if there are more files than the index holds.
+    /// True if there are more files than the index can hold.
     pub fn is_cut(&self) -> bool {
         self.cut
     }
 
-    /// The paths of the files and folders that a node names, in order. `sources` are all files that it read, in
-    /// order. Each name in `wanted` corresponds to a contiguous group of them: the named file, followed by the
-    /// files that it refers to. The node may still read further files, which
-    /// [`Recipe::other_sources`](crate::Recipe::other_sources) finds.
+    /// The paths of the files and folders that a node names, in order. `wanted` contains these names, and `sources`
+    /// contains all files that the node read, in order. Each name corresponds to a contiguous group in `sources`:
+    /// the named file followed by the files that it refers to, or the files in the named folder. The node may still
+    /// read further files, which [`Recipe::other_sources`](crate::Recipe::other_sources) finds.
     ///
     /// # Errors
     /// A line for each file that is not found or is ambiguous.
@@ -136,16 +137,16 @@ impl SourceIndex {
         if missing.is_empty() { Ok(paths) } else { Err(missing) }
     }
 
-    /// Finds the file that is the first of `run`, a group of source files. Returns its path and the number of files
-    /// of the group in its folder.
+    /// Finds the first file of `run`, a group of source files. Returns its path and the number of files of the
+    /// group that are in its folder.
     fn file(&self, run: &[Read], store: &Store) -> Option<(String, usize)> {
         self.best(run.len(), self.first_of(run, store), |path| {
             path.parent().map_or(1, |folder| 1 + self.held(folder, &run[1..], store))
         })
     }
 
-    /// Finds the folder of this name that contains the start of `run`. Returns its path and the number of files of
-    /// the run in it. Among folders with equal numbers, the innermost one is returned.
+    /// Finds the folder with this name that contains the largest number of files from the start of `run`. Returns
+    /// its path and that number. If several folders contain equally many, the innermost is returned.
     fn folder(&self, name: &str, run: &[Read], store: &Store) -> Option<(String, usize)> {
         let inside = |path: &&Path| self.roots.iter().any(|root| path.starts_with(root));
         let is_meant = |path: &&Path| {
@@ -157,14 +158,14 @@ impl SourceIndex {
         self.best(run.len(), all, |folder| self.held(folder, run, store))
     }
 
-    /// The files that may be the first of `run`.
+    /// The paths of the files that have the name and the digest of the first file of `run`.
     fn first_of<'s>(&'s self, run: &'s [Read], store: &'s Store) -> impl Iterator<Item = &'s Path> {
         let all = run.first().and_then(|(name, digest)| Some((self.files.get(name)?, digest)));
         let all = all.into_iter().flat_map(|(paths, digest)| paths.iter().map(move |path| (path, digest)));
         all.filter(|(path, digest)| self.has(path, digest, store)).map(|(path, _)| path.as_path())
     }
 
-    /// The first candidate with the largest count. The search ends when one reaches `all`.
+    /// The first candidate with the largest count. The search ends when a count reaches `all`.
     fn best<'s>(
         &self,
         all: usize,
@@ -185,7 +186,7 @@ impl SourceIndex {
         best
     }
 
-    /// Number of files of `run`, from its start, that are in a folder.
+    /// Number of files at the start of `run` that are in a folder.
     fn held(&self, folder: &Path, run: &[Read], store: &Store) -> usize {
         let lies = |(name, digest): &&Read| {
             let mut all = self.files.get(name).into_iter().flatten();
@@ -205,9 +206,11 @@ impl SourceIndex {
 fn absent(name: &str, digest: Option<&Digest>) -> String {
     match digest {
         Some(digest) => {
-            format!("no folder of `--inputs` contains `{name}` with the content {}", digest.short())
+            format!("no folder of `--inputs` contains `{name}` with the digest {}", digest.short())
         }
-        None if name == ANY_FOLDER => "no folder of `--inputs` contains the files that it read".to_owned(),
+        None if name == ANY_FOLDER => {
+            "no folder of `--inputs` contains the files that the node read".to_owned()
+        }
         None => format!(
             "no folder of `--inputs` is or contains `{name}` with the files this picture was made from"
         ),

@@ -10,13 +10,13 @@ use serde::Serialize;
 
 use crate::text::source::{Piece, Source};
 
-/// Category of a mistake; a stable name in JSON.
+/// Category of a mistake. Its name in JSON is stable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Code {
-    /// The text is not valid RON, or has not the structure of a graph file.
+    /// The text is not valid RON, or does not have the structure of a graph file.
     Syntax,
-    /// A file format version that this program does not read.
+    /// A file format version that this version of lightharmony does not read.
     Version,
     /// Something required is missing.
     Missing,
@@ -30,7 +30,7 @@ pub enum Code {
     UnknownNode,
     /// The node has no output with this name.
     UnknownOutput,
-    /// The input takes another type.
+    /// An output is connected to an input of another type.
     WrongType,
     /// The value has the wrong type.
     WrongValue,
@@ -131,7 +131,7 @@ impl Diagnostics {
         Self { source, list, files: Vec::new() }
     }
 
-    /// The mistakes for programs that display them on their own.
+    /// The mistakes as data, for programs that display them in their own way.
     pub fn mistakes(&self) -> Vec<Mistake> {
         let mistake = |one: &Diagnostic| {
             let (line, column) = self.source.position(one.span.start);
@@ -145,7 +145,7 @@ impl Diagnostics {
         self.list.iter().map(mistake).collect()
     }
 
-    /// The mistakes as text for a person, with excerpts of the file.
+    /// The mistakes as formatted text, with excerpts of the file.
     pub fn render(&self, colour: bool) -> String {
         let renderer = if colour { Renderer::styled() } else { Renderer::plain() };
         let shown = self.list.iter().take(MOST_SHOWN);
@@ -206,7 +206,7 @@ impl std::fmt::Display for Diagnostics {
 
 impl std::error::Error for Diagnostics {}
 
-/// A text for use in a message, cut if it is long.
+/// A text for use in a message, shortened if it is long.
 pub(crate) fn shown(text: &str) -> std::borrow::Cow<'_, str> {
     match text.char_indices().nth(60) {
         None => text.into(),
@@ -214,7 +214,7 @@ pub(crate) fn shown(text: &str) -> std::borrow::Cow<'_, str> {
     }
 }
 
-/// Cuts a message that contains a very long name.
+/// Shortens a message that contains a very long name.
 fn bounded(mut text: String) -> String {
     const MOST: usize = 2000;
     if text.len() > MOST {
@@ -224,9 +224,10 @@ fn bounded(mut text: String) -> String {
     text
 }
 
-/// The candidate most similar to `found`, if it differs by few edits: at most a third of the letters, and at most
-/// three, inserted, deleted, replaced or swapped with their neighbour. Otherwise the only candidate that has `found` as a
-/// word, as `yaw_deg` has `yaw`.
+/// The candidate most similar to `found`, if the number of edits between them is at most a third of the letters of
+/// `found` (but at least 1 and at most 3). An edit inserts, deletes or replaces a letter, or swaps two adjacent
+/// letters. If no candidate is similar, returns the only one that contains `found` as a word, such as `yaw_deg` for
+/// `yaw`.
 pub fn nearest<'k>(found: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
     // Only the first letters of long names are compared, since the time grows with the square of the length.
     let folded = |text: &str| -> String { text.to_lowercase().chars().take(64).collect() };
@@ -240,7 +241,7 @@ pub fn nearest<'k>(found: &str, known: impl IntoIterator<Item = &'k str>) -> Opt
     near.or_else(|| longer.next().filter(|_| longer.next().is_none()))
 }
 
-/// A mistake in a graph, for programs that display it on their own.
+/// A mistake in a graph, for programs that display it in their own way.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Mistake {
     /// Name of the file.

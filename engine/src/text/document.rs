@@ -24,7 +24,7 @@ impl<'t> RawField<'t> {
 /// A node `id: Kind(fields)`.
 #[derive(Debug, Clone)]
 pub(crate) struct RawNode<'t> {
-    /// Name in the whole graph; in a subgraph it has the names of the surrounding nodes in front.
+    /// Name in the whole graph. For a node in a subgraph, it begins with the names of the surrounding nodes.
     pub id: Cow<'t, str>,
     pub id_span: Range<usize>,
     pub kind: &'t str,
@@ -56,7 +56,7 @@ pub(crate) struct Document<'t> {
     pub parameters: Vec<RawField<'t>>,
     /// Included files.
     pub include: Option<RawField<'t>>,
-    /// Named overlays as text.
+    /// Presets: named overlays, which are not parsed yet.
     pub presets: Vec<RawField<'t>>,
     pub nodes: Vec<RawNode<'t>>,
     /// Scopes in which names are resolved: the graph itself, then each use of a subgraph.
@@ -74,9 +74,9 @@ pub(crate) struct Scope<'t> {
     pub prefix: String,
     /// Name of the file of the subgraph; empty for the graph itself.
     pub file: &'t str,
-    /// Values of the parameters: those given, or the defaults.
+    /// Values of the parameters: the given values, and defaults for the rest.
     pub values: Vec<RawField<'t>>,
-    /// Place and scope of the use.
+    /// Place and scope of the node that uses the subgraph; `None` for the graph itself.
     pub used: Option<(Range<usize>, usize)>,
     pub depth: usize,
 }

@@ -14,11 +14,11 @@ pub struct Setting {
     pub value: String,
 }
 
-/// Errors of parsing a setting.
+/// Errors when parsing a setting.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EditError {
     /// The form is not `node.field=value`.
-    #[error("`{0}` is not a setting; write node.field=value")]
+    #[error("`{0}` is not a setting; write `node.field=value`")]
     Form(String),
 }
 
@@ -42,7 +42,7 @@ impl std::str::FromStr for Setting {
     }
 }
 
-/// Adds the settings to a graph as overlays. Those of `scene`, `axes` and `parameters` change these blocks.
+/// Adds the settings to a graph as overlays. Settings of `scene`, `axes` and `parameters` change these blocks.
 pub fn apply(source: &Source, settings: &[Setting]) -> Source {
     settings.iter().fold(source.clone(), |source, setting| {
         let Setting { node, field, value } = setting;

@@ -20,9 +20,10 @@ const MOST_FILES: usize = 1000;
 const MOST_BYTES: u64 = 256 << 20;
 
 impl Source {
-    /// Reads the files that the graph includes or uses as subgraphs, recursively, each once, and appends them to
-    /// the text. Files that a bundle already contains are not read again. A file that cannot or may not be read is
-    /// reported when the graph is parsed. Also returns the paths of all files, whether they exist or not.
+    /// Reads all files that the graph includes or uses as subgraphs, directly or through other files, and appends
+    /// each of them once to the text. Files that a bundle already contains are not read again. A file that cannot
+    /// or may not be read is reported when the graph is parsed. Also returns the paths of all files, whether they
+    /// exist or not.
     pub fn including(mut self, root: &SourceRoot) -> (Self, Vec<PathBuf>) {
         let mut paths = Vec::new();
         let known = |piece: &Piece| {
@@ -179,7 +180,7 @@ fn not_joined(root: &SourceRoot, name: &str, place: Range<usize>) -> Diagnostic 
         let why = match read_text(&file.path, MAX_GRAPH_BYTES) {
             Err(error) => error.to_string(),
             Ok(_) => format!(
-                "the files of a graph are more than {MOST_FILES}, or longer than {} MiB together",
+                "the graph has more than {MOST_FILES} files, or they are longer than {} MiB in total",
                 MOST_BYTES >> 20
             ),
         };
@@ -191,12 +192,12 @@ fn not_joined(root: &SourceRoot, name: &str, place: Range<usize>) -> Diagnostic 
 /// The diagnostic for a file that an untrusted graph may not read.
 pub(crate) fn outside(name: &str, place: Range<usize>) -> Diagnostic {
     Diagnostic::new(place, format!("`{}` may not be read", shown(name)))
-        .label("outside of the bundle")
-        .hint("a graph from a bundle or a picture may only read in the bundle and the folders of `--inputs`")
+        .label("outside the bundle")
+        .hint("a graph from a bundle or a picture may read only files in the bundle and in the folders of `--inputs`")
 }
 
-/// A document merged with its includes, recursively. Its own scene takes precedence, then that of the first file
-/// that has one.
+/// A document merged with its includes, recursively. Its own scene takes precedence, then the scene of the first
+/// included file that has one.
 fn with_includes<'t>(
     at: usize,
     pieces: &[Piece],
@@ -232,8 +233,8 @@ fn with_includes<'t>(
     whole
 }
 
-/// Returns the chosen preset of a graph: that of every file that defines it, the graph's own last, so that it
-/// overrides those of included files.
+/// Returns the definitions of the chosen preset, one from each file that defines it. The graph's own definition
+/// comes last, so that it overrides those of included files.
 fn preset<'t>(
     document: &Document<'t>,
     source: &'t Source,

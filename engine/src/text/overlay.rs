@@ -1,4 +1,4 @@
-//! Overlays: values that override those in the graph file, by node and field.
+//! Overlays: values that override fields of nodes in the graph file.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -9,7 +9,7 @@ use crate::text::diag::{Code, Diagnostic, nearest, shown};
 use crate::text::document::{Document, RawField, RawNode, RawScene};
 use crate::text::syntax::twice;
 
-/// Overlays by node name, in order for each node.
+/// The overlays of each node, by the name of the node. Later overlays override earlier overlays.
 #[derive(Debug, Default)]
 pub(crate) struct Overlays<'t> {
     nodes: BTreeMap<Cow<'t, str>, Vec<RawNode<'t>>>,
@@ -18,7 +18,7 @@ pub(crate) struct Overlays<'t> {
 }
 
 impl<'t> Overlays<'t> {
-    /// Adds an overlay, which overrides the earlier ones.
+    /// Adds an overlay, which overrides the overlays added before.
     pub fn push(&mut self, overlay: Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
         let mut seen = BTreeMap::new();
         for node in overlay.nodes {
@@ -84,14 +84,14 @@ impl<'t> Overlays<'t> {
         }
     }
 
-    /// Reports overlays of nodes that do not exist, and axes that nothing reads.
+    /// Reports overlays of nodes that do not exist, and axes that only an overlay defines and that nothing reads.
     pub fn report_unused(self, document: &Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
         let given = || document.scopes.iter().flat_map(|scope| &scope.values);
         let fields = || document.nodes.iter().flat_map(|node| &node.fields).chain(given());
         for (axis, span) in self.axes {
             let quoted = format!("\"{axis}\"");
             if !fields().any(|field| field.text.contains(&quoted)) {
-                let what = format!("the graph has no axis `{}`, and nothing reads one", shown(axis));
+                let what = format!("the graph has no axis `{}`, and no node reads such an axis", shown(axis));
                 let others = document.axes.iter().map(|known| known.name).filter(|known| *known != axis);
                 diagnostics.push(Diagnostic::of(Code::UnknownField, span, what).suggest(axis, others));
             }

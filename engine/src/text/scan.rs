@@ -12,8 +12,8 @@ pub(crate) struct Scanner<'t> {
     pub text: &'t str,
     pub at: usize,
     pub diagnostics: Vec<Diagnostic>,
-    /// True after an unterminated string, comment or bracket was reported; mistakes in the text that it contains
-    /// are not reported.
+    /// True after an unterminated string, comment or bracket was reported. Brackets that seem unclosed as a
+    /// consequence are not reported.
     endless: bool,
 }
 
@@ -35,7 +35,7 @@ impl<'t> Scanner<'t> {
         self.at >= self.text.len()
     }
 
-    /// Skips `byte`, which must be ASCII.
+    /// Skips `byte`, which must be ASCII. Returns false if it is not next.
     pub fn eat(&mut self, byte: u8) -> bool {
         let found = self.peek() == byte && !self.is_at_end();
         self.at += usize::from(found);
@@ -109,7 +109,7 @@ impl<'t> Scanner<'t> {
         (self.at > start).then(|| &self.text[start..self.at])
     }
 
-    /// Skips one value and returns its range; `None`, with a diagnostic, if it is missing.
+    /// Skips one value and returns its range; `None` if there is no value.
     pub fn value(&mut self) -> Option<Range<usize>> {
         let start = self.at;
         match self.peek() {
@@ -140,7 +140,8 @@ impl<'t> Scanner<'t> {
         self.at += self.rest().find(|c| !part(c)).unwrap_or(self.rest().len());
     }
 
-    /// Skips a string in double quotes. It must end on its line, so that a forgotten quote affects only one line.
+    /// Skips a string in double quotes. It must end on the line where it begins, so that a forgotten quote affects
+    /// only that line.
     fn string(&mut self) {
         let start = self.at;
         self.at += 1;
@@ -183,7 +184,8 @@ impl<'t> Scanner<'t> {
                 self.endless = true;
                 let opening = start..start + hashes + 1;
                 self.report(
-                    Diagnostic::new(opening, "unterminated string").label(format!("ends with {close}")),
+                    Diagnostic::new(opening, "unterminated string")
+                        .label(format!("the string must end with `{close}`")),
                 );
             }
         }

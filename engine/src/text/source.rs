@@ -1,8 +1,8 @@
 //! The text of a graph: a list of pieces, one per file, overlay and setting.
 //!
-//! The pieces are joined into one text, so that a byte offset is a place in any of them: in diagnostics, in digests and in
-//! bundles. Each piece after the first is preceded by a line `//@@ role name`, a comment in RON, from which a bundle
-//! restores the list.
+//! The pieces are joined into one text, so that a single byte offset identifies a place in any of them.
+//! Diagnostics, digests and bundles use this text. Each piece after the first is preceded by a line `//@@ role
+//! name`, which is a comment in RON. The list is restored from these lines when a bundle is read.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -43,7 +43,7 @@ pub(crate) struct Piece {
 }
 
 impl PieceRole {
-    /// The roles of pieces after the first, with their names in marks.
+    /// The roles that a piece after the first may have, with their names in marks.
     const NAMED: [(&'static str, Self); 5] = [
         ("include", Self::Include),
         ("subgraph", Self::Subgraph),
@@ -57,12 +57,12 @@ impl PieceRole {
     }
 }
 
-/// Precedes the role and the name of a piece.
+/// Start of a mark. The role and the name of the piece follow.
 const MARK: &str = "\n//@@ ";
 /// First line of a text whose marks separate pieces. In any other text, marks are ordinary comments.
 const PACKED: &str = "//@@ packed\n";
 
-/// Parses the role and name in the rest of a line after a mark.
+/// Parses the role and the name that follow [`MARK`] in a line.
 fn parse_mark(line: &str) -> Option<(PieceRole, &str)> {
     let (role, name) = line.split_once(' ')?;
     PieceRole::NAMED.iter().find(|(known, _)| *known == role).map(|(_, role)| (*role, name))
@@ -72,7 +72,8 @@ fn parse_mark(line: &str) -> Option<(PieceRole, &str)> {
 const BUILT_IN_PRESET: &str = "--preset ";
 
 impl Source {
-    /// A text with a name: one file, or several if it is the graph of a bundle.
+    /// A text with a name. It consists of several pieces if it is the graph of a bundle, and of one piece
+    /// otherwise.
     pub fn new(name: impl Into<String>, text: impl Into<Arc<str>>) -> Self {
         let (name, text) = (name.into(), text.into());
         if text.starts_with(PACKED) {
@@ -101,7 +102,8 @@ impl Source {
         Self { name, text, pieces }
     }
 
-    /// The text for a bundle, after edits (range, new text) in descending order of their ranges.
+    /// The text for a bundle, after `edits` are applied. An edit is a range and its new text; the ranges are in
+    /// descending order.
     pub(crate) fn pack(&self, edits: &[(Range<usize>, String)]) -> String {
         let mut whole = String::new();
         if self.pieces.len() > 1 && !self.text.starts_with(PACKED) {
@@ -196,7 +198,7 @@ impl Source {
     }
 }
 
-/// The folder of an included file or subgraph relative to that of the graph: empty, or ending with a `/`.
+/// The folder of an included file or subgraph, relative to the folder of the graph. It is empty or ends with `/`.
 pub(crate) fn folder_of(piece: &Piece) -> &str {
     match piece.role {
         PieceRole::Include | PieceRole::Subgraph => {
@@ -206,7 +208,8 @@ pub(crate) fn folder_of(piece: &Piece) -> &str {
     }
 }
 
-/// Returns a path relative to a folder in normal form, so that every file has one name.
+/// Joins a folder and a relative path, and removes `.` and `..` where possible, so that every file has only one
+/// name.
 pub(crate) fn plain(folder: &str, path: &str) -> String {
     if path.starts_with('/') {
         return path.to_owned();
@@ -233,7 +236,7 @@ mod tests {
         names.zip(spans).map(|(name, (role, span))| (role, name, &source.text[span])).collect()
     }
 
-    // Mutation: `new` splits every text; `pack` leaves comments as they are.
+    // This test fails if `new` splits every text, or if `pack` leaves comments as they are.
     #[test]
     fn a_comment_that_looks_like_a_mark_stays_a_comment() {
         let own = "Graph(\n//@@ set a.x=1\n)";

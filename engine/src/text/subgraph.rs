@@ -1,9 +1,9 @@
-//! Subgraphs: the nodes of a file, inserted for each use with other values.
+//! Subgraphs: the nodes of a file, inserted once per use, each time with other parameter values.
 //!
 //! A file declares its parameters, `parameters: (object: Required, yaw_deg: 0.0)`, and reads them with
 //! `Param("object")`. `left: Subgraph(graph: "chair.ron", object: "demo.object")` inserts the nodes of the file as
 //! `left.pose` and so on. A given value is resolved where it is written: wires refer to nodes next to `left`, paths
-//! start at the folder of that file, and mistakes are reported there.
+//! are relative to the folder of the file that contains `left`, and mistakes are reported there.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -21,7 +21,7 @@ use crate::text::values::parse_value;
 pub(crate) const SUBGRAPH: &str = "Subgraph";
 /// The field of `Subgraph` that names the file.
 pub(crate) const FILE: &str = "graph";
-/// The value of a parameter without a default.
+/// The word written for a parameter that has no default and must be given.
 const REQUIRED: &str = "Required";
 
 /// Maximum number of uses of subgraphs.
@@ -52,9 +52,9 @@ pub(crate) fn expand<'t>(
     overlays.lay_on_blocks(document, diagnostics);
     let values = document.parameters.iter();
     for field in values.clone().filter(|field| field.text == REQUIRED) {
-        let what = format!("the graph needs `{}`", shown(field.name));
+        let what = format!("the graph needs a value for the parameter `{}`", shown(field.name));
         diagnostics.push(Diagnostic::of(Code::Missing, field.name_span.clone(), what).hint(format!(
-            "give it by `--set parameters.{}=..`, or use this file as a `Subgraph`",
+            "set it with `--set parameters.{}=..`, or use this file as a `Subgraph`",
             field.name
         )));
     }
@@ -108,7 +108,7 @@ pub(crate) fn expand<'t>(
 
 type Used<'f, 't> = (&'f Document<'t>, Scope<'t>, Vec<Diagnostic>);
 
-/// Returns the document and scope of a `Subgraph` node, and reports mistakes in the values that it is given.
+/// Returns the document and scope of a `Subgraph` node, and the mistakes in the values given to it.
 fn use_of<'f, 't>(
     node: &RawNode<'t>,
     scopes: &[Scope<'t>],
@@ -144,7 +144,7 @@ fn use_of<'f, 't>(
     Err(Diagnostic::of(Code::Cycle, field.span.clone(), format!("`{}` uses itself", shown(file))).into())
 }
 
-/// The parameter values of a use: those given, and defaults for the rest.
+/// The parameter values of a use: the given values, and defaults for the rest.
 fn fill<'f, 't>(node: &RawNode<'t>, file: &'t str, document: &'f Document<'t>, depth: usize) -> Used<'f, 't> {
     let mut mistakes = Vec::new();
     let known = || document.parameters.iter().map(|parameter| parameter.name);
@@ -158,7 +158,7 @@ fn fill<'f, 't>(node: &RawNode<'t>, file: &'t str, document: &'f Document<'t>, d
             let hint = if list.is_empty() {
                 "it has no parameters; declare them next to `nodes`: `parameters: (yaw_deg: 0.0)`".to_owned()
             } else {
-                format!("it has {}", list.join(", "))
+                format!("its parameters are {}", list.join(", "))
             };
             let mistake = Diagnostic::of(Code::UnknownField, field.name_span.clone(), what);
             mistakes.push(mistake.suggest(field.name, known()).hint(hint));
@@ -195,7 +195,7 @@ pub(crate) fn parameter_read<'t>(text: &'t str) -> Option<Cow<'t, str>> {
     }
 }
 
-/// The value of the parameter named by `text`, which is at `place`.
+/// The value of the parameter that the call `text` reads. `place` is the place of the call.
 pub(crate) fn value_of<'s, 't>(
     scopes: &'s [Scope<'t>],
     scope: usize,
@@ -203,17 +203,14 @@ pub(crate) fn value_of<'s, 't>(
     place: Range<usize>,
 ) -> Result<&'s RawField<'t>, Diagnostic> {
     let Some(name) = parameter_read(text) else {
-        let what = format!("`{}` does not read a parameter", shown(text));
+        let what = format!("`{}` is not a valid use of a parameter", shown(text));
         return Err(Diagnostic::new(place, what).hint("write `Param(\"yaw_deg\")`"));
     };
     let Scope { values, file, .. } = &scopes[scope];
     values.iter().find(|value| value.name == name).ok_or_else(|| {
-        let file = if file.is_empty() { "the graph" } else { file };
-        let mistake = Diagnostic::of(
-            Code::UnknownField,
-            place,
-            format!("{} has no parameter `{}`", shown(file), shown(&name)),
-        );
+        let file = if file.is_empty() { "the graph".to_owned() } else { format!("`{}`", shown(file)) };
+        let mistake =
+            Diagnostic::of(Code::UnknownField, place, format!("{file} has no parameter `{}`", shown(&name)));
         match nearest(&name, values.iter().map(|value| value.name)) {
             Some(near) => mistake.hint(format!("did you mean `{near}`?")),
             None => mistake.hint("parameters are declared next to `nodes`: `parameters: (yaw_deg: 0.0)`"),
@@ -221,9 +218,9 @@ pub(crate) fn value_of<'s, 't>(
     })
 }
 
-/// Returns the text of a field with parameters replaced by their values, and its place, which is that of the value
-/// if the field consists of one parameter only. With `folder_at`, paths are made relative to the folder of the
-/// graph.
+/// Returns the text of a field with each `Param` call replaced by its value, and the place of the field. If the
+/// field is a single `Param` call, the place is that of the value. If `folder_at` is given, paths are made relative
+/// to the folder of the graph.
 pub(crate) fn in_place<'t>(
     field: &RawField<'t>,
     scopes: &[Scope<'t>],
@@ -259,7 +256,10 @@ fn in_place_within<'t>(
         out.push_str(&text);
         end = span.end;
         if out.len() > LONGEST {
-            return Err(Diagnostic::new(field.span.clone(), "too long after parameters are inserted"));
+            return Err(Diagnostic::new(
+                field.span.clone(),
+                "the field is too long after parameters are inserted",
+            ));
         }
     }
     out.push_str(&moved(folder, &field.text[end..]));

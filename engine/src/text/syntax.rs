@@ -73,7 +73,7 @@ struct Parser<'t> {
     scan: Scanner<'t>,
     document: Document<'t>,
     sort: FileKind,
-    /// True if a node was found outside of `nodes`.
+    /// True if a node was found outside `nodes`.
     stray: bool,
 }
 
@@ -143,11 +143,8 @@ impl<'t> Parser<'t> {
                 other if parser.scan.peek().is_ascii_uppercase() => {
                     if !std::mem::replace(&mut parser.stray, true) {
                         parser.scan.report(
-                            Diagnostic::new(
-                                span.clone(),
-                                format!("`{}` is outside of `nodes`", shown(other)),
-                            )
-                            .hint("there is a surplus `)` before it, or `nodes: (` is missing"),
+                            Diagnostic::new(span.clone(), format!("`{}` is outside `nodes`", shown(other)))
+                                .hint("there is a surplus `)` before it, or `nodes: (` is missing"),
                         );
                     }
                     parser.add_node(other, span);

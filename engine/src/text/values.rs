@@ -53,8 +53,7 @@ fn numbers_without_brackets(described: &str, text: &str) -> Option<String> {
     }
 }
 
-/// Describes the mistake inside a group or list of numbers of the right form: a wrong count, or an item that is not
-/// a number.
+/// Describes a mistake inside a group or list of numbers: a wrong count, or an item that is not a number.
 fn wrong_items(described: &str, text: &str) -> Option<String> {
     let (numbers, sort) = (described.contains("number"), form_of(text));
     let wanted: Option<usize> =
@@ -94,7 +93,8 @@ fn begins(choice: &str, text: &str) -> bool {
     })
 }
 
-/// The diagnostic for the text of a parameter. `range` is its label if the parameter has a range.
+/// The diagnostic for a parameter whose text cannot be read. `range` is the label for a number that is out of
+/// range.
 pub(crate) fn value_mistake(
     name: &str,
     described: &str,

@@ -11,7 +11,7 @@ use crate::value::error::guarded;
 /// A value that a port can carry.
 ///
 /// The encoding is canonical: equal values give equal bytes on every machine, since the content digest of a value
-/// is the digest of its encoded bytes. Every key holds the type name and the format as well.
+/// is the digest of its encoded bytes. Keys contain the type name and the format as well.
 pub trait Artifact: Send + Sync + Sized + 'static {
     /// Name of the type in kebab-case; ports can be connected if their names are equal.
     const TYPE: &'static str;
@@ -22,17 +22,17 @@ pub trait Artifact: Send + Sync + Sized + 'static {
     fn encode(&self, to: &mut Encoder);
     /// Reads what [`Artifact::encode`] wrote. Never panics, whatever the bytes are.
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt>;
-    /// Memory of the value in bytes; an estimate is enough, since it is used for admission.
+    /// Memory of the value in bytes, which counts against the memory budget. An estimate is enough.
     fn bytes(&self) -> usize;
-    /// Size in units that the work of readers grows with: pixels, splats, triangles.
+    /// Size in units that the work of readers is proportional to, such as pixels, splats or triangles.
     fn size(&self) -> u64 {
         self.bytes() as u64
     }
-    /// Distance to another value, in the terms of this type (decibels, metres, rows).
+    /// Difference from another value, in terms that suit this type (decibels, metres, rows).
     fn difference(&self, other: &Self) -> Difference;
 }
 
-/// The distance between two artifacts of one type.
+/// The difference between two artifacts of the same type.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Difference {
     /// True when the two encode to the same bytes.
@@ -62,7 +62,7 @@ pub struct Corrupt(pub String);
 #[derive(Debug, Default)]
 pub struct Encoder {
     bytes: Vec<u8>,
-    /// Receives the bytes in chunks when only their digest is wanted.
+    /// Receives the bytes in chunks if only their digest is needed.
     digest: Option<DigestWriter>,
 }
 
@@ -146,7 +146,7 @@ impl Encoder {
     }
 }
 
-/// Bytes that are digested at a time.
+/// Number of bytes that are digested at a time.
 const DIGESTED: usize = 1 << 16;
 
 /// Reads what an [`Encoder`] wrote. Every length is checked against the remaining bytes before anything is
@@ -164,7 +164,7 @@ impl<'a> Decoder<'a> {
 
     fn take(&mut self, count: usize) -> Result<&'a [u8], Corrupt> {
         let (head, rest) = self.rest.split_at_checked(count).ok_or_else(|| {
-            Corrupt(format!("ends after {} bytes, but {count} are needed", self.rest.len()))
+            Corrupt(format!("{count} bytes are needed, but only {} remain", self.rest.len()))
         })?;
         self.rest = rest;
         Ok(head)
@@ -175,7 +175,10 @@ impl<'a> Decoder<'a> {
         let count = self.u64()?;
         match usize::try_from(count) {
             Ok(n) if n.checked_mul(size.max(1)).is_some_and(|b| b <= self.rest.len()) => Ok(n),
-            _ => Err(Corrupt(format!("claims {count} elements, but has {} bytes", self.rest.len()))),
+            _ => Err(Corrupt(format!(
+                "a list claims to hold {count} elements, but only {} bytes remain",
+                self.rest.len()
+            ))),
         }
     }
 
@@ -184,7 +187,10 @@ impl<'a> Decoder<'a> {
         let count = self.u32()? as usize;
         match count.checked_mul(size) {
             Some(bytes) if bytes <= self.rest.len() => Ok(count),
-            _ => Err(Corrupt(format!("claims {count} elements, but has {} bytes", self.rest.len()))),
+            _ => Err(Corrupt(format!(
+                "a list claims to hold {count} elements, but only {} bytes remain",
+                self.rest.len()
+            ))),
         }
     }
 
@@ -217,13 +223,13 @@ impl<'a> Decoder<'a> {
         match self.u8()? {
             0 => Ok(false),
             1 => Ok(true),
-            other => Err(Corrupt(format!("boolean {other}"))),
+            other => Err(Corrupt(format!("a boolean has the value {other}"))),
         }
     }
 
     /// Reads a text.
     pub fn str(&mut self) -> Result<String, Corrupt> {
-        String::from_utf8(self.u8s()?).map_err(|_| Corrupt("text is not UTF-8".to_owned()))
+        String::from_utf8(self.u8s()?).map_err(|_| Corrupt("a text is not UTF-8".to_owned()))
     }
 
     /// Reads an artifact.
@@ -236,15 +242,15 @@ impl<'a> Decoder<'a> {
         if self.rest.is_empty() {
             Ok(())
         } else {
-            Err(Corrupt(format!("{} bytes left over", self.rest.len())))
+            Err(Corrupt(format!("{} bytes follow after its end", self.rest.len())))
         }
     }
 }
 
-/// An artifact whose type is known only by name.
+/// An artifact whose type is known only at run time.
 pub type AnyArtifact = Arc<dyn Any + Send + Sync>;
 
-/// The operations on a type that the engine needs.
+/// The operations on an artifact type that the engine needs.
 #[derive(Debug, Clone, Copy)]
 pub struct ArtifactType {
     /// [`Artifact::TYPE`].
@@ -277,12 +283,12 @@ impl ArtifactType {
         }
     }
 
-    /// Decodes stored bytes and encodes the value again. The result is equal to `encoded` if `encode` wrote that.
+    /// Decodes stored bytes and encodes the value again. The result equals `encoded` if `encode` wrote those bytes.
     pub fn round_trip(&self, encoded: &[u8]) -> Result<Vec<u8>, Corrupt> {
         (self.decode)(encoded).map(|value| (self.encode)(&value))
     }
 
-    /// Distance between two values of this type.
+    /// Difference between two values of this type.
     pub fn difference(&self, a: &AnyArtifact, b: &AnyArtifact) -> Difference {
         guarded(|| Ok((self.difference)(a, b)))
             .unwrap_or_else(|error| Difference::of(format!("cannot be compared: {error}")))

@@ -8,8 +8,8 @@ thread_local! {
     static INSIDE: Cell<Duration> = const { Cell::new(Duration::ZERO) };
 }
 
-/// Runs code and returns the CPU time that this thread spent on it. A thread that waits for its tiles may run those
-/// of another node; nested measurements are subtracted.
+/// Runs code and returns the CPU time that this thread spent on it. A thread that waits for its tiles may run tiles
+/// of another node, which are measured separately. The time of such nested measurements is subtracted.
 pub(crate) fn measured<T>(code: impl FnOnce() -> T) -> (T, Duration) {
     let (beside, start) = (INSIDE.take(), of_thread());
     let value = code();

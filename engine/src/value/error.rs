@@ -76,8 +76,7 @@ impl std::fmt::Display for NodeError {
     }
 }
 
-/// Converts any typed error of a crate of kinds into the failure of a node. The message includes its chain of
-/// causes.
+/// Converts an error of any type into the failure of a node. The message includes its chain of causes.
 impl<E: StdError + Send + Sync + 'static> From<E> for NodeError {
     fn from(error: E) -> Self {
         let mut message = error.to_string();
@@ -98,7 +97,7 @@ impl<E: StdError + Send + Sync + 'static> From<E> for NodeError {
 pub(crate) fn guarded<T>(code: impl FnOnce() -> Result<T, NodeError>) -> Result<T, NodeError> {
     catch_unwind(AssertUnwindSafe(code)).unwrap_or_else(|panic| {
         Err(NodeError::new(format!("the code of this kind panicked: {}", panic_text(&*panic)))
-            .hint("this is a mistake in the program, not in the graph; please report it"))
+            .hint("this is a bug in lightharmony, not a mistake in the graph; please report it"))
     })
 }
 

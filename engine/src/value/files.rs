@@ -45,7 +45,15 @@ impl Artifact for Files {
             return Difference::none();
         }
         let unequal = self.0.iter().zip(&other.0).filter(|(a, b)| a != b).count();
-        Difference::of(format!("{} and {} files, {unequal} differ", self.0.len(), other.0.len()))
+        let (count, others) = (self.0.len(), other.0.len());
+        Difference::of(if count == others {
+            format!("{unequal} of {count} files differ")
+        } else {
+            format!(
+                "{count} files compared with {others}; of the first {}, {unequal} differ",
+                count.min(others)
+            )
+        })
     }
 }
 

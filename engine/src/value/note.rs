@@ -6,14 +6,14 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
-    /// Number of certain items, such as broken rows that were dropped.
+    /// A number of affected items, such as broken rows that were dropped.
     Count,
     /// A choice that the node made by itself, such as how the receiver blocks the environment.
     Decision,
-    /// The result is valid, but the user should look at this.
+    /// The result is valid, but the user should check what the note describes.
     Warning,
-    /// The result is less than what was requested. All results made from it inherit this, and it determines the
-    /// exit code.
+    /// The result is worse than what the graph asks for. All results made from it are degraded too, and the exit
+    /// code reports this.
     Degraded,
 }
 

@@ -1,4 +1,5 @@
-//! Paths of the files that a graph reads: any path for a trusted graph, and a few folders for an untrusted one.
+//! Paths of the files that a graph reads. A trusted graph may read any path, an untrusted graph only certain
+//! folders.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -44,7 +45,7 @@ impl<'a> FileHead<'a> {
 #[derive(Debug, Clone)]
 pub struct SourceRoot {
     folder: PathBuf,
-    /// The folders that may be read, links resolved; `None` if all may.
+    /// The folders that may be read, with links resolved; `None` if all folders may be read.
     confined: Option<Arc<[PathBuf]>>,
 }
 
@@ -54,8 +55,8 @@ impl SourceRoot {
         Self { folder: folder.into(), confined: None }
     }
 
-    /// A root for an untrusted graph: no file outside of `folder` and the folders of `also` is read, whatever names
-    /// and links refer to, and links below the output folder are not followed.
+    /// A root for an untrusted graph. No file outside `folder` and the folders in `also` is read, even if names or
+    /// links lead there. Links below the output folder are not followed.
     ///
     /// # Errors
     /// If one of the folders does not exist.
@@ -88,7 +89,8 @@ impl SourceRoot {
         SourceFile { name: file.0.clone(), path: self.resolve(&self.folder, &file.0) }
     }
 
-    /// A source file next to another one, such as a buffer that a glTF file names.
+    /// A source file that another source file refers to, such as a buffer of a glTF file. `name` is relative to the
+    /// folder of `other`.
     pub fn beside(&self, other: &SourceFile, name: &str) -> SourceFile {
         let path = self.resolve(other.path.parent().unwrap_or(&self.folder), name);
         let name = match other.name.rsplit_once('/') {
@@ -118,7 +120,7 @@ impl SourceRoot {
         !self.is_confined() && folder().is_some()
     }
 
-    /// True if [`SourceRoot::file`] returned this path as a replacement for one that may not be read.
+    /// True if [`SourceRoot::file`] returned this path as a replacement for a path that may not be read.
     pub fn is_outside(&self, file: &SourceFile) -> bool {
         file.path.starts_with(OUTSIDE)
     }
@@ -126,10 +128,10 @@ impl SourceRoot {
 
 /// A path that cannot be opened, since its first part is not a folder. The rest of the path is text that appears in
 /// the error message.
-const OUTSIDE: &str = "/dev/null/outside of what this graph may read";
+const OUTSIDE: &str = "/dev/null/outside the files that this graph may read";
 
-/// A file that a node reads: a path relative to the graph file, or absolute. Its content digest enters the key in
-/// its place, so the kind must list it in its sources.
+/// A file that a node reads: a path relative to the graph file, or absolute. The content digest of the file enters
+/// the key instead of the path, so the kind must list the file in its sources.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct InputFile(pub String);

@@ -11,7 +11,7 @@ pub const MAX_GRAPH_BYTES: u64 = 64 << 20;
 /// end, are not opened.
 ///
 /// # Errors
-/// Errors of the system, [`ErrorKind::InvalidInput`] with the type of what is not a regular file,
+/// Errors of the system, [`ErrorKind::InvalidInput`] with the type of the file if it is not a regular file,
 /// [`ErrorKind::FileTooLarge`] above the limit, and [`ErrorKind::InvalidData`] if the file is not UTF-8.
 pub fn read_text(path: &Path, limit: u64) -> Result<String> {
     let metadata = std::fs::metadata(path)?;

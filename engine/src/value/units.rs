@@ -1,4 +1,4 @@
-//! Numbers of bytes as text: powers of 1024 with IEC units.
+//! Byte counts as text, with IEC units (powers of 1024).
 
 /// Parses a number of bytes with or without a unit: `K`, `KB` and `KiB` all mean 1024, likewise for M, G and T.
 /// `None` if the text is not such a number.

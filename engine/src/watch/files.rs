@@ -19,13 +19,14 @@ pub(crate) trait Notifier: Send {
 /// The watched files.
 pub(crate) struct WatchedFiles {
     notifier: Option<Box<dyn Notifier>>,
-    /// Reason for missing notifications; `None` once it was reported.
+    /// Reason why there are no notifications; `None` if there are some, or once the reason has been reported.
     failure: Option<String>,
     /// Stamp of each file when it was last inspected; `None` if it is missing.
     stamps: BTreeMap<PathBuf, Option<FileStamp>>,
-    /// The paths that determine each watched file: links on the way, and the last name.
+    /// The paths that determine the watched files, each with its file: the links on the way to the file, and the
+    /// file itself.
     names: BTreeMap<PathBuf, PathBuf>,
-    /// Folders with notifications, and the identity that each had then.
+    /// Folders with notifications, and the identity of each when its notifications started.
     folders: BTreeMap<PathBuf, Option<Identity>>,
     /// Watched files named by notifications since the last inspection.
     touched: BTreeSet<PathBuf>,
@@ -56,7 +57,7 @@ impl WatchedFiles {
         self.notifier.is_some()
     }
 
-    /// Returns the reason for missing notifications, once.
+    /// Returns the reason why there are no notifications, but only once.
     pub fn take_failure(&mut self) -> Option<String> {
         self.failure.take()
     }
@@ -174,8 +175,8 @@ fn identity(folder: &Path) -> Option<Identity> {
 /// Maximum number of links on the way to a file; a longer chain counts as a cycle.
 const MOST_LINKS: usize = 40;
 
-/// The paths that determine what an absolute path refers to: each link on the way and its own last name, in folders
-/// without links; or the first missing name.
+/// The paths that determine which file an absolute path refers to: each link on the way, and at the end the file
+/// itself or the first missing name. All links in the folders of these paths are resolved.
 fn names_to(path: &Path) -> Vec<PathBuf> {
     let mut names = Vec::new();
     let mut at = PathBuf::new();
@@ -258,7 +259,7 @@ mod tests {
             std::fs::write(self.path(name), text).unwrap();
         }
 
-        /// True if the file counts as changed, exactly once.
+        /// True if the file counts as changed. Checks that a change is reported only once.
         fn changed(&mut self) -> bool {
             let changed = !self.files.look().is_empty();
             assert!(self.files.look().is_empty(), "reported once");

@@ -19,7 +19,7 @@ pub(crate) enum Input {
 pub struct Handle(pub(crate) Sender<Input>);
 
 impl Handle {
-    /// Cancels the run and ends the watch. Finished nodes are kept.
+    /// Cancels the run and ends the watch. The results of finished nodes are kept.
     pub fn quit(&self) {
         // The watch may have ended already.
         let _ = self.0.send(Input::Quit);

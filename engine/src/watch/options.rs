@@ -1,4 +1,4 @@
-//! Options of a watch, and the graph that it is given.
+//! Options of a watch, and the graphs that it runs.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -7,7 +7,7 @@ use std::time::Duration;
 use crate::graph::graph::Graph;
 use crate::text::diag::{Diagnostics, Mistake};
 
-/// The watched graph as read at one moment.
+/// The watched graph as it was read at one time.
 pub struct Load {
     /// The graph and its targets, or its mistakes. An empty list stands for the default targets.
     pub graph: Result<(Arc<Graph>, Vec<usize>), Refusal>,
@@ -20,7 +20,7 @@ pub struct Load {
 pub struct Refusal {
     /// The mistakes with their places.
     pub list: Vec<Mistake>,
-    /// The mistakes as text for a person.
+    /// The mistakes as formatted text.
     pub text: String,
     /// Files that the graph names; a change to one may resolve the mistakes.
     pub files: Vec<PathBuf>,
@@ -46,7 +46,7 @@ pub struct WatchOptions {
     pub out: PathBuf,
     /// The parameter that previews limit.
     pub refine: Option<&'static str>,
-    /// True to inspect the files every half second in place of notifications.
+    /// True to inspect the files every half second instead of using notifications.
     pub poll: bool,
     /// Time without further changes before a change is handled.
     pub settle: Duration,

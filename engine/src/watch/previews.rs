@@ -1,4 +1,4 @@
-//! The previews before a run that takes long.
+//! The previews that precede a long run.
 
 /// Time in seconds below which no preview is needed.
 const SOON: f64 = 0.5;
@@ -11,13 +11,13 @@ const AT_ONCE: f64 = 0.3;
 pub(crate) struct Reduction {
     /// Limit of the parameter.
     pub level: u64,
-    /// Side of the blocks of pixels of which one is computed.
+    /// Side length of the blocks of pixels in which only one pixel is computed.
     pub coarse: u64,
 }
 
-/// The previews for a parameter with maximum `most` and a total time of `seconds`, if known. The limits are the
-/// chunk boundaries of nodes that work in chunks, and 1. If even that takes long and a node supports it, the first
-/// preview computes a subset of the pixels.
+/// The previews of a run in which the parameter is at most `most` and the forecast is `seconds`, if known. They
+/// limit the parameter to 1, 4, 16 and so on, where nodes that work in chunks end a chunk. If even the limit 1
+/// takes long and a node supports it (`coarse`), the first preview also computes only a subset of the pixels.
 pub(crate) fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Reduction> {
     let takes = |level: u64| seconds.map_or(f64::INFINITY, |all| all * level as f64 / most.max(1) as f64);
     let block = match takes(1) {

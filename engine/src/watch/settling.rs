@@ -1,4 +1,5 @@
-//! Delay of changes: they are handled shortly after the last one, and a limited time after the first.
+//! Delays the handling of changes until shortly after the last change, but at most for a limited time after the
+//! first.
 
 use std::time::{Duration, Instant};
 
@@ -7,7 +8,7 @@ use std::time::{Duration, Instant};
 pub(crate) struct Settling {
     settle: Duration,
     longest: Duration,
-    /// Time of the first notification, and of the inspection if no more follow.
+    /// Time of the first notification, and the time of the inspection if no further notifications follow.
     pending: Option<(Instant, Instant)>,
 }
 
@@ -35,7 +36,7 @@ impl Settling {
         self.pending.map(|(_, due)| due)
     }
 
-    /// True once, when the time of the inspection has come.
+    /// Returns true when the time of the inspection has come, but only once.
     pub fn take(&mut self, now: Instant) -> bool {
         let come = self.due().is_some_and(|due| due <= now);
         if come {

@@ -3,7 +3,7 @@
 //! One thread controls the runs. It sleeps until a notification, an event of the run, or the time of the next
 //! inspection. A run has its own thread and is cancelled by a newer graph; finished nodes are kept. Long runs are
 //! preceded by previews that limit a parameter (`samples`). Since the work of such nodes is cached in chunks, each
-//! run computes only the samples that the one before did not.
+//! run computes only the samples that the previous run did not.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -26,9 +26,10 @@ use crate::watch::settling::Settling;
 
 /// Maximum time before continuous changes are handled.
 const LONGEST: Duration = Duration::from_millis(300);
-/// Interval of inspections without notifications.
+/// Interval between inspections if there are no notifications.
 const POLL: Duration = Duration::from_millis(500);
-/// Interval of inspections with notifications, which network drives do not send and systems may lose.
+/// Interval between inspections if there are notifications. It is needed since network drives send no notifications
+/// and systems may lose them.
 const CHECK: Duration = Duration::from_secs(2);
 /// The result of waiting.
 enum Next {
@@ -221,7 +222,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         quit
     }
 
-    /// Waits until changes have settled, the run ended, or the watch is to end.
+    /// Waits until changes have settled, the run has ended, or the watch is to end.
     fn wait(&mut self, current: &Load, running: bool) -> Next {
         let pause = if self.files.has_notifier() { CHECK } else { POLL };
         let mut look = Instant::now() + pause;
@@ -257,7 +258,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    /// True if a file of a successful run was deleted since.
+    /// True if a file of a successful run has been deleted since.
     fn is_file_gone(&self) -> bool {
         let gone = |(path, file): (&PathBuf, &SinkFile)| file.shown == Shown::Right && !path.exists();
         self.good && self.shown.iter().any(gone)
@@ -315,7 +316,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             let new = self.files.follow(&paths);
             if let Some(why) = self.files.take_failure() {
                 let text = format!(
-                    "no notifications from the system ({why}): checking files every {} ms",
+                    "the system sends no notifications of changes ({why}); files are checked every {} ms",
                     POLL.as_millis()
                 );
                 (self.emit)(Event::Warning { id: "watch-polls", text });

@@ -3,8 +3,8 @@ use std::path::Path;
 #[path = "../../../tests/support/arrows.rs"]
 mod arrows;
 
-/// The modules of the engine from the lowest to the highest: a file imports only from its own module and those
-/// below.
+/// The modules of the engine from the lowest to the highest. A file imports only from its own module and from lower
+/// modules.
 const ROOMS: [&str; 9] = ["value", "text", "kind", "graph", "record", "run", "plan", "watch", "share"];
 
 fn folder() -> &'static Path {

@@ -11,18 +11,18 @@ use engine::{
     SourceRoot,
 };
 
-/// The table of all kinds of this file.
+/// The table of all kinds in this file.
 pub fn registry() -> Registry {
     Registry::new(entries())
 }
 
-/// The table of all kinds of this file, with `entry` in place of the kind of the same name.
+/// The table of all kinds in this file, with `entry` in place of the kind of the same name.
 pub fn registry_with(entry: KindEntry) -> Registry {
     let others = entries().into_iter().filter(|other| other.name != entry.name);
     Registry::new(others.collect()).with(entry)
 }
 
-/// The table of all kinds of this file, in which `scale` returns another result under the same name and version.
+/// The table of all kinds in this file, except that `scale` returns another result under the same name and version.
 pub fn registry_of_a_cheat() -> Registry {
     registry_with(KindEntry::of::<Cheat>())
 }
@@ -93,7 +93,7 @@ impl Artifact for Num {
     }
 }
 
-/// Many numbers: enough that they have a file of their own in the cache.
+/// A list of numbers. A long list is stored as a separate file in the cache.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Numbers(pub Vec<f64>);
 
@@ -125,7 +125,7 @@ fn give(value: f64) -> Ran {
     Ok((Gives { number: Arc::new(Num(value)) }, Notes::none()))
 }
 
-/// Declares a kind with one number as input and one as output.
+/// Declares a kind that outputs one number.
 macro_rules! simple {
     ($name:ident = $kebab:literal, $in:ty, |$params:ident, $inputs:ident, $cx:ident| $run:expr $(, $item:item)*) => {
         impl Kind for $name {
@@ -244,9 +244,9 @@ simple!(
 engine::choices! {
     /// Direction of rounding.
     pub enum Towards {
-        /** The nearest. */ Nearest,
-        /** The one below. */ Down,
-        /** The one above. */ Upwards,
+        /** To the nearest integer. */ Nearest,
+        /** To the next integer below. */ Down,
+        /** To the next integer above. */ Upwards,
     }
 }
 engine::params! {
@@ -324,7 +324,7 @@ engine::params! {
         samples: u32 = 32, range(1, 4096), other("48");
         /// Step between computed samples; 1 computes all of them.
         coarse: u32 = 1, range(1, 64), other("2");
-        /// Factor of the mean; no part depends on it.
+        /// Factor applied to the mean; no part depends on it.
         gain: f64 = 1.0, other("2.0");
         /// Duration of a part; no part depends on it.
         millis: u64 = 0, inert("time is not part of the result");
@@ -353,7 +353,7 @@ simple!(
 );
 
 engine::params! {
-    /// Adds a number to its input, which comes through a part kept in memory for other nodes.
+    /// Adds a number to its input. The input is taken from a part that is kept in memory for other nodes.
     pub struct Prepared {
         /// The number to add.
         plus: f64 = 0.0, other("1.0");
@@ -476,7 +476,7 @@ simple!(
 );
 
 engine::params! {
-    /// Passes a number on after tiles that sleep.
+    /// Passes a number on after running tiles that only sleep.
     pub struct Tiled {
         /// Number of tiles.
         tiles: u32 = 4, range(1, 100000), inert("only the time differs");
@@ -545,7 +545,7 @@ simple!(
 static DRIFTS: AtomicUsize = AtomicUsize::new(0);
 
 engine::params! {
-    /// Returns another number each time it runs, which no kind is permitted to do.
+    /// Returns a different number each time it runs, which no kind is permitted to do.
     pub struct Drift {}
 }
 simple!(

@@ -122,7 +122,7 @@ fn mistakes_of_axes_have_their_place() {
         ("yaw: Range(0, 1e12)", "a: Number,", &["has more than 100000 values"]),
         ("view: Range(0, 2)", "a: Number,", &["cannot be named `view`"]),
         (yaw, r#"a: Number, b: Scale(value: "a", by: Axis("yaw")),"#, &["`by` is out of range: 200.0"]),
-        (yaw, r#"a: Number, b: Scale(value: Axis("yaw")),"#, &["a wire cannot run along an axis"]),
+        (yaw, r#"a: Number, b: Scale(value: Axis("yaw")),"#, &["an input cannot contain `Axis` or `Track`"]),
         (
             yaw,
             r#"a: Number(value: Axis("yaw")), s: WriteNumber(number: "a", path: "a.txt"),"#,
@@ -146,23 +146,23 @@ fn mistakes_of_axes_have_their_place() {
         (
             yaw,
             r#"a: Number(value: Axis("yaw")), all: Gather(input: "a", over: "yaw"), s: Scale(value: "all"),"#,
-            &["takes one wire, and `all` gathers many"],
+            &["takes one wire, but `all` gathers many"],
         ),
         (
             yaw,
             r#"a: Number(value: Axis("yaw")), g: Gather(input: "a", over: "yaw"),
             h: Gather(input: "g", over: "yaw"), s: Add(terms: "h"),"#,
-            &["`g` is a gather itself"],
+            &["`g` is itself a `Gather`"],
         ),
         (
             yaw,
             r#"a: Number(value: Axis("yaw")), g: Gather(input: "a", over: []), s: Add(terms: "g"),"#,
-            &["`over` names no axis", "read the node itself"],
+            &["`over` names no axis", "connect the node itself"],
         ),
         (
             r#"file: List(["a/b", "a_b"])"#,
             r#"a: LoadNumber(path: Axis("file")), s: WriteNumber(number: "a", path: "{file}.txt"),"#,
-            &["the values \"a/b\" and \"a_b\" of `file` give the same file name", "rename one of them"],
+            &["the values \"a/b\" and \"a_b\" of `file` give the same file name", "change one of the values"],
         ),
         (
             yaw,

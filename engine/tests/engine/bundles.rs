@@ -1,4 +1,4 @@
-//! Tests of shared graphs: packed, unpacked elsewhere, verified, confined, locked.
+//! Tests of sharing graphs: packing, unpacking elsewhere, verification, confinement and locks.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -20,7 +20,7 @@ const NODES: &str = r#"
     r: WriteRecipe(number: ["sum"], path: "r.txt"),
 "#;
 
-/// A lab whose graph reads a file next to it and one above.
+/// A lab, and a graph that reads one file below its own folder and one file above it.
 fn lab(outer: &Path) -> (Lab, Graph) {
     let lab = Lab::on_disk();
     let folder = outer.join("project");
@@ -183,7 +183,7 @@ fn a_lock_reports_what_differs() {
     std::fs::write(outer.path().join("far.txt"), "6").unwrap();
     let changed = known.differences(&lock(&graph));
     assert!(
-        matches!(&changed.before[..], [line] if line.starts_with("`../far.txt` has the content")),
+        matches!(&changed.before[..], [line] if line.starts_with("`../far.txt` has the digest")),
         "{changed:?}"
     );
     let other = Lock { kinds: [("add".to_owned(), (2, "portable".to_owned()))].into(), ..known.clone() };
@@ -191,7 +191,10 @@ fn a_lock_reports_what_differs() {
     assert_eq!(changed.before, ["`add` is version 2 (portable), but the lock has 1 (portable)"]);
     let mut other = known.clone();
     other.results.get_mut("b").unwrap().insert("number".to_owned(), "0".repeat(64));
-    assert!(known.differences(&other).results[0].starts_with("the result of `b.number` is 000000000000"));
+    assert!(
+        known.differences(&other).results[0]
+            .starts_with("the result of `b.number` has the digest 000000000000")
+    );
 }
 
 #[test]
@@ -225,7 +228,7 @@ fn a_recipe_runs_again_where_its_files_are() {
     assert_eq!(other.out("r.txt"), text);
     other.write("x/far.txt", "6");
     assert_eq!(recipe.other_sources(&again, &engine::Store::in_memory()).unwrap().len(), 1);
-    assert!(settle(&[other.path("")]).unwrap_err().to_string().contains("`far.txt` with the content"));
+    assert!(settle(&[other.path("")]).unwrap_err().to_string().contains("`far.txt` with the digest"));
 }
 
 #[test]
@@ -301,7 +304,8 @@ fn a_bundle_holds_what_a_graph_includes() {
     assert!(error.contains("`\"n.txt\"` in `../shared/part.ron`"), "{error}");
 }
 
-/// A folder with files of digits, a graph with a `LoadDigits` with these fields, and the recipe of its result.
+/// Makes a folder with files of digits and a graph that has a `LoadDigits` node with these fields, and runs the
+/// graph. Also returns the recipe of the result.
 fn digits(fields: &str) -> (Lab, Graph, tempfile::TempDir, Recipe) {
     let (lab, outer) = (Lab::on_disk(), tempfile::tempdir().unwrap());
     let files =

@@ -40,7 +40,7 @@ fn a_panic_is_the_failure_of_one_node() {
     assert_eq!((log.failed().as_str(), log.skipped().as_str(), log.ran().as_str()), ("p q", "t", "a s"));
     let text = log.failures();
     assert!(text.contains("no 1 here") && text.contains("no estimate"), "{text}");
-    assert!(text.contains("a mistake in the program"), "{text}");
+    assert!(text.contains("a bug in lightharmony"), "{text}");
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! Tests of damage to the cache between runs. It costs time and one warning, and never gives a wrong result.
+//! Tests of damage to the cache between runs. Damage costs time and causes one warning, but never gives a wrong
+//! result.
 
 use std::fs;
 use std::path::Path;
@@ -6,7 +7,7 @@ use std::path::Path;
 use crate::lab::{Lab, Log, graph_text};
 
 /// A graph with two lists stored as files, small results, parts and a cheap loader. Its second half is computed
-/// from the result of the first.
+/// from the result of its first half.
 const GRAPH: &str = r#"
     a: LoadNumber(path: "a.txt"),
     first: Ramp(value: "a", count: 3000),
@@ -30,7 +31,7 @@ struct Warm {
     expected: (String, String),
 }
 
-/// A warm cache, and the result of the edited graph with an empty cache.
+/// A lab with a warm cache, and the results that the edited graph gives with an empty cache.
 fn warm() -> Warm {
     let clean = Lab::on_disk();
     clean.write("a.txt", "3");

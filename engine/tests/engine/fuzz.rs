@@ -1,7 +1,8 @@
 //! Tests with bytes changed at random, from fixed seeds: no change causes a panic, and every run that completes has
 //! the right result.
 //!
-//! Each test runs a few hundred rounds; `LIGHTHARMONY_FUZZ_SECONDS` sets another duration of each test.
+//! Each test runs a fixed number of rounds, or for as many seconds as `LIGHTHARMONY_FUZZ_SECONDS` says if it is
+//! set.
 
 use std::time::{Duration, Instant};
 
@@ -26,7 +27,7 @@ impl Random {
     }
 }
 
-/// The random numbers of each round.
+/// The source of random numbers for each round.
 fn rounds(usual: u64) -> impl Iterator<Item = Random> {
     let seconds = std::env::var("LIGHTHARMONY_FUZZ_SECONDS").ok().and_then(|text| text.parse().ok());
     let end = seconds.map(|seconds| Instant::now() + Duration::from_secs(seconds));
@@ -126,8 +127,7 @@ fn graph_files() {
     assert!(good > 0 && bad > good / 20, "{good} good, {bad} bad");
 }
 
-/// Runs a graph. The run may end in any way but a panic, and its events are checked. Returns the number of nodes
-/// reported.
+/// Runs a graph and checks that nothing panics. Returns the number of nodes that were reported.
 fn run(lab: &Lab, engine: &Engine, graph: &Graph) -> usize {
     let options = RunOptions { out: lab.path("out"), ..RunOptions::default() };
     let mut ends = 0;

@@ -1,4 +1,4 @@
-//! Tests of graphs of several files: includes, overlays, and the positions of mistakes.
+//! Tests of graphs that consist of several files: includes, overlays, and the positions of mistakes.
 
 use engine::{Graph, Source, SourceRoot};
 

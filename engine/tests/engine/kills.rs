@@ -1,5 +1,5 @@
-//! Tests of killed processes. A process that is killed at any moment leaves a cache from which the next run
-//! completes, with the bytes of an undisturbed run and without a repair or a warning.
+//! Tests of killed processes. After a process is killed at any moment, the next run with the same cache gives the
+//! bytes of an undisturbed run, without a repair or a warning.
 
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
@@ -123,7 +123,7 @@ fn errors_of_the_disk_at_every_place_are_survived() {
     for name in failpoint::NAMES {
         for effect in ["error", "full"] {
             let (lab, place) = (lab(), format!("{name}:2:{effect}"));
-            // It may fail, if a file of the user cannot be written, but it ends without a signal.
+            // It may fail if an output file cannot be written, but it ends without a signal.
             assert_eq!(start(&lab, Some(&place)).wait().unwrap().signal(), None, "{place}");
             assert_recovers(&lab, &expected, &place);
         }

@@ -1,4 +1,4 @@
-//! A folder, a cache and an engine for runs of graphs, and a log of their events.
+//! A folder, a cache and an engine for running graphs, and a log of the events of a run.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ use crate::arithmetic::registry;
 pub struct Lab {
     pub folder: tempfile::TempDir,
     pub registry: Registry,
-    /// The engine with its cache, for a lab without a folder for the cache.
+    /// The engine, if the cache is in memory; `None` if each run opens the cache on disk.
     pub memory: Option<Engine>,
     pub jobs: usize,
     pub budget: u64,
@@ -104,12 +104,12 @@ impl Lab {
         self.run_only(text, &[])
     }
 
-    /// Runs the named nodes and those they need.
+    /// Runs the named nodes and the nodes that they need.
     pub fn run_only(&self, text: &str, only: &[&str]) -> Log {
         self.run_until(text, only, |_, _| {})
     }
 
-    /// Runs a graph and calls `watch` for every event; it may set the flag that cancels the run.
+    /// Runs a graph and calls `watch` for every event. `watch` may set the flag that cancels the run.
     pub fn run_until(&self, text: &str, only: &[&str], watch: impl FnMut(&Event, &AtomicBool)) -> Log {
         match &self.memory {
             Some(engine) => self.run_on(engine, text, only, watch),
@@ -151,7 +151,7 @@ pub struct Log {
 }
 
 impl Log {
-    /// Invariants of every run: one end per node, and totals that agree with the events.
+    /// Checks the invariants of every run: each node ends once, and the totals agree with the events.
     fn check(&self) {
         let mut ends: BTreeMap<&str, State> = BTreeMap::new();
         for event in &self.events {
@@ -223,7 +223,7 @@ impl Log {
         ids.join(" ")
     }
 
-    /// Names of the files; a star marks those that were written.
+    /// Names of the files. A star marks the files that were written.
     pub fn files(&self) -> String {
         let mut names: Vec<String> = self
             .events
@@ -262,7 +262,7 @@ impl Log {
         (count(State::Ran), count(State::Cached))
     }
 
-    /// (name, key) of every node that has one, in order of the name.
+    /// The name and key of every node that has a key, sorted by name.
     pub fn keys(&self) -> Vec<(String, String)> {
         let mut keys: Vec<_> = self
             .events

@@ -1,4 +1,4 @@
-//! Tests of the guarantees of the engine, on the events of graphs of small arithmetic kinds.
+//! Tests of the guarantees of the engine. They run graphs of small arithmetic kinds and check the events.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 #![allow(missing_docs, reason = "the names say it")]
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crate::lab::{Lab, graph_text};
 use crate::shapes::spent;
 
-/// Compares a text with a file of this folder, or writes the file if `UPDATE_SNAPSHOTS` is set.
+/// Compares a text with a file in the folder `mistakes`, or writes the file if `UPDATE_SNAPSHOTS` is set.
 fn assert_snapshot(name: &str, expected: &str, found: &str) {
     if std::env::var_os("UPDATE_SNAPSHOTS").is_some() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/engine/mistakes");

@@ -1,4 +1,4 @@
-//! Tests of panics in the code of a kind: they make the node fail, and never end the process or make it hang.
+//! Tests of panics in the code of a kind. A panic makes the node fail, and never ends the process or makes it hang.
 
 use std::sync::Arc;
 use std::sync::mpsc;
@@ -147,7 +147,7 @@ fn nodes(at: &str, by: f64) -> String {
     )
 }
 
-/// Runs `act` on another thread; panics if it does not end.
+/// Runs `act` on another thread. Panics if it does not end within a minute.
 fn in_time(what: &str, act: impl FnOnce() + Send + 'static) {
     let (done, ended) = mpsc::channel();
     let thread = std::thread::spawn(move || {

@@ -13,7 +13,7 @@ const GRAPH: &str = r#"
     x: Scale(value: "a", by: 9.0),
 "#;
 
-/// The plan as one word or line per node.
+/// The plan as text, one line per node.
 fn plan(lab: &Lab, nodes: &str, only: &[&str]) -> Vec<String> {
     let graph = lab.parse(&graph_text(nodes)).unwrap();
     let only: Vec<usize> = only.iter().map(|id| graph.find(id).unwrap()).collect();

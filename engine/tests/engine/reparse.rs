@@ -15,7 +15,8 @@ fn text() -> String {
     )
 }
 
-/// Every key, note and mistake of a run with an empty cache, with its place.
+/// Runs a graph with an empty cache. Returns the kind, key and notes of each node, and the failures with their
+/// places.
 fn run(lab: &Lab, graph: &Graph) -> (Vec<String>, String) {
     let engine = Engine::new(Store::in_memory(), 1, 1 << 30);
     let options = RunOptions { out: lab.path("out"), ..RunOptions::default() };
@@ -38,7 +39,7 @@ fn shape(graph: &Graph) -> String {
     format!("{:?} {:?} {:?}", nodes.map(node).collect::<Vec<_>>(), graph.order(), graph.scene)
 }
 
-/// Replaces a part of a text that occurs once in it.
+/// Replaces a part of a text. Panics unless the part occurs exactly once.
 fn with(text: &str, old: &str, new: &str) -> String {
     assert_eq!(text.matches(old).count(), 1, "{old}");
     text.replace(old, new)
@@ -94,7 +95,7 @@ fn parameters_and_comments_are_read_alone_and_all_else_is_not() {
     assert!(graph.reparse(axes.replace("by: 2.0", "by: 3.0"), registry).is_none(), "one of several nodes");
 }
 
-/// After random edits, one after the other, the updated graph equals the parsed graph of the text.
+/// After each of many random edits, the updated graph equals the graph parsed from the text.
 #[test]
 fn whatever_was_edited_it_is_the_graph_of_its_text() {
     const PIECES: [&str; 18] = [

@@ -29,8 +29,8 @@ fn more_samples_compute_only_new_parts() {
     }
 }
 
-/// A part kept in memory is computed once for equal inputs. Mutation: `keep` left empty in `StoredParts`; the key
-/// without the inputs' digests.
+/// A part kept in memory is computed once for equal inputs. This test fails if `StoredParts::keep` does nothing, or
+/// if the key of a part does not contain the digests of the inputs.
 #[test]
 fn what_stays_in_memory_is_made_once_for_equal_inputs() {
     let lab = Lab { jobs: 1, ..Lab::on_disk() };
@@ -113,7 +113,10 @@ fn many_views_need_a_place_in_the_path() {
     let log = lab.run(&nodes.replace("_{view}", ""));
     assert_eq!((log.failed().as_str(), log.files().as_str()), ("w", ""));
     let text = log.failures();
-    assert!(text.contains("names one file, there are 2: left, b") && text.contains("put `{view}`"), "{text}");
+    assert!(
+        text.contains("names one file, but the sink writes 2: left, b") && text.contains("put `{view}`"),
+        "{text}"
+    );
     assert!(text.contains("\"w.txt\""), "the path is underlined: {text}");
 }
 
@@ -130,7 +133,7 @@ fn views_cannot_lead_out_of_the_folder_nor_onto_each_other() {
     let sinks = "a: Number(), v: WriteNumber(number: \"a\", each: true, path: \"w_{view}.txt\"), w: WriteNumber(number: \"a\", path: \"w_a.txt\")";
     let log = lab.run(sinks);
     assert_eq!(log.exit_code(), 1);
-    assert!(log.failures().contains("`w` failed: `v` writes to "), "{}", log.failures());
+    assert!(log.failures().contains("`w` failed: `v` also writes to "), "{}", log.failures());
 }
 
 #[test]

@@ -1,17 +1,17 @@
-//! Tests of the assignment of threads to nodes: small nodes do not wait for large ones to end.
+//! Tests of the assignment of threads to nodes: small nodes do not wait for large nodes to end.
 
 use engine::{Event, State};
 
 use crate::lab::{Lab, Log};
 
-/// The position in the log at which a node is done.
+/// The position in the log of the event that a node ran.
 fn done(log: &Log, wanted: &str) -> usize {
     let is = |event: &Event| matches!(event, Event::Node { id, state: State::Ran, .. } if id == wanted);
     log.events.iter().position(is).unwrap_or_else(|| panic!("`{wanted}` ran"))
 }
 
-// Mutation: one thread for all nodes (`most` of `Workers::new`), seen red. That helpers give way within a tile is
-// tested next to `Threads::join`.
+// This test fails if all nodes share one thread (`most` in `Workers::new`). A test next to `Threads::join` checks
+// that helpers stop after their current tile.
 #[test]
 fn a_small_node_does_not_wait_for_the_tiles_of_a_large_one() {
     for jobs in [1, 2, 3] {
@@ -27,7 +27,7 @@ fn a_small_node_does_not_wait_for_the_tiles_of_a_large_one() {
     }
 }
 
-// Mutations: `Line::next` without the short ones; one thread for all nodes, the second seen red.
+// This test fails if `Line::next` ignores short nodes, or if all nodes share one thread.
 #[test]
 fn a_short_node_runs_though_large_ones_have_every_thread() {
     let lab = Lab { jobs: 2, ..Lab::on_disk() };

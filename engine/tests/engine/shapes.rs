@@ -1,10 +1,11 @@
-//! Tests of graphs of many nodes: no code recurses over them, and time grows linearly.
+//! Tests of large graphs: no code recurses over the nodes, and the time grows linearly with their number.
 
 use std::time::{Duration, Instant};
 
 use crate::lab::{Lab, graph_text};
 
-/// CPU time of this thread, which is the one that schedules; wall time if the system does not report CPU time.
+/// CPU time of this thread, which is the scheduling thread; wall time since `start` if the system does not report
+/// CPU time.
 pub fn spent(start: Instant) -> Duration {
     let reported = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanos = reported.and_then(|text| text.split(' ').next()?.parse().ok());
@@ -32,9 +33,9 @@ fn times(nodes: &str, count: usize) -> [Duration; 3] {
     [parsed, cold_time, warm_time]
 }
 
-/// Checks that ten times the nodes take about ten times as long, and not a hundred times. Other load on the machine
-/// only adds to a time, so each test uses the smallest of a few times; work that grows faster than linearly is slow
-/// every time.
+/// Checks that ten times as many nodes take about ten times as long, not a hundred times. Other load on the machine
+/// can only lengthen a measurement, so the smallest of several is used. Work that grows faster than linearly is
+/// slow in every measurement.
 fn assert_linear(times: impl Fn(usize) -> [Duration; 3], count: usize) {
     let small = times(count);
     let allowed = small.map(|small| small.max(Duration::from_millis(2)) * 40);
@@ -55,7 +56,7 @@ fn chain(count: usize) -> String {
     std::iter::once("n0: Number(),\n".to_owned()).chain(below).collect()
 }
 
-/// A graph with one node that all others read, and one that reads all others.
+/// A graph with one node that all other nodes read, and one node that reads all others.
 fn fan(count: usize) -> String {
     let middle = 1..count - 1;
     let rays: String = middle.clone().map(|n| format!("n{n}: Scale(value: \"n0\", by: {n}e-4),\n")).collect();

@@ -1,4 +1,4 @@
-//! Tests of subgraphs: the nodes of a file, once per use, each time with other values.
+//! Tests of subgraphs: the nodes of a file are inserted once per use, each time with other values.
 
 use engine::{Source, SourceRoot};
 
@@ -87,7 +87,8 @@ fn a_file_of_parameters_runs_by_itself_once_it_is_given_what_it_needs() {
     let alone = alone.replace("one.txt", "parts/one.txt");
     let needs = lab.mistakes(&lab.set(&alone, &[]));
     assert!(
-        needs.contains("the graph needs `value`") && needs.contains("--set parameters.value=.."),
+        needs.contains("the graph needs a value for the parameter `value`")
+            && needs.contains("--set parameters.value=.."),
         "{needs}"
     );
     lab.run_text(&lab.set(&alone, &["parameters.value=n", "parameters.by=7"]));
@@ -161,7 +162,7 @@ fn mistakes_are_reported_where_they_are_and_where_they_come_from() {
         (
             r#"n: Number, a: Subgraph(graph: "parts/twice.ron", value: "n", bye: 3.0)"#,
             &[],
-            &["has no parameter `bye`", "did you mean `by`?", "it has value, by, path"],
+            &["has no parameter `bye`", "did you mean `by`?", "its parameters are value, by, path"],
         ),
         (
             r#"a: Subgraph(graph: "parts/twice.ron")"#,
@@ -209,7 +210,7 @@ fn mistakes_are_reported_where_they_are_and_where_they_come_from() {
             &[],
             &["the graph has no parameter `x`", "parameters are declared next to"],
         ),
-        (r#"n: Number(value: Param(x))"#, &[], &["does not read a parameter"]),
+        (r#"n: Number(value: Param(x))"#, &[], &["is not a valid use of a parameter"]),
         (
             r#"n: Number, b: Scale(value: "n")"#,
             &["b.by.x=3"],

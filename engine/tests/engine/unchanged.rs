@@ -1,5 +1,5 @@
-//! Tests of runs without changes: a run that finds everything unchanged reports the same as an ordinary one, and
-//! any difference makes it ordinary.
+//! Tests of runs without changes: a run that finds everything unchanged reports the same as an ordinary run, and
+//! after any change an ordinary run takes place.
 
 use std::fs;
 use std::path::Path;
@@ -16,7 +16,7 @@ fn text() -> String {
     )
 }
 
-/// Makes files old enough that memos of them are valid.
+/// Makes the store treat files as old enough for their remembered digests to be valid.
 fn settle(lab: &Lab, names: &[&str]) {
     let engine = lab.engine();
     for path in names.iter().map(|name| lab.path(name)) {

@@ -41,7 +41,7 @@ impl Session {
         Self { lab, handle, events, thread: Some(std::thread::spawn(run)) }
     }
 
-    /// A session whose graph reads a file that exists at the start.
+    /// A session with a graph of these nodes, and the file `five.txt` that they may read.
     fn of(nodes: &str) -> Self {
         let lab = Lab::on_disk();
         lab.write("five.txt", "5");
@@ -53,7 +53,7 @@ impl Session {
         self.lab.write("graph.ron", &graph_text(nodes));
     }
 
-    /// Returns all events up to and including the first matching one.
+    /// Returns all events up to and including the first for which `found` is true.
     fn until(&self, found: impl Fn(&Event) -> bool) -> Vec<Event> {
         let mut events = Vec::new();
         loop {
@@ -278,8 +278,8 @@ fn looking_finds_what_listening_would() {
     assert_eq!(ran(&watch.rest()), ["one", "save", "sum"]);
 }
 
-/// Clocks that jump, saves within one tick, half-written files: the final output equals that of an ordinary run on
-/// the final files.
+/// The clock jumps, several saves fall within one tick of it, and files are half-written. The final output still
+/// equals that of an ordinary run on the final files.
 #[test]
 fn clocks_that_jump_and_half_files_end_as_a_plain_run() {
     let watch = Session::of(SUM);
@@ -358,7 +358,7 @@ fn saved_once_more_it_is_tried_once_more() {
     assert_eq!(watch.lab.out("s.txt"), shown);
 }
 
-// Mutation: `is_file_gone` always false.
+// This test fails if `is_file_gone` always returns false.
 #[test]
 fn a_deleted_file_comes_back_without_a_save() {
     let watch = Session::of(SUM);

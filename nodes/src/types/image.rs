@@ -215,7 +215,7 @@ impl Artifact for Images {
 
     fn difference(&self, other: &Self) -> Difference {
         if self.0.len() != other.0.len() {
-            return Difference::of(format!("{} and {} views", self.0.len(), other.0.len()));
+            return Difference::of(format!("{} views compared with {}", self.0.len(), other.0.len()));
         }
         for (a, b) in self.0.iter().zip(&other.0) {
             if a.name != b.name || a.picture.encoding() != b.picture.encoding() {

@@ -134,7 +134,12 @@ impl Artifact for Object {
             return Difference::none();
         }
         let triangles = |object: &Self| object.primitives.iter().map(|p| p.triangles.len()).sum::<usize>();
-        Difference::of(format!("{} and {} triangles", triangles(self), triangles(other)))
+        let (count, others) = (triangles(self), triangles(other));
+        Difference::of(if count == others {
+            format!("both have {count} triangles, but their data differ")
+        } else {
+            format!("{count} triangles compared with {others}")
+        })
     }
 }
 

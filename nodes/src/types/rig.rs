@@ -120,8 +120,16 @@ impl Artifact for Rig {
         if self == other {
             return Difference::none();
         }
-        let moved = self.cameras.iter().zip(&other.cameras).filter(|(a, b)| a != b).count();
-        Difference::of(format!("{} and {} cameras, {moved} differ", self.cameras.len(), other.cameras.len()))
+        let unequal = self.cameras.iter().zip(&other.cameras).filter(|(a, b)| a != b).count();
+        let (count, others) = (self.cameras.len(), other.cameras.len());
+        Difference::of(if count == others {
+            format!("{unequal} of {count} cameras differ")
+        } else {
+            format!(
+                "{count} cameras compared with {others}; of the first {}, {unequal} differ",
+                count.min(others)
+            )
+        })
     }
 }
 

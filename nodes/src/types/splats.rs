@@ -136,7 +136,12 @@ impl Artifact for Splats {
         if self == other {
             return Difference::none();
         }
-        Difference::of(format!("{} and {} splats", self.len(), other.len()))
+        let (count, others) = (self.len(), other.len());
+        Difference::of(if count == others {
+            format!("both have {count} splats, but their values differ")
+        } else {
+            format!("{count} splats compared with {others}")
+        })
     }
 }
 
@@ -191,7 +196,7 @@ impl Artifact for Views {
 
     fn difference(&self, other: &Self) -> Difference {
         if self.0.len() != other.0.len() {
-            return Difference::of(format!("{} and {} views", self.0.len(), other.0.len()));
+            return Difference::of(format!("{} views compared with {}", self.0.len(), other.0.len()));
         }
         for (a, b) in self.0.iter().zip(&other.0) {
             if a.camera != b.camera {

@@ -1,4 +1,4 @@
-//! The start of a run: with all needed nodes, or with those that changed since the previous run.
+//! The start of a run, either with all needed nodes or only with those that changed since the previous run.
 
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Sender, channel};

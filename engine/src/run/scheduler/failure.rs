@@ -8,7 +8,7 @@ use crate::value::counts::Counts;
 use crate::value::error::NodeError;
 
 impl Run<'_> {
-    /// Fails a node: all nodes below it are skipped, everything else continues.
+    /// Marks a node as failed. All nodes below it are skipped; everything else continues.
     pub fn fail(&mut self, index: usize, error: &NodeError) {
         if error.is_cancelled() {
             return self.skip(index);
@@ -134,7 +134,8 @@ impl Run<'_> {
         }
     }
 
-    /// Fails a node, or the rerun of a node, that runs or is about to run.
+    /// Marks a node that runs or is about to run as failed. If it runs again only for its values, these are given
+    /// up.
     pub fn fail_or_lose(&mut self, index: usize, error: &NodeError) {
         if self.slots[index].remaking.is_some() {
             self.lose(index, Some(error));
@@ -143,7 +144,7 @@ impl Run<'_> {
         }
     }
 
-    /// Removes and returns the nodes that wait for this one because they have the same key.
+    /// Removes and returns the nodes that wait for this node because they have the same key.
     pub fn take_followers(&mut self, index: usize) -> Vec<usize> {
         let slot = &self.slots[index];
         let key = slot.key.filter(|_| slot.leads());

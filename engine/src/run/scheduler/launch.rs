@@ -16,18 +16,18 @@ use crate::value::error::NodeError;
 use crate::value::root::FileHead;
 use crate::value::units::bytes_text;
 
-/// First pause before the scheduler requests a key again that is being computed elsewhere.
+/// First pause before the scheduler checks again whether a result is still being computed elsewhere.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
-/// Longest such pause.
+/// Maximum pause between such checks.
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
-/// Forecast in seconds below which a node does not wait for others to end.
+/// Forecast in seconds below which a node is short, so that it does not wait for other nodes to end.
 const SHORT: f64 = 1.0;
 /// Time after which waiting for another process is reported.
 const REPORT_AFTER: Duration = Duration::from_secs(2);
 
 impl<'a> Run<'a> {
-    /// Starts queued nodes while threads and memory are available. One node always runs, even if it needs the whole
-    /// budget.
+    /// Starts queued nodes while threads and memory are available. If no node runs, the next one starts even if
+    /// less memory is available than it needs.
     pub fn launch(&mut self) {
         while let Some(index) = self.queue.next_queued() {
             let bytes = match self.cost(index) {
@@ -44,7 +44,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Computes the work of a node with known inputs, and whether it is short.
+    /// Computes the work of a node with known inputs, and determines whether its forecast is below [`SHORT`].
     pub fn forecast(&mut self, index: usize) -> Result<(), NodeError> {
         let (node, store) = (&self.graph.nodes[index], &self.engine.store);
         let output = |wire: Wire| -> &Output {
@@ -141,7 +141,8 @@ impl<'a> Run<'a> {
         self.send_code(index, move || job.run());
     }
 
-    /// Parks a node whose key, or that of a part of it, is being computed elsewhere. Its thread is free meanwhile.
+    /// Parks a node because its result, or that of one of its parts, is being computed elsewhere. A parked node
+    /// occupies no thread.
     pub fn park(&mut self, node: usize, key: Digest) {
         let slot = &mut self.slots[node];
         slot.storing = false;
@@ -172,7 +173,7 @@ impl<'a> Run<'a> {
         for node in stalled {
             let (id, seconds) = (&self.graph.nodes[node].id, STALLED_AFTER.as_secs());
             let text = format!(
-                "`{id}` is computed here as well: the other process that computes it has not moved for {seconds} s"
+                "`{id}` is computed here as well: the other process that computes it has made no progress for {seconds} s"
             );
             (self.emit)(Event::Warning { id: "stalled", text });
         }
@@ -186,7 +187,7 @@ impl<'a> Run<'a> {
                 let id = &self.graph.nodes[parked.node].id;
                 let text = format!(
                     "`{id}` waits for another process that is computing it in the same cache; if that process is \
-                     suspended, it is computed here after {} s",
+                     suspended, `{id}` is computed here after {} s",
                     STALLED_AFTER.as_secs()
                 );
                 (self.emit)(Event::Warning { id: "waits", text });

@@ -36,17 +36,17 @@ use crate::text::diag::{Diagnostic, Diagnostics};
 use crate::value::cpu;
 use crate::value::error::NodeError;
 
-/// Interval at which leases are renewed, which shows other processes that this one is working.
+/// Interval at which leases are renewed. This shows other processes that this process is still working.
 const RENEW_EVERY: Duration = Duration::from_secs(1);
 
-/// History of a graph is never trimmed to fewer nodes than this.
+/// Minimum number of nodes that trimming leaves in the history of a graph.
 const MIN_HISTORY: usize = 1024;
 
 /// A pending step of the scheduler.
 enum Task {
     Resolve(usize),
     Gather(usize),
-    /// Load an output of a node.
+    /// Loads an output of a node.
     Bring(Wire),
     Files(usize),
 }
@@ -58,8 +58,8 @@ struct Unstarted<'a> {
     work: Work<'a>,
 }
 
-/// A run of a graph. The parts maintain their own counters; the methods here and in the submodules make the
-/// decisions.
+/// A run of a graph. Fields such as `queue` and `memory` maintain their own counters; the methods here and in the
+/// submodules make the decisions.
 pub(crate) struct Run<'a> {
     engine: &'a Engine,
     graph: &'a Graph,
@@ -148,7 +148,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Passes work for a node to a thread, which ends it with a message.
+    /// Passes work for a node to a thread, which sends a message at the end of the work.
     pub fn send(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
         self.owed += 1;
         self.slots[node].owed += 1;
@@ -208,7 +208,7 @@ impl<'a> Run<'a> {
         assert!(unstarted <= self.owed, "messages owed by work that waits for a thread");
     }
 
-    /// Counts a message of a thread.
+    /// Counts a message that a thread owed and has now sent.
     fn count_message(&mut self, node: usize) {
         self.owed -= 1;
         self.slots[node].owed -= 1;
@@ -306,7 +306,7 @@ impl<'a> Run<'a> {
             }
         }
         let store = &self.engine.store;
-        // Names of nodes that the graph once had, such as those of other values of an axis.
+        // Removes names of nodes that the graph no longer has, such as instances at former axis values.
         let most = MIN_HISTORY.max(2 * self.graph.nodes.len());
         let names =
             LazyCell::new(|| self.graph.nodes.iter().map(|node| node.id.as_str()).collect::<BTreeSet<_>>());

@@ -10,7 +10,7 @@ use crate::run::slot::{Life, Waiter};
 use crate::value::error::{NodeError, guarded};
 
 impl Run<'_> {
-    /// Compares the files of a sink with existing ones and writes those that differ.
+    /// Compares the files of a sink with the existing files, and writes those that differ.
     pub fn place_files(&mut self, index: usize) {
         let (graph, engine) = (self.graph, self.engine);
         let node = &graph.nodes[index];
@@ -21,8 +21,8 @@ impl Run<'_> {
         };
         for (path, _) in &targets {
             let Some([first, second]) = self.claims.claim(path, index) else { continue };
-            let message = format!("`{}` writes to {} too", graph.nodes[first].id, path.display());
-            self.fail(second, &NodeError::new(message).at("path").hint("give each its own path"));
+            let message = format!("`{}` also writes to {}", graph.nodes[first].id, path.display());
+            self.fail(second, &NodeError::new(message).at("path").hint("give each sink its own path"));
             if second == index {
                 return;
             }

@@ -13,7 +13,8 @@ use crate::value::counts::Effort;
 use crate::value::error::guarded;
 
 impl Run<'_> {
-    /// Resolves a node whose inputs are known by digest: its key is known once its source files are.
+    /// Resolves a node whose inputs are known by digest. Its source files, which are part of its key, are digested
+    /// first.
     pub(super) fn resolve(&mut self, index: usize) {
         let (graph, engine) = (self.graph, self.engine);
         if !graph.nodes[index].kind.reads_files {
@@ -154,7 +155,7 @@ impl Run<'_> {
         self.memory.drop_unread(&mut self.slots[index]);
     }
 
-    /// Copies the values of a node with the same key for the readers of this one.
+    /// Copies the values of a node to another node with the same key, for the readers of that node.
     pub(super) fn copy_values(&mut self, from: usize, to: usize) {
         let outputs = self.graph.nodes[from].kind.outputs.len();
         let values: Option<Vec<AnyArtifact>> =

@@ -18,8 +18,8 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
 
 impl<'a> Run<'a> {
-    /// Requests the inputs of ready nodes: as many nodes at once as there are threads, and no more while memory is
-    /// full, so that the values of a wide graph are not loaded all at once.
+    /// Requests the inputs of ready nodes, for at most as many nodes at once as there are threads, and for no node
+    /// while memory is full. So the values of a wide graph are not all loaded at once.
     pub fn supply(&mut self) {
         while let Some(index) = self.queue.next_ready()
             && (self.memory.has_room() || self.queue.is_idle())
@@ -140,7 +140,7 @@ impl<'a> Run<'a> {
         let known = self.slots[index].record.as_ref().map(|record| digests(&record.outputs));
         if known != Some(digests(&finished.record.outputs)) {
             let error = NodeError::new("a rerun gave another result for the same inputs").hint(
-                "a file changed while the graph ran, or its kind is not deterministic; please report the latter",
+                "a file changed while the graph was running, or the kind is not deterministic, which is a bug to report",
             );
             return self.lose(index, Some(&error));
         }

@@ -12,9 +12,9 @@
 //!        count, then for each value: content                        ascending
 //! ..  m  the contents in order, with nothing between, before or after
 //! ```
-//! Counts and lengths have 8 bytes. A name is its length and UTF-8. A content is its 4-byte index in the first
-//! list. Nothing is compressed, so nothing can be larger than the bundle itself, and every byte is covered by a
-//! digest. Equal parts give equal bytes.
+//! Counts and lengths have 8 bytes. A name is stored as its length and its UTF-8 bytes, and a content as its 4-byte
+//! index in the first list. Nothing is compressed, so nothing can be larger than the bundle itself, and every byte
+//! is covered by a digest. Equal parts give equal bytes.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -31,14 +31,14 @@ const FORMAT: u32 = 1;
 const HEAD: usize = 52;
 const LONGEST_INDEX: u64 = 64 << 20;
 
-/// Errors of reading or writing a bundle.
+/// Errors when reading or writing a bundle.
 #[derive(Debug, thiserror::Error)]
 pub enum BundleError {
     /// The file is not a bundle.
     #[error("not a lightharmony bundle")]
     NoBundle,
     /// The bundle has another format.
-    #[error("the bundle has format {0}, but this program reads format {FORMAT}; use a newer program")]
+    #[error("the bundle has format {0}, but this version of lightharmony reads format {FORMAT}")]
     Format(u32),
     /// The bundle is inconsistent.
     #[error("the bundle is damaged or incomplete: {0}")]
@@ -48,7 +48,7 @@ pub enum BundleError {
     Name {
         /// The name.
         name: String,
-        /// Cause.
+        /// Reason why the name is not permitted.
         why: &'static str,
     },
     /// A file cannot be read or written.
@@ -59,7 +59,7 @@ pub enum BundleError {
         /// Error of the system.
         source: io::Error,
     },
-    /// Any other reason why the graph cannot be packed.
+    /// Any other reason why a bundle cannot be packed, unpacked or verified.
     #[error("{0}")]
     Refused(String),
 }
@@ -210,9 +210,9 @@ fn copy(from: &mut impl Read, to: &mut impl Write, length: u64) -> io::Result<Di
 /// A bundle open for reading. Its index is valid; its contents are verified when they are read.
 pub struct Bundle<R> {
     from: R,
-    /// Digest of the index, which covers everything.
+    /// Digest of the index. It covers the whole bundle, since the index contains the digests of all contents.
     digest: Digest,
-    /// (offset, length, digest).
+    /// (offset, length, digest) of each content.
     contents: Vec<(u64, u64, Digest)>,
     files: Vec<(String, usize)>,
     records: Vec<(Digest, usize)>,
@@ -223,7 +223,7 @@ impl<R: Read + Seek> Bundle<R> {
     /// Reads and validates the index.
     ///
     /// # Errors
-    /// [`BundleError`] for an index that this program would not write.
+    /// If the file is not a bundle, or if its index is invalid.
     pub fn open(mut from: R) -> Result<Self, BundleError> {
         let failed = |source| BundleError::Io { what: "cannot read the bundle".to_owned(), source };
         let whole = from.seek(SeekFrom::End(0)).map_err(failed)?;
@@ -270,8 +270,9 @@ impl<R: Read + Seek> Bundle<R> {
         for _ in 0..count {
             let (digest, length) = (read_digest(&mut from)?, from.u64()?);
             self.contents.push((offset, length, digest));
-            offset =
-                offset.checked_add(length).ok_or_else(|| damaged("a content is longer than the bundle"))?;
+            offset = offset
+                .checked_add(length)
+                .ok_or_else(|| damaged("a content ends beyond the end of the bundle"))?;
         }
         if offset != whole {
             return Err(damaged("it does not end after its last content"));
@@ -322,7 +323,7 @@ impl<R: Read + Seek> Bundle<R> {
         })
     }
 
-    /// Number of results, and of results with values.
+    /// Number of records, and number of values.
     pub fn results(&self) -> (usize, usize) {
         (self.records.len(), self.values.len())
     }
@@ -351,7 +352,7 @@ impl<R: Read + Seek> Bundle<R> {
         Ok(())
     }
 
-    /// Reads a content into memory. Its length is at most that of the bundle.
+    /// Reads a content into memory. It is at most as long as the bundle.
     pub(crate) fn read(&mut self, content: usize) -> Result<Vec<u8>, BundleError> {
         let mut bytes = Vec::new();
         self.copy(content, &mut bytes)?;

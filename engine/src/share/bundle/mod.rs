@@ -1,4 +1,4 @@
-//! Bundles: a graph with its source files and results as one file, to pass on to others.
+//! Bundles: single files that contain a graph with its source files and results, to pass on to others.
 //!
 //! [`Engine::pack`](crate::Engine::pack) writes a bundle, [`Bundle::open`](crate::Bundle::open) reads it,
 //! [`Bundle::unpack`](crate::Bundle::unpack) turns it into a folder, and [`verify`](crate::verify()) recomputes

@@ -1,10 +1,11 @@
-//! Valid names of files in a bundle: writable on every system, and inside the folder of the bundle.
+//! Checks the names of files in a bundle. They must be valid on every system and stay inside the folder of the
+//! bundle.
 
 use std::collections::BTreeSet;
 
 use crate::value::root::BUNDLE_MARK;
 
-/// The graph file in a bundle.
+/// Name of the graph file in a bundle.
 pub(crate) const GRAPH: &str = "graph.ron";
 /// Name of the lock file in a bundle.
 pub(crate) const LOCK: &str = "graph.lock";
@@ -19,7 +20,7 @@ const DEVICES: [&str; 4] = ["con", "prn", "aux", "nul"];
 /// The reason why a name is not valid in a bundle; `None` if it is valid.
 pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
     if name.is_empty() || name.len() > LONGEST {
-        return Some("it is empty or very long");
+        return Some("it is empty or longer than 1024 bytes");
     }
     // These characters have other meanings on other systems.
     if name.contains(['\\', ':', '*', '?', '"', '<', '>', '|']) || name.chars().any(char::is_control) {
@@ -32,9 +33,9 @@ pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
             || numbered.is_some_and(|n| n.len() == 1 && n.starts_with(|c: char| c.is_ascii_digit()));
         match part {
             "" => Some("it begins or ends with `/`, or contains `//`"),
-            BUNDLE_MARK => Some("it marks folders of unpacked bundles"),
-            "." | ".." => Some("`.` and `..` could lead elsewhere"),
-            _ if part.len() > LONGEST_PART => Some("a part of it is very long"),
+            BUNDLE_MARK => Some("this name is reserved for marking unpacked bundles"),
+            "." | ".." => Some("`.` and `..` could lead to another folder"),
+            _ if part.len() > LONGEST_PART => Some("a part of it is longer than 240 bytes"),
             _ if part.ends_with(['.', ' ']) => Some("a part of it ends with a dot or a space"),
             _ if device => Some("some systems reserve this name for a device"),
             _ => None,
@@ -42,7 +43,8 @@ pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
     })
 }
 
-/// The first name that conflicts with another one: they are equal except for case, or one is a folder of the other.
+/// The first name that conflicts with an earlier name: both are equal except for case, or one is a folder that
+/// contains the other.
 pub(crate) fn clash<'n>(names: impl Iterator<Item = &'n str>) -> Option<String> {
     let (mut files, mut folders) = (BTreeSet::new(), BTreeSet::new());
     for name in names {

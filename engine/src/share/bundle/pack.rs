@@ -44,10 +44,10 @@ pub struct Packed {
 
 impl Engine {
     /// Writes a graph and everything that it needs as one bundle. Equal graphs, source files and results give equal
-    /// bytes: no times, folders or machine.
+    /// bytes, since the bundle contains no times and nothing about the machine or its folders.
     ///
     /// # Errors
-    /// If a file cannot be read, or its path is not possible in a bundle.
+    /// If a file cannot be read, or if its path is not permitted in a bundle.
     pub fn pack(
         &self,
         graph: &Graph,
@@ -129,10 +129,10 @@ impl Engine {
     }
 }
 
-/// The paths of source files in the bundle: unchanged if they are next to the graph, otherwise in `inputs/N/`, one
-/// folder for each folder that the graph names.
+/// The paths of source files in the bundle. Files in the folder of the graph keep their paths. Other files are
+/// placed in folders `inputs/N/`, one for each folder that the graph names.
 struct Places {
-    /// For each node, the folders that are renamed: old and new path.
+    /// For each node, the folders that are renamed, with their old and new paths.
     moved: Vec<BTreeMap<String, String>>,
 }
 
@@ -167,7 +167,7 @@ impl Places {
         Self { moved: moved.collect() }
     }
 
-    /// The new name of a source file in, or below, a folder that the node names.
+    /// The new name of a source file that is inside a folder named by the node.
     fn name(&self, node: usize, name: &str) -> String {
         let moved = self.moved[node].iter().filter_map(|(from, to)| {
             if is_dots(name) && folder(name) == from {
@@ -204,7 +204,7 @@ impl Places {
         if let Some((span, _)) = edits.iter().find(|(span, _)| below(span)) {
             let (field, file) = (&graph.source.text[span.clone()], &graph.source.piece(span.start).name);
             let what = format!(
-                "`{field}` in `{file}` is at a path that a bundle cannot contain; move it next to the graph"
+                "`{field}` in `{file}` names a path that a bundle cannot contain; move the file next to the graph"
             );
             return Err(BundleError::Refused(what));
         }
@@ -213,7 +213,8 @@ impl Places {
         edits.dedup();
         if let Some(pair) = edits.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             let field = &graph.source.text[pair[0].0.clone()];
-            let what = format!("`{field}` names files elsewhere; move them next to the graph");
+            let what =
+                format!("`{field}` names files outside the folder of the graph; move them next to the graph");
             return Err(BundleError::Refused(what));
         }
         Ok(graph.source.pack(&edits))

@@ -41,12 +41,12 @@ fn unpack(bytes: &[u8]) -> Result<Vec<String>, BundleError> {
     result.map(|()| list(&target))
 }
 
-/// Seals an index and contents as a bundle.
+/// A bundle of this index and these contents, with a valid header.
 fn sealed(index: &[u8], contents: &[u8]) -> Vec<u8> {
     [&head(index), index, contents].concat()
 }
 
-/// An index with one content and these names for it.
+/// An index with one content, to which all `names` refer.
 fn index(names: &[&str], content: &[u8]) -> Vec<u8> {
     let mut to = Encoder::default();
     to.u64(1);
@@ -120,9 +120,9 @@ fn sizes_are_not_believed() {
     assert!(Bundle::open(Cursor::new(long)).is_err());
 }
 
-/// Mutates the index of a bundle with a matching digest, which the other tests do not reach: no mutation panics or
-/// leaves a file. For a longer run: `LIGHTHARMONY_FUZZ_SECONDS=600 cargo test --release -p lightharmony-engine
-/// mutations`.
+/// Mutates the index of a bundle and corrects its digest, so that the code behind the digest check is reached. No
+/// mutation may panic or leave a file. For a longer run: `LIGHTHARMONY_FUZZ_SECONDS=600 cargo test --release -p
+/// lightharmony-engine mutations`.
 #[test]
 fn mutations_of_the_index_never_panic_and_leave_nothing() {
     let bytes = bundle();

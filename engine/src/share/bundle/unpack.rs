@@ -57,8 +57,8 @@ impl<R: Read + Seek> Bundle<R> {
         }
         let mark = passing.path().join(BUNDLE_MARK);
         let text = format!(
-            "{}\nThis folder came from a bundle. Its graph reads only what lies here and what `--inputs` names.\n\
-             Remove this file to make the graph your own.\n",
+            "{}\nThis folder came from a bundle. Its graph may read only files in this folder and in the folders of `--inputs`.\n\
+             Remove this file if you trust the graph.\n",
             self.digest()
         );
         File::create_new(&mark)
@@ -128,7 +128,7 @@ impl<R: Read + Seek> Bundle<R> {
     }
 }
 
-/// Operation, path and system error in one line.
+/// The text of an error in one line: operation, path and error of the system.
 pub(super) fn cause(error: cache::Error) -> String {
     crate::value::error::NodeError::from(error).to_string()
 }

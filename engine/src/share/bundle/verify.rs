@@ -51,7 +51,7 @@ pub enum Verdict {
     Differs {
         /// Name of the output.
         output: String,
-        /// The distance in the terms of its type, if the bundle has the value.
+        /// Difference between the two values, in terms that suit their type, if the bundle contains the value.
         difference: Option<Difference>,
     },
     /// The inputs of the node differ, so it cannot be compared.
@@ -67,7 +67,7 @@ pub struct Verified {
     pub nodes: Vec<(String, Verdict)>,
     /// Number of nodes that could have been chosen.
     pub known: usize,
-    /// Kinds and source files that differ from the lock.
+    /// Kinds, source files and results that differ from the lock.
     pub differences: Vec<String>,
     /// Failures of nodes.
     pub failures: Option<Diagnostics>,
@@ -80,8 +80,8 @@ impl Verified {
     }
 }
 
-/// Reads a whole bundle, recomputes some of its nodes and compares the results. Only the results of nodes that were
-/// not chosen are taken from the bundle without a check.
+/// Reads a whole bundle, recomputes some of its nodes and compares the results. The results of the other nodes are
+/// taken from the bundle without a check.
 ///
 /// # Errors
 /// If the bundle is invalid or its graph cannot run.
@@ -173,7 +173,7 @@ pub fn verify<R: Read + Seek>(
     Ok(Verified { nodes, known: known.len(), differences, failures: outcome.failures })
 }
 
-/// Compares two results of a node with the same key, each with the engine that has its values.
+/// Compares two results of a node with the same key. Each is given with the engine whose store has its values.
 fn verdict(ports: &[PortSpec], [claimed, made]: [(&Engine, &Record); 2]) -> Verdict {
     let mut pairs = ports.iter().zip(claimed.1.outputs.iter().zip(&made.1.outputs));
     let Some((port, (then, now))) = pairs.find(|(_, (then, now))| then.digest != now.digest) else {
@@ -185,7 +185,7 @@ fn verdict(ports: &[PortSpec], [claimed, made]: [(&Engine, &Record); 2]) -> Verd
     Verdict::Differs { output: port.name.to_owned(), difference }
 }
 
-/// The nodes to recompute: those with the lowest hash of seed and name.
+/// The nodes to recompute: the nodes with the lowest hashes of seed and name.
 fn chosen(graph: &Graph, known: impl Iterator<Item = usize>, options: &VerifyOptions<'_>) -> BTreeSet<usize> {
     let rank = |index: usize| {
         *Digest::of(format!("{} {}", options.seed, graph.nodes[index].id).as_bytes()).as_bytes()
