@@ -116,8 +116,8 @@ fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
 enum Call<'t> {
     /// The value of an axis.
     Axis(#[serde(borrow)] Cow<'t, str>),
-    /// Interpolates between keys in ascending order. A key is an axis value with a number, or with several numbers
-    /// in parentheses.
+    /// Interpolates between keys in ascending order. A key pairs an axis value with a number, or with several
+    /// numbers in parentheses.
     Track(Cow<'t, str>, #[serde(borrow)] Vec<(f64, &'t RawValue)>),
 }
 
@@ -161,7 +161,8 @@ pub(crate) fn axes_read(
     Ok(read)
 }
 
-/// The text of a field with each call replaced by its value, where each axis is at its value with index `at(axis)`.
+/// Replaces the calls in a field by their values at a point. `at` returns, for each axis, the index of its value at
+/// that point.
 pub(crate) fn at_point<'t>(text: &'t str, axes: &[Axis<'_>], at: impl Fn(usize) -> usize) -> Cow<'t, str> {
     let calls = calls(text, &CALLS);
     if calls.is_empty() {
@@ -202,7 +203,7 @@ fn track(keys: &[(f64, &RawValue)], place: &str) -> Result<String, String> {
         || keys.windows(2).any(|pair| pair[0].0 >= pair[1].0 || pair[0].1.len() != pair[1].1.len())
     {
         return Err(
-            "the keys of `Track` must be in ascending order, and all with a number or all with lists of the same length".to_owned()
+            "the keys of `Track` must be in ascending order, and their values must be all numbers or all lists of the same length".to_owned()
         );
     }
     let after = keys.partition_point(|(at, _)| *at <= place);

@@ -20,8 +20,8 @@ const MOST_FRACTION: usize = 6;
 const MOST_DIGITS: usize = 32;
 
 impl Padding {
-    /// The padding for a list of values. `None` if they are not padded: all of them must be non-negative numbers
-    /// without an exponent, with at most [`MOST_FRACTION`] digits after the decimal point.
+    /// The padding for a list of values. `None` (no padding) unless all values are non-negative numbers without an
+    /// exponent and with at most [`MOST_FRACTION`] digits after the decimal point.
     pub fn of(values: &[String]) -> Option<Self> {
         let parts = values.iter().map(|value| digits(value)).collect::<Option<Vec<_>>>()?;
         let longest = |lengths: &dyn Fn(&(&str, &str)) -> usize| parts.iter().map(lengths).max().unwrap_or(0);
@@ -33,8 +33,8 @@ impl Padding {
     }
 }
 
-/// The digits before and after the decimal point. The fraction `.0` counts as empty. `None` if the value is not of
-/// this form.
+/// The digits before and after the decimal point. The fraction `.0` counts as empty. `None` if the value is not a
+/// plain decimal number.
 fn digits(value: &str) -> Option<(&str, &str)> {
     let (whole, fraction) = value.split_once('.').unwrap_or((value, ""));
     let all = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());

@@ -147,7 +147,7 @@ impl<'t, 'a> Check<'t, 'a> {
                     format!("no kind of node is named `{}`", shown(node.kind)),
                 )
                 .suggest(node.kind, names.iter().map(String::as_str))
-                .hint("`lightharmony nodes` lists them"),
+                .hint("`lightharmony nodes` lists the kinds"),
             );
         }
         found
@@ -179,7 +179,7 @@ impl<'t, 'a> Check<'t, 'a> {
                 self.report(if node {
                     mistake.hint("if this is a separate node, a `)` is missing before it")
                 } else {
-                    mistake.hint(format!("`lightharmony nodes {}` describes it", kind.name))
+                    mistake.hint(format!("`lightharmony nodes {}` describes the kind", kind.name))
                 });
             } else if let Some(first) = raw.fields[..index].iter().find(|other| other.name == field.name) {
                 self.report(twice(field.name, field.name_span.clone(), first.name_span.clone()));

@@ -84,8 +84,8 @@ pub(crate) struct Field<'t> {
     pub span: Range<usize>,
 }
 
-/// The fields of a node with each axis call replaced by its value, where each axis is at its value with index
-/// `at(axis)`.
+/// Replaces the axis calls in the fields of a node by their values at a point. `at` returns, for each axis, the
+/// index of its value at that point.
 pub(crate) fn at_each<'f>(
     fields: &'f [Field<'_>],
     axes: &[Axis<'_>],

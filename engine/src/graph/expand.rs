@@ -1,5 +1,5 @@
-//! Expands nodes along axes. A node gets one instance per point: per combination of values of the axes that it or
-//! its inputs read.
+//! Expands nodes along axes. A node gets one instance for each point, that is, for each combination of values of
+//! the axes that it or its inputs read.
 //!
 //! `Gather(input: "final", over: "frame")` is not a node but a name for many wires: one to each instance of `final`
 //! along the axis. A node that reads a gather therefore does not depend on the axis.
@@ -45,7 +45,7 @@ impl Grid {
         self.axes.iter().try_fold(1_usize, |product, (_, size)| product.checked_mul(*size))
     }
 
-    /// For the point with this index, pairs of axis and index of the axis value.
+    /// The point with this index, as pairs of axis index and value index.
     fn point(&self, mut index: usize) -> Vec<(usize, usize)> {
         let mut point: Vec<(usize, usize)> = self.axes.clone();
         for (_, value) in point.iter_mut().rev() {

@@ -60,9 +60,12 @@ pub(crate) fn describe_cycle(raw: &[RawNode<'_>], wiring: &Wiring, group: &[usiz
     }
     names.push(&raw[cycle[0]].id);
     let place = |node: usize| inside(node).map_or(raw[node].id_span.clone(), |(_, span)| span.clone());
-    let mut diagnostic =
-        Diagnostic::of(Code::Cycle, place(cycle[0]), format!("a cycle: {}", names.join(" -> ")))
-            .label(format!("`{}` depends on itself", raw[cycle[0]].id));
+    let mut diagnostic = Diagnostic::of(
+        Code::Cycle,
+        place(cycle[0]),
+        format!("the nodes form a cycle: {}", names.join(" -> ")),
+    )
+    .label(format!("`{}` depends on itself", raw[cycle[0]].id));
     for &node in cycle.iter().skip(1).take(shown) {
         diagnostic = diagnostic.related(place(node), format!("through `{}`", raw[node].id));
     }

@@ -21,7 +21,7 @@ impl ReadFiles {
     }
 
     /// True if writing to `path` would change one of the files. This is so if `path` is the file, a link to it, or
-    /// the link by which the set names it.
+    /// the link through which the file was added to the set.
     pub fn has(&self, path: &Path) -> bool {
         !self.0.is_empty() && places_of(path, &mut HashMap::new()).any(|place| self.0.contains(&place))
     }
@@ -42,7 +42,7 @@ fn places_of(path: &Path, folders: &mut HashMap<PathBuf, PathBuf>) -> impl Itera
     [Some(place), end].into_iter().flatten()
 }
 
-/// Resolves the links in the path of a folder that does not exist, as far as the path does exist.
+/// Resolves the links in the existing part of the path of a folder that does not exist.
 fn in_steps(folder: &Path) -> PathBuf {
     let mut at = PathBuf::new();
     for part in std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned()).components() {

@@ -107,7 +107,7 @@ impl Context {
     }
 
     fn declared(&self, field: ContextField) {
-        assert!(self.reads.contains(&field), "the kind reads {field:?} but does not declare it in READS");
+        assert!(self.reads.contains(&field), "the kind reads `{field:?}` but does not declare it in `READS`");
     }
 
     /// The axis that points up. The kind must declare [`ContextField::Up`].
@@ -360,7 +360,7 @@ impl Context {
         if self.parts.is_some() {
             let declared = self.sources.iter().find(|source| source.file == *wanted);
             let declared = declared.unwrap_or_else(|| {
-                panic!("the kind reads `{}` but does not list it in sources", wanted.name)
+                panic!("the kind reads `{}` but does not list it in `sources`", wanted.name)
             });
             if Digest::of(&bytes) != declared.digest {
                 let what = format!("`{}` changed while the graph was running", wanted.name);

@@ -80,8 +80,7 @@ pub enum ViewCount {
     Unknown,
     /// Fixed number of views.
     Known(usize),
-    /// Equal to the number of views of an input: the first of these inputs that is connected and whose number is
-    /// known.
+    /// Same as the number of views of the first of these inputs that is connected and whose number is known.
     As(&'static [&'static str]),
 }
 

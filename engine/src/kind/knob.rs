@@ -23,7 +23,7 @@ pub enum KnobKind {
 }
 
 impl KnobKind {
-    /// The name in lists.
+    /// The name as shown in lists of knobs.
     pub fn name(self) -> &'static str {
         match self {
             Self::Samples => "samples",
@@ -48,7 +48,7 @@ pub struct Knob {
 
 impl Knob {
     /// The values to try, from the least work to the smallest error. These are the steps of the ladder; between two
-    /// whole numbers, the lower one is also doubled repeatedly.
+    /// steps that are whole numbers, the lower number is also doubled repeatedly.
     pub fn values(&self) -> Vec<String> {
         let mut values: Vec<String> = Vec::new();
         for level in self.ladder.iter().filter(|level| !level.is_empty()) {

@@ -75,7 +75,7 @@ impl<K: Kind> Step for StepOf<K> {
 /// node.
 type FormerField = fn(&str, &[(&str, &str)]) -> Option<Former>;
 
-/// The engine's view of a kind.
+/// A kind in the form that the engine uses.
 pub struct KindEntry {
     /// Kebab-case name.
     pub name: &'static str,

@@ -65,7 +65,7 @@ impl Threads {
         let builder = rayon::ThreadPoolBuilder::new().num_threads(self.limit - 1);
         let pool = builder.thread_name(|index| format!("tiles-{index}")).build().map_err(|error| {
             NodeError::new(format!("cannot start {} threads: {error}", self.limit - 1))
-                .hint("ask for fewer threads with `--jobs`")
+                .hint("use fewer threads with `--jobs`")
         })?;
         Ok(Some(self.helpers.get_or_init(|| pool)))
     }

@@ -94,7 +94,7 @@ pub(crate) fn changes(old: Vec<(String, String)>, new: Vec<(String, String)>) ->
 pub struct ResultDifference {
     /// Name of the node.
     pub id: String,
-    /// Names of the outputs that differ, with the distance between their values if both are stored.
+    /// Names of the outputs that differ, with the difference between their values if both are stored.
     pub outputs: Vec<(String, Option<Difference>)>,
     /// True if none of its inputs differ, so that the difference originates in this node.
     pub first: bool,

@@ -34,7 +34,7 @@ pub enum Fate {
     Lost,
     /// The code would run, for this reason.
     Runs(Why),
-    /// The node depends on the result of this node above it, which would run.
+    /// The node depends on the result of another node that would run. The name is that of the other node.
     Follows(String),
     /// The source files of the node cannot be read.
     Fails(String),
@@ -70,7 +70,7 @@ pub struct Planned {
 pub struct Past {
     /// Time, memory and counts of its last run.
     pub spent: Option<Spent>,
-    /// Differences between its key and its previous key.
+    /// Differences between the key of the node and its previous key.
     pub changes: Vec<Change>,
 }
 

@@ -93,7 +93,7 @@ fn digest_source(store: &Store, node: &Node, file: SourceFile) -> Result<ReadSou
     }
 }
 
-/// The record of a key in the store; `None` if it is missing or does not decode.
+/// The record of a key in the store; `None` if it is missing or cannot be decoded.
 pub(crate) fn look_up(store: &Store, node: &Node, key: &Digest) -> Option<Record> {
     Record::decode(&store.get_record(key)?, node).ok()
 }

@@ -13,7 +13,7 @@ pub(crate) struct Output {
     pub type_name: &'static str,
     pub format: u32,
     pub digest: Digest,
-    /// Size in units that the work of readers grows with.
+    /// [`crate::Artifact::size`].
     pub size: u64,
     /// True if the value itself was stored, and not only its digest.
     pub stored: bool,

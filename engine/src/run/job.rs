@@ -195,7 +195,8 @@ fn bytes_of<'v>(values: impl Iterator<Item = (ArtifactType, &'v AnyArtifact)>) -
     values.fold(0, |sum, (artifact, value)| sum + (artifact.bytes)(value) as u64)
 }
 
-/// The outputs of a node with their digests, and the canonical bytes of each output; no bytes if it is not stored.
+/// The outputs of a node with their digests, and the canonical bytes of each output. The bytes are empty for
+/// outputs that are not stored.
 pub(crate) fn encode(node: &Node, values: &[AnyArtifact]) -> (Vec<Output>, Vec<Vec<u8>>) {
     let one = |(port, value): (&PortSpec, &AnyArtifact)| {
         let stored = node.kind.store == Keep::Always;
@@ -277,7 +278,7 @@ impl PartStore for StoredParts {
     }
 }
 
-/// The name of a part in memory, which is its key.
+/// The name of a part in the memory cache, made from the key of the part.
 fn of_part(key: Digest, part: Part<'_>) -> Name {
     (key, "part", part.version)
 }

@@ -1,4 +1,4 @@
-//! Keys of a run, both finished and in progress, and the paces of kinds.
+//! Keys of a run, both finished and in progress, and the times of earlier runs of each kind.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -41,7 +41,7 @@ impl Known {
         self.made.insert(key, index);
     }
 
-    /// Makes a node wait for the result of its key. Returns false if that is not being computed.
+    /// Makes a node wait for the result of its key. Returns false if the result is not being computed.
     pub fn follow(&mut self, key: &Digest, index: usize) -> bool {
         let followers = self.in_flight.get_mut(key);
         followers.map(|followers| followers.push(index)).is_some()

@@ -24,7 +24,7 @@ pub(crate) enum Message {
         port: usize,
         value: Option<AnyArtifact>,
     },
-    /// The key of the node or of a part of it is being computed elsewhere.
+    /// The result of the node or of one of its parts is being computed elsewhere.
     Busy {
         node: usize,
         key: Digest,

@@ -3,7 +3,7 @@
 //! A node is *ready* until its turn comes. It is then *supplied*: its input values are loaded, and it waits for a
 //! thread. Finally it *runs*. Nodes proceed in topological order, as many at once as there are threads. In
 //! addition, one *short* node (with a forecast below a second) may be supplied and one may run, so that a small
-//! node never waits for large ones to end.
+//! node never waits for large nodes to end.
 
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};

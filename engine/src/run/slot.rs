@@ -70,14 +70,14 @@ pub(crate) struct Slot {
     pub lost: bool,
     /// True if its values are being stored.
     pub storing: bool,
-    /// Number of messages that threads are still to send for it.
+    /// Number of messages that threads still have to send for the node.
     pub owed: usize,
     pub degraded: bool,
-    /// True if it, or a node above it, is reduced for a preview.
+    /// True if the node, or a node above it, is reduced for a preview.
     pub rough: bool,
     /// Work of its code, in units of its kind.
     pub work: f64,
-    /// True if its forecast is below the limit for short nodes; see `queue`.
+    /// True if the forecast of the node is below the limit for short nodes; see `queue`.
     pub short: bool,
     /// Memory reserved for its code, in bytes.
     pub reserved: u64,

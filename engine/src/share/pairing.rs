@@ -139,7 +139,7 @@ impl<'s> Pairs<'s> {
         }
     }
 
-    /// Pairs the nodes of two lists that have equal values of `of`, in order. Returns the unpaired nodes of the
+    /// Pairs the nodes of two lists for which `of` returns equal texts, in order. Returns the unpaired nodes of the
     /// first list; `b` keeps the unpaired nodes of the second list.
     fn alike(&mut self, a: Vec<usize>, b: &mut Vec<usize>, of: impl Fn(&Node<'s>) -> String) -> Vec<usize> {
         let mut known: HashMap<String, VecDeque<usize>> = HashMap::new();

@@ -128,7 +128,7 @@ impl Recipe {
     /// per view. `store` remembers digests.
     ///
     /// # Errors
-    /// If the graph cannot be parsed, or files are not found or ambiguous; all of them are reported.
+    /// If the graph cannot be parsed, or if files are missing or ambiguous. All such files are reported.
     pub fn settle(
         &self,
         name: &str,

@@ -55,7 +55,10 @@ impl<'t> Scanner<'t> {
     pub fn unclosed(&mut self, place: usize, open: u8) {
         if !std::mem::replace(&mut self.endless, true) {
             let what = format!("`{}` has no matching `{}`", open as char, closing(open) as char);
-            self.report(Diagnostic::new(place..place + 1, what).hint("it is missing somewhere below"));
+            self.report(
+                Diagnostic::new(place..place + 1, what)
+                    .hint("the closing bracket is missing somewhere below"),
+            );
         }
     }
 

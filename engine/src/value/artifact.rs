@@ -55,7 +55,7 @@ impl Difference {
 
 /// Bytes that do not decode to the type they were stored under.
 #[derive(Debug, Clone, thiserror::Error)]
-#[error("stored value does not decode: {0}")]
+#[error("the stored value cannot be decoded: {0}")]
 pub struct Corrupt(pub String);
 
 /// Appends primitive values in little-endian order. Slices are preceded by their length.
@@ -242,7 +242,7 @@ impl<'a> Decoder<'a> {
         if self.rest.is_empty() {
             Ok(())
         } else {
-            Err(Corrupt(format!("{} bytes follow after its end", self.rest.len())))
+            Err(Corrupt(format!("{} bytes follow the end of the value", self.rest.len())))
         }
     }
 }

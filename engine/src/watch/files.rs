@@ -19,12 +19,13 @@ pub(crate) trait Notifier: Send {
 /// The watched files.
 pub(crate) struct WatchedFiles {
     notifier: Option<Box<dyn Notifier>>,
-    /// Reason why there are no notifications; `None` if there are some, or once the reason has been reported.
+    /// Reason why there are no notifications. `None` if there are notifications, or once the reason has been
+    /// reported.
     failure: Option<String>,
     /// Stamp of each file when it was last inspected; `None` if it is missing.
     stamps: BTreeMap<PathBuf, Option<FileStamp>>,
-    /// The paths that determine the watched files, each with its file: the links on the way to the file, and the
-    /// file itself.
+    /// For each path that determines a watched file, that file. Such a path is a link on the way to the file, or
+    /// the file itself.
     names: BTreeMap<PathBuf, PathBuf>,
     /// Folders with notifications, and the identity of each when its notifications started.
     folders: BTreeMap<PathBuf, Option<Identity>>,
@@ -308,11 +309,11 @@ mod tests {
         place.write("home/a.ron", "one");
         let path = place.path("home/a.ron");
         place.files.follow(std::slice::from_ref(&path));
-        assert!(!place.files.notified(&[place.path("home/other.ron")]), "no file of ours");
+        assert!(!place.files.notified(&[place.path("home/other.ron")]), "not a watched file");
         assert!(!place.changed());
         assert!(place.files.notified(std::slice::from_ref(&path)));
         assert!(place.changed());
-        assert!(place.files.notified(&[]), "events were lost: whatever it was, look");
+        assert!(place.files.notified(&[]), "events were lost, so the files must be inspected");
         assert!(!place.changed());
     }
 
@@ -335,7 +336,7 @@ mod tests {
         for folder in [root.as_str(), "home", "v1"] {
             assert!(log.contains(&format!("+{folder}")), "{folder} in {log}");
         }
-        assert!(place.files.notified(&[place.path("v1/graph.ron")]), "the file behind the links is ours");
+        assert!(place.files.notified(&[place.path("v1/graph.ron")]), "the file behind the links is watched");
         assert!(place.changed());
         symlink("v2", place.path("new")).unwrap();
         std::fs::rename(place.path("new"), place.path("data")).unwrap();
@@ -366,7 +367,7 @@ mod tests {
         std::fs::rename(place.path("home/deep"), place.path("home/gone")).unwrap();
         assert!(place.files.notified(&[place.path("home/deep")]), "the folder itself was moved");
         assert!(place.changed());
-        assert_eq!(place.log(), "-deep +home", "the folder above has_notifier of its return");
+        assert_eq!(place.log(), "-deep +home", "the folder above reports its return");
         std::fs::rename(place.path("home/gone"), place.path("home/deep")).unwrap();
         assert!(place.files.notified(&[place.path("home/deep")]));
         assert!(place.changed());
@@ -387,7 +388,7 @@ mod tests {
         place.files.follow(std::slice::from_ref(&path));
         assert!(!place.files.has_notifier());
         assert!(place.files.take_failure().is_some_and(|why| why.contains("no watches are left")));
-        assert!(place.files.take_failure().is_none(), "said once");
+        assert!(place.files.take_failure().is_none(), "reported once");
         place.write("home/a.ron", "three");
         assert!(place.changed());
     }

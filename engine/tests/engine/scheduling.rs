@@ -4,7 +4,7 @@ use engine::{Event, State};
 
 use crate::lab::{Lab, Log};
 
-/// The position in the log of the event that a node ran.
+/// The position in the log of the event that reports that a node ran.
 fn done(log: &Log, wanted: &str) -> usize {
     let is = |event: &Event| matches!(event, Event::Node { id, state: State::Ran, .. } if id == wanted);
     log.events.iter().position(is).unwrap_or_else(|| panic!("`{wanted}` ran"))

@@ -134,8 +134,8 @@ impl Run<'_> {
         }
     }
 
-    /// Marks a node that runs or is about to run as failed. If it runs again only for its values, these are given
-    /// up.
+    /// Handles the failure of a node that runs or is about to run. The node is marked as failed. If it runs again
+    /// only for its values, these are given up instead.
     pub fn fail_or_lose(&mut self, index: usize, error: &NodeError) {
         if self.slots[index].remaking.is_some() {
             self.lose(index, Some(error));

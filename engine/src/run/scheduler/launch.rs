@@ -141,8 +141,8 @@ impl<'a> Run<'a> {
         self.send_code(index, move || job.run());
     }
 
-    /// Parks a node because its result, or that of one of its parts, is being computed elsewhere. A parked node
-    /// occupies no thread.
+    /// Parks a node because its result, or the result of one of its parts, is being computed elsewhere. A parked
+    /// node occupies no thread.
     pub fn park(&mut self, node: usize, key: Digest) {
         let slot = &mut self.slots[node];
         slot.storing = false;

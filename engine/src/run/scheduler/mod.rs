@@ -82,7 +82,7 @@ pub(crate) struct Run<'a> {
     claims: Claims,
     /// True if all nodes were inspected and no file was written.
     unchanged: bool,
-    /// Number of messages that threads are still to send.
+    /// Number of messages that threads still have to send.
     owed: usize,
     store_failed: bool,
     /// Nodes whose stored values were missing.
@@ -114,8 +114,8 @@ impl<'a> Run<'a> {
 
     /// Handles the failure to start a thread for a node: the node fails.
     fn without_thread(&mut self, node: usize, is_code: bool, error: &std::io::Error) {
-        let error = NodeError::new(format!("cannot start a thread: {error}"))
-            .hint("ask for fewer threads with `--jobs`");
+        let error =
+            NodeError::new(format!("cannot start a thread: {error}")).hint("use fewer threads with `--jobs`");
         self.count_message(node);
         if is_code {
             self.end_running(node);
@@ -162,7 +162,7 @@ impl<'a> Run<'a> {
         self.unstarted.push(Unstarted { node, is_code: true, work: Box::new(act) });
     }
 
-    /// Schedules until no work is left, or the run is cancelled and the threads are idle.
+    /// Schedules until no work is left, or until the run is cancelled and the threads are idle.
     fn coordinate<'s>(
         &mut self,
         scope: &'s std::thread::Scope<'s, '_>,

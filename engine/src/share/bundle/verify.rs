@@ -38,7 +38,7 @@ pub struct VerifyOptions<'a> {
     pub memory: u64,
     /// Folder for temporary files.
     pub folder: &'a Path,
-    /// Flag that cancels the verification when it is set from outside.
+    /// Flag that the caller sets to cancel the verification.
     pub cancel: Arc<AtomicBool>,
 }
 
