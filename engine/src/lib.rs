@@ -87,7 +87,10 @@
 //! The folders of `src` are layers: `value`, `text`, `kind`, `graph`, `record`, `run`, `plan`, `watch`, `share`. A
 //! module uses only its own layer and the layers before it.
 
-#![allow(clippy::module_inception, reason = "the main noun of a room is in the file of that name")]
+#![allow(
+    clippy::module_inception,
+    reason = "the main type of a module is in a file with the name of the module"
+)]
 
 extern crate self as engine;
 

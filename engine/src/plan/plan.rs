@@ -240,8 +240,10 @@ impl<'a> Outlook<'a> {
         });
         let known: Vec<(usize, Record)> = known.collect::<Option<_>>()?;
         let output = |wire: Wire| -> &Output {
-            let (_, record) =
-                known.iter().find(|(above, _)| *above == wire.node).expect("it reads this node");
+            let (_, record) = known
+                .iter()
+                .find(|(above, _)| *above == wire.node)
+                .expect("a wire starts at a node that is read");
             &record.outputs[wire.port]
         };
         let sizes = sizes(node, &self.actions[index].sources, output);

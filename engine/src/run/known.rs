@@ -67,10 +67,17 @@ impl Known {
         let leading = slots.iter().filter(|slot| slot.leads());
         let mut keys = 0;
         for key in leading.filter_map(|slot| slot.key) {
-            let followers = self.in_flight.get(&key).map(Vec::as_slice).expect("what is computed is known");
+            let followers = self
+                .in_flight
+                .get(&key)
+                .map(Vec::as_slice)
+                .expect("every key that is being computed is listed");
             for &follower in followers {
                 let follower = &slots[follower];
-                assert!(follower.life == Life::Following && follower.key == Some(key), "nodes that follow");
+                assert!(
+                    follower.life == Life::Following && follower.key == Some(key),
+                    "a node that waits for another node has the same key"
+                );
             }
             keys += 1;
         }

@@ -225,7 +225,7 @@ impl Queue {
         assert_eq!(self.queued.all, places(Life::Queued), "queued nodes");
         let is_short = |place: &&(usize, usize)| slots[place.1].short;
         for line in [&self.ready, &self.queued] {
-            assert!(line.all.iter().filter(is_short).eq(line.short.iter()), "the short ones among them");
+            assert!(line.all.iter().filter(is_short).eq(line.short.iter()), "short nodes in a line");
         }
         let parked: BTreeSet<_> = self.parked.iter().map(|parked| self.place(parked.node)).collect();
         assert_eq!(parked, places(Life::Parked), "parked nodes");

@@ -161,7 +161,7 @@ fn read(
             _ => return Ok(None),
         }
     }
-    let unknown = || Corrupt("a kind is not known".to_owned());
+    let unknown = || Corrupt("the number of a kind is unknown".to_owned());
     let unmoved = |path: &Path, was: [u8; 40]| FileStamp::of(path).is_ok_and(|is| is.to_bytes() == was);
     for _ in 0..from.count(4 + 8 + 4)? {
         let kind = kinds.get(from.u32()? as usize).ok_or_else(unknown)?;

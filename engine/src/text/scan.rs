@@ -280,7 +280,7 @@ impl<'t> Scanner<'t> {
                     } else {
                         self.step();
                     }
-                    debug_assert!(self.at > start, "the walk must end");
+                    debug_assert!(self.at > start, "the scanner must advance");
                 }
             }
         }

@@ -118,7 +118,7 @@ fn use_of<'f, 't>(
 ) -> Result<Used<'f, 't>, Box<Diagnostic>> {
     let Some(field) = node.fields.iter().find(|field| field.name == FILE) else {
         let what = format!("`{SUBGRAPH}` needs `{FILE}`");
-        let how = "name the graph file: graph: \"chair.ron\"";
+        let how = "name the graph file, as in `graph: \"chair.ron\"`";
         return Err(Diagnostic::of(Code::Missing, node.kind_span.clone(), what).label(how).into());
     };
     let Ok(path) = parse_value::<String>(field.text) else {

@@ -1,6 +1,6 @@
 //! Tests of the guarantees of the engine. They run graphs of small arithmetic kinds and check the events.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
-#![allow(missing_docs, reason = "the names say it")]
+#![allow(missing_docs, reason = "the names are self-explanatory")]
 
 mod architecture;
 mod arithmetic;

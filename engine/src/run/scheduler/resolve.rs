@@ -54,7 +54,7 @@ impl Run<'_> {
         self.slots[index].key = Some(key);
         self.slots[index].action = action;
         if let Some(twin) = self.known.made_by(&key) {
-            let record = self.slots[twin].record.clone().expect("what was made has a record");
+            let record = self.slots[twin].record.clone().expect("a computed node has a record");
             self.copy_values(twin, index);
             return self.settle(index, record, State::Cached, Effort::default());
         }
@@ -129,7 +129,7 @@ impl Run<'_> {
         let node = &graph.nodes[index];
         let slot = &mut self.slots[index];
         slot.life = Life::Done;
-        let state = slot.end.expect("a node that is done came to an end");
+        let state = slot.end.expect("a node that is done has an end state");
         let record = slot.record.as_ref().expect("a node that is done has a record");
         self.totals.add(state);
         self.totals.degraded += usize::from(slot.degraded);
