@@ -119,7 +119,7 @@ impl Blobs {
         disk.with_small(|log| log.refresh().and_then(|_| log.lengths(KIND)))
     }
 
-    /// The dead bytes in the log of small blobs.
+    /// The number of bytes of replaced and removed entries in the log of small blobs.
     pub fn small_dead(&self) -> u64 {
         let Blobs::Disk(disk) = self else { return 0 };
         disk.with_small(|log| Ok(log.dead())).unwrap_or(0)
@@ -335,7 +335,7 @@ impl Disk {
     }
 }
 
-/// The content of a file, and its metadata as of opening it.
+/// Returns the content of a file, and the metadata it had when it was opened.
 fn read_file(path: &Path) -> io::Result<(Vec<u8>, Metadata)> {
     let mut file = regular::open(path, OpenOptions::new().read(true))?;
     let metadata = file.metadata()?;

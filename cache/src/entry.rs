@@ -6,7 +6,8 @@ use crate::digest::Digest;
 /// The length of the fields before the payload, in bytes.
 pub(crate) const HEAD: usize = 64;
 
-/// The maximum length of a payload in bytes. A greater length is damage, so that a flipped bit cannot claim gigabytes.
+/// The maximum length of a payload in bytes. A greater length is treated as damage, so that a flipped bit in a
+/// length cannot cause gigabytes to be read.
 pub(crate) const MAX_PAYLOAD: usize = 16 << 20;
 
 const MAGIC: &[u8; 4] = b"LHe1";

@@ -224,7 +224,7 @@ fn stored_size(payload: u64) -> u64 {
     Entry::length(0) as u64 + payload + index::ENTRY as u64
 }
 
-/// The last use of each key in a table of history, in seconds since 1970.
+/// The last use, in seconds since 1970, of each key that a table of history contains.
 fn last_used(records: &mut Log) -> Result<BTreeMap<Digest, u64>> {
     let mut used = BTreeMap::new();
     let times = Table::open(records.get(kind::HISTORY, &Table::key(USED))?.unwrap_or_default());

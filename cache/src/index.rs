@@ -37,7 +37,7 @@ pub(crate) struct Index {
     pages: Vec<Option<Box<[u8; PAGE]>>>,
 }
 
-/// Error of a page that cannot be read or whose checksum is wrong.
+/// The error for a page that cannot be read or has a wrong checksum.
 pub(crate) struct Damaged;
 
 impl From<io::Error> for Damaged {

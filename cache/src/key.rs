@@ -120,7 +120,7 @@ impl KeyWriter {
         self.encoding.extend_from_slice(value);
     }
 
-    /// Writes the digest of a content.
+    /// Writes a digest, for example of file content.
     pub fn digest(&mut self, name: &str, value: Digest) {
         self.field(tag::DIGEST, name);
         self.encoding.extend_from_slice(value.as_bytes());

@@ -54,7 +54,7 @@ pub struct Point {
     pub seconds: f64,
     /// Sum of the CPU times of the nodes, in seconds.
     pub cpu_seconds: f64,
-    /// All nodes that the pictures need, in the order of the file.
+    /// All nodes that the pictures need, in the order of the graph.
     pub nodes: Vec<NodeCost>,
     /// Errors of the pictures relative to the reference.
     pub off: Vec<Off>,
@@ -93,7 +93,8 @@ pub struct Bench<'e> {
     /// Time at which measuring ends; `None` if it is not limited.
     deadline: Option<Instant>,
     truth: Option<Truth>,
-    /// The metric required for every picture. A picture without it is not judged, and the reason is reported.
+    /// The required metric. A picture for which it cannot be computed is not included in the error, and the reason
+    /// is reported.
     metric: Option<Metric>,
     /// Measured settings; the first point is the reference.
     pub points: Vec<Point>,
@@ -172,7 +173,7 @@ impl<'e> Bench<'e> {
         })
     }
 
-    /// Calls `observer` with each event of the runs that follow.
+    /// Sets a callback for the events of all later runs.
     pub fn observe(&mut self, observer: Observer<'e>) {
         self.observer = Some(observer);
     }
@@ -202,7 +203,8 @@ impl<'e> Bench<'e> {
         Some(self.engine.plan(&graph, &self.targets))
     }
 
-    /// Sets the required metric; pictures for which it cannot be computed are left out.
+    /// Sets the required metric. Pictures for which it cannot be computed are reported and not included in the
+    /// error.
     pub fn judge_by(&mut self, metric: &Metric) {
         self.metric = Some(metric.clone());
     }
@@ -228,7 +230,7 @@ impl<'e> Bench<'e> {
         Ok(())
     }
 
-    /// Adds a remark once.
+    /// Adds a remark, unless it was added before.
     fn remark(&mut self, text: String) {
         if !self.remarks.contains(&text) {
             self.remarks.push(text);
@@ -280,7 +282,7 @@ impl<'e> Bench<'e> {
         if changed.is_empty() { "as it is".to_owned() } else { changed.join(" ") }
     }
 
-    /// The graph at an assignment.
+    /// Parses the graph with an assignment applied.
     fn graph(&self, assignment: &Assignment) -> Result<Graph, Miss> {
         let source = self.base.source.clone().overlaid("knobs", &self.overlay(assignment));
         let graph = Graph::parse(source, &self.registry, self.base.root.clone())
@@ -421,7 +423,8 @@ impl<'e> Bench<'e> {
         Ok(())
     }
 
-    /// Stops the judging of some pictures.
+    /// Removes the pictures for which `which` is true from those that are judged, and adds a remark with the reason
+    /// `why`.
     fn leave_out(&mut self, pictures: &mut Vec<Arc<Images>>, which: &[bool], why: &str) {
         for at in (0..which.len()).rev().filter(|at| which[*at]) {
             let Output { name, .. } = self.outputs.remove(at);

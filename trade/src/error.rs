@@ -50,7 +50,7 @@ pub enum Error {
         /// The requirement of the metric.
         needs: &'static str,
     },
-    /// The graph does not run at a setting.
+    /// The graph cannot be measured with a setting.
     #[error("the graph cannot be measured with the setting {setting}:\n{why}")]
     Setting {
         /// The setting in words.

@@ -197,7 +197,7 @@ pub fn holds_data(images: &Images) -> bool {
     images.0.iter().any(|view| matches!(view.picture, Picture::Data(_)))
 }
 
-/// True if a picture contains light two stops above white, as environments do.
+/// True if a picture contains light more than two stops above white. Most environments do.
 pub fn is_bright(images: &Images) -> bool {
     images.0.iter().any(|view| view.picture.samples().iter().any(|v| *v > 4.0))
 }

@@ -188,7 +188,7 @@ mod tests {
     use super::*;
     use engine::{Source, SourceRoot};
 
-    /// A graph that first estimates the light from a coarse panorama.
+    /// A graph in which a coarse panorama is rendered first, for `fit-probe` to choose the size of the light.
     const FITTED: &str = r#"Graph(
         version: 1, scene: (up: "+z", seed: 1), nodes: (
             demo:   DemoScene(splats: 4000, width_px: 36, height_px: 26),

@@ -24,7 +24,7 @@ mod write;
 #[cfg(test)]
 mod tests;
 
-/// Flag added to the kind of an entry: such an entry removes the entry of that kind and key.
+/// Flag in the kind of an entry. An entry with this flag removes the previous entry of the same kind and key.
 const REMOVED: u8 = 0x80;
 
 /// Bytes per read.
@@ -196,7 +196,7 @@ impl Log {
         Ok(self.sizes.damaged)
     }
 
-    /// Bytes of entries that were replaced, removed or cut short.
+    /// The number of bytes of entries that were replaced, removed or cut short.
     pub fn dead(&self) -> u64 {
         self.sizes.dead
     }

@@ -17,8 +17,7 @@ pub struct Examples {
     pub overview: Vec<f32>,
     /// Features of each cell.
     pub features: Vec<f32>,
-    /// Logarithm of the visible flux of each cell, multiplied by the number of cells that it represents; -1e9 for
-    /// padding.
+    /// Logarithm of each cell's visible flux times the number of cells that the cell represents; -1e9 for padding.
     pub log_flux: Vec<f32>,
     /// Hidden flux of each cell, including the cells that it represents.
     pub hidden: Vec<f32>,

@@ -1,4 +1,4 @@
-//! The search for settings: knobs are changed one at a time, and then together by forecast.
+//! The search for settings. Knobs are changed one at a time, and then several together, as a forecast suggests.
 
 mod forecast;
 mod tried;
@@ -124,7 +124,8 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         self.tried[at].bounded(self.goal)
     }
 
-    /// True if a position costs less than the best known position that reaches the goal.
+    /// True if the value to minimize is smaller at a position than at the best known position that reaches the
+    /// goal.
     fn saves(&self, at: usize) -> bool {
         self.best().is_none_or(|best| self.tried[at].paid(self.goal) < self.tried[best].paid(self.goal))
     }

@@ -21,9 +21,9 @@ pub struct Config {
     pub in_channels: usize,
     /// Number of channels of a token of text.
     pub context: usize,
-    /// Length of the vector that summarizes the text.
+    /// Length of the vector that represents the text as a whole.
     pub pooled: usize,
-    /// Length of the embedding of a time.
+    /// Length of the embedding of a noise level.
     pub time: usize,
     /// Numbers of channels of a head that encode the frame, the row and the column of a token; all even.
     pub axes: [usize; 3],

@@ -102,7 +102,8 @@ impl<'a> Loader<'a> {
         Ok(Matrix::Plain(if parts.len() == 1 { parts.remove(0) } else { Tensor::cat(&parts, 0)? }))
     }
 
-    /// Returns true if a tensor with that name and a fitting shape exists. The tensor is then counted.
+    /// Returns true if a tensor with that name and a fitting shape exists; otherwise records the problem. An
+    /// existing tensor is counted.
     fn wants(&mut self, key: &str, fits: impl Fn(&[usize]) -> bool) -> bool {
         self.asked.insert(key.to_owned());
         let Some(entry) = self.source.entries().get(key) else {

@@ -39,7 +39,7 @@ impl Layout {
         }
     }
 
-    /// The name of the vector of a norm's scales.
+    /// The name of the tensor with the scales of a norm.
     pub fn scale(self, module: &str) -> String {
         match self {
             Self::Original { prefix } => format!("{prefix}{module}.scale"),

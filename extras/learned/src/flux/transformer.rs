@@ -14,7 +14,7 @@ use super::rope::{Place, Rotations};
 use super::source::Source;
 use super::watch::Watch;
 
-/// An embedding of a number or a vector: two layers with a silu between them.
+/// Two layers with a silu between them, which compute the embedding of a number or a vector.
 struct Embedder {
     inward: Linear,
     outward: Linear,

@@ -11,8 +11,8 @@ const HEAD: usize = 128;
 const HIDDEN: usize = HEADS * HEAD;
 const MLP: usize = 512;
 const AXES: [usize; 3] = [16, 56, 56];
-/// Places of two tokens of text, then of tokens of the new and of the original picture, as far from each other as
-/// at 1440 x 720.
+/// Places of two tokens of text, then of tokens of the new and of the original picture, as far apart as in a
+/// picture of 1440 x 720.
 const PLACES: [[f32; 3]; 7] =
     [[0.0; 3], [0.0; 3], [0.0; 3], [0.0, 44.0, 1.0], [0.0, 3.0, 89.0], [1.0, 44.0, 89.0], [1.0, 0.0, 45.0]];
 const TEXTS: usize = 2;
