@@ -80,8 +80,8 @@ impl Index {
         Some(Index { file, salt, count, covered, sizes, directory, pages })
     }
 
-    /// True if the index at `path` belongs to the log with this salt, but covers more than `length` bytes. The log
-    /// was then shortened, and once it has grown again, the index would hide entries.
+    /// True if the index at `path` belongs to the log with this salt, but covers more than `length` bytes. This
+    /// means that the log was shortened; once it has grown again, the index would hide entries.
     pub fn is_beyond(path: &Path, salt: u32, length: u64) -> bool {
         let mut head = [0; PAGE];
         let read = regular::open(path, OpenOptions::new().read(true))

@@ -481,7 +481,7 @@ pub fn today() -> u64 {
     seconds(SystemTime::now()) / DAY_SECONDS * DAY_SECONDS
 }
 
-/// Creates the cache folder, with a tag file because of which backup programs skip it.
+/// Creates the cache folder, with a tag file that makes backup programs skip it.
 fn create_folder(folder: &Path, root: &Path) -> Result<()> {
     if root.is_dir() {
         return Ok(());

@@ -13,8 +13,8 @@ const SUFFIX: &str = ".lightharmony-folder";
 
 /// A folder that is removed with everything in it when this is dropped.
 ///
-/// The folder is locked while it is in use. When another temporary folder is created in the same parent, the
-/// unlocked folders that killed processes left are thereby recognised and removed.
+/// The folder is locked while it is in use. Creating another temporary folder in the same parent removes unlocked
+/// ones, which killed processes left.
 pub struct TempFolder {
     path: PathBuf,
     /// The open folder, which is locked; `None` where the system cannot open folders.

@@ -52,7 +52,7 @@ impl Metric {
         Some(Self { name: name.to_owned(), region, of: *of })
     }
 
-    /// Like [`of`](Self::of), but returns an error that lists the known metrics if the name is unknown.
+    /// Like [`of`](Self::of()), but returns an error that lists the known metrics if the name is unknown.
     pub fn named(name: &str) -> Result<Self, Error> {
         let unknown = || Error::Metric { text: name.to_owned(), known: Self::known(), regions: IN_FRONT };
         Self::of(name).ok_or_else(unknown)

@@ -53,9 +53,9 @@ pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> 
     Ok([draft?, preview?, finer?, reference?])
 }
 
-/// Checks that another form of a graph has the same nodes, so that an index refers to the same node in both. It has
-/// not if a preset sets a field that varies along an axis, since this removes the axis from the nodes below. The
-/// error is the reason.
+/// Checks that another form of a graph has the same nodes, so that an index refers to the same node in both. The
+/// nodes differ if a preset sets a field that varies along an axis, since this removes the axis from the nodes
+/// below. The error is the reason.
 pub fn same_nodes(graph: &Graph, form: &Graph) -> Result<(), String> {
     let ids = |graph: &Graph| graph.nodes.iter().map(|node| node.id.clone()).collect::<Vec<_>>();
     let (all, others) = (ids(graph), ids(form));

@@ -51,8 +51,8 @@ pub struct Tuned {
     pub best: Option<usize>,
     /// The preset that reaches the goal at the lowest cost, or the best preset within the cost.
     pub naive: Option<(&'static str, Tried)>,
-    /// The search for settings that cost less than half as much as that preset; `None` if the best setting does
-    /// already, or the search was not made.
+    /// Result of a search for settings that cost less than half as much as that preset; `None` if this search was
+    /// not made, for example because the best setting already costs less.
     pub half: Option<Below>,
     /// True if the search finished.
     pub finished: bool,

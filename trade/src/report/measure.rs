@@ -21,8 +21,7 @@ pub enum Stop {
     Wrong(Error),
 }
 
-/// The points that a report shows, by their indices, and the error that each node causes with the graph's own
-/// settings.
+/// Indices of the points that a report shows, and the error that each node causes with the graph's own settings.
 pub struct Measured {
     /// The points of the presets, in the order of [`PRESETS`]; `None` for a preset that was not reached in time.
     pub presets: [Option<usize>; 4],

@@ -36,9 +36,10 @@ pub struct Steps {
 /// From the best start that reaches the goal, every knob is changed alone, by one step. From this, the effect of
 /// all combinations on cost and error is forecast, and the best combination is measured. The forecast is corrected
 /// by the measurement, and this is repeated a few times. When a better position is found, the whole procedure
-/// starts again from there. Changes that save cost are tried first, then changes that reduce the bounded value,
-/// then half steps. If the start spends cost on knobs with little effect, or on two knobs that help only together,
-/// the search may miss better positions. So it is repeated from the start that misses the goal by the least.
+/// starts again from there. Changes that reduce the value to minimize are tried first, then changes that reduce the
+/// bounded value, then half steps. If the start spends cost on knobs with little effect, or on two knobs that help
+/// only together, the search may miss better positions. So it is repeated from the start that misses the goal by
+/// the least.
 pub fn search(
     starts: &[Vec<usize>],
     knobs: &[Steps],
@@ -108,7 +109,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         (0..self.tried.len()).reduce(|a, b| if self.bounded(b) < self.bounded(a) { b } else { a })
     }
 
-    /// The positions one change away from a position that would save most, but do not reach the goal.
+    /// The positions one change away from `from` that miss the goal, but reduce the value to minimize most.
     fn beyond(&self, from: usize) -> Vec<usize> {
         let here = &self.tried[from];
         let turned = |t: &Tried| t.assignment.iter().zip(&here.assignment).filter(|(a, b)| a != b).count();
@@ -161,9 +162,9 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
     }
 
     /// Changes each knob whose effect is unknown, one at a time; `stage` selects the direction, and whole or half
-    /// steps. From a position that reaches the goal, even stages save cost and odd stages reduce the bounded value;
-    /// the last stage saves cost even with knobs whose effect is known. From any other position, all changes go
-    /// towards the goal.
+    /// steps. From a position that reaches the goal, even stages reduce the value to minimize, and odd stages the
+    /// bounded value; the last stage changes even knobs whose effect is known. From any other position, all changes
+    /// go towards the goal.
     fn turn_each(&mut self, from: usize, stage: usize) -> Option<()> {
         let here = self.tried[from].clone();
         let fits = here.fits(self.goal);

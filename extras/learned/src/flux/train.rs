@@ -1,6 +1,6 @@
 //! Training of a LoRA on pairs of pictures; the base model is frozen. As in the paper, the method is DreamBooth
-//! (Ruiz et al. 2023) with one fixed prompt. The loss is that with which the base model was trained (flow matching,
-//! Esser et al. 2024).
+//! (Ruiz et al. 2023) with one fixed prompt. The loss is the one with which the base model was trained (flow
+//! matching, Esser et al. 2024).
 
 use std::collections::BTreeMap;
 use std::path::Path;
