@@ -46,7 +46,7 @@ pub(crate) struct Disk {
     small: Mutex<Option<Log>>,
     /// Damaged blobs that could be neither moved nor removed.
     bad: Mutex<BTreeSet<Digest>>,
-    /// Files written since the last sync.
+    /// Paths of files written since the last sync.
     unsynced: Mutex<Vec<PathBuf>>,
 }
 
@@ -119,7 +119,7 @@ impl Blobs {
         disk.with_small(|log| log.refresh().and_then(|_| log.lengths(KIND)))
     }
 
-    /// The dead bytes in the log of small blobs.
+    /// The number of bytes of replaced and removed entries in the log of small blobs.
     pub fn small_dead(&self) -> u64 {
         let Blobs::Disk(disk) = self else { return 0 };
         disk.with_small(|log| Ok(log.dead())).unwrap_or(0)
@@ -150,7 +150,7 @@ impl Blobs {
         })
     }
 
-    /// Removes those of the blobs that are files of their own, which needs no free space.
+    /// Removes those blobs in `dead` that are stored as separate files. This needs no free disk space.
     pub fn remove_files(&self, dead: &BTreeSet<Digest>) -> Result<()> {
         let Blobs::Disk(disk) = self else { return Ok(()) };
         for digest in dead {
@@ -190,7 +190,7 @@ impl Disk {
         if there && !lock(&self.bad).contains(digest) {
             return Ok(());
         }
-        // Obstacles that were not reported by reading are of no interest to anybody.
+        // Obstacles are reported when a blob is read; these here need no report.
         path.parent().into_iter().for_each(|parent| drop(clear(&self.root, parent, Expected::Folder)));
         clear_folder(&self.root, &path);
         let mut temp = TempFile::create(&self.settings.temp, &BLOB)?;
@@ -229,7 +229,7 @@ impl Disk {
             Err(error) if is_own_failure(&error) => return Err(Error::io("read", &path, error)),
             Err(error) => (None, error.to_string()),
         };
-        // Another process may have replaced it by a good one in the meantime.
+        // Another process may have replaced the file by an undamaged one in the meantime.
         let there = fs::metadata(&path);
         if there.is_ok_and(|there| read.is_none_or(|read| same_file(&read, &there))) {
             report(self.quarantine(digest, &path, &what)?);
@@ -237,12 +237,13 @@ impl Disk {
         Ok(None)
     }
 
-    /// Sets the time of a blob's file, once a day, to the time of its last use.
+    /// Sets the modification time of a blob's file to the present, at most once a day. It serves as the time of
+    /// last use.
     fn mark_used(&self, path: &Path, read: &Metadata) {
         let now = SystemTime::now();
         let fresh = read.modified().is_ok_and(|time| now.duration_since(time).is_ok_and(|past| past < DAY));
         if self.settings.writable && !fresh {
-            // If this fails, a collection may remove it too early, which costs only time.
+            // If this fails, a collection may remove the blob too early, which costs only time.
             let _ = File::options().write(true).open(path).and_then(|file| file.set_modified(now));
         }
     }
@@ -278,7 +279,7 @@ impl Disk {
         let paths = std::mem::take(&mut *lock(&self.unsynced));
         for path in &paths {
             match OpenOptions::new().write(true).open(path).and_then(|file| file.sync_data()) {
-                // Collected or quarantined in the meantime.
+                // The file was collected or quarantined in the meantime.
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                 Err(error) => {
                     // After a failed sync the content on the disk is unknown.
@@ -334,7 +335,7 @@ impl Disk {
     }
 }
 
-/// The content of a file, and its metadata as of opening it.
+/// Returns the content of a file, and the metadata it had when it was opened.
 fn read_file(path: &Path) -> io::Result<(Vec<u8>, Metadata)> {
     let mut file = regular::open(path, OpenOptions::new().read(true))?;
     let metadata = file.metadata()?;

@@ -1,4 +1,4 @@
-//! [`Digest`]: the BLAKE3 hash that identifies a content.
+//! [`Digest`]: the BLAKE3 hash that identifies content.
 
 use std::fmt;
 use std::hash::{Hash, Hasher};
@@ -36,12 +36,12 @@ impl Digest {
         hex
     }
 
-    /// The first 8 bytes as a number that sorts as digests do.
+    /// The first 8 bytes as a number. The order of these numbers agrees with the order of digests.
     pub(crate) fn rank(&self) -> u64 {
         self.prefix().swap_bytes()
     }
 
-    /// The first 8 bytes as a number, which is a good hash, since digests are uniform.
+    /// The first 8 bytes as a number. It is a good hash, since digests are uniformly distributed.
     fn prefix(&self) -> u64 {
         let [a, b, c, d, e, f, g, h, ..] = self.0;
         u64::from_le_bytes([a, b, c, d, e, f, g, h])

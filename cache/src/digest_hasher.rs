@@ -2,8 +2,8 @@
 
 use std::hash::Hasher;
 
-/// Hash of a digest and the kind of its entry, which mixes the kind with the first 8 bytes of the digest. Digests
-/// are uniform, so no stronger hash is needed.
+/// Hasher of an entry's kind and digest. It mixes the kind with the first 8 bytes of the digest. Digests are
+/// uniformly distributed, so no stronger hash is needed.
 #[derive(Debug, Default)]
 pub(crate) struct DigestHasher(u64);
 

@@ -6,7 +6,8 @@ use crate::digest::Digest;
 /// The length of the fields before the payload, in bytes.
 pub(crate) const HEAD: usize = 64;
 
-/// The maximum length of a payload in bytes. A greater length is damage, so that a flipped bit cannot claim gigabytes.
+/// The maximum length of a payload in bytes. A greater length is treated as damage, so that a flipped bit in a
+/// length cannot cause gigabytes to be read.
 pub(crate) const MAX_PAYLOAD: usize = 16 << 20;
 
 const MAGIC: &[u8; 4] = b"LHe1";
@@ -39,7 +40,7 @@ impl Entry<'_> {
     }
 }
 
-/// The entry that starts at the first byte, if a whole and undamaged one does.
+/// The entry that starts at the first byte; `None` if it is incomplete or damaged.
 pub(crate) fn decode(salt: u32, bytes: &[u8]) -> Option<Entry<'_>> {
     let head = bytes.first_chunk::<HEAD>()?;
     let payload = bytes.get(HEAD..length_in(salt, head)?)?;
@@ -63,9 +64,9 @@ fn number(head: &[u8; HEAD], at: usize) -> u32 {
 pub(crate) struct Scanned {
     /// The end of the last whole entry. Bytes after it may belong to an entry that is still being written.
     pub end: usize,
-    /// Bytes before `end` that belong to entries cut short, by killed writers and full disks.
+    /// Number of bytes before `end` that belong to entries cut short by a killed writer or a full disk.
     pub torn: usize,
-    /// Bytes before `end` that belong to no entry.
+    /// Number of bytes before `end` that belong to no entry.
     pub damaged: usize,
 }
 
@@ -84,7 +85,8 @@ pub(crate) fn scan<'a>(salt: u32, bytes: &'a [u8], mut found: impl FnMut(usize, 
             at = next_magic(bytes, at + 1);
         }
     }
-    // An entry that is being written has at most the maximum length, so what is further from the end is damage.
+    // An entry that is being written is not longer than the maximum, so bytes further from the end than that are
+    // damage.
     let unfinished = bytes.len().saturating_sub(Entry::length(MAX_PAYLOAD));
     if unfinished > end {
         damaged += unfinished - end;
@@ -93,8 +95,8 @@ pub(crate) fn scan<'a>(salt: u32, bytes: &'a [u8], mut found: impl FnMut(usize, 
     Scanned { end, torn, damaged }
 }
 
-/// Number of bytes in the gap between two whole entries that belong to entries cut short. Such an entry is an
-/// undamaged head whose payload would extend beyond the next head or beyond the gap, or only the beginning of a
+/// Number of bytes in the gap between two whole entries that belong to entries cut short. Such an entry is either
+/// an undamaged head whose payload would extend beyond the next head or beyond the gap, or only the beginning of a
 /// head.
 fn torn_bytes(salt: u32, gap: &[u8]) -> usize {
     let length_at = |at: usize| gap[at..].first_chunk::<HEAD>().and_then(|head| length_in(salt, head));

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Errors of cache operations. After each of them everything stored before is still valid.
+/// Errors of cache operations. After an error, everything stored before it is still valid.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// There is no space left: the file system is full, the user's quota is used up, or the file would be larger
@@ -53,7 +53,7 @@ pub enum Error {
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 impl Error {
-    /// Wraps an error of the system; lack of space has its own variant.
+    /// Wraps an error of the operating system. Errors that mean a lack of space become [`Error::Full`].
     pub(crate) fn io(operation: &'static str, path: &Path, source: io::Error) -> Error {
         let path = path.to_path_buf();
         match source.kind() {
@@ -81,7 +81,7 @@ fn no_room(source: &io::Error) -> &'static str {
 
 /// Extension of results that adds the operation and the path to an error of the system.
 pub(crate) trait At<T> {
-    /// Adds `operation`, a verb that fits before a path, and `path`.
+    /// Adds `path` and `operation`, a verb that can be followed by a path.
     fn at(self, operation: &'static str, path: &Path) -> Result<T>;
 }
 

@@ -5,7 +5,7 @@
 //! destructors) when the place `name` is reached for the `count`-th time, counted from 1 over all threads. With
 //! `name:count:error` the place returns an I/O error instead, and with `name:count:full` the error of a full disk.
 
-/// Every place, in the order in which a write reaches them.
+/// The names of all places, in the order in which a write reaches them.
 pub const NAMES: &[&str] = &[
     BLOB.before_create,
     BLOB.after_create,
@@ -74,7 +74,7 @@ macro_rules! file_points {
     };
 }
 
-/// The places in the writing of a blob in a file of its own.
+/// The places in the writing of a blob to a separate file.
 pub(crate) const BLOB: FilePoints = file_points!("blob");
 /// The places in the writing of a new or compacted log.
 pub(crate) const LOG: FilePoints = file_points!("log");
@@ -146,7 +146,7 @@ mod active {
         Some(Armed { name, count, effect, reached: AtomicU64::new(0) })
     }
 
-    /// Failpoint `name`: aborts the process or returns an error if the environment variable names it.
+    /// Aborts the process or returns an error if the environment variable names the failpoint `name`.
     pub(crate) fn reach(name: &'static str) -> io::Result<()> {
         let Some(armed) = armed().filter(|armed| armed.name == name) else { return Ok(()) };
         if armed.reached.fetch_add(1, Ordering::Relaxed) + 1 != armed.count {

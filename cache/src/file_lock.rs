@@ -29,8 +29,8 @@ impl FileLock {
         Ok(FileLock(Arc::new(file.at("open", path)?)))
     }
 
-    /// Locks the file exclusively, waiting for at most `timeout`. Returns `None` after that, or if the file system
-    /// has no locks.
+    /// Locks the file exclusively, waiting for at most `timeout`. Returns `None` if that time is over, or if the
+    /// file system has no locks.
     pub fn exclusive(&self, timeout: Duration) -> Option<FileGuard> {
         let start = Instant::now();
         loop {
@@ -44,8 +44,8 @@ impl FileLock {
         }
     }
 
-    /// Takes a shared lock, waiting for writers until `cancelled` returns true. Returns `None` after that, or if
-    /// the file system has no locks.
+    /// Takes a shared lock, waiting until no other process holds the lock exclusively. Returns `None` once
+    /// `cancelled` returns true, or if the file system has no locks.
     pub fn shared_when_free(&self, cancelled: &dyn Fn() -> bool) -> Option<FileGuard> {
         loop {
             match self.0.try_lock_shared() {

@@ -1,8 +1,9 @@
 //! Garbage collection: the least recently used results are removed first, until the cache is small enough.
 //!
-//! A record and the blobs that it names are kept or removed together; a blob is removed with the last of its records.
-//! The last use of a record is the last run of a graph whose table of history contains it, or the last time that one of
-//! its own blobs was read. For a record that shares all its blobs, any of them counts.
+//! A record and the blobs that it names are kept or removed together; a blob is removed with the last of its
+//! records. The last use of a record is the last run of a graph whose table of history contains it, or the last
+//! time that one of its own blobs was read. If a record shares all its blobs with other records, the last read of
+//! any of these blobs counts.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -20,8 +21,8 @@ use crate::obstacle::QUARANTINE;
 use crate::settings::{kind, lock};
 use crate::store::Store;
 
-/// Fraction of the maximum size that a collection reduces the cache to, so that the next run does not require
-/// another one.
+/// Fraction of the maximum size to which a collection reduces the cache, so that the next run does not require
+/// another collection.
 const LOW_WATER: f64 = 0.9;
 
 /// Limits of a collection.
@@ -46,7 +47,7 @@ pub struct Collected {
     pub before: u64,
     /// The size of the cache folder afterwards, in bytes; an estimate in a dry run.
     pub after: u64,
-    /// The number of records that are kept only because they are pinned.
+    /// The number of records that would have been removed if they were not pinned.
     pub pinned: usize,
 }
 
@@ -76,12 +77,12 @@ struct BlobUse {
 }
 
 impl Store {
-    /// Removes the least recently used results beyond the limits, and blobs that no record names. `names` returns the
-    /// blobs that a record names.
+    /// Removes the least recently used results until the limits are met, and all blobs that no record names.
+    /// `names` returns the blobs that a record names.
     ///
-    /// Runs and collections exclude each other, so that nothing is removed that an active run needs. Waits for
-    /// active runs for at most `timeout`. Pinned records are kept whatever the limits are. The cache stays valid if
-    /// a collection is killed.
+    /// Runs and collections exclude each other, so that nothing is removed that an active run needs. A collection
+    /// waits for active runs, for at most `timeout`. Pinned records are kept even if the limits are exceeded. The
+    /// cache stays valid if a collection is killed.
     ///
     /// # Errors
     /// [`Error::InUse`] if a run is active for longer than `timeout`, and errors of the system.
@@ -108,7 +109,7 @@ impl Store {
         }
         candidates.sort_by_key(|candidate| (candidate.used, candidate.key));
         let mut collected = Collected { before: size_of(root), ..Collected::default() };
-        // Blobs that no record names are useless: no run is active that may be about to name them.
+        // Blobs that no record names are useless: no run is active that could still name them.
         let mut dead: BTreeSet<Digest> =
             blobs.iter().filter(|(_, found)| found.readers == 0).map(|(digest, _)| *digest).collect();
         let mut size = notes + candidates.iter().map(|candidate| candidate.bytes).sum::<u64>();
@@ -138,7 +139,7 @@ impl Store {
                 }
             }
         }
-        // Memos and history are removed only if that is not enough.
+        // Memos and history are removed only if removing records and blobs is not enough.
         let most = limits.max_size.unwrap_or(u64::MAX);
         let notes_too = size > most;
         if notes_too {
@@ -166,7 +167,8 @@ impl Store {
             if done { Ok(true) } else { lock(self.records()).compact(kept) }
         };
         let compacted = match compact() {
-            // Blobs first, then: after a kill in between, records name missing blobs, which are computed again.
+            // Here the blobs are removed first. If the process is killed in between, records name missing blobs,
+            // which are computed again.
             Err(Error::Full { .. }) => {
                 self.blobs().remove_files(&dead)?;
                 compact()
@@ -222,7 +224,7 @@ fn stored_size(payload: u64) -> u64 {
     Entry::length(0) as u64 + payload + index::ENTRY as u64
 }
 
-/// The last use of each key in a table of history, in seconds since 1970.
+/// The last use, in seconds since 1970, of each key that a table of history contains.
 fn last_used(records: &mut Log) -> Result<BTreeMap<Digest, u64>> {
     let mut used = BTreeMap::new();
     let times = Table::open(records.get(kind::HISTORY, &Table::key(USED))?.unwrap_or_default());
@@ -270,7 +272,7 @@ pub(crate) fn size_of(folder: &Path) -> u64 {
 }
 
 impl Store {
-    /// Waits until no run is active, and then prevents new runs while the result is held.
+    /// Waits until no run is active. New runs cannot start while the returned guard is held.
     fn exclusive(&self, timeout: Duration) -> Result<crate::file_lock::FileGuard> {
         let alone = self.runs()?.and_then(|runs| runs.exclusive(timeout));
         alone.ok_or(Error::InUse { waited: timeout })

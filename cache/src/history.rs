@@ -1,4 +1,4 @@
-//! [`Table`]: many small values in one entry of the log, such as one about each node of a graph.
+//! [`Table`]: many small values in one entry of the log, for example one value per node of a graph.
 
 use std::collections::{BTreeMap, HashMap};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -7,8 +7,8 @@ use crate::digest::Digest;
 use crate::digest_hasher::DigestHasher;
 use crate::entry::MAX_PAYLOAD;
 
-/// Name of the table that contains the time of last use of every other table: the key of the table, and seconds
-/// since 1970 in 8 bytes.
+/// Name of the table that contains the time of last use of every other table. The name of a row is the key of a
+/// table; the value is the time in seconds since 1970, in 8 bytes.
 pub(crate) const USED: &str = "used";
 
 /// Rows of names and values. Each row is stored as the lengths of both, followed by both.
@@ -69,7 +69,7 @@ impl Table {
         self.written.insert(name.to_owned(), value.to_vec());
     }
 
-    /// Removes the rows for whose names `keep` returns false, if there are more than `limit` rows in all.
+    /// If there are more than `limit` rows in total, removes those for whose names `keep` returns false.
     pub fn trim(&mut self, limit: usize, keep: impl Fn(&str) -> bool) {
         let new = self.written.keys().filter(|name| self.get_stored(name).is_none()).count();
         if self.offsets.len() + new <= limit {
@@ -93,9 +93,9 @@ impl Table {
         self.trimmed || !self.written.is_empty()
     }
 
-    /// The payload to store: the rows of `latest`, which another process may have written, replaced and extended by
-    /// those written here. For a table that was trimmed, only its own rows are stored. If the payload is too long,
-    /// the oldest rows are left out.
+    /// The payload to store. It consists of the rows of `latest`, the stored payload, which another process may
+    /// have written, and of the rows written here, which replace rows of the same name. If this table was trimmed,
+    /// its own stored rows are used instead of `latest`. If the payload is too long, the oldest rows are left out.
     pub fn encode(&self, latest: Vec<u8>) -> Vec<u8> {
         let latest = Table::open(if self.trimmed { self.stored.clone() } else { latest });
         let kept = |(name, _): &(&[u8], &[u8])| {
@@ -143,8 +143,8 @@ fn hash(name: &[u8]) -> u64 {
         .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3))
 }
 
-/// Seconds from 1970 to `time`; 0 for earlier times. A time in the future is replaced by the present, so that a
-/// wrong clock keeps nothing longer.
+/// Seconds from 1970 to `time`; 0 for earlier times. A time in the future is replaced by the present, so that
+/// results are not kept longer because of a wrong clock.
 pub(crate) fn seconds(time: SystemTime) -> u64 {
     let now = SystemTime::now();
     time.min(now).duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())

@@ -37,7 +37,7 @@ pub(crate) struct Index {
     pages: Vec<Option<Box<[u8; PAGE]>>>,
 }
 
-/// Error of a page that cannot be read or whose checksum is wrong.
+/// The error for a page that cannot be read or has a wrong checksum.
 pub(crate) struct Damaged;
 
 impl From<io::Error> for Damaged {
@@ -80,8 +80,8 @@ impl Index {
         Some(Index { file, salt, count, covered, sizes, directory, pages })
     }
 
-    /// True if the index at `path` belongs to the log with this salt, but covers more than `length` bytes: the log was
-    /// cut. Once the log has grown again, such an index would hide entries.
+    /// True if the index at `path` belongs to the log with this salt, but covers more than `length` bytes. This
+    /// means that the log was shortened; once it has grown again, the index would hide entries.
     pub fn is_beyond(path: &Path, salt: u32, length: u64) -> bool {
         let mut head = [0; PAGE];
         let read = regular::open(path, OpenOptions::new().read(true))
@@ -128,7 +128,8 @@ impl Index {
     pub fn find(&mut self, id: &EntryId) -> Result<Option<Location>, Damaged> {
         let (kind, key) = id;
         let rank = key.rank();
-        // Entries of equal rank, such as those of one key, may begin on the page before.
+        // Entries of equal rank, such as entries of different kinds with the same key, may begin on the page
+        // before.
         let first = self.directory.partition_point(|start| *start < rank).saturating_sub(1);
         let after = self.directory.partition_point(|start| *start <= rank);
         for page in first..after {
@@ -174,8 +175,7 @@ impl Index {
     }
 }
 
-/// Pads the last page and ends it with its checksum, which starts from the salt of the log xor the number of the
-/// page.
+/// Pads the last page and appends its checksum, which starts from the salt of the log xor the number of the page.
 fn seal(bytes: &mut Vec<u8>, salt: u32) {
     let start = bytes.len().saturating_sub(1) / PAGE * PAGE;
     bytes.resize(start + PAGE - 4, 0);

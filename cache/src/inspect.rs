@@ -27,7 +27,7 @@ pub struct Stat {
     pub large_bytes: u64,
     /// The size of both logs.
     pub log_bytes: u64,
-    /// The size of the entries in the logs that were replaced or removed; compaction frees it.
+    /// The size of the replaced and removed entries in the logs. Compaction frees this space.
     pub dead_bytes: u64,
     /// The size of the quarantine.
     pub quarantine_bytes: u64,
@@ -137,8 +137,9 @@ impl Store {
         Ok(checked)
     }
 
-    /// Copies records with the blobs they name to another cache: those of `keys`, or all. Returns the number of records
-    /// copied. Records with missing or damaged blobs are not copied; damage is reported as by every read.
+    /// Copies the records of `keys`, or all if it is `None`, with the blobs they name to another cache. Returns the
+    /// number of records copied. Records with missing or damaged blobs are not copied; damage is reported as an
+    /// [`Incident`](crate::Incident).
     ///
     /// # Errors
     /// If reading or writing fails.

@@ -1,4 +1,4 @@
-//! [`KeyWriter`]: encodes everything that a result depends on.
+//! [`KeyWriter`]: encodes everything on which a result depends.
 //!
 //! The encoding is unambiguous. Its BLAKE3 hash is the key, and the encoding itself is the manifest: both are made
 //! of the same bytes, so they always agree, and a manifest costs no time until it is read.
@@ -26,7 +26,7 @@ pub enum KeyError {
     },
 }
 
-/// Collects the fields that a result depends on, in the order written.
+/// Collects the fields on which a result depends, in the order written.
 ///
 /// Two sequences of fields that differ in any name, type, value, order or nesting have different digests: every field is
 /// a type tag, a length-prefixed name and a fixed-size or length-prefixed value, and groups and lists end with a mark.
@@ -120,7 +120,7 @@ impl KeyWriter {
         self.encoding.extend_from_slice(value);
     }
 
-    /// Writes the digest of a content.
+    /// Writes a digest, for example of file content.
     pub fn digest(&mut self, name: &str, value: Digest) {
         self.field(tag::DIGEST, name);
         self.encoding.extend_from_slice(value.as_bytes());

@@ -1,7 +1,7 @@
-//! The results of all lookups of a graph's last run in one file, which the next run reads in place of searching for
-//! each record.
+//! One file per graph with the results of all lookups of its last run. The next run reads this file instead of
+//! searching for each record.
 //!
-//! The file only saves time. If it is missing, damaged, or of another run, it is ignored. Every collection and
+//! The file only saves time. If it is missing, damaged, or from another run, it is ignored. Every collection and
 //! repair removes all such files, so that they never name a record that was removed.
 
 use std::fs;
@@ -16,11 +16,12 @@ use crate::settings::FORMAT;
 use crate::store::Store;
 use crate::temp::TempFile;
 
-/// The folder of these files, below that of the format.
+/// The folder of these files, below [`FORMAT`].
 pub(crate) const FOLDER: &str = "last";
 
 impl Store {
-    /// Stores the lookups of the last run of the graph named `graph`, replacing those before. Errors are ignored.
+    /// Stores the lookups of the last run of the graph named `graph`, replacing the previous ones. Errors are
+    /// ignored.
     pub fn last_run_put(&self, graph: &str, bytes: &[u8]) {
         let Some((folder, path)) = self.folder().zip(self.last_run_path(graph)) else { return };
         if self.is_read_only() {
@@ -51,7 +52,7 @@ impl Store {
     }
 }
 
-/// Like [`Store::last_run_get`], for the cache in `folder`, without opening it.
+/// Like [`Store::last_run_get`], but reads from the cache in `folder` without opening that cache.
 pub fn last_run(folder: &Path, graph: &str) -> Option<Vec<u8>> {
     read(&path(&folder.join(FORMAT), graph))
 }

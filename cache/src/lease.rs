@@ -1,4 +1,5 @@
-//! [`Lease`]: the right to compute a key, so that one of several processes computes it and the others wait.
+//! [`Lease`]: the right to compute the result of a key, so that one of several processes computes it and the others
+//! wait.
 //!
 //! A lease is a kernel lock on a file, so it ends with its process even if that is killed. Leases only save work:
 //! where locks are not supported, every request is granted. Holders renew their leases by setting the time of the
@@ -60,16 +61,17 @@ impl Drop for Lease {
     }
 }
 
-/// The leases that a store holds and those that it waits for.
+/// The leases that a store holds and the leases for which it waits.
 #[derive(Debug, Default)]
 pub(crate) struct Leases {
     held: Mutex<Vec<Weak<File>>>,
-    /// For each lease held elsewhere, the time of its file and the moment since which that time has not changed.
+    /// For each lease held elsewhere: the modification time of its file, and the moment since which that time has
+    /// not changed.
     awaited: Mutex<BTreeMap<Digest, (Option<SystemTime>, Instant)>>,
 }
 
 impl Leases {
-    /// Tries once to lock the file at `path`, which belongs to `key`.
+    /// Tries once to lock `path`, the lease file of `key`.
     pub fn request(&self, key: &Digest, path: &Path) -> LeaseState {
         let state = try_lease(path);
         let mut awaited = lock(&self.awaited);
@@ -97,7 +99,7 @@ impl Leases {
     pub fn renew(&self) {
         let now = SystemTime::now();
         lock(&self.held).retain(|file| {
-            // A lease that cannot be renewed is computed twice at worst.
+            // If a lease cannot be renewed, its key is computed twice at worst.
             file.upgrade().map(|file| file.set_modified(now)).is_some()
         });
     }
@@ -162,7 +164,7 @@ mod tests {
         let (holder, waiter) = (Leases::default(), Leases::default());
         let LeaseState::Acquired(lease) = holder.request(&key, &path) else { panic!("busy") };
         assert!(matches!(waiter.request(&key, &path), LeaseState::Busy));
-        // As if the wait had begun that long ago.
+        // Acts as if the wait had begun that long ago.
         let long_ago = |waiter: &Leases| {
             let since = Instant::now().checked_sub(STALLED_AFTER).unwrap();
             lock(&waiter.awaited).values_mut().for_each(|(_, begin)| *begin = since);

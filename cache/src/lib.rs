@@ -1,9 +1,9 @@
 //! Storage of results between runs, as bytes and digests. This crate does not know graphs or images.
 //!
 //! - [`Digest`] identifies content; [`KeyWriter`] makes the [`Key`] of a result, and its readable [`Manifest`].
-//! - [`Store`] is a cache folder. It contains *blobs* (content by its digest), *records* (results by their key), *memos*
-//!   (the digest of a file as long as its metadata are unchanged), *history* (tables of small values, for forecasts) and
-//!   *leases* (so that two processes do not compute one key twice).
+//! - [`Store`] is a cache folder. It contains *blobs* (content by its digest), *records* (results by their key),
+//!   *memos* (the digest of a file, valid while its metadata are unchanged), *history* (tables of small values, for
+//!   forecasts) and *leases* (so that two processes do not compute one key twice).
 //! - [`publish_file`] writes a user's file completely or not at all.
 //!
 //! ```
@@ -19,9 +19,10 @@
 //! # Guarantees
 //! - No reader ever gets bytes with another digest, or a record that was not stored completely.
 //! - What was stored successfully is not lost when a process is killed ([`Store::put_record`] has the one
-//!   exception). A loss of power may lose what was stored since the last [`Store::flush`] (see [`Fsync`]), and
-//!   never makes anything wrong.
-//! - No lock has to be removed, and no repair has to be run: processes may start, stop and be killed at any time.
+//!   exception). A loss of power may lose what was stored since the last [`Store::flush`] (see [`Fsync`]), but
+//!   never makes a read return wrong data.
+//! - Processes may start, stop and be killed at any time: no lock ever has to be removed by hand, and no repair has
+//!   to be run.
 //! - Damage affects only the blob or record that contains it, is reported once as an [`Incident`], and is then removed.
 //! - Anything of the wrong type at the path of a file or folder of the cache is moved to the quarantine. Nothing is
 //!   created at the target of a dangling link.
@@ -62,10 +63,10 @@
 //! 64  n  payload: of a memo the fields of [`FileStamp`] in order, 8 bytes each, then the digest; of a table for
 //!        each row the lengths of its name and value, 4 bytes each, then both
 //! ```
-//! The last entry of a kind and key is valid. Compaction keeps unknown kinds unchanged, the last of each key. Bytes of a
-//! log are never changed or cut off. Between entries there may be entries cut short, left by a killed writer or a full
-//! disk, and damage: a reader searches for the next place where a whole entry starts. What follows the last entry may be
-//! one that is still being written, and is read again later.
+//! The last entry of a kind and key is valid. Compaction also keeps the last entry of each key of an unknown kind,
+//! unchanged. Bytes of a log are never changed or cut off. Between entries there may be entries cut short, left by
+//! a killed writer or a full disk, and damage: a reader searches for the next place where a whole entry starts.
+//! Bytes after the last entry may belong to an entry that is still being written, and are read again later.
 //!
 //! The **index** of a log contains the locations of its entries, so that opening reads only what was appended since. It
 //! consists of pages of 4096 bytes, each ending with the CRC-32 of the rest, started from the log's salt xor the number
@@ -81,8 +82,8 @@
 //! seconds appends without it, and repeats that if the log was replaced meanwhile. Where locks do not work there is no
 //! compaction, and appends are single writes at the end of the file.
 //!
-//! The holder of a lease sets the time of its file every second. One that has not done so for ten seconds is not waited
-//! for: the key is computed by others, too, which is safe, since equal keys give equal bytes.
+//! The holder of a lease sets the time of its file every second. Other processes do not wait for a holder that has
+//! not done so for ten seconds, but compute the key themselves. This is safe, since equal keys give equal bytes.
 #![cfg_attr(test, allow(clippy::unwrap_used, reason = "a test may panic"))]
 
 mod blobs;

@@ -5,7 +5,7 @@ use std::fmt;
 
 use crate::digest::Digest;
 
-/// The version of the encoding. A change changes every key.
+/// The version of the encoding. Changing it changes every key.
 pub(crate) const FORMAT: &str = "lightharmony-key-1";
 
 /// The type tags of the encoding that [`KeyWriter`](crate::KeyWriter) writes.
@@ -88,7 +88,7 @@ impl Manifest {
         Some(manifest)
     }
 
-    /// The encoding. Its digest is that of the key.
+    /// The encoding. Its digest equals the digest of the key.
     pub fn as_bytes(&self) -> &[u8] {
         &self.encoding
     }
@@ -158,7 +158,7 @@ impl Manifest {
             return None;
         }
         reader.text()?;
-        // Open groups and lists: the length of the path before it, and for a list its next index.
+        // One item per open group or list: the length of the path before it, and for a list its next index.
         let mut open: Vec<(usize, Option<usize>)> = Vec::new();
         let mut path = String::new();
         while let Some(tag) = reader.byte() {

@@ -9,7 +9,7 @@ use crate::digest::{Digest, DigestWriter};
 use crate::regular;
 use crate::stamp::FileStamp;
 
-/// The key of a memo: the digest of the absolute path, links not followed.
+/// The key of a memo: the digest of the absolute path. Links in the path are not resolved.
 pub(crate) fn key(path: &Path) -> io::Result<Digest> {
     Ok(Digest::of(std::path::absolute(path)?.as_os_str().as_encoded_bytes()))
 }
@@ -19,7 +19,8 @@ pub(crate) fn encode(stamp: &FileStamp, digest: &Digest) -> Vec<u8> {
     [&stamp.to_bytes()[..], &stamp.taken_ns.to_le_bytes(), digest.as_bytes()].concat()
 }
 
-/// Returns the digest in `payload` if the file was settled when it was read and still has the stamp `now`.
+/// Returns the digest in `payload` if its stamp was settled (see [`FileStamp::is_settled`]) and equals the stamp
+/// `now`.
 pub(crate) fn recall(payload: &[u8], now: &FileStamp) -> Option<Digest> {
     let (stamp, rest) = payload.split_first_chunk::<40>()?;
     let (taken, digest) = rest.split_first_chunk::<8>()?;
@@ -30,7 +31,7 @@ pub(crate) fn recall(payload: &[u8], now: &FileStamp) -> Option<Digest> {
 /// Reads the whole file and returns its digest and its length in bytes.
 ///
 /// # Errors
-/// Those of [`regular::open`], and those of reading.
+/// The errors of [`regular::open`] and of reading.
 pub(crate) fn read_digest(path: &Path) -> io::Result<(Digest, u64)> {
     let mut file = regular::open(path, OpenOptions::new().read(true))?;
     let mut writer = DigestWriter::new();

@@ -17,12 +17,12 @@ const FOLDERS: [&str; 5] = ["temp", "blobs", "leases", "pins", "last"];
 const FILES: [&str; 7] =
     ["records.log", "records.lock", "records.index", "blobs.log", "blobs.lock", "blobs.index", "runs.lock"];
 
-/// Moves every obstacle directly below `root` to the quarantine, and reports each.
+/// Moves every obstacle directly below `root` to the quarantine, and returns a report of each.
 ///
-/// Links that lead to a file or folder of the right kind are not obstacles. A link that leads nowhere is: a file must
-/// not be created at its target.
+/// A link to a file or folder of the expected type is not an obstacle. A dangling link is one, because no file may
+/// be created at its target.
 pub(crate) fn clear_all(root: &Path) -> Vec<Incident> {
-    // The quarantine itself: nothing can be moved there before it is a folder.
+    // The quarantine itself comes first: nothing can be moved there before it is a folder.
     let quarantine = root.join(QUARANTINE);
     let mut found = Vec::new();
     if is_obstacle(&quarantine, fs::Metadata::is_dir) && fs::remove_file(&quarantine).is_ok() {
@@ -54,15 +54,16 @@ pub(crate) fn clear(root: &Path, path: &Path, expected: Expected) -> Option<Inci
     Some(Incident { digest: None, what: format!("{} is not a {name}; {outcome}", path.display()) })
 }
 
-/// Moves a folder at `path`, where a file is about to be renamed to, to the quarantine of `root`. Only a folder
-/// prevents a rename.
+/// If there is a folder at `path`, moves it to the quarantine of `root`, so that a file can be renamed to `path`.
+/// Only a folder prevents such a rename.
 pub(crate) fn clear_folder(root: &Path, path: &Path) {
     if fs::symlink_metadata(path).is_ok_and(|found| found.is_dir()) {
         let _ = quarantine(root, path);
     }
 }
 
-/// True if an object at `path` exists and `right` returns false for its metadata; links are followed.
+/// True if an object exists at `path` and `right` returns false for its metadata, or if `path` is a dangling link.
+/// Links are followed.
 fn is_obstacle(path: &Path, right: fn(&fs::Metadata) -> bool) -> bool {
     match fs::metadata(path) {
         Ok(found) => !right(&found),

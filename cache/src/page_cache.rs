@@ -1,4 +1,4 @@
-//! [`PageCache`]: parts of a file kept in memory, so that neighbouring entries are read at once.
+//! [`PageCache`]: parts of a file kept in memory, so that neighbouring entries are read together.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -10,11 +10,11 @@ const PAGE: usize = 16 << 10;
 /// The maximum number of pages in memory.
 const MAX_PAGES: usize = 512;
 
-/// Pages of a file that is only appended to: bytes before the `end` given to each read never change.
+/// Pages of an append-only file: bytes before the `end` passed to each read never change.
 #[derive(Debug, Default)]
 pub(crate) struct PageCache {
     pages: BTreeMap<u64, Vec<u8>>,
-    /// The last range read that spans several pages.
+    /// The bytes of the last range read that spans several pages.
     joined: Vec<u8>,
 }
 
@@ -34,7 +34,7 @@ impl PageCache {
         Ok(joined)
     }
 
-    /// A page, read if fewer than `needed` of its bytes are in memory.
+    /// Returns a page. It is read first if fewer than `needed` of its bytes are in memory.
     fn page(&mut self, mut file: &File, end: u64, page: u64, needed: usize) -> io::Result<&[u8]> {
         // The last page may have grown.
         if self.pages.get(&page).is_none_or(|bytes| bytes.len() < needed) {

@@ -12,8 +12,8 @@ use crate::regular;
 use crate::store::Store;
 
 impl Store {
-    /// Keeps the records of these keys, and the blobs they name, until the pin of this name is removed. A pin of the
-    /// same name is replaced. Stored as text: the name, then the keys, one per line.
+    /// Keeps the records of these keys, and the blobs they name, until the pin of this name is removed. A pin of
+    /// the same name is replaced. A pin is stored as text: the name, then the keys, one per line.
     ///
     /// # Errors
     /// If the pin cannot be written.

@@ -8,22 +8,22 @@ use crate::error::{At, Error, Result};
 use crate::failpoint::{PUBLISH, PUBLISH_SYNCED, reach};
 use crate::temp::{TempFile, remove_stale_files, sync_folder};
 
-/// Writes `bytes` to `path` through a temporary file in the same folder, which is created if necessary: at any moment
-/// the path has its old content or all of the new one. Once this returns, a loss of power does not undo it. A symbolic
-/// link is replaced, not followed.
+/// Writes `bytes` to `path` through a temporary file in the same folder, so that at any moment the file has either
+/// its old content or all of the new content. The folder is created if necessary. Once this function returns, a
+/// loss of power does not undo the write. A symbolic link is replaced, not followed.
 ///
 /// # Errors
-/// [`Error::NotAFile`] if the path is a folder, a device or a pipe; [`Error::Full`] and [`Error::Io`] otherwise. No
-/// temporary file is left then.
+/// [`Error::NotAFile`] if the path is a folder, a device or a pipe; [`Error::Full`] and [`Error::Io`] otherwise.
+/// After an error, no temporary file remains.
 pub fn publish_file(path: &Path, bytes: &[u8]) -> Result<()> {
     publish_through(path, |to| to.write_all(bytes).at("write", path))
 }
 
-/// Like [`publish_file`], for content that is produced in pieces: `write` is called with the writer. If it fails,
-/// the file at `path` is unchanged.
+/// Like [`publish_file`], for content that is produced in pieces: `write` receives the writer of the temporary
+/// file. If it fails, the file at `path` is unchanged.
 ///
 /// # Errors
-/// Those of `write`, and of [`publish_file`].
+/// The errors of `write` and of [`publish_file`].
 pub fn publish_through<E: From<Error>>(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> std::result::Result<(), E>,
@@ -37,7 +37,7 @@ pub fn publish_through<E: From<Error>>(
     // Without this a loss of power after the rename may leave an empty file.
     temp.sync()?;
     temp.persist(path)?;
-    // And without this, the old file or none.
+    // Without this, a loss of power may leave the old file or no file.
     sync_folder(folder);
     reach(PUBLISH_SYNCED).at("sync", path)?;
     remove_stale_files(folder);

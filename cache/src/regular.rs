@@ -19,7 +19,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> io::Result<File> {
 /// Opens a regular file for writing, and creates it if nothing exists at `path`, not even a link.
 ///
 /// # Errors
-/// Those of [`open`]; [`io::ErrorKind::NotFound`] for a link whose target does not exist.
+/// The errors of [`open`]; [`io::ErrorKind::NotFound`] for a link whose target does not exist.
 pub(crate) fn open_or_create(path: &Path) -> io::Result<File> {
     let existing = || open(path, OpenOptions::new().write(true));
     match existing() {
@@ -37,7 +37,7 @@ pub(crate) fn open_or_create(path: &Path) -> io::Result<File> {
 /// The content of a regular file.
 ///
 /// # Errors
-/// Those of [`open`], and those of reading.
+/// The errors of [`open`] and of reading.
 pub(crate) fn read(path: &Path) -> io::Result<Vec<u8>> {
     let mut file = open(path, OpenOptions::new().read(true))?;
     let mut bytes = Vec::new();
@@ -46,7 +46,7 @@ pub(crate) fn read(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The metadata of a regular file, links followed; `None` if there is no regular file at `path`.
+/// The metadata of the regular file at `path`, following links; `None` if there is no regular file.
 ///
 /// # Errors
 /// Errors of the system, such as missing permission.
@@ -66,8 +66,8 @@ pub(crate) fn metadata(path: &Path) -> io::Result<Option<Metadata>> {
     }
 }
 
-/// True if `error`, the result of following the link at `path`, means that the link leads nowhere: its target does
-/// not exist, or is the link itself.
+/// True if `error`, the result of following the link at `path`, means that the link is broken: its target does not
+/// exist, or is the link itself.
 pub(crate) fn is_broken_link(path: &Path, error: &io::Error) -> bool {
     error.kind() != io::ErrorKind::PermissionDenied
         && fs::symlink_metadata(path).is_ok_and(|found| found.is_symlink())

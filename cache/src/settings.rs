@@ -16,7 +16,7 @@ pub(crate) mod kind {
 }
 
 /// The policy for syncing written data to the disk. It matters only for a loss of power, never for a killed
-/// process. Verified reads detect what a loss of power damaged, and it is computed again.
+/// process. Every read is verified, so data damaged by a loss of power are detected and computed again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fsync {
     /// Sync once, in [`Store::flush`](crate::Store::flush).
@@ -38,7 +38,7 @@ pub struct Options {
     pub read_only: bool,
 }
 
-/// Damage that was found, and repaired or bypassed. It merits one line of warning.
+/// Damage that was found, and repaired or bypassed. Callers should print it as a warning of one line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Incident {
     /// The damaged blob; `None` if the damage was elsewhere.

@@ -11,7 +11,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 pub struct FileStamp {
     /// Length in bytes.
     pub size: u64,
-    /// Time of the last change of content, in nanoseconds since 1970; negative before.
+    /// Time of the last change of content, in nanoseconds since 1970; negative for earlier times.
     pub mtime_ns: i64,
     /// Number of the file in its file system; 0 on systems without such numbers.
     pub inode: u64,
@@ -19,12 +19,14 @@ pub struct FileStamp {
     pub dev: u64,
     /// Time of the last change of content or attributes, in nanoseconds since 1970.
     pub ctime_ns: i64,
-    /// Time at which this stamp was taken, in nanoseconds since 1970; read before the `stat`. Not part of equality.
+    /// Time at which this stamp was taken, in nanoseconds since 1970. The clock is read before the `stat`. Equality
+    /// ignores this field.
     pub taken_ns: i64,
 }
 
-/// A file changed less than this before its stamp was taken may change again without a new time: FAT counts in steps
-/// of two seconds, and no file system in use is coarser.
+/// Resolution of file times in nanoseconds. A file that was changed less than this before its stamp was taken may
+/// change again without getting a new time. FAT counts in steps of two seconds, and no common file system is
+/// coarser.
 const GRANULARITY_NS: i64 = 2_000_000_000;
 
 impl PartialEq for FileStamp {
@@ -61,7 +63,7 @@ impl FileStamp {
         }
     }
 
-    /// The stamp in `metadata`, read not before `taken_ns`.
+    /// The stamp of `metadata`, which was read at `taken_ns` or later.
     #[cfg(not(unix))]
     pub(crate) fn new(metadata: &Metadata, taken_ns: i64) -> FileStamp {
         let mtime_ns = metadata.modified().map_or(taken_ns, since_1970_ns);
@@ -85,14 +87,14 @@ impl FileStamp {
     }
 }
 
-/// True if two results of `stat` are of the same file and not only of the same path.
+/// True if two results of `stat` belong to the same file, not only to the same path.
 #[cfg(unix)]
 pub(crate) fn same_file(a: &Metadata, b: &Metadata) -> bool {
     use std::os::unix::fs::MetadataExt;
     (a.dev(), a.ino()) == (b.dev(), b.ino())
 }
 
-/// True if two results of `stat` are of the same file, judged by its time of creation.
+/// True if two results of `stat` belong to the same file, judging by the time of its creation.
 #[cfg(not(unix))]
 pub(crate) fn same_file(a: &Metadata, b: &Metadata) -> bool {
     a.created().ok() == b.created().ok()

@@ -54,10 +54,10 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens the cache in `folder`, creating it if necessary. If it cannot be written, or the disk is full, it is
-    /// opened read-only, and a cache that does not exist is then empty; see [`why_read_only`](Self::why_read_only).
-    /// Anything of the wrong type at the path of a file or folder of the cache is moved to the quarantine and
-    /// reported as an [`Incident`].
+    /// Opens the cache in `folder`, creating it if necessary. If the folder cannot be written, or the disk is full,
+    /// the cache is opened read-only; a cache that does not exist yet is then empty. See
+    /// [`why_read_only`](Self::why_read_only). Anything of the wrong type at the path of a file or folder of the
+    /// cache is moved to the quarantine and reported as an [`Incident`].
     ///
     /// # Errors
     /// If `folder` is not a folder or cannot be read; see [`unavailable`](Self::unavailable).
@@ -67,7 +67,7 @@ impl Store {
             return reading("it was opened for reading".to_owned());
         }
         match Store::open_as(folder, options.fsync, None) {
-            // What is stored can still be read.
+            // Stored results can still be read.
             Err(error) if error.is_read_only() || matches!(error, Error::Full { .. }) => {
                 let cause = std::error::Error::source(&error).map(|source| format!(": {source}"));
                 reading(format!("{error}{}", cause.unwrap_or_default()))
@@ -81,8 +81,8 @@ impl Store {
         Store::new(None, None, Fsync::Off, Log::in_memory(), Blobs::in_memory())
     }
 
-    /// A read-only store without content, in place of a cache that could not be opened because of `why`. A run with it
-    /// computes everything and keeps nothing.
+    /// An empty read-only store that replaces a cache that could not be opened; `why` is the reason. A run with
+    /// such a store computes everything and keeps nothing.
     pub fn unavailable(why: String) -> Store {
         Store::new(None, Some(why), Fsync::Off, Log::in_memory(), Blobs::Nowhere)
     }
@@ -94,8 +94,8 @@ impl Store {
         if writable {
             create_folder(folder, &root)?;
             obstacles = obstacle::clear_all(&root);
-            // Only creating a file shows whether that is allowed: existing logs may be writable in a folder that is
-            // not.
+            // Only creating a file shows whether files can be created: existing logs may be writable although their
+            // folder is not.
             TempFile::create(&root.join("temp"), &failpoint::LOG)?;
         }
         let settings = |name: &str| Settings {
@@ -169,19 +169,20 @@ impl Store {
         }
     }
 
-    /// Marks a run of `graph` as active until the guard is dropped: no collection removes anything meanwhile. Waits for an
-    /// active collection until `cancelled`. Records that the table of history named `graph` was used today.
+    /// Marks a run of `graph` as active until the guard is dropped; until then no collection removes anything. If a
+    /// collection is active, waits until it ends or `cancelled` returns true. Also stores that the table of history
+    /// named `graph` was used today.
     pub fn begin_run(&self, graph: &str, cancelled: &dyn Fn() -> bool) -> Running {
         let today = today();
-        // In a table of its own, since that of a large graph takes long to read.
+        // Stored in a separate table, since reading the table of a large graph takes long.
         let name = Table::key(graph).to_string();
         if self.history_get(USED, &name).as_deref() != Some(&today.to_le_bytes()) {
             self.history_put(USED, &name, &today.to_le_bytes());
         }
         // Where locks do not work there is no collection either.
         let guard = self.runs().ok().flatten().and_then(|runs| runs.shared_when_free(cancelled));
-        // What a collection removed since the folder was opened must no longer be found. An error recurs, and is
-        // reported, when an entry is read.
+        // Entries that a collection removed since the folder was opened must no longer be found. An error here
+        // recurs, and is reported, when an entry is read.
         let _ = lock(&self.records).refresh();
         self.blobs.refresh();
         Running(guard)
@@ -238,10 +239,10 @@ impl Store {
 
     // --- records ---
 
-    /// Stores `payload` under `key`, replacing what was stored. Once this returns, no killed or stopped process
-    /// undoes it, with one exception: the record is lost if it was written without the lock, because another
-    /// process was stopped while it held the lock, and then this other process is killed after it replaced the log
-    /// by a compacted one and before it copied the record. The cost is that the result is computed again.
+    /// Stores `payload` under `key`, replacing what was stored. Once this returns, the record survives the killing
+    /// or stopping of any process, with one exception. If another process was stopped while it held the lock, the
+    /// record is written without the lock. The record is lost if that other process later replaces the log by a
+    /// compacted one and is killed before it copies the record. The result is then computed again.
     ///
     /// # Errors
     /// If it cannot be written, or is longer than 16 MiB: see [`Error`].
@@ -292,7 +293,7 @@ impl Store {
 
     // --- memos and history ---
 
-    /// The digest that the file at `path` had with an equal stamp, if the stamp can be trusted: see
+    /// The stored digest of the file at `path`, if it was stored with an equal stamp that can be trusted; see
     /// [`FileStamp::is_settled`].
     pub fn memo_get(&self, path: &Path, stamp: &FileStamp) -> Option<Digest> {
         let key = memo::key(path).ok()?;
@@ -303,7 +304,7 @@ impl Store {
     }
 
     /// Remembers that the file at `path` had this digest. The stamp must have been taken before the file was read.
-    /// Written by the next [`flush`](Self::flush).
+    /// The memo is written by the next [`flush`](Self::flush).
     pub fn memo_put(&self, path: &Path, stamp: &FileStamp, digest: &Digest) {
         let Ok(key) = memo::key(path) else { return };
         let full = {
@@ -317,13 +318,13 @@ impl Store {
         }
     }
 
-    /// The digest and length in bytes of the file at `path`, if a memo has them.
+    /// The digest and length in bytes of the file at `path`, if a valid memo of the file exists.
     pub fn known_digest(&self, path: &Path) -> Option<(Digest, u64)> {
         let stamp = FileStamp::of(path).ok()?;
         Some((self.memo_get(path, &stamp)?, stamp.size))
     }
 
-    /// The digest and length in bytes of the file at `path`, which is read only if no memo has them.
+    /// The digest and length in bytes of the file at `path`. The file is read only if it has no valid memo.
     ///
     /// # Errors
     /// If the file cannot be read, or is not a regular file.
@@ -339,8 +340,9 @@ impl Store {
         Ok((digest, length))
     }
 
-    /// Stores `value` under `name` in a table of history. The last value wins, and losing one is allowed. A table is read
-    /// and written whole. Values over 64 KiB are not stored. Written by the next [`flush`](Self::flush).
+    /// Stores `value` under `name` in a table of history, replacing any previous value. Each table is read and
+    /// written as a whole. Values over 64 KiB are not stored. The table is written by the next
+    /// [`flush`](Self::flush); until then the value may be lost.
     pub fn history_put(&self, table: &str, name: &str, value: &[u8]) {
         if value.len() <= MAX_VALUE {
             self.with_table(table, |table| table.put(name, value));
@@ -352,8 +354,7 @@ impl Store {
         self.with_table(table, |table| table.get(name).map(<[u8]>::to_vec))
     }
 
-    /// Removes values from a table of history if it has more than `limit` values: those for whose names `keep`
-    /// returns false.
+    /// If a table of history has more than `limit` values, removes those for whose names `keep` returns false.
     pub fn history_trim(&self, table: &str, limit: usize, keep: impl Fn(&str) -> bool) {
         self.with_table(table, |table| table.trim(limit, keep));
     }
@@ -432,7 +433,8 @@ impl Store {
 
     // --- care ---
 
-    /// Ends a run: writes memos and history, syncs unless [`Fsync::Off`], and compacts a log that is mostly dead.
+    /// Ends a run: writes memos and history, syncs unless the policy is [`Fsync::Off`], and compacts logs that
+    /// contain mostly dead entries.
     ///
     /// # Errors
     /// If writing or syncing fails: see [`Error`]. A blob that could not be synced is removed.
@@ -468,7 +470,7 @@ impl Store {
 impl Drop for Store {
     fn drop(&mut self) {
         if !self.is_read_only() {
-            // If this fails, they are lost, which is allowed.
+            // If this fails, memos and history are lost, which is allowed.
             let _ = self.write_pending();
         }
     }
@@ -479,7 +481,7 @@ pub fn today() -> u64 {
     seconds(SystemTime::now()) / DAY_SECONDS * DAY_SECONDS
 }
 
-/// Creates the cache folder, with a mark by which backup programs skip it.
+/// Creates the cache folder, with a tag file that makes backup programs skip it.
 fn create_folder(folder: &Path, root: &Path) -> Result<()> {
     if root.is_dir() {
         return Ok(());

@@ -1,5 +1,5 @@
-//! [`TempFile`]: a file that is written under a temporary name and then renamed, so that no reader sees a part of it.
-//! The crate `tempfile` has no lock by which another process recognises an abandoned file.
+//! [`TempFile`]: a file that is written under a temporary name and then renamed, so that no reader sees a part of
+//! it. The crate `tempfile` does not lock its files, so other processes could not recognise an abandoned one.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
@@ -13,14 +13,14 @@ use crate::failpoint::{FilePoints, reach};
 /// The suffix of every temporary name.
 const SUFFIX: &str = ".lightharmony-temp";
 
-/// The age from which an unlocked temporary file counts as left by a killed process: a live one locks its files as soon
-/// as it has created them.
+/// The age from which an unlocked temporary file counts as left by a killed process. A running process locks each
+/// file as soon as it has created it.
 const STALE: Duration = Duration::from_secs(10);
 
 /// A file under a temporary name. It is removed when dropped without [`persist`](Self::persist).
 ///
-/// The file is locked while it is open, so that [`remove_stale_files`] never removes it from a live writer, whatever
-/// the clocks say.
+/// The file is locked while it is open, so that [`remove_stale_files`] never removes the file of a running process,
+/// even if clocks are wrong.
 pub(crate) struct TempFile {
     path: PathBuf,
     file: File,
@@ -29,7 +29,7 @@ pub(crate) struct TempFile {
 }
 
 impl TempFile {
-    /// Creates a file in `folder`, and the folder if necessary.
+    /// Creates a file in `folder`. Creates the folder, too, if necessary.
     pub fn create(folder: &Path, points: &'static FilePoints) -> Result<TempFile> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         reach(points.before_create).at("create a file in", folder)?;
@@ -63,7 +63,7 @@ impl TempFile {
         self.write_all(bytes).at("write", &self.path)
     }
 
-    /// Forces what was written onto the disk.
+    /// Forces the written bytes onto the disk.
     pub fn sync(&self) -> Result<()> {
         self.file.sync_data().and_then(|()| reach(self.points.after_sync)).at("sync", &self.path)
     }
@@ -113,8 +113,8 @@ impl Drop for TempFile {
     }
 }
 
-/// Forces the names in a folder onto the disk. Not every system supports this; a verified read detects what is lost
-/// then.
+/// Forces the names in a folder onto the disk. Not every system supports this. Where it is unsupported, verified
+/// reads detect lost files.
 pub(crate) fn sync_folder(folder: &Path) {
     let _ = File::open(folder).and_then(|folder| folder.sync_all());
 }
@@ -146,7 +146,7 @@ pub(crate) fn remove_stale(
     found.filter(|(path, found)| old(found) && remove(path, found)).count()
 }
 
-/// Sets the times of everything in a folder to a minute ago.
+/// Sets the modification time of everything in a folder to a minute ago.
 #[cfg(test)]
 pub(crate) fn age_all(folder: &Path) {
     for entry in fs::read_dir(folder).unwrap().flatten() {

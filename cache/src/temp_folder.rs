@@ -13,8 +13,8 @@ const SUFFIX: &str = ".lightharmony-folder";
 
 /// A folder that is removed with everything in it when this is dropped.
 ///
-/// It is locked while it is in use, so that the creation of another one next to it can recognise and remove folders
-/// that killed processes left.
+/// The folder is locked while it is in use. Creating another temporary folder in the same parent removes unlocked
+/// ones, which killed processes left.
 pub struct TempFolder {
     path: PathBuf,
     /// The open folder, which is locked; `None` where the system cannot open folders.
@@ -22,7 +22,7 @@ pub struct TempFolder {
 }
 
 impl TempFolder {
-    /// Creates a folder in `parent`. If the caller renames the folder, it is kept.
+    /// Creates a folder in `parent`. If the caller renames the folder, it is not removed.
     ///
     /// # Errors
     /// If the folder cannot be created.
@@ -30,7 +30,7 @@ impl TempFolder {
         Self::create(parent, &DirBuilder::new())
     }
 
-    /// Creates a folder in the temporary folder of the system, readable only for its owner where the system supports
+    /// Creates a folder in the system's temporary folder. Only its owner can read it, where the system supports
     /// that.
     ///
     /// # Errors

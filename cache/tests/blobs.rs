@@ -153,7 +153,7 @@ fn flipped_small_blobs_are_lost_alone() {
         let expected: Vec<usize> = (0..5).filter(|n| *n != hit).collect();
         assert_eq!((0..5).filter(found).collect::<Vec<_>>(), expected, "byte {at}");
     }
-    // Damage under an open store: values in memory were verified, others are verified now.
+    // Damages the log of an open store. Values in memory were verified earlier; others are verified now.
     fs::write(&log, &good).unwrap();
     let store = open(folder.path());
     store.put_blob_as(&digests[4], b"").unwrap();

@@ -27,7 +27,8 @@ fn value(n: u8, length: usize) -> Vec<u8> {
     (0..length).map(|at| n ^ (at % 251) as u8).collect()
 }
 
-/// Records 0 to 9, each with a large blob, a small one, and one that all share. Higher numbers were used later.
+/// Creates a cache with records 0 to 9. Each names a large blob, a small blob, and a blob that all share. The
+/// higher the number of a record, the later it was used.
 fn filled() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
@@ -116,7 +117,7 @@ fn age_history_and_pins_decide() {
     drop(store.begin_run("graph", &|| false));
     store.history_put("graph", "node", key(2).as_bytes());
     store.flush().unwrap();
-    // Half a day from every age, so that the time of day does not matter.
+    // The limit lies half a day from every age, so that the time of day does not matter.
     let old = Limits { max_age: Some(DAY * 29 / 2), ..Limits::default() };
     let done = collect(&store, old);
     assert_eq!((done.records, done.pinned), (3, 2), "3, 4 and 5 were used 17 to 15 days ago");

@@ -1,6 +1,6 @@
 //! Tests with full disks and with folders that cannot be written. The disk is a small tmpfs in a namespace of the
-//! child process. Where the system does not permit mounting one, the test prints that and passes: `kill.rs` injects
-//! the same error everywhere.
+//! child process. Where the system does not permit mounting one, the test prints that and passes: `kill.rs`
+//! simulates the same error on every system.
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic and speak")]
 
@@ -56,7 +56,7 @@ fn child_on_a_small_disk() {
             let _ = store.take_incidents();
         }
         // A collection frees space if values are files. If they are in the log, which must be rewritten, it may
-        // not, and does no harm.
+        // fail to free space, but does no harm.
         let names = |bytes: &[u8]| -> Vec<Digest> {
             let n = u32::from_be_bytes(*bytes.first_chunk().unwrap());
             vec![Digest::of(&content(n, length))]

@@ -35,7 +35,7 @@ fn filled() -> tempfile::TempDir {
     folder
 }
 
-/// Number of records that a new process finds; panics on a wrong value.
+/// Number of records that `store` contains. Panics on a wrong value.
 fn found(store: &Store) -> u32 {
     let there = |n: &u32| {
         let value = store.get_record(&key(*n));
@@ -128,7 +128,8 @@ fn damage_behind_the_index_costs_what_it_lies_in_and_is_reported() {
             Some(&b"after"[..]),
             "cut at {cut}"
         );
-        // An index that covers more than is left must not hide what the log grows by, however long it gets.
+        // An index that covers more than the rest of the log must not hide later entries, however long the log
+        // gets.
         for n in 1..40 {
             store.put_record(&key(COUNT + n), &vec![n as u8; 1000]).unwrap();
             let value = open(folder.path()).get_record(&key(COUNT + n));

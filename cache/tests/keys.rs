@@ -50,7 +50,7 @@ fn key(fields: &[(String, Field)]) -> Key {
     walk.finish().unwrap()
 }
 
-/// A sequence of fields as text that is equal only for equal sequences.
+/// Formats a sequence of fields as text. Only equal sequences give equal texts.
 fn meaning(fields: &[(String, Field)]) -> String {
     let one = |field: &Field| match field {
         Field::F64(bits) => format!("F64({:016x})", (number(*bits) + 0.0).to_bits()),
@@ -65,7 +65,7 @@ fn meaning(fields: &[(String, Field)]) -> String {
     fields.iter().map(|(name, field)| format!("{name:?}: {}, ", one(field))).collect()
 }
 
-/// Generates sequences of few and similar values, so that many are nearly equal.
+/// Generates short sequences of similar values, so that many of them are nearly equal.
 fn fields() -> impl Strategy<Value = Vec<(String, Field)>> {
     let name = prop::sample::select(vec!["", "a", "b", "ab", "(", ")", "a)"]).prop_map(str::to_owned);
     let leaf = prop_oneof![

@@ -24,7 +24,7 @@ fn key(n: u8) -> Digest {
 
 const ROUNDS: u8 = 6;
 
-/// Performs each operation of the store at least once, and logs those that were acknowledged.
+/// Performs each operation of the store at least once, and logs the operations that succeeded.
 fn work(folder: &Path) -> Result<()> {
     let mut acknowledged = OpenOptions::new().create(true).append(true).open(folder.join("log")).unwrap();
     // One write per line, so that a kill leaves no half line.
@@ -45,7 +45,7 @@ fn work(folder: &Path) -> Result<()> {
         note(format!("blob {n}"));
         store.put_record(&key(n), &content(n))?;
         note(format!("record {n}"));
-        // Dead weight, for compaction.
+        // Replaced entries, so that there is something to compact.
         store.put_record(&key(99), &vec![n; 500_000])?;
         publish_file(&folder.join("out/picture.png"), &vec![n; 3000])?;
         note(format!("file {n}"));

@@ -45,7 +45,7 @@ fn a_settled_memo_serves_and_a_fresh_one_does_not() {
         "one path, two spellings"
     );
 
-    // Another file under the name, of the same length and time.
+    // Another file of the same name, length and time.
     let time = fs::metadata(&path).unwrap().modified().unwrap();
     fs::write(folder.path().join("new"), b"two").unwrap();
     File::options().write(true).open(folder.path().join("new")).unwrap().set_modified(time).unwrap();
@@ -96,8 +96,8 @@ fn a_clock_that_jumps_costs_reading_and_gives_no_wrong_digest() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(&folder.path().join("cache"));
     let path = folder.path().join("source");
-    // When the memo is taken, the clock is a year behind, so that files seem to be from the future, or a year
-    // ahead.
+    // When the memo is stored, the clock is either a year behind, so that files seem to be from the future, or a
+    // year ahead.
     for (jump, trusted) in [(-YEAR, false), (YEAR, true)] {
         fs::write(&path, b"one").unwrap();
         let mut stamp = FileStamp::of(&path).unwrap();

@@ -39,7 +39,7 @@ fn work(store: &Store) {
     store.sweep();
 }
 
-/// The relative path of every folder and file in a used cache folder.
+/// The relative paths of all folders and files in a used cache folder.
 fn names(folder: &Path) -> Vec<PathBuf> {
     let (mut names, mut folders) = (Vec::new(), vec![folder.join("v1")]);
     while let Some(next) = folders.pop() {
@@ -128,7 +128,7 @@ fn a_run_completes_whatever_lies_where_a_file_or_folder_of_the_cache_belongs() {
                 assert!(!store.is_read_only(), "{label}: {:?}", store.why_read_only());
                 work(&store);
                 drop(store);
-                // The second run finds a cache in order, and nothing to report.
+                // The second run finds an intact cache and reports nothing.
                 let store = open(&folder);
                 let known = store.get_record(&Digest::of(b"key"));
                 assert_eq!(known.as_deref(), Some(&Digest::of(b"small").as_bytes()[..]), "{label}");

@@ -68,7 +68,7 @@ fn child() {
                 let (key, payload) = record(writer, n);
                 store.put_record(&key, &payload).unwrap();
                 assert_eq!(store.put_blob(&payload).unwrap(), key);
-                // Dead weight, so that both processes compact while the other appends.
+                // Replaced entries, so that each process compacts while the other appends.
                 store.put_record(&Digest::of(writer.as_bytes()), &vec![n as u8; 20_000]).unwrap();
                 if n % 20 == 19 {
                     store.flush().unwrap();

@@ -40,7 +40,7 @@ fn filled() -> (tempfile::TempDir, Vec<u8>, Vec<usize>) {
     (folder, bytes, ends)
 }
 
-/// The records that a new process finds; panics on a wrong value.
+/// Numbers of the records that `store` contains. Panics on a wrong value.
 fn found(store: &Store) -> Vec<u32> {
     let there = |n: &u32| {
         let value = store.get_record(&key(*n));
@@ -50,7 +50,8 @@ fn found(store: &Store) -> Vec<u32> {
     (0..COUNT).filter(there).collect()
 }
 
-/// Checks that after any damage the store accepts new records and a new process finds them.
+/// Checks that the store in `folder` contains exactly the records `expected`, accepts new ones, and finds them when
+/// it is opened again.
 fn still_works(folder: &Path, expected: &[u32], what: &str) {
     let store = open(folder);
     assert_eq!(found(&store), expected, "{what}");
@@ -203,7 +204,7 @@ fn a_reader_with_a_torn_tail_sees_what_replaces_it() {
     assert!(fs::read(log(folder.path())).unwrap().starts_with(torn));
     assert_eq!(reader.get_record(&key(8)).as_deref(), Some(&b"eight"[..]));
     assert_eq!(reader.take_incidents(), [], "a truncated entry does not count as damage");
-    // Versions before this one cut it off: then it is replaced by one of exactly the torn length.
+    // Earlier versions cut off a torn entry. It is then replaced by an entry of exactly the same length.
     fs::write(log(folder.path()), torn).unwrap();
     let reader = open(folder.path());
     assert_eq!(found(&reader).len(), COUNT as usize - 1);

@@ -1,14 +1,14 @@
-//! Search for settings that cost less than a bound: all of them, or as many as may be measured.
+//! Search for all settings that cost less than a bound, or for as many of them as may be measured.
 
 use std::collections::BTreeSet;
 
 use crate::search::{Steps, Tried};
 
-/// Minimum margin for savings, as a share of the cost. A raised knob may save work elsewhere, since light then
-/// takes other paths. The margin is also at least [`TIMES`] the largest measured saving. The result is correct if
-/// no setting saves more than the margin, which is measured and not proved.
+/// Minimum margin for savings, as a share of the cost. Raising a knob may save work elsewhere, since light then
+/// takes other paths. The margin is also at least [`TIMES`] the largest measured saving. The result is complete if
+/// raising knobs never saves more than the margin. This is supported by measurements, but not proved.
 const MARGIN: f64 = 0.05;
-/// Factor on the largest measured saving that gives the margin.
+/// Ratio of the margin to the largest measured saving.
 const TIMES: f64 = 2.0;
 
 /// Settings that cost less than a bound.
@@ -16,23 +16,22 @@ const TIMES: f64 = 2.0;
 pub struct Below {
     /// The cheapest position among those with every knob at its minimum.
     pub least: Tried,
-    /// All settings below the bound, provided that raising knobs saves no more than the margin; includes known
-    /// ones.
+    /// The settings found below the bound, including known ones.
     pub all: Vec<Tried>,
-    /// True if `all` is complete, provided that raising knobs saves no more than `margin`. False if there were more
-    /// than may be measured, or measuring ended early.
+    /// True if `all` contains every setting below the bound, provided that raising knobs saves no more than
+    /// `margin`. False if there were more settings than may be measured, or measuring ended early.
     pub complete: bool,
-    /// The share of the cost of a measured position that raising knobs would have to save, for an unmeasured one to
-    /// cost less than the bound.
+    /// The share of a position's cost that raising its knobs is assumed to save at most. An unmeasured position can
+    /// cost less than the bound only if more is saved.
     pub margin: f64,
-    /// Measured savings of raised knobs.
+    /// Savings measured when knobs were raised.
     pub saved: Saved,
 }
 
 /// Savings by raising one or several knobs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Saved {
-    /// Number of pairs of measured positions in which one has no knob below the other.
+    /// Number of pairs of measured positions in which every knob of one position is at or above that of the other.
     pub pairs: usize,
     /// The largest share of the cost that was saved.
     pub most: f64,
@@ -54,11 +53,12 @@ impl Saved {
     }
 }
 
-/// Finds everything that costs less than a bound, from the positions with every knob at its minimum upwards. For
-/// knobs whose values have no order, all values are tried. A position that exceeds the bound by so much that
-/// raising its knobs would have to save more than a margin is not continued; the margin is measured from `known`
-/// positions and from those on the way. At most `most` positions are measured, first those above the positions with
-/// the least error. `None` if measuring ended before the first.
+/// Finds all positions that cost less than a bound. The search starts with every knob at its minimum and raises the
+/// knobs. For knobs whose values have no order, all values are tried. The search does not continue from a position
+/// whose cost exceeds the bound by so much that raising its knobs would have to save more than the margin. The
+/// margin is derived from the savings between `known` positions and positions measured on the way. At most `most`
+/// positions are measured, first those next to the positions with the smallest error. Returns `None` if measuring
+/// ended before the first position.
 pub fn below(
     knobs: &[Steps],
     known: &[Tried],
@@ -89,8 +89,8 @@ pub fn below(
     }
 }
 
-/// Every position that costs less than a bound, or would if a margin were saved, with its neighbours, from the
-/// minimum upwards; and true if the list is complete.
+/// Measures every position whose cost would be below the bound if the margin were saved, and the neighbours above
+/// such positions, starting from the minimum. Returns the measured positions, and true if none is missing.
 fn upwards(
     knobs: &[Steps],
     bound: f64,
@@ -98,8 +98,9 @@ fn upwards(
     most: usize,
     measure: &mut impl FnMut(&[usize]) -> Option<(f64, f64)>,
 ) -> (Vec<Tried>, bool) {
-    // With the error of the position below, and the number of changes on the way that left it unchanged: those come
-    // last, so that a knob without effect does not take the place of one with effect.
+    // Positions to measure, each with the error of the position below it and the number of successive changes that
+    // did not reduce the error. The position with the smallest error is measured first; among equal errors, the one
+    // with the fewest such changes, so that a knob with an effect is raised before one without.
     let mut open = vec![(f64::INFINITY, 0_usize, vec![0; knobs.len()])];
     let mut seen = BTreeSet::from([vec![0; knobs.len()]]);
     let mut measured = Vec::new();
@@ -164,8 +165,8 @@ mod tests {
             let found = below(&knobs, &[], 100.0, most, |a| Some((cost(a), 0.5))).unwrap();
             assert_eq!((found.all.len(), found.complete), (most, complete), "there are 24");
         }
-        // Known positions of the same cost count as well.
-        // Mutation: `all` of `measured` alone.
+        // Known positions below the bound are included as well. This fails if `all` contains only positions in
+        // `measured`.
         let known = [Tried { assignment: vec![2, 3, 1], cost: cost(&[2, 3, 1]), error: 0.1 }];
         let found = below(&knobs, &known, 100.0, 3, |a| Some((cost(a), 0.5))).unwrap();
         assert!(found.all.len() == 4 && found.all.iter().any(|tried| tried.error == 0.1));
@@ -178,15 +179,16 @@ mod tests {
         assert_eq!(below(&knobs, &[], 5.0, 30, |_| None), None);
     }
 
-    // The last knob changes nothing that counts. Mutation: `idle` always 0.
+    // The last knob does not affect the error. This test fails if `idle` is always 0.
     #[test]
     fn a_knob_that_does_nothing_comes_after_those_that_do() {
         let found = below(&steps([4, 50]), &[], 100.0, 10, |a| Some((1.0, 1.0 / (1 + a[0]) as f64))).unwrap();
         assert!(found.all.iter().any(|tried| tried.assignment == [3, 0]), "{:?}", found.all);
     }
 
-    // Three knobs save 4 % each and 11.5 % together, so the only position below the bound lies beyond more
-    // expensive ones than a fixed margin of 5 % continues from. Two measured positions show it.
+    // Three knobs save 4 % each and 11.5 % together. The only position below the bound lies beyond positions from
+    // which a search with a margin of 5 % does not continue. Two known positions show that the margin must be
+    // larger.
     #[test]
     fn what_several_knobs_save_together_is_allowed_for_where_it_was_seen() {
         let knobs = steps([2, 2, 2]);
@@ -203,7 +205,7 @@ mod tests {
         assert!((seen.saved.most - 0.115).abs() < 0.001 && seen.saved.pairs == 19, "{seen:?}");
     }
 
-    // If not all can be measured, those with the least error come first.
+    // If not all positions can be measured, the search continues first from those with the smallest error.
     #[test]
     fn what_errs_least_is_gone_on_from_first() {
         let knobs = steps([9, 9]);

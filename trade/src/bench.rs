@@ -40,7 +40,7 @@ pub struct NodeCost {
     pub notes: Vec<Note>,
     /// True if it has an instance for each value of an axis.
     pub varies: bool,
-    /// Key of the node; nodes with equal keys are one action.
+    /// Key of the node. Nodes with equal keys are one action.
     pub key: Option<Digest>,
 }
 
@@ -54,7 +54,7 @@ pub struct Point {
     pub seconds: f64,
     /// Sum of the CPU times of the nodes, in seconds.
     pub cpu_seconds: f64,
-    /// All nodes that the pictures need, in the order of the file.
+    /// All nodes that the pictures need, in the order of the graph.
     pub nodes: Vec<NodeCost>,
     /// Errors of the pictures relative to the reference.
     pub off: Vec<Off>,
@@ -80,26 +80,27 @@ pub struct Bench<'e> {
     name: String,
     outputs: Vec<Output>,
     targets: Vec<usize>,
-    /// The knobs, and other fields set by the presets of the graph.
+    /// The knobs, and other fields that the graph's own presets set.
     pub tunables: Vec<Tunable>,
-    /// Pictures that are not judged.
+    /// Names of the pictures that are not judged.
     pub unjudged: Vec<String>,
     /// Remarks on pictures.
     pub remarks: Vec<String>,
-    /// Number of remarks already reported.
+    /// Number of remarks that were already reported.
     reported: usize,
     observer: Option<Observer<'e>>,
     cancel: Arc<AtomicBool>,
-    /// Time at which measuring ends.
+    /// Time at which measuring ends; `None` if it is not limited.
     deadline: Option<Instant>,
     truth: Option<Truth>,
-    /// The metric required for every picture. A picture without it is not judged, and the reason is reported.
+    /// The required metric. A picture for which it cannot be computed is not included in the error, and the reason
+    /// is reported.
     metric: Option<Metric>,
     /// Measured settings; the first point is the reference.
     pub points: Vec<Point>,
 }
 
-/// The nodes that make pictures, each once.
+/// The nodes that output the pictures, each listed once.
 fn targets(outputs: &[Output]) -> Vec<usize> {
     let nodes: BTreeSet<usize> = outputs.iter().map(|output| output.wire.node).collect();
     nodes.into_iter().collect()
@@ -116,14 +117,14 @@ pub enum Miss {
 }
 
 impl<'e> Bench<'e> {
-    /// A bench for the pictures of some nodes, or of all targets if none is named.
+    /// Creates a bench for the pictures of the nodes `only`, or of all targets if `only` is empty.
     pub fn new(
         engine: &'e Engine,
         graph: &Graph,
         only: &[usize],
         cancel: Arc<AtomicBool>,
     ) -> Result<Self, Error> {
-        // A name of its own, so that these runs are not taken for the last run of the graph.
+        // The name differs from that of the graph, so that these runs do not count as its last run.
         let source = Source::new(format!("{} (measured)", graph.source.name), &*graph.source.text);
         let registry = nodes::registry();
         let base = Graph::parse(source, &registry, graph.root.clone()).map_err(Error::Graph)?;
@@ -172,12 +173,13 @@ impl<'e> Bench<'e> {
         })
     }
 
-    /// Calls `observer` with each event of the runs that follow.
+    /// Sets a callback for the events of all later runs.
     pub fn observe(&mut self, observer: Observer<'e>) {
         self.observer = Some(observer);
     }
 
-    /// Ends measuring at a time: an active run is then stopped, and its finished results are kept in the cache.
+    /// Sets the time at which measuring ends. An active run is then stopped, and its finished results stay in the
+    /// cache.
     pub fn end_at(&mut self, time: Instant) {
         self.deadline = Some(time);
     }
@@ -192,8 +194,8 @@ impl<'e> Bench<'e> {
         &self.targets
     }
 
-    /// The plan of a run at a setting, based on the history of the graph itself. `None` if the graph has mistakes
-    /// at that setting.
+    /// The plan of a run at a setting, based on the history of the graph's own runs; `None` if the graph has
+    /// mistakes at that setting.
     pub(crate) fn plan(&self, assignment: &Assignment) -> Option<Vec<Planned>> {
         let source = Source::new(self.name.clone(), &*self.base.source.text);
         let source = source.overlaid("knobs", &self.overlay(assignment));
@@ -201,14 +203,16 @@ impl<'e> Bench<'e> {
         Some(self.engine.plan(&graph, &self.targets))
     }
 
-    /// Sets the required metric; pictures for which it cannot be computed are left out.
+    /// Sets the required metric. Pictures for which it cannot be computed are reported and not included in the
+    /// error.
     pub fn judge_by(&mut self, metric: &Metric) {
         self.metric = Some(metric.clone());
     }
 
-    /// Leaves out pictures whose size a knob sets, before the search, so that knobs that affect only these are not
-    /// changed: those pictures would get worse without a measured error. They are found by comparing the reference
-    /// with the preset farthest from it. Both are measured again afterwards, and failures are reported then.
+    /// Leaves out pictures whose size is set by a knob. Called before the search, so that the search does not
+    /// change knobs that affect only these pictures, which would get worse without a measured error. The pictures
+    /// are found by comparing the preset `reference` with `draft`, the preset farthest from it. Both are measured
+    /// again afterwards, and failures are reported then.
     pub fn leave_out_resized(&mut self) -> Result<(), Error> {
         if self.outputs.len() < 2 {
             return Ok(());
@@ -226,7 +230,7 @@ impl<'e> Bench<'e> {
         Ok(())
     }
 
-    /// Adds a remark once.
+    /// Adds a remark, unless it was added before.
     fn remark(&mut self, text: String) {
         if !self.remarks.contains(&text) {
             self.remarks.push(text);
@@ -241,12 +245,12 @@ impl<'e> Bench<'e> {
             .collect()
     }
 
-    /// The position of the graph with its own settings.
+    /// The assignment of the graph's own settings.
     pub fn now(&self) -> Assignment {
         self.tunables.iter().map(|tunable| tunable.now).collect()
     }
 
-    /// The position of a preset, by its index in [`PRESETS`].
+    /// The assignment of a preset, given by its index in [`PRESETS`].
     pub fn preset(&self, level: usize) -> Assignment {
         self.tunables.iter().map(|tunable| tunable.presets[level]).collect()
     }
@@ -263,7 +267,7 @@ impl<'e> Bench<'e> {
         )
     }
 
-    /// Name of an assignment: that of a preset, or the list of its differences from the graph.
+    /// Name of an assignment: the name of a preset, or the list of differences from the graph's own settings.
     pub fn name(&self, assignment: &Assignment) -> String {
         if let Some(level) = (0..PRESETS.len()).rev().find(|&level| self.preset(level) == *assignment) {
             return PRESETS[level].to_owned();
@@ -278,7 +282,7 @@ impl<'e> Bench<'e> {
         if changed.is_empty() { "as it is".to_owned() } else { changed.join(" ") }
     }
 
-    /// The graph at an assignment.
+    /// Parses the graph with an assignment applied.
     fn graph(&self, assignment: &Assignment) -> Result<Graph, Miss> {
         let source = self.base.source.clone().overlaid("knobs", &self.overlay(assignment));
         let graph = Graph::parse(source, &self.registry, self.base.root.clone())
@@ -287,8 +291,8 @@ impl<'e> Bench<'e> {
         Ok(graph)
     }
 
-    /// Returns the index of the point of an assignment, which is measured unless it is known. The first measured
-    /// point is the reference for all others.
+    /// Returns the index of the point of an assignment, which is measured if it is new. The first measured point is
+    /// the reference for all others.
     pub fn measure(&mut self, assignment: &Assignment) -> Result<usize, Miss> {
         if let Some(known) = self.points.iter().position(|point| point.assignment == *assignment) {
             return Ok(known);
@@ -348,14 +352,14 @@ impl<'e> Bench<'e> {
         Ok(self.points.len() - 1)
     }
 
-    /// Computes the errors of pictures relative to the reference. The first pictures become the reference. If there
-    /// are colour pictures, pictures of data such as depth are not judged, since other measures apply to them.
-    /// Pictures whose size a knob sets are not judged either.
+    /// Computes the errors of pictures relative to the reference. The pictures of the first call become the
+    /// reference. If there are colour pictures, pictures of data, such as depth, are not judged, since other
+    /// measures apply to them. Pictures whose size is set by a knob are not judged either.
     fn off(&mut self, graph: &Graph, pictures: &mut Vec<Arc<Images>>) -> Result<Vec<Off>, Miss> {
         if self.truth.is_none() {
             let data: Vec<bool> = pictures.iter().map(|images| holds_data(images)).collect();
             if !data.iter().all(|data| *data) {
-                self.leave_out(pictures, &data, "holds data, where others hold colours");
+                self.leave_out(pictures, &data, "contains data, while other pictures contain colours");
             }
             let value = |wire| self.engine.value::<Images>(graph, wire).map(Arc::new);
             self.truth = Some(Truth::of(&self.outputs, pictures, value));
@@ -368,15 +372,18 @@ impl<'e> Bench<'e> {
             let linear = |output: &Output, _: &Images| output.space == Space::Linear;
             let cut = |output: &Output, images: &Images| output.space == Space::Display && is_bright(images);
             let remarks = [
-                reported(&cut, "holds light far above white, which is judged as white"),
-                reported(&linear, "is written to OpenEXR only and is judged in linear light, with HDR-FLIP"),
+                reported(&cut, "light far above white is judged as white"),
+                reported(
+                    &linear,
+                    "only written to OpenEXR, and therefore judged in linear light, with HDR-FLIP",
+                ),
             ];
             remarks.into_iter().flatten().for_each(|text| self.remark(text));
         }
         let fits =
             |truth: &Truth| pictures.iter().enumerate().map(|(at, images)| !truth.fits(at, images)).collect();
         let resized: Vec<bool> = self.truth.as_ref().map(fits).unwrap_or_default();
-        self.leave_out(pictures, &resized, "is of another size at other settings");
+        self.leave_out(pictures, &resized, "has another size at other settings");
         if self.outputs.is_empty() {
             let why = "a knob sets the size of every picture, so there is nothing to compare";
             return Err(Miss::Failed(why.to_owned()));
@@ -385,13 +392,13 @@ impl<'e> Bench<'e> {
         truth.off(&self.outputs, pictures).map_err(|error| Miss::Failed(error.to_string()))
     }
 
-    /// Marks pictures for which the metric cannot be computed, such as HDR-FLIP of a picture that is black over
-    /// half of its area: they are not included in the error, but their other values are reported.
+    /// Marks pictures for which the metric cannot be computed, such as HDR-FLIP of a picture half of which is
+    /// black. They are not included in the error, but other metrics of them are reported.
     fn mark_uncomputed(&mut self) -> Result<(), Miss> {
         let Some((truth, metric)) = self.truth.as_ref().zip(self.metric.clone()) else { return Ok(()) };
         let why =
             truth.uncomputed(&self.outputs, &metric).map_err(|error| Miss::Failed(error.to_string()))?;
-        let way_out = "`--metric` or `--max-error` takes rmse, psnr, mae and relmse, which every picture has";
+        let way_out = "with `--metric` or `--max-error`, use rmse, psnr, mae or relmse, which can be computed for every picture";
         if let [Some(first), rest @ ..] = why.as_slice()
             && rest.iter().all(Option::is_some)
         {
@@ -402,8 +409,8 @@ impl<'e> Bench<'e> {
         for (output, why) in self.outputs.iter_mut().zip(why) {
             if let Some(why) = &why {
                 reported.push(format!(
-                    "`{}` has no {} in linear light, in which pictures for OpenEXR only are judged ({why}), so it does not \
-                     count there",
+                    "`{}` is only written to OpenEXR, and therefore judged in linear light; {} cannot be computed for it there \
+                     ({why}), so it is not included in the error",
                     output.name, metric.name
                 ));
             }
@@ -416,7 +423,8 @@ impl<'e> Bench<'e> {
         Ok(())
     }
 
-    /// Stops the judging of some pictures.
+    /// Removes the pictures for which `which` is true from those that are judged, and adds a remark with the reason
+    /// `why`.
     fn leave_out(&mut self, pictures: &mut Vec<Arc<Images>>, which: &[bool], why: &str) {
         for at in (0..which.len()).rev().filter(|at| which[*at]) {
             let Output { name, .. } = self.outputs.remove(at);
@@ -430,7 +438,7 @@ impl<'e> Bench<'e> {
         }
     }
 
-    /// Returns the remarks that were not reported yet.
+    /// Returns the remarks that have not been reported yet.
     pub fn new_remarks(&mut self) -> &[String] {
         let reported = std::mem::replace(&mut self.reported, self.remarks.len());
         &self.remarks[reported..]
@@ -447,12 +455,12 @@ impl<'e> Bench<'e> {
         self.outputs.iter().map(value).collect()
     }
 
-    /// Pictures at an assignment that was measured, by output.
+    /// The pictures of a measured point, each with the name of its output.
     pub fn pictures_at(&self, point: usize) -> Result<Vec<(String, Arc<Images>)>, Miss> {
         let graph = self.graph(&self.points[point].assignment)?;
         let options =
             RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
-        // Cached; run for the names under which the last results of the graph are found.
+        // The results are cached. The run makes them the last results of the graph, which can be found by name.
         if self.engine.run(&graph, &options, |_| ()).totals.stopped {
             return Err(Miss::Stopped);
         }
@@ -460,7 +468,7 @@ impl<'e> Bench<'e> {
         Ok(names.zip(self.pictures(&graph)?).collect())
     }
 
-    /// The reports that nodes of a point output, by node and output.
+    /// The reports that nodes output at a measured point, each with the names of its node and output.
     pub fn reports_at(&self, point: usize) -> Vec<(String, Report)> {
         let Ok(graph) = self.graph(&self.points[point].assignment) else { return Vec::new() };
         let wanted = graph.above(&self.targets);
@@ -477,8 +485,8 @@ impl<'e> Bench<'e> {
         reports
     }
 
-    /// FLIP of each pixel between pictures and those of the reference, by output, or the reason why it was not
-    /// computed.
+    /// The FLIP difference of each pixel between pictures and the reference, for each output; or the reason why it
+    /// was not computed.
     pub fn flip_maps(&self, pictures: &[(String, Arc<Images>)]) -> Vec<Result<FlipMaps, NodeError>> {
         self.truth.as_ref().map(|truth| truth.flip_maps(&self.outputs, pictures)).unwrap_or_default()
     }

@@ -1,4 +1,4 @@
-//! Deadlines: a run is stopped at a given time.
+//! Deadlines, which stop a run at a given time.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -6,14 +6,14 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-/// Stops a run at a given time, unless it is dropped before.
+/// Stops a run at a given time, unless the deadline is dropped before that time.
 pub(crate) struct Deadline {
     end: Option<Sender<()>>,
     thread: Option<JoinHandle<bool>>,
 }
 
 impl Deadline {
-    /// Sets `cancel` at a time.
+    /// Creates a deadline that sets `cancel` at the given time.
     pub fn at(time: Instant, cancel: Arc<AtomicBool>) -> Self {
         let (end, ended) = channel();
         let wait = move || {
@@ -25,7 +25,7 @@ impl Deadline {
         Self { end: Some(end), thread: Some(std::thread::spawn(wait)) }
     }
 
-    /// Ends the wait. Returns true if the deadline was reached.
+    /// Stops waiting. Returns true if the deadline has stopped the run.
     pub fn end(mut self) -> bool {
         drop(self.end.take());
         self.thread.take().is_some_and(|thread| thread.join().unwrap_or(false))

@@ -5,7 +5,7 @@ use engine::Diagnostics;
 /// Errors of measuring a graph.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The graph has mistakes, which are contained.
+    /// The graph has mistakes, which this variant contains.
     #[error("{0}")]
     Graph(Diagnostics),
     /// A measure of error with this name does not exist.
@@ -20,7 +20,7 @@ pub enum Error {
     },
     /// A bound on an error cannot be parsed.
     #[error(
-        "`{text}` is not a bound of an error; write METRIC=VALUE, such as flip=0.02, with a value of 0 or more and one of \
+        "`{text}` is not a bound on an error; write METRIC=VALUE, such as flip=0.02; VALUE is 0 or more, METRIC is one of \
          {known}, {regions}"
     )]
     Bound {
@@ -31,9 +31,9 @@ pub enum Error {
         /// The regions that may precede the name of a measure.
         regions: &'static str,
     },
-    /// None of the wanted nodes makes a picture.
+    /// None of the selected nodes outputs a picture.
     #[error(
-        "none of the wanted nodes makes a picture, so there is nothing to compare; name one that does with --only"
+        "none of the selected nodes outputs a picture, so there is nothing to compare; select one that does with `--only`"
     )]
     NoPicture,
     /// No knob changes these pictures.
@@ -50,8 +50,8 @@ pub enum Error {
         /// The requirement of the metric.
         needs: &'static str,
     },
-    /// The graph does not run at a setting.
-    #[error("with the setting {setting}:\n{why}")]
+    /// The graph cannot be measured with a setting.
+    #[error("the graph cannot be measured with the setting {setting}:\n{why}")]
     Setting {
         /// The setting in words.
         setting: String,

@@ -98,13 +98,13 @@ impl Page {
         }
     }
 
-    /// Adds pictures side by side, as many as fit, each at most `widest` pixels wide.
+    /// Adds pictures side by side, as many per row as fit. Each is reduced to at most `widest` pixels in width.
     pub fn pictures(&mut self, pictures: &[(&Picture, String)], widest: usize) {
         self.body.push_str("<div class=\"row\">\n");
         for (picture, caption) in pictures {
             let raster = if let Picture::Data(_) = picture { heat(picture) } else { shown(picture) };
             let Some(raster) = raster.map(|raster| halved(raster, widest)) else { continue };
-            // Shown larger than it is, a picture has pixels rather than a blur that is not in it.
+            // A small picture is enlarged with visible pixels, since interpolation would blur it.
             let class = if raster.width < 240 { " class=\"small\"" } else { "" };
             let Ok(bytes) = png::write(&raster, true, &[]) else { continue };
             let _ = writeln!(
@@ -117,7 +117,7 @@ impl Page {
         self.body.push_str("</div>\n");
     }
 
-    /// Adds plots side by side, as many as fit.
+    /// Adds plots side by side, as many per row as fit.
     pub fn plots(&mut self, plots: &[(&str, String)]) {
         self.body.push_str("<div class=\"row plots\">\n");
         for (name, svg) in plots {
@@ -126,7 +126,7 @@ impl Page {
         self.body.push_str("</div>\n");
     }
 
-    /// Returns the content of the file.
+    /// Returns the content of the HTML file.
     pub fn finish(self, title: &str) -> String {
         let title = escaped(title);
         format!(
@@ -141,7 +141,7 @@ impl Page {
 /// Escapes text for HTML and formats text between two backticks as code.
 fn marked(text: &str) -> String {
     let parts: Vec<&str> = text.split('`').collect();
-    // A backtick without a second one is itself.
+    // A backtick without a second one is kept as it is.
     if parts.len().is_multiple_of(2) {
         return escaped(text);
     }
@@ -152,7 +152,7 @@ fn marked(text: &str) -> String {
     parts.iter().enumerate().map(part).collect()
 }
 
-/// True if a cell contains a number, or a text in place of one: `1.2 M`, `40 dB`, `not computed`.
+/// True if a cell contains a number or a text that replaces one: `1.2 M`, `40 dB`, `not computed`.
 fn is_number(cell: &str) -> bool {
     let (first, rest) = cell.split_once(' ').unwrap_or((cell, ""));
     let unit = matches!(rest, "" | "k" | "M" | "G" | "%" | "dB");
@@ -176,7 +176,7 @@ fn code(value: f32) -> u16 {
     u16::from(nodes::math::color::code8(value))
 }
 
-/// Converts a picture to display codes, on black.
+/// Converts a picture on a black background to display codes.
 fn shown(picture: &Picture) -> Option<Raster> {
     let (width, height, channels) = picture.size();
     let linear = matches!(picture, Picture::Linear(_));
@@ -187,8 +187,8 @@ fn shown(picture: &Picture) -> Option<Raster> {
     })
 }
 
-/// Converts values to colours: from black at 0 through red and yellow to white at 1, by the square root, so that
-/// small values are visible.
+/// Converts values to colours, from black at 0 through red and yellow to white at 1. The scale is the square root
+/// of the value, so that small values are visible.
 fn heat(picture: &Picture) -> Option<Raster> {
     let (width, height, channels) = picture.size();
     let pixels = picture.samples().chunks_exact(channels.max(1));
@@ -201,7 +201,7 @@ fn heat(picture: &Picture) -> Option<Raster> {
 
 /// Averages blocks of pixels, so that the picture is at most `widest` pixels wide.
 fn halved(of: Raster, widest: usize) -> Raster {
-    // A low picture stays wider, so that a row of it is left.
+    // A picture of little height stays wider, so that at least one row remains.
     let step = of.width.div_ceil(widest.max(1)).min(of.height).max(1);
     if step == 1 {
         return of;

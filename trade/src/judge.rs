@@ -1,4 +1,4 @@
-//! Comparison of pictures with those of the reference, and of the parts that an object covers or changes.
+//! Comparison of pictures with the reference, as a whole and in the parts that an object covers or changes.
 
 use std::sync::Arc;
 
@@ -19,11 +19,12 @@ pub struct Output {
     pub name: String,
     /// The output that gives the picture.
     pub wire: Wire,
-    /// Linear light for pictures written to OpenEXR only, else the values of an 8-bit display.
+    /// The space in which the picture is judged: linear light if it is only written to OpenEXR, otherwise the
+    /// values of an 8-bit display.
     pub space: Space,
     inserted: Option<Insertion>,
-    /// The reason why the requested metric is not computed for it; `None` if it is. Its other values are still
-    /// reported.
+    /// The reason why the requested metric cannot be computed for the picture; `None` if it can. Other metrics are
+    /// reported in any case.
     pub uncomputed: Option<String>,
 }
 
@@ -43,7 +44,7 @@ struct Layer {
 }
 
 impl Insertion {
-    /// The insertion of a node's picture; `None` if it is not a `composite`.
+    /// The insertion that makes a node's picture; `None` if the node is not a `composite`.
     fn of(graph: &Graph, node: usize) -> Option<Self> {
         let (mut layers, mut at) = (Vec::new(), node);
         loop {
@@ -54,7 +55,8 @@ impl Insertion {
             };
             let (background, object) = (read("background")?, read("object")?);
             layers.push(Layer { object, front: read("front"), params: node.params()? });
-            // A picture with an object is not an empty background.
+            // If the background is the picture of another `composite`, it already contains an object, and the loop
+            // continues with it.
             if graph.nodes[background.node].kind.name != Composite::NAME || background.port != 0 {
                 layers.reverse();
                 return Some(Self { background, layers });
@@ -70,8 +72,8 @@ pub struct Truth {
     inserted: Vec<Option<Inserted>>,
 }
 
-/// The parts of a picture that objects change, by name, and two baselines: the picture without the objects, and the
-/// picture without their shadows.
+/// The regions of a picture that objects change, with their names, and two baselines: the picture without the
+/// objects, and the picture without their shadows.
 #[derive(Clone)]
 struct Inserted {
     regions: Vec<(&'static str, Arc<Images>)>,
@@ -80,8 +82,9 @@ struct Inserted {
 }
 
 impl Truth {
-    /// Pictures of the reference, with regions and baselines for those made by `composite`, whose inputs `value`
-    /// returns. For stacked `composite` nodes these cover everything that all of them insert.
+    /// Creates the truth from the pictures of the reference. Pictures made by `composite` get regions and
+    /// baselines, for which `value` returns the inputs of the node. For stacked `composite` nodes, these consider
+    /// all inserted objects.
     pub fn of(
         outputs: &[Output],
         pictures: &[Arc<Images>],
@@ -98,7 +101,7 @@ impl Truth {
             let built = |shows_objects: bool| {
                 let put = |background: Arc<Images>, (object, front, params): &_| {
                     let absent = || Arc::new(absent(&background));
-                    // Splats in front of an object are there without its shadow, too.
+                    // Splats in front of an object also appear in the baseline without its shadow.
                     let (object, front) = if shows_objects {
                         (Arc::clone(object), Option::clone(front))
                     } else {
@@ -119,7 +122,7 @@ impl Truth {
         Self { pictures: pictures.to_vec(), inserted }
     }
 
-    /// True if a picture has the size of the reference in every view.
+    /// True if the views of a picture have the same sizes as those of the reference.
     pub fn fits(&self, at: usize, images: &Images) -> bool {
         let sizes = |images: &Images| -> Vec<(usize, usize)> {
             let size = |view: &NamedImage| {
@@ -151,10 +154,10 @@ impl Truth {
         Ok(all)
     }
 
-    /// The reason why a metric cannot be computed, for each output, in the words of `compare`; `None` if it can.
+    /// For each output, the reason why a metric cannot be computed, as reported by `compare`; `None` if it can.
     pub fn uncomputed(&self, outputs: &[Output], metric: &Metric) -> Result<Vec<Option<String>>, NodeError> {
         let why = |(output, picture): (&Output, &Arc<Images>)| {
-            // On a display every picture has every metric.
+            // Every metric can be computed for display values.
             let Some(id) = metric.missing_note().filter(|_| output.space == Space::Linear) else {
                 return Ok(None);
             };
@@ -164,8 +167,8 @@ impl Truth {
         outputs.iter().zip(&self.pictures).map(why).collect()
     }
 
-    /// Computes FLIP of each pixel, by output, with the reasons for missing views. An error is the reason why FLIP
-    /// was not computed.
+    /// Computes the FLIP difference of each pixel for each output, with the reasons for missing views. If FLIP
+    /// cannot be computed for an output, its error is the reason.
     pub fn flip_maps(
         &self,
         outputs: &[Output],
@@ -181,9 +184,9 @@ impl Truth {
     }
 }
 
-/// FLIP of each pixel of the views of a picture.
+/// The FLIP difference of each pixel, for the views of a picture.
 pub struct FlipMaps {
-    /// The maps, one for each view that has one.
+    /// The maps of all views for which FLIP was computed.
     pub maps: Arc<Images>,
     /// Views without a map, each with the reason.
     pub missing: Vec<String>,
@@ -194,12 +197,12 @@ pub fn holds_data(images: &Images) -> bool {
     images.0.iter().any(|view| matches!(view.picture, Picture::Data(_)))
 }
 
-/// True if a picture contains light two stops above white, as environments do.
+/// True if a picture contains light more than two stops above white. Most environments do.
 pub fn is_bright(images: &Images) -> bool {
     images.0.iter().any(|view| view.picture.samples().iter().any(|v| *v > 4.0))
 }
 
-/// Runs the kind `compare`. Returns its report, the map of FLIP, and its notes.
+/// Runs the kind `compare`. Returns its report, its FLIP map and its notes.
 fn compare(
     image: &Arc<Images>,
     reference: &Arc<Images>,
@@ -234,7 +237,7 @@ fn detached() -> Context {
     )
 }
 
-/// The picture of an object that is visible in no view of a background.
+/// A transparent picture for each view of a background, in place of an object.
 fn absent(background: &Images) -> Images {
     let empty = |view: &NamedImage| {
         let (width, height, _) = view.picture.size();
@@ -258,8 +261,8 @@ fn off_of(output: &str, columns: &[String], row: &[Cell]) -> Option<Off> {
     Some(Off { output, view, region, judged, pixels: *pixels, values, counts: true })
 }
 
-/// Regions changed by objects: all pixels that they cover, shade or light (`touched`), those of which they cover
-/// more than half (`object`), and the other ones (`shadow`).
+/// The regions that objects change: all pixels that they cover, shade or light (`touched`), the touched pixels that
+/// they cover by more than half (`object`), and all other touched pixels (`shadow`).
 fn regions(
     picture: &Images,
     nothing: &Images,
@@ -288,8 +291,8 @@ fn regions(
     Some(vec![("touched", Arc::new(touched)), ("object", Arc::new(object)), ("shadow", Arc::new(shadow))])
 }
 
-/// Pixels where a picture differs from its background by more than one and a half 8-bit codes in linear light near
-/// white, or by a hundredth of the light: those that an inserted object covers, shades or lights.
+/// The pixels that an inserted object covers, shades or lights. There, in linear light, the picture differs from
+/// its background by more than 0.002 plus 1 % of the background.
 fn touched(picture: &Images, background: &Images) -> Option<Images> {
     let mut masks = Vec::new();
     for view in &picture.0 {
@@ -313,9 +316,8 @@ fn touched(picture: &Images, background: &Images) -> Option<Images> {
     Some(Images(masks))
 }
 
-/// The pictures that reach the targets, each once, with the name of the node that makes it, and remarks on those
-/// that are left out. Layers of an EXR file are judged only if there are no other pictures, since each layer has
-/// its own units.
+/// The pictures that are written or output by the nodes `asked`, each once, and remarks on pictures that are left
+/// out. Layers of an EXR file are judged only if there are no other pictures, since each layer has its own units.
 pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
     let is_picture =
         |wire: &Wire| graph.nodes[wire.node].kind.outputs[wire.port].artifact.name == Images::TYPE;

@@ -9,17 +9,17 @@ use crate::tunables::presets;
 pub struct KnobRow {
     /// The knob.
     pub knob: GraphKnob,
-    /// Value in each preset; `None` for a preset in which it varies along an axis.
+    /// Value in each preset; `None` for a preset in which the value varies along an axis.
     pub levels: [Option<String>; 4],
     /// Range of the parameter, if it is a number.
     pub range: Option<(f64, f64)>,
 }
 
-/// The knobs that affect the nodes of `only`, or any sink if it is empty.
+/// The knobs that affect the nodes `only`, or any sink if `only` is empty.
 pub fn knob_rows(graph: &Graph, only: &[usize], registry: &Registry) -> Result<Vec<KnobRow>, Error> {
-    // A graph's own preset may set fields that the program's preset of that name does not.
+    // A graph's own preset may set fields that the built-in preset of the same name does not set.
     let laid = presets(graph, registry)?.map(|laid| {
-        // By name, since a preset may take an axis away.
+        // Nodes are identified by name, since a preset may remove an axis.
         let asked = only.iter().filter_map(|&index| laid.find(&graph.nodes[index].id));
         laid.knobs(&asked.collect::<Vec<_>>())
     });

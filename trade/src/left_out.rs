@@ -1,4 +1,4 @@
-//! Work that a run skipped because a check found that the scene does not need it, with the findings.
+//! Work that a run skips if a check finds that the scene does not need it, and the findings of these checks.
 
 use std::collections::BTreeSet;
 
@@ -15,7 +15,8 @@ struct Skip {
     force: &'static str,
     /// Names of the kinds that perform the check.
     kinds: &'static [&'static str],
-    /// Function that returns true if the work was skipped, and the finding of the check.
+    /// Function that returns whether the work was skipped, and the finding of the check; `None` if the node did not
+    /// make the check.
     judge: fn(&Evidence<'_>) -> Option<(bool, String)>,
 }
 
@@ -51,7 +52,7 @@ impl Evidence<'_> {
         self.node.counts.get(name).copied().unwrap_or_default()
     }
 
-    /// The cells of a column in a table of the node's own report.
+    /// The cells of a column of a table in the node's own reports.
     fn column(&self, table: &str, column: &str) -> Vec<&Cell> {
         let own = |(name, _): &&(String, Report)| {
             name.strip_prefix(&self.node.id).is_some_and(|rest| rest.starts_with('.'))
@@ -64,7 +65,7 @@ impl Evidence<'_> {
         cells.collect()
     }
 
-    /// The value next to a name in a table of two columns.
+    /// The value of a name in a table with the columns `what` and `value`.
     fn value(&self, table: &str, name: &str) -> Option<String> {
         let names = self.column(table, "what").into_iter().zip(self.column(table, "value"));
         names.into_iter().find_map(|(what, value)| match (what, value) {
@@ -93,13 +94,13 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "separation of the receiver from the light that it emits",
-        check: "the light has no point of capture, or the receiver covers less than a quarter of the view from it; otherwise the choice of the graph",
-        force: "`surroundings: Projected`, or any choice but `Open`",
+        check: "the light has no capture point, or the receiver covers less than a quarter of the view from that point; otherwise `surroundings` decides",
+        force: "`surroundings: Projected`, or any other value except `Open`",
         kinds: TRACE,
         judge: |seen| {
             let decided = seen.value("decisions", "surroundings")?;
             let text = seen.note("surroundings").map_or_else(|| format!("{decided}, as set"), str::to_owned);
-            // Infinitely distant light on a solid receiver: the receiver is not a light, and hides none.
+            // With `Open`, the light is infinitely distant: the receiver is neither a light, nor does it block any.
             Some((decided == "Open", text))
         },
     },
@@ -116,7 +117,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "rays where objects change nothing",
         check: "no path of a chunk of pixels meets an object",
-        force: "none: the expected picture does not depend on it",
+        force: "it cannot be forced; the expected picture does not depend on it",
         kinds: TRACE,
         judge: |seen| {
             let shares = seen.column("views", "share of chunks that no object changes").into_iter();
@@ -128,7 +129,7 @@ const SKIPS: [Skip; 8] = [
         },
     },
     Skip {
-        what: "directions and harmonics above degree 0",
+        what: "spherical harmonics above degree 0, and view directions for them",
         check: "the degree of the scene, and `sh_degree`",
         force: "`--exhaustive`",
         kinds: SPLATS,
@@ -139,22 +140,22 @@ const SKIPS: [Skip; 8] = [
         },
     },
     Skip {
-        what: "lobes that materials lack",
+        what: "lobes that no material has",
         check: "the strength of each lobe, after its texture",
         force: "`--exhaustive`",
         kinds: TRACE,
         judge: |seen| {
             let absent = seen.value("decisions", "lobes that no material has")?;
             let text = match absent.as_str() {
-                "" => "every lobe is in some material".to_owned(),
+                "" => "every lobe is used by some material".to_owned(),
                 _ => absent.clone(),
             };
             Some((!absent.is_empty(), text))
         },
     },
     Skip {
-        what: "splats that no picture can see, in blocks",
-        check: "a box around their centres and longest axes",
+        what: "blocks of splats that no picture can show",
+        check: "a box around the centres and longest axes of the splats",
         force: "`--exhaustive`",
         kinds: SPLATS,
         judge: |seen| {
@@ -167,7 +168,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "pixels of the panorama that do not affect the picture",
         check: "the width in texels of the smoothest lobe and of the smallest light",
-        force: "`skip_fine: false` of `fit-probe`; without one `width_px` and `size_px` decide",
+        force: "`skip_fine: false` of `fit-probe`; without a `fit-probe`, `width_px` and `size_px` decide",
         kinds: &["fit-probe", "path-trace"],
         judge: |seen| match seen.note("probe-size") {
             Some(text) => Some((text.contains("instead of"), text.to_owned())),
@@ -179,7 +180,8 @@ const SKIPS: [Skip; 8] = [
     },
 ];
 
-/// Lists the skipped and forced work in the order of `docs/trade.md`, including checks that no node of a run makes.
+/// Lists the findings of all checks, in the order of `docs/trade.md`. Checks that no node of the run made are
+/// included.
 pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut> {
     let mut all: Vec<LeftOut> = Vec::new();
     for Skip { what, check, force, kinds, judge } in SKIPS {
@@ -201,7 +203,7 @@ pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut
     all
 }
 
-/// The finding about results that the values of axes share.
+/// The finding about results that several values of an axis share.
 fn frames(nodes: &[NodeCost]) -> LeftOut {
     let varying = || nodes.iter().filter(|node| node.varies);
     let keys: BTreeSet<_> = varying().filter_map(|node| node.key).collect();
@@ -295,8 +297,8 @@ mod tests {
         assert_eq!(judged(&[trace], &reports)[5], (Some(true), "sheen, brush".to_owned()));
     }
 
-    // An open scene under distant light needs no near light, whether by decision or as set. Mutation: any choice taken for
-    // `Open`.
+    // An open scene under distant light needs no near light, no matter whether `Open` was chosen or set. This test
+    // fails if every choice counts as `Open`.
     #[test]
     fn an_open_scene_needs_no_near_light() {
         let row = |decided: &str, why: Option<&str>| {

@@ -1,9 +1,9 @@
-//! Work against error, measured: the knobs of a graph, the search for settings that reach an error with little work,
-//! and the page that shows what each node costs and how much error it causes.
+//! Measurement of work and error: the knobs of a graph, the search for settings that reach an error with little
+//! work, and the page that shows what each node costs and how much error it causes.
 //!
 //! A [`bench::Bench`] runs a graph at settings of its knobs and compares the pictures with those of the preset
-//! `reference`. [`tune`] uses it for searches, and [`report`] to make a page. This crate prints nothing; the verbs
-//! of the command line do.
+//! `reference`. [`tune`] uses it for searches, and [`report`] to make a page. This crate prints nothing; the
+//! subcommands of the program do.
 
 pub mod attribution;
 pub mod below;

@@ -6,7 +6,7 @@ use crate::error::Error;
 use crate::off::Off;
 use crate::plot;
 
-/// A measure of error for which less is better, in a region of the picture.
+/// A measure of error in a region of the picture; less is better.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Metric {
     /// Name as requested, such as `touched.flip`.
@@ -19,9 +19,9 @@ pub struct Metric {
 enum Of {
     /// A column of `compare`.
     Column(&'static str),
-    /// Root of the mean square error of display values.
+    /// Root mean square error of display values.
     Rmse,
-    /// PSNR in decibels, computed from the same error.
+    /// The same error, given as PSNR in decibels.
     Psnr,
 }
 
@@ -29,11 +29,11 @@ enum Of {
 const REGIONS: [&str; 4] = ["whole", "touched", "object", "shadow"];
 
 /// The prefixes that select a region, for messages.
-const IN_FRONT: &str = "with the prefix `touched.` for the pixels that the object changes, `object.` for those that it covers, or `shadow.` for the others that it changes";
+const IN_FRONT: &str = "optionally with the prefix `touched.` for the pixels that the object changes, `object.` for those that it covers, or `shadow.` for the others that it changes";
 
 /// Names of metrics, and their computation.
 const METRICS: [(&str, Of); 7] = [
-    // For a picture in linear light the column of HDR-FLIP.
+    // For a picture in linear light, this is the column of HDR-FLIP.
     ("flip", Of::Column("flip mean")),
     ("flip95", Of::Column("flip p95")),
     ("rmse", Of::Rmse),
@@ -44,7 +44,7 @@ const METRICS: [(&str, Of); 7] = [
 ];
 
 impl Metric {
-    /// The metric with a name, such as `flip` or `touched.rmse`; the prefix `whole.` is optional.
+    /// The metric of a name such as `flip` or `touched.rmse`. The prefix `whole.` may be omitted.
     pub fn of(name: &str) -> Option<Self> {
         let (region, metric) = name.split_once('.').unwrap_or(("whole", name));
         let region = REGIONS.into_iter().find(|known| *known == region)?;
@@ -52,19 +52,20 @@ impl Metric {
         Some(Self { name: name.to_owned(), region, of: *of })
     }
 
-    /// The metric with a name. The error lists the known metrics.
+    /// Like [`of`](Self::of()), but returns an error that lists the known metrics if the name is unknown.
     pub fn named(name: &str) -> Result<Self, Error> {
         let unknown = || Error::Metric { text: name.to_owned(), known: Self::known(), regions: IN_FRONT };
         Self::of(name).ok_or_else(unknown)
     }
 
-    /// Parses a bound such as `flip=0.02`. The error explains the form.
+    /// Like [`bound`](Self::bound), but returns an error that explains the form if the bound is invalid.
     pub fn bounded(text: &str) -> Result<(Self, f64), Error> {
         let wrong = || Error::Bound { text: text.to_owned(), known: Self::known(), regions: IN_FRONT };
         Self::bound(text).ok_or_else(wrong)
     }
 
-    /// Parses a bound such as `flip=0.02`. A bound on PSNR, in dB, is converted to a root mean square.
+    /// Parses a bound such as `flip=0.02`. A bound on PSNR, in dB, is converted to a bound on the root mean square
+    /// error.
     pub fn bound(text: &str) -> Option<(Self, f64)> {
         let (name, value) = text.split_once('=')?;
         let metric = Self::of(name.trim())?;
@@ -87,8 +88,8 @@ impl Metric {
         number(if self.of == Of::Psnr { decibels(error) } else { error })
     }
 
-    /// Id of the note of `compare` with the reason why the metric is not computed for colour pictures; `None` if it
-    /// always is.
+    /// Id of the note in which `compare` reports why the metric cannot be computed for colour pictures; `None` if
+    /// it always can.
     pub fn missing_note(&self) -> Option<&'static str> {
         match self.of {
             Of::Column("flip mean" | "flip p95") => Some("no-flip"),
@@ -113,13 +114,13 @@ impl Metric {
         METRICS.map(|(name, _)| name).join(", ")
     }
 
-    /// The largest error over all outputs, in the views that show the region; `None` if it was not computed for one
-    /// of them, or if no view shows the region.
+    /// The largest error over all outputs and all views that show the region; `None` if the error of one of them
+    /// was not computed, or if no view shows the region.
     pub fn error(&self, off: &[Off]) -> Option<f64> {
         self.worst(off, "image")
     }
 
-    /// Like [`error`](Self::error), for a baseline: the picture `judged`.
+    /// Like [`error`](Self::error), but for the picture `judged`, which may be a baseline.
     pub fn worst(&self, off: &[Off], judged: &str) -> Option<f64> {
         let rows =
             off.iter().filter(|row| row.region == self.region && row.judged == judged && row.pixels > 0);
@@ -135,7 +136,7 @@ impl Metric {
 
 /// PSNR in dB of values with a maximum of 1.
 fn decibels(rmse: f64) -> f64 {
-    // Not -0 dB, where no light is common.
+    // The subtraction from 0 avoids -0 dB for an error of 1.
     if rmse > 0.0 { 0.0 - 20.0 * nodes::math::num::f64::log10(rmse) } else { f64::INFINITY }
 }
 
@@ -165,7 +166,7 @@ mod tests {
             values: [("psnr (dB)".to_owned(), psnr)].into(),
             counts: true,
         };
-        // The object is out of sight in one view, where nothing can be computed.
+        // In one view the object is not visible, so nothing can be computed there.
         let unseen = Off { pixels: 0, values: [].into(), ..row("touched", 0.0) };
         assert_eq!(metric.error(std::slice::from_ref(&unseen)), None);
         let off = [row("touched", 20.0), row("touched", 40.0), row("whole", 10.0), unseen];

@@ -15,14 +15,15 @@ pub struct Off {
     pub judged: String,
     /// Number of pixels of the region.
     pub pixels: u64,
-    /// Values by column of `compare`.
+    /// Values, by the names of the columns of `compare`.
     pub values: BTreeMap<String, f64>,
-    /// True if the error is unknown when a value is missing; false if the missing value was reported before.
+    /// True if a missing value makes the error of the whole point unknown; false if it was reported that the metric
+    /// cannot be computed for this picture.
     pub counts: bool,
 }
 
 impl Off {
-    /// The value of a column; for FLIP, that of HDR-FLIP if the picture is judged in linear light.
+    /// The value of a column. For FLIP, it is the value of HDR-FLIP if the picture is judged in linear light.
     pub fn value(&self, column: &str) -> Option<f64> {
         self.values.get(column).or_else(|| self.values.get(&format!("hdr-{column}"))).copied()
     }

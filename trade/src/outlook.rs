@@ -12,30 +12,31 @@ use crate::tunables::{Assignment, Tunable};
 pub struct Outlook {
     /// Number of settings that are not measured yet.
     pub settings: usize,
-    /// Time in seconds, without the runs that have no forecast.
+    /// Time in seconds. Runs without a forecast are not included.
     pub seconds: f64,
-    /// Number of runs of nodes without a forecast, since their kinds never ran.
+    /// Number of runs of nodes for which there is no forecast, since their kinds have never run.
     pub unknown: usize,
 }
 
-/// The tunables that the result of a node depends on.
+/// The tunables on which the result of a node depends.
 struct Reach {
     /// The tunables of the node and of the nodes above it.
     tunables: Vec<usize>,
-    /// The tunable whose steps are cached in parts, such as `samples`; a larger value costs only the difference.
+    /// The tunable whose results are cached in parts, such as `samples`, so that a larger value costs only the
+    /// difference.
     refines: Option<usize>,
 }
 
 impl Bench<'_> {
-    /// Forecasts the time to measure some settings. A node with equal settings at and above it counts once, and not
-    /// at all if it was measured.
+    /// Forecasts the time to measure some settings. If a node and the nodes above it are set equally in several
+    /// settings, the node counts once; if they are also set like this in a measured point, it does not count.
     pub fn outlook(&self, settings: &[Assignment]) -> Outlook {
         let graph = self.base();
         let reach = reach(graph, &self.tunables);
         let wanted = graph.above(self.targets());
         let is_new = |setting: &&Assignment| self.points.iter().all(|point| point.assignment != **setting);
         let mut outlook = Outlook::default();
-        // By node and the values it depends on without the refining one: the largest cost.
+        // The largest cost, by node and by the values on which the node depends, except the value of `refines`.
         let mut costs: BTreeMap<(usize, Vec<usize>), Option<f64>> = BTreeMap::new();
         for setting in settings.iter().filter(is_new) {
             outlook.settings += 1;
@@ -65,8 +66,8 @@ impl Bench<'_> {
         outlook
     }
 
-    /// Time in seconds that a node takes at a setting: that of the most similar measured setting, otherwise that of
-    /// the plan.
+    /// Time in seconds that a node takes at a setting. It is taken from the most similar measured setting, or from
+    /// the plan if nothing was measured.
     fn cost(
         &self,
         node: usize,
@@ -94,7 +95,7 @@ impl Bench<'_> {
     }
 }
 
-/// The tunables that each node of a graph depends on.
+/// The tunables on which each node of a graph depends.
 fn reach(graph: &Graph, tunables: &[Tunable]) -> Vec<Reach> {
     let mut all: Vec<Vec<usize>> = vec![Vec::new(); graph.nodes.len()];
     let mut refines = vec![None; graph.nodes.len()];

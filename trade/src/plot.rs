@@ -9,7 +9,7 @@ pub struct Dot {
     pub cost: f64,
     /// Error, on the vertical axis.
     pub error: f64,
-    /// Name, shown next to the point and as text on hover.
+    /// Name, shown on hover and, if `named` is true, next to the point.
     pub name: String,
     /// True if no other point has both a lower cost and a lower error.
     pub front: bool,
@@ -24,8 +24,9 @@ const RIGHT: f64 = 120.0;
 const TOP: f64 = 20.0;
 const BOTTOM: f64 = 46.0;
 
-/// Draws a plot as SVG; `shown` formats an error. Both axes are logarithmic. An error of 0 is drawn on a separate
-/// line below the smallest other error. `None` if there is nothing to plot.
+/// Draws a plot as SVG. `cost` and `error` are the labels of the axes, `shown` formats an error, and `bound` is
+/// drawn as a line. Both axes are logarithmic. An error of 0 is drawn on a separate line below the smallest other
+/// error. Returns `None` if there is nothing to plot.
 pub fn svg(
     dots: &[Dot],
     cost: &str,
@@ -40,7 +41,7 @@ pub fn svg(
     let most = errors.reduce(f64::max)?;
     let costs = || dots.iter().map(|dot| dot.cost).filter(|c| *c > 0.0);
     let (cheap, dear) = (costs().reduce(f64::min)?, costs().reduce(f64::max)?);
-    // A tenth of the way more on each side.
+    // Each side is extended by 8 % of the range.
     let widened = |low: f64, high: f64| {
         let (low, high) = (log(low), log(high));
         let more = (high - low).max(0.2) * 0.08;
@@ -69,7 +70,7 @@ pub fn svg(
         );
     }
     let exact = dots.iter().any(|dot| dot.error <= 0.0);
-    // Between 0 and the least error the axis has no scale.
+    // Between 0 and the smallest error, the axis has no scale.
     let values = ticks(y0, y1).into_iter().filter(|value| !exact || *value >= least);
     for value in values.chain(exact.then_some(0.0)) {
         let at = y(value);
@@ -123,8 +124,8 @@ pub fn svg(
     Some(text)
 }
 
-/// The box of a dot's label: left, baseline, width and height. It is right of the dot, at the first of three
-/// heights where it overlaps no other label; at the first height if all overlap.
+/// The box of a dot's label: left, baseline, width and height. It lies right of the dot, at the first of three
+/// heights at which it overlaps no other label, or at the first height if it overlaps at all three.
 fn place_of_name(name: &str, (x, y): (f64, f64), others: &[[f64; 4]]) -> [f64; 4] {
     let at = |dy: f64| [x + 7.0, y + dy, 6.5 * name.len() as f64, 11.0];
     let apart =
@@ -133,7 +134,8 @@ fn place_of_name(name: &str, (x, y): (f64, f64), others: &[[f64; 4]]) -> [f64; 4
     free.unwrap_or(at(-5.0))
 }
 
-/// The values 1, 2 and 5 times powers of ten between two logarithms; only powers of ten for a wide range.
+/// Values of the ticks between two decimal logarithms: powers of ten times 1, 2 and 5, or only powers of ten if the
+/// range is wide.
 fn ticks(low: f64, high: f64) -> Vec<f64> {
     let decades = low.floor() as i32..=high.ceil() as i32;
     let steps: &[f64] = if high - low < 2.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };

@@ -1,29 +1,30 @@
-//! The knobs of a graph for a search: their values, and the positions of the presets.
+//! The knobs of a graph as a search sees them: their values, and the values that the presets select.
 
 use engine::{Diagnostics, Graph, KnobKind, PRESETS, Registry};
 
 use crate::error::Error;
 
-/// A knob of the graph with its possible values, from the least work to the least error.
+/// A knob of the graph, or another field that a preset sets, with its possible values. The values of a knob are
+/// ordered from the least work to the least error.
 pub struct Tunable {
     /// Name of the node.
     pub node: String,
     /// Name of its parameter.
     pub parameter: &'static str,
-    /// The values, as text in a graph.
+    /// The values, as they are written in a graph.
     pub values: Vec<String>,
     /// Number of values per step of a search.
     pub step: usize,
-    /// The index of the value that the graph has.
+    /// The index of the graph's own value.
     pub now: usize,
     /// The index of the value in each preset.
     pub presets: [usize; 4],
-    /// True if it is a knob, whose values have an order.
+    /// True for a knob, whose values are ordered.
     pub knob: bool,
 }
 
 impl Tunable {
-    /// The knob with a finer value than the reference, if any.
+    /// A remark if the graph or a preset has a finer value than the reference; otherwise `None`.
     pub fn finer_than_the_reference(&self) -> Option<String> {
         let [draft, preview, finer, reference] = self.presets;
         let all = [(draft, "`draft`"), (preview, "`preview`"), (finer, "`final`"), (self.now, "the graph")];
@@ -31,7 +32,7 @@ impl Tunable {
             all.into_iter().filter(|(at, _)| self.knob && *at > reference).max_by_key(|(at, _)| *at)?;
         let Self { node, parameter, values, .. } = self;
         Some(format!(
-            "`reference` has {node}.{parameter}={} and {name} {}: the difference counts as error",
+            "`reference` sets {node}.{parameter}={}, but {name} has the finer value {}; the difference counts as error",
             values[reference], values[at]
         ))
     }
@@ -40,7 +41,7 @@ impl Tunable {
 /// Index of the value of each tunable.
 pub type Assignment = Vec<usize>;
 
-/// The graph at each of its presets.
+/// Returns the graph with each of its presets applied.
 pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> {
     let preset = |name: &str| {
         let source = graph.source.clone().with_preset(name, registry);
@@ -52,8 +53,9 @@ pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> 
     Ok([draft?, preview?, finer?, reference?])
 }
 
-/// Checks that another version of a graph has the same nodes, so that an index means the same in both. The error is
-/// the reason. A preset that sets a field that varies along an axis removes the axis from the nodes below.
+/// Checks that another form of a graph has the same nodes, so that an index refers to the same node in both. The
+/// nodes differ if a preset sets a field that varies along an axis, since this removes the axis from the nodes
+/// below. The error is the reason.
 pub fn same_nodes(graph: &Graph, form: &Graph) -> Result<(), String> {
     let ids = |graph: &Graph| graph.nodes.iter().map(|node| node.id.clone()).collect::<Vec<_>>();
     let (all, others) = (ids(graph), ids(form));
@@ -62,14 +64,14 @@ pub fn same_nodes(graph: &Graph, form: &Graph) -> Result<(), String> {
         found => {
             let (id, other) = found.map_or(("", ""), |(id, other)| (id, other));
             Err(format!(
-                "it sets a field that varies along an axis, so the graph has other nodes (`{other}` for `{id}`), whose pictures cannot be compared; set what does not vary"
+                "it sets a field that varies along an axis, so the graph has other nodes (`{other}` instead of `{id}`), and the pictures cannot be compared; set only fields that do not vary"
             ))
         }
     }
 }
 
-/// The knobs of some nodes and the nodes above them, with their values, and other fields of these nodes that the
-/// graph's own presets set, since a reference may set another threshold or crop. Fields that vary along an axis are
+/// The knobs of some nodes and of the nodes above them. Other fields of these nodes that the graph's own presets
+/// set are included, since a reference may set, for example, another threshold. Fields that vary along an axis are
 /// left out.
 pub fn tunables(graph: &Graph, targets: &[usize], registry: &Registry) -> Result<Vec<Tunable>, Error> {
     let laid = presets(graph, registry)?;
@@ -130,8 +132,8 @@ pub fn tunables(graph: &Graph, targets: &[usize], registry: &Registry) -> Result
     Ok(tunables)
 }
 
-/// Adds further values for a search: half and a quarter of the smallest one, and for samples, which are most of the
-/// work, values between two. Returns the number of values per step.
+/// Adds further values for a search: half and a quarter of the smallest value, and for numbers of samples, which
+/// determine most of the work, a value between each two neighbours. Returns the number of values per step.
 fn widen(values: &mut Vec<String>, kind: KnobKind, least: f64) -> usize {
     let whole = |text: &String| text.parse::<u64>().ok();
     if values.len() < 2 || !matches!(kind, KnobKind::Samples | KnobKind::Resolution | KnobKind::Depth) {
@@ -155,7 +157,8 @@ fn equal(a: &str, b: &str) -> bool {
     a == b || a.parse::<f64>().is_ok_and(|a| b.parse() == Ok(a))
 }
 
-/// Inserts a value in order of size, which decreases in some lists; at the front if it is not a number.
+/// Inserts a value in the order of the list, which may be increasing or decreasing. A value that is not a number is
+/// inserted at the front.
 fn insert(values: &mut Vec<String>, value: &str, kind: KnobKind) {
     if values.iter().any(|known| equal(known, value)) {
         return;
@@ -163,7 +166,7 @@ fn insert(values: &mut Vec<String>, value: &str, kind: KnobKind) {
     let number = |text: &str| {
         let text = text.strip_prefix("Some(").and_then(|text| text.strip_suffix(')')).unwrap_or(text);
         match (text.parse::<f64>(), kind) {
-            // No error that may be left, and no limit.
+            // `None` means that no error is tolerated, and a limit of 0 that there is no limit.
             _ if text == "None" => Some(0.0),
             (Ok(0.0), KnobKind::Limit) => Some(f64::INFINITY),
             (number, _) => number.ok(),
@@ -185,7 +188,7 @@ mod tests {
     use super::*;
     use engine::{Source, SourceRoot};
 
-    /// A graph that first estimates the light from a coarse panorama.
+    /// A graph in which a coarse panorama is rendered first, for `fit-probe` to choose the size of the light.
     const FITTED: &str = r#"Graph(
         version: 1, scene: (up: "+z", seed: 1), nodes: (
             demo:   DemoScene(splats: 4000, width_px: 36, height_px: 26),
@@ -204,9 +207,9 @@ mod tests {
         ),
     )"#;
 
-    // Presets turn the inputs of the light and not the coarse look that decides its size, unless that is an output,
-    // too, or a preset of the graph sets it.
-    // Mutation: `LOOKS` of `fit-probe` empty; `shown_by` as `above`; `looked_at` all false.
+    // Presets change the nodes that compute the light. They do not change the coarse panorama that only `fit-probe`
+    // reads, to choose sizes, unless this panorama is also an output, or a preset of the graph sets it. This test
+    // fails if `LOOKS` of `fit-probe` is empty, if `shown_by` equals `above`, or if `looked_at` is always false.
     #[test]
     fn what_only_looks_is_turned_by_no_preset() {
         let registry = nodes::registry();
@@ -265,9 +268,13 @@ mod tests {
         };
         assert_eq!(of(1, [0, 1, 2, 2], true).finer_than_the_reference(), None);
         let reported = of(0, [0, 0, 2, 1], true).finer_than_the_reference();
-        assert!(reported.is_some_and(|t| t.contains("pano.width_px=128 and `final` 256")));
         assert!(
-            of(2, [0, 0, 0, 1], true).finer_than_the_reference().is_some_and(|t| t.contains("the graph 256"))
+            reported.is_some_and(|t| t.contains("pano.width_px=128, but `final` has the finer value 256"))
+        );
+        assert!(
+            of(2, [0, 0, 0, 1], true)
+                .finer_than_the_reference()
+                .is_some_and(|t| t.contains("the graph has the finer value 256"))
         );
         assert_eq!(of(2, [0, 0, 0, 1], false).finer_than_the_reference(), None, "its values have no order");
     }

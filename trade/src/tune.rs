@@ -33,7 +33,7 @@ impl Unit {
 /// The goal of a search.
 #[derive(Debug)]
 pub struct Wanted {
-    /// The measure of error.
+    /// The measure of the error.
     pub metric: Metric,
     /// The bound on error or on cost.
     pub goal: Goal,
@@ -51,7 +51,8 @@ pub struct Tuned {
     pub best: Option<usize>,
     /// The preset that reaches the goal at the lowest cost, or the best preset within the cost.
     pub naive: Option<(&'static str, Tried)>,
-    /// Settings that cost less than half of that preset, if the best setting does not; `None` otherwise.
+    /// Result of a search for settings that cost less than half as much as that preset; `None` if this search was
+    /// not made, for example because the best setting already costs less.
     pub half: Option<Below>,
     /// True if the search finished.
     pub finished: bool,
@@ -63,10 +64,10 @@ pub struct Tuned {
     pub wrong: Option<Error>,
 }
 
-/// Searches for the best setting. Calls `each` after every setting that is new, with the index of its point.
+/// Searches for the best setting. Calls `each` after every new setting, with the index of its point.
 pub fn tune(bench: &mut Bench<'_>, wanted: &Wanted, each: impl FnMut(&mut Bench<'_>, usize)) -> Tuned {
     let steps = bench.steps();
-    // The first one is what others are compared with.
+    // The first start is the reference, with which the others are compared.
     let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
     let mut measuring = Measuring { wanted, bench, left: wanted.budget, late: false, wrong: None, each };
     let SearchResult { mut tried, mut best, finished } =
@@ -143,15 +144,15 @@ impl Tuned {
     pub fn ended(&self, stopped: bool) -> &'static str {
         match (self.finished, stopped) {
             (true, _) => "changing any one knob by one step does not help",
-            (false, true) => "interrupted, so there may be better ones",
-            (false, false) if self.late => "the time ran out, so there may be better ones",
-            (false, false) if self.left == 0 => "the budget is used up, so there may be better ones",
-            (false, false) => "a setting failed, so there may be better ones",
+            (false, true) => "interrupted, so there may be better settings",
+            (false, false) if self.late => "the time ran out, so there may be better settings",
+            (false, false) if self.left == 0 => "the budget is used up, so there may be better settings",
+            (false, false) => "a setting failed, so there may be better settings",
         }
     }
 
-    /// A line that compares the best setting with the presets and gives the reason why the search ended. Empty
-    /// without a best setting.
+    /// A line that compares the best setting with the presets and states why the search ended; empty if no setting
+    /// reaches the goal.
     pub fn summary(&self, wanted: &Wanted, stopped: bool) -> String {
         let Some(found) = self.best.map(|best| &self.tried[best]) else { return String::new() };
         let mut text = summary(&wanted.metric, wanted.goal, found, wanted.unit.name(), self.naive.as_ref());
@@ -242,8 +243,8 @@ impl Tuned {
     }
 }
 
-/// The preset that a user would choose without a search: the cheapest that reaches the goal, or the best within a
-/// cost.
+/// The preset that a user would choose without a search: the cheapest preset that reaches an error, or the best
+/// preset within a cost.
 fn naive(starts: &[Assignment], tried: &[Tried], goal: Goal) -> Option<(&'static str, Tried)> {
     let presets = PRESETS.into_iter().rev().zip(starts);
     let known =
@@ -252,18 +253,19 @@ fn naive(starts: &[Assignment], tried: &[Tried], goal: Goal) -> Option<(&'static
     search::best(&tried, goal).map(|at| (names[at], tried[at].clone()))
 }
 
-/// Describes the result of the search for settings below half the cost of the preset, and its limits.
+/// Describes the result of the search for settings that cost less than half as much as the preset, and its limits.
 fn none_below_half(metric: &Metric, half: &Below) -> String {
     let least = half.all.iter().map(|t| t.error).reduce(f64::min);
     let found = match least {
         Some(_) if !half.complete => {
             let (count, least) = (half.all.len(), metric.shown(least));
             format!(
-                "of {count} settings measured below half of that cost, none reaches the goal (smallest error {least}); a larger --budget would measure more"
+                "of {count} settings measured below half of that cost, none reaches the goal (smallest error {least}); a larger `--budget` would measure more of them"
             )
         }
         None if !half.complete => {
-            "no setting below half of that cost was measured; a larger --budget would include some".to_owned()
+            "no setting below half of that cost was measured; a larger `--budget` would include such settings"
+                .to_owned()
         }
         Some(_) => {
             let (count, least) = (half.all.len(), metric.shown(least));
@@ -279,13 +281,12 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
         }
     };
     let (most, pairs) = (100.0 * half.saved.most, half.saved.pairs);
-    let saved = format!(
-        "raising knobs saved at most {most:.1} % of the cost of other nodes in {pairs} pairs of settings"
-    );
+    let saved =
+        format!("in {pairs} pairs of measured settings, raising knobs saved at most {most:.1} % of the cost");
     if half.complete {
         let margin = 100.0 * half.margin;
         format!(
-            "{found}; another one exists only if raising a knob saves more than {margin:.1} %, and {saved}"
+            "{found}; another such setting exists only if raising knobs saves more than {margin:.1} % of the cost; {saved}"
         )
     } else {
         format!("{found}; {saved}")
@@ -305,7 +306,9 @@ fn summary(metric: &Metric, goal: Goal, found: &Tried, unit: &str, naive: Option
             }
             Goal::Cost(_) => {
                 let other = metric.shown(Some(preset.error));
-                text.push_str(&format!("; `{name}`, the best preset within it, has {other}"));
+                text.push_str(&format!(
+                    "; `{name}`, the best preset within this cost, has an error of {other}"
+                ));
             }
         }
     }

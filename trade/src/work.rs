@@ -2,21 +2,21 @@
 
 use engine::Counts;
 
-/// Weights of counts, in rays: the CPU time relative to that of a ray of `path-trace`, measured over settings by
-/// `tests/tables/weights.py`. `docs/evidence/trade.md` has the measurements and how well they predict single nodes.
-/// Other counts have no weight.
+/// Weights of counts, in rays: the CPU time of one unit of the count, divided by the CPU time of a ray of
+/// `path-trace`. They were fitted by `tests/tables/weights.py`; `docs/evidence/trade.md` has the measurements and
+/// shows how well the weights predict the time of single nodes. Other counts have no weight.
 const WEIGHTS: [(&str, f64); 7] = [
     ("rays", 1.0),
     ("splat_tile_pairs", 0.4),
     ("splat_evaluations", 0.014),
-    // On top of that of any arithmetic.
+    // Added to the weight of `splat_evaluations`.
     ("splat_evaluations_f64", 0.013),
     ("directions", 0.36),
     ("pixels", 0.8),
     ("taps", 0.01),
 ];
 
-/// The work of some counts, in rays.
+/// Combines counts into work, in rays.
 pub fn work_of(counts: &Counts) -> f64 {
     let weigh = |(name, weight): &(&str, f64)| counts.get(*name).map_or(0.0, |n| *n as f64 * weight);
     WEIGHTS.iter().map(weigh).sum()

@@ -24,7 +24,7 @@ mod write;
 #[cfg(test)]
 mod tests;
 
-/// Flag added to the kind of an entry: such an entry removes the entry of that kind and key.
+/// Flag in the kind of an entry. An entry with this flag removes the previous entry of the same kind and key.
 const REMOVED: u8 = 0x80;
 
 /// Bytes per read.
@@ -43,7 +43,7 @@ pub(crate) struct Settings {
     pub sync: bool,
 }
 
-/// The last entry of each kind and key, in a file or in memory only.
+/// A log in a file or in memory only. For each kind and key, only the last entry is valid.
 #[derive(Debug)]
 pub(crate) struct Log {
     settings: Option<Arc<Settings>>,
@@ -53,7 +53,7 @@ pub(crate) struct Log {
     index: Option<Index>,
     /// True if an index was found to be wrong; no index is read from then on.
     index_rejected: bool,
-    /// The entries after the part that is indexed; `None` for one that was removed.
+    /// The entries after the indexed part of the file; `None` for a removed entry.
     recent: HashMap<EntryId, Option<Location>, BuildHasherDefault<DigestHasher>>,
     /// All entries of a log without a file.
     memory: Vec<u8>,
@@ -138,7 +138,7 @@ impl Log {
             {
                 return Ok(Some(entry.payload.to_vec()));
             }
-            // Damaged since it was indexed. Reading everything shows what else is.
+            // The entry was damaged after it was indexed. Reading the whole log shows what else is damaged.
             self.rescan()?;
         }
         self.drop_entry(kind, key);
@@ -190,13 +190,13 @@ impl Log {
     }
 
     /// Reads the whole file again without the index and returns the number of damaged bytes. Bytes at the end that
-    /// may be an entry being written are not counted.
+    /// may belong to an entry still being written are not counted.
     pub fn reread(&mut self) -> Result<u64> {
         self.rescan()?;
         Ok(self.sizes.damaged)
     }
 
-    /// Bytes of entries that were replaced, removed or cut short.
+    /// The number of bytes of entries that were replaced, removed or cut short.
     pub fn dead(&self) -> u64 {
         self.sizes.dead
     }
@@ -231,7 +231,7 @@ impl Log {
         let Some(metadata) = regular::metadata(&settings.path).at("read", &settings.path)? else {
             return Ok(false);
         };
-        // What follows the last whole entry may be another one by now.
+        // The bytes after the last complete entry may have become another complete entry by now.
         let complete = self.parsed == self.length && metadata.len() == self.length;
         Ok(complete && same_file(&open.metadata, &metadata))
     }
@@ -312,7 +312,8 @@ impl Log {
         }
     }
 
-    /// Registers the entries in `bytes`, which start `base` bytes after the file's head. Returns the end of the last.
+    /// Registers the entries in `bytes`, which start `base` bytes after the file's head. Returns the end of the
+    /// last entry.
     fn parse(&mut self, salt: u32, base: u64, bytes: &[u8]) -> usize {
         let Log { index, recent, sizes, .. } = self;
         let scanned = entry::scan(salt, bytes, |at, entry| {
@@ -324,7 +325,7 @@ impl Log {
             *if location.is_some() { &mut sizes.live } else { &mut sizes.dead } += size;
             let old = match recent.insert(id, location) {
                 Some(known) => known,
-                // A damaged page is detected when its entry is asked for; until then only these sums are wrong.
+                // A damaged page is detected when its entry is requested. Until then, only these sums are wrong.
                 None => index.as_mut().and_then(|index| index.find(&id).unwrap_or(None)),
             };
             if let Some(old) = old {
@@ -339,12 +340,13 @@ impl Log {
         scanned.end
     }
 
-    /// Bytes at an offset from the end of the file's head; fewer if the file is shorter.
+    /// Reads `length` bytes at `offset`, which counts from the end of the file's head; fewer if the file is
+    /// shorter.
     fn read(&mut self, offset: u64, length: usize) -> Result<&[u8]> {
         let (Some(open), Some(settings)) = (&self.open, &self.settings) else {
             return Ok(self.memory.get(offset as usize..offset as usize + length).unwrap_or_default());
         };
-        // What follows may be an entry that is still being written.
+        // Bytes after `parsed` may belong to an entry that is still being written.
         self.pages.read(&open.file, self.parsed, log_head::LENGTH + offset, length).at("read", &settings.path)
     }
 }

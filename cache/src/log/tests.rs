@@ -38,7 +38,8 @@ fn no_append_changes_what_is_in_the_file() {
     let path = folder.path().join("x.log");
     locked.append(&[(1, key(0), b"whole")]).unwrap();
     let whole = fs::read(&path).unwrap();
-    // A part of an entry, as a killed writer or a full disk leaves it; then one written without the lock.
+    // First a part of an entry, as a killed writer or a full disk leaves it; then an entry written without the
+    // lock.
     let torn = [&whole[..], &whole[log_head::LENGTH as usize..whole.len() - 1]].concat();
     fs::write(&path, &torn).unwrap();
     let lock = File::open(folder.path().join("x.lock")).unwrap();
@@ -67,7 +68,7 @@ fn what_is_appended_in_the_last_instant_of_a_compaction_is_copied() {
     let length = locked.length;
     let mut new = TempFile::create(&folder.path().join("temp"), &failpoint::LOG).unwrap();
     new.write(&log_head::with(log_head::fresh_salt())).unwrap();
-    // After the last look at the old file's length.
+    // Written after compaction has checked the old file's length for the last time.
     let file = other.open.as_ref().unwrap();
     let mut bytes = Vec::new();
     Entry { kind: 1, key: key(1), payload: b"late" }.encode(file.salt, &mut bytes);

@@ -23,8 +23,8 @@ const MIN_DEAD: u64 = 1 << 20;
 /// An index is rewritten when at least this many bytes, and at least a sixteenth of the log, are not in it.
 const MIN_UNINDEXED: u64 = 64 << 10;
 
-/// Maximum time that an append waits for another process, so that a stopped process does not block others. After
-/// one timeout, appends do not wait again.
+/// Maximum time that an append waits for another process, so that a stopped process does not block others. After a
+/// timeout, appends try to lock without waiting, until one of them obtains the lock.
 ///
 /// Appending without the lock is safe: bytes of a log are never changed or cut off, and a writer without the lock
 /// detects whether a compaction replaced the file meanwhile.
@@ -77,8 +77,8 @@ impl Log {
                 self.length = self.parsed;
                 return Ok(());
             }
-            // Without the lock, the file may have been replaced between opening and writing it. The one that replaced
-            // it may lack these entries.
+            // Without the lock, the file may have been replaced between opening and writing it. The new file may
+            // lack these entries.
             let written = open.metadata.clone();
             self.catch_up()?;
             if locked || self.open.as_ref().is_some_and(|open| same_file(&open.metadata, &written)) {
@@ -120,9 +120,9 @@ impl Log {
         damaged > 0 || (dead > live && dead > MIN_DEAD)
     }
 
-    /// Rewrites the file with only those of its live entries that `keep` accepts. Other processes go on reading the old
-    /// file until their next refresh, and append to the new one. Does nothing where locks do not work; returns whether
-    /// the file was rewritten.
+    /// Rewrites the file with only those live entries that `keep` accepts, and returns whether it was rewritten.
+    /// Other processes continue to read the old file until their next refresh, and append to the new one. Does
+    /// nothing where locks do not work.
     pub fn compact(&mut self, keep: impl Fn(u8, &Digest) -> bool) -> Result<bool> {
         let Some(settings) = self.settings.clone().filter(|settings| settings.writable) else {
             return Ok(false);
@@ -152,19 +152,20 @@ impl Log {
             }
         }
         temp.write(&bytes)?;
-        // Another process has appended without the lock.
+        // If the length changed, another process has appended without the lock.
         let now = self.open.as_ref().and_then(|open| open.file.metadata().ok());
         if now.is_none_or(|now| now.len() != old_length) {
             return Ok(false);
         }
-        // Always synced: the old file, which may be safely on the disk, is about to go.
+        // The new file is always synced, since the old one, which may already be safe on the disk, is about to be
+        // replaced.
         temp.sync()?;
         self.replace_file(&settings, temp, old_length)?;
         Ok(true)
     }
 
-    /// Renames a compacted log over the file and copies to it the entries appended to the old file without the lock
-    /// since then. `old_length` bytes of the old file were compacted.
+    /// Renames a compacted log over the file. `old_length` is the number of bytes of the old file that were
+    /// compacted. Entries appended to the old file after these, without the lock, are copied to the new file.
     pub(super) fn replace_file(&mut self, settings: &Settings, new: TempFile, old_length: u64) -> Result<()> {
         let Some(old) = self.open.take() else { return Ok(()) };
         new.persist(&settings.path)?;
@@ -191,7 +192,7 @@ impl Log {
         let all = self.all()?;
         let path = settings.index();
         Index::write(&path, &settings.temp, salt, self.parsed, self.sizes, &all)?;
-        // Another process may have replaced it by an older one, which lacks recent entries.
+        // Another process may have replaced the index by an older one, which lacks recent entries.
         let index = Index::open(&path, salt, self.parsed).filter(|index| index.covered == self.parsed);
         if index.is_some() {
             (self.index, self.recent) = (index, HashMap::default());
@@ -218,7 +219,7 @@ impl Log {
             return Ok(());
         }
         if settings.path.exists() {
-            // Its head is damaged. Kept for inspection; if that fails, it is replaced.
+            // The head of this file is damaged. The file is kept for inspection; if that fails, it is replaced.
             let name = format!("{:016x}.log", u64::from(log_head::fresh_salt()));
             let _ = fs::create_dir_all(&settings.quarantine);
             let _ = fs::rename(&settings.path, settings.quarantine.join(name));

@@ -1,53 +1,55 @@
-//! Training of the exposure network, which predicts the positions in a panorama of the light that clipping hides.
-//! The total amount is fitted before, separately. A small network scores each clipped cell, and the softmax of the
-//! scores distributes the amount. Unlike a regression per cell, this can put all light into one cell.
+//! Training of the exposure network. It predicts where in a panorama the light lies that clipping has hidden; the
+//! total amount of this light is fitted separately, beforehand. The network scores each clipped cell, and the
+//! softmax of the scores distributes the amount among the cells. Unlike a regression per cell, this can put all
+//! light into one cell.
 
 use candle_core::{D, Device, Result, Tensor, Var};
 
-/// Photographed panoramas in arrays with one row per panorama. Each has the same number of clipped cells: a random
-/// choice of its own, or its own padded with cells of weight 0.
+/// Photographed panoramas, stored as arrays with one row per panorama. All panoramas have the same number of
+/// clipped cells. A panorama with more cells is represented by a random choice of them; one with fewer cells is
+/// padded with cells of weight 0.
 pub struct Examples {
     /// Number of panoramas.
     pub count: usize,
-    /// Cells per panorama.
+    /// Number of clipped cells per panorama.
     pub cells: usize,
-    /// Features of each panorama.
+    /// Features of each panorama as a whole.
     pub overview: Vec<f32>,
     /// Features of each cell.
     pub features: Vec<f32>,
-    /// Logarithm of the visible flux of each cell, multiplied by the number of cells that it represents; -1e9 for
-    /// padding.
+    /// Logarithm of each cell's visible flux times the number of cells that the cell represents; -1e9 for padding.
     pub log_flux: Vec<f32>,
-    /// Hidden flux of each cell and of the cells that it represents.
+    /// Hidden flux of each cell, including the cells that it represents.
     pub hidden: Vec<f32>,
-    /// Cosine of the angle to the normal of the plane on which contrast is measured, for cells near the dominant
-    /// light; 0 for others.
+    /// For cells near the dominant light: cosine of the angle between the cell's direction and the normal of the
+    /// plane on which contrast is measured. 0 for other cells.
     pub near: Vec<f32>,
-    /// Cosine of the angle to the normal of that plane for cells far from the dominant light; 0 for others.
+    /// The same cosine for cells far from the dominant light; 0 for cells near it.
     pub far: Vec<f32>,
-    /// Fluxes of each panorama: visible flux in total, on the plane from near the light, and on the plane from
-    /// elsewhere; the same three of the ground truth; hidden flux; hidden flux by the fitted amount.
+    /// Eight fluxes of each panorama, in this order: the total visible flux; the visible flux that the plane
+    /// receives from cells near the dominant light, and from all other cells; the same three of the ground truth;
+    /// the hidden flux of the ground truth, and the fitted hidden flux.
     pub fluxes: Vec<[f32; 8]>,
     /// Weight of each panorama.
     pub weight: Vec<f32>,
 }
 
-/// Settings of the training. The values are those of the shipped weights.
+/// Settings of the training. The shipped weights were trained with the default values.
 #[derive(Debug, Clone)]
 pub struct Recipe {
-    /// Hidden units of the score.
+    /// Number of hidden units of the network.
     pub units: usize,
-    /// Steps of gradient descent (Adam).
+    /// Number of steps of gradient descent (Adam).
     pub steps: usize,
-    /// Examples per step.
+    /// Number of examples per step.
     pub batch: usize,
-    /// Rate of the first steps; it falls to 0.
+    /// Initial learning rate. It is reduced during the first 20 steps, and falls linearly to 0 at the end.
     pub rate: f64,
     /// Weight of contrast in the loss.
     pub contrast: f64,
-    /// Weight of the cross-entropy of the distribution.
+    /// Weight of the cross-entropy of the light's position in the loss.
     pub place: f64,
-    /// Weight decay of the affine score and of the network's score.
+    /// Weight decay of the linear part of the score, and of the part with hidden units.
     pub decay: [f64; 2],
 }
 
@@ -75,7 +77,8 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// Selects from rows of `columns` numbers those for which `counts` is true.
+    /// Computes mean and standard deviation of each column. `values` contains rows of `columns` numbers; only rows
+    /// for whose index `counts` returns true are used.
     pub fn of(values: &[f32], columns: usize, counts: impl Fn(usize) -> bool) -> Self {
         let (mut sums, mut squares, mut n) = (vec![0.0_f64; columns], vec![0.0_f64; columns], 0.0);
         for (_, row) in values.chunks_exact(columns).enumerate().filter(|(i, _)| counts(*i)) {
@@ -105,10 +108,10 @@ impl Scale {
     }
 }
 
-/// A trained network, which takes scaled numbers.
+/// A trained network. Its inputs must be scaled; see [`Scale`].
 #[derive(Debug, Clone)]
 pub struct Network {
-    /// Names, shapes and values, as in the file of weights.
+    /// Names, shapes and values, as in the weights file.
     pub tensors: Vec<(&'static str, Vec<usize>, Vec<f32>)>,
 }
 
@@ -152,7 +155,7 @@ impl Weights {
     fn new(columns: (usize, usize), units: usize, random: &mut Random, device: &Device) -> Result<Self> {
         let (overview, cell) = columns;
         let mut var = |rows: usize, columns: usize, size: f64| {
-            // Even numbers of the same variance as normal ones of spread `size`.
+            // Uniform numbers, with the variance of normal numbers of standard deviation `size`.
             let values: Vec<f32> =
                 (0..rows * columns).map(|_| random.even() * (size * 1.732_050_8) as f32).collect();
             Var::from_vec(values, (rows, columns), device)
@@ -167,7 +170,7 @@ impl Weights {
     }
 
     fn of(network: &Network) -> Result<Self> {
-        // A row for each unit, in the file; a column, here.
+        // The file has one row per unit; here there is one column per unit.
         let var = |k: usize| {
             let (_, shape, values) = &network.tensors[k];
             let (columns, rows) = match shape[..] {
@@ -191,7 +194,7 @@ impl Weights {
         [&self.linear, &self.cell, &self.overview, &self.bias, &self.out]
     }
 
-    /// The logarithm of the share of each cell.
+    /// Returns the logarithm of each cell's share of the hidden light.
     fn forward(&self, overview: &Tensor, features: &Tensor, log_flux: &Tensor) -> Result<Tensor> {
         let (n, cells, columns) = features.dims3()?;
         let flat = features.reshape((n * cells, columns))?;
@@ -268,7 +271,7 @@ impl Batch {
         let (near, far) = (on_plane(near, &self.near)?, on_plane(far, &self.far)?);
         let ratio = |near: &Tensor, far: &Tensor| log2(&((near + 1e-4)? / (far + 1e-9)?)?);
         let contrast = (ratio(&near, &far)? - ratio(true_near, true_far)?)?;
-        // Cross-entropy of the position of the light, weighted by its share.
+        // Cross-entropy of the position of the hidden light, weighted by its share of all light.
         let total = (self.hidden.sum(D::Minus1)? + 1e-12)?;
         let place = ((&self.hidden * &log_share)?.sum(D::Minus1)?.neg()? / total)?;
         let place = (place * (hidden / true_all)?)?;
@@ -291,12 +294,13 @@ struct Adam {
 impl Adam {
     fn step(&mut self, vars: &[&Var], loss: &Tensor, rate: f64, count: usize) -> Result<()> {
         let gradients = loss.backward()?;
-        // Powers by repeated products, so that they are the same everywhere.
+        // Powers are computed as repeated products, so that they are equal on all machines.
         let power = |base: f64| (0..count).fold(1.0, |p, _| p * base);
         let (one, two) = (1.0 - power(0.9), 1.0 - power(0.98));
         for (i, var) in vars.iter().enumerate() {
             let Some(gradient) = gradients.get(var) else { continue };
-            // A gradient holds the values it was made of, and the moments would hold those of every step.
+            // A gradient keeps the values alive from which it was computed. Without `detach` the moments would keep
+            // those of every step.
             let gradient = gradient.detach();
             self.first[i] = ((&self.first[i] * 0.9)? + (&gradient * 0.1)?)?;
             self.second[i] = ((&self.second[i] * 0.98)? + (gradient.sqr()? * 0.02)?)?;
@@ -307,9 +311,9 @@ impl Adam {
     }
 }
 
-/// Trains one network on the `chosen` examples, whose numbers are scaled, on a GPU if the build supports it and one
-/// is present. `tell` receives the loss of each step and returns true to continue; a stopped training returns
-/// `None`.
+/// Trains one network on the `chosen` examples, whose features must be scaled. Uses a GPU if the build supports it
+/// and one is present. After each step, `tell` receives the number of finished steps and the loss, and returns true
+/// to continue. Returns `None` if `tell` stopped the training.
 pub fn train(
     examples: &Examples,
     chosen: &[usize],
@@ -350,7 +354,7 @@ pub fn train(
     Ok(Some(Network { tensors }))
 }
 
-/// The share of each cell of one panorama by a network; the features must be scaled.
+/// Predicts each cell's share of the hidden light of one panorama. The features must be scaled.
 pub fn predict(network: &Network, overview: &[f32], features: &[f32], log_flux: &[f32]) -> Result<Vec<f32>> {
     let cells = log_flux.len();
     let tensor = |values: &[f32], shape: &[usize]| Tensor::from_vec(values.to_vec(), shape, &Device::Cpu);
@@ -366,8 +370,8 @@ pub fn predict(network: &Network, overview: &[f32], features: &[f32], log_flux: 
 mod tests {
     use super::*;
 
-    // The moments hold numbers alone: with the operations that made them they would hold every value of every step.
-    // Mutation: `detach` dropped in `Adam::step`.
+    // The moments must not refer to the operations that computed them, because these would keep the values of every
+    // step alive. This test fails if `Adam::step` does not call `detach`.
     #[test]
     fn moments_hold_no_history() {
         let var = || Var::from_vec(vec![1.0_f32, 2.0], 2, &Device::Cpu).expect("fits");

@@ -1,7 +1,8 @@
 //! Code that needs a tensor library: training of the exposure network that `nodes` ships, and the diffusion backend
-//! of `predict-exposure`. It is not part of a default build; the feature `learned` of `lightharmony` adds it.
+//! of `predict-exposure`. This crate is not part of a default build; the feature `learned` of `lightharmony` adds
+//! it.
 //!
-//! The crate does not know graphs or images: `nodes` passes arrays to it.
+//! The crate does not depend on graphs or images: `nodes` passes arrays to it.
 
 pub mod exposure;
 pub mod flux;

@@ -1,42 +1,41 @@
-//! Search for the library.
+//! Search for the library Open Image Denoise.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// The file that a program loads. It depends on the file with the code and the weights, whose name has the full
-/// version.
+/// Name of the file that a program loads. This file depends on the core library, which contains the code and the
+/// weights, and whose name contains the full version.
 const FILE: &str = "libOpenImageDenoise.so.2";
 const CORE: &[u8] = b"libOpenImageDenoise_core.so.";
-/// Environment variable with the folder of the library, if it is not one of the usual ones.
+/// Environment variable with the folder of the library, for libraries outside the default folders.
 const FOLDER: &str = "LIGHTHARMONY_OIDN";
-/// Usual folders of shared libraries: for libraries built by an administrator, and those of Debian, Fedora and
-/// Arch.
+/// Folders searched by default: the folder for libraries built by an administrator, and the library folders of
+/// Debian, Fedora and Arch.
 const USUAL: [&str; 5] =
     ["/usr/local/lib", "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib"];
 
 /// The library on disk.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Found {
-    /// Path of the file. It contains the version, so its bytes differ between versions.
+    /// Path of the file. The file contains the version number, so its bytes differ between versions.
     pub path: PathBuf,
     /// Version, such as `2.3.3`.
     pub version: String,
 }
 
-/// The error if no folder contains the library.
+/// The error that is returned if no folder contains the library.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("Open Image Denoise 2 is not installed: `{FILE}` was not found in {}{}", listed(.looked), but(.others))]
 pub struct Missing {
     /// The searched folders, in order.
     pub looked: Vec<PathBuf>,
-    /// Files with the name of the library that are another version or not the library.
+    /// Files that have the name of the library, but are of another version or not the library at all.
     pub others: Vec<PathBuf>,
 }
 
 impl Missing {
-    /// The remedy in the error message.
-    pub const HINT: &str =
-        "install it (https://www.openimagedenoise.org), or set LIGHTHARMONY_OIDN to the folder that holds it";
+    /// Advice for the user, to be shown with the error.
+    pub const HINT: &str = "install it (https://www.openimagedenoise.org), or set `LIGHTHARMONY_OIDN` to the folder that contains it";
 }
 
 fn listed(folders: &[PathBuf]) -> String {
@@ -47,15 +46,16 @@ fn but(others: &[PathBuf]) -> String {
     if others.is_empty() {
         String::new()
     } else {
-        format!(" of version 2; other versions: {}", listed(others))
+        format!("; not version 2 of the library: {}", listed(others))
     }
 }
 
-/// Looks for the library in the folder that `LIGHTHARMONY_OIDN` names; where that is not set, in those of
-/// `LD_LIBRARY_PATH` and the usual ones. A graph cannot name it, because loading a library runs its code.
+/// Looks for the library in the folder named by the environment variable `LIGHTHARMONY_OIDN`. If it is not set,
+/// searches the folders in `LD_LIBRARY_PATH` and then the default folders. A graph cannot specify the path, because
+/// loading a library runs its code.
 ///
 /// # Errors
-/// If none of them holds a file of the library's name with a version.
+/// If no folder contains version 2 of the library.
 pub fn find() -> Result<Found, Missing> {
     find_in(folders(std::env::var_os(FOLDER), std::env::var_os("LD_LIBRARY_PATH")))
 }
@@ -65,7 +65,7 @@ fn folders(named: Option<OsString>, linked: Option<OsString>) -> Vec<PathBuf> {
         return vec![folder.into()];
     }
     let linked = linked.unwrap_or_default();
-    // An empty entry is the current folder, which holds no library of ours.
+    // An empty entry means the current folder, where no library is expected.
     let linked = std::env::split_paths(&linked).filter(|folder| folder.is_absolute());
     linked.chain(USUAL.map(PathBuf::from)).collect()
 }
@@ -100,7 +100,7 @@ mod tests {
         folder
     }
 
-    // Mutation: `starts_with("2.")` left out of `version_of`.
+    // This test fails if `version_of` accepts versions that do not start with `2.`.
     #[test]
     fn the_first_folder_that_holds_version_2_is_taken() {
         let empty = tempfile::tempdir().expect("a folder");
@@ -115,7 +115,7 @@ mod tests {
         let text = missing.to_string();
         assert!(text.contains(FILE) && text.contains(&empty.path().display().to_string()), "{text}");
         assert!(
-            text.ends_with(&format!(" of version 2; other versions: `{}`", old.path().join(FILE).display())),
+            text.ends_with(&format!("; not version 2 of the library: `{}`", old.path().join(FILE).display())),
             "{text}"
         );
     }

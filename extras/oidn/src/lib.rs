@@ -1,7 +1,7 @@
-//! Open Image Denoise, the denoiser of Intel, which Blender also uses. It is loaded at run time if it is installed.
-//! It is not part of a default build; the feature `oidn` of `lightharmony` adds it.
+//! Open Image Denoise, the denoiser of Intel, which Blender also uses. The library is loaded at run time if it is
+//! installed. This crate is not part of a default build; the feature `oidn` of `lightharmony` adds it.
 //!
-//! The crate handles the library and arrays of colours, and does not know graphs or images. [`find()`] looks for
+//! The crate passes arrays of colours to the library. It does not depend on graphs or images. [`find()`] looks for
 //! the library and reports where it looked; [`Found::load`] loads it; [`Library::denoise`] filters one picture on
 //! the thread that calls it. Version 2 for Linux is supported; version 1 has other function names.
 
@@ -11,7 +11,7 @@ mod library;
 pub use find::{Found, Missing, find};
 pub use library::{Library, MEMORY_BYTES, Surfaces};
 
-/// An error of loading or using the library.
+/// Errors that occur when the library is loaded or used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
     /// The caller stopped the filter.
@@ -48,13 +48,13 @@ mod tests {
         match find() {
             Ok(found) => Some(found.load().expect("what is installed can be loaded")),
             Err(missing) => {
-                eprintln!("{test}: left out, {missing}");
+                eprintln!("{test} is skipped: {missing}");
                 None
             }
         }
     }
 
-    /// A picture that is 1 left of the middle and 0.25 right of it, with the noise of few samples.
+    /// A noisy grey picture whose mean is 1 in the left half and 0.25 in the right half.
     fn noisy() -> Vec<f32> {
         let pixel = |i: usize| {
             let noise = ((i as u32).wrapping_mul(0x9e37_79b9) >> 16) as f32 / 65536.0;
@@ -70,7 +70,7 @@ mod tests {
         (squares.sum::<f32>() / pixels.len() as f32).sqrt()
     }
 
-    // Mutation: `set_image` with the rows for the columns.
+    // This test fails if `denoise` passes width and height to `set_image` in the wrong order.
     #[test]
     fn where_it_is_installed_noise_goes_and_the_edge_stays() {
         let Some(library) = installed("where_it_is_installed_noise_goes_and_the_edge_stays") else { return };

@@ -1,4 +1,4 @@
-//! The interface of the library.
+//! The interface of the library Open Image Denoise.
 #![allow(unsafe_code, reason = "a library in C has no other interface; each block says why it is sound")]
 
 use std::ffi::{CStr, c_char, c_int, c_void};
@@ -12,7 +12,7 @@ type Monitor = unsafe extern "C" fn(*mut c_void, f64) -> bool;
 type SetImage =
     unsafe extern "C" fn(Filter, *const c_char, *mut c_void, c_int, usize, usize, usize, usize, usize);
 
-/// `OIDN_DEVICE_TYPE_CPU`: on GPUs the output depends on the model.
+/// `OIDN_DEVICE_TYPE_CPU`. On a GPU, the output would depend on the model of the GPU.
 const CPU: c_int = 1;
 /// `OIDN_FORMAT_FLOAT3`.
 const FLOAT3: c_int = 3;
@@ -37,17 +37,17 @@ pub struct Library {
     release_filter: unsafe extern "C" fn(Filter),
 }
 
-/// Guides of a picture, three floats per pixel like the picture itself.
+/// Auxiliary images that guide the filter. Each has three floats per pixel, like the picture itself.
 #[derive(Debug, Clone, Copy)]
 pub struct Surfaces<'a> {
     /// Reflectance, 0 to 1.
     pub albedo: &'a [f32],
-    /// Normals; 0 where there is no surface.
+    /// Normals; zero vectors where there is no surface.
     pub normal: &'a [f32],
 }
 
 impl Found {
-    /// Loads the library. It stays loaded until the program ends, since its threads may still run.
+    /// Loads the library, which stays loaded until the program ends, since its threads may still be running.
     ///
     /// # Errors
     /// If the file is not the library, or needs other libraries that are missing.
@@ -57,8 +57,8 @@ impl Found {
             let why = std::error::Error::source(&why).map_or_else(|| why.to_string(), ToString::to_string);
             Error::Load { path: path.clone(), why }
         };
-        // SAFETY: loading runs the library's initialisers. It lies where the administrator or the user of this
-        // machine has put it, and no graph can say where.
+        // SAFETY: loading runs the library's initialisers. The file lies where the administrator or the user of
+        // this machine has put it, and no graph can choose its path.
         let library = unsafe { libloading::Library::new(&self.path) }.map_err(failed)?;
         macro_rules! symbol {
             // SAFETY: the types are those of the header of version 2, which the file name promises.
@@ -94,15 +94,15 @@ impl Library {
         &self.version
     }
 
-    /// Filters a picture of linear light, `width` x `height` pixels of three floats, row by row, on the calling
-    /// thread. `goes_on` is called repeatedly and returns false to stop. The bytes are reproducible with the same
-    /// library on the same type of processor.
+    /// Filters a picture on the calling thread. `colour` contains linear values, three floats per pixel, row by
+    /// row. `goes_on` is called repeatedly and returns false to stop. The result is bitwise reproducible with the
+    /// same library on the same type of processor.
     ///
     /// # Errors
     /// If `goes_on` returned false, or the library reports an error.
     ///
     /// # Panics
-    /// If the size of a picture is not `width` x `height` x 3.
+    /// If the length of a slice is not `width` x `height` x 3.
     pub fn denoise(
         &self,
         [width, height]: [usize; 2],
@@ -113,11 +113,11 @@ impl Library {
         let mut out = vec![0.0_f32; width * height * 3];
         let guides = surfaces.map(|of| [(c"albedo", of.albedo), (c"normal", of.normal)]);
         let given = [(c"color", colour)].into_iter().chain(guides.into_iter().flatten());
-        // SAFETY: the calls are in the order that the library's documentation asks for, on a device and a filter that
-        // live until the end of the block and are used by this thread alone. A device that could not be made is null,
-        // which every function takes and reports. All pictures hold `width` x `height` x 3 floats, which is checked, and
-        // outlive the filter; of them it writes `output` alone. The monitor is called during `execute_filter` only, when
-        // what its pointer leads to is alive, and may be called on any thread.
+        // SAFETY: the calls are in the order that the library's documentation asks for, on a device and a filter
+        // that live until the end of the block and are used by this thread alone. A device that could not be made
+        // is null, which every function takes and reports. All pictures hold `width` x `height` x 3 floats, which
+        // is checked, and outlive the filter; of them it writes `output` alone. The monitor is called only during
+        // `execute_filter`, while the closure that its pointer leads to is alive, and may be called on any thread.
         unsafe {
             let device = (self.new_device)(CPU);
             let _device = Release(self.release_device, device);
@@ -144,7 +144,7 @@ impl Library {
         Ok(out)
     }
 
-    /// The first error of the device since the last call.
+    /// Returns the first error that the device has reported since the last call.
     ///
     /// # Safety
     /// The device must be one of this library's, or null.
@@ -156,7 +156,7 @@ impl Library {
         let (code, why) = unsafe {
             let code = (self.device_error)(device, &raw mut text);
             let why = if text.is_null() {
-                "no reason given".into()
+                "the library gave no reason".into()
             } else {
                 CStr::from_ptr(text).to_string_lossy()
             };
@@ -173,9 +173,9 @@ impl Library {
 /// Asks the closure behind the pointer whether to continue.
 ///
 /// # Safety
-/// The pointer must lead to a `&(dyn Fn() -> bool + Sync)`.
+/// The pointer must point to a `&(dyn Fn() -> bool + Sync)`.
 unsafe extern "C" fn monitor(goes_on: *mut c_void, _: f64) -> bool {
-    // SAFETY: `denoise` hands over such a pointer, to what outlives the work.
+    // SAFETY: `denoise` passes such a pointer, to a closure that outlives the filtering.
     let goes_on = unsafe { &*goes_on.cast::<&(dyn Fn() -> bool + Sync)>() };
     goes_on()
 }

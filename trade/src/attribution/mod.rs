@@ -1,10 +1,11 @@
-//! Attribution of the error to nodes: each set to the reference alone, and the reverse.
+//! Attribution of the error to nodes: each node alone is set to the reference, and, in reverse, all nodes but one.
 
 use crate::bench::Bench;
 use crate::metric::Metric;
 use crate::tunables::Assignment;
 
-/// Effects of one node on the error: the gain of setting it to the reference, and the cost of leaving it unchanged.
+/// Effects of one node on the error: what remains if it alone is set to the reference, and what it causes if all
+/// other nodes are.
 #[derive(Debug)]
 pub struct Attribution {
     /// Name of the node.
@@ -20,19 +21,20 @@ pub struct Attribution {
 /// The node that causes the most error.
 #[derive(Debug, PartialEq)]
 pub enum Blame<'a> {
-    /// The node with the largest own error, and that error.
+    /// The node whose own error is largest, and this error.
     Makes(&'a str, f64),
-    /// The node that reduces the error most when it is set to the reference; its own error was not measured.
+    /// The node that reduces the error most when it alone is set to the reference. Its own error was not measured.
     Helps(&'a str),
-    /// No node causes an error, or no node reduces it.
+    /// No node causes an error; or, if own errors were not measured, setting any one node to the reference does not
+    /// reduce the error.
     None,
     /// The error was not computed.
     Unknown,
 }
 
 impl<'a> Blame<'a> {
-    /// Finds the node that causes the most error. `attributions` are sorted, worst first; `error` is that of the
-    /// graph with its own settings.
+    /// Finds the node that causes the most error. `attributions` are sorted, worst first; `error` is the error of
+    /// the graph with its own settings.
     pub fn of(attributions: &'a [Attribution], error: Option<f64>) -> Self {
         let Some(first) = attributions.first() else { return Self::Unknown };
         match (first.all_but, first.alone, error) {
@@ -45,8 +47,8 @@ impl<'a> Blame<'a> {
     }
 }
 
-/// For each node with knobs, the settings that attribute error to it: with only this node at the reference, and
-/// with all other nodes at the reference.
+/// For each node with knobs: its name, the settings with only this node at the reference, and the settings with all
+/// other nodes at the reference.
 pub fn attribution_settings(bench: &Bench<'_>) -> Vec<(String, Assignment, Assignment)> {
     let (now, reference) = (bench.now(), bench.preset(3));
     let with = |node: &str, of: &Assignment, others: &Assignment| -> Assignment {
@@ -62,9 +64,10 @@ pub fn attribution_settings(bench: &Bench<'_>) -> Vec<(String, Assignment, Assig
         .collect()
 }
 
-/// Every node with a tunable, the worst first: the one with the largest own error; among equal ones, the one that
-/// leaves the smallest error when set to the reference. `measure` returns the index of a point, or `None` when the
-/// time is over, which ends the attribution with the nodes measured so far. An error of `measure` is returned.
+/// Attributes the error to the nodes with knobs. They are sorted by their own error, largest first; nodes with
+/// equal own errors by the error that remains when they are set to the reference, smallest first. `reverse` selects
+/// whether own errors are measured. `measure` returns the index of a point, or `None` when the time is over; the
+/// attribution then ends with the nodes measured so far. An error of `measure` is returned.
 pub fn attributions<E>(
     bench: &mut Bench<'_>,
     metric: &Metric,

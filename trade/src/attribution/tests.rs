@@ -1,5 +1,5 @@
-//! Tests in which one node of a graph gets bad settings: it must be named, and `tune` must still find cheap
-//! settings.
+//! Tests in which one node of a graph gets bad settings. The report must name this node, and `tune` must still find
+//! cheap settings.
 
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
@@ -17,7 +17,8 @@ use crate::tunables::Assignment;
 
 const GRAPH: &str = include_str!("../../../tests/tables/bad.ron");
 
-/// The bad setting, its overlay, and the node that then causes the error.
+/// For each bad setting: its name, the good text in the graph, the bad text that replaces it, and the node that
+/// then causes the error.
 const BAD: [(&str, &str, &str, &str); 5] = [
     ("probe of 8 px", "0.3, size_px: 64", "0.3, size_px: 8", "probe"),
     (
@@ -36,8 +37,8 @@ const BAD: [(&str, &str, &str, &str); 5] = [
     ),
 ];
 
-/// The bad node for which `tune` is also run. It is only one, since each takes seconds; `docs/evidence/trade.md`
-/// has the others.
+/// The bad node for which `tune` is run as well. Only one is tested, since each run takes seconds;
+/// `docs/evidence/trade.md` has the results for all.
 const TUNED: &str = "probe";
 
 fn bench<'e>(engine: &'e Engine, text: &str) -> Bench<'e> {
@@ -71,7 +72,7 @@ fn the_bad_node_is_named_and_cheap_settings_are_found_all_the_same() {
         let attributions =
             attributions(&mut bench, &metric, true, |bench, at| measured(bench, at).map(Some)).unwrap();
         let [worst, second, ..] = attributions.as_slice() else { panic!("{attributions:?}") };
-        // By itself it makes most of the error, and its repair takes away more than a quarter.
+        // The node's own error is most of the error, and repairing the node removes more than a quarter of it.
         assert_eq!(worst.node, node, "{attributions:#?}");
         assert!(
             worst.all_but > Some(0.6 * error) && worst.all_but > Some(1.2 * second.all_but.unwrap()),
@@ -97,8 +98,8 @@ fn the_bad_node_is_named_and_cheap_settings_are_found_all_the_same() {
     none_is_to_blame_of_nothing();
 }
 
-/// If the background of a composite is another composite, both inserted objects are included in the regions, and
-/// the baselines lack both.
+/// Checks stacked composites: if the background of a composite is another composite, the regions include both
+/// inserted objects, and the baselines contain neither.
 fn objects_may_stand_on_one_another(engine: &Engine) {
     let more = "side: Pose(translation: (-0.7, 0.3, 0.0)), next: Place(object: \"demo.object\", pose: \"side\"),
         first: PathTrace(receiver: \"floor\", objects: [\"next\"], rig: \"demo.rig\", env: \"env\", samples: 4),
@@ -131,7 +132,7 @@ fn objects_may_stand_on_one_another(engine: &Engine) {
     }
 }
 
-/// A graph without an error has no node that causes it.
+/// Checks that no node is blamed if the graph has no error.
 fn none_is_to_blame_of_nothing() {
     let blamed = |all_but: Option<f64>, alone: Option<f64>, error: Option<f64>| {
         let all = [Attribution { node: "trace".to_owned(), alone, all_but, work_alone: 1.0 }];
@@ -154,7 +155,7 @@ fn row_of(what: &str) -> &'static str {
     page.lines().find(|line| line.starts_with(&format!("| {what} |"))).unwrap()
 }
 
-/// Checks that the table of the page agrees with this program.
+/// Checks that the table in `docs/evidence/trade.md` agrees with the measured values.
 fn the_page_says(what: &str, names: [&str; 2], errors: [f64; 4]) {
     let row = row_of(what);
     let mut said = row.split(['|', ' ']).filter_map(|word| word.trim().parse::<f64>().ok());
@@ -166,7 +167,8 @@ fn the_page_says(what: &str, names: [&str; 2], errors: [f64; 4]) {
     assert!(names.iter().all(|name| row.contains(&format!("`{name}`"))), "{names:?}: {row}");
 }
 
-/// The backdrop in the holes of the background exists without the object, so it is not in the region `touched`.
+/// Checks that holes of the background do not count as touched: the backdrop is visible in them even without the
+/// object.
 fn holes_are_not_touched(engine: &Engine) {
     let measure = |backdrop: &str| {
         let with = format!("object: \"trace.object\", backdrop: {backdrop}");
@@ -188,8 +190,8 @@ fn holes_are_not_touched(engine: &Engine) {
     assert!((black.1 - white.1).abs() < 0.1 * black.1, "{black:?} {white:?}");
 }
 
-/// A picture whose size is set by a knob is not judged once the size differs. Layers are judged if there are no
-/// other pictures.
+/// Checks which pictures are judged: those whose size a knob changes are not; layers are, if there are no other
+/// pictures.
 fn what_is_judged(engine: &Engine) {
     let save = "save:   WriteImage(image: \"final\", path: \"final.png\")";
     let pano =
@@ -204,7 +206,7 @@ fn what_is_judged(engine: &Engine) {
         both.new_remarks()[0].contains("another size at other settings") && both.new_remarks().is_empty()
     );
     assert!(both.points.iter().flat_map(|point| &point.off).all(|row| row.output == "final"));
-    // A knob that affects such a picture alone is not turned: it would get worse without a measured error.
+    // A knob that affects only such a picture is not turned: the picture would get worse without a measured error.
     let around = "around: SplatPanorama(splats: \"demo.splats\", at: \"pose\", width_px: 32), \
                   round: WriteImage(image: \"around.image\", path: \"around.png\")";
     let text = GRAPH.replace(save, &format!("{save}, {around}"));
@@ -256,7 +258,7 @@ fn what_is_judged(engine: &Engine) {
     assert!(alone.contains("half of the reference is black") && alone.contains("rmse"), "{alone}");
 }
 
-/// A field that varies along an axis is not changed, even if only one instance is wanted.
+/// Checks that a field that varies along an axis is not a tunable, even if only one instance is selected.
 fn what_varies_stays(engine: &Engine) {
     let mut text = GRAPH
         .replace("seed: 3),", "seed: 3), axes: (q: List([4, 16])),")
@@ -274,8 +276,8 @@ fn what_varies_stays(engine: &Engine) {
     }
 }
 
-/// The counts of every node at each preset are the same on every machine, so that any change is noticed. They are
-/// updated with `UPDATE_GOLDEN=1`.
+/// Checks the counts of every node at each preset against stored ones, which are the same on every machine. Run
+/// with `UPDATE_GOLDEN=1` to update the stored counts.
 fn counts_are_known(mut bench: Bench<'_>) {
     let mut text = "preset\tnode\tcounts\n".to_owned();
     for (level, name) in engine::PRESETS.iter().enumerate() {
@@ -295,8 +297,8 @@ fn counts_are_known(mut bench: Bench<'_>) {
     assert_eq!(text, std::fs::read_to_string(file).unwrap(), "if it is meant, run with UPDATE_GOLDEN=1");
 }
 
-/// Checks that `tune`, for an error that `preview` reaches comfortably, finds less than half the cost of the
-/// cheapest such preset. Returns the cost found, and its share of that of the preset.
+/// Checks that `tune` finds a setting that reaches an error of 0.02 at less than half the cost of the cheapest
+/// preset that reaches it. Returns the cost of this setting, and the ratio of this cost to the cost of the preset.
 fn cheap_settings(bench: &mut Bench<'_>, metric: &Metric, node: &str) -> (f64, f64) {
     let goal = Goal::Error(0.02);
     let steps = bench.steps();
@@ -317,7 +319,8 @@ fn cheap_settings(bench: &mut Bench<'_>, metric: &Metric, node: &str) -> (f64, f
     (found.cost, found.cost / naive)
 }
 
-/// Checks that, if `draft` is good enough, no setting costs less than half of it, which one measurement shows.
+/// Checks that no setting costs less than half as much as `draft`. At most one more measurement is needed to show
+/// this.
 fn nothing_below_half(bench: &mut Bench<'_>, metric: &Metric, steps: &[Steps], tried: &[Tried]) {
     let draft = bench.preset(0);
     let draft = measured(bench, draft).unwrap();
@@ -328,7 +331,7 @@ fn nothing_below_half(bench: &mut Bench<'_>, metric: &Metric, steps: &[Steps], t
         Some((bench.points[at].work, metric.error(&bench.points[at].off).unwrap()))
     });
     let found = found.unwrap();
-    // 3.0 % here, by several knobs at once; twice that is left.
+    // The largest saving is 3.0 % here, by several knobs at once; the margin is twice that.
     assert!(found.saved.pairs > 100 && found.saved.most < 0.05, "{:?}", found.saved);
     assert!(
         found.complete

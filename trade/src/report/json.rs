@@ -10,7 +10,7 @@ use crate::bench::{Bench, Point};
 use crate::left_out::{LeftOut, left_out};
 use crate::metric::{Metric, number};
 
-/// All measurements as JSON.
+/// Returns all measurements of a report as JSON.
 pub fn as_json(bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attribution]) -> Value {
     let error = |error: Option<f64>| error.map(|error| metric.value(error));
     let values = |values: &BTreeMap<String, f64>| -> BTreeMap<String, Value> {

@@ -10,10 +10,10 @@ use crate::error::Error;
 use crate::metric::Metric;
 use crate::tunables::Assignment;
 
-/// Reasons why there is no report.
+/// Reasons why no report could be made.
 #[derive(Debug)]
 pub enum Stop {
-    /// The user interrupted it.
+    /// The user interrupted the measurement.
     Asked,
     /// The time ran out before the reference and the graph's own settings were measured.
     Late,
@@ -35,10 +35,10 @@ pub struct Measured {
     pub late: bool,
 }
 
-/// All settings that a report measures, in that order; with `reverse`, also those in which all nodes except one are
-/// at the reference.
+/// All settings that a report measures, in the order of measurement. If `reverse` is true, they include the
+/// settings with all nodes except one at the reference.
 pub fn settings(bench: &Bench<'_>, reverse: bool) -> Vec<Assignment> {
-    // The first one is what others are compared with.
+    // The first setting is the reference, with which the others are compared.
     let mut all = vec![bench.preset(REFERENCE), bench.now()];
     all.extend((0..REFERENCE).rev().map(|level| bench.preset(level)));
     let nodes = attribution_settings(bench);
@@ -52,8 +52,8 @@ pub fn settings(bench: &Bench<'_>, reverse: bool) -> Vec<Assignment> {
 /// The index of `reference` in [`PRESETS`].
 const REFERENCE: usize = PRESETS.len() - 1;
 
-/// Measures the settings that a report shows, until the time is over. Calls `each` after every setting that is new,
-/// with the index of its point.
+/// Measures the settings that a report shows, until the time is over. Calls `each` after every new setting, with
+/// the index of its point.
 pub fn measure_all(
     bench: &mut Bench<'_>,
     metric: &Metric,

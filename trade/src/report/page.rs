@@ -16,16 +16,16 @@ use crate::off::Off;
 use crate::plot::{self, Dot, tick_text};
 use crate::search::{Tried, pareto};
 
-/// Makes the page of a measured graph.
+/// Creates the HTML page of a measured graph.
 pub fn page(bench: &Bench<'_>, metric: &Metric, measured: &Measured) -> Result<Page, Miss> {
     let Measured { presets, now, attributions, .. } = measured;
     let now = *now;
     let mut page = Page::default();
     facts(&mut page, bench, metric, now, attributions);
     page.words(&format!(
-        "Errors are {} compared with the preset `reference`, in the worst view. Work is in rays; other counts are \
-         weighed as rays. Work and errors are the same in every run. CPU-s are the CPU seconds of the nodes' code on \
-         all threads when it ran: one measurement, which varies by a few per cent between runs and is not used for any decision here. Wall times are not shown.",
+        "Errors are values of {}, compared with the preset `reference`, in the worst view. Work is given in rays; other counts \
+         are converted to rays. Work and errors are the same in every run. CPU-s is the CPU time in seconds that the nodes' code took on \
+         all threads: a single measurement, which varies by a few per cent between runs and is not used for any decision here. Wall times are not shown.",
         metric.name
     ));
     if !bench.remarks.is_empty() {
@@ -58,7 +58,7 @@ pub fn page(bench: &Bench<'_>, metric: &Metric, measured: &Measured) -> Result<P
     unmodelled(&mut page, &left_out(&bench.points[now].nodes, &reports));
     costs(&mut page, &bench.points[now]);
     notes(&mut page, &bench.points[now]);
-    page.heading("What nodes found");
+    page.heading("Reports of the nodes");
     for (name, report) in reports {
         page.report(&name, &report);
     }
@@ -75,17 +75,17 @@ fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, attrib
     let stands = match worst {
         Some(Level::Degraded) => "degraded",
         Some(Level::Warning) => "with warnings",
-        _ => "as asked",
+        _ => "as requested",
     };
     let bottleneck = match Blame::of(attributions, metric.error(&point.off)) {
         Blame::Makes(node, _) | Blame::Helps(node) => node.to_owned(),
         Blame::None => "none".to_owned(),
-        Blame::Unknown => "not known".to_owned(),
+        Blame::Unknown => "unknown".to_owned(),
     };
     page.facts(&[
         ("error", format!("{} {}", metric.name, metric.shown(metric.error(&point.off)))),
         ("work", format!("{} rays", tick_text(point.work))),
-        ("code ran", format!("{} CPU-s", tick_text(point.cpu_seconds))),
+        ("CPU time", format!("{} CPU-s", tick_text(point.cpu_seconds))),
         ("nodes", point.actions().to_string()),
         ("bottleneck", bottleneck),
         ("result", stands.to_owned()),
@@ -97,19 +97,21 @@ fn pictures(page: &mut Page, bench: &Bench<'_>, measured: &Measured) -> Result<(
     let pictures = bench.pictures_at(measured.now)?;
     let maps = bench.flip_maps(&pictures);
     page.heading("Pictures");
-    page.words("Current result, reference, and FLIP difference (square-root scale: black 0, white 1).");
+    page.words(
+        "Current result, reference, and FLIP difference (on a square-root scale; black is 0, white is 1).",
+    );
     for (index, (name, images)) in pictures.iter().enumerate() {
         let map = maps.get(index).and_then(|map| map.as_ref().ok());
         if let Some(Err(why)) = maps.get(index) {
-            page.words(&format!("There is no map of FLIP of `{name}`: {why}."));
+            page.words(&format!("There is no FLIP map of `{name}`: {why}."));
         }
         for why in map.iter().flat_map(|map| &map.missing) {
-            page.words(&format!("There is no map of FLIP of `{name}`, {why}."));
+            page.words(&format!("There is no FLIP map of `{name}`, {why}."));
         }
         for view in &images.0 {
             if map.is_some_and(|map| map.missing.is_empty() && map.maps.view(&view.name).is_none()) {
-                let why = "it takes colours, all of them finite";
-                page.words(&format!("There is no map of FLIP of `{name} {}`: {why}.", view.name));
+                let why = "FLIP can only be computed for finite colours";
+                page.words(&format!("There is no FLIP map of `{name} {}`: {why}.", view.name));
             }
             let other = |of: Option<&Arc<Images>>| of.and_then(|images| images.view(&view.name)).cloned();
             let reference = other(reference.get(index).map(|(_, images)| images));
@@ -183,9 +185,9 @@ fn attribution(
     let error = metric.error(&bench.points[now].off);
     let both = attributions.iter().any(|b| b.all_but.is_some());
     let mut text = format!("The error of the current settings is {}. ", metric.shown(error));
-    text.push_str("First column: the error with this node alone at the reference");
+    text.push_str("The first column is the error with only this node at the reference");
     text.push_str(if both {
-        "; second: the error with all others at the reference. The rest is interaction."
+        ", the second the error with all other nodes at the reference. The remainder is due to interactions between nodes."
     } else {
         "."
     });
@@ -197,7 +199,7 @@ fn attribution(
         }
         Blame::Helps(node) => format!("Setting `{node}` to the reference helps most."),
         Blame::None if both => "No node has an error of its own.".to_owned(),
-        Blame::None => "Setting any one node to the reference does not help.".to_owned(),
+        Blame::None => "Setting a single node to the reference does not help.".to_owned(),
         Blame::Unknown => {
             format!(
                 "The bottleneck is unknown, since {} was not computed. It needs {}.",
@@ -211,9 +213,10 @@ fn attribution(
         [b.node.clone(), metric.shown(b.alone)].into_iter().chain(all_but).chain([tick_text(b.work_alone)])
     };
     let rows: Vec<Vec<String>> = attributions.iter().map(|b| row(b).collect()).collect();
-    let mut columns = vec!["node", "only it at the reference", "work with only it"];
+    let mut columns =
+        vec!["node", "only this node at the reference", "work with only this node at the reference"];
     if both {
-        columns.insert(2, "all others at the reference");
+        columns.insert(2, "all other nodes at the reference");
     }
     page.table(&columns, &rows);
 }
@@ -221,9 +224,9 @@ fn attribution(
 fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
     page.heading("Regions");
     page.words(
-        "The current result and two baselines against the same reference: nothing inserted, and the reference's object \
-         without its shadow. `touched` is the region that the object covers, shades or lights in the reference, `object` the part that it \
-         covers by more than half, `shadow` the rest.",
+        "The current result and two baselines, compared with the same reference. The baselines are: nothing inserted, and the \
+         reference's object without its shadow. The region `touched` is what the object covers, shades or lights in the reference; \
+         `object` is the part of it that the object covers by more than half, `shadow` the remainder.",
     );
     let rows = &bench.points[now].off;
     let has = |output: &str| rows.iter().any(|row| row.output == output && row.judged != "image");
@@ -231,7 +234,7 @@ fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
     if !bare.is_empty() {
         let names: Vec<String> = bare.iter().map(|name| format!("`{name}`")).collect();
         page.words(&format!(
-            "Baselines and these regions are not computed for {}: it is not made by a `composite`.",
+            "Baselines and these regions are not computed for {}, since only pictures of a `composite` have them.",
             names.join(", ")
         ));
     }
@@ -255,7 +258,7 @@ fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
 fn unmodelled(page: &mut Page, rows: &[LeftOut]) {
     page.heading("Skipped work and its checks");
     page.words(
-        "Work that is done only if the scene needs it. The last column forces each piece of work; `docs/trade.md` has the error of each.",
+        "Work that is done only if the scene needs it. The last column shows how to force it; `docs/trade.md` lists the error that skipping it causes.",
     );
     let reported = |row: &LeftOut| {
         let nodes = match row.nodes.as_slice() {
@@ -265,13 +268,13 @@ fn unmodelled(page: &mut Page, rows: &[LeftOut]) {
             nodes => nodes.join(", "),
         };
         let left_out = match row.left_out {
-            Some(true) => "left out",
-            Some(false) => "modelled",
-            None => "not asked",
+            Some(true) => "skipped",
+            Some(false) => "done",
+            None => "not checked",
         };
         [row.what, &nodes, left_out, &row.found, row.check, row.force].map(str::to_owned).to_vec()
     };
-    let columns = ["what", "at", "here", "what was found", "left out where", "forced by"];
+    let columns = ["work", "nodes", "here", "finding", "check", "forced by"];
     page.table(&columns, &rows.iter().map(reported).collect::<Vec<_>>());
 }
 
@@ -293,7 +296,7 @@ fn costs(page: &mut Page, point: &Point) {
 }
 
 fn notes(page: &mut Page, point: &Point) {
-    page.heading("What was decided");
+    page.heading("Notes of the nodes");
     let levels = |level: Level| match level {
         Level::Count => "count",
         Level::Decision => "decision",
@@ -305,6 +308,6 @@ fn notes(page: &mut Page, point: &Point) {
             vec![node.id.clone(), levels(note.level).to_owned(), note.id.clone(), note.text.clone()]
         })
     });
-    page.words("Assumptions and choices of each node, parts that it skipped, and the reason.");
-    page.table(&["node", "sort", "check", "what it found"], &notes.collect::<Vec<_>>());
+    page.words("Assumptions and choices of each node, work that it skipped, and the reasons.");
+    page.table(&["node", "level", "note", "text"], &notes.collect::<Vec<_>>());
 }

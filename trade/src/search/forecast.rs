@@ -1,11 +1,12 @@
-//! Forecasts of the combined effect of changes to knobs from the effect of each change alone.
+//! Forecasts of the combined effect of changes to several knobs, from the effect of each change alone.
 
 use super::tried::Tried;
 
-/// Maximum number of combinations kept while others are added to them.
+/// Maximum number of combinations that are kept after the changes of each knob are added.
 const COMBINATIONS: usize = 2000;
 
-/// Effect of a change: costs are multiplied, and the squares of errors are added, as for independent causes.
+/// Effect of a change. Effects are combined by multiplying costs and adding the squares of errors, as if the errors
+/// had independent causes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Effect {
     cost: f64,
@@ -16,7 +17,7 @@ impl Effect {
     const NONE: Self = Self { cost: 1.0, square: 0.0 };
 
     fn between(from: &Tried, to: &Tried) -> Self {
-        // A graph may have nothing that is counted.
+        // The cost may be 0, if no node of the graph has counts.
         let cost = |tried: &Tried| tried.cost + 1e-9;
         Self { cost: cost(to) / cost(from), square: to.error * to.error - from.error * from.error }
     }
@@ -29,7 +30,7 @@ impl Effect {
         Self { cost: 1.0 / self.cost, square: -self.square }
     }
 
-    /// Returns the position that results from applying the effect to another.
+    /// Returns the position `assignment`, with the cost and error that result from applying the effect to `from`.
     fn on(self, from: &Tried, assignment: Vec<usize>) -> Tried {
         let error = (from.error * from.error + self.square).max(0.0).sqrt();
         Tried { assignment, cost: from.cost * self.cost, error }
@@ -42,12 +43,13 @@ struct Turn {
     from: usize,
     to: usize,
     effect: Effect,
-    /// Distance of the measurement from the present position.
+    /// Length of the change, times one plus the number of other knobs in which the measurement differs from the
+    /// present position.
     way: usize,
 }
 
 impl Turn {
-    /// The values that can be reached from a value by successive changes, each by the fewest changes.
+    /// The values that can be reached from a value by successive changes, each on the shortest way.
     fn all_from(at: usize, turns: &[Self]) -> Vec<(usize, Effect)> {
         let mut known = vec![(at, Effect::NONE, 0)];
         let place = |known: &[(usize, Effect, usize)], value| known.iter().position(|(to, ..)| *to == value);
@@ -65,9 +67,9 @@ impl Turn {
     }
 }
 
-/// The values that each knob can be changed to from a position, with their effects, its present value first.
-/// Effects are measured by changes of that knob alone; short changes and those made near this position are
-/// preferred.
+/// The values to which each knob can be changed from a position, with their effects; its present value comes first.
+/// The effects are those of measured changes of that knob alone. Short changes are preferred, and changes measured
+/// near this position.
 pub(super) fn effects(tried: &[Tried], here: &Tried) -> Vec<Vec<(usize, Effect)>> {
     let knobs = here.assignment.len();
     let mut turns: Vec<Vec<Turn>> = vec![Vec::new(); knobs];
@@ -87,8 +89,8 @@ pub(super) fn effects(tried: &[Tried], here: &Tried) -> Vec<Vec<(usize, Effect)>
     turns.iter().zip(&here.assignment).map(|(turns, &at)| Turn::all_from(at, turns)).collect()
 }
 
-/// The combinations of changes from a position that no other combination is forecast to beat in both cost and
-/// error.
+/// The positions that result from combined changes at a position. Combinations that another one is forecast to beat
+/// in both cost and error are left out.
 pub(super) fn combinations(here: &Tried, effects: &[Vec<(usize, Effect)>]) -> Vec<Tried> {
     let mut front = vec![(Vec::new(), Effect::NONE)];
     for values in effects {

@@ -1,4 +1,4 @@
-//! The search for settings: knobs are changed one at a time, and then together by forecast.
+//! The search for settings. Knobs are changed one at a time, and then several together, as a forecast suggests.
 
 mod forecast;
 mod tried;
@@ -25,19 +25,21 @@ pub struct Steps {
     pub values: usize,
     /// Number of values per step.
     pub step: usize,
-    /// True if values go from the least work to the most; false for values without an order, such as methods.
+    /// True if values are ordered from the least work to the most; false for values without an order, such as
+    /// methods.
     pub ordered: bool,
 }
 
-/// Searches from the given assignments. `knobs` has the number of values of each knob, `measure` gives cost and
-/// error of an assignment, or `None` to end measuring; an assignment is measured once.
+/// Searches from the given assignments. `knobs` contains the range of each knob. `measure` returns the cost and
+/// error of an assignment, or `None` to end the search; each assignment is measured only once.
 ///
-/// From the best start that reaches the goal, every knob is changed alone, by one step. The effect of all
-/// combinations on cost and error is then forecast, and the best one is measured. This is repeated a few times,
-/// each time with the forecast corrected by the measurement. The whole procedure starts again from any better
-/// position. Changes that save cost are tried first, then those that reduce the bounded value, then half steps. If
-/// a start spends cost on knobs with little effect, or on two that help only together, the search may miss better
-/// positions, so it is repeated from the start that misses the goal by the least.
+/// From the best start that reaches the goal, every knob is changed alone, by one step. From this, the effect of
+/// all combinations on cost and error is forecast, and the best combination is measured. The forecast is corrected
+/// by the measurement, and this is repeated a few times. When a better position is found, the whole procedure
+/// starts again from there. Changes that reduce the value to minimize are tried first, then changes that reduce the
+/// bounded value, then half steps. If the start spends cost on knobs with little effect, or on two knobs that help
+/// only together, the search may miss better positions. So it is repeated from the start that misses the goal by
+/// the least.
 pub fn search(
     starts: &[Vec<usize>],
     knobs: &[Steps],
@@ -51,9 +53,10 @@ pub fn search(
 
 /// Maximum number of forecasts that are followed from one position.
 const FOLLOWED: usize = 5;
-/// Minimum forecast saving of the cost or the error that is worth measuring.
+/// Minimum saving, as a share of the cost or error, that a forecast must promise to be measured.
 const GAIN: f64 = 0.01;
-/// Maximum number of positions that miss the goal after one change and from which the search continues.
+/// Maximum number of positions that miss the goal, one change away from the best one, from which the search
+/// continues.
 const BEYOND: usize = 3;
 
 struct Search<'s, M> {
@@ -89,8 +92,8 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(())
     }
 
-    /// If no known position fits the cost, measures the one with every knob at its minimum and continues to better
-    /// ones from there.
+    /// Measures the position with every knob at its minimum, and improves it if it reaches the goal. Called if no
+    /// known position does.
     fn least_of_all(&mut self) -> Option<()> {
         let Some(nearest) = self.nearest() else { return Some(()) };
         let mut least = self.tried[nearest].assignment.clone();
@@ -106,7 +109,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         (0..self.tried.len()).reduce(|a, b| if self.bounded(b) < self.bounded(a) { b } else { a })
     }
 
-    /// Positions after a single change that would save most but do not fit.
+    /// The positions one change away from `from` that miss the goal, but reduce the value to minimize most.
     fn beyond(&self, from: usize) -> Vec<usize> {
         let here = &self.tried[from];
         let turned = |t: &Tried| t.assignment.iter().zip(&here.assignment).filter(|(a, b)| a != b).count();
@@ -122,12 +125,13 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         self.tried[at].bounded(self.goal)
     }
 
-    /// True if a position costs less than the best known position that reaches the goal.
+    /// True if the value to minimize is smaller at a position than at the best known position that reaches the
+    /// goal.
     fn saves(&self, at: usize) -> bool {
         self.best().is_none_or(|best| self.tried[at].paid(self.goal) < self.tried[best].paid(self.goal))
     }
 
-    /// The index of an assignment among the tried ones; measures it if it is new.
+    /// Returns the index of an assignment among the tried ones; measures the assignment if it is new.
     fn measured(&mut self, assignment: &[usize]) -> Option<usize> {
         if let Some(known) = self.tried.iter().position(|t| t.assignment == assignment) {
             return Some(known);
@@ -141,7 +145,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         best(&self.tried, self.goal)
     }
 
-    /// Moves to better positions until neither the forecast nor changing one knob finds a better one.
+    /// Moves to better positions until neither the forecast nor a change of one knob finds a better one.
     fn improve(&mut self, mut from: usize) -> Option<()> {
         let mut stage = 0;
         while stage < if self.tried[from].fits(self.goal) { 5 } else { 2 } {
@@ -157,10 +161,10 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(())
     }
 
-    /// Changes each knob whose effect is unknown, one at a time, by whole steps and then by half steps. From a
-    /// position that reaches the goal, changes that save cost alternate with those that reduce the bounded value,
-    /// and finally those that save are tried even if their effect is known. From any other position the changes go
-    /// towards the goal.
+    /// Changes each knob whose effect is unknown, one at a time; `stage` selects the direction, and whole or half
+    /// steps. From a position that reaches the goal, even stages reduce the value to minimize, and odd stages the
+    /// bounded value; the last stage changes even knobs whose effect is known. From any other position, all changes
+    /// go towards the goal.
     fn turn_each(&mut self, from: usize, stage: usize) -> Option<()> {
         let here = self.tried[from].clone();
         let fits = here.fits(self.goal);
@@ -179,8 +183,9 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(())
     }
 
-    /// Measures the position with the best forecast and continues from there until the forecast finds nothing
-    /// better. If neither the start nor any forecast reaches the goal, returns a position nearer to it.
+    /// Measures the position with the best forecast and continues from there until the forecast promises nothing
+    /// better. If neither the start nor any measured position reaches the goal, returns a position nearer to the
+    /// goal, if one is found.
     fn follow(&mut self, from: usize) -> Option<Option<usize>> {
         let (before, mut at) = (self.best(), from);
         for _ in 0..FOLLOWED {
@@ -195,16 +200,16 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         }
         let next = match self.forecast(from, false) {
             Some(next) => Some(self.measured(&next)?),
-            // Single changes may have led nearer if there is nothing to combine: continue from there while nothing
-            // fits.
+            // If there is nothing to combine, single changes may have led nearer to the goal. The search continues
+            // from there as long as no position reaches it.
             None if self.best().is_none() => self.nearest(),
             None => None,
         };
         Some(next.filter(|&next| self.bounded(next) < self.bounded(from)))
     }
 
-    /// The unmeasured assignment with the best forecast for the goal, if that is better than all known positions;
-    /// otherwise the one nearest to the goal.
+    /// The unmeasured assignment with the best forecast. If `fitting` is true, it must reach the goal and be better
+    /// than all known positions; otherwise it must be nearer to the goal than `from`.
     fn forecast(&self, from: usize, fitting: bool) -> Option<Vec<usize>> {
         let (here, goal) = (&self.tried[from], self.goal);
         let bar = self.best().map_or(f64::INFINITY, |best| (1.0 - GAIN) * self.tried[best].paid(goal));

@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// A model in which each step of a knob doubles its cost and halves its error, as for noise and resolution. The
-/// errors of knobs are independent.
+/// A model in which each step of a knob doubles the knob's cost and halves its error. The errors of different knobs
+/// are independent.
 fn model(weights: &'static [(f64, f64)]) -> impl FnMut(&[usize]) -> Option<(f64, f64)> {
     move |assignment| {
         let value = |(&at, &(cost, error)): (&usize, &(f64, f64))| {
@@ -40,7 +40,7 @@ fn steps<const N: usize>(values: [usize; N]) -> [Steps; N] {
     values.map(|values| Steps { values, step: 1, ordered: true })
 }
 
-// One knob is expensive and does little: a preset raises it all the same.
+// One knob is expensive and has little effect. The presets raise it nevertheless.
 const BAD: &[(f64, f64)] = &[(1.0, 1.0), (100.0, 0.01), (3.0, 0.5)];
 
 #[test]
@@ -68,7 +68,7 @@ fn the_least_error_within_a_cost() {
     assert!(best.cost <= 900.0 && best.error <= 1.2 * ideal.error, "{best:?} {ideal:?}");
 }
 
-// Two knobs help only together, as samples and pixels may: from the cheapest start nothing is found.
+// Two knobs help only together, so nothing is found from the cheapest start.
 #[test]
 fn the_best_start_is_searched_from_as_well() {
     let measure = |assignment: &[usize]| {
@@ -80,8 +80,8 @@ fn the_best_start_is_searched_from_as_well() {
     assert!(finished && tried[best.unwrap()].assignment == [1, 1, 2], "{tried:?}");
 }
 
-// The best start that fits has two expensive knobs that add error unless changed alike, so lowering one does not
-// help; from the start that misses the error the useful knob is raised alone.
+// The best start that reaches the goal has two expensive knobs that must be changed together, so lowering one of
+// them does not help. From the start that misses the goal, raising only the useful knob suffices.
 #[test]
 fn the_start_that_misses_the_error_is_searched_from_as_well() {
     let measure = |assignment: &[usize]| {
@@ -94,7 +94,7 @@ fn the_start_that_misses_the_error_is_searched_from_as_well() {
     assert_eq!(tried[best.unwrap()].assignment, [0, 0, 3], "{tried:?}");
 }
 
-// No single change helps: the expensive knob goes down while the cheap one goes up.
+// No single change helps: the expensive knob must be lowered and the cheap one raised.
 #[test]
 fn a_dear_knob_is_exchanged_for_a_cheap_one() {
     let measure = |assignment: &[usize]| {
@@ -115,7 +115,8 @@ fn a_cost_below_all_starts_is_gone_down_to() {
     assert!(best.cost <= 250.0 && best.error <= 1.2 * ideal.error, "{best:?} {ideal:?}");
 }
 
-// One knob costs, and it takes more than one step until it fits; and all of them must be at their least.
+// Only one knob affects the cost, and it takes more than one step to reach the goal; in another case all knobs must
+// be at their minimum.
 #[test]
 fn a_cost_below_the_cheapest_start_is_walked_down_to() {
     let measure = |assignment: &[usize]| {
@@ -136,7 +137,7 @@ fn a_cost_below_the_cheapest_start_is_walked_down_to() {
     assert!(best.is_some_and(|best| tried[best].assignment == [0, 0, 0]), "{tried:?}");
 }
 
-// Two values make a step: one is tried if no step helps.
+// A step spans two values. A change by a single value is tried if no whole step helps.
 #[test]
 fn halves_of_steps_come_last() {
     let measure = |assignment: &[usize]| Some((assignment[0] as f64, 8.0 - assignment[0] as f64));

@@ -1,4 +1,4 @@
-//! Tried positions, and their order by a goal.
+//! Tried positions, and the order in which they fulfil a goal.
 
 /// The goal of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,15 +36,15 @@ impl Tried {
         self.bounded(goal) <= most
     }
 
-    /// True if it fulfils the goal better than another position that reaches it.
+    /// True if this position is better than another one. Both must reach the goal.
     pub(super) fn beats(&self, other: &Self, goal: Goal) -> bool {
         let key = |t: &Self| [t.paid(goal), t.bounded(goal)];
         key(self) < key(other)
     }
 }
 
-/// The indices of the points that no other point beats in both cost and error, sorted by cost; of equal points the
-/// first.
+/// The indices of the positions that no other position beats in both cost and error, sorted by cost. Of equal
+/// positions, only the first is listed.
 pub fn pareto(tried: &[Tried]) -> Vec<usize> {
     let mut by_cost: Vec<usize> = (0..tried.len()).collect();
     by_cost.sort_by(|&a, &b| {
@@ -63,7 +63,7 @@ pub fn pareto(tried: &[Tried]) -> Vec<usize> {
     by_cost
 }
 
-/// The index of the best position for a goal among those that reach it; of equal ones the first.
+/// The index of the best of the positions that reach a goal; of equally good ones, the first.
 pub fn best(tried: &[Tried], goal: Goal) -> Option<usize> {
     let fitting = (0..tried.len()).filter(|&at| tried[at].fits(goal));
     fitting.reduce(|a, b| if tried[b].beats(&tried[a], goal) { b } else { a })

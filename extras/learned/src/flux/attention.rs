@@ -6,12 +6,13 @@ use super::error::Result;
 use super::norm::wide;
 use super::watch::Watch;
 
-/// Maximum number of scores in memory at once, over all heads: 134 MB in f32. All scores would take 7 GB at 1440 x
-/// 720.
+/// Maximum number of scores in memory at once, over all heads: 134 MB in f32. All scores of a picture of 1440 x 720
+/// would take 7 GB.
 pub const MAX_SCORES: usize = 1 << 25;
 
-/// Attention of queries to keys and values, each heads x tokens x head; the result is tokens x (heads * head).
-/// Scores are computed in f32 or in a wider type.
+/// Attention of the queries `q` to the keys `k` and values `v`, each of shape heads x tokens x head, where head is
+/// the number of channels of a head. The result has the shape tokens x (heads * head). Scores are computed in f32,
+/// or in f64 for f64 input.
 pub fn attention(
     q: &Tensor,
     k: &Tensor,
@@ -59,7 +60,7 @@ mod tests {
             let difference = (&whole - &parts)?.abs()?.max_all()?.to_scalar::<f32>()?;
             assert!(difference < 1e-6, "{max_scores}: {difference}");
         }
-        // Where all keys are equal, each token takes the mean of the values.
+        // If all keys are equal, each token receives the mean of the values.
         let mean = v.mean_keepdim(1)?.broadcast_as((2, 37, 8))?.transpose(0, 1)?.reshape((37, 16))?;
         let equal = attention(&q, &k.zeros_like()?, &v, 200, &mut ())?;
         assert!((mean - equal)?.abs()?.max_all()?.to_scalar::<f32>()? < 1e-6);

@@ -1,8 +1,8 @@
 //! Gradients of the low-rank updates of the blocks, computed one block at a time.
 //!
-//! The forward pass keeps only the input of each block, and the backward pass computes each block again. So memory
-//! is needed for one block at a time, for its intermediate values and for the gradients of its frozen weights,
-//! which the tensor library always computes. For the whole model those gradients would take 48 GB.
+//! The forward pass keeps only the input of each block, and the backward pass computes each block again. So at any
+//! time, memory is needed only for the intermediate values of one block and for the gradients of its frozen
+//! weights, which the tensor library always computes. For the whole model those gradients would take 48 GB.
 
 use std::collections::HashMap;
 
@@ -31,8 +31,8 @@ pub struct Given<'a> {
 }
 
 impl Transformer {
-    /// The loss, one number computed by `loss` from the velocity, and its gradients with respect to `vars`, which
-    /// must belong to updates of layers in blocks.
+    /// Returns the loss, a single number that `loss` computes from the velocity, and its gradients with respect to
+    /// `vars`. All `vars` must belong to updates of layers in blocks.
     pub fn gradients(
         &self,
         given: &Given<'_>,
@@ -86,7 +86,7 @@ impl Transformer {
     }
 }
 
-/// The gradients of the inputs of `outputs`, each output with its own gradient.
+/// Computes the gradients of the inputs of a block. `outputs` contains each output of the block with its gradient.
 fn back(outputs: &[(&Tensor, &Tensor)]) -> Result<GradStore> {
     let mut sum = Tensor::zeros((), outputs[0].0.dtype(), outputs[0].0.device())?;
     for (output, gradient) in outputs {
@@ -105,14 +105,14 @@ impl Found<'_> {
     fn take(&mut self, grads: &GradStore) -> Result<()> {
         for var in self.vars {
             if let Some(gradient) = grads.get(var) {
-                // Detached, or it would hold the values inside of its block.
+                // Without `detach`, the gradient would keep the values inside its block alive.
                 self.of.insert(var.id(), gradient.detach());
             }
         }
         Ok(())
     }
 
-    /// The gradient of the input of a block. It is an error if the block does not read the input.
+    /// The gradient of an input of a block; zeros if the block does not read this input.
     fn gradient(&self, input: &Var, grads: &GradStore) -> Result<Tensor> {
         Ok(match grads.get(input) {
             Some(gradient) => gradient.detach(),

@@ -11,31 +11,31 @@ use super::source::Source;
 /// The sizes of a transformer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Config {
-    /// Length of a token within the network.
+    /// Number of channels of a token within the network.
     pub hidden: usize,
     /// Number of heads of attention; each has `hidden / heads` channels.
     pub heads: usize,
     /// Width of the hidden layer of each perceptron.
     pub mlp: usize,
-    /// Length of a token of the picture in numbers: four latent pixels.
+    /// Number of channels of a token of the picture, which represents four latent pixels.
     pub in_channels: usize,
-    /// Length of a token of text, in numbers.
+    /// Number of channels of a token of text.
     pub context: usize,
-    /// Length of the vector that summarizes the text.
+    /// Length of the vector that represents the text as a whole.
     pub pooled: usize,
-    /// Length of the embedding of a time.
+    /// Length of the embedding of a noise level.
     pub time: usize,
-    /// Division of a head's numbers among frame, row and column of a token's position; all even.
+    /// Numbers of channels of a head that encode the frame, the row and the column of a token; all even.
     pub axes: [usize; 3],
-    /// True if the strength of guidance is an input.
+    /// True if the strength of guidance is an input of the network.
     pub guidance: bool,
-    /// Number of blocks in which text and picture have weights of their own.
+    /// Number of blocks in which text and picture have separate weights.
     pub double_blocks: usize,
     /// Number of blocks in which text and picture share weights.
     pub single_blocks: usize,
 }
 
-/// `config.json` of `diffusers`.
+/// The fields that are read from the `config.json` of `diffusers`.
 #[derive(Deserialize)]
 struct File {
     attention_head_dim: usize,
@@ -49,11 +49,11 @@ struct File {
     pooled_projection_dim: usize,
 }
 
-/// Maximum number of blocks; a greater number is damage.
+/// Maximum number of blocks of each kind that are counted.
 const MAX_BLOCKS: usize = 1000;
 
 impl Config {
-    /// The published model: 12 billion weights.
+    /// The sizes of the published model, which has 12 billion weights.
     pub const fn kontext() -> Self {
         Self {
             hidden: 3072,
@@ -75,9 +75,10 @@ impl Config {
         self.hidden / self.heads
     }
 
-    /// The layout and the sizes, from the shapes in the headers. No header describes how a head is divided among
-    /// the axes: it is taken from `config.json` next to the file if there is one, which must then agree with the
-    /// headers, or from the published model if heads have the same length.
+    /// Derives the layout and the sizes from the shapes in the headers. The headers do not contain
+    /// [`axes`](Self::axes), which are read from the `config.json` next to the file; it must agree with the
+    /// headers. Without a `config.json`, the axes of the published model are used, which fit only heads of its
+    /// length.
     pub fn of(source: &Source) -> Result<(Layout, Self)> {
         let layout = ["", "model.diffusion_model."]
             .into_iter()
@@ -86,7 +87,7 @@ impl Config {
             .find(|layout| source.shape(&format!("{}.weight", layout.pieces("img_in").modules[0])).is_some())
             .ok_or_else(|| {
                 source.wrong(
-                    "is not a Flux transformer: it contains neither `img_in.weight` nor `x_embedder.weight`",
+                    "the file is not a Flux transformer: it contains neither `img_in.weight` nor `x_embedder.weight`",
                 )
             })?;
         let matrix = |module: &str| -> Result<(usize, usize)> {
@@ -94,7 +95,7 @@ impl Config {
             match source.shape(&name) {
                 Some(&[rows, columns]) if rows > 0 && columns > 0 => Ok((rows, columns)),
                 Some(shape) => {
-                    Err(source.wrong(format!("`{name}` has shape {shape:?}, which is not a matrix")))
+                    Err(source.wrong(format!("`{name}` has shape {shape:?}; it must be a matrix")))
                 }
                 None => Err(source.wrong(format!("`{name}` is missing"))),
             }
@@ -110,7 +111,12 @@ impl Config {
         let norm = layout.scale("double_blocks.0.img_attn.norm.query_norm");
         let head = match source.shape(&norm) {
             Some(&[head]) if head > 0 && hidden % head == 0 => head,
-            shape => return Err(source.wrong(format!("`{norm}` has shape {shape:?} at a width of {hidden}"))),
+            Some(shape) => {
+                return Err(source.wrong(format!(
+                    "`{norm}` has shape {shape:?}; it must have one dimension that divides the width, {hidden}"
+                )));
+            }
+            None => return Err(source.wrong(format!("`{norm}` is missing"))),
         };
         let mut config = Self {
             hidden,
@@ -133,7 +139,7 @@ impl Config {
             || config.axes.iter().any(|axis| axis % 2 != 0)
         {
             return Err(source.wrong(format!(
-                "its heads have {head} channels, which are not the sum of the axes {:?}; put the `config.json` of the model, which lists the axes, next to it",
+                "its heads have {head} channels, which do not match the axes {:?}; put the `config.json` of the model, which lists the axes, next to the file",
                 config.axes
             )));
         }
@@ -146,14 +152,15 @@ impl Config {
             return Err(Error::file(
                 file,
                 format!(
-                    "its tokens have {channels} channels and its time embeddings {time}; these must be multiples of 4 and 2"
+                    "its tokens have {channels} channels and its time embeddings have {time}; these numbers must be multiples of 4 and of 2"
                 ),
             ));
         }
         Ok(())
     }
 
-    /// The axes in the `config.json` next to a file; `None` unless that file exists and describes a transformer.
+    /// The axes in the `config.json` next to `file`; `None` if there is no `config.json` or it does not describe a
+    /// transformer.
     fn beside(&self, file: &Path) -> Result<Option<[usize; 3]>> {
         let path = file.with_file_name("config.json");
         let Ok(text) = std::fs::read(&path) else { return Ok(None) };
@@ -170,7 +177,8 @@ impl Config {
             ..self.clone()
         };
         if said != *self {
-            let what = format!("describes {said:?}, but `{}` next to it contains {self:?}", file.display());
+            let what =
+                format!("it describes {said:?}, but `{}` next to it contains {self:?}", file.display());
             return Err(Error::file(&path, what));
         }
         Ok(Some(json.axes_dims_rope))

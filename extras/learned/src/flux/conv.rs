@@ -10,15 +10,15 @@ use super::watch::Watch;
 pub enum Edge {
     /// Zeros.
     Zeros,
-    /// The other edge: a panorama wraps around.
+    /// The pixels at the opposite edge, since a panorama wraps around.
     Wraps,
 }
 
-/// Maximum size of the matrix that a convolution is unrolled to: 268 MB in f32. The full-size decoder would need
-/// 4.8 GB for all of 1440 x 720 at once.
+/// Maximum number of elements of the matrix to which a convolution is unrolled: 268 MB in f32. Without this limit,
+/// the decoder of the published model would need 4.8 GB for a picture of 1440 x 720.
 pub(crate) const MAX_UNROLLED: usize = 1 << 26;
 
-/// A convolution with a square kernel of 1 or 3.
+/// A convolution with a kernel of 1 x 1 or 3 x 3.
 #[derive(Debug)]
 pub struct Conv {
     weight: Tensor,
@@ -33,8 +33,8 @@ impl Conv {
         Ok(Self { weight, bias: bias.reshape((outputs, 1, 1))?, stride })
     }
 
-    /// Convolves `x`, channels x height x width. A kernel of 3 reads one pixel beyond each edge; at a stride of 2,
-    /// only beyond the right and the bottom one.
+    /// Convolves `x`, channels x height x width. A kernel of 3 x 3 reads one pixel beyond each edge; at a stride of
+    /// 2, it does so only at the right and bottom edges.
     pub fn forward(&self, x: &Tensor, edge: Edge, watch: &mut dyn Watch) -> Result<Tensor> {
         let size = self.weight.dim(3)?;
         let before = if size == 3 && self.stride == 1 { 1 } else { 0 };
@@ -74,7 +74,7 @@ mod tests {
     use crate::flux::noise::normals;
     use candle_core::Device;
 
-    /// A direct implementation of the definition, in f64.
+    /// A direct implementation of the definition of a convolution, in f64.
     fn reference(x: &[Vec<Vec<f32>>], w: &[Vec<Vec<f32>>], stride: usize, wraps: bool) -> Vec<Vec<f64>> {
         let (height, width) = (x[0].len() as isize, x[0][0].len() as isize);
         let before = if stride == 1 { 1 } else { 0 };

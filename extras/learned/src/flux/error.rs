@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// An error of the diffusion backend, with the file and a remedy.
+/// Errors of the diffusion backend. Messages name the file and suggest a remedy where there is one.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A file cannot be read, is damaged, or has another format.
@@ -20,12 +20,12 @@ pub enum Error {
     #[error("stopped")]
     Stopped,
     /// The tensor library failed, for instance out of memory on a GPU.
-    #[error("tensors: {0}")]
+    #[error("the tensor library failed: {0}")]
     Tensor(#[from] candle_core::Error),
 }
 
 impl Error {
-    /// An [`Error::File`].
+    /// Creates an [`Error::File`].
     pub fn file(file: &Path, what: impl Into<String>) -> Self {
         Self::File { file: file.to_owned(), what: what.into() }
     }
@@ -39,7 +39,7 @@ impl Error {
 /// Result of the functions of this crate.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// The first few of many names, for a message.
+/// Lists the first few names and counts the others, for a message.
 pub(crate) fn some_of<S: AsRef<str>>(names: &[S]) -> String {
     const SHOWN: usize = 6;
     let shown: Vec<String> = names.iter().take(SHOWN).map(|name| format!("`{}`", name.as_ref())).collect();

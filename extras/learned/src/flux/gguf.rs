@@ -13,7 +13,7 @@ use super::source::{Entry, Format};
 
 /// Maximum length of a name or text. The format limits names of tensors to 64 bytes.
 const MAX_TEXT: u64 = 1 << 20;
-/// Maximum number of tensors; the full-size model has 780.
+/// Maximum number of tensors, and of metadata values; the published model has 780 tensors.
 const MAX_TENSORS: u64 = 1 << 20;
 
 /// Reads the entries of all tensors of the file, which must be open at its start.
@@ -23,11 +23,11 @@ pub(crate) fn header(file: &mut File, path: &Path, index: usize) -> Result<BTree
     header.take::<4>()?;
     let version = header.u32()?;
     if !(2..=3).contains(&version) {
-        return Err(header.wrong(format!("it has version {version}; 2 and 3 are supported")));
+        return Err(header.wrong(format!("its version is {version}; versions 2 and 3 are supported")));
     }
     let (tensors, values) = (header.u64()?, header.u64()?);
     if tensors > MAX_TENSORS || values > MAX_TENSORS {
-        return Err(header.wrong(format!("it claims {tensors} tensors and {values} values")));
+        return Err(header.wrong(format!("it claims to hold {tensors} tensors and {values} metadata values; at most {MAX_TENSORS} of each are supported")));
     }
     let mut alignment = 32;
     for _ in 0..values {
@@ -40,7 +40,7 @@ pub(crate) fn header(file: &mut File, path: &Path, index: usize) -> Result<BTree
         }
     }
     if !alignment.is_power_of_two() {
-        return Err(header.wrong(format!("its alignment, {alignment}, is not a power of two")));
+        return Err(header.wrong(format!("its alignment is {alignment}, which is not a power of two")));
     }
     let mut entries = BTreeMap::new();
     for _ in 0..tensors {
@@ -55,7 +55,8 @@ pub(crate) fn header(file: &mut File, path: &Path, index: usize) -> Result<BTree
     for (name, entry) in &mut entries {
         entry.start = entry.start.saturating_add(first);
         if entry.start.saturating_add(entry.bytes) > length {
-            return Err(header.wrong(format!("tensor `{name}` lies beyond its end; copy it again")));
+            return Err(header
+                .wrong(format!("tensor `{name}` extends beyond the end of the file; copy the file again")));
         }
     }
     Ok(entries)
@@ -68,12 +69,12 @@ struct Header<'a> {
 
 impl Header<'_> {
     fn wrong(&self, what: String) -> Error {
-        Error::file(self.path, format!("is not a valid GGUF file: {what}"))
+        Error::file(self.path, format!("the file is not a valid GGUF file: {what}"))
     }
 
     fn take<const N: usize>(&mut self) -> Result<[u8; N]> {
         let mut bytes = [0; N];
-        self.file.read_exact(&mut bytes).map_err(|_| self.wrong("it is cut off".to_owned()))?;
+        self.file.read_exact(&mut bytes).map_err(|_| self.wrong("it is truncated".to_owned()))?;
         Ok(bytes)
     }
 
@@ -88,11 +89,13 @@ impl Header<'_> {
     fn text(&mut self) -> Result<String> {
         let length = self.u64()?;
         if length > MAX_TEXT {
-            return Err(self.wrong(format!("a text claims {length} bytes")));
+            return Err(self.wrong(format!(
+                "a text claims to have {length} bytes, more than the maximum of {MAX_TEXT}"
+            )));
         }
         let mut bytes = vec![0; length as usize];
-        self.file.read_exact(&mut bytes).map_err(|_| self.wrong("it is cut off".to_owned()))?;
-        String::from_utf8(bytes).map_err(|_| self.wrong("a name is not UTF-8".to_owned()))
+        self.file.read_exact(&mut bytes).map_err(|_| self.wrong("it is truncated".to_owned()))?;
+        String::from_utf8(bytes).map_err(|_| self.wrong("a text is not valid UTF-8".to_owned()))
     }
 
     /// Skips a value. Arrays of arrays are an error, since files for this model do not contain them.
@@ -114,7 +117,9 @@ impl Header<'_> {
             None if kind == TEXT && count <= MAX_TENSORS => {
                 (0..count).try_for_each(|_| self.text().map(|_| ()))
             }
-            None => Err(self.wrong(format!("an array holds {count} values of type {kind}"))),
+            None => Err(self.wrong(format!(
+                "an array claims to hold {count} values of type {kind}, which is not supported"
+            ))),
         }
     }
 
@@ -122,21 +127,21 @@ impl Header<'_> {
         let passed = std::io::copy(&mut self.file.by_ref().take(bytes), &mut std::io::sink());
         match passed {
             Ok(n) if n == bytes => Ok(()),
-            _ => Err(self.wrong("it is cut off".to_owned())),
+            _ => Err(self.wrong("it is truncated".to_owned())),
         }
     }
 
-    /// Reads one entry. Its start is still relative to the start of the data.
+    /// Reads one entry. Its start is relative to the start of the tensor data.
     fn tensor(&mut self, name: &str, file: usize) -> Result<Entry> {
         let axes = self.u32()?;
         if !(1..=4).contains(&axes) {
-            return Err(self.wrong(format!("tensor `{name}` has {axes} axes")));
+            return Err(self.wrong(format!("tensor `{name}` has {axes} axes; it must have 1 to 4")));
         }
         let mut shape = Vec::new();
         for _ in 0..axes {
             shape.push(usize::try_from(self.u64()?).unwrap_or(usize::MAX));
         }
-        // Innermost axis first in the file, unlike everywhere else.
+        // In the file, the innermost axis comes first, unlike everywhere else.
         shape.reverse();
         let (code, start) = (self.u32()?, self.u64()?);
         let Some((format, block, block_bytes)) = format(code) else {
@@ -146,13 +151,15 @@ impl Header<'_> {
         let row = shape.last().copied().unwrap_or(0);
         let bytes = count.filter(|_| row % block == 0).and_then(|n| (n / block).checked_mul(block_bytes));
         let Some(bytes) = bytes else {
-            return Err(self.wrong(format!("tensor `{name}` has the impossible shape {shape:?}")));
+            return Err(self.wrong(format!(
+                "tensor `{name}` has the shape {shape:?}, which is not possible for its type"
+            )));
         };
         Ok(Entry { shape, format, file, start, bytes: bytes as u64 })
     }
 }
 
-/// Bytes of a value of fixed size.
+/// Size in bytes of a value of type `kind`; `None` if the type has no fixed size or is unknown.
 fn width(kind: u32) -> Option<u64> {
     match kind {
         0 | 1 | 7 => Some(1),

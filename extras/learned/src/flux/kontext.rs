@@ -1,5 +1,5 @@
-//! Editing of a picture: it is encoded, noise is turned step by step into a new picture conditioned on it, and the
-//! result is decoded.
+//! Editing of a picture. The picture is encoded to latents; noise is turned step by step into new latents,
+//! conditioned on those of the picture; and the result is decoded.
 
 use std::path::PathBuf;
 
@@ -21,7 +21,8 @@ use super::watch::Watch;
 /// The files of a model.
 #[derive(Debug, Clone)]
 pub struct Files {
-    /// The transformer: safetensors (of the authors or of `diffusers`, or its first shard) or GGUF.
+    /// The transformer: a GGUF file, a safetensors file with the names of the authors or of `diffusers`, or the
+    /// first shard of such a file.
     pub transformer: PathBuf,
     /// The autoencoder, safetensors.
     pub vae: PathBuf,
@@ -34,7 +35,7 @@ pub struct Files {
 /// Settings of an edit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Steps from noise to picture.
+    /// Number of steps from noise to picture.
     pub steps: usize,
     /// Strength with which the model follows the prompt. The strength is an input of the network.
     pub guidance: f32,
@@ -62,7 +63,7 @@ pub struct Kontext {
 impl Kontext {
     /// Loads all files. `dtype` is the type of the computation in the transformer.
     pub fn load(files: &Files, device: &Device, dtype: DType) -> Result<Self> {
-        // Small files first: what is wrong with them is then known before 24 GB are read.
+        // Small files are read first, so that errors in them are reported before 24 GB are read.
         let source = Source::open(&files.transformer)?;
         let (config, _) = Transformer::survey(&source)?;
         let prompt = Prompt::read(&files.prompt, &config, device)?;
@@ -75,7 +76,7 @@ impl Kontext {
             return Err(Error::file(
                 &files.vae,
                 format!(
-                    "makes latents of {} channels, but `{}` needs {}",
+                    "its latents have {} channels, but `{}` needs {}",
                     vae.config().latents,
                     files.transformer.display(),
                     config.in_channels / 4
@@ -89,15 +90,16 @@ impl Kontext {
         Ok(Self { transformer, vae, prompt })
     }
 
-    /// The noise that a picture of this size starts from; each `stream` of a seed has its own.
+    /// The noise from which the edit of a picture of this size starts. Each pair of `seed` and `stream` gives
+    /// different noise.
     pub fn noise(&self, width: usize, height: usize, seed: u64, stream: u64) -> Result<Tensor> {
         let shape = (self.vae.config().latents, height / 8, width / 8);
         normals(seed, stream, shape, self.transformer.device())
     }
 
-    /// Edits a picture. Returns one of the same size, with values from 0 to 1. `picture` is 3 x height x width in
-    /// 0..1, display-encoded. Both sizes are multiples of 16; the width of a seamless picture is a multiple of 32.
-    /// `noise` comes from [`Kontext::noise`].
+    /// Edits a picture. Returns a picture of the same size, with values from 0 to 1. `picture` is 3 x height x
+    /// width in 0..1, display-encoded. Both sizes are multiples of 16; the width of a seamless picture is a
+    /// multiple of 32. `noise` comes from [`Kontext::noise`].
     pub fn edit(
         &self,
         picture: &Tensor,
@@ -109,7 +111,7 @@ impl Kontext {
         let unit = if settings.seamless { 32 } else { 16 };
         if height == 0 || width == 0 || height % 16 != 0 || width % unit != 0 {
             return Err(Error::Mismatch(format!(
-                "a picture of {width} x {height} pixels; the height must be a multiple of 16, the width of {unit}"
+                "cannot edit a picture of {width} x {height} pixels: the height must be a multiple of 16, and the width of {unit}"
             )));
         }
         // Encoding and decoding take about as long as a step.
@@ -131,14 +133,14 @@ impl Kontext {
     pub fn decode(&self, latents: &Tensor, settings: &Settings, watch: &mut dyn Watch) -> Result<Tensor> {
         let made = self.vae.decode(latents, settings.edge(), watch)?;
         if !made.abs()?.sum_all()?.to_scalar::<f32>()?.is_finite() {
-            let what = "the model gave NaN or infinity; its weights, the LoRA or the prompt are damaged";
+            let what = "the output of the model contains NaN or infinity; its weights, the LoRA or the prompt may be damaged";
             return Err(Error::Mismatch(what.to_owned()));
         }
         Ok(((made * 0.5)? + 0.5)?.clamp(0.0, 1.0)?)
     }
 
     /// Turns noise into the latents of an edited picture. `condition` contains the latents of the original picture.
-    /// All are channels x height x width.
+    /// All latents are channels x height x width.
     pub fn denoise(
         &self,
         condition: &Tensor,
@@ -168,7 +170,7 @@ impl Kontext {
                 let share = middle(rows, columns, way.device())?;
                 way = (&other + (way - &other)?.broadcast_mul(&share)?)?;
             }
-            // In f32, like the levels.
+            // Computed in f32, like the levels.
             tokens = (tokens + (way * f64::from(pair[1] - pair[0]))?)?;
             watch.value(&format!("latents_after_step{step}"), &tokens);
         }
@@ -197,7 +199,8 @@ impl Kontext {
     }
 }
 
-/// A part of a computation: the progress of the whole between `from` and `to`.
+/// Observer of a part of a computation. Maps the progress of the part to the range from `from` to `to` of the
+/// whole.
 struct Span<'a> {
     watch: &'a mut dyn Watch,
     from: f64,
@@ -218,8 +221,8 @@ impl Watch for Span<'_> {
     }
 }
 
-/// Weights of tokens: 1 in the middle half of the columns and 0 in the outer quarters, with a ramp of an eighth of
-/// the columns between: tokens x 1. The weights rotated by half a turn are one minus the weights.
+/// Weights of tokens, tokens x 1. They are 1 in the middle half of the columns and 0 in the outer quarters, with
+/// ramps of an eighth of the columns between. The weights of two tokens half a turn apart add up to 1.
 fn middle(rows: usize, columns: usize, device: &Device) -> Result<Tensor> {
     let share = |column: usize| {
         let from_edge = column.min(columns - 1 - column) as f64 + 0.5;

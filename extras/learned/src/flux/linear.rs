@@ -6,7 +6,7 @@ use candle_core::{DType, Tensor};
 use super::error::{Error, Result};
 
 /// The weights of a layer, in the type of the file. They are converted to the type of the computation for each use,
-/// which costs little compared with the product. Unlike products of quantised numbers, it is exact.
+/// which costs little compared with the product. Unlike products of quantised numbers, the conversion is exact.
 #[derive(Debug)]
 pub enum Matrix {
     /// Plain numbers.
@@ -40,11 +40,11 @@ impl Matrix {
 /// A low-rank update of some rows of a layer, to which `scale * up * down` is added.
 #[derive(Debug, Clone)]
 pub struct Update {
-    /// The first row it changes.
+    /// Index of the first row that the update changes.
     pub start: usize,
-    /// rank x columns, f32.
+    /// The matrix `down`: rank x columns, f32.
     pub down: Tensor,
-    /// rows x rank, f32.
+    /// The matrix `up`: rows x rank, f32.
     pub up: Tensor,
     /// Scale of the update: `strength * alpha / rank`.
     pub scale: f64,
@@ -86,7 +86,7 @@ impl Linear {
         Ok(())
     }
 
-    /// Applies the layer: tokens x columns to tokens x rows, in the type of `x`.
+    /// Applies the layer to `x`, tokens x columns. The result is tokens x rows, in the type of `x`.
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
         let dtype = x.dtype();
         let y = x.matmul(&self.weight.widened(dtype)?.t()?)?;
@@ -94,7 +94,8 @@ impl Linear {
         if self.updates.is_empty() {
             return Ok(y);
         }
-        // All updates as one: downs stacked, ups side by side, each at its rows.
+        // All updates are applied as one: the `down` matrices are stacked, and the `up` matrices placed side by
+        // side, each at its rows.
         let rows = y.dim(1)?;
         let mut downs = Vec::new();
         let mut ups = Vec::new();

@@ -1,4 +1,4 @@
-//! Loads the parts of a network from a file of weights, and checks that every key is used.
+//! Loads the parts of a network from a weights file, and checks that every key is used.
 
 use std::collections::BTreeSet;
 
@@ -22,13 +22,13 @@ pub struct Tally {
     pub largest: u64,
 }
 
-/// Passes the tensors of a [`Source`] to a network that requests them by its own names. Tensors that are missing,
-/// have another shape or are never requested are an error at the end, with their names.
+/// Passes the tensors of a [`Source`] to a network, which requests them by the names of its parts. Tensors that are
+/// missing, have a wrong shape or are never requested are reported by [`finish`](Self::finish).
 pub struct Loader<'a> {
     source: &'a Source,
     layout: Layout,
     device: &'a Device,
-    /// True if only shapes are checked and counted, and no data are read.
+    /// True if tensors are only checked and counted, and no data are read.
     survey: bool,
     asked: BTreeSet<String>,
     wrong: Vec<String>,
@@ -42,13 +42,14 @@ impl<'a> Loader<'a> {
         Self { source, layout, device, survey: false, asked, wrong, tally }
     }
 
-    /// Creates a loader that reads nothing and returns zeros, so that every key of a file can be checked before the
-    /// first is read.
+    /// Creates a loader that reads nothing and returns zeros, so that all keys of a file can be checked before any
+    /// tensor is read.
     pub fn survey(source: &'a Source, layout: Layout) -> Self {
         Self { survey: true, ..Self::new(source, layout, &Device::Cpu) }
     }
 
-    /// Loads the linear layer with `module.weight` of `rows` x `columns` and, if `bias`, with `module.bias`.
+    /// Loads a linear layer from the tensors `module.weight`, `rows` x `columns`, and `module.bias`, `rows`
+    /// numbers.
     pub fn linear(&mut self, module: &str, rows: usize, columns: usize) -> Result<Linear> {
         let pieces = self.layout.pieces(module);
         let keys = |ending: &str| -> Vec<String> {
@@ -64,7 +65,7 @@ impl<'a> Loader<'a> {
         Ok(Linear::new(module, weight, bias))
     }
 
-    /// The vector of scales of a norm, in f32.
+    /// Reads the vector of scales of a norm, in f32.
     pub fn scale(&mut self, module: &str, length: usize) -> Result<Tensor> {
         let key = self.layout.scale(module);
         self.rows(&[key], length, None)?.to_f32()
@@ -101,7 +102,8 @@ impl<'a> Loader<'a> {
         Ok(Matrix::Plain(if parts.len() == 1 { parts.remove(0) } else { Tensor::cat(&parts, 0)? }))
     }
 
-    /// Returns true if a tensor with that name and a fitting shape exists. The tensor is then counted.
+    /// Returns true if a tensor with that name and a fitting shape exists; otherwise records the problem. An
+    /// existing tensor is counted.
     fn wants(&mut self, key: &str, fits: impl Fn(&[usize]) -> bool) -> bool {
         self.asked.insert(key.to_owned());
         let Some(entry) = self.source.entries().get(key) else {
@@ -122,7 +124,8 @@ impl<'a> Loader<'a> {
         fit
     }
 
-    /// Ends loading. An error names the missing, unfitting and unused tensors.
+    /// Ends loading. If tensors are missing, have a wrong shape or were not requested, returns an error that names
+    /// them.
     pub fn finish(self) -> Result<Tally> {
         if !self.wrong.is_empty() {
             let shown = self.wrong.iter().take(6).cloned().collect::<Vec<_>>().join("; ");
@@ -133,7 +136,7 @@ impl<'a> Loader<'a> {
             self.source.entries().keys().filter(|key| !self.asked.contains(*key)).collect();
         if !left.is_empty() {
             let what = format!(
-                "{} of its tensors belong to no part of this model: {}. Give the file of this part alone",
+                "{} of its tensors belong to no part of this model: {}. Supply a file that contains only this part",
                 left.len(),
                 some_of(&left)
             );
@@ -143,7 +146,7 @@ impl<'a> Loader<'a> {
     }
 }
 
-/// Zeros that take no memory.
+/// A tensor of zeros that takes no memory.
 fn nothing(shape: &[usize]) -> Result<Tensor> {
     Ok(Tensor::zeros(1, DType::F32, &Device::Cpu)?.broadcast_as(shape)?)
 }

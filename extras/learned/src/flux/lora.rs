@@ -12,13 +12,13 @@ use super::loader::swapped;
 use super::names::{Layout, linears, piece_rows};
 use super::source::Source;
 
-/// The updates of one file, by the layers they change.
+/// The updates in one LoRA file, by the names of the layers that they change.
 #[derive(Debug)]
 pub struct Lora {
     updates: BTreeMap<String, Vec<Update>>,
 }
 
-/// The destination of the update of a module.
+/// The layer that the update of a module changes, and the rows of this layer.
 #[derive(Clone)]
 struct Target {
     module: String,
@@ -28,7 +28,7 @@ struct Target {
     swapped: bool,
 }
 
-/// The tensors of one module in a file.
+/// The names of the tensors of one module in a file.
 #[derive(Default)]
 struct Found {
     down: Option<String>,
@@ -36,15 +36,16 @@ struct Found {
     alpha: Option<String>,
 }
 
-/// Prefixes of module names: `diffusers` and peft, other trainers, kohya.
+/// Prefixes of module names in the files of `diffusers`, peft, kohya and other trainers.
 const PREFIXES: [&str; 5] =
     ["transformer.", "base_model.model.", "diffusion_model.", "lora_unet_", "lora_transformer_"];
 
 impl Lora {
     /// Reads a file in the layout of `diffusers` and peft (`transformer.<module>.lora_A.weight`), of kohya
     /// (`lora_unet_<module>.lora_down.weight`), or with the authors' names in either spelling. A key that belongs
-    /// to no layer of the model is an error: otherwise an update could have no effect without notice. alpha is the
-    /// tensor `<module>.alpha`, else `lora_alpha` of the header, else the rank (which is a scale of 1).
+    /// to no layer of the model is an error, because its update would silently have no effect. The value of alpha
+    /// is the tensor `<module>.alpha` if it exists, else `lora_alpha` in the header, else the rank, which gives a
+    /// scale of 1.
     pub fn read(path: &Path, config: &Config, device: &Device) -> Result<Self> {
         let source = Source::open(path)?;
         let targets = targets(config);
@@ -73,7 +74,7 @@ impl Lora {
             )));
         }
         if found.is_empty() {
-            return Err(source.wrong("holds no update"));
+            return Err(source.wrong("the file contains no update"));
         }
         let header = header_alpha(&source)?;
         let mut updates: BTreeMap<String, Vec<Update>> = BTreeMap::new();
@@ -116,8 +117,9 @@ impl Target {
             }
             (down, up) => {
                 let (rows, columns) = (self.rows, self.columns);
+                let (up, down) = (up.unwrap_or_default(), down.unwrap_or_default());
                 return Err(source.wrong(format!(
-                    "the update of `{stem}` has shapes {up:?} and {down:?}; the layer has {rows} x {columns}"
+                    "the matrices of the update of `{stem}` have shapes {up:?} and {down:?}; the layer has {rows} x {columns}"
                 )));
             }
         };
@@ -126,7 +128,7 @@ impl Target {
                 let values = source.read_f32(key, &Device::Cpu)?.flatten_all()?.to_vec1::<f32>()?;
                 match values.as_slice() {
                     [alpha] if alpha.is_finite() => f64::from(*alpha),
-                    _ => return Err(source.wrong(format!("`{key}` is not one number"))),
+                    _ => return Err(source.wrong(format!("`{key}` must be a single finite number"))),
                 }
             }
             None => header.unwrap_or(rank as f64),
@@ -137,7 +139,7 @@ impl Target {
             if sum.is_finite() {
                 Ok(tensor)
             } else {
-                Err(source.wrong(format!("`{key}` holds NaN or infinity")))
+                Err(source.wrong(format!("`{key}` contains NaN or infinity")))
             }
         };
         let up = matrix(up)?;
@@ -157,7 +159,7 @@ enum Ending {
     Alpha,
 }
 
-/// The name of a module without the prefixes and suffixes of trainers, and the tensor that a key names.
+/// Splits a key into the name of a module, without the prefixes of trainers, and the kind of tensor.
 fn stem(key: &str) -> Option<(&str, Ending)> {
     const ENDINGS: [(&str, Ending); 5] = [
         (".lora_A.weight", Ending::Down),
@@ -174,7 +176,7 @@ fn stem(key: &str) -> Option<(&str, Ending)> {
     Some((stem, ending))
 }
 
-/// Every name that files use for a layer: in both layouts, with dots and with underscores.
+/// All names that files use for the layers: in both layouts, with dots and with underscores.
 fn targets(config: &Config) -> BTreeMap<String, Target> {
     let mut targets = BTreeMap::new();
     for (module, rows, columns) in linears(config) {
@@ -201,17 +203,16 @@ fn header_alpha(source: &Source) -> Result<Option<f64>> {
     let field = |name: &str| json.get(format!("transformer.{name}")).or_else(|| json.get(name));
     for (unsupported, what) in [("use_dora", "DoRA"), ("use_rslora", "a scale of alpha / sqrt(rank)")] {
         if field(unsupported).and_then(serde_json::Value::as_bool) == Some(true) {
-            return Err(
-                source.wrong(format!("uses {what}, which is not supported; train without `{unsupported}`"))
-            );
+            return Err(source.wrong(format!(
+                "the file uses {what}, which is not supported; train without `{unsupported}`"
+            )));
         }
     }
     for pattern in ["alpha_pattern", "rank_pattern"] {
         let listed = field(pattern).and_then(serde_json::Value::as_object).is_some_and(|map| !map.is_empty());
         if pattern == "alpha_pattern" && listed {
-            return Err(
-                source.wrong("has an alpha for each layer in `alpha_pattern`, which is not supported")
-            );
+            return Err(source
+                .wrong("the file has an alpha for each layer in `alpha_pattern`, which is not supported"));
         }
     }
     Ok(field("lora_alpha").and_then(serde_json::Value::as_f64))

@@ -1,4 +1,4 @@
-//! Estimate of the memory of an edit, before any file is read.
+//! Estimate of the memory that an edit needs, before any file is read.
 
 use super::attention::MAX_SCORES;
 use super::config::Config;
@@ -6,7 +6,7 @@ use super::conv::MAX_UNROLLED;
 use super::loader::Tally;
 use super::vae::VaeConfig;
 
-/// Memory of an edit in bytes, with computation in f32.
+/// Memory that an edit needs, in bytes, if it is computed in f32.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Memory {
     /// Weights as they are kept in memory.
@@ -18,7 +18,7 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// The memory for a picture of `width` x `height` and `texts` tokens of text.
+    /// Estimates the memory for a picture of `width` x `height` pixels and `texts` tokens of text.
     pub fn of(
         (config, transformer): (&Config, &Tally),
         (vae_config, vae): (&VaeConfig, &Tally),
@@ -27,12 +27,12 @@ impl Memory {
     ) -> Self {
         const F32: usize = 4;
         let tokens = texts + 2 * (width / 16) * (height / 16);
-        // A block holds, of each token: itself, its norm, queries, keys and values before and after their rotation,
-        // what attention made, and the hidden layer before and after it bends.
+        // For each token, a block holds: the token, its norm, queries, keys and values before and after their
+        // rotation, the result of attention, and the hidden layer before and after the activation function.
         let numbers = tokens * (16 * config.hidden + 4 * config.mlp);
         let blocks = (numbers + 3 * MAX_SCORES) * F32;
-        // The decoder holds the second widest channels at full size, in a residual block: its input, its norm, that
-        // bent, its padded copy, and what comes out.
+        // The decoder needs most memory in a residual block with `widths[1]` channels at full size: for its input,
+        // the norm of the input before and after the activation function, a padded copy, and the output.
         let channels = vae_config.widths.get(1).or(vae_config.widths.first()).copied().unwrap_or(0);
         let pixels = (6 * channels * width * height + MAX_UNROLLED) * F32;
         Self {
@@ -42,7 +42,8 @@ impl Memory {
         }
     }
 
-    /// Memory of an edit by the published model in addition to its files, before any is opened; 512 tokens of text.
+    /// Memory that an edit with the published model and 512 tokens of text needs in addition to the weights. It is
+    /// computed without opening any file.
     pub fn published(size: (usize, usize)) -> u64 {
         let config = Config::kontext();
         let largest = (config.hidden * (3 * config.hidden + config.mlp)) as u64;

@@ -1,5 +1,6 @@
-//! Flux.1 Kontext, an image-editing diffusion model with which the paper predicts the look of a panorama at a
-//! darker exposure. A LoRA teaches it this one edit, and the prompt is fixed. The user supplies the weights.
+//! Flux.1 Kontext, an image-editing diffusion model. The paper uses it to predict what a panorama looks like at a
+//! darker exposure. A LoRA specializes the model for this edit, and the prompt is fixed. The user supplies the
+//! weights.
 
 use candle_core::Tensor;
 

@@ -1,11 +1,11 @@
-//! Names of the parts of the transformer in files of weights.
+//! Names of the parts of the transformer in weights files.
 //!
 //! This crate names parts as the model's authors do in their own files and in GGUF
 //! (`double_blocks.0.img_attn.qkv`). The layout of `diffusers` has other names and splits some matrices.
 
 use super::config::Config;
 
-/// The tensors of a file that form one part of the transformer, from the first row down.
+/// The tensors of a file that together form one part of the transformer, in the order of its rows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pieces {
     /// Names of modules, without `.weight` or `.bias`.
@@ -15,10 +15,11 @@ pub struct Pieces {
     pub swapped: bool,
 }
 
-/// The naming of the tensors in a file of weights.
+/// The naming of the tensors in a weights file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
-    /// The names of the model's authors, with `prefix` before each (`model.diffusion_model.` in some collections).
+    /// The names of the model's authors, each preceded by `prefix` (`model.diffusion_model.` in files that contain
+    /// several models).
     Original {
         /// Prefix of each name.
         prefix: &'static str,
@@ -28,7 +29,7 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// The tensors of a file that form a module.
+    /// The tensors of a file that together form a module.
     pub fn pieces(self, module: &str) -> Pieces {
         match self {
             Self::Original { prefix } => {
@@ -38,7 +39,7 @@ impl Layout {
         }
     }
 
-    /// The name of the vector of a norm's scales.
+    /// The name of the tensor with the scales of a norm.
     pub fn scale(self, module: &str) -> String {
         match self {
             Self::Original { prefix } => format!("{prefix}{module}.scale"),
@@ -155,8 +156,8 @@ pub fn linears(config: &Config) -> Vec<(String, usize, usize)> {
     list
 }
 
-/// The rows of each piece of a module that `diffusers` splits: `hidden` each for queries, keys and values; the rest
-/// belongs to the last piece.
+/// The number of rows of each piece of a module that `diffusers` splits: `hidden` rows each for queries, keys and
+/// values; all other rows belong to the last piece.
 pub fn piece_rows(config: &Config, rows: usize, pieces: usize) -> Vec<usize> {
     if pieces == 1 {
         return vec![rows];

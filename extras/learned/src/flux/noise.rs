@@ -1,4 +1,5 @@
-//! Random numbers by index, so that the same seed gives the same noise on any machine and in any order.
+//! Random numbers that are computed from their index, so that a seed gives the same noise on any machine and in any
+//! order.
 
 use candle_core::{Device, Tensor};
 
@@ -27,7 +28,7 @@ pub fn normal(seed: u64, stream: u64, index: u64) -> f64 {
     radius * libm::cos(std::f64::consts::TAU * uniform(seed, stream, 2 * index + 1))
 }
 
-/// Standard normal numbers in f32; every `stream` of a seed has its own.
+/// Standard normal numbers in f32. Each pair of `seed` and `stream` gives different numbers.
 pub fn normals(seed: u64, stream: u64, shape: (usize, usize, usize), device: &Device) -> Result<Tensor> {
     let count = shape.0 * shape.1 * shape.2;
     let values: Vec<f32> = (0..count as u64).map(|i| normal(seed, stream, i) as f32).collect();
@@ -38,7 +39,7 @@ pub fn normals(seed: u64, stream: u64, shape: (usize, usize, usize), device: &De
 mod tests {
     use super::*;
 
-    // A fixed seed, so these are facts and not chances; the bounds are five standard errors.
+    // The seed is fixed, so the outcome does not depend on chance. The bounds are five standard errors.
     #[test]
     fn numbers_are_normal_and_streams_independent() {
         const N: u64 = 40_000;

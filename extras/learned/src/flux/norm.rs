@@ -1,4 +1,4 @@
-//! Normalizations, computed in f32 or f64 whatever the type of the input.
+//! Normalizations. They are computed in f64 for f64 input, and in f32 for any other type.
 
 use candle_core::{D, DType, Tensor};
 
@@ -6,7 +6,7 @@ use super::error::Result;
 
 const EPSILON: f64 = 1e-6;
 
-/// The type of sums: f64 for f64, else f32.
+/// The type in which sums are computed: f64 for f64 input, otherwise f32.
 pub fn wide(dtype: DType) -> DType {
     if dtype == DType::F64 { DType::F64 } else { DType::F32 }
 }

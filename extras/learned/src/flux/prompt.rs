@@ -8,17 +8,17 @@ use super::config::Config;
 use super::error::Result;
 use super::source::Source;
 
-/// Text input of the transformer. The prompt is always the same, so its encoders (9.8 GB) are run once, elsewhere,
-/// and only their output is kept (4 MB).
+/// Text input of the transformer. The prompt is always the same, so its encoders (9.8 GB) are run only once, by
+/// another program, and their output (4 MB) is stored.
 #[derive(Debug, Clone)]
 pub struct Prompt {
-    /// Tokens of text (of T5-XXL), tokens x context, f32.
+    /// The tokens of the text, encoded by T5-XXL: tokens x context, f32.
     pub text: Tensor,
-    /// The text in one vector (of CLIP-L), 1 x pooled, f32.
+    /// The text as one vector, encoded by CLIP-L: 1 x pooled, f32.
     pub pooled: Tensor,
 }
 
-/// Maximum number of tokens of text in the training of the model.
+/// Maximum number of tokens of text with which the model was trained.
 const MAX_TOKENS: usize = 512;
 
 impl Prompt {
@@ -30,13 +30,14 @@ impl Prompt {
         let (Some(text), Some(pooled)) =
             (find(["t5", "prompt_embeds"]), find(["clip", "pooled_prompt_embeds"]))
         else {
-            return Err(source.wrong("contains no prompt: the tensors `t5` and `clip` are required"));
+            return Err(source.wrong("the file contains no prompt: the tensors `t5` and `clip` are required"));
         };
         let sized = |name: &str, width: usize, most: usize| -> Result<Tensor> {
             let shape = source.shape(name).unwrap_or_default();
             let tokens = shape.iter().rev().skip(1).product::<usize>();
             if shape.last() != Some(&width) || !(1..=most).contains(&tokens) {
-                let what = format!("`{name}` has shape {shape:?}; it needs 1 to {most} rows of {width}");
+                let what =
+                    format!("`{name}` has shape {shape:?}; it must have 1 to {most} rows of {width} numbers");
                 return Err(source.wrong(what));
             }
             Ok(source.read_f32(name, device)?.reshape((tokens, width))?)

@@ -8,18 +8,18 @@ use super::error::Result;
 /// picture at frame 1.
 pub type Place = [f32; 3];
 
-/// The places of a grid of tokens at a frame, row by row.
+/// The places of a grid of tokens in `frame`, row by row.
 pub fn grid(frame: f32, rows: usize, columns: usize) -> Vec<Place> {
     (0..rows).flat_map(|row| (0..columns).map(move |column| [frame, row as f32, column as f32])).collect()
 }
 
-/// Cosines and sines, tokens x (half a head), f32. Places are f32 and angles f64, whatever the type of the weights,
-/// since a type with 8 bits of precision distinguishes only 256 columns.
+/// Cosines and sines of the rotations, each tokens x (head / 2), f32. Places are f32 and angles f64 even if the
+/// weights are bf16, since bf16, with 8 bits of precision, distinguishes only 256 columns.
 #[derive(Debug, Clone)]
 pub struct Rotations {
-    /// Cosine of the angle by which each pair of numbers is turned.
+    /// Cosine of the angle by which each pair of channels is rotated.
     pub cos: Tensor,
-    /// Sine of the angle by which each pair of numbers is rotated.
+    /// Sine of the angle by which each pair of channels is rotated.
     pub sin: Tensor,
 }
 

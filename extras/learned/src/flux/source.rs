@@ -1,4 +1,4 @@
-//! Tensors in files, found by their headers and read one at a time.
+//! Tensors in files. They are located by the headers of the files and read one at a time.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -23,19 +23,19 @@ pub enum Format {
 /// A tensor in a file: its shape, and where its bytes are.
 #[derive(Debug, Clone)]
 pub struct Entry {
-    /// Outermost axis first, as torch has it.
+    /// Sizes of the axes, the outermost first, as in PyTorch.
     pub shape: Vec<usize>,
     /// Storage format of its numbers.
     pub format: Format,
     /// Index into the files of the [`Source`].
     pub(crate) file: usize,
-    /// Bytes from the start of the file.
+    /// Offset from the start of the file, in bytes.
     pub(crate) start: u64,
     /// Length in bytes.
     pub bytes: u64,
 }
 
-/// A tensor as read.
+/// A tensor that was read from a file.
 #[derive(Debug)]
 pub enum Stored {
     /// Plain numbers, in the type of the file.
@@ -44,8 +44,8 @@ pub enum Stored {
     Blocks(QTensor),
 }
 
-/// The tensors of a safetensors file, of the shards that belong together, or of a GGUF file. Opening reads only
-/// headers, and takes a few milliseconds for a file of 24 GB.
+/// The tensors of a safetensors file, of all shards of such a file, or of a GGUF file. Opening reads only headers,
+/// and takes a few milliseconds for a file of 24 GB.
 #[derive(Debug)]
 pub struct Source {
     files: Vec<PathBuf>,
@@ -53,19 +53,20 @@ pub struct Source {
     metadata: BTreeMap<String, String>,
 }
 
-/// Maximum length of a header in bytes; a longer one is damaged. The header of the full-size model has 130 kB.
+/// Maximum length of a header in bytes; a longer header is treated as damaged. The header of the published model
+/// has 130 kB.
 const MAX_HEADER: u64 = 1 << 26;
 
 impl Source {
-    /// Reads the headers. `path` is a file, or the first shard (`..-00001-of-00003.safetensors`), whose
-    /// siblings are then read as well.
+    /// Reads the headers. `path` is a file, or the first of several shards (`..-00001-of-00003.safetensors`); the
+    /// headers of the other shards are then read, too.
     pub fn open(path: &Path) -> Result<Self> {
         let mut source = Self { files: shards(path), entries: BTreeMap::new(), metadata: BTreeMap::new() };
         for index in 0..source.files.len() {
             let path = source.files[index].clone();
             let mut file = File::open(&path).map_err(Error::io(&path))?;
             let mut magic = [0; 4];
-            file.read_exact(&mut magic).map_err(|_| Error::file(&path, "is empty or cut off"))?;
+            file.read_exact(&mut magic).map_err(|_| Error::file(&path, "the file is empty or truncated"))?;
             file.seek(SeekFrom::Start(0)).map_err(Error::io(&path))?;
             let (entries, metadata) = if &magic == b"GGUF" {
                 (gguf::header(&mut file, &path, index)?, BTreeMap::new())
@@ -83,7 +84,7 @@ impl Source {
         Ok(source)
     }
 
-    /// The first file, which stands for all files in messages.
+    /// The first file, which represents all files in messages.
     pub fn path(&self) -> &Path {
         &self.files[0]
     }
@@ -93,7 +94,7 @@ impl Source {
         &self.entries
     }
 
-    /// The free text of a safetensors header.
+    /// The key-value metadata of the safetensors headers.
     pub fn metadata(&self) -> &BTreeMap<String, String> {
         &self.metadata
     }
@@ -103,14 +104,15 @@ impl Source {
         self.entries.get(name).map(|entry| entry.shape.as_slice())
     }
 
-    /// An [`Error::File`] about these files.
+    /// Creates an [`Error::File`] about these files.
     pub fn wrong(&self, what: impl Into<String>) -> Error {
         Error::file(self.path(), what)
     }
 
     /// Reads one tensor onto a device.
     pub fn read(&self, name: &str, device: &Device) -> Result<Stored> {
-        let entry = self.entries.get(name).ok_or_else(|| self.wrong(format!("has no tensor `{name}`")))?;
+        let entry =
+            self.entries.get(name).ok_or_else(|| self.wrong(format!("tensor `{name}` is missing")))?;
         let path = &self.files[entry.file];
         let mut file = File::open(path).map_err(Error::io(path))?;
         file.seek(SeekFrom::Start(entry.start)).map_err(Error::io(path))?;
@@ -136,7 +138,7 @@ impl Source {
     }
 }
 
-/// The files that belong to a first shard; for any other file, only that file.
+/// The paths of all shards if `path` is the first of several shards; otherwise only `path`.
 pub fn shards(path: &Path) -> Vec<PathBuf> {
     let alone = || vec![path.to_owned()];
     let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
@@ -153,13 +155,15 @@ pub fn shards(path: &Path) -> Vec<PathBuf> {
 type Header = (BTreeMap<String, Entry>, BTreeMap<String, String>);
 
 fn safetensors_header(file: &mut File, path: &Path, index: usize) -> Result<Header> {
-    let wrong = |what: String| Error::file(path, format!("is not a valid safetensors file: {what}"));
+    let wrong = |what: String| Error::file(path, format!("the file is not a valid safetensors file: {what}"));
     let length = file.metadata().map_err(Error::io(path))?.len();
     let mut size = [0; 8];
-    file.read_exact(&mut size).map_err(|_| wrong("it is cut off".to_owned()))?;
+    file.read_exact(&mut size).map_err(|_| wrong("it is truncated".to_owned()))?;
     let size = u64::from_le_bytes(size);
     if size > MAX_HEADER || size.saturating_add(8) > length {
-        return Err(wrong(format!("its header claims {size} bytes")));
+        return Err(wrong(format!(
+            "its header claims to have {size} bytes, more than the file or the limit of {MAX_HEADER} bytes allows"
+        )));
     }
     let mut text = vec![0; size as usize];
     file.read_exact(&mut text).map_err(Error::io(path))?;
@@ -192,7 +196,7 @@ fn safetensors_header(file: &mut File, path: &Path, index: usize) -> Result<Head
     }
     if end != length {
         return Err(wrong(format!(
-            "its tensors end at byte {end}, but the file has {length} bytes; copy it again"
+            "its tensors end at byte {end}, but the file has {length} bytes; copy the file again"
         )));
     }
     let metadata = header.metadata().clone().unwrap_or_default().into_iter().collect();

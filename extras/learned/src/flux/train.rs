@@ -1,5 +1,6 @@
-//! Training of a LoRA on pairs of pictures, the base frozen: DreamBooth (Ruiz et al. 2023) with one fixed prompt, as
-//! the paper does, on the loss that the model itself was trained with (flow matching, Esser et al. 2024).
+//! Training of a LoRA on pairs of pictures; the base model is frozen. As in the paper, the method is DreamBooth
+//! (Ruiz et al. 2023) with one fixed prompt. The loss is the one with which the base model was trained (flow
+//! matching, Esser et al. 2024).
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -51,7 +52,7 @@ struct Adapter {
     means: [[Tensor; 2]; 2],
 }
 
-/// A model and the LoRA that it learns.
+/// A model and the LoRA that is being trained for it.
 pub struct Trainer {
     kontext: Kontext,
     settings: TrainSettings,
@@ -75,7 +76,7 @@ impl Trainer {
         let rank = settings.rank;
         if rank == 0 || rank > config.hidden {
             return Err(Error::Mismatch(format!(
-                "a rank of {rank}; from 1 to {} is possible",
+                "the rank is {rank}; it must be from 1 to {}",
                 config.hidden
             )));
         }
@@ -114,7 +115,7 @@ impl Trainer {
         Ok(Self { kontext, settings, adapters, done: 0 })
     }
 
-    /// The latents of two pictures, 3 x height x width in 0..1, of equal size.
+    /// Encodes two pictures of equal size, each 3 x height x width in 0..1.
     pub fn pair(&self, from: &Tensor, to: &Tensor, watch: &mut dyn Watch) -> Result<Pair> {
         if from.dims() != to.dims() {
             return Err(Error::Mismatch(format!(
@@ -128,8 +129,8 @@ impl Trainer {
         Ok(Pair { from: latents(from)?, to: latents(to)? })
     }
 
-    /// The loss at a noise level: the mean squared difference of the velocity from the straight path from the noise
-    /// to the picture; and its gradients.
+    /// Returns the loss at a noise level, and its gradients. The loss is the mean squared difference between the
+    /// predicted velocity and the velocity of the straight path between picture and noise.
     fn gradients(
         &self,
         pair: &Pair,
@@ -154,7 +155,7 @@ impl Trainer {
         self.kontext.transformer.gradients(&given, &vars, &loss, watch)
     }
 
-    /// The current loss of a pair, over fixed noise at four levels, to monitor the training.
+    /// The current loss of a pair, averaged over four noise levels with fixed noise. Used to monitor the training.
     pub fn loss(&self, pair: &Pair, watch: &mut dyn Watch) -> Result<f32> {
         let mut sum = 0.0;
         for (i, level) in [0.2, 0.4, 0.6, 0.8].into_iter().enumerate() {
@@ -168,13 +169,13 @@ impl Trainer {
     pub fn step(&mut self, pair: &Pair, watch: &mut dyn Watch) -> Result<f32> {
         let level = 1.0 / (1.0 + libm::exp(-normal(self.settings.seed, LEVELS, self.done)));
         let (loss, gradients) = self.gradients(pair, level as f32, self.done, watch)?;
-        // Gradients as one vector of length 1 at most, so that a rare large one does no harm.
+        // The gradients, taken as one vector, are limited to length 1, so that a rare large gradient does no harm.
         let mut square = 0.0;
         for gradient in gradients.iter().flatten() {
             square += f64::from(gradient.sqr()?.sum_all()?.to_scalar::<f32>()?);
         }
         if !square.is_finite() || !loss.is_finite() {
-            return Err(Error::Mismatch(format!("the loss is {loss}: train at a lower rate")));
+            return Err(Error::Mismatch(format!("the loss is {loss}; train with a lower learning rate")));
         }
         let clip = 1.0 / square.sqrt().max(1.0);
         self.done += 1;
@@ -199,7 +200,7 @@ impl Trainer {
         self.done
     }
 
-    /// Index of the pair for the next step, below `count`: each pair in turn, in a different order every round.
+    /// Index of the pair for the next step, below `count`. Every round uses each pair once, in a different order.
     pub fn next(&self, count: usize) -> usize {
         let (round, turn) = (self.done / count as u64, self.done % count as u64);
         let mut order: Vec<usize> = (0..count).collect();
@@ -223,7 +224,7 @@ impl Trainer {
             "transformer.peft_type": "LORA",
             "transformer.r": self.settings.rank,
             "transformer.lora_alpha": self.settings.alpha,
-            // Read without asking whether they are there.
+            // peft reads these without checking whether they exist.
             "transformer.rank_pattern": {},
             "transformer.alpha_pattern": {},
             "transformer.target_modules": modules,
@@ -249,8 +250,8 @@ impl Trainer {
         write(path, tensors, &[("done", self.done.to_string()), ("settings", settings), ("from", from)])
     }
 
-    /// Continues from the state written by [`Trainer::save_state`], with the same settings and data; the outcome
-    /// equals that of a training that never stopped.
+    /// Continues from the state written by [`Trainer::save_state`], with the same settings and data. The result is
+    /// the same as that of an uninterrupted training.
     pub fn load_state(&mut self, path: &Path, learned_from: &str) -> Result<()> {
         let source = Source::open(path)?;
         let said = source.metadata().get("settings");
@@ -258,21 +259,22 @@ impl Trainer {
         if said != Some(&settings) {
             let said = said.map_or("unknown settings", String::as_str);
             return Err(source.wrong(format!(
-                "belongs to a training with {said}, not {settings}; remove it to begin again"
+                "the file belongs to a training with {said}, not {settings}; remove it to begin again"
             )));
         }
         if source.metadata().get("from").map(String::as_str) != Some(learned_from) {
-            return Err(source.wrong("belongs to a training with other panoramas or another width, prompt or model; remove it to begin again"));
+            return Err(source.wrong("the file belongs to a training with other panoramas or another width, prompt or model; remove it to begin again"));
         }
         let done = source.metadata().get("done").and_then(|text| text.parse().ok());
-        self.done = done.ok_or_else(|| source.wrong("does not contain the number of finished steps"))?;
+        self.done =
+            done.ok_or_else(|| source.wrong("the file does not contain the number of finished steps"))?;
         let device = self.kontext.transformer.device();
         for (i, adapter) in self.adapters.iter_mut().enumerate() {
             for (j, (var, means)) in adapter.vars.iter().zip(&mut adapter.means).enumerate() {
                 let read = |part: &str| -> Result<Tensor> {
                     let name = format!("{i}.{j}.{part}");
                     if source.shape(&name) != Some(var.dims()) {
-                        return Err(source.wrong(format!("`{name}` does not fit the model")));
+                        return Err(source.wrong(format!("the shape of `{name}` does not match the model")));
                     }
                     source.read_f32(&name, device)
                 };
@@ -284,13 +286,13 @@ impl Trainer {
     }
 }
 
-// Streams of random numbers: steps take those from 0 up.
+// Streams of random numbers. The steps use the streams from 0 up.
 const FIRST_WEIGHTS: u64 = 1 << 40;
 const LEVELS: u64 = 1 << 41;
 const PROBES: u64 = 1 << 42;
 const ORDER: u64 = 1 << 43;
 
-/// Writes a safetensors file, whole or not at all. The same tensors give the same bytes.
+/// Writes a safetensors file completely or not at all. The same tensors always give the same bytes.
 fn write(path: &Path, tensors: Vec<(String, Tensor)>, metadata: &[(&str, String)]) -> Result<()> {
     let tensors: BTreeMap<String, Tensor> = tensors.into_iter().collect();
     let text: serde_json::Map<_, _> =

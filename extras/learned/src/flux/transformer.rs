@@ -14,7 +14,7 @@ use super::rope::{Place, Rotations};
 use super::source::Source;
 use super::watch::Watch;
 
-/// An embedding of a time or a vector: two layers with a silu between them.
+/// Two layers with a silu between them, which compute the embedding of a number or a vector.
 struct Embedder {
     inward: Linear,
     outward: Linear,
@@ -54,7 +54,8 @@ pub struct Transformer {
 }
 
 impl Transformer {
-    /// Checks every key of a file against what the model needs, and counts, without reading any weight.
+    /// Checks every key of a file against the keys that the model needs, and counts its weights, without reading
+    /// any.
     pub fn survey(source: &Source) -> Result<(Config, Tally)> {
         let (layout, config) = Config::of(source)?;
         let mut loader = Loader::survey(source, layout);
@@ -62,8 +63,8 @@ impl Transformer {
         Ok((config, loader.finish()?))
     }
 
-    /// Reads the weights, which stay in memory in the type of the file. `dtype` is that of the computation: f32,
-    /// or bf16 on a GPU.
+    /// Reads the weights, which stay in memory in the type of the file. `dtype` is the type of the computation:
+    /// f32, or bf16 on a GPU.
     pub fn load(source: &Source, device: &Device, dtype: DType) -> Result<Self> {
         Self::survey(source)?;
         let (layout, config) = Config::of(source)?;
@@ -116,7 +117,7 @@ impl Transformer {
             .chain(self.singles.iter_mut().flat_map(Single::linears))
     }
 
-    /// Adds a LoRA. A strength of 1 is that of its training. Several LoRAs add up.
+    /// Adds a LoRA. At a strength of 1 it has the effect that it was trained for. Several LoRAs add up.
     pub fn attach(&mut self, lora: &Lora, strength: f64) -> Result<()> {
         for layer in self.linears() {
             for mut update in lora.updates(layer.name()) {
@@ -127,9 +128,9 @@ impl Transformer {
         Ok(())
     }
 
-    /// The velocity of every token of the new picture: tokens x in_channels, in f32. `tokens` contains those of the
-    /// new picture followed by those of the original one; `places` has their positions, and `time` is their noise
-    /// level, from 1 to 0.
+    /// The velocity of every token of the new picture: tokens x in_channels, in f32. `tokens` contains the tokens
+    /// of the new picture followed by those of the original one, and `places` their positions. `time` is the noise
+    /// level of the new picture, from 1 to 0.
     pub fn forward(
         &self,
         tokens: &Tensor,
@@ -173,7 +174,7 @@ impl Transformer {
         let texts = prompt.text.dim(0)?;
         if tokens.dim(0)? != places.len() {
             return Err(Error::Mismatch(format!(
-                "{} tokens with {} positions",
+                "there are {} tokens, but {} positions",
                 tokens.dim(0)?,
                 places.len()
             )));
@@ -215,8 +216,8 @@ pub(super) struct Begun {
     pub img: Tensor,
 }
 
-/// Cosines, then sines, of 1000 `t` at frequencies from 1 down to 1/10000: 1 x width. Rounded like the reference,
-/// since 1000 radians in f32 are accurate only to 6e-5.
+/// Cosines, then sines, of 1000 `t` at frequencies from 1 down to 1/10000, as 1 x width. Angles are rounded as in
+/// the reference implementation, since an f32 angle of 1000 radians is accurate only to 6e-5.
 fn time_embedding(t: f32, width: usize, device: &Device) -> Result<Tensor> {
     let half = width / 2;
     let ln = libm::log(10_000.0) as f32;

@@ -15,24 +15,24 @@ use super::norm::group;
 use super::source::Source;
 use super::watch::Watch;
 
-/// The sizes of an autoencoder, from its file.
+/// The sizes of an autoencoder, derived from its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VaeConfig {
-    /// Channels at each size of picture, the largest first.
+    /// Number of channels at each picture size, the largest size first.
     pub widths: Vec<usize>,
-    /// Residual blocks at each size in the encoder; the decoder has one more.
+    /// Number of residual blocks at each picture size in the encoder; the decoder has one more.
     pub blocks: usize,
-    /// Channels of the latents.
+    /// Number of channels of the latents.
     pub latents: usize,
-    /// Groups of the norms.
+    /// Number of groups of channels in the norms.
     pub groups: usize,
-    /// Latents are (mean - `shift`) * `scale`.
+    /// Scale of the latents: they are (mean - `shift`) * `scale`, where the mean is the encoder's output.
     pub scale: f64,
     /// Shift of the latents; see [`VaeConfig::scale`].
     pub shift: f64,
 }
 
-/// `config.json` of `diffusers`.
+/// The fields that are read from the `config.json` of `diffusers`.
 #[derive(Deserialize)]
 struct File {
     norm_num_groups: usize,
@@ -53,8 +53,9 @@ impl VaeConfig {
         }
     }
 
-    /// Sizes from the shapes in the header. No header holds the number of groups, scale and shift: they come from
-    /// `config.json` next to the file if there is one, and else are those of Flux.1.
+    /// Derives the sizes from the shapes in the header. The number of groups, the scale and the shift are not in
+    /// the header. They are read from the `config.json` next to the file if there is one, and are otherwise those
+    /// of Flux.1.
     fn of(source: &Source) -> Result<(Names, Self)> {
         let original = source.shape("encoder.down.0.block.0.conv1.weight").is_some();
         let mut names = Names { original, levels: 0 };
@@ -81,18 +82,20 @@ impl VaeConfig {
         let groups = config.groups;
         if config.widths.len() != LEVELS || config.latents == 0 {
             return Err(source.wrong(
-                "is not an autoencoder of Flux.1: it needs `encoder.down.0.block.0.conv1.weight` and three further levels, or `encoder.down_blocks.0.resnets.0.conv1.weight`",
+                "the file is not an autoencoder of Flux.1: it needs `encoder.down.0.block.0.conv1.weight` and three further levels, or `encoder.down_blocks.0.resnets.0.conv1.weight`",
             ));
         }
         if groups == 0 || config.widths.iter().any(|width| width % groups != 0) || config.scale == 0.0 {
-            return Err(source
-                .wrong(format!("its channels {:?} cannot be divided into {groups} groups", config.widths)));
+            return Err(source.wrong(format!(
+                "its channel counts {:?} must be multiples of {groups}, the number of groups, and its scale, {}, must not be 0",
+                config.widths, config.scale
+            )));
         }
         Ok((names, config))
     }
 }
 
-/// Number of picture sizes: three halvings give an eighth.
+/// Number of picture sizes: the size is halved three times, which gives an eighth.
 const LEVELS: usize = 4;
 
 /// Names of the parts in the file. The names in this crate are those of the authors.
@@ -112,7 +115,7 @@ impl Names {
             let mut index = || parts.next().unwrap_or_default().to_owned();
             match part {
                 "down" => words.extend(["down_blocks".to_owned(), index()]),
-                // The authors count levels by size, `diffusers` in order of use.
+                // The authors number levels by size, `diffusers` in the order of use.
                 "up" => {
                     let level: usize = index().parse().unwrap_or(0);
                     words.extend(["up_blocks".to_owned(), (self.levels.max(1) - 1 - level).to_string()]);
@@ -173,7 +176,7 @@ impl Parts<'_, '_> {
         })
     }
 
-    /// A linear layer over pixels; the authors store it as a convolution with a kernel of 1.
+    /// A linear layer that is applied to each pixel. The authors store it as a convolution with a kernel of 1 x 1.
     fn pixelwise(&mut self, name: &str, channels: usize) -> Result<Linear> {
         let name = self.names.of(name);
         let shape: &[usize] =
@@ -302,8 +305,8 @@ impl Vae {
         Ok((config, loader.finish()?))
     }
 
-    /// Reads the weights, in the layout of `diffusers` or of the authors (`ae.safetensors`), and computes in f32 or
-    /// f64, since 16-bit types overflow in this network.
+    /// Reads the weights, in the layout of `diffusers` or of the authors (`ae.safetensors`). `dtype` is the type of
+    /// the computation: f32 or f64, since 16-bit types overflow in this network.
     pub fn load(path: &Path, device: &Device, dtype: DType) -> Result<Self> {
         Self::survey(path)?;
         let source = Source::open(path)?;
@@ -365,8 +368,8 @@ impl Vae {
         &self.config
     }
 
-    /// Encodes a picture, 3 x height x width in -1..1, to latents of an eighth of the size. The encoder gives a
-    /// distribution, and its mean is returned, so that the same picture always gives the same latents.
+    /// Encodes a picture, 3 x height x width in -1..1, to latents of an eighth of the size. The encoder computes a
+    /// distribution; its mean is returned, so that the same picture always gives the same latents.
     pub fn encode(&self, picture: &Tensor, edge: Edge, watch: &mut dyn Watch) -> Result<Tensor> {
         let mut x = picture.clone();
         for stage in &self.encoder {

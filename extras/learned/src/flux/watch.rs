@@ -6,7 +6,7 @@ use super::error::Result;
 
 /// Observer of a computation.
 pub trait Watch {
-    /// Called between units of work; [`Error::Stopped`](super::Error::Stopped) ends the computation.
+    /// Called between units of work. Returning [`Error::Stopped`](super::Error::Stopped) ends the computation.
     fn check(&mut self) -> Result<()> {
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! Tests with files of users: shards, quantised files, wrong LoRAs, damaged headers.
+//! Tests with various user files: shards, quantised files, wrong LoRAs, damaged headers.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -19,7 +19,7 @@ fn save(tensors: &BTreeMap<String, Tensor>, path: &Path) {
     candle_core::safetensors::save(&map, path).unwrap();
 }
 
-/// Runs an edit of a few steps on a picture of 128 x 64.
+/// Prepares an edit of two steps of a picture of 128 x 64.
 fn edited(transformer: &Path, folder: &Path, seamless: bool) -> Kontext2 {
     let reference = reference();
     let files = Files {
@@ -64,7 +64,7 @@ fn shards_are_one_file_and_quantised_blocks_are_what_they_stand_for() {
     save(&second, &shard(2));
     assert_eq!(difference(&edited(&shard(1), folder.path(), false).run(), &wanted), 0.0);
 
-    // Eight bits a weight, and a file of the numbers that those stand for.
+    // A file with eight bits per weight, and a file with the same weights dequantised.
     let (mut blocks, mut stands_for) = (Vec::new(), BTreeMap::new());
     for (key, tensor) in &whole {
         let columns = *tensor.dims().last().unwrap();
@@ -81,7 +81,7 @@ fn shards_are_one_file_and_quantised_blocks_are_what_they_stand_for() {
     let quantised = edited(&gguf, folder.path(), false).run();
     assert_eq!(difference(&quantised, &edited(&same, folder.path(), false).run()), 0.0);
     let loss = difference(&quantised, &wanted);
-    println!("image of eight bits a weight against 32: {loss:.1e}");
+    println!("difference of the image with 8 bits per weight from that with 32: {loss:.1e}");
     assert!(loss > 0.0 && loss < 0.05, "{loss}");
 
     // bf16 keeps eight bits too, and is widened exactly.
@@ -224,7 +224,8 @@ fn what_is_wrong_with_a_lora_is_named() {
         save(&changed, &path);
         Lora::read(&path, config, &Device::Cpu).map(|lora| lora.layers()).map_err(|error| error.to_string())
     };
-    // All ten layers of two double blocks but modulation, and of three single blocks one layer each and once the other.
+    // In each of two double blocks, the file changes the eight layers other than modulations. It also changes one
+    // layer of each of three single blocks, and a second layer of one of them.
     assert_eq!(said(&config, &|_| ()).unwrap(), 20);
     let key = "transformer.transformer_blocks.1.ff.net.2.lora_A.weight";
     let message = said(&config, &|map| {
@@ -249,11 +250,11 @@ fn what_is_wrong_with_a_lora_is_named() {
         let nan = Tensor::full(f32::NAN, (4, 128), &Device::Cpu).unwrap();
         map.insert(key.to_owned(), nan);
     });
-    assert!(message.unwrap_err().contains("holds NaN"));
+    assert!(message.unwrap_err().contains("contains NaN"));
 }
 
-/// Values that overflow float32, or are NaN from the start, make no picture: an error reports it.
-/// Mutation: `is_finite` of `Kontext::decode` to `is_sign_positive`.
+/// Checks that a prompt with NaN, infinity or values that overflow f32 gives an error and no picture. This test
+/// fails if `Kontext::decode` checks `is_sign_positive` instead of `is_finite`.
 #[test]
 fn a_model_that_overflows_makes_no_picture() {
     let folder = tempfile::tempdir().unwrap();
@@ -288,7 +289,7 @@ fn damaged_headers_are_refused_and_never_panic() {
             std::fs::write(&path, &bytes[..cut]).unwrap();
             assert!(Source::open(&path).is_err());
         }
-        // Each byte of the header changed in turn.
+        // Each byte of the header is changed in turn.
         for at in 0..bytes.len().min(400) {
             let mut changed = bytes.clone();
             changed[at] ^= 0x55;

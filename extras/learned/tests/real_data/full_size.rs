@@ -1,5 +1,5 @@
-//! Tests of the published model: every key of its files is assigned, and the estimate of its memory. The files are
-//! sparse, with a header only, and no weight is read.
+//! Tests of the published model: that every key of its files is assigned, and the estimate of its memory. The files
+//! are sparse, with a header only, and no weight is read.
 
 use std::fs::File;
 use std::io::{Seek, Write};
@@ -27,7 +27,7 @@ fn grown(key: &str, size: usize) -> usize {
     }
 }
 
-/// The keys of the small model's file, its blocks repeated, with the large one's shapes.
+/// The keys of the small model's file, with its blocks repeated and with the shapes of the large model.
 fn keys(file: &str) -> Vec<(String, Vec<usize>)> {
     let small = Source::open(&fixture().join(file)).unwrap();
     let mut list = Vec::new();
@@ -135,7 +135,7 @@ fn every_key_of_the_published_model_finds_its_place() {
             gb(large.activations),
             gb(small.activations)
         );
-        // What is asked for before a file is opened is enough for each.
+        // The memory that is requested before a file is opened suffices for each file.
         assert!(large.total() - large.weights <= Memory::published((1440, 720)), "{name}");
         tallies.push((path, tally));
     }
@@ -176,9 +176,9 @@ fn a_key_too_many_or_too_few_is_named() {
     let message = said(&other);
     assert!(message.contains("`single_blocks.3.linear1.weight` has shape [21504, 3000]"), "{message}");
     assert!(said(&[]).contains("is not a Flux transformer"));
-    // A file that was cut off while it was copied.
+    // A file that was truncated while it was copied.
     safetensors(&path, &keys);
     let length = std::fs::metadata(&path).unwrap().len();
     File::options().write(true).open(&path).unwrap().set_len(length - 1).unwrap();
-    assert!(Source::open(&path).unwrap_err().to_string().contains("copy it again"));
+    assert!(Source::open(&path).unwrap_err().to_string().contains("copy the file again"));
 }

@@ -1,5 +1,5 @@
-//! Tests against the reference: every tensor that `diffusers` computes for a small model with random weights.
-//! Includes other tests that need such a model.
+//! Tests against a reference: the tensors that `diffusers` computes for a small model with random weights. Also
+//! contains other tests that need such a model.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "tests")]
 
@@ -10,13 +10,13 @@ mod training;
 
 use std::path::{Path, PathBuf};
 
-/// The folder of the fixture.
+/// The folder with the small model and the reference.
 fn fixture() -> PathBuf {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     root.join("../../../shared/data/flux-kontext-tiny")
 }
 
-/// Puts the small model's `config.json` into a folder: no header describes how its short heads are divided.
+/// Copies the small model's `config.json` into a folder, since headers do not contain the axes of its short heads.
 fn small_config(folder: &Path) {
     std::fs::copy(fixture().join("transformer/config.json"), folder.join("config.json")).unwrap();
 }

@@ -1,4 +1,4 @@
-//! The table of parity: for each named tensor the largest difference from the reference.
+//! Comparison with the reference: prints the largest difference from it for each named tensor.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -24,7 +24,7 @@ pub fn reference() -> Tensors {
     candle_core::safetensors::load(fixture().join("tensors.safetensors"), &Device::Cpu).unwrap()
 }
 
-/// The prompt of the fixture, in a file as a user would supply it.
+/// Writes the prompt of the small model to a file like the one that a user supplies.
 pub fn prompt_file(folder: &Path, tensors: &Tensors) -> std::path::PathBuf {
     let path = folder.join("prompt.safetensors");
     let of = |name: &str| tensors[name].clone();
@@ -62,7 +62,7 @@ fn every_named_tensor_is_the_reference_s() {
     let picture = ((squeezed(&tensors["image_pre"]) + 1.0).unwrap() * 0.5).unwrap();
     let condition = squeezed(&tensors["vae.latents_scaled"]);
     let noise = squeezed(&tensors["noise_unpacked"]);
-    // From the reference's latents of the picture, and from the picture.
+    // Differences of edits from the reference's latents of the picture, and from the picture itself.
     let (mut own, mut whole) = (Worst::default(), Worst::default());
     for (layout, path) in TRANSFORMERS {
         let path = if layout == "original" { folder.path().join(path) } else { fixture().join(path) };
@@ -101,13 +101,14 @@ fn every_named_tensor_is_the_reference_s() {
         let bar = if name == "image_out" { 1e-3 } else { 1e-4 };
         assert!(list.iter().all(|d| *d <= bar), "{name}: {list:?}");
     }
-    // The reference's latents of the picture are 3.5e-4 away from those of the same network in f64, ours 4e-6 (see
-    // below, and `encoder_in_f64.py`): what follows from the picture differs by that, and grows within the blocks.
+    // Compared with the same network in f64, the latents of the picture have an error of 3.5e-4 in the reference
+    // and of 4e-6 here (see below, and `encoder_in_f64.py`). So all values computed from the picture differ by
+    // about as much, and the difference grows within the blocks.
     for (name, list) in &whole.0 {
         assert!(list.iter().all(|d| *d <= 3e-3), "{name}: {list:?}");
     }
     assert!(whole.0["image_out"].iter().all(|d| *d <= 1e-3));
-    // Two layouts of weights, two of LoRAs at two strengths.
+    // Two layouts of weights; for each the base model and two layouts of LoRAs at two strengths.
     assert_eq!(own.0["image_out"].len(), 10);
     assert_eq!(own.0["latents_after_step3"].len(), 10);
     assert_eq!(own.0["step0.single_transformer_blocks.2.img"].len(), 2);
@@ -124,10 +125,11 @@ struct Worst(BTreeMap<String, Vec<f32>>);
 impl Worst {
     fn add(&mut self, record: &Record, run: &str, tensors: &Tensors) {
         for (name, value) in &record.0 {
-            // Values within the network are reported for the run without a LoRA only; others are the same in all.
+            // The reference contains values within the network only for the run without a LoRA. Other values
+            // without a run in their name are the same in all runs.
             let common = tensors.get(name).filter(|_| run == "base" || !name.starts_with("step0"));
             let Some(wanted) = tensors.get(&format!("{run}.{name}")).or(common) else { continue };
-            // Cosines are reported once per pair here, twice there.
+            // Cosines are reported once per pair of channels here, but twice in the reference.
             let wanted = if name.starts_with("step0.pos_embed") {
                 let (tokens, head) = wanted.dims2().unwrap();
                 wanted.reshape((tokens, head / 2, 2)).unwrap().narrow(2, 0, 1).unwrap()

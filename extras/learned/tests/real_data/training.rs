@@ -26,7 +26,7 @@ fn kontext(folder: &Path, lora: Option<(&Path, f64)>) -> Kontext {
 
 const SETTINGS: TrainSettings = TrainSettings { rank: 3, alpha: 6.0, rate: 2e-3, guidance: 1.0, seed: 4 };
 
-/// A picture and the same at a quarter of the code values.
+/// A picture, and the same picture with all values divided by 4.
 fn pictures() -> (Tensor, Tensor) {
     let picture = ((reference()["image_pre"].squeeze(0).unwrap() + 1.0).unwrap() * 0.5).unwrap();
     let picture = picture.narrow(1, 0, 32).unwrap().narrow(2, 0, 64).unwrap().contiguous().unwrap();
@@ -76,10 +76,10 @@ fn gradients_a_block_at_a_time_are_those_of_the_whole() {
         let (gradient, wanted) = (gradient.as_ref().unwrap(), whole.get(var).unwrap());
         let size = wanted.abs().unwrap().max_all().unwrap().to_scalar::<f32>().unwrap();
         assert!(size > 0.0 && difference(gradient, wanted) < 1e-4 * size, "{:?}", var.dims());
-        // With its history it would hold the values inside of its block.
+        // With its history, the gradient would keep the values inside its block alive.
         assert!(!gradient.track_op());
     }
-    // Against a difference quotient along the gradient itself.
+    // Compares with a difference quotient along the gradient itself.
     let (var, gradient) = (&flat[1], gradients[1].as_ref().unwrap());
     let square = gradient.sqr().unwrap().sum_all().unwrap().to_scalar::<f32>().unwrap();
     let step = 0.02 / f64::from(square.sqrt());
@@ -125,7 +125,7 @@ fn the_loss_falls_only_the_lora_changes_and_going_on_is_as_never_having_stopped(
     assert_eq!(lora.layers(), 2 * 2 * 4 + 3 * 2);
     assert!(lora.updates("single_blocks.1.linear1").iter().all(|update| update.scale == 2.0));
     assert!(lora.updates("double_blocks.0.img_mod.lin").is_empty());
-    // At no strength the model is the base, to the bit; at full strength it is not.
+    // At strength 0 the model equals the base model bit for bit; at full strength it does not.
     let settings = Settings { steps: 1, guidance: 2.5, seed: 0, seamless: false };
     let edit = |kontext: Kontext| {
         let noise = kontext.noise(64, 32, 0, 0).unwrap();

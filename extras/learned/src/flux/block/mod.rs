@@ -1,4 +1,4 @@
-//! The two kinds of blocks that the transformer is made of.
+//! The two kinds of blocks of which the transformer consists.
 
 use candle_core::{DType, Tensor};
 
@@ -13,15 +13,15 @@ use super::watch::Watch;
 
 /// The inputs that all blocks share.
 pub struct Shared<'a> {
-    /// Conditioning vector: silu of the embedding of time, guidance and text, 1 x hidden.
+    /// Conditioning vector, 1 x hidden: the silu of the sum of the embeddings of time, guidance and text.
     pub mood: Tensor,
-    /// Rotations of all tokens, text first.
+    /// Rotations of all tokens, text tokens first.
     pub rotations: &'a Rotations,
     /// Number of channels of a head.
     pub head: usize,
 }
 
-/// The `N` vectors of equal length that a layer computes from the conditioning vector.
+/// Applies `layer` to the conditioning vector and splits the result into `N` vectors of equal length.
 pub(crate) fn modulation<const N: usize>(layer: &Linear, mood: &Tensor) -> Result<[Tensor; N]> {
     let all = layer.forward(mood)?;
     let width = all.dim(1)? / N;
@@ -32,7 +32,7 @@ pub(crate) fn modulation<const N: usize>(layer: &Linear, mood: &Tensor) -> Resul
     Ok(parts.try_into().unwrap_or_else(|_| unreachable!("as many as were made")))
 }
 
-/// Norms of queries and keys.
+/// Scales of the norms of queries and keys.
 struct HeadNorm {
     query: Tensor,
     key: Tensor,
@@ -46,7 +46,8 @@ impl HeadNorm {
         })
     }
 
-    /// Splits tokens x (3 * hidden) into queries, keys and values, each heads x tokens x head.
+    /// Splits `qkv`, tokens x (3 * hidden), into queries, keys and values, each heads x tokens x head, and
+    /// normalizes queries and keys.
     fn split(&self, qkv: &Tensor, head: usize) -> Result<[Tensor; 3]> {
         let (tokens, width) = qkv.dims2()?;
         let apart = qkv.reshape((tokens, 3, width / 3 / head, head))?.permute((1, 2, 0, 3))?.contiguous()?;
@@ -93,7 +94,7 @@ impl Side {
     }
 }
 
-/// A block in which text and picture have weights of their own and attend to each other.
+/// A block in which text and picture have separate weights and attend to each other.
 pub struct Double {
     img: Side,
     txt: Side,

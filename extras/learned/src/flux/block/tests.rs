@@ -1,4 +1,4 @@
-//! Tests of both kinds of blocks at the real length of a head, against loops in f64.
+//! Tests that compare both kinds of blocks, with heads of the real length, with loops in f64.
 
 use candle_core::{Device, Tensor};
 
@@ -11,15 +11,15 @@ const HEAD: usize = 128;
 const HIDDEN: usize = HEADS * HEAD;
 const MLP: usize = 512;
 const AXES: [usize; 3] = [16, 56, 56];
-/// Places of two tokens of text, then of tokens of the new and of the original picture, as far from each other as
-/// at 1440 x 720.
+/// Places of two tokens of text, then of tokens of the new and of the original picture, as far apart as in a
+/// picture of 1440 x 720.
 const PLACES: [[f32; 3]; 7] =
     [[0.0; 3], [0.0; 3], [0.0; 3], [0.0, 44.0, 1.0], [0.0, 3.0, 89.0], [1.0, 44.0, 89.0], [1.0, 0.0, 45.0]];
 const TEXTS: usize = 2;
 
 type Rows = Vec<Vec<f64>>;
 
-/// Numbers that f32 holds exactly.
+/// Random numbers that f32 can represent exactly.
 fn rows(stream: u64, count: usize, length: usize, spread: f64) -> Rows {
     let value = |i: usize| f64::from((normal(5, stream, i as u64) * spread) as f32);
     (0..count).map(|row| (0..length).map(|column| value(row * length + column)).collect()).collect()
@@ -34,7 +34,7 @@ fn vector(row: &[f64]) -> Tensor {
     Tensor::new(row.iter().map(|v| *v as f32).collect::<Vec<_>>(), &Device::Cpu).expect("is a vector")
 }
 
-/// A layer and its copy in f64.
+/// A layer in f64.
 struct Layer {
     weight: Rows,
     bias: Vec<f64>,
@@ -88,7 +88,7 @@ fn gelu(x: f64) -> f64 {
     0.5 * x * (1.0 + libm::tanh((2.0 / std::f64::consts::PI).sqrt() * (x + 0.044_715 * x * x * x)))
 }
 
-/// The norm of a head, and its rotation: pair `i` of an axis turns by `place / 10000^(2i / width)`.
+/// Normalizes a head and rotates it: pair `i` of an axis is rotated by `place / 10000^(2i / width)` radians.
 fn placed(x: &[f64], scale: &[f64], place: [f32; 3]) -> Vec<f64> {
     let square = x.iter().map(|v| v * v).sum::<f64>() / x.len() as f64;
     let normal: Vec<f64> = x.iter().zip(scale).map(|(v, s)| v / (square + 1e-6).sqrt() * s).collect();
@@ -105,7 +105,8 @@ fn placed(x: &[f64], scale: &[f64], place: [f32; 3]) -> Vec<f64> {
     turned
 }
 
-/// Attention of each token to all; `qkv` has queries, keys and values of all heads one after the other.
+/// Attention of each token to all tokens. Each row of `qkv` contains the queries, then the keys, then the values of
+/// all heads.
 fn mixed(qkv: &Rows, norms: &[&Scales]) -> Rows {
     let mut out = vec![Vec::new(); qkv.len()];
     for head in 0..HEADS {
