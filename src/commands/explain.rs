@@ -81,8 +81,8 @@ impl Explain {
     }
 }
 
-/// A line of a key in which the index of the field is replaced by that of its wire; each wire has three fields:
-/// type, format and content.
+/// Returns a line of a key with the index of the field replaced by the index of its wire. Each wire has three
+/// fields: type, format and content.
 fn by_wire(graph: &Graph, index: usize, line: &str) -> String {
     let numbered = || {
         let (name, rest) = line.split_once('[')?;

@@ -12,8 +12,8 @@ use crate::terminal;
 
 /// Prints the position and the normal of the surface that a pixel of a view shows, and a `Pose` to paste.
 ///
-/// The view is a `splat-render`, whose splats are picked, or a `path-trace`, whose receiver is. Of several cameras, the
-/// first one is used unless `--camera` names another.
+/// The view is a `splat-render` or a `path-trace`. The point lies on the splats of the former, or on the receiver
+/// of the latter. If the view has several cameras, the first is used unless `--camera` names another.
 #[derive(Debug, Args)]
 pub struct Pick {
     #[command(flatten)]
@@ -81,7 +81,7 @@ impl Pick {
     }
 }
 
-/// The pixel of `X,Y`.
+/// Parses a pixel of the form `X,Y`.
 fn pixel(text: &str) -> Result<[f64; 2], Error> {
     let number = |text: &str| text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
     let both = text.split_once(',').and_then(|(x, y)| Some([number(x)?, number(y)?]));

@@ -46,7 +46,7 @@ pub struct Tune {
     /// Maximum number of settings to measure
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = at_least_one)]
     budget: usize,
-    /// Maximum time for measuring, such as 10m; the best setting so far is written
+    /// Maximum time for measuring, such as 10m; when it is over, the best setting so far is written
     #[arg(long, value_name = "TIME")]
     time: Option<String>,
     /// The overlay to write

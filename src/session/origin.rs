@@ -52,7 +52,7 @@ pub struct OriginArgs {
 /// First bytes of a bundle.
 const BUNDLE: &[u8] = b"LHbundle";
 
-/// Maximum size of a picture or graph in bytes. Bundles are streamed.
+/// Maximum size in bytes of a picture or graph, which is read into memory. Bundles are streamed.
 const LARGEST_PICTURE: u64 = 4 << 30;
 const LARGEST_GRAPH: u64 = engine::MAX_GRAPH_BYTES;
 const MOST_AT_ONCE: u64 = 16 << 20;

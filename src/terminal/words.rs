@@ -2,8 +2,8 @@
 
 use engine::{Counts, Forecast, Totals};
 
-/// Formats a forecast: `5 of 14 nodes may run, about 8.0 s`. The time of a node whose kind never ran is unknown,
-/// not 0.
+/// Formats a forecast: `5 of 14 nodes may run, about 8.0 s`. The time of a node whose kind has never run is
+/// unknown, not 0.
 pub fn forecast_text(forecast: &Forecast) -> String {
     let Forecast { open, wanted, seconds, untimed } = forecast;
     let mut text = format!("{open} of {wanted} nodes may run");
@@ -29,7 +29,7 @@ pub fn seconds_text(seconds: f64) -> String {
     }
 }
 
-/// Formats counts: `   rays 1.2 M, ..`; empty without counts.
+/// Formats counts, such as `   rays 1.2 M, ..`; empty if no counts are given.
 pub fn counts_text(counts: &Counts) -> String {
     let texts: Vec<String> = counts.iter().map(|(name, n)| format!("{name} {}", number_text(*n))).collect();
     if texts.is_empty() { String::new() } else { format!("   {}", texts.join(", ")) }

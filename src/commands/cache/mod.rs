@@ -26,7 +26,8 @@ enum Verb {
     Stat,
     /// Read everything and report damage, without changing anything; exit code 1 if something is damaged
     Verify,
-    /// Move damaged results aside at once, as runs do when they meet them, so that they are recomputed
+    /// Move damaged results aside now, so that they are recomputed; runs do the same with damaged results that they
+    /// find
     Repair,
     /// Remove the least recently used results; waits until no run is active
     Gc(Gc),
@@ -73,7 +74,7 @@ struct Copy {
 }
 
 impl Cache {
-    /// Runs the verb and returns the exit code.
+    /// Runs the command and returns the exit code.
     pub fn run(self) -> Result<u8, Error> {
         let folder = cache_folder(self.cache.as_deref())?;
         if matches!(self.verb, Verb::Gc(_)) && !folder.exists() {

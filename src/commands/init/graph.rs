@@ -28,7 +28,7 @@ fn quoted(text: &str) -> String {
     out + "\""
 }
 
-/// Writes a number as in a graph file: with a decimal point, and without digits that come from rounding.
+/// Writes a number as in a graph file: with a decimal point, and without digits that are only rounding errors.
 fn number(value: f64) -> String {
     let text = format!("{value:.9}");
     let text = text.trim_end_matches('0');
@@ -69,7 +69,7 @@ pub fn text(survey: &Survey) -> String {
     let size = s.extents.size();
     let height = size.y / s.metres_per_unit * arranged.scale;
     let extent = size.length() / s.metres_per_unit * arranged.scale;
-    // Objects smaller than 2 m need a nearer near plane than the default, in metres.
+    // The near plane, in metres. Objects smaller than 2 m need a nearer one than the default.
     let digits = |v: f64| {
         let mut unit = 1e-9;
         while unit * 10.0 <= v {

@@ -16,8 +16,8 @@ struct Ruler {
 }
 
 impl Ruler {
-    /// Chooses digits for lengths of a scene of this size: at least three after the decimal point, and at least
-    /// four significant ones of `size`.
+    /// Chooses the number of digits for lengths in a scene of this size: at least three after the decimal point,
+    /// and enough to show four significant digits of `size`.
     fn of(size: f64) -> Self {
         let (mut digits, mut scaled) = (0, size);
         while (0.0..1000.0).contains(&scaled) && digits < 10 {
