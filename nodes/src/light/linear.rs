@@ -37,8 +37,8 @@ pub struct LinearPixels {
     pub broken: u64,
     /// Number of samples below 0, which count as 0.
     pub negative: u64,
-    /// True if white is clipped. Display codes end at white; linear light is clipped at white only if no sample
-    /// lies above it: a picture with larger values is not clipped anywhere.
+    /// True if samples may be clipped at white. This is true for display codes, which end at white, and for linear
+    /// light without any sample above white.
     pub ceiling: bool,
 }
 

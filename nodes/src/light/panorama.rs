@@ -1,4 +1,4 @@
-//! Panoramas made of splats, by any renderer: filling of holes, and encoding.
+//! Panoramas rendered from splats: filling of holes, and encoding.
 
 use std::f64::consts::PI;
 

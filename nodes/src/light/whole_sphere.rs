@@ -160,7 +160,8 @@ pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
     (pixels.into_iter().flat_map(colour).collect(), alpha)
 }
 
-/// Rotates the pixels of `N` samples by shifting every row to the left: light in front moves to the left.
+/// Rotates a panorama of pixels with `N` samples by shifting every row to the left. Light in front moves to the
+/// left.
 pub(crate) fn turn<const N: usize>(
     pixels: &[[f32; N]],
     width: usize,

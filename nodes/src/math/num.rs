@@ -1,8 +1,8 @@
 //! Portable transcendental functions: the same bits on every machine.
 //!
-//! Each calls the pure-Rust `libm` in f64 and, for f32, rounds once; on all measured inputs the result is the
-//! correctly rounded f32. IEEE `+ - * / sqrt floor round trunc` need no wrapper, since they give the same bits
-//! everywhere.
+//! Each function calls the pure-Rust crate `libm` in f64. The f32 functions round the result once, which gave the
+//! correctly rounded f32 for all measured inputs. IEEE `+ - * / sqrt floor round trunc` need no wrapper, since they
+//! give the same bits everywhere.
 
 macro_rules! unary {
     ($($name:ident = $libm:ident, $doc:literal;)*) => {

@@ -168,7 +168,7 @@ pub struct NamedImage {
 pub struct Images(pub Vec<NamedImage>);
 
 impl Images {
-    /// A set of one.
+    /// A set of one picture.
     pub fn single(name: impl Into<String>, picture: impl Into<Picture>) -> Self {
         Self(vec![NamedImage { name: name.into(), picture: picture.into() }])
     }

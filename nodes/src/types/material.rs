@@ -16,16 +16,16 @@ pub enum Wrap {
 /// Filtering of a texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sampler {
-    /// Along u.
+    /// Wrapping along u.
     pub wrap_u: Wrap,
-    /// Along v.
+    /// Wrapping along v.
     pub wrap_v: Wrap,
     /// True for the texel that contains the point; false for bilinear interpolation.
     pub nearest: bool,
 }
 
-/// A decoded picture: 8-bit RGBA as stored, row 0 at v = 0. Colour textures are sRGB-encoded, others are not,
-/// depending on the reference.
+/// A decoded picture: 8-bit RGBA as stored, row 0 at v = 0. The encoding depends on the use of the texture: colours
+/// are sRGB-encoded, other data are linear.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Texture {
     /// Columns.
@@ -161,7 +161,7 @@ pub struct Iridescence {
     pub ior: f32,
     /// Thickness in nanometres where the texture is 0 and where it is 1.
     pub thickness_nm: [f32; 2],
-    /// Texture that interpolates between the two, in its green channel. Without it the film has the second
+    /// Texture whose green channel interpolates between the two thicknesses. Without it, the film has the second
     /// thickness.
     pub thickness_texture: Option<TextureRef>,
 }

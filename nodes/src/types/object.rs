@@ -52,7 +52,7 @@ pub struct Placed {
 }
 
 impl Object {
-    /// The materials that are used by a triangle.
+    /// The materials that at least one triangle uses.
     pub fn materials_in_use(&self) -> impl Iterator<Item = &Material> {
         let mut used = vec![false; self.materials.len()];
         for primitive in self.primitives.iter().filter(|primitive| !primitive.triangles.is_empty()) {
@@ -139,7 +139,7 @@ impl Artifact for Object {
 }
 
 impl Primitive {
-    /// True when every attribute array is empty or of equal length and every index is in range.
+    /// True if every attribute array is empty or has one entry per vertex, and every index is in range.
     pub fn is_consistent(&self) -> bool {
         let n = self.positions.len();
         let fits = |len: usize| len == 0 || len == n;

@@ -19,8 +19,8 @@ pub struct Panorama {
     pub up: Up,
     /// Point where it was taken, in world units, if known.
     pub origin: Option<DVec3>,
-    /// Rotation about the up axis when it was loaded, counter-clockwise seen from above, in degrees: other
-    /// photographs of the same place need the same rotation.
+    /// Rotation about the up axis that was applied when the panorama was loaded, in degrees, counter-clockwise seen
+    /// from above. Other photographs of the same place need the same rotation.
     pub turned_deg: f64,
 }
 
@@ -35,7 +35,7 @@ pub enum Taken {
     Linear,
 }
 
-/// A panorama's clipped pixels with the light that they hide.
+/// The light that is hidden in the clipped pixels of a panorama, and exposures that show it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Brackets {
     /// log2 of (true luminance / clipped luminance), 0 where nothing is clipped; one channel, of the
@@ -43,12 +43,12 @@ pub struct Brackets {
     pub log2_gain: Image<Data>,
     /// Exposure values, ascending (darkest first), of the pictures in `exposures`.
     pub evs: Vec<f64>,
-    /// The photograph of a camera at each of `evs`: display-encoded, one view each; clipped to 1, except for
-    /// photographs of linear light.
+    /// The photograph that a camera would take at each of `evs`, display-encoded. Clipped to 1 unless `taken` is
+    /// [`Taken::Linear`].
     pub exposures: Vec<Image<Srgb>>,
     /// Source of the exposures.
     pub taken: Taken,
-    /// Method, and each region it found.
+    /// The method that was used, and each region that it found.
     pub report: Report,
 }
 

@@ -54,7 +54,7 @@ impl Camera {
         DMat4::from_cols_array(&self.world_from_camera)
     }
 
-    /// The rigid transform from world to camera: transposed rotation, so exact for a rotation.
+    /// The rigid transform from world to camera. The rotation is transposed, which inverts it exactly.
     pub fn camera_from_world(&self) -> DMat4 {
         let m = self.world_from_camera();
         let r = glam::DMat3::from_mat4(m).transpose();

@@ -21,9 +21,9 @@ pub enum SplatEncoding {
 pub struct Splats {
     /// Centres, in world units.
     pub means: Vec<[f32; 3]>,
-    /// Part of the centres that f32 loses, to be added in f64; empty if the file has f32. Files with centres in f64
-    /// (surveyed frames) or quantised finely (SOG) need it: 16-bit SOG rendered without it deviates from the file
-    /// by -105 dB, with it by less than -120 dB.
+    /// Remainder of each centre that f32 cannot hold, to be added in f64; empty if the file stores f32. Needed for
+    /// files with centres in f64 (survey coordinates) or with fine quantisation (SOG): a render of 16-bit SOG
+    /// deviates from the file by -105 dB without it, and by less than -120 dB with it.
     pub means_low: Vec<[f32; 3]>,
     /// Unit quaternions (w, x, y, z): rotation from the axes of the Gaussian to the world.
     pub quats: Vec<[f32; 4]>,
@@ -208,7 +208,7 @@ impl Artifact for Views {
     }
 }
 
-/// A colour image in the encoding of the splats.
+/// A colour image of samples in the encoding of the splats.
 pub(crate) fn tagged(
     encoding: SplatEncoding,
     width: usize,
