@@ -52,7 +52,8 @@ impl Head {
         width.saturating_mul(height)
     }
 
-    /// Largest memory beyond the file for reading the picture as floats, and the size of the floats, both in bytes.
+    /// Peak memory, in addition to the file, for reading the picture as floats, and the size of the floats, both in
+    /// bytes.
     pub fn as_floats(&self) -> [u64; 2] {
         let samples = self.pixels().saturating_mul(self.channels);
         if self.floats {
@@ -67,8 +68,8 @@ impl Head {
         [codes.saturating_add(decoding.max(floats)), floats]
     }
 
-    /// Largest memory beyond the file for reading the picture as 8-bit texels, and the size of the texels, both in
-    /// bytes.
+    /// Peak memory, in addition to the file, for reading the picture as 8-bit texels, and the size of the texels,
+    /// both in bytes.
     pub fn as_texels(&self) -> [u64; 2] {
         let texels = self.pixels().saturating_mul(4);
         let codes = self.pixels().saturating_mul(2 * self.channels);
@@ -157,7 +158,7 @@ fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     };
     let (width, height) = (header.layer_size.0 as u64, header.layer_size.1 as u64);
     let channels = header.channels.list.len() as u64;
-    // A part that has more bytes of floats than this one.
+    // True if a part has more bytes of floats than this one.
     let more = |other: &Header| {
         let all = |h: &Header| area(h).saturating_mul(bytes(h) + 4 * (h.channels.list.len() as u64).min(4));
         all(other).saturating_sub(all(header)).div_ceil(area(header).max(1))

@@ -30,7 +30,7 @@ engine::choices! {
     }
 }
 
-/// Largest memory for reading a picture including its file, and the bytes of its floats.
+/// Peak memory for reading a picture, including its file, and the size of its floats, both in bytes.
 pub(crate) fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
     let head = file.open().and_then(|mut reader| Head::read(&mut reader));
     let [reading, floats] = head.map_or([0; 2], |head| head.as_floats());

@@ -210,7 +210,8 @@ fn write_all(
     Ok(bytes)
 }
 
-/// Largest number of bytes of data in a chunk: its length, with a sequence number, is a 31-bit number.
+/// Maximum number of data bytes in a chunk. The length of a chunk, which includes a sequence number, is a 31-bit
+/// number.
 const LARGEST_CHUNK: usize = (u32::MAX >> 1) as usize - 4;
 
 /// The control chunk of a frame that replaces the whole picture.
@@ -337,8 +338,8 @@ pub(crate) mod tests {
         assert!(read.linear && read.ignored.is_empty());
     }
 
-    /// One pixel, prime sizes, 30,000 columns or rows, through every format that is written; sizes whose number of
-    /// samples does not fit into 64 bits.
+    /// Pictures of one pixel, of prime sizes, and of 30,000 columns or rows are unchanged after writing and
+    /// reading. Sizes whose number of samples does not fit into 64 bits are refused.
     #[test]
     fn sizes_are_not_believed_and_do_not_overflow() {
         assert!(believable("a", u64::MAX, u64::MAX, 4, 1000, 10).is_err());

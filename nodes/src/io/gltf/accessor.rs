@@ -58,7 +58,8 @@ impl File {
                 );
             }
         } else {
-            // Zeros that only a sparse part changes; a valid file has at least a byte per element.
+            // All elements are 0, except those that a sparse part changes. A valid file has at least a byte per
+            // element.
             if count > buffers.iter().map(Vec::len).sum() {
                 let text = format!("accessor {} has more elements than the file bytes", accessor.index());
                 return Err(self.bad(text));

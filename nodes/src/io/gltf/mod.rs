@@ -349,7 +349,7 @@ mod tests {
         assert_eq!(mapped["baseColorTexture"]["index"], 0);
     }
 
-    // Chunks that a program filled with NUL, and marks in front.
+    // JSON that a program padded with NUL, and JSON after a byte-order mark.
     #[test]
     fn json_with_a_mark_or_fill_is_read() {
         let text = br#"{"asset":{"version":"2.0"}}"#;

@@ -12,7 +12,8 @@ use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, refuse_foreign};
 use crate::math::num;
 
-/// Converts to a relative path of this system: exporters on Windows separate folders by backslashes.
+/// Converts backslashes, with which exporters on Windows separate folders, to slashes. Returns `None` unless the
+/// result is a relative path.
 fn relative(path: &str) -> Option<String> {
     let path = path.trim().trim_matches('"').replace('\\', "/");
     let drive = path.as_bytes().get(1) == Some(&b':');

@@ -101,7 +101,7 @@ fn receivers_are_read_from_obj_and_stl() {
     }
 }
 
-/// Every cut and every changed byte: an error or a shape, never a panic.
+/// A file that is cut off anywhere, or in which any byte is changed, gives an error or a shape, never a panic.
 #[test]
 fn damaged_files_are_survived() {
     let text = b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n";

@@ -133,8 +133,9 @@ pub struct Placing {
 }
 
 impl Placing {
-    /// The transform of a file whose format defines `declared` as up, in metres if `metres`; `None` for the
-    /// identity. The text describes the decision; `None` if there was no choice.
+    /// The rotation and the scale from a file to the world; `None` for the identity. `declared` is the up axis that
+    /// the format of the file defines; `metres` is true if the unit of the format is the metre. The text describes
+    /// the decision; it is `None` if there was nothing to decide.
     pub fn turn(&self, declared: Option<Up>, metres: bool) -> (Option<(DMat3, f64)>, Option<String>) {
         let scale = if metres && self.frame != Frame::AsStored { 1.0 / self.metres_per_unit } else { 1.0 };
         let Some(up) = self.frame.up(declared) else {

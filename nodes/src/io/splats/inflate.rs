@@ -9,8 +9,8 @@ use crate::error::Error;
 /// Maximum ratio of deflate: 258 bytes from 2 bits, about 1032 to 1 (RFC 1951, section 3.2.5).
 pub const DEFLATE_RATIO: usize = 1032;
 
-/// Unpacks a whole gzip stream and verifies its checksum. The maximum length of the output is `limit` of its first
-/// 16 bytes. Also returns the number of bytes after it.
+/// Unpacks a whole gzip stream and verifies its checksum. `limit` computes the maximum length of the output from
+/// its first 16 bytes. Also returns the number of bytes after the stream.
 pub fn gunzip(
     file: &str,
     packed: &[u8],

@@ -36,7 +36,7 @@ const LEVELS: [Level; 3] = [
 
 /// True if the bytes begin like such a file, even a truncated one: the version is at least 0.1, the level is known,
 /// there is at least one section, and the numbers of sections and splats in use do not exceed the maximum numbers
-/// (some writers omit that of splats).
+/// (some writers omit the maximum number of splats).
 pub(super) fn is_ksplat(bytes: &[u8]) -> bool {
     let [sections, used_sections, room, used] = [4, 8, 12, 16].map(|at| u32_at(bytes, at));
     bytes.len() >= 22

@@ -89,7 +89,7 @@ struct Meta1 {
 
 type Table = [f64; 256];
 
-/// The colours beyond the constant one: a palette of sets of coefficients.
+/// The coefficients of degree 1 and above, as a palette of sets.
 struct Palette {
     /// Number of sets; `None` if the file does not specify it.
     count: Option<u64>,
@@ -98,7 +98,7 @@ struct Palette {
     table: Table,
 }
 
-/// The content of `meta.json` of either version. Each number is a table indexed by a byte.
+/// The content of `meta.json` of either version. Each quantity is a table indexed by a byte.
 pub(super) struct Meta {
     count: u64,
     antialiased: bool,

@@ -123,7 +123,7 @@ fn is_json(bytes: &[u8]) -> bool {
     text.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'{')
 }
 
-/// A file of splats of a parameter.
+/// A file of splats to which a parameter refers.
 pub struct Piece {
     /// The file.
     pub file: InputFile,
@@ -137,7 +137,7 @@ impl Piece {
     }
 }
 
-/// The files of a parameter.
+/// The files to which a parameter refers.
 pub struct Expanded {
     /// Files of splats, in order.
     pub pieces: Vec<Piece>,
@@ -153,9 +153,10 @@ impl Expanded {
     }
 }
 
-/// The files of a parameter: the file itself, or the files in the folder. A folder with a `meta.json` is a SOG
-/// scene, and one with a `lod-meta.json` a streamed scene, from which the files of one level are used. Any other
-/// folder contains such folders and bundles (`.sog`), which are joined in the order of their names.
+/// Returns the files to which a parameter refers: the file itself, or the files in the folder. A folder with a
+/// `meta.json` is a SOG scene. A folder with a `lod-meta.json` is a streamed scene, of which the files of one level
+/// are used. Any other folder contains such folders and bundles (`.sog`), which are joined in the order of their
+/// names.
 pub fn expand(file: &InputFile, path: &Path, level: u32) -> Result<Expanded, NodeError> {
     if !path.is_dir() {
         let named = path.is_file() && file.0.to_ascii_lowercase().ends_with(".json");
@@ -202,8 +203,8 @@ pub fn expand(file: &InputFile, path: &Path, level: u32) -> Result<Expanded, Nod
     Ok(all)
 }
 
-/// True if the names of all chunks have the form `LEVEL_NUMBER` that splat-transform gives those of a streamed
-/// scene, with more than one level.
+/// True if the names of all chunks have the form `LEVEL_NUMBER`, as splat-transform names the chunks of a streamed
+/// scene, and there is more than one level.
 fn looks_like_levels(chunks: &[String]) -> bool {
     let level = |chunk: &String| -> Option<u32> {
         let name = chunk.split(['/', '.']).next()?;

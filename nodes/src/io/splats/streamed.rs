@@ -1,5 +1,6 @@
 //! Streamed SOG (PlayCanvas, splat-transform `write-lod.ts`): `lod-meta.json` with a tree of regions. Each region
-//! has the same splats at several levels, 0 the finest, as ranges of rows of SOG files. One level is read.
+//! has several levels of detail, the finest of which is 0. A level of a region is a list of ranges of rows in SOG
+//! files. One level is read.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
@@ -168,7 +169,7 @@ mod tests {
         }
         assert!(of(SCENE, 3).is_err_and(|e| e.contains("its levels are [0, 1, 2]")));
         assert!(is_streamed(SCENE.as_bytes()) && !is_streamed(b"{\"means\": 1}"));
-        // A tree that is too deep ends in an error of the parser, not in a stack that overflows.
+        // A tree that is too deep causes an error in the parser, not a stack overflow.
         let deep = format!("{}{}", "{\"children\":[".repeat(5000), "{}");
         assert!(level("a", format!("{{\"filenames\": [], \"tree\": {deep}").as_bytes(), 0).is_err());
     }
