@@ -253,7 +253,7 @@ impl Diff {
             for (output, difference) in &node.outputs {
                 let how = difference
                     .as_ref()
-                    .map_or("different content (values not kept on both sides)", |d| &d.summary);
+                    .map_or("different content (the values are not kept on both sides)", |d| &d.summary);
                 lines.add(&node.id, format!("{word:<5} {}.{output}: {how}", node.id));
             }
         }
@@ -266,7 +266,7 @@ impl Diff {
         for (unknown, side) in came.unknown.iter().zip(["first", "second"]) {
             if !unknown.is_empty() && came.compared > 0 {
                 let names = cut(&unknown.join(", "));
-                text.push_str(&format!("the {side} has no known result of {names}; run it first\n"));
+                text.push_str(&format!("the {side} graph has no known result of {names}; run it first\n"));
             }
         }
         text

@@ -54,7 +54,11 @@ impl Pick {
         let is_named = |name: &str| self.camera.as_ref().is_none_or(|wanted| wanted == name);
         let Some(camera) = cameras.iter().find(|camera| is_named(&camera.name)) else {
             let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
-            return Err(Error::usage(format!("no such camera; `{}` has {}", self.view, names.join(", "))));
+            return Err(Error::usage(format!(
+                "`{}` has no camera of that name; it has {}",
+                self.view,
+                names.join(", ")
+            )));
         };
         let picked = match scene {
             Scene::Splats => {

@@ -22,7 +22,7 @@ pub type Chosen = Vec<String>;
 /// The error for a graph in which no node takes samples.
 fn no_samples() -> Error {
     Error::usage(
-        "no node of this graph takes samples that an error or a time could bound; `path-trace` does, where its \
+        "no node of this graph takes samples that an error bound or a time limit could control; `path-trace` does if its \
          `samples` do not vary along an axis",
     )
 }

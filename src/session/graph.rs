@@ -234,7 +234,9 @@ impl GraphArgs {
             let other = recipe.other_sources(&graph, &Store::in_memory())?;
             if !other.is_empty() {
                 let (path, other) = (self.graph.display(), other.join("\n"));
-                return Err(Error::usage(format!("`{path}` was made from other files:\n{other}")));
+                return Err(Error::usage(format!(
+                    "`{path}` was made from files with other contents:\n{other}"
+                )));
             }
         }
         let only = wanted(&graph, &self.only, self.frames.as_deref())?;

@@ -50,7 +50,7 @@ pub fn check_memory(path: &Path, memory: u64) -> Result<(), NodeError> {
         return Ok(());
     }
     let (needs, budget) = (engine::bytes_text(bytes), engine::bytes_text(memory));
-    let what = format!("`{}` needs about {needs} of memory, the budget is {budget}", path.display());
+    let what = format!("`{}` needs about {needs} of memory, but the budget is {budget}", path.display());
     Err(NodeError::new(what).hint("raise `--memory`"))
 }
 

@@ -70,7 +70,7 @@ fn collecting_pinning_and_copying() {
     let (code, text) = printed(&place, &["pin", "graph.ron"]);
     assert!(code == 0 && text.contains("pinned 2 known results of 2 nodes"), "{text}");
     let (code, text) = printed(&place, &["gc", "--max-size", "0"]);
-    assert!(code == 0 && text.contains("2 results are pinned and stay"), "{text}");
+    assert!(code == 0 && text.contains("2 results are pinned and are kept"), "{text}");
     assert_eq!(place.run(&[]).good().nodes("cached"), ["pic", "save"]);
     assert!(printed(&place, &["stat"]).1.contains("graph.ron: 2 records"));
     assert_eq!(printed(&place, &["pin", "graph.ron", "--remove"]).0, 0);

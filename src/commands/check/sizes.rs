@@ -46,7 +46,7 @@ pub fn check(graph: &Graph) -> Result<(), Diagnostics> {
                         format!("`{layer}` is {} pixels, but `{name}` is {}", text(&sizes), text(expected));
                     mistakes.push(
                         Diagnostic::of(Code::Wiring, graph.place(node, Some(layer)), message)
-                            .hint("render with a camera of the size of the picture, or load the picture at the size of the camera"),
+                            .hint("render with a camera of the same size as the picture, or load a picture of the same size as the camera"),
                     );
                 }
                 _ => {}

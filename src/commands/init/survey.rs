@@ -198,8 +198,9 @@ fn photo(path: &Path, files: &Files<'_>, cameras: Option<&Rig>) -> Result<Photo,
     let name = path.file_stem().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let camera = cameras.into_iter().flat_map(|rig| &rig.cameras).find(|camera| camera.name == name);
     let camera = camera.ok_or_else(|| {
-        NodeError::new(format!("no camera of `--cameras` has the name of the photograph, `{name}`"))
-            .hint("`--photo` takes a picture of the capture, undistorted, whose camera is in the file")
+        NodeError::new(format!("no camera of `--cameras` has the name of the photograph, `{name}`")).hint(
+            "`--photo` must be an undistorted picture of the capture, and the file must contain its camera",
+        )
     })?;
     Ok(Photo { path: relative(files.folder, path)?, camera: camera.name.clone() })
 }
