@@ -208,7 +208,7 @@ pub fn read_layer(file: &str, bytes: &[u8], layer: &str, progress: Progress<'_>)
             other => other.values_as_f32().collect(),
         };
         if data.len() != size.0 * size.1 {
-            return Err(Error::format(file, "a channel whose size differs from that of its part"));
+            return Err(Error::format(file, "a channel differs in size from its part"));
         }
         let samples = if cropped { place(&data, size.0, shift, width, height) } else { data };
         channels.push(Channel { name: channel.name.to_string(), samples });

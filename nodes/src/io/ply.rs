@@ -277,7 +277,7 @@ impl<'a> Rows<'a> {
                     let count = self.number(count)?;
                     let least = if self.format == Format::Ascii { 2 } else { property.scalar.size() };
                     if count < 0.0 || count * least as f64 > self.rest.len() as f64 + 1.0 {
-                        return Err(self.fail(&format!("a list of {count} numbers")));
+                        return Err(self.fail(&format!("a list claims to hold {count} numbers,")));
                     }
                     let mut list = std::mem::take(&mut self.list);
                     list.clear();
@@ -343,7 +343,7 @@ impl<'a> Rows<'a> {
             (Scalar::U32, &[a, b, c, d]) => f64::from(u32::from_le_bytes([a, b, c, d])),
             (Scalar::F32, &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
             (_, &[a, b, c, d, e, f, g, h]) => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
-            _ => return Err(self.fail("a number of another size,")),
+            _ => return Err(self.fail("a number has the wrong size,")),
         })
     }
 }

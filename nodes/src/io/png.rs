@@ -28,11 +28,11 @@ pub fn believable(
     let samples = width.checked_mul(height).and_then(|n| n.checked_mul(channels));
     let most = (bytes as u64).saturating_mul(ratio).min(SAMPLE_LIMIT);
     match samples {
-        Some(0) => Err(Error::format(file, format!("the picture is {width}x{height}"))),
+        Some(0) => Err(Error::format(file, format!("the picture is empty: {width}x{height} pixels"))),
         Some(n) if n <= most => Ok(()),
         _ => Err(Error::format(
             file,
-            format!("claims {width}x{height} pixels, which {bytes} bytes cannot hold"),
+            format!("the header claims {width}x{height} pixels, which {bytes} bytes cannot hold"),
         )),
     }
 }
@@ -75,15 +75,16 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
     let channels = color.samples();
     // One bit per sample before deflate, so 8 * 1032 samples per byte.
     believable(file, width.into(), height.into(), channels as u64, bytes.len(), 8 * 1032)?;
-    let size =
-        reader.output_buffer_size().ok_or_else(|| Error::format(file, "too large for this machine"))?;
+    let size = reader
+        .output_buffer_size()
+        .ok_or_else(|| Error::format(file, "the picture is too large for this machine"))?;
     let mut raw = vec![0; size];
     reader.next_frame(&mut raw).map_err(bad)?;
     let (width, height) = (width as usize, height as usize);
     let wide = depth == BitDepth::Sixteen;
     let sample = if wide { 2 } else { 1 };
     if raw.len() != width * height * channels * sample {
-        return Err(Error::format(file, "holds a different number of samples than its header says"));
+        return Err(Error::format(file, "the number of samples differs from that in the header"));
     }
     let mut codes = Vec::with_capacity(width * height * channels);
     if wide {

@@ -42,7 +42,7 @@ pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Note
     let Some(placement) = part.place(name, [width, height])? else { return Ok(picture) };
     let ([w, h], [x, y]) = (placement.size, placement.at);
     let what = format!(
-        "by its metadata (GPano), the picture of {width}x{height} pixels is a crop, at {x}, {y}, of a panorama of {w}x{h}; the rest is unknown"
+        "according to its metadata (GPano), the picture of {width}x{height} pixels is a crop, at {x}, {y}, of a panorama of {w}x{h} pixels; the rest is unknown"
     );
     notes.decision("part-of-a-sphere", what);
     Ok(laid(&picture, placement))

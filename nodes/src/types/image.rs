@@ -90,7 +90,10 @@ impl<E: Encoding> Image<E> {
         let (width, height, channels) = (from.u32()? as usize, from.u32()? as usize, from.u32()? as usize);
         let samples = from.f32s()?;
         if width.checked_mul(height).and_then(|n| n.checked_mul(channels)) != Some(samples.len()) {
-            return Err(Corrupt(format!("{width}x{height}x{channels} image of {} samples", samples.len())));
+            return Err(Corrupt(format!(
+                "a {width}x{height}x{channels} image has {} samples",
+                samples.len()
+            )));
         }
         Ok(Self::from_samples(width, height, channels, samples))
     }
@@ -202,7 +205,7 @@ impl Artifact for Images {
                 Linear::NAME => Image::<Linear>::decode(from)?.into(),
                 Srgb::NAME => Image::<Srgb>::decode(from)?.into(),
                 Data::NAME => Image::<Data>::decode(from)?.into(),
-                other => return Err(Corrupt(format!("encoding `{other}`"))),
+                other => return Err(Corrupt(format!("`{other}` is not an encoding"))),
             };
             images.push(NamedImage { name, picture });
         }

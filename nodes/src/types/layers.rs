@@ -57,7 +57,7 @@ pub fn linear<'a>(picture: &'a Picture, port: &'static str) -> Result<Cow<'a, Im
     let channels = picture.size().2;
     if !(3..=4).contains(&channels) || matches!(picture, Picture::Data(_)) {
         let what =
-            format!("`{port}` needs a colour picture, not {} of {channels} channels", picture.encoding());
+            format!("`{port}` needs a colour picture, not {} with {channels} channels", picture.encoding());
         return Err(NodeError::from(Error::Mismatch(what)).at(port));
     }
     let encoded = match picture {

@@ -437,19 +437,19 @@ impl Fields for Read<'_, '_> {
     fn numbers(&mut self, v: &mut [f32]) -> Result<(), Corrupt> {
         let read = self.from.f32s()?;
         if read.len() != v.len() {
-            return Err(Corrupt(format!("{} numbers instead of {}", read.len(), v.len())));
+            return Err(Corrupt(format!("a field has {} numbers instead of {}", read.len(), v.len())));
         }
         v.copy_from_slice(&read);
         Ok(())
     }
     fn tag(&mut self, v: &mut u8, largest: u8) -> Result<(), Corrupt> {
         *v = self.from.u8()?;
-        if *v <= largest { Ok(()) } else { Err(Corrupt(format!("tag {v} of a material"))) }
+        if *v <= largest { Ok(()) } else { Err(Corrupt(format!("a material has the unknown tag {v}"))) }
     }
     fn texture_index(&mut self, v: &mut TextureRef) -> Result<(), Corrupt> {
         (v.texture, v.uv_set) = (self.from.u32()?, self.from.u32()?);
         if v.texture as usize >= self.textures || v.uv_set > 1 {
-            return Err(Corrupt(format!("texture {} of {}", v.texture, self.textures)));
+            return Err(Corrupt(format!("a material refers to texture {} of {}", v.texture, self.textures)));
         }
         Ok(())
     }

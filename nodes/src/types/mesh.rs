@@ -51,7 +51,7 @@ impl Artifact for Mesh {
         let fit = |len: usize| len == 0 || len == vertices;
         let all_fit = fit(mesh.colours.len()) && fit(mesh.positions_low.len());
         if !all_fit || mesh.triangles.as_flattened().iter().any(|&v| v as usize >= vertices) {
-            return Err(Corrupt("a mesh that refers to vertices that do not exist".to_owned()));
+            return Err(Corrupt("a triangle refers to a vertex that does not exist".to_owned()));
         }
         Ok(mesh)
     }
@@ -81,6 +81,6 @@ pub(crate) fn grouped<T: Copy, const N: usize>(flat: Vec<T>) -> Result<Vec<[T; N
     if rest.is_empty() {
         Ok(whole.to_vec())
     } else {
-        Err(Corrupt(format!("a count that is not a multiple of {N}")))
+        Err(Corrupt(format!("a count is not a multiple of {N}")))
     }
 }

@@ -65,7 +65,7 @@ pub(crate) fn decode_up(from: &mut Decoder<'_>) -> Result<Up, Corrupt> {
         0 => Up::PlusY,
         1 => Up::MinusY,
         2 => Up::PlusZ,
-        other => return Err(Corrupt(format!("up axis {other}"))),
+        other => return Err(Corrupt(format!("{other} is not an up axis"))),
     })
 }
 
@@ -83,7 +83,11 @@ fn encode_picture(picture: &Picture, to: &mut Encoder) {
 }
 
 fn decode_picture(from: &mut Decoder<'_>) -> Result<Picture, Corrupt> {
-    Images::decode(from)?.0.pop().map(|image| image.picture).ok_or_else(|| Corrupt("no picture".to_owned()))
+    Images::decode(from)?
+        .0
+        .pop()
+        .map(|image| image.picture)
+        .ok_or_else(|| Corrupt("a picture is missing".to_owned()))
 }
 
 impl Artifact for Panorama {
@@ -101,7 +105,7 @@ impl Artifact for Panorama {
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
         let image = decode_picture(from)?;
         let Picture::Data(alpha) = decode_picture(from)? else {
-            return Err(Corrupt("alpha of a panorama is not data".to_owned()));
+            return Err(Corrupt("the alpha of a panorama is not data".to_owned()));
         };
         if image.size().2 != 3
             || (alpha.width, alpha.height, alpha.channels) != (image.size().0, image.size().1, 1)
@@ -153,21 +157,21 @@ impl Artifact for Brackets {
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
         let Picture::Data(log2_gain) = decode_picture(from)? else {
-            return Err(Corrupt("a gain map is data".to_owned()));
+            return Err(Corrupt("a gain map is not data".to_owned()));
         };
         let evs = from.f64s()?;
         let exposures = evs
             .iter()
             .map(|_| match decode_picture(from)? {
                 Picture::Srgb(image) => Ok(image),
-                _ => Err(Corrupt("an exposure is display-encoded".to_owned())),
+                _ => Err(Corrupt("an exposure is not display-encoded".to_owned())),
             })
             .collect::<Result<_, _>>()?;
         let taken = match from.u8()? {
             0 => Taken::Derived,
             1 => Taken::Display,
             2 => Taken::Linear,
-            other => return Err(Corrupt(format!("exposures of kind {other}"))),
+            other => return Err(Corrupt(format!("{other} is not a source of exposures"))),
         };
         Ok(Self { log2_gain, evs, exposures, taken, report: Report::decode(from)? })
     }

@@ -126,5 +126,7 @@ impl Artifact for Rig {
 }
 
 pub(crate) fn exactly<const N: usize>(values: Vec<f64>) -> Result<[f64; N], Corrupt> {
-    values.try_into().map_err(|v: Vec<f64>| Corrupt(format!("{} numbers instead of {N}", v.len())))
+    values
+        .try_into()
+        .map_err(|v: Vec<f64>| Corrupt(format!("a camera has {} numbers instead of {N}", v.len())))
 }

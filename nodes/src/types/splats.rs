@@ -121,7 +121,11 @@ impl Artifact for Splats {
             && splats.scales.len() == n
             && splats.opacities.len() == n
             && splats.sh.len() == n * splats.sh_len();
-        if fits { Ok(splats) } else { Err(Corrupt("splat arrays of unequal length".to_owned())) }
+        if fits {
+            Ok(splats)
+        } else {
+            Err(Corrupt("the arrays of the splats have unequal lengths".to_owned()))
+        }
     }
 
     fn bytes(&self) -> usize {
@@ -176,9 +180,9 @@ impl Artifact for Views {
             let [colour, depth]: [NamedImage; 2] = Images::decode(from)?
                 .0
                 .try_into()
-                .map_err(|_| Corrupt("a view has two images".to_owned()))?;
+                .map_err(|_| Corrupt("a view does not have two images".to_owned()))?;
             let Picture::Data(depth) = depth.picture else {
-                return Err(Corrupt("depth is data".to_owned()));
+                return Err(Corrupt("the depth of a view is not data".to_owned()));
             };
             views.push(View { camera, colour: colour.picture, depth });
         }

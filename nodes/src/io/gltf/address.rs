@@ -9,9 +9,9 @@ pub(super) fn inline(name: &str, uri: &str) -> Option<Result<Vec<u8>, Error>> {
     Some(match data.split_once(";base64,") {
         Some((_, text)) => {
             let bytes = base64::decode(text);
-            bytes.ok_or_else(|| Error::format(name, "a data URI is not base64"))
+            bytes.ok_or_else(|| Error::format(name, "a data URI is not valid base64"))
         }
-        None => Err(Error::unsupported(name, "a data URI that is not base64")),
+        None => Err(Error::unsupported(name, "a data URI without base64")),
     })
 }
 

@@ -69,7 +69,7 @@ impl Element {
             let (count, stride, total) = (self.count, self.stride, bytes.len());
             let held = total.saturating_sub(start) / stride.max(1);
             let what = format!(
-                "the header promises {count} rows `{}` of {stride} bytes, the file holds {held} ({total} bytes)",
+                "the header promises {count} rows `{}` of {stride} bytes, but the file holds {held} ({total} bytes)",
                 self.name
             );
             Error::format(file, what)
@@ -99,7 +99,7 @@ impl FixedRows {
                 return Err(Error::format(file, format!("there are two elements `{}`", element.name)));
             }
             let count = usize::try_from(element.rows)
-                .map_err(|_| Error::format(file, format!("{} rows do not fit in memory", element.rows)))?;
+                .map_err(|_| Error::format(file, format!("{} rows do not fit into memory", element.rows)))?;
             let name = element.name.clone();
             let mut placed = Element { name, count, stride: 0, fields: Vec::new(), start, varies: false };
             for property in &element.properties {

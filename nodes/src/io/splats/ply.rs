@@ -72,7 +72,9 @@ impl Layout {
             45 => 3,
             72 => 4,
             other => {
-                let what = format!("{other} fields `f_rest_*`; degree 0 to 4 have 0, 9, 24, 45 or 72");
+                let what = format!(
+                    "the splats have {other} fields `f_rest_*`; degrees 0 to 4 have 0, 9, 24, 45 or 72"
+                );
                 return Err(Error::format(file, what));
             }
         };

@@ -50,7 +50,7 @@ impl RowFault {
             Self::TooLarge => "with an axis longer than `max_extent`",
             Self::NegativeScale => "with a scale or a filter below 0",
             Self::BadOpacity => "with an opacity that is not between 0 and 1",
-            Self::NoSuchEntry => "that point past the end of a table of the file",
+            Self::NoSuchEntry => "with an index past the end of a table of the file",
         }
     }
 }

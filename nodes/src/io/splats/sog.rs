@@ -242,7 +242,7 @@ impl Pixels {
         let area = u64::from(width) * u64::from(height);
         if area < at_least {
             return Err(wrong(format!(
-                "{width}x{height} pixels are fewer than the {at_least} that are promised"
+                "the picture has {width}x{height} pixels, fewer than the {at_least} that `meta.json` promises"
             )));
         }
         if area > 64 * 64 + DENSEST * bytes.len() as u64 {
@@ -294,12 +294,20 @@ pub(super) fn load_bundle(
         );
     }
     let Some(name) = archive.find("meta.json") else {
-        return Err(Error::format(file, "the ZIP archive holds no `meta.json`, or several; not SOG").into());
+        return Err(Error::format(
+            file,
+            "the ZIP archive does not hold exactly one `meta.json`, so it is not SOG",
+        )
+        .into());
     };
     let folder = name.strip_suffix("meta.json").unwrap_or_default();
     let length = archive.length(name);
     if length > META_BYTES {
-        return Err(Error::format(file, format!("its `meta.json` has {length} bytes")).into());
+        return Err(Error::format(
+            file,
+            format!("its `meta.json` has {length} bytes, more than the maximum of 16 MiB"),
+        )
+        .into());
     }
     let meta = Meta::read(file, &archive.get(name)?)?;
     load(file, &meta, ranges, &|name| Ok(archive.get(&format!("{folder}{name}"))?), reading, notes)
@@ -330,7 +338,7 @@ pub(super) fn load(
     let pictures = pictures.into_iter().collect::<Result<Vec<_>, _>>()?;
     drop(raw);
     let [low, high, scales, quats, sh0, rest @ ..] = &pictures[..] else {
-        return Err(Error::format(file, "a SOG file has five pictures or more").into());
+        return Err(Error::format(file, "the file has fewer than the five pictures that SOG needs").into());
     };
     let palette = match (&meta.palette, rest) {
         (Some(palette), [centroids, labels]) => {
@@ -340,7 +348,7 @@ pub(super) fn load(
                 degree.filter(|l| palette.degree.is_none_or(|reported| reported == *l)).ok_or_else(|| {
                     Error::format(
                         file,
-                        format!("the width of the palette, {} pixels, matches no degree", centroids.width),
+                        format!("the palette is {} pixels wide, which matches no degree", centroids.width),
                     )
                 })?;
             Some((palette, centroids, labels, degree))
@@ -380,7 +388,8 @@ pub(super) fn load(
     let (mut parts, mut rows) = (Vec::new(), 0);
     for &(start, end) in ranges.unwrap_or(&whole) {
         if end > count || start > end {
-            let what = format!("the streamed scene takes splats {start} to {end} of its {count}");
+            let what =
+                format!("the streamed scene refers to splats {start} to {end}, but the file has {count}");
             return Err(Error::format(file, what).into());
         }
         parts.extend(reading.rows_from(start, end - start, turn.as_ref(), |i, sh| read(start + i, sh))?);

@@ -95,7 +95,7 @@ impl Format {
             return match peek {
                 Peek { means: Some(_), .. } => Ok(Self::SogMeta),
                 Peek { asset: Some(_), .. } => Ok(Self::Gltf),
-                _ => Err(Error::format(file, "JSON that is neither glTF nor the `meta.json` of SOG")),
+                _ => Err(Error::format(file, "the JSON is neither glTF nor the `meta.json` of SOG")),
             };
         }
         if ksplat::is_ksplat(bytes) {
@@ -108,7 +108,7 @@ impl Format {
         let what = match named {
             _ if bytes.is_empty() => "the file is empty".to_owned(),
             Some(ending) => format!(
-                "its {} bytes begin neither like a `{ending}` nor like another format of splats; is the file complete?",
+                "its {} bytes begin neither like a `{ending}` file nor like another format of splats; is the file complete?",
                 bytes.len()
             ),
             None => "not a known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF)"

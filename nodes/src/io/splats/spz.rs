@@ -66,10 +66,16 @@ impl Header {
             return Err(Error::unsupported(file, format!("version {} of SPZ", header.version)));
         }
         if header.degree > 4 {
-            return Err(Error::format(file, format!("spherical harmonics of degree {}", header.degree)));
+            return Err(Error::format(
+                file,
+                format!("the degree of the spherical harmonics is {}, not 0 to 4", header.degree),
+            ));
         }
         if header.fraction_bits > 31 {
-            return Err(Error::format(file, format!("{} fractional bits", header.fraction_bits)));
+            return Err(Error::format(
+                file,
+                format!("the centres have {} fraction bits; the maximum is 31", header.fraction_bits),
+            ));
         }
         Ok(header)
     }
@@ -110,7 +116,7 @@ fn unpack(file: &str, bytes: &[u8]) -> Result<Attributes, Error> {
     })?;
     let header = Header::read(file, &plain)?;
     if header.version == 4 {
-        return Err(Error::format(file, "version 4 of SPZ inside of a gzip stream"));
+        return Err(Error::format(file, "a gzip stream contains SPZ version 4, which is not stored in gzip"));
     }
     Ok(Attributes { left_over, ..split(file, &plain, header)? })
 }
@@ -137,7 +143,7 @@ fn unpack_4(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Erro
     if contents < HEADER_4 {
         return Err(Error::format(
             file,
-            format!("the table of contents begins at {contents}, in the header"),
+            format!("the table of contents begins at byte {contents}, inside the header"),
         ));
     }
     let table = range(file, bytes, contents, header.streams * 16, "the table of contents")?;
@@ -161,7 +167,7 @@ fn unpack_4(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Erro
         *stream = unzstd(file, packed, length)?;
     }
     if entries.next().is_some() {
-        return Err(Error::format(file, "more streams than attributes"));
+        return Err(Error::format(file, "there are more streams than attributes"));
     }
     let extensions = bytes.get(HEADER_4..contents).unwrap_or_default().to_vec();
     Ok(Attributes { header, count, streams, extensions, left_over: bytes.len() - at })
@@ -180,7 +186,9 @@ fn named_axes(file: &str, flags: u8, mut records: &[u8]) -> Result<Option<DMat3>
             let code = match u32_at(payload, 0) {
                 0 => return Ok(None),
                 code @ 1..=16 => code - 1,
-                other => return Err(Error::format(file, format!("coordinate system {other}"))),
+                other => {
+                    return Err(Error::format(file, format!("the coordinate system {other} is unknown")));
+                }
             };
             let sign = |bit: u32| if code & bit == 0 { -1.0 } else { 1.0 };
             // Bit 0: x is right rather than left; 1: up rather than down; 2 and 3 as below.

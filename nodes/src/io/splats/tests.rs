@@ -372,7 +372,7 @@ fn files_that_were_cut_off_are_reported_as_what_they_were() {
     ksplat[8..16].fill(0);
     assert_eq!(read(&ksplat).unwrap().0.len(), 5);
     assert!(
-        reported("a", &ksplat[..30]).contains("the header: 4096 bytes at 0 are needed, the file holds 30")
+        reported("a", &ksplat[..30]).contains("the header: 4096 bytes at 0 are needed, but the file has 30")
     );
     assert!(reported("a", &ksplat[..5000]).contains("the headers of sections"));
     assert!(reported("a", &ksplat[..ksplat.len() - 1]).contains("the splats of a section"));

@@ -166,8 +166,8 @@ pub(super) fn turn(
     let closed = turned.iter().filter(|turned| **turned).count();
     if open > 0 {
         let text = format!(
-            "the faces of {open} open parts look inwards: they are black from outside, as their material has one side; \
-             turn them in the program that made them, or make the material double-sided"
+            "the faces of {open} open parts look inwards: they are black from outside, since their material is single-sided; \
+             reverse them in the program that made them, or make the material double-sided"
         );
         notes.warning("faces-inwards", text);
     }

@@ -283,7 +283,7 @@ fn one_level_of_a_streamed_scene_is_read() {
     assert_eq!((&part.means[..], part.len()), (&one.means[2..5], 3));
     write(&place(2, all));
     let error = load("s").err().unwrap();
-    assert!(error.message().contains("takes splats 2"), "{error}");
+    assert!(error.message().contains("refers to splats 2"), "{error}");
     // The description by itself, and an archive of it, are named as what they are.
     let error = read(br#"{"filenames": [], "tree": {}}"#).err().unwrap();
     assert!(error.message().contains("streamed SOG"), "{error}");
@@ -351,7 +351,7 @@ fn splats_of_usd_in_text_are_read() {
         (usda("metersPerUnit = 0", "", ""), "metersPerUnit"),
         (usda(metres, "", "        float[] opacities = [1, 2, 3]\n"), "3 numbers for 2 splats"),
         (usda(metres, "", "").replace("ParticleField3DGaussianSplat", "Mesh"), "no prim of the type"),
-        (usda(metres, "", "").replace("}\n}", "}"), "without an end"),
+        (usda(metres, "", "").replace("}\n}", "}"), "is not closed"),
     ] {
         let error = stored(&text).err().unwrap();
         assert!(error.message().contains(says), "{error}");

@@ -17,8 +17,11 @@ impl Geometry<'_> {
         let mut read = |semantic: &str, width: usize| -> Result<Vec<f64>, Error> {
             let Some(index) = attributes[semantic].as_u64() else { return Ok(Vec::new()) };
             let accessor = self.file.document.accessors().nth(index as usize);
-            let accessor =
-                accessor.ok_or_else(|| self.bad(format!("{semantic} of instances names no accessor")))?;
+            let accessor = accessor.ok_or_else(|| {
+                self.bad(format!(
+                    "the attribute {semantic} of the instances refers to an accessor that does not exist"
+                ))
+            })?;
             let numbers = self.numbers(&accessor)?;
             if numbers.width != width || *count.get_or_insert(accessor.count()) != accessor.count() {
                 return Err(self.bad(format!(
