@@ -74,7 +74,7 @@ impl<'a> Materials<'a> {
         Ok(materials)
     }
 
-    /// Reports unsupported content outside of materials. Lights are reported only if a node has one.
+    /// Reports unsupported content outside materials. Lights are reported only if a node has one.
     fn report_others(&self, notes: &mut Notes) {
         for (what, instead) in
             [("animations", "all parts are placed by their nodes"), ("cameras", "the graph has its own")]
