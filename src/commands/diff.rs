@@ -70,7 +70,7 @@ fn layers(name: &str, bytes: &[u8]) -> Option<Images> {
 }
 
 /// The difference between the files of two sinks. Pictures are compared by their pixels. If the pixels are equal
-/// but the files are not, the difference is that their recipes differ.
+/// but the files are not, the recipes are reported as different.
 fn files_difference(a: &Files, b: &Files) -> Difference {
     let views = |files: &Files| files.0.iter().map(|file| file.view.clone()).collect::<Vec<_>>();
     if views(a) != views(b) {

@@ -37,7 +37,7 @@ enum Scene {
 }
 
 impl Pick {
-    /// Prints the point. Returns the exit code: 1 if the pixel shows nothing.
+    /// Prints the point. Returns the exit code, which is 1 if the pixel shows nothing.
     pub fn run(self) -> Result<u8, Error> {
         let pixel = pixel(&self.pixel)?;
         let loaded = self.graph.load()?;

@@ -13,7 +13,7 @@ pub fn wires<'a>(graph: &'a Graph, node: usize, input: &str) -> &'a [Wire] {
     at.and_then(|at| node.inputs.get(at)).map_or(&[], Vec::as_slice)
 }
 
-/// The name of the axis that `--frames` selects values of.
+/// Name of the axis whose values `--frames` selects.
 const FRAME: &str = "frame";
 /// Maximum number of names in a message.
 const MOST: usize = 40;

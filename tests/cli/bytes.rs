@@ -53,8 +53,8 @@ fn two_processes_on_one_cache_agree() {
     assert!(!a.is_empty() && a == b);
 }
 
-/// Sixteen processes with one cache compute each key once. With forty loaders and forty sinks, several processes
-/// are at every stage of a node at the same time.
+/// Sixteen processes with one cache compute each key once. Forty loaders and forty sinks are enough for the
+/// processes to meet at every stage of a node.
 #[test]
 fn sixteen_processes_on_one_cache_compute_each_key_once() {
     const NODES: usize = 80;

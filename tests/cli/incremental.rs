@@ -1,4 +1,4 @@
-//! Tests of which nodes run again after an edit, by the events of real runs.
+//! Tests which nodes run again after an edit, according to the events of real runs.
 
 use crate::{INSERT, Place, RunLog};
 

@@ -1,5 +1,5 @@
 //! OpenEXR: reading one flat part as named f32 channels, and writing one part of named channels, with reproducible
-//! bytes. Blocks are written here, since the parallel writer of the crate is not deterministic.
+//! bytes. This module writes the blocks itself, since the parallel writer of the crate is not deterministic.
 
 use std::io::Cursor;
 
@@ -100,8 +100,8 @@ fn has_colours(header: &Header) -> bool {
 }
 
 /// The part of a file that contains a layer, and the name of the layer within the part. An empty name selects the
-/// first flat part with colours or, if no part has colours, the first flat part. Any other name is that of a layer
-/// in any part, that of a part, or both, separated by a dot or a slash.
+/// first flat part with colours or, if no part has colours, the first flat part. Any other name is the name of a
+/// layer in any part, the name of a part, or both, separated by a dot or a slash.
 pub fn choose_part<'a>(headers: &'a [Header], layer: &str) -> Option<(&'a Header, String)> {
     let flat = || headers.iter().filter(|header| !header.deep);
     let first = flat().next()?;

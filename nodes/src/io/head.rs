@@ -144,8 +144,8 @@ fn webp(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     Some(Head { size: [u64::from(width), u64::from(height)], channels: 4, decoded: 4, floats: false })
 }
 
-/// Reads the head of the part that is used when no layer is named. Since another part may be named, `decoded` is
-/// that of the largest flat part.
+/// Reads the head of the part that is used when no layer is named. `decoded` is for the largest flat part, since
+/// another part may be named.
 fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     let meta = MetaData::read_from_buffered(reader, false).ok()?;
     let (header, _) = choose_part(&meta.headers, "")?;
@@ -175,12 +175,12 @@ pub fn ply_header(reader: &mut impl BufRead) -> Option<ply::Header> {
     ply::header("", &head).ok()
 }
 
-/// The elements of a PLY by name, with the numbers of rows and of properties.
+/// The elements of a PLY file, each as (name, number of rows, number of properties).
 pub fn elements_of(header: &ply::Header) -> Vec<(String, u64, u64)> {
     header.elements.iter().map(|e| (e.name.clone(), e.rows, e.properties.len() as u64)).collect()
 }
 
-/// Elements of a PLY file by name, read from its start; empty if the header is longer than 64 KiB or invalid.
+/// Like [`elements_of`], read from the start of a file; empty if the header is longer than 64 KiB or invalid.
 pub fn ply_elements(reader: &mut impl BufRead) -> Vec<(String, u64, u64)> {
     ply_header(reader).as_ref().map_or_else(Vec::new, elements_of)
 }

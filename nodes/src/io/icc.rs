@@ -61,7 +61,7 @@ fn name(profile: &ColorProfile) -> Option<String> {
     Some(text).filter(|text| !text.is_empty())
 }
 
-/// Largest difference of a colorant, in XYZ, that counts as equal. Display P3 differs by 0.08.
+/// Maximum difference between colorants, in XYZ, that count as equal. Display P3 differs by 0.08.
 const SAME_COLORANT: f64 = 0.003;
 
 /// True if the colorants, adapted to D50, are those of sRGB.
@@ -74,8 +74,8 @@ fn srgb_primaries(profile: &ColorProfile) -> bool {
     })
 }
 
-/// Largest difference of a curve, in linear light, that counts as equal. A pure gamma of 2.2 differs from sRGB by
-/// 0.008.
+/// Maximum difference between curves, in linear light, that count as equal. A pure gamma of 2.2 differs from sRGB
+/// by 0.008.
 const SAME_LIGHT: f64 = 0.003;
 
 /// True if a curve equals `wanted` within [`SAME_LIGHT`].

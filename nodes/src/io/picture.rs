@@ -18,8 +18,8 @@ use crate::types::{Data, Image, Linear, Picture, Srgb};
 engine::choices! {
     /// Meaning of the numbers of a file.
     pub enum FileEncoding {
-        /// PNG and JPEG hold display colours, unless their colour profile says linear light; OpenEXR and Radiance hold
-        /// linear light.
+        /// PNG and JPEG hold display colours, unless their colour profile declares linear light; OpenEXR and
+        /// Radiance hold linear light.
         Auto,
         /// Display colours with the sRGB curve.
         Srgb,
@@ -50,7 +50,7 @@ pub fn of_bytes(name: &str, bytes: &[u8]) -> Result<Picture, Error> {
     decode(FileEncoding::Auto, "", name, bytes, &mut Notes::none(), Progress::UNTRACKED)
 }
 
-/// Decodes a picture with the given encoding, and from an OpenEXR file the given layer.
+/// Decodes a picture with the given encoding. From an OpenEXR file, the given layer is read.
 pub(crate) fn decode(
     encoding: FileEncoding,
     of_layer: &str,

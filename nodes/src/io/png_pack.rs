@@ -95,8 +95,8 @@ fn row(raster: &Raster, y: usize) -> Vec<u8> {
     }
 }
 
-/// The filtered row `y`, preceded by the number of its filter. Of the filters that `packing` tries, the one is used
-/// whose bytes, as signed numbers, have the smallest sum of magnitudes.
+/// The filtered row `y`, preceded by the number of its filter: of the filters that `packing` tries, the one whose
+/// bytes, as signed numbers, have the smallest sum of magnitudes.
 fn filtered(raster: &Raster, y: usize, packing: Packing) -> Vec<u8> {
     let back = raster.channels * if raster.largest == 255 { 1 } else { 2 };
     let now = row(raster, y);

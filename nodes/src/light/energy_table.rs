@@ -138,7 +138,8 @@ impl EnergyTable {
         })
     }
 
-    /// Two tables: the positions of the lights, and the total energy and that of each light after each step.
+    /// Two tables: the positions of the lights; and, after each step, the total energy and the energy of each
+    /// light.
     pub fn tables(&self) -> [Table; 2] {
         let place = |light: &Light| {
             let (azimuth, elevation) = measure::angles_deg(self.up, light.centre);

@@ -1,8 +1,8 @@
 //! Number of columns that an environment needs, depending on the materials of the objects and on its lights.
 //!
-//! Every node before this one has a cost per pixel of the panorama. A texel blurs the light over its width. This is
-//! not visible in a reflection that the material blurs more, and not in the edge of a shadow, which is as wide as
-//! the light.
+//! Every node that makes or reads the panorama has a cost per pixel. A texel blurs the light over its width. This
+//! blur is not visible in reflections that the material blurs more, nor at the edges of shadows, which are as wide
+//! as the light.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -21,7 +21,7 @@ const ACROSS_LOBE: f64 = 4.0;
 const ACROSS_LIGHT: f64 = 8.0;
 /// Factor by which a texel must exceed the mean luminance to belong to a light.
 const BRIGHT: f64 = 16.0;
-/// Minimum share of a light in the total power for it to count.
+/// Minimum fraction of the total power that a light must have to count.
 const SHARE: f64 = 0.05;
 /// Smallest number of columns.
 const LEAST: usize = 64;

@@ -12,9 +12,9 @@ const MIDDLE: f64 = 0.5;
 /// Maximum share of the sphere above white.
 const ABOVE_WHITE: f64 = 0.15;
 
-/// A channel of display colours above this, in linear light, counts as clipped.
+/// A display colour counts as clipped if one of its channels, in linear light, is above this.
 pub(crate) const WHITE: f32 = 0.9;
-/// Lower limit of compared light, since the codes of darker values have too few steps.
+/// Lower limit to which light is clamped before it is compared, since the codes of darker values have too few steps.
 pub(crate) const DARKEST: f64 = 1e-4;
 
 /// The factor that scales the light of a panorama to EV 0, as a photographer would meter it: the median of its

@@ -96,7 +96,7 @@ fn laid(picture: &Picture, placement: Placement) -> Picture {
     }
 }
 
-/// Width, height and linear RGB of a file of light, finite.
+/// Reads a file that stores linear light. Returns its width, its height and its RGB values, which are finite.
 #[cfg(feature = "learned")]
 pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usize, usize, Vec<f32>), Error> {
     let picture = decode(FileEncoding::Auto, "", name, bytes, notes, Progress::UNTRACKED)?;
@@ -104,7 +104,7 @@ pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usiz
     Ok((width, height, linear(name, &picture)?))
 }
 
-/// Linear RGB of a picture of light. Partly transparent pixels count by their alpha.
+/// Linear RGB of a picture that stores linear light. Colours stay premultiplied by alpha, which is left out.
 pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
     let Picture::Linear(image) = picture else {
         return Err(Error::format(

@@ -77,8 +77,8 @@ pub fn sin_cos_deg(degrees: core::primitive::f64) -> (core::primitive::f64, core
 mod tests {
     use super::*;
 
-    /// Subnormal numbers are kept. If a library that sets these flags is loaded before the program, `path-trace`
-    /// returns an error (tested by hand).
+    /// Subnormal numbers are kept. If a library that makes the processor flush them to 0 is loaded before the
+    /// program, `path-trace` returns an error (tested by hand).
     #[test]
     fn the_smallest_numbers_are_kept() {
         assert!(keeps_subnormals());

@@ -53,7 +53,7 @@ impl Similarity {
         Ok(Self { rotation: DMat3::from_cols(x, y, x.cross(y)), scale, offset })
     }
 
-    /// Converts an optional parameter; without it the transform is the identity.
+    /// Converts an optional matrix; `None` gives the identity.
     pub fn of_parameter(rows: Option<&[f64; 16]>) -> Result<Self, NodeError> {
         rows.map_or(Ok(Self::IDENTITY), Self::of_rows)
     }

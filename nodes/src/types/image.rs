@@ -13,7 +13,7 @@ pub trait Encoding: Copy + std::fmt::Debug + PartialEq + Send + Sync + 'static {
 /// Scene-referred linear light, Rec.709 primaries, 1 = white at EV 0. May exceed 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Linear;
-/// Display encoding with the sRGB curve, Rec.709 primaries. May exceed 1, as in splat scenes.
+/// Display encoding with the sRGB curve, Rec.709 primaries. Values may exceed 1, which happens in splat scenes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Srgb;
 /// Data that are not colours: depth, normal, variance, mask.
@@ -51,7 +51,7 @@ impl<E: Encoding> Image<E> {
         Self::from_samples(width, height, channels, vec![0.0; width * height * channels])
     }
 
-    /// An image of the given samples, whose number must match.
+    /// An image of the given samples, whose number must match the size.
     pub fn from_samples(width: usize, height: usize, channels: usize, samples: Vec<f32>) -> Self {
         assert_eq!(
             samples.len(),

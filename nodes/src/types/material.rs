@@ -198,14 +198,14 @@ pub struct Material {
     pub emissive_texture: Option<TextureRef>,
     /// Effect of alpha.
     pub alpha_mode: AlphaMode,
-    /// True if visible from both sides; otherwise back faces are culled for camera rays.
+    /// True if both sides are visible; otherwise back faces are culled for camera rays.
     pub double_sided: bool,
     /// KHR_materials_unlit: emits its base colour and reflects nothing.
     pub unlit: bool,
     /// KHR_materials_ior: index of refraction, 1.5 by default; 1 for no interface.
     pub ior: f32,
-    /// KHR_materials_transmission: fraction of the light below the surface that passes through, 0 to 1; red
-    /// channel.
+    /// KHR_materials_transmission: fraction of the light entering the surface that is transmitted and not
+    /// scattered, 0 to 1; red channel.
     pub transmission: Map,
     /// KHR_materials_volume: the surface bounds a medium that refracts light and absorbs it with these coefficients
     /// per metre. `None` for a thin wall.

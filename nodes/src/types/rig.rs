@@ -27,7 +27,8 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// A camera with square pixels and a centred principal point, given its right, down and forward in the world.
+    /// A camera with square pixels and a centred principal point, given its right, down and forward directions in
+    /// the world.
     pub fn centred(
         name: &str,
         [width_px, height_px]: [u32; 2],

@@ -6,10 +6,10 @@ use super::image::{Data, Image, Images, Linear, NamedImage, Picture, Srgb, sampl
 use super::mesh::grouped;
 use super::rig::{Camera, Rig};
 
-/// Encoding that splat colours were trained in, and are blended in.
+/// Encoding in which the colours of splats were trained and are blended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SplatEncoding {
-    /// Display values, similar to sRGB: nearly every capture.
+    /// Display values, similar to sRGB. Nearly every capture has them.
     Srgb,
     /// Linear light, if the file specifies it.
     Linear,
@@ -212,7 +212,7 @@ impl Artifact for Views {
     }
 }
 
-/// A colour image of samples in the encoding of the splats.
+/// A colour image of these samples, in the encoding of the splats.
 pub(crate) fn tagged(
     encoding: SplatEncoding,
     width: usize,

@@ -13,7 +13,7 @@ use super::state;
 const HEIGHT: usize = 52;
 const GAP: (usize, usize) = (60, 18);
 const MARGIN: usize = 20;
-/// Width reserved for a letter in pixels; few letters are wider.
+/// Width in pixels that is reserved for a letter; few letters are wider.
 const LETTER: usize = 8;
 
 /// An entry of a column: a node, or the wires of a node that continue to a later column.

@@ -1,5 +1,5 @@
-//! Wavefront OBJ, by the crate `tobj`: shapes, normals, texture coordinates, vertex colours and the diffuse colours of
-//! its materials with their textures.
+//! Wavefront OBJ, read by the crate `tobj`: shapes, normals, texture coordinates, vertex colours, and the diffuse
+//! colours and textures of its materials.
 
 use std::collections::BTreeSet;
 
@@ -50,7 +50,7 @@ fn map_path(value: &str) -> Option<String> {
     relative(&words.collect::<Vec<_>>().join(" "))
 }
 
-/// Names of the files of materials, followed by those of the pictures that they name.
+/// Names of the material files, followed by the names of the pictures to which they refer.
 pub(super) fn beside(bytes: &[u8], read: &mut impl FnMut(&str) -> Option<Vec<u8>>) -> Vec<String> {
     let libraries: BTreeSet<String> = values(bytes, "mtllib").filter_map(|name| relative(&name)).collect();
     let mut files = Vec::new();

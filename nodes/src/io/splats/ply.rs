@@ -38,7 +38,7 @@ struct Layout {
     sh_degree: u32,
     mean: [Field; 3],
     colour: Colour,
-    /// Fields of the other coefficients, in the order of the file: channel by channel.
+    /// Fields of the coefficients of degree 1 and above, in the order of the file: channel by channel.
     rest: Vec<Field>,
     /// Start of these fields in the row, if they are consecutive 32-bit floats.
     rest_run: Option<usize>,

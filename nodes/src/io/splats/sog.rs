@@ -229,8 +229,8 @@ struct Pixels {
     rgba: Vec<u8>,
 }
 
-/// Largest number of pixels per byte of a lossless picture. Flat pictures have no limit in WebP; a side of 64
-/// pixels is always allowed.
+/// Maximum number of pixels per byte of a lossless picture. WebP itself has no limit for flat pictures. Pictures of
+/// 64 x 64 pixels are always allowed.
 const DENSEST: u64 = 4096;
 
 impl Pixels {
@@ -272,7 +272,7 @@ impl Pixels {
     }
 }
 
-/// Largest size of a compressed `meta.json`; real ones have some ten thousand bytes.
+/// Maximum size of a compressed `meta.json`; real files have about ten thousand bytes.
 const META_BYTES: usize = 16 << 20;
 
 /// Loads a ZIP archive with `meta.json` and its pictures.

@@ -29,11 +29,11 @@ const ANTIALIASED: u8 = 1;
 const EXTENDED: u8 = 2;
 /// Maximum number of bytes of extensions after the attributes of versions 1 to 3.
 const EXTENSIONS: usize = 1 << 20;
-/// Largest number of bytes that one byte of a version 4 file may expand to. The reference has the same limit;
-/// captures reach 3.
+/// Maximum number of bytes that one byte of a version 4 file may expand to. The reference implementation has the
+/// same limit. In captures, the number is at most 3.
 const ZSTD_RATIO: f64 = 1024.0;
 
-/// Factor between the byte of a colour and its coefficient.
+/// Factor from a coefficient of the constant colour to its stored value, where the largest byte is 1.
 pub(crate) const COLOUR_SCALE: f64 = 0.15;
 /// Type of the extension that defines the axes.
 const COORDINATE_SYSTEM: u32 = 0xadbe_0003;
@@ -121,7 +121,7 @@ fn unpack(file: &str, bytes: &[u8]) -> Result<Attributes, Error> {
     Ok(Attributes { left_over, ..split(file, &plain, header)? })
 }
 
-/// Splits the one stream of versions 1 to 3.
+/// Splits the single stream of versions 1 to 3 into attributes.
 fn split(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Error> {
     let each: usize = header.sizes().iter().sum();
     let count = believed(file, header.count, bytes.len().saturating_sub(HEADER), 1.0 / each as f64)?;
@@ -206,8 +206,8 @@ fn named_axes(file: &str, flags: u8, mut records: &[u8]) -> Result<Option<DMat3>
     Ok(None)
 }
 
-/// The quaternion (w, x, y, z), with approximate length 1, of these bits: the index of the omitted component in x,
-/// y, z, w, then sign and magnitude of the others.
+/// Decodes a rotation to a quaternion (w, x, y, z) of approximate length 1. The bits are the index of the omitted
+/// component in the order x, y, z, w, then the sign and magnitude of each of the others.
 pub fn rotation_10(word: u32) -> [f64; 4] {
     let part = |shift: u32| {
         let size = f64::from(word >> shift & 511) / 511.0 * std::f64::consts::FRAC_1_SQRT_2;
@@ -221,7 +221,8 @@ fn rotation_8(bytes: [u8; 3]) -> [f64; 4] {
     largest_left_out(0, bytes.map(|b| f64::from(b) / 127.5 - 1.0))
 }
 
-/// Loads a file. `local` is an additional map, such as that of a glTF node, and replaces the rule for axes.
+/// Loads a file. `local` is given for SPZ data within glTF: the transform of its node, if it has one. This replaces
+/// the transform that follows from the axes of the file.
 pub(super) fn load(
     file: &str,
     bytes: &[u8],

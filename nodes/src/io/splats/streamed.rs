@@ -58,8 +58,8 @@ pub(super) fn is_streamed(bytes: &[u8]) -> bool {
     peek.is_ok_and(|peek| peek.filenames.is_some() && peek.tree.is_some())
 }
 
-/// Reads `lod-meta.json`. For a region without that level, the nearest coarser level is used or, if there is none,
-/// the nearest finer one.
+/// Reads `lod-meta.json`. For a region without the wanted level, the nearest coarser level is used, otherwise the
+/// nearest finer level.
 pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Error> {
     let wrong = |what: String| Error::format(file, what);
     let lod: Lod = serde_json::from_slice(json_text(bytes))

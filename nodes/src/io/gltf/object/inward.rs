@@ -1,5 +1,5 @@
-//! Detection of shapes whose faces look inwards, which exporters and mirrored copies produce. Single-sided, they
-//! are black from outside; in programs that draw both sides they look correct.
+//! Detection of shapes whose faces look inwards, which exporters and mirrored copies produce. If their material is
+//! single-sided, they are black from outside; programs that draw both sides show them correctly.
 
 use engine::{Context, NodeError, Notes};
 use glam::DVec3;

@@ -24,7 +24,7 @@ pub struct Materials<'a> {
     glossy: u64,
 }
 
-/// Extensions that are not rendered, and the visible effect of that.
+/// Extensions that are not rendered, each with the effect on the picture.
 const NOT_DRAWN: [(&str, &str); 5] = [
     ("KHR_lights_punctual", "the lights of the file are not used, but its emissive surfaces are"),
     ("KHR_materials_dispersion", "all colours are refracted equally"),

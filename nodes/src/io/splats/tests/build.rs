@@ -1,4 +1,4 @@
-//! Writers of small files, written from the specifications of the formats.
+//! Writers of small test files, implemented from the specifications of the formats.
 
 use std::io::Write;
 

@@ -9,7 +9,7 @@ use crate::error::Error;
 
 impl Geometry<'_> {
     /// Transforms of the instances of a node's mesh (EXT_mesh_gpu_instancing), in the frame of the node. Without
-    /// the extension, this is one identity.
+    /// the extension there is one instance, with the identity.
     pub(super) fn instances(&mut self, node: &Node<'_>) -> Result<Vec<DMat4>, Error> {
         let attributes =
             &self.file.json["nodes"][node.index()]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"];
