@@ -46,9 +46,9 @@ impl Range {
     /// The range in words, after "colours".
     pub fn words(self) -> String {
         if self.guessed {
-            format!("of 0 to {} by their numbers", self.white)
+            format!("from 0 to {} (inferred from their values)", self.white)
         } else {
-            format!("of 0 to {}", self.white)
+            format!("from 0 to {}", self.white)
         }
     }
 }

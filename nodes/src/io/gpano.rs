@@ -87,7 +87,7 @@ impl GPano {
         }
         if (size[0] as u64).saturating_mul(size[1] as u64) > MOST {
             let what = format!(
-                "is a crop of a panorama of {}x{} pixels, which is too large; scale it down",
+                "the picture is a crop of a panorama of {}x{} pixels, which is too large; scale it down",
                 size[0], size[1]
             );
             return Err(Error::unsupported(file, what));

@@ -112,7 +112,7 @@ fn whole(
     progress: Progress<'_>,
 ) -> Result<Decoded, Error> {
     for ignored in &raster.ignored {
-        notes.warning("profile-ignored", format!("the file has {ignored}, which is not used"));
+        notes.warning("profile-ignored", format!("the file has {ignored}; this is ignored"));
     }
     let (channels, samples) = match encoding {
         FileEncoding::Data => (raster.channels, raster.samples()),

@@ -169,7 +169,7 @@ pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
         };
         at += end + 1;
         let line = std::str::from_utf8(&rest[..end])
-            .map_err(|_| bad(format!("line {number} of the header is not text")))?
+            .map_err(|_| bad(format!("line {number} of the header is not UTF-8")))?
             .trim_end();
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         let odd = || bad(format!("line {number} of the header, `{line}`, is not understood"));
@@ -319,7 +319,7 @@ impl<'a> Rows<'a> {
                 Ok(value)
             }
             _ if text.is_empty() => Err(self.fail("the file ends early,")),
-            _ => Err(self.fail(&format!("`{text}` is not a {scalar:?} number,"))),
+            _ => Err(self.fail(&format!("`{text}` is not a number of the type `{}`,", scalar.name()))),
         }
     }
 

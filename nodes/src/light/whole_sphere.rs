@@ -61,7 +61,7 @@ fn tell(part: &GPano, notes: &mut Notes) {
     if part.tilt.iter().any(|degrees| degrees.abs() > 0.5) {
         let [pitch, roll] = part.tilt;
         let what = format!(
-            "the metadata says that the file is pitched by {pitch} and rolled by {roll} degrees (GPano), which is ignored: its rows are treated as level"
+            "according to its metadata (GPano), the picture is pitched by {pitch} and rolled by {roll} degrees; this is ignored, and its rows are treated as level"
         );
         notes.warning("tilt-ignored", what);
     }
@@ -109,7 +109,7 @@ pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
     let Picture::Linear(image) = picture else {
         return Err(Error::format(
             name,
-            "contains display colours; light must be stored as OpenEXR or Radiance HDR",
+            "the file contains display colours; light must be stored as OpenEXR or Radiance HDR",
         ));
     };
     let mut rgb = Vec::with_capacity(image.width * image.height * 3);

@@ -24,14 +24,19 @@ pub(crate) fn path(name: &str, uri: &str) -> Result<String, Error> {
         out.push(match byte {
             b'%' => match (digit(rest.next()), digit(rest.next())) {
                 (Some(high), Some(low)) => (high * 16 + low) as u8,
-                _ => return Err(Error::format(name, format!("the address `{uri}` is not understood"))),
+                _ => {
+                    return Err(Error::format(
+                        name,
+                        format!("the address `{uri}` contains an invalid escape (`%`)"),
+                    ));
+                }
             },
             other => other,
         });
     }
     // Exporters of Windows separate folders by back slashes.
     let path = String::from_utf8(out)
-        .map_err(|_| Error::format(name, format!("the address `{uri}` is not text")))?
+        .map_err(|_| Error::format(name, format!("the address `{uri}` is not UTF-8")))?
         .replace('\\', "/");
     let drive = path.as_bytes().get(1) == Some(&b':');
     if path.contains("://") || path.starts_with('/') || drive || path.contains('\0') {

@@ -90,7 +90,7 @@ pub(super) fn read(
                 text.push(b'\n');
             }
             Err(_) => {
-                let what = format!("the materials `{library}` cannot be read: its faces are white");
+                let what = format!("the material file `{library}` cannot be read; its faces are white");
                 notes.degraded("materials-missing", what);
             }
         }

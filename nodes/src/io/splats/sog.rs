@@ -155,7 +155,10 @@ impl Meta {
         let inside =
             |name: &str| Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
         if let Some(name) = meta.files().find(|name| !inside(name)) {
-            return Err(Error::format(file, format!("refers to `{name}`, which is not in the same folder")));
+            return Err(Error::format(
+                file,
+                format!("the scene refers to `{name}`, which is not in the same folder"),
+            ));
         }
         Ok(meta)
     }
@@ -253,7 +256,7 @@ impl Pixels {
         }
         let channels = if decoder.has_alpha() { 4 } else { 3 };
         let mut raw = vec![0_u8; width as usize * height as usize * channels];
-        decoder.read_image(&mut raw).map_err(|e| wrong(format!("broken WebP picture: {e}")))?;
+        decoder.read_image(&mut raw).map_err(|e| wrong(format!("the WebP picture is broken: {e}")))?;
         let rgba = if channels == 4 {
             raw
         } else {

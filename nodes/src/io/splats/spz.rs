@@ -233,8 +233,10 @@ pub(super) fn load(
     let Attributes { header, count, streams, extensions, left_over } = unpack(file, bytes)?;
     super::left_over(file, left_over, notes);
     if header.version <= 2 {
-        let text =
-            format!("`{file}` is SPZ version {}: its rotations are off by up to 12 degrees", header.version);
+        let text = format!(
+            "`{file}` is SPZ version {}: its rotations have errors of up to 12 degrees",
+            header.version
+        );
         notes.warning("coarse-rotations", text);
     }
     let own;

@@ -101,7 +101,7 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Erro
     // An untrusted scene must not refer to files elsewhere on this machine.
     for (name, _) in &files {
         if name.is_empty() || !Path::new(name).components().all(|part| matches!(part, Component::Normal(_))) {
-            return Err(wrong(format!("refers to `{name}`, which is not in the same folder")));
+            return Err(wrong(format!("the scene refers to `{name}`, which is not in the same folder")));
         }
     }
     Ok(Level { files, levels: finest })
