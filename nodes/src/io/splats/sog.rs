@@ -249,10 +249,10 @@ impl Pixels {
             )));
         }
         if area > 64 * 64 + DENSEST * bytes.len() as u64 {
-            return Err(wrong(format!("{width}x{height} pixels are impossible in {} bytes", bytes.len())));
+            return Err(wrong(format!("{width}x{height} pixels do not fit into {} bytes", bytes.len())));
         }
         if decoder.is_lossy() || decoder.is_animated() {
-            return Err(wrong("only still, lossless WebP holds the numbers of a SOG file".to_owned()));
+            return Err(wrong("the picture must be a still, lossless WebP".to_owned()));
         }
         let channels = if decoder.has_alpha() { 4 } else { 3 };
         let mut raw = vec![0_u8; width as usize * height as usize * channels];

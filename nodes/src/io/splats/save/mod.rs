@@ -49,7 +49,7 @@ pub fn encode(
 ) -> Result<(Vec<u8>, Notes), NodeError> {
     let mut notes = Notes::none();
     if splats.encoding == SplatEncoding::Linear {
-        notes.warning("encoding-not-stored", "the colours are linear, which the file cannot store");
+        notes.warning("encoding-not-stored", "the colours are linear, which the format cannot store");
     }
     let bytes = match format {
         SaveFormat::Ply => ply::encode(splats, cx, &mut notes)?,
