@@ -21,12 +21,13 @@ fn main() -> ExitCode {
     ExitCode::from(2)
 }
 
-/// Makes a write beyond the file size limit of the process (`ulimit -f`) an error, as on a full disk, in place of a
-/// signal that kills the process without a message.
+/// Makes a write beyond the file size limit of the process (`ulimit -f`) return an error, as on a full disk. By
+/// default, a signal kills the process without a message.
 fn report_file_size_limit() {
     #[cfg(unix)]
     {
-        // Any handler will do: the write then returns an error. Without one, the limit kills as before.
+        // With any handler, the write returns an error. If no handler can be set, the signal still kills the
+        // process.
         let flag = std::sync::Arc::<std::sync::atomic::AtomicBool>::default();
         let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, flag);
     }

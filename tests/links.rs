@@ -1,5 +1,5 @@
-//! Checks that links in the pages lead to files and headings that exist, and that pages for users do not depend on
-//! the evidence.
+//! Checks that links in the pages lead to files and headings that exist, and that pages for users can be read
+//! without those in `docs/evidence`.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use std::collections::BTreeSet;
@@ -25,7 +25,7 @@ fn pages() -> Vec<PathBuf> {
     pages
 }
 
-/// The lines of a page outside of fenced code.
+/// The lines of a page outside fenced code.
 fn prose(page: &Path) -> Vec<String> {
     let text = std::fs::read_to_string(workspace().join(page)).unwrap();
     let mut fenced = false;

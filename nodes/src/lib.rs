@@ -1,8 +1,9 @@
 //! The kinds of lightharmony.
 //!
-//! One kind is one file in [`kinds`] (a folder when large) with its documentation, parameters, ports, code and unit tests,
-//! and one line in [`registry`]. The other rooms hold what kinds share; a file imports only its own room and those below it
-//! in this order: `kinds`, [`render`], [`geometry`], [`light`], [`io`], [`types`], [`math`], [`error`].
+//! Each kind is one file in [`kinds`] (a folder if it is large) with its documentation, parameters, ports, code and
+//! unit tests, and one line in [`registry`]. The other modules contain code that kinds share. A file imports only
+//! from its own module and from those after it in this list: `kinds`, [`render`], [`geometry`], [`light`], [`io`],
+//! [`types`], [`math`], [`error`].
 
 use engine::{KindEntry, Registry};
 use kinds::*;

@@ -11,7 +11,7 @@ mod row;
 
 pub use row::row;
 
-/// A context outside of any run: z up, metres, seed 7.
+/// A context outside any run: z up, metres, seed 7.
 pub fn context() -> Context {
     Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".")
 }
@@ -31,7 +31,8 @@ pub fn levels() -> Vec<Level> {
     levels
 }
 
-/// A unit direction, given by two fractions: uniform fractions give uniform directions.
+/// The unit direction for two numbers from 0 to 1. Uniformly distributed numbers give uniformly distributed
+/// directions.
 pub fn direction([u, v]: [f32; 2]) -> Vec3 {
     let (z, (sin, cos)) = (1.0 - 2.0 * v, circle(u));
     let r = (1.0 - z * z).max(0.0).sqrt();
@@ -62,7 +63,7 @@ pub fn chi_square(counts: &[f64], expected: &[f64]) -> f64 {
     (crate::math::num::pow(sum / bins, 1.0 / 3.0) - (1.0 - spread)) / spread.sqrt()
 }
 
-/// Bins of equal solid angle over the sphere: rings by height, and sectors of each.
+/// Bins of equal solid angle over the sphere: rings by height, each divided into sectors.
 #[derive(Clone, Copy)]
 pub struct SphereBins {
     pub rings: usize,
@@ -82,7 +83,7 @@ impl SphereBins {
         ring * self.sectors + sector
     }
 
-    /// The integral over each bin of several densities, by `fine` times `fine` points of each.
+    /// The integrals of `N` densities over each bin, computed from `fine` x `fine` points per bin.
     pub fn integrals<const N: usize>(self, fine: usize, pdf: impl Fn(Vec3) -> [f32; N]) -> [Vec<f64>; N] {
         let mut sums = std::array::from_fn(|_| vec![0.0; self.len()]);
         let [rings, sectors] = [self.rings * fine, self.sectors * fine];

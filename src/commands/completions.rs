@@ -1,4 +1,5 @@
-//! `completions` and `manual`: shell completions and manual pages, made from the table of verbs.
+//! `completions` and `manual`: shell completions and manual pages, generated from the definition of the command
+//! line.
 
 use clap::{Args, Command};
 
@@ -22,10 +23,10 @@ impl Completions {
     }
 }
 
-/// Prints the manual page, or writes one for each verb.
+/// Prints the manual page, or writes one page per command.
 #[derive(Debug, Args)]
 pub struct Manual {
-    /// A folder for one page for each verb, such as /usr/local/share/man/man1
+    /// Folder to write one page per command to, such as /usr/local/share/man/man1
     #[arg(long, value_name = "DIR")]
     to: Option<std::path::PathBuf>,
 }

@@ -32,7 +32,7 @@ pub struct Diff {
     /// Set one field of the second graph: node.field=value
     #[arg(long, value_name = "NODE.FIELD=VALUE")]
     set_b: Vec<String>,
-    /// The cache of the second graph, if it ran with another one
+    /// The cache of the second graph, if it differs from that of the first
     #[arg(long, value_name = "DIR")]
     cache_b: Option<PathBuf>,
     #[command(flatten)]
@@ -69,8 +69,8 @@ fn layers(name: &str, bytes: &[u8]) -> Option<Images> {
     Some(Images(channels.into_iter().map(view).collect()))
 }
 
-/// The difference between the files of two sinks. Pictures are compared by their pixels; if these are equal, the
-/// difference is that of their recipes.
+/// The difference between the files of two sinks. Pictures are compared by their pixels. If the pixels are equal
+/// but the files are not, the recipes are reported as different.
 fn files_difference(a: &Files, b: &Files) -> Difference {
     let views = |files: &Files| files.0.iter().map(|file| file.view.clone()).collect::<Vec<_>>();
     if views(a) != views(b) {
@@ -112,11 +112,11 @@ fn recipe(path: &Path) -> Result<Option<Recipe>, Error> {
     text.map(|text| Recipe::parse(&text)).transpose().map_err(named)
 }
 
-/// Lines about nodes, limited to a few for many instances of one node.
+/// Lines about nodes, with a maximum number of lines for the instances of one node.
 #[derive(Default)]
 struct Lines {
     text: String,
-    /// The node of the last lines.
+    /// Name of the node that the last lines are about.
     node: String,
     count: usize,
 }
@@ -185,7 +185,7 @@ impl Diff {
         };
         let said = match (&recipes, &sides) {
             (Some((a, b)), _) => {
-                // A recipe that can be compared with itself is sound.
+                // A recipe that cannot be compared with itself is the invalid one.
                 let at_fault = || if a.differences(a).is_err() { &self.a } else { &self.b };
                 a.differences(b).map_err(|error| Error::of_file(at_fault(), &error))?
             }
@@ -253,7 +253,7 @@ impl Diff {
             for (output, difference) in &node.outputs {
                 let how = difference
                     .as_ref()
-                    .map_or("different content (values not kept on both sides)", |d| &d.summary);
+                    .map_or("different content (the values are not kept on both sides)", |d| &d.summary);
                 lines.add(&node.id, format!("{word:<5} {}.{output}: {how}", node.id));
             }
         }
@@ -266,7 +266,7 @@ impl Diff {
         for (unknown, side) in came.unknown.iter().zip(["first", "second"]) {
             if !unknown.is_empty() && came.compared > 0 {
                 let names = cut(&unknown.join(", "));
-                text.push_str(&format!("the {side} has no known result of {names}; run it first\n"));
+                text.push_str(&format!("the {side} graph has no known result of {names}; run it first\n"));
             }
         }
         text

@@ -64,14 +64,14 @@ impl Explain {
             let memory = bytes_text(last.memory);
             let counts = counts_text(&last.counts);
             text.push_str(&format!(
-                "\nits code took {seconds} ({cpu} of CPU time) in the last run, with an estimate of {memory} of memory{counts}\n"
+                "\nits code took {seconds} ({cpu} of CPU time) in the last run, with an estimated memory of {memory}{counts}\n"
             ));
         }
         if let Some(seconds) = node.forecast {
             text.push_str(&format!("this time it would take about {}\n", seconds_text(seconds)));
         }
         if let Some(manifest) = node.manifest.as_ref().filter(|_| self.key) {
-            text.push_str("\nits key consists of\n");
+            text.push_str("\nits key consists of:\n");
             for line in manifest.to_string().lines() {
                 text.push_str(&format!("    {}\n", by_wire(graph, index, line)));
             }
@@ -81,8 +81,8 @@ impl Explain {
     }
 }
 
-/// A line of a key in which the index of the field is replaced by that of its wire; each wire has three fields:
-/// type, format and content.
+/// Returns a line of a key with the index of the field replaced by the index of its wire. Each wire has three
+/// fields: type, format and content.
 fn by_wire(graph: &Graph, index: usize, line: &str) -> String {
     let numbered = || {
         let (name, rest) = line.split_once('[')?;

@@ -50,7 +50,7 @@ impl Knobs {
         for KnobRow { knob, levels, range } in &knobs {
             let now = if knob.varies { format!("{}, ..", knob.value) } else { knob.value.clone() };
             let mut row = vec![name(knob), knob.knob.kind.name().to_owned(), now];
-            // A dot: the preset keeps the value of the graph.
+            // A dot means that the preset keeps the value of the graph.
             let left = knob.knob.ladder.map(str::is_empty);
             let level = |(value, left): (&Option<String>, bool)| {
                 let shown = value.as_ref().filter(|value| !(left && **value == knob.value));

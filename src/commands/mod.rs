@@ -1,4 +1,4 @@
-//! The verbs, with one file or folder for each.
+//! The commands of the program, such as `run` and `check`, with one file or folder for each.
 
 mod cache;
 mod check;
@@ -32,11 +32,11 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::session::Error;
 
-/// Exit codes, as shown in the help of verbs.
+/// Exit codes, as shown in the help of each command.
 const EXIT_STATUS: &str = "Exit status: 0 done; 1 a node failed, or a difference or damage was found, or a goal was not reached; 2 a \
 mistake in the graph or the command line; 3 done, but degraded (a note explains why); 130 interrupted.";
 
-/// The groups of verbs in `--help`, with their titles.
+/// The groups of commands in `--help`, with their titles.
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Begin", &["init", "nodes", "inspect", "convert"]),
     ("Run a graph", &["run", "watch", "check", "plan", "explain", "show", "pick", "graph"]),
@@ -115,11 +115,11 @@ enum Verb {
     TrainExposure(train_exposure::TrainExposure),
     /// Print completions for a shell
     Completions(completions::Completions),
-    /// Print the manual page, or write one per verb
+    /// Print the manual page, or write one per command
     Manual(completions::Manual),
 }
 
-/// The command line with `run` as its only verb.
+/// The command line with `run` as its only command.
 #[derive(Debug, Parser)]
 #[command(version, about, max_term_width = 100, after_help = EXIT_STATUS)]
 struct RunCommand {
@@ -135,9 +135,10 @@ enum RunVerb {
 }
 
 impl Command {
-    /// Parses the command line. Ends the process after mistakes and `--help`.
+    /// Parses the command line. Ends the process if it has a mistake or contains `--help`.
     pub fn read() -> Self {
-        // A run with nothing to do ends before clap's table of all verbs is built.
+        // `run` does not build clap's definition of all commands, which would be most of the time of a run with
+        // nothing to do.
         if std::env::args_os().nth(1).is_some_and(|verb| verb == "run") {
             let RunVerb::Run(run) = RunCommand::parse().verb;
             return Self { verb: Verb::Run(run) };
@@ -146,7 +147,7 @@ impl Command {
         Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
     }
 
-    /// The definition of the command line, with the verbs in groups in its help.
+    /// The definition of the command line, with its commands in groups in the help.
     fn grouped() -> clap::Command {
         let command = Self::command();
         let about = |verb: &&str| {
@@ -177,7 +178,7 @@ impl Command {
         }
     }
 
-    /// Runs the verb; returns the exit code.
+    /// Runs the command and returns the exit code.
     pub fn run(self) -> Result<u8, Error> {
         match self.verb {
             Verb::Run(verb) => verb.run(),

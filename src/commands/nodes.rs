@@ -94,8 +94,8 @@ fn in_list(kind: &KindEntry, width: usize) -> String {
     wrapped(&first_sentence(kind.doc), &format!("  {}", kind.name), 22, width)
 }
 
-/// Lists the kinds that mention a word: in their names or, if there are none, in their documentation, ports or
-/// parameters.
+/// Lists the kinds whose names contain a word or, if no name does, the kinds that mention it in their
+/// documentation, ports or parameters.
 fn found(registry: &Registry, word: &str, width: usize) -> Result<String, Error> {
     let lower = word.to_lowercase();
     let has = |text: &str| text.to_lowercase().contains(&lower);
@@ -274,7 +274,7 @@ mod tests {
         );
     }
 
-    // Mutation: `width` ignored in `wrapped`.
+    // This test fails if `wrapped` ignores `width`.
     #[test]
     fn descriptions_fit_the_terminal() {
         for kind in nodes::registry().iter() {

@@ -12,8 +12,8 @@ use crate::terminal;
 
 /// Prints the position and the normal of the surface that a pixel of a view shows, and a `Pose` to paste.
 ///
-/// The view is a `splat-render`, whose splats are picked, or a `path-trace`, whose receiver is. Of several cameras, the
-/// first one is used unless `--camera` names another.
+/// The view is a `splat-render` or a `path-trace`. The point lies on the splats of the former, or on the receiver
+/// of the latter. If the view has several cameras, the first is used unless `--camera` names another.
 #[derive(Debug, Args)]
 pub struct Pick {
     #[command(flatten)]
@@ -37,7 +37,7 @@ enum Scene {
 }
 
 impl Pick {
-    /// Prints the point. Returns the exit code: 1 if the pixel shows nothing.
+    /// Prints the point. Returns the exit code, which is 1 if the pixel shows nothing.
     pub fn run(self) -> Result<u8, Error> {
         let pixel = pixel(&self.pixel)?;
         let loaded = self.graph.load()?;
@@ -54,7 +54,11 @@ impl Pick {
         let is_named = |name: &str| self.camera.as_ref().is_none_or(|wanted| wanted == name);
         let Some(camera) = cameras.iter().find(|camera| is_named(&camera.name)) else {
             let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
-            return Err(Error::usage(format!("no such camera; `{}` has {}", self.view, names.join(", "))));
+            return Err(Error::usage(format!(
+                "`{}` has no camera of that name; it has {}",
+                self.view,
+                names.join(", ")
+            )));
         };
         let picked = match scene {
             Scene::Splats => {
@@ -81,7 +85,7 @@ impl Pick {
     }
 }
 
-/// The pixel of `X,Y`.
+/// Parses a pixel of the form `X,Y`.
 fn pixel(text: &str) -> Result<[f64; 2], Error> {
     let number = |text: &str| text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
     let both = text.split_once(',').and_then(|(x, y)| Some([number(x)?, number(y)?]));

@@ -13,10 +13,10 @@ use crate::terminal::{self, counts_text, forecast_text, seconds_text};
 pub struct Plan {
     #[command(flatten)]
     graph: GraphArgs,
-    /// Also print nodes with a known result, and what each node took in its last run
+    /// Also print nodes with a known result, and the time and estimated memory of each node in its last run
     #[arg(long, short)]
     verbose: bool,
-    /// One JSON object per line on standard output: each wanted node, then the sum
+    /// One JSON object per line on standard output: one for each wanted node, then one with the totals
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]
@@ -24,7 +24,7 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Prints one line per node that may run, and the sum.
+    /// Prints one line per node that may run, and the totals.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let (graph, only) = (&loaded.graph, &loaded.only);

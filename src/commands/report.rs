@@ -84,7 +84,7 @@ impl MakeReport {
             Err(Stop::Asked) => return Ok(130),
             Err(Stop::Late) => {
                 terminal::error(
-                    "the time ran out before the preset `reference` and the current settings were measured; raise --time, or give the graph its own `reference` preset with fewer samples",
+                    "the time ran out before the preset `reference` and the current settings were measured; raise `--time`, or give the graph its own `reference` preset with fewer samples",
                 );
                 return Ok(1);
             }

@@ -46,7 +46,7 @@ pub struct Tune {
     /// Maximum number of settings to measure
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = at_least_one)]
     budget: usize,
-    /// Maximum time for measuring, such as 10m; the best setting so far is written
+    /// Maximum time for measuring, such as 10m; when it is over, the best setting so far is written
     #[arg(long, value_name = "TIME")]
     time: Option<String>,
     /// The overlay to write
@@ -132,7 +132,7 @@ impl Tune {
         let work = self.max_work.map(|value| ("--max-work", value));
         let (option, value) = seconds.or(work).ok_or_else(no_goal)?;
         if !(value > 0.0 && value.is_finite()) {
-            return Err(Error::usage(format!("{option} must be a number above 0, and is {value}")));
+            return Err(Error::usage(format!("`{option}` must be a number above 0, and is {value}")));
         }
         let unit = if self.max_seconds.is_some() { Unit::CpuSeconds } else { Unit::Rays };
         Ok(Wanted { metric, goal: Goal::Cost(value), unit, budget })

@@ -17,7 +17,7 @@ use crate::terminal::{self, Report};
 pub struct Verify {
     /// The bundle
     bundle: PathBuf,
-    /// Number of nodes, chosen by the seed
+    /// Number of nodes to verify, chosen by the seed
     #[arg(long, value_name = "K", default_value = "3")]
     sample: NonZero<usize>,
     /// Verify every node

@@ -8,19 +8,19 @@ use nodes::types::{Images, Picture};
 
 use super::wires;
 
-/// Maximum number of compared pairs of a picture of splats and a trace, which bounds the time of the check. Only the
-/// first view of each is compared.
+/// Maximum number of pairs that are compared, each of a picture of splats and a trace. This bounds the time of the
+/// check. Only the first view of each pair is compared.
 const MOST_PAIRS: usize = 4;
 
 /// Kinds that make the mesh of a place from its splats.
 const MADE_OF_SPLATS: [&str; 2] = ["extract-mesh", "plane"];
 
-/// Finding of a pair of nodes: its id, and its text with the names of the nodes.
+/// A finding about a pair of nodes: its id, and a text that names the nodes.
 pub type Finding = (&'static str, String);
 
-/// Compares each picture of splats with each trace of the same cameras that has a mesh of the place, if this run
-/// computed one of them: `ran` holds the names of the nodes that ran. Findings about cached results were reported by
-/// the run that computed them. Values that are not in the cache are left out.
+/// Compares each picture of splats with each trace of the same cameras that has a mesh of the place. `ran` has the
+/// names of the nodes that this run computed. A pair without any of them is skipped, since an earlier run reported
+/// its findings. Pairs whose values are not in the cache are left out.
 pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<Finding> {
     let mut found = Vec::new();
     let is_new = |node: usize| ran.contains(graph.nodes[node].id.as_str());
@@ -38,7 +38,7 @@ pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<F
     found
 }
 
-/// True if the receiver of a trace is made from splats, so that it cannot be in another frame than they are.
+/// True if the receiver of a trace is made from splats and is therefore in the same frame as the splats.
 fn is_made_of_splats(graph: &Graph, trace: usize) -> bool {
     let mut open: Vec<usize> = wires(graph, trace, "receiver").iter().map(|wire| wire.node).collect();
     let mut seen = BTreeSet::new();
@@ -54,8 +54,8 @@ fn is_made_of_splats(graph: &Graph, trace: usize) -> bool {
 }
 
 /// Pairs of a `splat-render` without `limit` and a `path-trace` with a receiver that have the same cameras. A trace
-/// that is the `limit` of any `splat-render` is left out, since splats in front of its objects are then drawn as
-/// well.
+/// that is the `limit` of any `splat-render` is left out, since that render also draws the splats in front of the
+/// objects.
 fn pairs(graph: &Graph) -> Vec<(usize, usize)> {
     let of = |kind: &str| -> Vec<usize> {
         (0..graph.nodes.len()).filter(|&node| graph.nodes[node].kind.name == kind).collect()

@@ -22,14 +22,14 @@ pub type Chosen = Vec<String>;
 /// The error for a graph in which no node takes samples.
 fn no_samples() -> Error {
     Error::usage(
-        "no node of this graph takes samples that an error or a time could bound; `path-trace` does, where its \
+        "no node of this graph takes samples that an error bound or a time limit could control; `path-trace` does if its \
          `samples` do not vary along an axis",
     )
 }
 
-/// Sets an error bound for every node that takes samples until one is reached. The maximum is the number of samples
-/// in the graph, since fewer samples in a preset are meant for runs without an error bound. Also returns the
-/// settings that undo the preset.
+/// Sets an error bound for every node that can take samples until such a bound is reached. The maximum number of
+/// samples is that of the graph: if a preset sets fewer, this is meant for runs without an error bound. Also
+/// returns the settings that undo the preset.
 pub fn to_error(loaded: Loaded, error: f64) -> Result<(Loaded, Chosen), Error> {
     let takes = |knob: &GraphKnob| knob.parameter == ERROR;
     let knobs = loaded.graph.knobs(&loaded.only).into_iter().filter(takes);
@@ -51,7 +51,7 @@ fn raised(loaded: &Loaded) -> Fields {
     if bare == graph.source {
         return Vec::new();
     }
-    // A graph that is wrong without its preset has no numbers of its own.
+    // A graph that is invalid without its preset has no numbers of its own.
     let Ok(bare) = Graph::parse(bare, &nodes::registry(), graph.root.clone()) else { return Vec::new() };
     let own = samples(&bare, &[]);
     let now = samples(graph, &loaded.only).into_iter();

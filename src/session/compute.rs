@@ -1,4 +1,4 @@
-//! Computes nodes of a graph for verbs that show their results.
+//! Computes nodes of a graph for commands that show their results.
 
 use engine::{Engine, Graph, RunOptions};
 

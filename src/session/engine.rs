@@ -1,4 +1,4 @@
-//! The cache, threads and memory that a verb uses.
+//! The cache, threads and memory that a command uses.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -56,7 +56,7 @@ impl EngineArgs {
         };
         let options = cache::Options { fsync, ..cache::Options::default() };
         let folder = cache_folder(self.cache.as_deref())?;
-        // Without a cache a run takes longer and is as right, so it goes on, and says so.
+        // Without a cache, a run takes longer but gives the same results, so it continues with a warning.
         let store = Store::open(&folder, options).unwrap_or_else(|error| {
             Store::unavailable(format!(
                 "cannot open `{}`: {}; name another folder with `--cache` or LIGHTHARMONY_CACHE",

@@ -1,11 +1,11 @@
-//! Errors that end a verb before it begins its work.
+//! Errors that end a command before it begins its work.
 
 use std::fmt::Display;
 use std::path::Path;
 
 use engine::Diagnostics;
 
-/// An error that ends a verb before it begins its work. Exit code 2.
+/// An error that ends a command before it begins its work. Exit code 2.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The graph file has mistakes, which are printed with their places.

@@ -1,4 +1,4 @@
-//! The graph that a verb works on, with presets, overlays and settings.
+//! The graph that a command works on, with presets, overlays and settings.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -43,7 +43,7 @@ pub struct GraphArgs {
     /// For a bundle or a picture: a folder whose files the graph may read; may be repeated
     #[arg(long, value_name = "DIR")]
     pub inputs: Vec<PathBuf>,
-    /// For a picture: run its recipe although kinds have other versions here, which may give another picture
+    /// For a picture: run its recipe even if kinds have other versions here, which may give another picture
     #[arg(long)]
     pub other_versions: bool,
 }
@@ -87,8 +87,8 @@ impl GraphArgs {
         })
     }
 
-    /// Like [`load`](Self::load), for work on knobs. Prints a remark for a picture, whose recipe has neither the
-    /// presets nor the names of its graph.
+    /// Like [`load`](Self::load), for commands about knobs. Prints a remark if the graph comes from a picture,
+    /// since its recipe has neither the presets nor the node names of the original graph.
     pub fn load_to_turn(&self) -> Result<Loaded, Error> {
         if is_picture(&self.graph) {
             terminal::remark(
@@ -99,9 +99,9 @@ impl GraphArgs {
         self.load()
     }
 
-    /// Like [`load`](Self::load), for `watch`. `known` is the previous graph, if no file that its nodes read has
-    /// changed: unchanged text is not parsed again. The files of the graph itself are added to `texts`, whether or
-    /// not they exist.
+    /// Like [`load`](Self::load), for `watch`. `known` is the previous graph, which must be omitted if a file that
+    /// its nodes read has changed. If the text of the graph is unchanged, `known` is returned without parsing it
+    /// again. The files of the graph itself are added to `texts`, whether or not they exist.
     pub fn load_again(
         &self,
         known: Option<&(Arc<Graph>, Vec<usize>)>,
@@ -234,7 +234,9 @@ impl GraphArgs {
             let other = recipe.other_sources(&graph, &Store::in_memory())?;
             if !other.is_empty() {
                 let (path, other) = (self.graph.display(), other.join("\n"));
-                return Err(Error::usage(format!("`{path}` was made from other files:\n{other}")));
+                return Err(Error::usage(format!(
+                    "`{path}` was made from files with other contents:\n{other}"
+                )));
             }
         }
         let only = wanted(&graph, &self.only, self.frames.as_deref())?;

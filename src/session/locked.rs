@@ -33,7 +33,7 @@ fn unreadable(path: &Path, error: &std::io::Error) -> Error {
     }
 }
 
-/// Rejects a graph whose kinds or inputs differ from those of its lock.
+/// Rejects a graph whose kinds or inputs differ from those in its lock.
 pub fn refuse(engine: &Engine, graph: &Graph, only: &[usize], lock: &Lock) -> Result<(), Error> {
     let now = engine.lock(graph, only)?;
     let differences = lock.differences(&now).before;

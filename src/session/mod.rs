@@ -1,4 +1,4 @@
-//! Preparations that most verbs share: a checked graph, a store, threads.
+//! Preparations that most commands share: a checked graph, a store, threads.
 
 pub mod agreement;
 pub mod budget;

@@ -13,7 +13,7 @@ pub fn wires<'a>(graph: &'a Graph, node: usize, input: &str) -> &'a [Wire] {
     at.and_then(|at| node.inputs.get(at)).map_or(&[], Vec::as_slice)
 }
 
-/// The name of the axis that `--frames` selects values of.
+/// Name of the axis whose values `--frames` selects.
 const FRAME: &str = "frame";
 /// Maximum number of names in a message.
 const MOST: usize = 40;
@@ -33,7 +33,7 @@ pub fn wanted(graph: &Graph, only: &[String], frames: Option<&str>) -> Result<Ve
 /// The nodes whose value of the axis `frame` is in a range.
 fn at_frames(graph: &Graph, nodes: Vec<usize>, frames: &str) -> Result<Vec<usize>, Error> {
     let wrong = || {
-        let how = "write the first and the last one, such as 1001-1050, or one, such as 7";
+        let how = "write the first and the last frame, such as 1001-1050, or one frame, such as 7";
         Error::usage(format!("`--frames {frames}` is not a range of frames; {how}"))
     };
     let (first, last) = frames.split_once('-').unwrap_or((frames, frames));
@@ -48,8 +48,8 @@ fn at_frames(graph: &Graph, nodes: Vec<usize>, frames: &str) -> Result<Vec<usize
     };
     let all: Vec<f64> = nodes.iter().filter_map(|&node| frame(node)).collect();
     if all.is_empty() {
-        let how = "`--frames` takes an axis `frame` with numbers, and a node that varies along it";
-        return Err(Error::usage(format!("nothing here has frames: {how}")));
+        let how = "`--frames` needs an axis `frame` of numbers, and a node that varies along it";
+        return Err(Error::usage(format!("none of the nodes has frames: {how}")));
     }
     let within = |&node: &usize| {
         frame(node).is_some_and(|frame| (f64::from(first)..=f64::from(last)).contains(&frame))

@@ -44,7 +44,7 @@ pub struct OriginArgs {
     /// For a bundle or a picture: a folder whose files the graph may read; may be repeated
     #[arg(long, value_name = "DIR")]
     pub inputs: Vec<PathBuf>,
-    /// For a picture: run its recipe although kinds have other versions here, which may give another picture
+    /// For a picture: run its recipe even if kinds have other versions here, which may give another picture
     #[arg(long)]
     pub other_versions: bool,
 }
@@ -52,7 +52,7 @@ pub struct OriginArgs {
 /// First bytes of a bundle.
 const BUNDLE: &[u8] = b"LHbundle";
 
-/// Maximum size of a picture or graph in bytes. Bundles are streamed.
+/// Maximum size in bytes of a picture or graph, which is read into memory. Bundles are streamed.
 const LARGEST_PICTURE: u64 = 4 << 30;
 const LARGEST_GRAPH: u64 = engine::MAX_GRAPH_BYTES;
 const MOST_AT_ONCE: u64 = 16 << 20;
@@ -137,7 +137,7 @@ impl Origin {
         let other = recipe.other_kinds(&registry);
         if !other.is_empty() && !args.other_versions {
             return Err(Error::usage(format!(
-                "`{}` cannot be made again here:\n{}\n--other-versions runs it anyway; the picture may differ",
+                "`{}` cannot be made again here:\n{}\n`--other-versions` runs it anyway; the picture may differ",
                 path.display(),
                 other.join("\n")
             )));

@@ -1,4 +1,4 @@
-//! Reading of a scene of splats from a file, outside of a graph, for `convert` and `inspect`.
+//! Reads scenes of splats from files, outside a graph, for `convert` and `inspect`.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -50,7 +50,7 @@ pub fn check_memory(path: &Path, memory: u64) -> Result<(), NodeError> {
         return Ok(());
     }
     let (needs, budget) = (engine::bytes_text(bytes), engine::bytes_text(memory));
-    let what = format!("`{}` needs about {needs} of memory, the budget is {budget}", path.display());
+    let what = format!("`{}` needs about {needs} of memory, but the budget is {budget}", path.display());
     Err(NodeError::new(what).hint("raise `--memory`"))
 }
 
@@ -101,7 +101,7 @@ pub fn check(path: &Path) -> Result<(), NodeError> {
 pub fn load(path: &Path, frame: Frame, cx: &Context) -> Result<(Arc<Splats>, Notes), NodeError> {
     let params = params(InputFile(path.display().to_string()), frame);
     let (out, notes) = LoadSplats::run(&params, load_splats::In {}, cx)?;
-    // Outside a graph there is not an axis that it could differ from.
+    // Outside a graph, the up axis has no other axis to differ from.
     let notes = notes.iter().filter(|note| note.id != "up-differs").cloned().collect();
     Ok((out.splats, notes))
 }

@@ -14,9 +14,9 @@ use nodes::math::num;
 use nodes::types::frame::Similarity;
 use nodes::types::{Rig, Splats};
 
-/// Maximum angle in degrees at which an axis is used in place of the measured up direction.
+/// Maximum angle, in degrees, between an axis and the measured up direction for the axis to be used in its place.
 const STRAIGHT_DEG: f64 = 2.5;
-/// Minimum confidence of a guess that replaces the usual convention of trainers.
+/// Minimum confidence of a measured up direction for it to be preferred to the usual convention of trainers.
 const LEANING: f64 = 0.5;
 
 /// The basis on which the up direction was determined.
@@ -46,7 +46,8 @@ pub struct Standing {
     /// Transform of the splats to the world, row by row, applied after that of their format; `None` for the
     /// identity.
     pub matrix: Option<[f64; 16]>,
-    /// Transform of the cameras to the world, row by row. Formats of cameras define none. `None` for the identity.
+    /// Transform of the cameras to the world, row by row; `None` for the identity. Camera formats do not define an
+    /// up axis.
     pub camera_matrix: Option<[f64; 16]>,
     /// Floor, ceiling and scale in world space.
     pub stand: LevelEstimate,
@@ -81,8 +82,8 @@ fn degrees(a: DVec3, b: DVec3) -> f64 {
     num::atan2(a.cross(b).length(), a.dot(b)).to_degrees()
 }
 
-/// Determines the up axis of the world, the transform of the capture to it, the basis, and the confidence. Loaders
-/// have already rotated captures with a declared frame to +z.
+/// Determines the up axis of the world, the transform of the capture to it, the basis of the decision, and its
+/// confidence. If the format declares an up axis, the loader has already rotated the capture to +z.
 fn upright(measured: Option<&LevelEstimate>, declared: Option<Up>) -> (Up, Option<[f64; 16]>, UpBy, f64) {
     let sure = measured.filter(|found| found.is_sure());
     let leaning = measured.filter(|found| declared.is_none() && found.confidence >= LEANING);
@@ -99,7 +100,7 @@ fn upright(measured: Option<&LevelEstimate>, declared: Option<Up>) -> (Up, Optio
     }
     match declared {
         Some(_) => (Up::PlusZ, None, UpBy::Format, 0.8),
-        // As most captures of trainers lie.
+        // The usual convention of trainers.
         None => (Up::MinusY, None, UpBy::Guessed, 0.3),
     }
 }

@@ -9,8 +9,8 @@ pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
     match fate {
         Fate::Unwanted => "not wanted".to_owned(),
         Fate::Known => "known".to_owned(),
-        Fate::Lost => "known, but gone from the cache: runs again if its values are needed".to_owned(),
-        Fate::Runs(Why::New) => "runs: no earlier run of it is known".to_owned(),
+        Fate::Lost => "known, but removed from the cache: runs again if its values are needed".to_owned(),
+        Fate::Runs(Why::New) => "runs: no earlier run is known".to_owned(),
         Fate::Runs(Why::Changed(changes)) => match causes(graph, index, changes).as_slice() {
             [] => "runs: the result of the last run is no longer kept".to_owned(),
             [first, rest @ ..] => {
@@ -31,7 +31,7 @@ pub struct Cause {
     pub above: Option<usize>,
 }
 
-/// Converts the changes of a node's key to causes. A wire has several fields in a key and gives one cause.
+/// Converts the changes of a node's key to causes. The several fields of a wire in a key give one cause.
 pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
     let node = &graph.nodes[index];
     let mut causes = Vec::new();

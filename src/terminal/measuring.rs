@@ -123,10 +123,12 @@ pub fn outlook_text(outlook: &Outlook) -> String {
         (0, false) => format!("{settings} setting{s}, all known"),
         (0, true) => format!("{settings} setting{s}, about {known}"),
         (n, false) => {
-            format!("{settings} setting{s}, time unknown, since {n} runs are of kinds that never ran")
+            format!("{settings} setting{s}, time unknown, since {n} runs are of kinds that have never run")
         }
         (n, true) => {
-            format!("{settings} setting{s}, more than {known}, since {n} runs are of kinds that never ran")
+            format!(
+                "{settings} setting{s}, more than {known}, since {n} runs are of kinds that have never run"
+            )
         }
     }
 }

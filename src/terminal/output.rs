@@ -5,14 +5,14 @@ use std::io::{IsTerminal, Write};
 use engine::{Diagnostics, Event, Graph};
 use serde::Serialize;
 
-/// Prints to standard error the error that ended a verb.
+/// Prints an error that ends the command to standard error.
 pub fn error(message: &str) {
     let styled = message.starts_with("error") || message.starts_with('\u{1b}');
     let _ = writeln!(std::io::stderr(), "{}{message}", if styled { "" } else { "error: " });
 }
 
-/// Prints mistakes with their places: as a line of JSON on standard output, or with the excerpts underlined on
-/// standard error.
+/// Prints mistakes with their places: as a line of JSON on standard output, or with underlined excerpts of the
+/// graph on standard error.
 pub fn mistakes(found: &Diagnostics, json: bool) {
     if json {
         return json_line(&Event::Mistakes { list: found.mistakes(), text: String::new() });

@@ -41,12 +41,12 @@ pub struct Progress {
     planned: BTreeMap<String, Option<f64>>,
     /// Sum of the forecasts of the nodes that have not started.
     waiting: f64,
-    /// Number of these nodes without a forecast.
+    /// Number of nodes that have not started and have no forecast.
     unknown: usize,
     running: BTreeMap<String, Running>,
     /// Number of nodes that may run.
     open: usize,
-    /// Number of these nodes that are done.
+    /// Number of the nodes in `open` that are done.
     done: usize,
     /// Time at which the run started.
     begin: f64,
@@ -85,7 +85,7 @@ impl Progress {
         if ran || self.planned.contains_key(id) {
             self.done += 1;
         }
-        // It was planned to run, and was known after all or was skipped.
+        // The node was planned to run, but its result was known after all, or it was skipped.
         if !ran && let Some(forecast) = self.planned.get(id).copied() {
             self.not_waiting(id, forecast);
         }
@@ -107,8 +107,8 @@ impl Progress {
         })
     }
 
-    /// Fraction of the run that is done, from 0 to 1: of the time if all forecasts are known, otherwise of the
-    /// nodes.
+    /// Fraction of the run that is done, from 0 to 1. It is measured in time if all forecasts are known, otherwise
+    /// in nodes.
     pub fn fraction(&self, now: f64) -> f64 {
         let (elapsed, (left, unknown)) = ((now - self.begin).max(0.0), self.left(now));
         let of = if unknown == 0 && elapsed + left > 0.0 {
@@ -164,7 +164,8 @@ mod tests {
         Progress::planned(&nodes.iter().map(node).collect::<Vec<_>>(), 0.0)
     }
 
-    // A forecast of 47 s for what takes 6 s is left behind as the node comes along. Mutation: `weight` 0.
+    // A forecast of 47 s for a node that takes 6 s loses its weight as the node progresses. This test fails if
+    // `weight` is 0.
     #[test]
     fn the_forecast_follows_progress() {
         let mut run = planned(&[("a", Some(47.0)), ("b", Some(2.0))]);
@@ -197,7 +198,7 @@ mod tests {
         assert_eq!((run.left(4.0), run.done), ((2.0, 1), 1));
     }
 
-    // Of a run in `watch` only sums are known.
+    // For a run in `watch`, only the totals are known.
     #[test]
     fn sums_are_enough() {
         let forecast = Forecast { open: 2, wanted: 9, seconds: 3.0, untimed: 1 };

@@ -27,7 +27,7 @@ pub struct Lines {
     /// True to also print cached nodes, counts and all notes.
     verbose: bool,
     colour: bool,
-    /// Notes that were printed: `watch` prints each of them once.
+    /// Notes that were printed, since `watch` prints each note only once.
     printed: BTreeSet<(String, String)>,
     /// Number of notes that were not printed in this run.
     unprinted: usize,
@@ -161,7 +161,7 @@ impl Lines {
     fn node(&mut self, event: &Event) {
         let Event::Node { id, kind, state, seconds, counts, notes, degraded, .. } = event else { return };
         match state {
-            // The line of its file is enough.
+            // The line about its file is enough.
             State::Ran if self.written.contains(id) && !self.verbose => {}
             State::Ran => {
                 let counts = if self.verbose { counts_text(counts) } else { String::new() };

@@ -62,7 +62,7 @@ fn line(tenth: &mut Option<u64>, text: &str, at: u64, of: u64) -> Option<String>
 mod tests {
     use super::*;
 
-    // Mutation: `!=` to `==` in `line`.
+    // This test fails if `!=` in `line` is `==`.
     #[test]
     fn a_line_for_each_tenth_of_each_stage() {
         let mut tenth = None;

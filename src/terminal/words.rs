@@ -2,8 +2,8 @@
 
 use engine::{Counts, Forecast, Totals};
 
-/// Formats a forecast: `5 of 14 nodes may run, about 8.0 s`. The time of a node whose kind never ran is unknown,
-/// not 0.
+/// Formats a forecast: `5 of 14 nodes may run, about 8.0 s`. The time of a node whose kind has never run is
+/// unknown, not 0.
 pub fn forecast_text(forecast: &Forecast) -> String {
     let Forecast { open, wanted, seconds, untimed } = forecast;
     let mut text = format!("{open} of {wanted} nodes may run");
@@ -11,10 +11,12 @@ pub fn forecast_text(forecast: &Forecast) -> String {
     match (*untimed, known) {
         (0, None) => {}
         (0, Some(known)) => text.push_str(&format!(", {known}")),
-        (n, _) if n == *open => text.push_str(", time unknown: they never ran"),
-        (n, None) => text.push_str(&format!(", time unknown: {n} of them never ran")),
+        (n, _) if n == *open => text.push_str(", time unknown: their kinds have never run"),
+        (n, None) => text.push_str(&format!(", time unknown: the kinds of {n} of them have never run")),
         (n, Some(known)) => {
-            text.push_str(&format!(", time unknown: {n} of them never ran, the others take {known}"));
+            text.push_str(&format!(
+                ", time unknown: the kinds of {n} of them have never run; the others take {known}"
+            ));
         }
     }
     text
@@ -29,7 +31,7 @@ pub fn seconds_text(seconds: f64) -> String {
     }
 }
 
-/// Formats counts: `   rays 1.2 M, ..`; empty without counts.
+/// Formats counts, such as `   rays 1.2 M, ..`; empty if no counts are given.
 pub fn counts_text(counts: &Counts) -> String {
     let texts: Vec<String> = counts.iter().map(|(name, n)| format!("{name} {}", number_text(*n))).collect();
     if texts.is_empty() { String::new() } else { format!("   {}", texts.join(", ")) }
@@ -85,11 +87,11 @@ mod tests {
         let text = |open, seconds, untimed| forecast_text(&Forecast { open, wanted: 9, seconds, untimed });
         assert_eq!(text(0, 0.0, 0), "0 of 9 nodes may run");
         assert_eq!(text(5, 8.0, 0), "5 of 9 nodes may run, about 8.00 s");
-        assert_eq!(text(5, 0.0, 5), "5 of 9 nodes may run, time unknown: they never ran");
+        assert_eq!(text(5, 0.0, 5), "5 of 9 nodes may run, time unknown: their kinds have never run");
         let some = text(5, 0.43, 2);
         assert_eq!(
             some,
-            "5 of 9 nodes may run, time unknown: 2 of them never ran, the others take about 0.43 s"
+            "5 of 9 nodes may run, time unknown: the kinds of 2 of them have never run; the others take about 0.43 s"
         );
     }
 }

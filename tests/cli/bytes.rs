@@ -53,8 +53,8 @@ fn two_processes_on_one_cache_agree() {
     assert!(!a.is_empty() && a == b);
 }
 
-/// Sixteen processes compute each key once. Forty loaders and forty sinks are enough that processes meet at every
-/// stage of a node.
+/// Sixteen processes with one cache compute each key once. Forty loaders and forty sinks are enough for the
+/// processes to meet at every stage of a node.
 #[test]
 fn sixteen_processes_on_one_cache_compute_each_key_once() {
     const NODES: usize = 80;

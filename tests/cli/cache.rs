@@ -1,4 +1,4 @@
-//! Tests of the verb `cache`.
+//! Tests of the command `cache`.
 
 use std::path::PathBuf;
 
@@ -70,7 +70,7 @@ fn collecting_pinning_and_copying() {
     let (code, text) = printed(&place, &["pin", "graph.ron"]);
     assert!(code == 0 && text.contains("pinned 2 known results of 2 nodes"), "{text}");
     let (code, text) = printed(&place, &["gc", "--max-size", "0"]);
-    assert!(code == 0 && text.contains("2 results are pinned and stay"), "{text}");
+    assert!(code == 0 && text.contains("2 results are pinned and are kept"), "{text}");
     assert_eq!(place.run(&[]).good().nodes("cached"), ["pic", "save"]);
     assert!(printed(&place, &["stat"]).1.contains("graph.ron: 2 records"));
     assert_eq!(printed(&place, &["pin", "graph.ron", "--remove"]).0, 0);
@@ -109,7 +109,8 @@ fn a_run_without_a_usable_cache_says_so_and_completes() {
     let place = place();
     let bytes = place.outputs();
     std::fs::remove_dir_all(place.path("out")).unwrap();
-    // A file where the cache should be, and one where its folder of this format should be.
+    // A file in place of the cache folder, and a file in place of the folder of the current format within the
+    // cache.
     std::fs::write(place.path("file"), b"a file").unwrap();
     std::fs::create_dir(place.path("odd")).unwrap();
     std::fs::write(place.path("odd/v1"), b"a file").unwrap();
@@ -121,7 +122,7 @@ fn a_run_without_a_usable_cache_says_so_and_completes() {
         assert!(text.contains(cache) && text.contains("LIGHTHARMONY_CACHE"), "{text}");
         assert!(place.outputs() == bytes);
         std::fs::remove_dir_all(place.path("out")).unwrap();
-        // Nor does any other verb end for that.
+        // Other commands do not fail either.
         assert_eq!(place.call(&["plan", "graph.ron", "--cache", cache]).status.code(), Some(0));
     }
     assert_eq!(std::fs::read(place.path("file")).unwrap(), b"a file");

@@ -1,4 +1,4 @@
-//! Tests of `init` with files of the user: the graph can be checked and run, whatever the names of the files are.
+//! Tests of `init` with the user's files: the graph can be checked and run, whatever the names of the files are.
 
 use std::fmt::Write as _;
 

@@ -77,7 +77,7 @@ fn runs_stopped_at_every_failpoint_leave_nothing_wrong_behind() {
                 .stderr(Stdio::null())
                 .status()
                 .unwrap();
-            // A place that is not reached once is not reached three times.
+            // A failpoint that is not reached once is not reached three times.
             if status.success() {
                 break;
             }

@@ -34,8 +34,8 @@ fn files() -> String {
     })
 }
 
-// Mutations: `encoding: Linear` or `shadow: "shadow"` out of the graph; alpha decoded like colour; the matte of the
-// formula taken from `in_object`.
+// This test fails if `encoding: Linear` or `shadow: "shadow"` is removed from the graph, if alpha is decoded like
+// colour, or if the formula takes its matte from `in_object`.
 #[test]
 fn layers_of_the_own_capture_compose_to_its_picture() {
     let place = Place::new(&files());

@@ -178,8 +178,8 @@ fn a_missing_file_is_reported_beside_what_else_is_wrong_with_its_node() {
     );
 }
 
-// A wrong value inside a choice is reported itself, not as if the choice were wrong; the ends of a range are valid.
-// Mutation: `begins` always false; `within` of f32 in f64.
+// For a wrong value inside a choice, the value is reported and not the choice; the ends of a range are valid. This
+// test fails if `begins` is always false, or if `within` compares an f32 range in f64.
 #[test]
 fn what_a_method_holds_wrongly_is_reported() {
     let errors = |method: &str| {
@@ -197,7 +197,7 @@ fn what_a_method_holds_wrongly_is_reported() {
 }
 
 #[cfg(not(feature = "learned"))]
-// Mutation: the arm of identifiers dropped in `value_mistake`; the lowest number of layers taken for 0.
+// This test fails if `value_mistake` has no arm for identifiers, or if the minimum number of layers is 0.
 #[test]
 fn what_a_choice_holds_wrongly_is_reported() {
     for (wrong, reported) in [
@@ -213,8 +213,8 @@ fn what_a_choice_holds_wrongly_is_reported() {
     }
 }
 
-/// Names of parameters of former versions, in the graph, in `--set` and in an overlay, are errors that print the
-/// new spelling.
+/// Parameter names of former versions are errors that print the new spelling, whether in the graph, in `--set` or
+/// in an overlay.
 #[test]
 fn former_parameters_are_errors_with_the_new_spelling() {
     let graph = INSERT.replace("samples: 4", "samples: 4, env_block: FrontFace(max_layers: 2), bounce: Env");

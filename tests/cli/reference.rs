@@ -1,4 +1,5 @@
-//! `docs/nodes.md` is the output of `nodes --markdown`; `UPDATE_GOLDEN=1` writes it.
+//! Checks that `docs/nodes.md` is the output of `nodes --markdown`. With `UPDATE_GOLDEN=1` the page is written
+//! instead.
 
 use crate::Place;
 

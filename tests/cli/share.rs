@@ -349,7 +349,7 @@ fn a_difference_says_what_was_not_compared_and_pictures_need_no_files() {
         place.call(&["diff", "project/graph.ron", "project/graph.ron", "--set-b", "jpeg.quality=50"]);
     let printed = text(&reported.stdout);
     assert!(printed.contains("5 results compared, all equal\n"), "{printed}");
-    assert!(printed.ends_with("the second has no known result of jpeg; run it first\n"), "{printed}");
+    assert!(printed.ends_with("the second graph has no known result of jpeg; run it first\n"), "{printed}");
 
     std::fs::copy(place.path("out/deep/view.png"), place.path("t1.png")).unwrap();
     std::fs::copy(place.path("out/deep/view.png"), place.path("t2.png")).unwrap();

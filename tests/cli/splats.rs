@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use crate::Place;
 
-/// An INRIA PLY with a floor of flat splats and round ones above it. +z is up, the width is 10 times `scale`; `log`
-/// is the logarithm of `scale`.
+/// An INRIA PLY with a floor of flat splats and round splats above it. +z is up, and the width is 10 times `scale`.
+/// `log` must be the logarithm of `scale`.
 fn room(scale: f32, log: f32) -> Vec<u8> {
     let fields = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
     let mut text = "ply\nformat binary_little_endian 1.0\nelement vertex 900\n".to_owned();
@@ -57,7 +57,7 @@ fn converting_says_what_it_took_for_granted() {
         "{text}"
     );
     let (_, text) = printed(&place.call(&["inspect", "four.spz"]));
-    assert!(text.contains("+y by its format") && text.contains("+y, sure"), "{text}");
+    assert!(text.contains("+y, defined by its format") && text.contains("+y, sure"), "{text}");
     for wrong in [
         &["convert", "room.ply", "a.spz", "--up", "+z", "--as-stored"][..],
         &["convert", "room.ply", "a.ply", "--spz4"],
@@ -86,7 +86,7 @@ fn converting_makes_no_folder_and_no_empty_scene() {
     let (code, text) = printed(&place.call(&["convert", "room.ply", "new/room.spz"]));
     assert!(code == Some(1) && text.contains("there is no folder `new`"), "{text}");
     assert!(!place.path("new").exists());
-    // Every number NaN.
+    // Every number is NaN.
     let head = whole.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
     let broken: Vec<u8> = whole[..head].iter().copied().chain(vec![0xff; whole.len() - head]).collect();
     std::fs::write(place.path("broken.ply"), broken).unwrap();
@@ -94,7 +94,7 @@ fn converting_makes_no_folder_and_no_empty_scene() {
     assert!(code == Some(1) && text.contains("no splat that can be drawn"), "{text}");
     assert!(text.contains("900 splats of `broken.ply` with a field that is NaN"), "{text}");
     assert!(!place.path("a.spz").exists());
-    // Splats of 1000 units are cut to 379, which is more than a note.
+    // Splats of 1000 units are shortened to 379, which is reported as a warning.
     std::fs::write(place.path("large.ply"), room(1.0, 10.8)).unwrap();
     let (code, text) = printed(&place.call(&["convert", "large.ply", "large.spz", "--up", "+z"]));
     assert!(code == Some(0) && text.contains("warning 2100 of 2700 axes are outside"), "{text}");

@@ -1,4 +1,4 @@
-//! Tests of the modules of the program: which file imports which.
+//! Tests of the modules of the program: which files import which.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ mod arrows;
 /// The modules from the lowest to the highest: a file imports only from its own module and those below.
 const ROOMS: [&str; 3] = ["terminal", "session", "commands"];
 
-// A verb in a folder has files that belong to it alone.
+// The files in the folder of a command belong to that command alone.
 #[test]
 fn imports_lead_down_and_no_verb_imports_another() {
     let imports = arrows::imports(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"));

@@ -1,4 +1,4 @@
-//! Tests of knobs, presets, and the verbs that use them.
+//! Tests of knobs, presets, and the commands that use them.
 
 use serde_json::Value;
 

@@ -1,18 +1,22 @@
-//! `docs/evidence/extremes.md`: a row for each extreme, the tests that hold there, and the values they measured.
+//! Checks `docs/evidence/extremes.md`, which has a row for each extreme, with the tests that hold there and the
+//! values that they measured.
 //!
-//! `rows.tsv` has the rows and names the tests of each. `mutations.tsv` has changed expressions that turn the tests red,
-//! which `tests/extremes/mutate.py` tries. The page is made by `tests/extremes/page`; the tests of this file check that it
-//! agrees with the table and the sources, and that the expressions of the mutations still exist.
+//! `rows.tsv` has the rows and names the tests of each. `mutations.tsv` has changes of expressions that make the
+//! tests fail; `tests/extremes/mutate.py` applies them. `tests/extremes/page` writes the page. The tests in this
+//! file check that the page agrees with the table and the sources, and that the expressions of the mutations still
+//! exist.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Node, extreme, expectation, the reason of the bound, and the names of the tests of each row.
+/// The rows. Their columns are the node, the extreme, the expectation, the reason for the bound, and the names of
+/// the tests.
 const ROWS: &str = include_str!("rows.tsv");
 
-/// Test, file, expression, and its replacement. If the expression contains `«»`, only the part between them is replaced.
+/// The mutations. Their columns are the test, the file, the expression, and its replacement. If the expression
+/// contains `«»`, only the part between these marks is replaced.
 const MUTATIONS: &str = include_str!("mutations.tsv");
 
 /// A test of a row.
@@ -47,7 +51,7 @@ impl Mutation {
         inner.map_or(self.before, |(part, _)| part)
     }
 
-    /// The text of the page.
+    /// The description of the mutation on the page.
     fn described(&self) -> String {
         let file = self.file.rsplit('/').next().unwrap();
         match self.after {
@@ -74,8 +78,8 @@ fn sources(folder: &Path, into: &mut Vec<PathBuf>) {
     }
 }
 
-/// The files of each test function of the workspace, by its name. A name that several functions have has several
-/// files.
+/// The files that contain each test function of the workspace, by the name of the function. If several functions
+/// have the same name, their files are all listed.
 fn tests() -> BTreeMap<String, Vec<String>> {
     let mut files = Vec::new();
     for folder in ["cache", "engine", "extras", "nodes", "src", "tests", "trade"] {
@@ -102,7 +106,7 @@ fn tests() -> BTreeMap<String, Vec<String>> {
     found
 }
 
-/// The tests of each row, from 1, in the order of the table.
+/// The tests of each row. Rows are numbered from 1 in the order of the table.
 fn tests_of_rows() -> BTreeMap<usize, Vec<Test>> {
     let found = tests();
     let test = |name: &str| {
@@ -115,7 +119,7 @@ fn tests_of_rows() -> BTreeMap<usize, Vec<Test>> {
     rows.map(|(index, line)| (index + 1, names(line).map(test).collect())).collect()
 }
 
-/// The values measured by the tests of a row, the largest of each, with its bound.
+/// The largest value of each quantity that the tests of a row measured, with its bound.
 fn measured(folder: &Path, row: usize) -> String {
     let text = std::fs::read_to_string(folder.join(format!("{row:02}.tsv"))).unwrap_or_default();
     let value = |line: &str| -> Option<(String, (f64, f64))> {
@@ -221,8 +225,8 @@ fn every_row_has_a_mutation_of_an_expression_in_the_sources() {
     assert!(untried.is_empty(), "mutations.tsv has none for rows {untried:?}");
 }
 
-/// With `LIGHTHARMONY_ROWS` set the page is written from the values measured there; with `UPDATE_GOLDEN` from the table,
-/// with the values that the page has.
+/// The page agrees with the table. If `LIGHTHARMONY_ROWS` names a folder, the page is written with the values
+/// measured there. If `UPDATE_GOLDEN` is set, the page is written from the table and keeps its measured values.
 #[test]
 fn the_page_agrees_with_the_table() {
     let path = workspace().join("docs/evidence/extremes.md");

@@ -1,4 +1,4 @@
-//! Range of the colours of points: the value of white, which files do not state.
+//! Range of the colours of points, that is, the value of white, which files do not specify.
 
 use super::ply::Scalar;
 
@@ -20,9 +20,9 @@ const SLACK: f64 = 1.5;
 const BYTE: f64 = 255.5;
 
 impl Range {
-    /// The range of a type. For integers the largest number of the type is white; those of 32 bits contain 8-bit
-    /// codes, since some programs write all integers with one type. For floats 1 is white, unless at least a
-    /// hundredth of them exceeds 1.5 and none exceeds 255.5.
+    /// The range of colours of a type. For integers of 8 and 16 bits, white is the largest number of the type.
+    /// Integers of 32 bits contain 8-bit codes, since some programs write all integers with one type. For floats,
+    /// white is 1, or 255 if at least a hundredth of the numbers exceed 1.5 and none exceeds 255.5.
     pub fn of<I: Iterator<Item = f64>>(scalar: Scalar, numbers: impl FnOnce() -> I) -> Self {
         match scalar {
             Scalar::I32 | Scalar::U32 => Self { white: 255.0, guessed: false },
@@ -31,7 +31,7 @@ impl Range {
         }
     }
 
-    /// The range of floats by their values.
+    /// The range of floats, inferred from their values.
     pub fn of_floats(numbers: impl Iterator<Item = f64>) -> Self {
         let (mut count, mut above, mut most) = (0_u64, 0_u64, 0.0_f64);
         for number in numbers.filter(|number| number.is_finite()) {
@@ -46,9 +46,9 @@ impl Range {
     /// The range in words, after "colours".
     pub fn words(self) -> String {
         if self.guessed {
-            format!("of 0 to {} by their numbers", self.white)
+            format!("from 0 to {} (inferred from their values)", self.white)
         } else {
-            format!("of 0 to {}", self.white)
+            format!("from 0 to {}", self.white)
         }
     }
 }

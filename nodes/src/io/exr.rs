@@ -1,5 +1,5 @@
 //! OpenEXR: reading one flat part as named f32 channels, and writing one part of named channels, with reproducible
-//! bytes. Blocks are written here, since the parallel writer of the crate is not deterministic.
+//! bytes. This module writes the blocks itself, since the parallel writer of the crate is not deterministic.
 
 use std::io::Cursor;
 
@@ -44,7 +44,7 @@ pub struct Planes {
     pub part_names: Vec<String>,
     /// The layer within the part.
     pub layer: String,
-    /// True when the data window is not the display window.
+    /// True if the data window differs from the display window.
     pub cropped: bool,
     /// The chromaticities: x and y of red, green, blue and white; `None` if the file has none.
     pub primaries: Option<[[f32; 2]; 4]>,
@@ -54,7 +54,7 @@ pub struct Planes {
 /// of red, green, blue and white.
 const REC_709: [[f32; 2]; 4] = [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06], [0.3127, 0.3290]];
 
-/// True if chromaticities differ from those of sRGB by more than rounding; false without any.
+/// True if chromaticities differ from those of sRGB by more than rounding; false for `None`.
 pub fn differ_from_srgb(primaries: Option<&[[f32; 2]; 4]>) -> bool {
     let off = |own: &[[f32; 2]; 4]| {
         own.as_flattened()
@@ -99,9 +99,9 @@ fn has_colours(header: &Header) -> bool {
     all(["R", "G", "B"]) || all(["r", "g", "b"]) || has("Y")
 }
 
-/// The part of a file that holds a layer, and the layer within it. The unnamed layer is that of the first flat part that
-/// has colours, or of the first flat part. Another name is that of a layer in any part, or of a part, or of both with a
-/// dot or a slash between them.
+/// The part of a file that contains a layer, and the name of the layer within the part. An empty name selects the
+/// first flat part with colours or, if no part has colours, the first flat part. Any other name is the name of a
+/// layer in any part, the name of a part, or both, separated by a dot or a slash.
 pub fn choose_part<'a>(headers: &'a [Header], layer: &str) -> Option<(&'a Header, String)> {
     let flat = || headers.iter().filter(|header| !header.deep);
     let first = flat().next()?;
@@ -147,7 +147,7 @@ impl<'s, R: ReadChannels<'s>> ReadChannels<'s> for Only<'_, R> {
     type Reader = R::Reader;
 
     fn create_channels_reader(&'s self, header: &Header) -> exr::error::Result<Self::Reader> {
-        // Parts have names of their own. Chromaticities may be NaN, so headers are not equal to themselves.
+        // The names of parts are unique. Headers cannot be compared, since chromaticities may be NaN.
         let same = header.own_attributes.layer_name == self.part.own_attributes.layer_name
             && header.layer_size == self.part.layer_size
             && header.channels == self.part.channels;
@@ -174,7 +174,7 @@ pub fn read_layer(file: &str, bytes: &[u8], layer: &str, progress: Progress<'_>)
     if matches!(header.compression, Compression::HTJ2K32 | Compression::HTJ2K256) {
         return Err(Error::unsupported(file, "HTJ2K compression; save it with ZIP or PIZ"));
     }
-    // The largest compression ratio found in a valid file is that of a black PIZ one.
+    // The largest compression ratio found in a valid file is that of a black picture with PIZ compression.
     for header in &meta.headers {
         let (size, planes) = (header.layer_size, header.channels.list.len() as u64);
         believable(file, size.0 as u64, size.1 as u64, planes, bytes.len(), 1 << 15)?;
@@ -208,7 +208,7 @@ pub fn read_layer(file: &str, bytes: &[u8], layer: &str, progress: Progress<'_>)
             other => other.values_as_f32().collect(),
         };
         if data.len() != size.0 * size.1 {
-            return Err(Error::format(file, "a channel whose size differs from that of its part"));
+            return Err(Error::format(file, "a channel differs in size from its part"));
         }
         let samples = if cropped { place(&data, size.0, shift, width, height) } else { data };
         channels.push(Channel { name: channel.name.to_string(), samples });
@@ -414,7 +414,7 @@ mod tests {
         assert_eq!(r[6..], [-65_504.0, f32::INFINITY]);
     }
 
-    /// Halves and floats in one file; NaN and infinity are kept, and a picture without pixels is refused.
+    /// One file may contain halves and floats. NaN and infinity are kept, and a picture without pixels is refused.
     #[test]
     fn types_mix_and_what_is_no_number_comes_through() {
         let odd = vec![f32::NAN, f32::INFINITY, -0.0, 1e-40];
@@ -430,8 +430,8 @@ mod tests {
         assert!(none.map_or(true, |(bytes, _)| read("a.exr", &bytes).is_err()));
     }
 
-    /// Chromaticities of a file are read; those of sRGB, with usual rounding, do not count as different. Mutation:
-    /// `off` with `all` for `any`.
+    /// Chromaticities of a file are read; those of sRGB, with usual rounding, do not count as different. This test
+    /// fails if `off` uses `all` instead of `any`.
     #[test]
     fn chromaticities_of_other_colours_are_distinguished() {
         use exr::meta::attribute::Chromaticities;
@@ -531,7 +531,7 @@ mod tests {
         assert_eq!(of("key"), is("light", "key", 7.0));
         assert_eq!((of("light.key"), of("light/key")), (is("light", "key", 7.0), is("light", "key", 7.0)));
         assert_eq!(of("left.R"), is("left", "R", 22.0));
-        // No part of that name: the first, and the caller names what is there.
+        // For an unknown name the first part is read, and the caller lists the existing names.
         assert_eq!(of("right"), is("depth", "right", 9.0));
         let grey = file(vec![part("id", &[("I", 1.0)]), part("plate", &[("Y", 4.0)])]);
         assert_eq!(read("a.exr", &grey).map(|read| read.part).expect("reads"), "plate");

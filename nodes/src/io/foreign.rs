@@ -5,7 +5,8 @@ use crate::error::Error;
 /// UTF-8 bytes that some editors put in front of a text.
 pub const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// Strips JSON of a byte-order mark in front, and of the NUL and blank bytes that fill a chunk up at its end.
+/// Removes a byte-order mark at the start of JSON, and NUL bytes and white space at its end, with which programs
+/// pad chunks.
 pub fn json_text(bytes: &[u8]) -> &[u8] {
     let mut text = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
     while let [rest @ .., 0 | b' ' | b'\t' | b'\r' | b'\n'] = text {

@@ -38,7 +38,7 @@ pub struct Placement {
 }
 
 impl GPano {
-    /// The metadata in the head of a file; `None` without such metadata.
+    /// The metadata in the head of a file; `None` if the file has no such metadata.
     pub fn find(bytes: &[u8]) -> Option<Self> {
         let head = &bytes[..bytes.len().min(HEAD)];
         let begin = head.windows(6).position(|w| w == b"GPano:")?;
@@ -60,7 +60,7 @@ impl GPano {
         if share > 0.0 { share.min(1.0) } else { 1.0 }
     }
 
-    /// The position of a picture of some size; `None` if it is the whole sphere.
+    /// The position of a picture of this size; `None` if it is the whole sphere.
     ///
     /// # Errors
     /// If the metadata is impossible for this picture.
@@ -87,7 +87,7 @@ impl GPano {
         }
         if (size[0] as u64).saturating_mul(size[1] as u64) > MOST {
             let what = format!(
-                "is a crop of a panorama of {}x{} pixels, which is too large; scale it down",
+                "the picture is a crop of a panorama of {}x{} pixels, which is too large; scale it down",
                 size[0], size[1]
             );
             return Err(Error::unsupported(file, what));

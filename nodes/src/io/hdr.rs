@@ -19,7 +19,7 @@ pub struct Radiance {
     pub ignored: Vec<String>,
 }
 
-/// An axis of the header line with size and orientation.
+/// An axis in the header line that specifies size and orientation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Side {
     /// True for x, false for y.
@@ -30,8 +30,8 @@ pub struct Side {
     pub count: u32,
 }
 
-/// The axes of a line such as `-Y 512 +X 1024`: first that of the scanlines, then that within them. `None` unless
-/// one is x and the other is y.
+/// The axes of a line such as `-Y 512 +X 1024`: first the axis across the scanlines, then the axis along them.
+/// `None` unless one is x and the other is y.
 pub fn sides(line: &str) -> Option<[Side; 2]> {
     let words: Vec<&str> = line.split_ascii_whitespace().collect();
     let [first, rows, second, columns] = words[..] else { return None };
@@ -252,7 +252,7 @@ mod tests {
         assert_eq!(picture.rgb[9], 2.5);
     }
 
-    /// `EXPOSURE` and `COLORCORR` are divided out, per channel. Mutation: `COLORCORR` not read.
+    /// `EXPOSURE` and `COLORCORR` are divided out, per channel. This test fails if `COLORCORR` is not read.
     #[test]
     fn exposure_and_colour_correction_are_divided_out() {
         let texel = |head: &str| read("a.hdr", &file(&format!("{head}\n-Y 1 +X 1\n"), &[10, 20, 30, 136]));
@@ -278,7 +278,8 @@ mod tests {
         row(64, "relative error of RGBE at 1", off(9, 1.0), 0.0);
     }
 
-    /// The eight orientations of one picture of 3 x 2. Mutation: `side.forward == side.across` to `side.forward`.
+    /// The eight orientations of one picture of 3 x 2 are decoded equally. This test fails if `side.forward ==
+    /// side.across` is `side.forward`.
     #[test]
     fn every_orientation_is_the_same_picture() {
         // Rows from the top, values 1 to 6.

@@ -52,7 +52,8 @@ impl Head {
         width.saturating_mul(height)
     }
 
-    /// Largest memory beyond the file for reading the picture as floats, and the size of the floats, both in bytes.
+    /// Peak memory, in addition to the file, for reading the picture as floats, and the size of the floats, both in
+    /// bytes.
     pub fn as_floats(&self) -> [u64; 2] {
         let samples = self.pixels().saturating_mul(self.channels);
         if self.floats {
@@ -67,8 +68,8 @@ impl Head {
         [codes.saturating_add(decoding.max(floats)), floats]
     }
 
-    /// Largest memory beyond the file for reading the picture as 8-bit texels, and the size of the texels, both in
-    /// bytes.
+    /// Peak memory, in addition to the file, for reading the picture as 8-bit texels, and the size of the texels,
+    /// both in bytes.
     pub fn as_texels(&self) -> [u64; 2] {
         let texels = self.pixels().saturating_mul(4);
         let codes = self.pixels().saturating_mul(2 * self.channels);
@@ -143,8 +144,8 @@ fn webp(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     Some(Head { size: [u64::from(width), u64::from(height)], channels: 4, decoded: 4, floats: false })
 }
 
-/// Reads the head of the part that is used when no layer is named. Since another part may be named, `decoded` is
-/// that of the largest flat part.
+/// Reads the head of the part that is used when no layer is named. `decoded` is for the largest flat part, since
+/// another part may be named.
 fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     let meta = MetaData::read_from_buffered(reader, false).ok()?;
     let (header, _) = choose_part(&meta.headers, "")?;
@@ -157,7 +158,7 @@ fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     };
     let (width, height) = (header.layer_size.0 as u64, header.layer_size.1 as u64);
     let channels = header.channels.list.len() as u64;
-    // A part that has more bytes of floats than this one.
+    // True if a part has more bytes of floats than this one.
     let more = |other: &Header| {
         let all = |h: &Header| area(h).saturating_mul(bytes(h) + 4 * (h.channels.list.len() as u64).min(4));
         all(other).saturating_sub(all(header)).div_ceil(area(header).max(1))
@@ -174,12 +175,12 @@ pub fn ply_header(reader: &mut impl BufRead) -> Option<ply::Header> {
     ply::header("", &head).ok()
 }
 
-/// The elements of a PLY by name, with the numbers of rows and of properties.
+/// The elements of a PLY file, each as (name, number of rows, number of properties).
 pub fn elements_of(header: &ply::Header) -> Vec<(String, u64, u64)> {
     header.elements.iter().map(|e| (e.name.clone(), e.rows, e.properties.len() as u64)).collect()
 }
 
-/// Elements of a PLY file by name, read from its start; empty if the header is longer than 64 KiB or invalid.
+/// Like [`elements_of`], read from the start of a file; empty if the header is longer than 64 KiB or invalid.
 pub fn ply_elements(reader: &mut impl BufRead) -> Vec<(String, u64, u64)> {
     ply_header(reader).as_ref().map_or_else(Vec::new, elements_of)
 }

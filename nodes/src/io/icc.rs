@@ -6,8 +6,7 @@ use moxcms::{ColorProfile, DataColorSpace, ParsingOptions, ProfileText, ToneRepr
 use crate::math::color::linear_from_srgb;
 use crate::math::num;
 
-/// Maximum length of a profile in bytes. Profiles of displays have a few kilobytes, those of printers up to 3
-/// million bytes.
+/// Maximum length of a profile in bytes. Display profiles have a few kilobytes, and printer profiles up to 3 MB.
 pub const LARGEST: usize = 16 << 20;
 
 /// Meaning of the codes of a picture according to its profile.
@@ -20,7 +19,7 @@ pub struct Meaning {
 }
 
 /// Reads a profile. Its primaries and curve are compared with those of sRGB (IEC 61966-2-1) by value, since names
-/// are not reliable: the curve of a profile called `Linear sRGB` may be any.
+/// are not reliable: a profile called `Linear sRGB` may have any curve.
 pub fn meaning(profile: &[u8]) -> Meaning {
     let options = ParsingOptions { max_profile_size: LARGEST, ..ParsingOptions::default() };
     let Ok(profile) = ColorProfile::new_from_slice_with_options(profile, options) else {
@@ -62,7 +61,7 @@ fn name(profile: &ColorProfile) -> Option<String> {
     Some(text).filter(|text| !text.is_empty())
 }
 
-/// Largest difference of a colorant, in XYZ, that counts as equal. Display P3 differs by 0.08.
+/// Maximum difference between colorants, in XYZ, that count as equal. Display P3 differs by 0.08.
 const SAME_COLORANT: f64 = 0.003;
 
 /// True if the colorants, adapted to D50, are those of sRGB.
@@ -75,8 +74,8 @@ fn srgb_primaries(profile: &ColorProfile) -> bool {
     })
 }
 
-/// Largest difference of a curve, in linear light, that counts as equal. A pure gamma of 2.2 differs from sRGB by
-/// 0.008.
+/// Maximum difference between curves, in linear light, that count as equal. A pure gamma of 2.2 differs from sRGB
+/// by 0.008.
 const SAME_LIGHT: f64 = 0.003;
 
 /// True if a curve equals `wanted` within [`SAME_LIGHT`].

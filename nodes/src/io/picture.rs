@@ -18,8 +18,8 @@ use crate::types::{Data, Image, Linear, Picture, Srgb};
 engine::choices! {
     /// Meaning of the numbers of a file.
     pub enum FileEncoding {
-        /// PNG and JPEG hold display colours, unless their colour profile says linear light; OpenEXR and Radiance hold
-        /// linear light.
+        /// PNG and JPEG hold display colours, unless their colour profile declares linear light; OpenEXR and
+        /// Radiance hold linear light.
         Auto,
         /// Display colours with the sRGB curve.
         Srgb,
@@ -30,7 +30,7 @@ engine::choices! {
     }
 }
 
-/// Largest memory for reading a picture including its file, and the bytes of its floats.
+/// Peak memory for reading a picture, including its file, and the size of its floats, both in bytes.
 pub(crate) fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
     let head = file.open().and_then(|mut reader| Head::read(&mut reader));
     let [reading, floats] = head.map_or([0; 2], |head| head.as_floats());
@@ -50,7 +50,7 @@ pub fn of_bytes(name: &str, bytes: &[u8]) -> Result<Picture, Error> {
     decode(FileEncoding::Auto, "", name, bytes, &mut Notes::none(), Progress::UNTRACKED)
 }
 
-/// Decodes a picture with the given encoding, and from an OpenEXR file the given layer.
+/// Decodes a picture with the given encoding. From an OpenEXR file, the given layer is read.
 pub(crate) fn decode(
     encoding: FileEncoding,
     of_layer: &str,
@@ -86,7 +86,7 @@ pub(crate) fn decode(
         }
         _ => {
             refuse_foreign(name, bytes)?;
-            return Err(Error::format(name, "neither PNG, JPEG, OpenEXR nor Radiance HDR"));
+            return Err(Error::format(name, "the file is not PNG, JPEG, OpenEXR or Radiance HDR"));
         }
     };
     let encoding = match encoding {
@@ -112,7 +112,7 @@ fn whole(
     progress: Progress<'_>,
 ) -> Result<Decoded, Error> {
     for ignored in &raster.ignored {
-        notes.warning("profile-ignored", format!("the file has {ignored}, which is not used"));
+        notes.warning("profile-ignored", format!("the file has {ignored}; this is ignored"));
     }
     let (channels, samples) = match encoding {
         FileEncoding::Data => (raster.channels, raster.samples()),
@@ -149,7 +149,10 @@ fn tell(planes: &exr::Planes, by_default: bool, notes: &mut Notes) {
         notes.warning("profile-ignored", OTHER_PRIMARIES);
     }
     if planes.cropped {
-        notes.decision("data-window", "the data window is not its display window; the rest is 0");
+        notes.decision(
+            "data-window",
+            "the data window differs from the display window; pixels outside the data window are 0",
+        );
     }
 }
 
@@ -179,9 +182,11 @@ fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a
 /// The error about a missing layer, which lists the layers of the file.
 fn no_layer(name: &str, planes: &exr::Planes, layer: &str, chroma: bool) -> Error {
     let what = match layer {
-        _ if chroma => "holds luminance and chroma (Y, RY, BY), which are not read as colour".to_owned(),
-        "" => "has no channels R, G and B, nor Y".to_owned(),
-        layer => format!("has no layer `{layer}`"),
+        _ if chroma => {
+            "the picture has luminance and chroma (Y, RY, BY), which are not read as colour".to_owned()
+        }
+        "" => "the picture has neither channels R, G and B nor a channel Y".to_owned(),
+        layer => format!("the picture has no layer `{layer}`"),
     };
     let names = planes.channels.iter().map(|channel| channel.name.as_str());
     let layers: BTreeSet<&str> =
@@ -311,7 +316,8 @@ mod tests {
         assert_eq!(load(&of(&["r", "g", "b"]), FileEncoding::Auto, "").0.size(), (1, 1, 3));
         let reported = refused(&of(&["variance.R", "variance.G", "variance.B"]), "");
         assert!(
-            reported.contains("no channels R, G and B, nor Y; `layer` may be one of `variance`"),
+            reported
+                .contains("neither channels R, G and B nor a channel Y; `layer` may be one of `variance`"),
             "{reported}"
         );
         for more in [&["Y", "RY", "BY"][..], &["Y", "RY", "BY", "A"]] {

@@ -169,7 +169,7 @@ pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
         };
         at += end + 1;
         let line = std::str::from_utf8(&rest[..end])
-            .map_err(|_| bad(format!("line {number} of the header is not text")))?
+            .map_err(|_| bad(format!("line {number} of the header is not UTF-8")))?
             .trim_end();
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         let odd = || bad(format!("line {number} of the header, `{line}`, is not understood"));
@@ -277,7 +277,7 @@ impl<'a> Rows<'a> {
                     let count = self.number(count)?;
                     let least = if self.format == Format::Ascii { 2 } else { property.scalar.size() };
                     if count < 0.0 || count * least as f64 > self.rest.len() as f64 + 1.0 {
-                        return Err(self.fail(&format!("a list of {count} numbers")));
+                        return Err(self.fail(&format!("a list claims to hold {count} numbers,")));
                     }
                     let mut list = std::mem::take(&mut self.list);
                     list.clear();
@@ -319,7 +319,7 @@ impl<'a> Rows<'a> {
                 Ok(value)
             }
             _ if text.is_empty() => Err(self.fail("the file ends early,")),
-            _ => Err(self.fail(&format!("`{text}` is not a {scalar:?} number,"))),
+            _ => Err(self.fail(&format!("`{text}` is not a number of the type `{}`,", scalar.name()))),
         }
     }
 
@@ -343,7 +343,7 @@ impl<'a> Rows<'a> {
             (Scalar::U32, &[a, b, c, d]) => f64::from(u32::from_le_bytes([a, b, c, d])),
             (Scalar::F32, &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
             (_, &[a, b, c, d, e, f, g, h]) => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
-            _ => return Err(self.fail("a number of another size,")),
+            _ => return Err(self.fail("a number has the wrong size,")),
         })
     }
 }

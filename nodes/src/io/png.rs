@@ -28,11 +28,11 @@ pub fn believable(
     let samples = width.checked_mul(height).and_then(|n| n.checked_mul(channels));
     let most = (bytes as u64).saturating_mul(ratio).min(SAMPLE_LIMIT);
     match samples {
-        Some(0) => Err(Error::format(file, format!("the picture is {width}x{height}"))),
+        Some(0) => Err(Error::format(file, format!("the picture is empty: {width}x{height} pixels"))),
         Some(n) if n <= most => Ok(()),
         _ => Err(Error::format(
             file,
-            format!("claims {width}x{height} pixels, which {bytes} bytes cannot hold"),
+            format!("the header claims {width}x{height} pixels, which {bytes} bytes cannot hold"),
         )),
     }
 }
@@ -69,21 +69,22 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
         }
     }
     if info.animation_control.is_some() {
-        ignored.push("all but the first frame".to_owned());
+        ignored.push("several frames, of which only the first is read".to_owned());
     }
     let (color, depth) = reader.output_color_type();
     let channels = color.samples();
     // One bit per sample before deflate, so 8 * 1032 samples per byte.
     believable(file, width.into(), height.into(), channels as u64, bytes.len(), 8 * 1032)?;
-    let size =
-        reader.output_buffer_size().ok_or_else(|| Error::format(file, "too large for this machine"))?;
+    let size = reader
+        .output_buffer_size()
+        .ok_or_else(|| Error::format(file, "the picture is too large for this machine"))?;
     let mut raw = vec![0; size];
     reader.next_frame(&mut raw).map_err(bad)?;
     let (width, height) = (width as usize, height as usize);
     let wide = depth == BitDepth::Sixteen;
     let sample = if wide { 2 } else { 1 };
     if raw.len() != width * height * channels * sample {
-        return Err(Error::format(file, "holds a different number of samples than its header says"));
+        return Err(Error::format(file, "the number of samples differs from that in the header"));
     }
     let mut codes = Vec::with_capacity(width * height * channels);
     if wide {
@@ -210,7 +211,8 @@ fn write_all(
     Ok(bytes)
 }
 
-/// Largest number of bytes of data in a chunk: its length, with a sequence number, is a 31-bit number.
+/// Maximum number of data bytes in a chunk. The length of a chunk, which includes a sequence number, is a 31-bit
+/// number.
 const LARGEST_CHUNK: usize = (u32::MAX >> 1) as usize - 4;
 
 /// The control chunk of a frame that replaces the whole picture.
@@ -337,8 +339,8 @@ pub(crate) mod tests {
         assert!(read.linear && read.ignored.is_empty());
     }
 
-    /// One pixel, prime sizes, 30,000 columns or rows, through every format that is written; sizes whose number of
-    /// samples does not fit into 64 bits.
+    /// Pictures of one pixel, of prime sizes, and of 30,000 columns or rows are unchanged after writing and
+    /// reading. Sizes whose number of samples does not fit into 64 bits are refused.
     #[test]
     fn sizes_are_not_believed_and_do_not_overflow() {
         assert!(believable("a", u64::MAX, u64::MAX, 4, 1000, 10).is_err());

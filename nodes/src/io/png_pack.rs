@@ -1,7 +1,8 @@
 //! The pixel data of a PNG: rows filtered on all threads, then deflated in order.
 //!
-//! The bytes are those of the crate `png`. Its stream writer could be cancelled between rows as well, but filters
-//! them on one thread, which is most of the work: it takes ten seconds for a picture of a hundred megapixels.
+//! The bytes are those that the crate `png` writes. Its stream writer could be cancelled between rows as well, but
+//! filters rows on one thread, which is most of the work and takes ten seconds for a picture of a hundred
+//! megapixels.
 
 use std::io::{Cursor, Write};
 
@@ -14,9 +15,9 @@ use crate::error::Error;
 /// Compression effort.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Packing {
-    /// Small files: the filter of each row with the smallest sum, and deflate of level 6.
+    /// Small files: for each row, the filter whose bytes have the smallest sum of magnitudes; deflate with level 6.
     Small,
-    /// A tenth of the time and a larger file: differences to the row above, and deflate with a fixed code.
+    /// A tenth of the time, and larger files: differences to the row above; deflate with a fixed code.
     Fast,
 }
 
@@ -53,7 +54,7 @@ impl Deflate {
     }
 }
 
-/// The data of a picture: every row after the number of its filter, deflated.
+/// The data of a picture: all filtered rows, each preceded by the number of its filter, deflated.
 pub fn pack(raster: &Raster, packing: Packing, progress: Progress<'_>) -> Result<Vec<u8>, Error> {
     let fail = |e: std::io::Error| Error::Mismatch(format!("cannot make a PNG: {e}"));
     let rows = raster.height;
@@ -72,7 +73,7 @@ pub fn pack(raster: &Raster, packing: Packing, progress: Progress<'_>) -> Result
     if packing == Packing::Fast
         && packed.len() > fdeflate::StoredOnlyCompressor::<()>::compressed_size(length * rows)
     {
-        // The fixed code makes noise longer than it is.
+        // The fixed code makes noise longer, so noise is stored uncompressed.
         let mut stored = fdeflate::StoredOnlyCompressor::new(Cursor::new(Vec::new())).map_err(fail)?;
         for y in 0..rows {
             stored.write_data(&[0]).map_err(fail)?;
@@ -94,13 +95,13 @@ fn row(raster: &Raster, y: usize) -> Vec<u8> {
     }
 }
 
-/// Row `y` after the number of its filter, which is the filter whose bytes, as signed numbers, have the smallest
-/// sum of magnitudes.
+/// The filtered row `y`, preceded by the number of its filter: of the filters that `packing` tries, the one whose
+/// bytes, as signed numbers, have the smallest sum of magnitudes.
 fn filtered(raster: &Raster, y: usize, packing: Packing) -> Vec<u8> {
     let back = raster.channels * if raster.largest == 255 { 1 } else { 2 };
     let now = row(raster, y);
     let above = if y == 0 { vec![0; now.len()] } else { row(raster, y - 1) };
-    // Of equal sums the later filter, but no filter is better than a sum of 0.
+    // Of filters with equal sums, the last is used; a sum of 0 ends the search.
     let tried: &[u8] = if packing == Packing::Fast { &[UP] } else { &[UP, SUB, AVERAGE, PAETH] };
     let (mut best, mut least) = (Vec::new(), u64::MAX);
     for filter in tried {
@@ -208,8 +209,8 @@ mod tests {
         bytes
     }
 
-    /// The rows give the bytes of the whole picture. Mutation: `sum <= least` to `sum < least`, and without the
-    /// fallback for noise.
+    /// The rows give the bytes of the whole picture. This test fails if `sum <= least` is `sum < least`, or without
+    /// the fallback for noise.
     #[test]
     fn rows_give_the_bytes_of_the_whole_picture() {
         for (largest, noise) in [(255, 1), (255, 9), (255, 256), (65_535, 1), (65_535, 300), (65_535, 65_536)]

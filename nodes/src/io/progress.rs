@@ -25,10 +25,10 @@ pub struct Progress<'a> {
 }
 
 impl<'a> Progress<'a> {
-    /// Progress of work outside of any run, without cancellation.
+    /// Progress of work outside any run, without cancellation.
     pub const UNTRACKED: Progress<'static> = Progress { cx: None, from: 0.0, to: 1.0 };
 
-    /// The work of a node between two values of its progress.
+    /// The range of a node's progress between `from` and `to`.
     pub fn of(cx: &'a Context, from: f32, to: f32) -> Self {
         Self { cx: Some(cx), from, to }
     }
@@ -188,8 +188,8 @@ mod tests {
         assert_eq!(ends(all.part(0.5, 1.0).piece(0, 2)), (0.5, 0.75));
     }
 
-    /// Each codec, cancelled at a tenth or at four fifths of its progress, stops before its end. Mutation: `check`
-    /// left out in `reach`, and `Progress::UNTRACKED` in place of the argument in each codec.
+    /// Each codec, cancelled at a tenth or at two fifths of its progress, stops before its end. This test fails if
+    /// `reach` does not call `check`, or if any codec uses `Progress::UNTRACKED` in place of its argument.
     #[test]
     fn every_codec_stops_half_way() {
         let (width, height) = (512, 600);

@@ -58,7 +58,7 @@ pub(crate) fn quantise(
     let has_alpha = matches!(channels, 2 | 4);
     if !matches!(channels, 1..=4) || width == 0 || height == 0 {
         return Err(NodeError::new(format!(
-            "a {width}x{height} picture of {channels} channels cannot be shown"
+            "a {width}x{height} picture with {channels} channels cannot be converted to display codes"
         ))
         .at("image"));
     }

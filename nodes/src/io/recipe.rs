@@ -1,4 +1,4 @@
-//! The recipe in a written picture: PNG text, EXR comments, JPEG comments.
+//! Reads the recipe in a written picture from PNG text, EXR comments or JPEG comments.
 
 use std::io::Cursor;
 

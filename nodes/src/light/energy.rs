@@ -1,4 +1,4 @@
-//! Energy of a panorama, for reports of what each step adds and removes.
+//! Energy of a panorama, for reports of the light that each step adds or removes.
 
 use engine::Up;
 
@@ -38,7 +38,7 @@ mod tests {
     use super::*;
     use std::f64::consts::PI;
 
-    // Mutation: `direction` at (y / height), or `size` left out of `facing`.
+    // This test fails if `direction` is taken at y / height, or if `facing` lacks the factor `size`.
     #[test]
     fn a_uniform_sphere_has_four_pi_and_gives_the_ground_pi() {
         for up in [Up::PlusZ, Up::PlusY, Up::MinusY] {

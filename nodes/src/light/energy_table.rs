@@ -16,8 +16,8 @@ const LISTED: usize = 32;
 /// A pixel with a luminance above this fraction of white belongs to a light.
 const BRIGHT: f64 = 0.95;
 
-/// A bright region, and the angles from its centre within which light is attributed to it: fully up to the first,
-/// partly up to the second, since resampling spreads light.
+/// A bright region, and the two angles from its centre within which light is attributed to it: fully up to the
+/// first angle, and with decreasing weight up to the second, since resampling spreads light.
 struct Light {
     centre: DVec3,
     angles: [f64; 2],
@@ -27,8 +27,8 @@ struct Light {
 pub struct EnergyTable {
     up: Up,
     lights: Vec<Light>,
-    /// Per step: its name, the total energy, and for each light the irradiance of a plane that faces it from within
-    /// its cone.
+    /// The recorded steps. For each: its name, the total energy, and, per light, the irradiance that a plane facing
+    /// the light receives from directions attributed to it.
     steps: Vec<(&'static str, Energy, Vec<f64>)>,
 }
 
@@ -58,7 +58,7 @@ fn find(up: Up, width: usize, luminance: &[f64], margin: f64) -> Vec<Light> {
         let cosine = pixel(up, width, height, at).0.dot(*centre).clamp(-1.0, 1.0);
         *radius = radius.max(num::f64::acos(cosine));
     }
-    // Equal ones stay in the order of their first pixel.
+    // Equal lights stay in the order of their first pixels.
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     found.truncate(LISTED);
     let own = PI / height as f64;
@@ -76,7 +76,8 @@ impl EnergyTable {
         Self { up, lights: find(up, width, luminance, margin), steps: Vec::new() }
     }
 
-    /// Records a step whose light comes in `count` tiles: direction, solid angle and luminance of each pixel.
+    /// Records a step whose light consists of `count` tiles. `tile` returns direction, solid angle and luminance of
+    /// each pixel of a tile.
     pub fn record<I: Iterator<Item = (DVec3, f64, f64)>>(
         &mut self,
         step: &'static str,
@@ -137,7 +138,8 @@ impl EnergyTable {
         })
     }
 
-    /// The positions of the lights, and the total and each light after each step.
+    /// Two tables: the positions of the lights; and, after each step, the total energy and the energy of each
+    /// light.
     pub fn tables(&self) -> [Table; 2] {
         let place = |light: &Light| {
             let (azimuth, elevation) = measure::angles_deg(self.up, light.centre);
@@ -172,7 +174,8 @@ mod tests {
     use super::*;
     use crate::testing::context;
 
-    // If the whole sphere is one light, it gives any plane pi. Mutation: `min(PI)` dropped.
+    // If the whole sphere is one light, the irradiance of any plane is pi times its luminance. This test fails
+    // without `min(PI)`.
     #[test]
     fn a_light_may_be_all_there_is() {
         let white = vec![2.0; 64 * 32];
@@ -183,8 +186,8 @@ mod tests {
         assert!((facing / TAU - 1.0).abs() < 0.02, "{facing}");
     }
 
-    // One bright pixel of 8 by 8 degrees: its irradiance, and that of the whole, at another resolution.
-    // Mutation: the cone without its margin, `size` left out, or `turn` off by half a pixel.
+    // The irradiance of one bright pixel of 8 by 8 degrees, and that of the whole, do not depend on the resolution.
+    // This test fails if the cone has no margin, if `size` is left out, or if directions are off by half a pixel.
     #[test]
     fn a_light_has_the_same_irradiance_on_a_finer_panorama() {
         for up in [Up::PlusZ, Up::PlusY, Up::MinusY] {

@@ -1,8 +1,8 @@
-//! Number of columns that an environment needs, by the materials of objects and by its lights.
+//! Number of columns that an environment needs, depending on the materials of the objects and on its lights.
 //!
-//! Every node before this one has a cost per pixel of the panorama. A texel blurs the light over its width. This is
-//! not visible in a reflection that the material blurs more, and not in the edge of a shadow, which is as wide as
-//! the light.
+//! Every node that makes or reads the panorama has a cost per pixel. A texel blurs the light over its width. This
+//! blur is not visible in reflections that the material blurs more, nor at the edges of shadows, which are as wide
+//! as the light.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -15,13 +15,13 @@ use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 use crate::types::{Environment, Material, Object, Placed};
 
-/// Number of texels across the lobe of the smoothest material, at half of its maximum.
+/// Number of texels across the reflection lobe of the smoothest material, measured at half of its maximum.
 const ACROSS_LOBE: f64 = 4.0;
 /// Number of texels across the smallest light.
 const ACROSS_LIGHT: f64 = 8.0;
-/// Factor by which a light exceeds the mean luminance.
+/// Factor by which a texel must exceed the mean luminance to belong to a light.
 const BRIGHT: f64 = 16.0;
-/// Minimum share of a light in the total power for it to count.
+/// Minimum fraction of the total power that a light must have to count.
 const SHARE: f64 = 0.05;
 /// Smallest number of columns.
 const LEAST: usize = 64;
@@ -33,7 +33,7 @@ pub(crate) struct EnvResolution {
     pub(crate) columns: usize,
     /// Roughness of the smoothest reflecting surface; `None` if all are matte.
     roughness: Option<f64>,
-    /// Width of the smallest light in degrees; `None` without lights.
+    /// Width of the smallest light in degrees; `None` if there are no lights.
     light_deg: Option<f64>,
 }
 
@@ -91,7 +91,7 @@ impl EnvResolution {
     }
 }
 
-/// The smallest roughness of the reflections of a material; `None` without reflections.
+/// The smallest roughness of the reflections of a material; `None` for a matte material.
 pub(crate) fn smoothest(object: &Object, material: &Material) -> Option<f64> {
     let texture = material.metallic_roughness_texture;
     // A missing texture counts as the worst case.
@@ -109,8 +109,8 @@ pub(crate) fn smoothest(object: &Object, material: &Material) -> Option<f64> {
     [base, coat].into_iter().flatten().filter(|_| !material.unlit).reduce(f64::min)
 }
 
-/// The width of a disc as large as the smallest light that counts, in radians. The size of a light is measured by
-/// the concentration of its power, `(int L)^2 / int L^2`: a sun with an aureole is hardly larger than the sun.
+/// The width, in radians, of a disc as large as the smallest light that counts; `None` if there are no lights. The
+/// size of a light is the solid angle `(int L)^2 / int L^2`, so that an aureole hardly increases the size of a sun.
 fn smallest_light(environment: &Environment) -> Option<f64> {
     let image = &environment.image;
     let (width, height) = (image.width, image.height);

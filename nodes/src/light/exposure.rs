@@ -12,15 +12,15 @@ const MIDDLE: f64 = 0.5;
 /// Maximum share of the sphere above white.
 const ABOVE_WHITE: f64 = 0.15;
 
-/// A channel of display colours above this, in linear light, counts as clipped.
+/// A display colour counts as clipped if one of its channels, in linear light, is above this.
 pub(crate) const WHITE: f32 = 0.9;
-/// Lower limit of compared light, since the codes of darker values have too few steps.
+/// Lower limit to which light is clamped before it is compared, since the codes of darker values have too few steps.
 pub(crate) const DARKEST: f64 = 1e-4;
 
 /// The factor that scales the light of a panorama to EV 0, as a photographer would meter it: the median of its
-/// positive samples becomes 0.5 after raising to 1 / 2.4, but at most 15 % of the sphere is above 1 in its
-/// brightest channel. The rule of DiffusionLight's tone mapping (Phongthawee et al. 2024), with that bound. `None`
-/// without light.
+/// positive samples becomes 0.5 after raising to 1 / 2.4, unless more than 15 % of the sphere would then exceed 1
+/// in their brightest channel. This is the rule of DiffusionLight's tone mapping (Phongthawee et al. 2024), with
+/// the bound of 15 % added. `None` for a black panorama.
 pub fn ev0_scale(image: &Image<Linear>) -> Option<f64> {
     let mut positive: Vec<f32> = image.samples.iter().copied().filter(|v| *v > 0.0).collect();
     if positive.is_empty() {
@@ -71,9 +71,9 @@ impl Shown {
     }
 }
 
-/// The hidden light of a pixel: log2 of its luminance relative to the panorama, at least 0, from the first of
-/// `exposures` (brightest first) that is not clipped there, otherwise from the last one; and whether all of them
-/// are clipped. `None` without exposures.
+/// The hidden light of a pixel: log2 of its luminance relative to the panorama, at least 0. It is measured in the
+/// first of `exposures` (sorted from brightest to darkest) that is not clipped at the pixel, otherwise in the last
+/// one. The flag is true if all exposures are clipped. `None` if there are no exposures.
 pub(crate) fn measured(own: [f32; 3], exposures: impl Iterator<Item = Shown>) -> Option<(f32, bool)> {
     let own = f64::from(luminance(own)).max(DARKEST);
     let mut last = None;

@@ -11,7 +11,8 @@ struct Level {
 }
 
 impl Level {
-    /// The level at half the size; the confidence of a pixel is the sum of those of its four pixels, at most 1.
+    /// The level at half the size. The confidence of a pixel is the sum of the confidences of the four pixels that
+    /// it replaces, at most 1.
     fn halved(&self) -> Self {
         let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
         let mut pixels = Vec::with_capacity(width * height);
@@ -52,8 +53,8 @@ impl Level {
     }
 }
 
-/// Un-premultiplied colours with filled holes. A pixel with an alpha of `hole_alpha` or more keeps its colour;
-/// below that, it is blended with its surroundings in proportion.
+/// Un-premultiplied colours with filled holes. A pixel with an alpha of at least `hole_alpha` keeps its colour. A
+/// pixel with less alpha is blended with its surroundings, in proportion to the missing alpha.
 pub(crate) fn fill(
     premultiplied: &[[f32; 4]],
     width: usize,

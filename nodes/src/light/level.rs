@@ -1,11 +1,12 @@
 //! Typical light level of a picture, for bounds relative to it.
 
-/// Samples darker than this fraction of the bright ones count as unlit, since they are rounding errors and noise.
+/// Samples darker than this fraction of the bright samples count as unlit, since they are rounding errors and
+/// noise.
 const DARKEST: f64 = 1e-6;
 
 /// The median of lit samples, 0 if there are none. A mean would be dominated by a sun. Lit samples are finite and
-/// have at least a millionth of the ninetieth percentile of positive samples, so that a mostly black picture is
-/// measured by the rest.
+/// have at least a millionth of the ninetieth percentile of positive samples, so that the black parts of a picture
+/// have no influence.
 pub fn level(samples: impl Iterator<Item = f64>) -> f64 {
     let mut lit: Vec<f64> = samples.filter(|v| v.is_finite() && *v > 0.0).collect();
     if lit.is_empty() {
@@ -22,8 +23,8 @@ pub fn level(samples: impl Iterator<Item = f64>) -> f64 {
 mod tests {
     use super::*;
 
-    // Neither a sun nor large black areas determine the level, and it scales with exposure. Mutation: `lit.retain`
-    // left out, or the last of the sorted in place of the middle.
+    // Neither a sun nor large black areas determine the level, and it scales with exposure. This test fails without
+    // `lit.retain`, or if the last of the sorted samples is taken in place of the middle one.
     #[test]
     fn suns_and_blackness_do_not_decide() {
         let floor = [0.8, 0.9, 1.0, 1.1, 1.2];

@@ -9,7 +9,7 @@ engine::choices! {
     pub enum Transfer {
         /// The sRGB curve (IEC 61966-2-1), which splat renders and photographs use.
         Srgb,
-        /// A pure power of 2.4, as in the fusion of the paper; darkens unclipped light by about a tenth.
+        /// A pure power of 2.4, as in the HDR fusion of the LightHarmony3D paper; darkens unclipped light by about a tenth.
         Gamma24,
     }
 }
@@ -37,12 +37,12 @@ pub struct LinearPixels {
     pub broken: u64,
     /// Number of samples below 0, which count as 0.
     pub negative: u64,
-    /// True if white is clipped. Display codes end at white; linear light is clipped at white only if no sample
-    /// lies above it: a picture with larger values is not clipped anywhere.
+    /// True if samples may be clipped at white. This is true for display codes, which end at white, and for linear
+    /// light without any sample above white.
     pub ceiling: bool,
 }
 
-/// Linear light above this is more than white, beyond noise.
+/// Linear light above this exceeds white by more than noise.
 const ABOVE_WHITE: f32 = 1.05;
 
 /// Linear light of a 3-channel picture. A linear picture is used unchanged.

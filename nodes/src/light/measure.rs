@@ -60,8 +60,9 @@ fn each_texel(env: &Environment, [across, down]: [usize; 2], mut give: impl FnMu
     }
 }
 
-/// The environment in cells of at most `columns` x `columns / 2`: the power of every texel is added to the cell
-/// that contains its centre, which keeps the total at any image size. Texels larger than cells are split.
+/// Averages an environment over a grid of at most `columns` x `columns / 2` cells. The power of every texel is
+/// added to the cell that contains its centre, which preserves the total for any image size. Texels larger than
+/// cells are split.
 pub fn cells(env: &Environment, columns: usize) -> Vec<Cell> {
     let cuts = cuts(env, columns);
     let (width, height) = (env.image.width * cuts[0], env.image.height * cuts[1]);
@@ -122,8 +123,8 @@ pub fn spiral(n: usize) -> Vec<DVec3> {
 /// Cosine of 15 degrees, the radius of the dominant light.
 pub const DOMINANT_COS: f64 = 0.965_925_826_289_068_3;
 
-/// The direction in which radiance smoothed by a lobe of 10 degrees is largest, and its ratio to the mean over the
-/// sphere. `None` without light.
+/// The direction in which the radiance, smoothed by a lobe of 10 degrees, is largest, and the ratio of this
+/// radiance to the mean over the sphere. `None` if all cells are black.
 pub fn brightest(coarse: &[Cell]) -> Option<(DVec3, f64)> {
     let sharpness = 1.0 / (PI / 18.0 * (PI / 18.0));
     let mut best = (0.0, None);
@@ -151,13 +152,14 @@ pub fn centroid(fine: &[Cell], around: DVec3) -> DVec3 {
     sum.try_normalize().unwrap_or(around)
 }
 
-/// Direction of the dominant light: the [`centroid`] around the [`brightest`] direction. `None` without light.
+/// Direction of the dominant light: the [`centroid`] around the [`brightest`] direction. `None` if all cells are
+/// black.
 pub fn dominant(coarse: &[Cell], fine: &[Cell]) -> Option<DVec3> {
     brightest(coarse).map(|(around, _)| centroid(fine, around))
 }
 
-/// Irradiance of a plane from within 15 degrees of `light`, divided by that from elsewhere; `None` if nothing
-/// arrives from elsewhere. The plane is the ground, or faces the light if that is low.
+/// Irradiance of a plane from within 15 degrees of `light`, divided by the irradiance from all other directions;
+/// `None` if the latter is 0. The plane is the ground, or a plane that faces the light if the light is low.
 pub fn contrast(cells: &[Cell], light: DVec3, up: DVec3) -> Option<f64> {
     let normal = if light.dot(up) > 0.1 { up } else { light };
     let (mut near, mut rest) = (0.0, 0.0);
@@ -204,7 +206,7 @@ mod tests {
         }
     }
 
-    // Mutation: `cuts` of 1 and 1 (seen red).
+    // This test fails if `cuts` returns 1 and 1.
     #[test]
     fn texels_are_areas_however_large() {
         let mut pair = env(2, |_| 1.0);

@@ -1,4 +1,4 @@
-//! Panoramas made of splats, by any renderer: filling of holes, and encoding.
+//! Panoramas rendered from splats: filling of holes, and encoding.
 
 use std::f64::consts::PI;
 
@@ -120,5 +120,5 @@ pub(crate) fn check_width(width_px: u32) -> Result<(), NodeError> {
     }
     Err(NodeError::new(format!("a panorama of {width_px} px has no integer height"))
         .at("width_px")
-        .hint("give an even number"))
+        .hint("use an even number"))
 }

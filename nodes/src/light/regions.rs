@@ -70,7 +70,7 @@ pub fn around(region: &[usize], (width, len): (usize, usize), steps: usize) -> B
     found
 }
 
-/// Distance in pixels from each pixel of the mask to the nearest pixel outside of it, 0 outside; the poles do not
+/// Distance in pixels from each pixel of the mask to the nearest pixel outside it, 0 outside; the poles do not
 /// count as an edge. Exact Euclidean distance by lower envelopes of parabolas (Felzenszwalb and Huttenlocher,
 /// Distance Transforms of Sampled Functions, 2012). Rows are extended by a quarter turn on both sides, so distances
 /// are limited to the end of the extension.
@@ -163,7 +163,7 @@ mod tests {
         assert_eq!(grown, "##...##...........");
     }
 
-    // Mutation: `steps` one less, or the edge not updated.
+    // This test fails if `steps` is one less, or if the edge is not updated.
     #[test]
     fn what_is_around_a_region_is_what_it_grows_to() {
         let (mask, width) = mask(&["#....##.", "........", ".#......", "........", "........", "....##.."]);

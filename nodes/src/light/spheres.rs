@@ -1,4 +1,4 @@
-//! Spheres in two lights: the visible difference on a matte, a glossy and a mirror object.
+//! Comparison of two lights by renders of a matte, a glossy and a mirror sphere.
 
 use engine::{Context, NodeError};
 use glam::DVec3;

@@ -42,7 +42,7 @@ pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Note
     let Some(placement) = part.place(name, [width, height])? else { return Ok(picture) };
     let ([w, h], [x, y]) = (placement.size, placement.at);
     let what = format!(
-        "by its metadata (GPano), the picture of {width}x{height} pixels is a crop, at {x}, {y}, of a panorama of {w}x{h}; the rest is unknown"
+        "according to its metadata (GPano), the picture of {width}x{height} pixels is a crop, at {x}, {y}, of a panorama of {w}x{h} pixels; the rest is unknown"
     );
     notes.decision("part-of-a-sphere", what);
     Ok(laid(&picture, placement))
@@ -61,7 +61,7 @@ fn tell(part: &GPano, notes: &mut Notes) {
     if part.tilt.iter().any(|degrees| degrees.abs() > 0.5) {
         let [pitch, roll] = part.tilt;
         let what = format!(
-            "the metadata says that the file is pitched by {pitch} and rolled by {roll} degrees (GPano), which is ignored: its rows are treated as level"
+            "according to its metadata (GPano), the picture is pitched by {pitch} and rolled by {roll} degrees; this is ignored, and its rows are treated as level"
         );
         notes.warning("tilt-ignored", what);
     }
@@ -96,7 +96,7 @@ fn laid(picture: &Picture, placement: Placement) -> Picture {
     }
 }
 
-/// Width, height and linear RGB of a file of light, finite.
+/// Reads a file that stores linear light. Returns its width, its height and its RGB values, which are finite.
 #[cfg(feature = "learned")]
 pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usize, usize, Vec<f32>), Error> {
     let picture = decode(FileEncoding::Auto, "", name, bytes, notes, Progress::UNTRACKED)?;
@@ -104,12 +104,12 @@ pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usiz
     Ok((width, height, linear(name, &picture)?))
 }
 
-/// Linear RGB of a picture of light. Partly transparent pixels count by their alpha.
+/// Linear RGB of a picture that stores linear light. Colours stay premultiplied by alpha, which is left out.
 pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
     let Picture::Linear(image) = picture else {
         return Err(Error::format(
             name,
-            "contains display colours; light must be stored as OpenEXR or Radiance HDR",
+            "the file contains display colours; light must be stored as OpenEXR or Radiance HDR",
         ));
     };
     let mut rgb = Vec::with_capacity(image.width * image.height * 3);
@@ -160,7 +160,8 @@ pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
     (pixels.into_iter().flat_map(colour).collect(), alpha)
 }
 
-/// Rotates the pixels of `N` samples by shifting every row to the left: light in front moves to the left.
+/// Rotates a panorama of pixels with `N` samples by shifting every row to the left. Light in front moves to the
+/// left.
 pub(crate) fn turn<const N: usize>(
     pixels: &[[f32; N]],
     width: usize,

@@ -2,7 +2,7 @@
 
 use crate::math::num;
 
-/// Rec.709 luminance weights as the paper prints them; they sum to exactly 1 in decimal.
+/// Rec.709 luminance weights, rounded to five digits. The decimal numbers sum to exactly 1.
 pub const LUMINANCE: [f32; 3] = [0.21267, 0.71516, 0.07217];
 
 /// Luminance of linear RGB, added in the order R, G, B.

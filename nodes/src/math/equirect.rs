@@ -36,8 +36,8 @@ pub fn uv(up: Up, direction: DVec3) -> (f64, f64) {
     (if u >= 1.0 { u - 1.0 } else { u }, v)
 }
 
-/// Exact solid angle of one pixel of row `y`, in steradians: the integral over the row, divided by its pixels. The
-/// sum over the whole panorama is 4 pi.
+/// Exact solid angle of one pixel of row `y`, in steradians: the integral over the row, divided by the number of
+/// its pixels. The sum over the whole panorama is 4 pi.
 pub fn pixel_solid_angle(width: usize, height: usize, y: usize) -> f64 {
     let edge = |row: usize| num::f64::cos(PI * row as f64 / height as f64);
     2.0 * PI / width as f64 * (edge(y) - edge(y + 1))

@@ -1,8 +1,8 @@
 //! Portable transcendental functions: the same bits on every machine.
 //!
-//! Each calls the pure-Rust `libm` in f64 and, for f32, rounds once; on all measured inputs the result is the
-//! correctly rounded f32. IEEE `+ - * / sqrt floor round trunc` need no wrapper, since they give the same bits
-//! everywhere.
+//! Each function calls the pure-Rust crate `libm` in f64. The f32 functions round the result once, which gave the
+//! correctly rounded f32 for all measured inputs. IEEE `+ - * / sqrt floor round trunc` need no wrapper, since they
+//! give the same bits everywhere.
 
 macro_rules! unary {
     ($($name:ident = $libm:ident, $doc:literal;)*) => {
@@ -77,8 +77,8 @@ pub fn sin_cos_deg(degrees: core::primitive::f64) -> (core::primitive::f64, core
 mod tests {
     use super::*;
 
-    /// Subnormal numbers are kept. If a library that sets these flags is loaded before the program, `path-trace`
-    /// returns an error (tested by hand).
+    /// Subnormal numbers are kept. If a library that makes the processor flush them to 0 is loaded before the
+    /// program, `path-trace` returns an error (tested by hand).
     #[test]
     fn the_smallest_numbers_are_kept() {
         assert!(keeps_subnormals());

@@ -19,7 +19,7 @@ impl Similarity {
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, scale: 1.0, offset: DVec3::ZERO };
 
     /// Converts a matrix of 16 numbers, row by row. Returns an error at the field `matrix` if it is not a
-    /// similarity: if its axes are scaled unevenly, sheared or mirrored by more than the rounding of a text file.
+    /// similarity, that is, if it mirrors, scales unevenly or shears by more than the rounding of numbers in text.
     pub fn of_rows(rows: &[f64; 16]) -> Result<Self, NodeError> {
         let m = DMat4::from_cols_array(rows).transpose();
         let (linear, offset) = (DMat3::from_mat4(m), m.w_axis.truncate());
@@ -43,7 +43,7 @@ impl Similarity {
         let scale = linear.x_axis.length();
         let axes = linear * (1.0 / scale);
         let [x, y, z] = [axes.x_axis, axes.y_axis, axes.z_axis];
-        // Six digits are what people paste.
+        // Pasted matrices often have only six digits.
         let near = |a: f64, b: f64| (a - b).abs() < 1e-5;
         let right = near(x.dot(y), 0.0) && near(y.dot(z), 0.0) && near(z.dot(x), 0.0);
         if !(right && near(y.length(), 1.0) && near(z.length(), 1.0)) {
@@ -53,7 +53,7 @@ impl Similarity {
         Ok(Self { rotation: DMat3::from_cols(x, y, x.cross(y)), scale, offset })
     }
 
-    /// Converts an optional parameter; without it the transform is the identity.
+    /// Converts an optional matrix; `None` gives the identity.
     pub fn of_parameter(rows: Option<&[f64; 16]>) -> Result<Self, NodeError> {
         rows.map_or(Ok(Self::IDENTITY), Self::of_rows)
     }

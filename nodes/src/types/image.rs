@@ -13,7 +13,7 @@ pub trait Encoding: Copy + std::fmt::Debug + PartialEq + Send + Sync + 'static {
 /// Scene-referred linear light, Rec.709 primaries, 1 = white at EV 0. May exceed 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Linear;
-/// Display encoding with the sRGB curve, Rec.709 primaries. May exceed 1, as in splat scenes.
+/// Display encoding with the sRGB curve, Rec.709 primaries. Values may exceed 1, which happens in splat scenes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Srgb;
 /// Data that are not colours: depth, normal, variance, mask.
@@ -51,7 +51,7 @@ impl<E: Encoding> Image<E> {
         Self::from_samples(width, height, channels, vec![0.0; width * height * channels])
     }
 
-    /// An image of the given samples, whose number must match.
+    /// An image of the given samples, whose number must match the size.
     pub fn from_samples(width: usize, height: usize, channels: usize, samples: Vec<f32>) -> Self {
         assert_eq!(
             samples.len(),
@@ -90,7 +90,10 @@ impl<E: Encoding> Image<E> {
         let (width, height, channels) = (from.u32()? as usize, from.u32()? as usize, from.u32()? as usize);
         let samples = from.f32s()?;
         if width.checked_mul(height).and_then(|n| n.checked_mul(channels)) != Some(samples.len()) {
-            return Err(Corrupt(format!("{width}x{height}x{channels} image of {} samples", samples.len())));
+            return Err(Corrupt(format!(
+                "a {width}x{height}x{channels} image has {} samples",
+                samples.len()
+            )));
         }
         Ok(Self::from_samples(width, height, channels, samples))
     }
@@ -168,7 +171,7 @@ pub struct NamedImage {
 pub struct Images(pub Vec<NamedImage>);
 
 impl Images {
-    /// A set of one.
+    /// A set of one picture.
     pub fn single(name: impl Into<String>, picture: impl Into<Picture>) -> Self {
         Self(vec![NamedImage { name: name.into(), picture: picture.into() }])
     }
@@ -202,7 +205,7 @@ impl Artifact for Images {
                 Linear::NAME => Image::<Linear>::decode(from)?.into(),
                 Srgb::NAME => Image::<Srgb>::decode(from)?.into(),
                 Data::NAME => Image::<Data>::decode(from)?.into(),
-                other => return Err(Corrupt(format!("encoding `{other}`"))),
+                other => return Err(Corrupt(format!("`{other}` is not an encoding"))),
             };
             images.push(NamedImage { name, picture });
         }

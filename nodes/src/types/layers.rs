@@ -8,7 +8,7 @@ use crate::error::Error;
 use crate::math::color::linear_from_srgb;
 use crate::types::{Image, Images, Linear, Picture};
 
-/// The picture of view `name` in another set. Returns an error unless it has the size `size` (columns, rows).
+/// Returns the picture of the view `name` in a set. It is an error if its size is not `size` (columns, rows).
 pub fn matching<'a>(
     images: &'a Images,
     port: &'static str,
@@ -43,7 +43,7 @@ pub fn coloured(picture: &Picture) -> Cow<'_, Picture> {
     Cow::Owned(colour.into())
 }
 
-/// The linear light of a premultiplied display-encoded channel: 0 where alpha is 0.
+/// The premultiplied linear light of a premultiplied display-encoded channel; 0 where alpha is 0.
 pub fn decoded(encoded: f32, alpha: f32) -> f32 {
     if alpha > 0.0 { linear_from_srgb(encoded / alpha) * alpha } else { 0.0 }
 }
@@ -57,7 +57,7 @@ pub fn linear<'a>(picture: &'a Picture, port: &'static str) -> Result<Cow<'a, Im
     let channels = picture.size().2;
     if !(3..=4).contains(&channels) || matches!(picture, Picture::Data(_)) {
         let what =
-            format!("`{port}` needs a colour picture, not {} of {channels} channels", picture.encoding());
+            format!("`{port}` needs a colour picture, not {} with {channels} channels", picture.encoding());
         return Err(NodeError::from(Error::Mismatch(what)).at(port));
     }
     let encoded = match picture {

@@ -16,16 +16,16 @@ pub enum Wrap {
 /// Filtering of a texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sampler {
-    /// Along u.
+    /// Wrapping along u.
     pub wrap_u: Wrap,
-    /// Along v.
+    /// Wrapping along v.
     pub wrap_v: Wrap,
     /// True for the texel that contains the point; false for bilinear interpolation.
     pub nearest: bool,
 }
 
-/// A decoded picture: 8-bit RGBA as stored, row 0 at v = 0. Colour textures are sRGB-encoded, others are not,
-/// depending on the reference.
+/// A decoded picture: 8-bit RGBA as stored, row 0 at v = 0. The encoding depends on the use of the texture: colours
+/// are sRGB-encoded, other data are linear.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Texture {
     /// Columns.
@@ -161,7 +161,7 @@ pub struct Iridescence {
     pub ior: f32,
     /// Thickness in nanometres where the texture is 0 and where it is 1.
     pub thickness_nm: [f32; 2],
-    /// Texture that interpolates between the two, in its green channel. Without it the film has the second
+    /// Texture whose green channel interpolates between the two thicknesses. Without it, the film has the second
     /// thickness.
     pub thickness_texture: Option<TextureRef>,
 }
@@ -198,14 +198,14 @@ pub struct Material {
     pub emissive_texture: Option<TextureRef>,
     /// Effect of alpha.
     pub alpha_mode: AlphaMode,
-    /// True if visible from both sides; otherwise back faces are culled for camera rays.
+    /// True if both sides are visible; otherwise back faces are culled for camera rays.
     pub double_sided: bool,
     /// KHR_materials_unlit: emits its base colour and reflects nothing.
     pub unlit: bool,
     /// KHR_materials_ior: index of refraction, 1.5 by default; 1 for no interface.
     pub ior: f32,
-    /// KHR_materials_transmission: fraction of the light below the surface that passes through, 0 to 1; red
-    /// channel.
+    /// KHR_materials_transmission: fraction of the light entering the surface that is transmitted and not
+    /// scattered, 0 to 1; red channel.
     pub transmission: Map,
     /// KHR_materials_volume: the surface bounds a medium that refracts light and absorbs it with these coefficients
     /// per metre. `None` for a thin wall.
@@ -437,19 +437,19 @@ impl Fields for Read<'_, '_> {
     fn numbers(&mut self, v: &mut [f32]) -> Result<(), Corrupt> {
         let read = self.from.f32s()?;
         if read.len() != v.len() {
-            return Err(Corrupt(format!("{} numbers instead of {}", read.len(), v.len())));
+            return Err(Corrupt(format!("a field has {} numbers instead of {}", read.len(), v.len())));
         }
         v.copy_from_slice(&read);
         Ok(())
     }
     fn tag(&mut self, v: &mut u8, largest: u8) -> Result<(), Corrupt> {
         *v = self.from.u8()?;
-        if *v <= largest { Ok(()) } else { Err(Corrupt(format!("tag {v} of a material"))) }
+        if *v <= largest { Ok(()) } else { Err(Corrupt(format!("a material has the unknown tag {v}"))) }
     }
     fn texture_index(&mut self, v: &mut TextureRef) -> Result<(), Corrupt> {
         (v.texture, v.uv_set) = (self.from.u32()?, self.from.u32()?);
         if v.texture as usize >= self.textures || v.uv_set > 1 {
-            return Err(Corrupt(format!("texture {} of {}", v.texture, self.textures)));
+            return Err(Corrupt(format!("a material refers to texture {} of {}", v.texture, self.textures)));
         }
         Ok(())
     }

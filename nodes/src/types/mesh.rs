@@ -8,8 +8,8 @@ use glam::DVec3;
 pub struct Mesh {
     /// Vertex positions in world units.
     pub positions: Vec<[f32; 3]>,
-    /// Part of the positions that f32 loses, to be added in f64; empty if the file has f32. Meshes far from the
-    /// origin need it, as in surveyed frames.
+    /// Remainder of each position that f32 cannot hold, to be added in f64; empty if the file stores f32. Needed
+    /// for meshes far from the origin, such as those in survey coordinates.
     pub positions_low: Vec<[f32; 3]>,
     /// Linear Rec.709 albedo of each vertex, 0 to 1; empty if the file has no colours.
     pub colours: Vec<[f32; 3]>,
@@ -51,7 +51,7 @@ impl Artifact for Mesh {
         let fit = |len: usize| len == 0 || len == vertices;
         let all_fit = fit(mesh.colours.len()) && fit(mesh.positions_low.len());
         if !all_fit || mesh.triangles.as_flattened().iter().any(|&v| v as usize >= vertices) {
-            return Err(Corrupt("a mesh that refers to vertices that do not exist".to_owned()));
+            return Err(Corrupt("a triangle refers to a vertex that does not exist".to_owned()));
         }
         Ok(mesh)
     }
@@ -75,12 +75,12 @@ impl Artifact for Mesh {
     }
 }
 
-/// Splits numbers into groups of `N`. Returns an error if their count is not a multiple.
+/// Splits numbers into groups of `N`. Returns an error if their count is not a multiple of `N`.
 pub(crate) fn grouped<T: Copy, const N: usize>(flat: Vec<T>) -> Result<Vec<[T; N]>, Corrupt> {
     let (whole, rest) = flat.as_chunks::<N>();
     if rest.is_empty() {
         Ok(whole.to_vec())
     } else {
-        Err(Corrupt(format!("a count that is not a multiple of {N}")))
+        Err(Corrupt(format!("a count is not a multiple of {N}")))
     }
 }

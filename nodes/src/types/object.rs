@@ -52,7 +52,7 @@ pub struct Placed {
 }
 
 impl Object {
-    /// The materials that are used by a triangle.
+    /// The materials that at least one triangle uses.
     pub fn materials_in_use(&self) -> impl Iterator<Item = &Material> {
         let mut used = vec![false; self.materials.len()];
         for primitive in self.primitives.iter().filter(|primitive| !primitive.triangles.is_empty()) {
@@ -95,7 +95,7 @@ impl Artifact for Object {
         for _ in 0..from.length(16)? {
             let texture = Texture { width: from.u32()?, height: from.u32()?, rgba: from.u8s()? };
             if u64::from(texture.width) * u64::from(texture.height) * 4 != texture.rgba.len() as u64 {
-                return Err(Corrupt("texture of another size".to_owned()));
+                return Err(Corrupt("a texture does not have the size that it declares".to_owned()));
             }
             object.textures.push(texture);
         }
@@ -115,7 +115,7 @@ impl Artifact for Object {
                 material: from.u32()?,
             };
             if !primitive.is_consistent() || primitive.material as usize >= object.materials.len() {
-                return Err(Corrupt("a primitive that refers to data that does not exist".to_owned()));
+                return Err(Corrupt("a primitive refers to data that does not exist".to_owned()));
             }
             object.primitives.push(primitive);
         }
@@ -144,7 +144,7 @@ impl Artifact for Object {
 }
 
 impl Primitive {
-    /// True when every attribute array is empty or of equal length and every index is in range.
+    /// True if every attribute array is empty or has one entry per vertex, and every index is in range.
     pub fn is_consistent(&self) -> bool {
         let n = self.positions.len();
         let fits = |len: usize| len == 0 || len == n;

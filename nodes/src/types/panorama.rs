@@ -19,8 +19,8 @@ pub struct Panorama {
     pub up: Up,
     /// Point where it was taken, in world units, if known.
     pub origin: Option<DVec3>,
-    /// Rotation about the up axis when it was loaded, counter-clockwise seen from above, in degrees: other
-    /// photographs of the same place need the same rotation.
+    /// Rotation about the up axis that was applied when the panorama was loaded, in degrees, counter-clockwise seen
+    /// from above. Other photographs of the same place need the same rotation.
     pub turned_deg: f64,
 }
 
@@ -35,7 +35,7 @@ pub enum Taken {
     Linear,
 }
 
-/// A panorama's clipped pixels with the light that they hide.
+/// The light that is hidden in the clipped pixels of a panorama, and exposures that show it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Brackets {
     /// log2 of (true luminance / clipped luminance), 0 where nothing is clipped; one channel, of the
@@ -43,12 +43,12 @@ pub struct Brackets {
     pub log2_gain: Image<Data>,
     /// Exposure values, ascending (darkest first), of the pictures in `exposures`.
     pub evs: Vec<f64>,
-    /// The photograph of a camera at each of `evs`: display-encoded, one view each; clipped to 1, except for
-    /// photographs of linear light.
+    /// The photograph that a camera would take at each of `evs`, display-encoded. Clipped to 1 unless `taken` is
+    /// [`Taken::Linear`].
     pub exposures: Vec<Image<Srgb>>,
     /// Source of the exposures.
     pub taken: Taken,
-    /// Method, and each region it found.
+    /// The method that was used, and each region that it found.
     pub report: Report,
 }
 
@@ -65,7 +65,7 @@ pub(crate) fn decode_up(from: &mut Decoder<'_>) -> Result<Up, Corrupt> {
         0 => Up::PlusY,
         1 => Up::MinusY,
         2 => Up::PlusZ,
-        other => return Err(Corrupt(format!("up axis {other}"))),
+        other => return Err(Corrupt(format!("{other} is not an up axis"))),
     })
 }
 
@@ -83,7 +83,11 @@ fn encode_picture(picture: &Picture, to: &mut Encoder) {
 }
 
 fn decode_picture(from: &mut Decoder<'_>) -> Result<Picture, Corrupt> {
-    Images::decode(from)?.0.pop().map(|image| image.picture).ok_or_else(|| Corrupt("no picture".to_owned()))
+    Images::decode(from)?
+        .0
+        .pop()
+        .map(|image| image.picture)
+        .ok_or_else(|| Corrupt("a picture is missing".to_owned()))
 }
 
 impl Artifact for Panorama {
@@ -101,7 +105,7 @@ impl Artifact for Panorama {
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
         let image = decode_picture(from)?;
         let Picture::Data(alpha) = decode_picture(from)? else {
-            return Err(Corrupt("alpha of a panorama is not data".to_owned()));
+            return Err(Corrupt("the alpha of a panorama is not data".to_owned()));
         };
         if image.size().2 != 3
             || (alpha.width, alpha.height, alpha.channels) != (image.size().0, image.size().1, 1)
@@ -153,21 +157,21 @@ impl Artifact for Brackets {
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
         let Picture::Data(log2_gain) = decode_picture(from)? else {
-            return Err(Corrupt("a gain map is data".to_owned()));
+            return Err(Corrupt("a gain map is not data".to_owned()));
         };
         let evs = from.f64s()?;
         let exposures = evs
             .iter()
             .map(|_| match decode_picture(from)? {
                 Picture::Srgb(image) => Ok(image),
-                _ => Err(Corrupt("an exposure is display-encoded".to_owned())),
+                _ => Err(Corrupt("an exposure is not display-encoded".to_owned())),
             })
             .collect::<Result<_, _>>()?;
         let taken = match from.u8()? {
             0 => Taken::Derived,
             1 => Taken::Display,
             2 => Taken::Linear,
-            other => return Err(Corrupt(format!("exposures of kind {other}"))),
+            other => return Err(Corrupt(format!("{other} is not a source of exposures"))),
         };
         Ok(Self { log2_gain, evs, exposures, taken, report: Report::decode(from)? })
     }

@@ -94,7 +94,7 @@ impl Artifact for Report {
                     1 => Cell::Text(from.str()?),
                     2 => Cell::Count(from.u64()?),
                     3 => Cell::Number(from.f64()?),
-                    other => return Err(Corrupt(format!("cell of unknown type {other}"))),
+                    other => return Err(Corrupt(format!("a cell has the unknown type {other}"))),
                 })
             };
             let rows = (0..height)

@@ -27,7 +27,8 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// A camera with square pixels and a centred principal point, given its right, down and forward in the world.
+    /// A camera with square pixels and a centred principal point, given its right, down and forward directions in
+    /// the world.
     pub fn centred(
         name: &str,
         [width_px, height_px]: [u32; 2],
@@ -54,7 +55,7 @@ impl Camera {
         DMat4::from_cols_array(&self.world_from_camera)
     }
 
-    /// The rigid transform from world to camera: transposed rotation, so exact for a rotation.
+    /// The rigid transform from world to camera. The rotation is transposed, which inverts it exactly.
     pub fn camera_from_world(&self) -> DMat4 {
         let m = self.world_from_camera();
         let r = glam::DMat3::from_mat4(m).transpose();
@@ -134,5 +135,7 @@ impl Artifact for Rig {
 }
 
 pub(crate) fn exactly<const N: usize>(values: Vec<f64>) -> Result<[f64; N], Corrupt> {
-    values.try_into().map_err(|v: Vec<f64>| Corrupt(format!("{} numbers instead of {N}", v.len())))
+    values
+        .try_into()
+        .map_err(|v: Vec<f64>| Corrupt(format!("a camera has {} numbers instead of {N}", v.len())))
 }

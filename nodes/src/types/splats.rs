@@ -6,10 +6,10 @@ use super::image::{Data, Image, Images, Linear, NamedImage, Picture, Srgb, sampl
 use super::mesh::grouped;
 use super::rig::{Camera, Rig};
 
-/// Encoding that splat colours were trained in, and are blended in.
+/// Encoding in which the colours of splats were trained and are blended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SplatEncoding {
-    /// Display values, similar to sRGB: nearly every capture.
+    /// Display values, similar to sRGB. Nearly every capture has them.
     Srgb,
     /// Linear light, if the file specifies it.
     Linear,
@@ -21,9 +21,9 @@ pub enum SplatEncoding {
 pub struct Splats {
     /// Centres, in world units.
     pub means: Vec<[f32; 3]>,
-    /// Part of the centres that f32 loses, to be added in f64; empty if the file has f32. Files with centres in f64
-    /// (surveyed frames) or quantised finely (SOG) need it: 16-bit SOG rendered without it deviates from the file
-    /// by -105 dB, with it by less than -120 dB.
+    /// Remainder of each centre that f32 cannot hold, to be added in f64; empty if the file stores f32. Needed for
+    /// files with centres in f64 (survey coordinates) or with fine quantisation (SOG): a render of 16-bit SOG
+    /// deviates from the file by -105 dB without it, and by less than -120 dB with it.
     pub means_low: Vec<[f32; 3]>,
     /// Unit quaternions (w, x, y, z): rotation from the axes of the Gaussian to the world.
     pub quats: Vec<[f32; 4]>,
@@ -121,7 +121,11 @@ impl Artifact for Splats {
             && splats.scales.len() == n
             && splats.opacities.len() == n
             && splats.sh.len() == n * splats.sh_len();
-        if fits { Ok(splats) } else { Err(Corrupt("splat arrays of unequal length".to_owned())) }
+        if fits {
+            Ok(splats)
+        } else {
+            Err(Corrupt("the arrays of the splats have unequal lengths".to_owned()))
+        }
     }
 
     fn bytes(&self) -> usize {
@@ -181,9 +185,9 @@ impl Artifact for Views {
             let [colour, depth]: [NamedImage; 2] = Images::decode(from)?
                 .0
                 .try_into()
-                .map_err(|_| Corrupt("a view has two images".to_owned()))?;
+                .map_err(|_| Corrupt("a view does not have two images".to_owned()))?;
             let Picture::Data(depth) = depth.picture else {
-                return Err(Corrupt("depth is data".to_owned()));
+                return Err(Corrupt("the depth of a view is not data".to_owned()));
             };
             views.push(View { camera, colour: colour.picture, depth });
         }
@@ -213,7 +217,7 @@ impl Artifact for Views {
     }
 }
 
-/// A colour image in the encoding of the splats.
+/// A colour image of these samples, in the encoding of the splats.
 pub(crate) fn tagged(
     encoding: SplatEncoding,
     width: usize,

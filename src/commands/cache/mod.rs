@@ -26,7 +26,8 @@ enum Verb {
     Stat,
     /// Read everything and report damage, without changing anything; exit code 1 if something is damaged
     Verify,
-    /// Move damaged results aside at once, as runs do when they meet them, so that they are recomputed
+    /// Move damaged results aside now, so that they are recomputed; runs do the same with damaged results that they
+    /// find
     Repair,
     /// Remove the least recently used results; waits until no run is active
     Gc(Gc),
@@ -73,7 +74,7 @@ struct Copy {
 }
 
 impl Cache {
-    /// Runs the verb and returns the exit code.
+    /// Runs the command and returns the exit code.
     pub fn run(self) -> Result<u8, Error> {
         let folder = cache_folder(self.cache.as_deref())?;
         if matches!(self.verb, Verb::Gc(_)) && !folder.exists() {
@@ -110,14 +111,14 @@ fn stat(store: &Store, folder: &Path) -> Result<u8, Error> {
         (
             "values",
             format!(
-                "{} in files, {}; {} small ones",
+                "{} large values in files, {}; {} small values in a log",
                 stat.large_blobs,
                 bytes_text(stat.large_bytes),
                 stat.small_blobs
             ),
         ),
         ("logs", format!("{}, {} of it unused", bytes_text(stat.log_bytes), bytes_text(stat.dead_bytes))),
-        ("files", format!("{} digests remembered", stat.memos)),
+        ("files", format!("{} remembered digests of input files", stat.memos)),
         ("aside", bytes_text(stat.quarantine_bytes)),
     ];
     let mut text: String = rows.iter().map(|(name, value)| format!("{name:<8} {value}\n")).collect();
@@ -139,9 +140,9 @@ fn check(store: &Store, repair: bool) -> Result<u8, Error> {
     found.incomplete.iter().for_each(|key| text.push_str(&format!("incomplete: result {key}\n")));
     text.push_str(match (found.is_whole(), repair) {
         (true, _) => "nothing is damaged\n",
-        (false, true) => "moved aside; the next run that needs it recomputes it\n",
+        (false, true) => "the damaged results were moved aside; the next run that needs them recomputes them\n",
         (false, false) => {
-            "a run that needs it recomputes it; `lightharmony cache repair` moves it aside now\n"
+            "a run that needs a damaged result recomputes it; `lightharmony cache repair` moves all of them aside now\n"
         }
     });
     print(&text)?;
@@ -165,7 +166,7 @@ impl Gc {
             bytes_text(gone.after)
         );
         if gone.pinned > 0 {
-            text.push_str(&format!("{} results are pinned and stay\n", gone.pinned));
+            text.push_str(&format!("{} results are pinned and are kept\n", gone.pinned));
         }
         print(&text)?;
         let too_much = limits.max_size.is_some_and(|most| gone.after > most && most > 0);

@@ -60,7 +60,8 @@ impl Check {
                     .list
                     .into_iter()
                     .map(|mistake| mistake.hint(format!("with the preset `{name}`")));
-                // The text of the graph comes first in all of them, so places are the same.
+                // Every source begins with the text of the graph, so places in that text are the same in all of
+                // them.
                 let all = found.get_or_insert_with(|| Diagnostics::new(mistakes.source, Vec::new()));
                 all.list.extend(of_preset);
             }

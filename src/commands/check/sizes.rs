@@ -26,7 +26,7 @@ const FOLLOWS: [(&str, &str); 7] = [
 /// The inputs that `composite` combines.
 const LAYERS: [&str; 4] = ["background", "object", "shadow", "front"];
 
-/// Mistakes for each `composite` whose inputs have different sizes, as far as sizes are known without a run.
+/// Reports each `composite` whose inputs have different sizes, as far as these sizes are known without a run.
 pub fn check(graph: &Graph) -> Result<(), Diagnostics> {
     let mut known: Vec<Option<Option<Sizes>>> = vec![None; graph.nodes.len()];
     let mut mistakes = Vec::new();
@@ -46,7 +46,7 @@ pub fn check(graph: &Graph) -> Result<(), Diagnostics> {
                         format!("`{layer}` is {} pixels, but `{name}` is {}", text(&sizes), text(expected));
                     mistakes.push(
                         Diagnostic::of(Code::Wiring, graph.place(node, Some(layer)), message)
-                            .hint("render with a camera of the size of the picture, or load the picture at the size of the camera"),
+                            .hint("render with a camera of the same size as the picture, or load a picture of the same size as the camera"),
                     );
                 }
                 _ => {}
@@ -69,7 +69,7 @@ fn wire(graph: &Graph, node: usize, input: &str) -> Option<Wire> {
 
 /// The sizes of an output; `None` if they are known only after a run.
 fn sizes(graph: &Graph, wire: Wire, known: &mut [Option<Option<Sizes>>]) -> Option<Sizes> {
-    // From the node up to the first one with a size of its own; graphs may be deep.
+    // Follows inputs up to the first node with its own size. This is a loop, since graphs may be deep.
     let (mut at, mut path) = (wire, Vec::new());
     let found = loop {
         if let Some(found) = &known[at.node] {
@@ -155,7 +155,7 @@ mod tests {
         check(&graph.unwrap_or_else(|mistakes| panic!("{mistakes}")))
     }
 
-    // Mutation: `fit` always true.
+    // This test fails if `fit` always returns true.
     #[test]
     fn a_plate_and_a_camera_of_different_sizes_are_found_before_the_run() {
         let camera = "Camera(eye: (2.0, 0.0, 1.0), target: (0.0, 0.0, 0.0), width_px: 64, height_px: 48)";

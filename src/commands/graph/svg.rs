@@ -1,4 +1,5 @@
-//! Draws graphs as SVG: one column per step of the longest path, with wires routed around the nodes between.
+//! Draws graphs as SVG, with one column per step of the longest path. Wires are routed around the nodes between
+//! their ends.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -12,7 +13,7 @@ use super::state;
 const HEIGHT: usize = 52;
 const GAP: (usize, usize) = (60, 18);
 const MARGIN: usize = 20;
-/// Width reserved for a letter in pixels; few letters are wider.
+/// Width in pixels that is reserved for a letter; few letters are wider.
 const LETTER: usize = 8;
 
 /// An entry of a column: a node, or the wires of a node that continue to a later column.
@@ -74,7 +75,7 @@ pub fn svg(graph: &Graph, plan: &[Planned]) -> Option<String> {
 }
 
 /// The entries of each column, from top to bottom. A node is to the right of its inputs, at their average height;
-/// ties and the first column follow the file.
+/// nodes at equal heights, and those of the first column, are in file order.
 fn columns(graph: &Graph) -> Option<Vec<Vec<Entry>>> {
     let mut column = vec![0; graph.nodes.len()];
     let mut last = vec![0; graph.nodes.len()];
@@ -116,14 +117,14 @@ fn columns(graph: &Graph) -> Option<Vec<Vec<Entry>>> {
     Some(columns)
 }
 
-/// The nodes whose entries in the previous column have a wire to an entry.
+/// The nodes whose entries in the previous column are wired to `entry`.
 fn above<'g>(graph: &'g Graph, entry: &'g Entry) -> &'g [usize] {
     if entry.passes { std::slice::from_ref(&entry.node) } else { graph.reads(entry.node) }
 }
 
-/// The row of each node within one column.
+/// The rows of the nodes in the current column.
 struct Rows {
-    /// Column and row of each node.
+    /// For each node, the last column that contained it and its row there.
     of: Vec<(usize, usize)>,
     column: usize,
 }
@@ -145,7 +146,8 @@ impl Rows {
     }
 }
 
-/// Line segments from a row of one column to a row of the next. Wires of one node share them.
+/// The line segments between adjacent columns, each as (column, row in it, row in the next column). Wires from the
+/// same node share segments.
 fn segments(graph: &Graph, columns: &[Vec<Entry>]) -> BTreeSet<(usize, usize, usize)> {
     let mut segments = BTreeSet::new();
     let mut rows = Rows::new(graph);

@@ -28,7 +28,7 @@ fn quoted(text: &str) -> String {
     out + "\""
 }
 
-/// Writes a number as in a graph file: with a decimal point, and without digits that come from rounding.
+/// Writes a number as in a graph file: with a decimal point, and without digits that are only rounding errors.
 fn number(value: f64) -> String {
     let text = format!("{value:.9}");
     let text = text.trim_end_matches('0');
@@ -69,7 +69,7 @@ pub fn text(survey: &Survey) -> String {
     let size = s.extents.size();
     let height = size.y / s.metres_per_unit * arranged.scale;
     let extent = size.length() / s.metres_per_unit * arranged.scale;
-    // Objects smaller than 2 m need a nearer near plane than the default, in metres.
+    // The near plane, in metres. Objects smaller than 2 m need a nearer one than the default.
     let digits = |v: f64| {
         let mut unit = 1e-9;
         while unit * 10.0 <= v {
@@ -110,7 +110,7 @@ pub fn text(survey: &Survey) -> String {
     } else {
         let fitted = if arranged.fitted { " With this value the object fits." } else { "" };
         format!(
-            "`metres_per_unit` is NOT KNOWN: measure something of known length and write its metres divided by its units.{fitted}"
+            "`metres_per_unit` is NOT KNOWN: measure something of known length, and write its length in metres divided by its length in units.{fitted}"
         )
     };
     line(&format!("    // {scale}"));
@@ -135,7 +135,7 @@ pub fn text(survey: &Survey) -> String {
     };
     line(&format!("        // Where the object stands: {on}."));
     line(
-        "        // This is the line you will edit most. `yaw_deg` turns it, counter-clockwise seen from above.",
+        "        // You will edit this line most often. `yaw_deg` turns the object, counter-clockwise seen from above.",
     );
     let fitted = if arranged.fitted && is_known(&s.standing.stand) {
         format!(" Its own size is {:.2} m; `scale` fits it to the space.", size.max_element())
@@ -271,8 +271,8 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
     };
     let by = match s.standing.by {
         UpBy::Measured if s.standing.stand.by_cameras => "measured from the cameras",
-        UpBy::Measured => "measured from the ground and the things on it",
-        UpBy::Format => "by the file format; the splats do not confirm it",
+        UpBy::Measured => "measured from the ground and the objects on it",
+        UpBy::Format => "defined by the file format, but not confirmed by the splats",
         UpBy::Guessed => "guessed",
     };
     let turned = if s.standing.matrix.is_some() { " after the rotation by `matrix`" } else { "" };
@@ -304,7 +304,7 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
         ),
         _ => line(
             "scale",
-            format!("NOT KNOWN; the graph says {} m per unit", number(s.metres_per_unit)),
+            format!("NOT KNOWN; the graph assumes {} m per unit", number(s.metres_per_unit)),
             None,
             "scene: (",
         ),
@@ -331,18 +331,19 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
         let text = format!("scaled by {} to {units} units, to fit", number(s.arranged.scale));
         line("size", text, None, "pose:");
     } else {
-        line("size", format!("its own, {size:.2} m, which is {units} units"), None, "pose:");
+        line("size", format!("as in its file, {size:.2} m, which is {units} units"), None, "pose:");
     }
     match (&s.photo, s.arranged.view) {
         (Some(photo), _) => {
             line("camera", format!("that of the photograph, `{}`", photo.camera), None, "camera:");
         }
         (None, Some(view)) => {
-            let shows = if view.score >= 0.6 { "sees the object well" } else { "sees the object NOT WELL" };
+            let shows =
+                if view.score >= 0.6 { "sees the object well" } else { "does NOT see the object well" };
             line("camera", format!("at {}, {shows}", vector(view.eye)), None, "camera:");
         }
         (None, None) => {
-            line("camera", "NO FREE PLACE was found that sees the object".to_owned(), None, "camera:");
+            line("camera", "NO FREE PLACE with a view of the object was found".to_owned(), None, "camera:");
         }
     }
     if s.mesh.is_none() {

@@ -1,4 +1,4 @@
-//! `init`: creates a folder with a first graph, of a synthetic scene or of files of the user.
+//! `init`: creates a folder with a first graph, for a synthetic scene or for the user's files.
 
 mod graph;
 mod survey;
@@ -62,8 +62,8 @@ To share it: `lightharmony pack graph.ron picture.lhb`; the receiver runs `light
 ";
 
 impl Init {
-    /// Writes the files. It is an error if the graph exists. Other existing files are kept, since most folders of a
-    /// repository have them. Returns exit code 0, or 1 if a file cannot be used.
+    /// Writes the files. It is an error if the graph exists. An existing `.gitignore` or `README.md` is kept, since
+    /// most repositories have these files. Returns exit code 0, or 1 if a file cannot be used.
     pub fn run(self) -> Result<u8, Error> {
         let path = |name: &str| self.folder.join(name);
         let is_there = |name: &str| std::fs::symlink_metadata(path(name)).is_ok();

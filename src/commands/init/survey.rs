@@ -1,4 +1,5 @@
-//! Facts about the files that are given to `init`: the orientation of the place, and a place for the object.
+//! Values of the graph that `init` derives from the user's files: the orientation of the capture, and a position
+//! for the object and the camera.
 
 use std::path::{Path, PathBuf};
 
@@ -13,23 +14,23 @@ use nodes::types::Rig;
 use crate::session::splats;
 use crate::session::standing::Standing;
 
-/// Range of the radius, in units, of scenes that are assumed to be in metres if their scale is unknown.
+/// Range of radii in units. A scene of unknown scale is assumed to be in metres if its radius is in this range.
 const METRIC: [f64; 2] = [1.0, 100.0];
 /// Width and height of the first picture.
 pub const SIZE: [u32; 2] = [960, 540];
 
-/// The files of the user.
+/// The user's files.
 #[derive(Debug, Clone, Copy)]
 pub struct Files<'a> {
     /// Folder of the graph.
     pub folder: &'a Path,
-    /// Files of the captured place.
+    /// File or folder of the captured splats.
     pub splats: &'a Path,
     /// File of the object to insert.
     pub object: &'a Path,
-    /// File of a mesh of the place.
+    /// File with a mesh of the place.
     pub mesh: Option<&'a Path>,
-    /// File of the cameras of the capture.
+    /// File with the cameras of the capture.
     pub cameras: Option<&'a Path>,
     /// File of a photograph of the place.
     pub photo: Option<&'a Path>,
@@ -75,7 +76,7 @@ pub struct Survey {
 /// root.
 pub fn relative(folder: &Path, file: &Path) -> Result<String, NodeError> {
     let absolute = |path: &Path| -> Result<PathBuf, NodeError> {
-        // The folder may not be there yet.
+        // The folder may not exist yet.
         let mut there =
             std::path::absolute(path).map_err(|e| NodeError::new(format!("`{}`: {e}", path.display())))?;
         let mut rest = Vec::new();
@@ -121,7 +122,8 @@ impl Survey {
         let mut metres_per_unit = metres(stand);
         let mut arranged = arrange(&standing.splats, stand, &extents, metres_per_unit, cameras, &cx)?;
         if arranged.fitted && !is_known(stand) {
-            // Lengths of the graph are in metres: the object keeps its own, and the place is measured by it.
+            // Lengths in the graph are in metres. The object keeps its size, and the scale of the place is chosen
+            // to fit it.
             let exact = metres_per_unit / arranged.scale;
             metres_per_unit = three_digits(exact);
             arranged.scale = 1.0;
@@ -173,8 +175,8 @@ fn three_digits(value: f64) -> f64 {
     (value / unit).round() * unit
 }
 
-/// The scale that is written, in metres per unit: the measured one if it is confident, else 1 if the radius of the
-/// scene is plausible in metres, else a power of ten that makes the radius plausible.
+/// The scale to write to the graph, in metres per unit: the measured scale if its confidence is high, otherwise 1
+/// if the radius of the scene is plausible in metres, otherwise a power of ten that makes the radius plausible.
 fn metres(stand: &LevelEstimate) -> f64 {
     match &stand.scale {
         Scale { metres_per_unit: Some(metres), confidence, .. } if *confidence >= 0.5 => rounded(*metres, 4),
@@ -196,8 +198,9 @@ fn photo(path: &Path, files: &Files<'_>, cameras: Option<&Rig>) -> Result<Photo,
     let name = path.file_stem().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let camera = cameras.into_iter().flat_map(|rig| &rig.cameras).find(|camera| camera.name == name);
     let camera = camera.ok_or_else(|| {
-        NodeError::new(format!("no camera of `--cameras` has the name of the photograph, `{name}`"))
-            .hint("`--photo` takes a picture of the capture, undistorted, whose camera is in the file")
+        NodeError::new(format!("no camera of `--cameras` has the name of the photograph, `{name}`")).hint(
+            "`--photo` must be an undistorted picture of the capture, and the file must contain its camera",
+        )
     })?;
     Ok(Photo { path: relative(files.folder, path)?, camera: camera.name.clone() })
 }

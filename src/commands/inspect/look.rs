@@ -111,7 +111,7 @@ pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, No
         );
     }
     if let Some(matrix) = &standing.matrix {
-        let text = "the capture is tilted; with this in its loaders, the plan and the views below apply:";
+        let text = "the capture is tilted; the plan and the views below apply if its loaders contain:";
         let _ = writeln!(lines, "{:>14}  {text}\n{:>14}  matrix: {}", "note", "", row_major(matrix));
     }
     let shown = Shown {
@@ -124,8 +124,8 @@ pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, No
     Ok((png, lines))
 }
 
-/// Draws a mesh, or an object with its base colours. Up is the axis defined by the format, otherwise that of the
-/// estimated floor.
+/// Draws a mesh, or an object with its base colours. Up is the axis defined by the format or, without a definition,
+/// the normal of the estimated floor.
 pub(super) fn of_mesh(mesh: &Mesh, declared: Option<Up>) -> Result<Drawn, NodeError> {
     let measured = level::of_mesh(mesh, None).filter(LevelEstimate::is_sure);
     let axis = measured.as_ref().and_then(LevelEstimate::axis);
@@ -152,7 +152,9 @@ pub(super) fn of_panorama(file: &Path, bytes: &[u8]) -> Result<Drawn, NodeError>
     let picture = of_bytes(&file.display().to_string(), bytes)?;
     let (width, height, channels) = picture.size();
     if width != 2 * height {
-        let what = format!("{width} by {height} pixels are not a panorama, which is twice as wide as high");
+        let what = format!(
+            "a picture of {width} by {height} pixels is not a panorama; a panorama is twice as wide as high"
+        );
         return Err(NodeError::new(what).hint("open it in an image viewer"));
     }
     let decode = |v: f32| if matches!(picture, Picture::Srgb(_)) { linear_from_srgb(v) } else { v };
@@ -183,12 +185,12 @@ pub(super) fn of_panorama(file: &Path, bytes: &[u8]) -> Result<Drawn, NodeError>
     let mut lines = String::new();
     let _ = writeln!(
         lines,
-        "{:>14}  {width} by {height}; lines: horizon, and what the centre column shows (forward)",
+        "{:>14}  {width} by {height}; the lines mark the horizon and the centre column (forward)",
         "panorama"
     );
     let _ = writeln!(
         lines,
-        "{:>14}  {:.3}, {azimuth:.1} degrees right of forward, {rise:.1} over the horizon; 95 % lie below {white:.3}",
+        "{:>14}  {:.3}, {azimuth:.1} degrees right of forward, {rise:.1} above the horizon; 95 % of the pixels are below {white:.3}",
         "brightest", peak.1
     );
     Ok((canvas.png()?, lines))

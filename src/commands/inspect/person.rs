@@ -16,8 +16,8 @@ struct Ruler {
 }
 
 impl Ruler {
-    /// Chooses digits for lengths of a scene of this size: at least three after the decimal point, and at least
-    /// four significant ones of `size`.
+    /// Chooses the number of digits for lengths in a scene of this size: at least three after the decimal point,
+    /// and enough to show four significant digits of `size`.
     fn of(size: f64) -> Self {
         let (mut digits, mut scaled) = (0, size);
         while (0.0..1000.0).contains(&scaled) && digits < 10 {
@@ -84,7 +84,7 @@ impl Lines {
         self.line("up, measured", format!("{up}, {sure} ({:.2})", level.confidence));
         let ceiling = level
             .ceiling
-            .map_or_else(String::new, |c| format!(", ceiling {} over it", ruler.length(c - level.floor)));
+            .map_or_else(String::new, |c| format!(", ceiling {} above it", ruler.length(c - level.floor)));
         let sure = if level.is_floor_sure() { "sure" } else { "not sure" };
         self.line(
             "floor",
@@ -161,7 +161,9 @@ fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>)
     if let Some(up) = declared_up {
         text.line(
             "up",
-            format!("{up} by its format, from which `LoadMesh` rotates it where `frame: Gltf` is set"),
+            format!(
+                "{up}, defined by its format; `LoadMesh` rotates it to the world if `frame: Gltf` is set"
+            ),
         );
     }
     text.floor(mesh.floor.as_ref(), ruler);
@@ -182,8 +184,8 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         text.line("median", ruler.vector(centre));
     }
     if let Some(up) = declared_up {
-        let turned = "from which `LoadSplats` rotates it unless `frame: AsStored` is set";
-        text.line("up", format!("{up} by its format, {turned}"));
+        let turned = "`LoadSplats` rotates it to the world unless `frame: AsStored` is set";
+        text.line("up", format!("{up}, defined by its format; {turned}"));
     }
     text.level(scene.level.as_ref(), ruler);
     if let Some(sizes) = &scene.sizes {

@@ -30,8 +30,9 @@ pub struct Run {
     /// Output folder of the sinks
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
-    /// Take samples until the standard error of shadow and object is at most this, such as 0.01; the maximum is the
-    /// number of samples in the graph, whatever a preset sets. Sets `max_error` of every node that has one
+    /// Take samples until the standard error of shadow and object is at most this, such as 0.01. The maximum number
+    /// of samples is that of the graph, even if a preset sets fewer. Sets `max_error` of every node that has this
+    /// parameter
     #[arg(long, value_name = "ERROR", conflicts_with = "time", allow_negative_numbers = true)]
     max_error: Option<f64>,
     /// Take as many samples as the forecast allows in this time, such as 10s or 5m, but at most as many as the
@@ -39,7 +40,7 @@ pub struct Run {
     /// and kept
     #[arg(long, value_name = "TIME")]
     time: Option<String>,
-    /// Refuse inputs and kinds that differ from the graph's lock, and fail where results differ
+    /// Refuse to run if inputs or kinds differ from the graph's lock, and fail if results differ
     #[arg(long)]
     locked: bool,
     /// Write a trace of all threads, for chrome://tracing or Perfetto
@@ -53,7 +54,7 @@ pub struct Run {
     verbose: bool,
 }
 
-/// Maximum number of nodes for which a plan is made to get a forecast, since a plan takes time.
+/// Maximum number of nodes of a graph that is planned only to get a forecast, since planning takes time.
 const MOST_PLANNED: usize = 2000;
 
 impl Run {
@@ -177,8 +178,8 @@ impl Run {
         if self.json { Report::json() } else { Report::lines(self.verbose) }
     }
 
-    /// Runs all nodes except the sinks with the minimum number of samples, if the time of a sample is unknown.
-    /// Returns an exit code if the run failed or was interrupted.
+    /// If the time per sample is unknown, runs all nodes except the sinks, with the minimum number of samples.
+    /// Returns an exit code if this run failed or was interrupted.
     fn pilot(&self, loaded: &Loaded, engine: &Engine, cancel: &Arc<AtomicBool>) -> Result<Option<u8>, Error> {
         let Some((graph, chosen)) = budget::pilot(loaded, engine)? else { return Ok(None) };
         let why = "the time of a sample is not known yet, so these are taken first and kept";

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 #[derive(Default)]
 pub struct Trace {
     spans: Vec<Value>,
-    /// Kind and counts of each node that is done.
+    /// Kind and counts of each finished node.
     nodes: BTreeMap<String, Value>,
     threads: usize,
 }

@@ -13,7 +13,8 @@ use crate::terminal;
 
 /// Writes the picture of any node, without editing the graph.
 ///
-/// Computes the node where its result is not known. Linear light is shown with the sRGB curve; depths and other numbers are
+/// Computes the node if its result is not known. Linear light is shown with the sRGB curve; depths and other
+/// numbers are
 /// stretched from black (smallest) to white (largest); normals are shown as colours. Several views become a sheet.
 #[derive(Debug, Args)]
 pub struct Show {
@@ -81,7 +82,7 @@ fn output(graph: &Graph, name: &str) -> Result<Wire, Error> {
     Ok(Wire { node: find(graph, name)?, port: 0 })
 }
 
-/// The pictures of an output, by view.
+/// The pictures of an output, one per view.
 fn pictures(engine: &Engine, graph: &Graph, wire: Wire, kind: &str) -> Option<Vec<NamedImage>> {
     let single = |picture: Picture| Images::single("", picture).0;
     Some(match kind {

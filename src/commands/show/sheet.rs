@@ -71,7 +71,7 @@ fn shown(picture: &Picture, exposure: f32) -> (Vec<u16>, Option<String>) {
                 (finite().fold(f32::INFINITY, f32::min), finite().fold(f32::NEG_INFINITY, f32::max));
             let range = if high > low { high - low } else { 1.0 };
             let codes = pixels.flat_map(|p| {
-                // What has no number, such as the depth of the sky, is white.
+                // Values that are not finite, such as the depth of the sky, are white.
                 let value = if p[0].is_finite() { (p[0] - low) / range } else { 1.0 };
                 [code(value); 3]
             });

@@ -7,7 +7,7 @@ use clap::Args;
 use crate::session::Error;
 use crate::terminal;
 
-const MISSING: &str = "This build lacks the feature `learned`: build with `cargo build --release --features learned`, whose `--help` lists the options; see docs/light.md and docs/kontext.md.";
+const MISSING: &str = "This build lacks the feature `learned`. Build with `cargo build --release --features learned`; the help of that build lists the options. See docs/light.md and docs/kontext.md.";
 
 /// Prints that the feature `learned` is missing; arguments are ignored.
 #[derive(Debug, Args)]
@@ -19,7 +19,7 @@ pub struct TrainExposure {
 
 impl TrainExposure {
     /// Prints the error and returns exit code 2.
-    #[expect(clippy::unnecessary_wraps, reason = "as that of every verb")]
+    #[expect(clippy::unnecessary_wraps, reason = "all commands have this signature")]
     pub fn run(self) -> Result<u8, Error> {
         terminal::error(
             "`train-exposure` is not in this build, which lacks the feature `learned`\n  \

@@ -28,7 +28,7 @@ pub struct TrainLora {
     /// Learning rate: the approximate change of a weight per step
     #[arg(long, default_value_t = 1e-4)]
     rate: f64,
-    /// Width of the panoramas it learns from, in pixels, a multiple of 32
+    /// Width of the training panoramas in pixels, a multiple of 32
     #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u64).range(32..=4096))]
     width: u64,
 }
@@ -51,7 +51,7 @@ impl TrainLora {
         };
         let mut follow = Follow::new();
         let stopped = follow.stopped();
-        // The mean of the last losses: each has another noise level, so a single one means little.
+        // Moving average of the loss. Every step has another noise level, so a single loss means little.
         let mut smooth: Option<f32> = None;
         let mut show = |progress: LoraProgress| {
             let (text, at, of) = match progress {

@@ -19,7 +19,7 @@ use crate::terminal::training::Follow;
 pub struct TrainExposure {
     /// A folder of whole HDR panoramas, .exr or .hdr, at least 256x128
     panoramas: PathBuf,
-    /// The file of weights to write; finished networks are kept next to it, so that an interrupted training can be
+    /// The weights file to write; finished networks are kept next to it, so that an interrupted training can be
     /// continued
     #[arg(long, default_value = "exposure.safetensors")]
     out: PathBuf,
@@ -42,7 +42,7 @@ pub struct TrainExposure {
     /// predictions per region (`regions.csv`)
     #[arg(long)]
     recovered: Option<PathBuf>,
-    /// A CSV file to write the data that the amount of hidden light is fitted to
+    /// A CSV file to write, with the data to which the amount of hidden light is fitted
     #[arg(long)]
     numbers: Option<PathBuf>,
     /// The model to train
@@ -153,8 +153,8 @@ fn read_folder(folder: &Path) -> Result<Vec<(String, nodes::types::Image<nodes::
     panoramas(folder)?.iter().map(read).collect()
 }
 
-/// A table of the mean and median errors, in stops, of panoramas outside the training set. `of` names the
-/// photographs in the rows.
+/// A table of the mean and median errors, in stops, of panoramas outside the training set. `of` is appended to the
+/// title of each row.
 fn table(of: &str, scores: &[Score]) -> String {
     if scores.is_empty() {
         return String::new();

@@ -33,7 +33,7 @@ impl File {
             Dimensions::Mat4 => 16,
         };
         let (count, data) = (accessor.count(), accessor.data_type());
-        let outside = || self.bad(format!("accessor {} lies outside of its buffer view", accessor.index()));
+        let outside = || self.bad(format!("accessor {} lies outside its buffer view", accessor.index()));
         let mut values;
         if let Some(view) = accessor.view() {
             let raw = self.view(&view, buffers)?;
@@ -58,9 +58,10 @@ impl File {
                 );
             }
         } else {
-            // Zeros that only a sparse part changes; a valid file has at least a byte per element.
+            // All elements are 0, except those that a sparse part changes. A valid file has at least a byte per
+            // element.
             if count > buffers.iter().map(Vec::len).sum() {
-                let text = format!("accessor {} has more elements than the file bytes", accessor.index());
+                let text = format!("accessor {} has more elements than the file has bytes", accessor.index());
                 return Err(self.bad(text));
             }
             values = vec![0.0; count * width];
@@ -79,7 +80,7 @@ impl File {
                 changes.get(sparse.values().offset()..).unwrap_or_default().chunks_exact(data.size() * width);
             let wrong = |what| self.bad(format!("the sparse part of accessor {} {what}", accessor.index()));
             if indices.len() < sparse.count() || changes.len() < sparse.count() {
-                return Err(wrong("lies outside of its buffer view"));
+                return Err(wrong("lies outside its buffer view"));
             }
             for (index, change) in indices.zip(changes).take(sparse.count()) {
                 let at = number(index, index_type, false) as usize * width;

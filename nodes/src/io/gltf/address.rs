@@ -9,9 +9,9 @@ pub(super) fn inline(name: &str, uri: &str) -> Option<Result<Vec<u8>, Error>> {
     Some(match data.split_once(";base64,") {
         Some((_, text)) => {
             let bytes = base64::decode(text);
-            bytes.ok_or_else(|| Error::format(name, "a data URI is not base64"))
+            bytes.ok_or_else(|| Error::format(name, "a data URI is not valid base64"))
         }
-        None => Err(Error::unsupported(name, "a data URI that is not base64")),
+        None => Err(Error::unsupported(name, "a data URI without base64")),
     })
 }
 
@@ -24,14 +24,19 @@ pub(crate) fn path(name: &str, uri: &str) -> Result<String, Error> {
         out.push(match byte {
             b'%' => match (digit(rest.next()), digit(rest.next())) {
                 (Some(high), Some(low)) => (high * 16 + low) as u8,
-                _ => return Err(Error::format(name, format!("the address `{uri}` is not understood"))),
+                _ => {
+                    return Err(Error::format(
+                        name,
+                        format!("the address `{uri}` contains an invalid escape (`%`)"),
+                    ));
+                }
             },
             other => other,
         });
     }
     // Exporters of Windows separate folders by back slashes.
     let path = String::from_utf8(out)
-        .map_err(|_| Error::format(name, format!("the address `{uri}` is not text")))?
+        .map_err(|_| Error::format(name, format!("the address `{uri}` is not UTF-8")))?
         .replace('\\', "/");
     let drive = path.as_bytes().get(1) == Some(&b':');
     if path.contains("://") || path.starts_with('/') || drive || path.contains('\0') {

@@ -214,7 +214,7 @@ fn check_accessors(name: &str, json: &Value) -> Result<(), Error> {
         if !attributes.chain([&primitive["indices"]]).all(known) {
             return Err(Error::format(
                 name,
-                format!("not valid glTF: a primitive names an accessor beyond the {count}"),
+                format!("not valid glTF: a primitive names an accessor beyond the last of {count}"),
             ));
         }
     }
@@ -277,7 +277,7 @@ impl File {
             .get(view.buffer().index())
             .zip(end)
             .and_then(|(buffer, end)| buffer.get(view.offset()..end))
-            .ok_or_else(|| self.bad(format!("buffer view {} lies outside of its buffer", view.index())))
+            .ok_or_else(|| self.bad(format!("buffer view {} lies outside its buffer", view.index())))
     }
 
     /// Decodes a picture to 8-bit codes.
@@ -317,7 +317,7 @@ impl File {
                 return Err(Error::unsupported(label, "KTX textures; save them as PNG").into());
             }
             [b'R', b'I', b'F', b'F', ..] => webp::read(&label, bytes)?,
-            _ => return Err(Error::format(label, "neither PNG nor JPEG nor WebP").into()),
+            _ => return Err(Error::format(label, "the picture is not PNG, JPEG or WebP").into()),
         };
         Ok(raster)
     }
@@ -349,7 +349,7 @@ mod tests {
         assert_eq!(mapped["baseColorTexture"]["index"], 0);
     }
 
-    // Chunks that a program filled with NUL, and marks in front.
+    // JSON that a program padded with NUL, and JSON after a byte-order mark.
     #[test]
     fn json_with_a_mark_or_fill_is_read() {
         let text = br#"{"asset":{"version":"2.0"}}"#;

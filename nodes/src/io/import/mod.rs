@@ -1,5 +1,5 @@
-//! Meshes of other formats, read by libraries and converted to glTF in memory, so that shapes, materials and
-//! textures have a single loader: Wavefront OBJ with its materials, and STL.
+//! Meshes in Wavefront OBJ (with its materials) and STL. They are read by libraries and converted to glTF in
+//! memory, so that shapes, materials and textures have a single loader.
 
 mod glb;
 mod obj;

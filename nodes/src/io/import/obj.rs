@@ -1,5 +1,5 @@
-//! Wavefront OBJ, by the crate `tobj`: shapes, normals, texture coordinates, vertex colours and the diffuse colours of
-//! its materials with their textures.
+//! Wavefront OBJ, read by the crate `tobj`: shapes, normals, texture coordinates, vertex colours, and the diffuse
+//! colours and textures of its materials.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,8 @@ use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, refuse_foreign};
 use crate::math::num;
 
-/// Converts to a relative path of this system: exporters on Windows separate folders by backslashes.
+/// Converts backslashes, with which exporters on Windows separate folders, to slashes. Returns `None` unless the
+/// result is a relative path.
 fn relative(path: &str) -> Option<String> {
     let path = path.trim().trim_matches('"').replace('\\', "/");
     let drive = path.as_bytes().get(1) == Some(&b':');
@@ -49,7 +50,7 @@ fn map_path(value: &str) -> Option<String> {
     relative(&words.collect::<Vec<_>>().join(" "))
 }
 
-/// Names of the files of materials, followed by those of the pictures that they name.
+/// Names of the material files, followed by the names of the pictures to which they refer.
 pub(super) fn beside(bytes: &[u8], read: &mut impl FnMut(&str) -> Option<Vec<u8>>) -> Vec<String> {
     let libraries: BTreeSet<String> = values(bytes, "mtllib").filter_map(|name| relative(&name)).collect();
     let mut files = Vec::new();
@@ -89,7 +90,7 @@ pub(super) fn read(
                 text.push(b'\n');
             }
             Err(_) => {
-                let what = format!("the materials `{library}` cannot be read: its faces are white");
+                let what = format!("the material file `{library}` cannot be read; its faces are white");
                 notes.degraded("materials-missing", what);
             }
         }

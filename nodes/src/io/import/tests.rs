@@ -5,7 +5,7 @@ use crate::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use crate::kinds::load_object::{self, LoadObject};
 use crate::types::Object;
 
-/// A unit square in the plane x, z, in two triangles.
+/// A unit square in the xz plane, in two triangles.
 const OBJ: &str = "# made here\nmtllib sub\\a.mtl\nv 0 0 0\nv 1 0 0\nv 1 0 -1\nv 0 0 -1\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n\
     vn 0 1 0\nusemtl red\nf 1/1/1 2/2/1 3/3/1 4/4/1\n";
 const MTL: &str = "newmtl red\nKd 0.8 0.2 0.1\nNs 0\nd 1\n";
@@ -101,7 +101,7 @@ fn receivers_are_read_from_obj_and_stl() {
     }
 }
 
-/// Every cut and every changed byte: an error or a shape, never a panic.
+/// A file that is cut off anywhere, or in which any byte is changed, gives an error or a shape, never a panic.
 #[test]
 fn damaged_files_are_survived() {
     let text = b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n";

@@ -60,14 +60,19 @@ impl Accessor {
             5123 => (Component::U16, 2),
             5125 => (Component::U32, 4),
             5126 => (Component::F32, 4),
-            other => return Err(Error::format(file, format!("component type {other}"))),
+            other => return Err(Error::format(file, format!("the component type {other} is unknown"))),
         };
         let width = match self.shape.as_str() {
             "SCALAR" => 1,
             "VEC2" => 2,
             "VEC3" => 3,
             "VEC4" => 4,
-            other => return Err(Error::format(file, format!("an attribute of type `{other}`"))),
+            other => {
+                return Err(Error::format(
+                    file,
+                    format!("the accessor type `{other}` is not a scalar or a vector"),
+                ));
+            }
         };
         let stride = stride.unwrap_or(width * size);
         let bytes = view.get(self.byte_offset..).unwrap_or_default();
@@ -78,7 +83,9 @@ impl Accessor {
         // Rows must not overlap, or a small file could claim many.
         if stride < width * size || needed.is_none_or(|needed| needed > bytes.len()) {
             let (count, held) = (self.count, bytes.len());
-            let what = format!("an accessor of {count} rows, {stride} bytes apart, in {held} bytes");
+            let what = format!(
+                "an accessor has {count} rows, {stride} bytes apart, which do not fit into {held} bytes"
+            );
             return Err(Error::format(file, what));
         }
         Ok(Reader { bytes, count: self.count, stride, width, component, size, normalized: self.normalized })

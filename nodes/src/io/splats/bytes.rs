@@ -65,7 +65,10 @@ pub fn range<'a>(
     let end = start.checked_add(length);
     end.and_then(|end| bytes.get(start..end)).ok_or_else(|| {
         let held = bytes.len();
-        Error::format(file, format!("{what}: {length} bytes at {start} are needed, the file holds {held}"))
+        Error::format(
+            file,
+            format!("{what}: {length} bytes at {start} are needed, but the file has {held} bytes"),
+        )
     })
 }
 

@@ -1,5 +1,5 @@
-//! PLY files with rows of fixed length: positions of the fields of each element. Files in ASCII or with the most
-//! significant byte first are converted to binary little-endian first.
+//! PLY files with rows of fixed length, and the positions of the fields in the rows of each element. ASCII and
+//! big-endian files are first converted to binary little-endian.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -69,7 +69,7 @@ impl Element {
             let (count, stride, total) = (self.count, self.stride, bytes.len());
             let held = total.saturating_sub(start) / stride.max(1);
             let what = format!(
-                "the header promises {count} rows `{}` of {stride} bytes, the file holds {held} ({total} bytes)",
+                "the header promises {count} rows `{}` of {stride} bytes, but the file holds {held} ({total} bytes)",
                 self.name
             );
             Error::format(file, what)
@@ -99,7 +99,7 @@ impl FixedRows {
                 return Err(Error::format(file, format!("there are two elements `{}`", element.name)));
             }
             let count = usize::try_from(element.rows)
-                .map_err(|_| Error::format(file, format!("{} rows do not fit in memory", element.rows)))?;
+                .map_err(|_| Error::format(file, format!("{} rows do not fit into memory", element.rows)))?;
             let name = element.name.clone();
             let mut placed = Element { name, count, stride: 0, fields: Vec::new(), start, varies: false };
             for property in &element.properties {
@@ -132,8 +132,8 @@ impl FixedRows {
 /// Number of rows between two checks for cancellation.
 const CHECK_ROWS: usize = 65_536;
 
-/// The file as binary little-endian: itself, or converted with the same elements and types. Properties that are
-/// lists are left out of a converted file.
+/// The file as binary little-endian. A file in another encoding is converted with the same elements and types, but
+/// without list properties.
 pub fn little_endian<'a>(file: &str, bytes: &'a [u8], cx: &Context) -> Result<Cow<'a, [u8]>, NodeError> {
     let header = ply::header(file, bytes)?;
     if header.format == Format::Little {

@@ -50,8 +50,8 @@ pub struct Turn {
     matrix: DMat3,
     scale: f64,
     offset: DVec3,
-    /// Rotation part (w, x, y, z) of `matrix`, or of its negative if it is a mirror image: a Gaussian is its own
-    /// mirror image through its centre.
+    /// Rotation of a Gaussian (w, x, y, z): that of `matrix` or, if `matrix` is a mirror image, that of its
+    /// negative. Both transform a Gaussian equally, since it is symmetric about its centre.
     quat: [f64; 4],
     sh: ShTurn,
 }
@@ -104,8 +104,8 @@ impl Turn {
     }
 }
 
-/// The quaternion (w, x, y, z) of a rotation: the largest of four candidates, which avoids dividing by the root of
-/// a small difference.
+/// The quaternion (w, x, y, z) of a rotation. Of four equivalent formulas, the one with the largest result is used,
+/// which avoids division by the root of a small difference.
 pub fn quaternion(m: DMat3) -> [f64; 4] {
     let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
     let squares =
@@ -133,8 +133,9 @@ pub struct Placing {
 }
 
 impl Placing {
-    /// The transform of a file whose format defines `declared` as up, in metres if `metres`; `None` for the
-    /// identity. The text describes the decision; `None` if there was no choice.
+    /// The rotation and the scale from a file to the world; `None` for the identity. `declared` is the up axis that
+    /// the format of the file defines; `metres` is true if the unit of the format is the metre. The text describes
+    /// the decision; it is `None` if there was nothing to decide.
     pub fn turn(&self, declared: Option<Up>, metres: bool) -> (Option<(DMat3, f64)>, Option<String>) {
         let scale = if metres && self.frame != Frame::AsStored { 1.0 / self.metres_per_unit } else { 1.0 };
         let Some(up) = self.frame.up(declared) else {

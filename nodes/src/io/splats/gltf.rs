@@ -185,7 +185,7 @@ impl Document {
         while let Some((index, above)) = open.pop() {
             visits += 1;
             if visits > self.nodes.len() {
-                return Err(wrong("a node is reached twice; the nodes of glTF are trees"));
+                return Err(wrong("a node is reached twice; nodes must form trees"));
             }
             let node = self.nodes.get(index).ok_or_else(|| wrong("a node does not exist"))?;
             let matrix = above * node.matrix();
@@ -241,7 +241,7 @@ pub(super) fn load(
     if uses.is_empty() {
         let what = format!("no primitive of the scene has `{NAME}`; is it a mesh?");
         return Err(
-            NodeError::from(Error::format(file, what)).hint("meshes are for load-mesh and load-object")
+            NodeError::from(Error::format(file, what)).hint("`load-mesh` and `load-object` read meshes")
         );
     }
     let mut buffers = Vec::new();
@@ -253,7 +253,7 @@ pub(super) fn load(
                     let encoded = data.split_once(";base64,").map(|(_, encoded)| encoded);
                     encoded
                         .and_then(base64::decode)
-                        .ok_or_else(|| Error::format(file, "an invalid data URI"))?
+                        .ok_or_else(|| Error::format(file, "a data URI is not valid base64"))?
                 }
                 None => fetch(uri)?,
             },
@@ -282,7 +282,7 @@ pub(super) fn load(
             Some(before) => before.join(file, loaded)?,
         });
     }
-    all.ok_or_else(|| Error::format(file, "no splats").into())
+    all.ok_or_else(|| Error::format(file, "the file has no splats").into())
 }
 
 /// The encoding of the colours. It is an error if the file requires settings that are not supported.
@@ -313,7 +313,11 @@ fn primitive(
     notes: &mut Notes,
 ) -> Result<Loaded, NodeError> {
     if one.primitive.mode != Some(0) {
-        return Err(Error::format(file, format!("{NAME} needs points (mode 0)")).into());
+        return Err(Error::format(
+            file,
+            format!("a primitive with {NAME} does not consist of points (mode 0)"),
+        )
+        .into());
     }
     if first == 0 {
         match one.splatting.sorting_method.as_deref() {
@@ -331,7 +335,7 @@ fn primitive(
     }
     if let Some(packed) = SPZ.iter().find_map(|name| one.splatting.extensions.get(*name)) {
         let view = packed.get("bufferView").and_then(serde_json::Value::as_u64);
-        let view = view.ok_or_else(|| Error::format(file, "SPZ compression without a buffer view"))?;
+        let view = view.ok_or_else(|| Error::format(file, "the SPZ compression names no buffer view"))?;
         let bytes = document.view(file, usize::try_from(view).unwrap_or(usize::MAX), buffers)?;
         return spz::load(file, bytes, Some(turn), reading, notes);
     }

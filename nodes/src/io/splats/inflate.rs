@@ -9,14 +9,14 @@ use crate::error::Error;
 /// Maximum ratio of deflate: 258 bytes from 2 bits, about 1032 to 1 (RFC 1951, section 3.2.5).
 pub const DEFLATE_RATIO: usize = 1032;
 
-/// Unpacks a whole gzip stream and verifies its checksum. The maximum length of the output is `limit` of its first
-/// 16 bytes. Also returns the number of bytes after it.
+/// Unpacks a whole gzip stream and verifies its checksum. `limit` computes the maximum length of the output from
+/// its first 16 bytes. Also returns the number of bytes after the stream.
 pub fn gunzip(
     file: &str,
     packed: &[u8],
     limit: impl FnOnce(&[u8; 16]) -> Result<usize, Error>,
 ) -> Result<(Vec<u8>, usize), Error> {
-    let broken = |e: std::io::Error| Error::format(file, format!("broken gzip stream: {e}"));
+    let broken = |e: std::io::Error| Error::format(file, format!("the gzip stream is broken: {e}"));
     let mut stream = flate2::bufread::GzDecoder::new(packed);
     let mut head = [0; 16];
     stream.read_exact(&mut head).map_err(broken)?;
@@ -27,7 +27,7 @@ pub fn gunzip(
     if out.len() > limit {
         return Err(Error::format(
             file,
-            format!("holds more than the {limit} bytes that its header promises"),
+            format!("the stream holds more than the {limit} bytes that its header promises"),
         ));
     }
     let behind = stream.into_inner().into_inner().len();
@@ -42,7 +42,7 @@ pub fn inflate(file: &str, packed: &[u8], length: usize) -> Result<Vec<u8>, Erro
 /// Unpacks a Zstandard frame of exactly `length` bytes.
 pub fn unzstd(file: &str, packed: &[u8], length: usize) -> Result<Vec<u8>, Error> {
     let stream = ruzstd::decoding::StreamingDecoder::new(packed)
-        .map_err(|e| Error::format(file, format!("broken zstd stream: {e}")))?;
+        .map_err(|e| Error::format(file, format!("the zstd stream is broken: {e}")))?;
     exactly(file, stream, length, "zstd")
 }
 
@@ -51,7 +51,7 @@ fn exactly(file: &str, stream: impl Read, length: usize, name: &str) -> Result<V
     stream
         .take(length as u64 + 1)
         .read_to_end(&mut out)
-        .map_err(|e| Error::format(file, format!("broken {name} stream: {e}")))?;
+        .map_err(|e| Error::format(file, format!("the {name} stream is broken: {e}")))?;
     if out.len() != length {
         let what = format!("a {name} stream decompresses to {} bytes or more instead of {length}", out.len());
         return Err(Error::format(file, what));

@@ -36,7 +36,7 @@ const LEVELS: [Level; 3] = [
 
 /// True if the bytes begin like such a file, even a truncated one: the version is at least 0.1, the level is known,
 /// there is at least one section, and the numbers of sections and splats in use do not exceed the maximum numbers
-/// (some writers omit that of splats).
+/// (some writers omit the maximum number of splats).
 pub(super) fn is_ksplat(bytes: &[u8]) -> bool {
     let [sections, used_sections, room, used] = [4, 8, 12, 16].map(|at| u32_at(bytes, at));
     bytes.len() >= 22
@@ -77,13 +77,19 @@ impl<'a> Section<'a> {
         let (full, partial) = (u32_at(head, 32) as usize, u32_at(head, 36) as usize);
         let degree = u32::from(u16_at(head, 40));
         if degree > 3 {
-            return Err(Error::format(file, format!("spherical harmonics of degree {degree}")));
+            return Err(Error::format(
+                file,
+                format!("the degree of the spherical harmonics is {degree}, not 0 to 3"),
+            ));
         }
         if count > room {
-            return Err(Error::format(file, format!("a section for {room} splats claims {count}")));
+            return Err(Error::format(file, format!("a section for {room} splats claims to hold {count}")));
         }
         if storage != 0 && storage < 12 {
-            return Err(Error::format(file, format!("buckets of {storage} bytes do not hold a centre")));
+            return Err(Error::format(
+                file,
+                format!("buckets of {storage} bytes are too small for a centre"),
+            ));
         }
         let stride = level.harmonics + sh_rest(degree) * 3 * level.harmonic;
         let sizes = range(file, bytes, *at, partial.saturating_mul(4), "the sizes of buckets")?;
@@ -137,7 +143,11 @@ pub(super) fn load(
     }
     let (sections, promised) = (u32_at(head, 4) as usize, u32_at(head, 16) as usize);
     let Some(level) = LEVELS.get(u16_at(head, 20) as usize) else {
-        return Err(Error::format(file, format!("compression level {}", u16_at(head, 20))).into());
+        return Err(Error::format(
+            file,
+            format!("the compression level is {}, not 0, 1 or 2", u16_at(head, 20)),
+        )
+        .into());
     };
     let limit = |at: usize, otherwise: f64| match f64::from(f32_at(head, at)) {
         0.0 => otherwise,
@@ -156,7 +166,7 @@ pub(super) fn load(
     super::left_over(file, bytes.len() - at, notes);
     let count: usize = sections.iter().map(|section| section.count).sum();
     if count != promised {
-        let what = format!("the header promises {promised} splats, the sections hold {count}");
+        let what = format!("the header promises {promised} splats, but the sections hold {count}");
         return Err(Error::format(file, what).into());
     }
     let degree = sections.iter().map(|section| section.degree).max().unwrap_or(0);

@@ -116,7 +116,7 @@ impl Loaded {
     /// Appends another part of the same file.
     fn join(mut self, file: &str, other: Self) -> Result<Self, NodeError> {
         if self.antialiased != other.antialiased || self.encoding != other.encoding {
-            return Err(Error::format(file, "holds splats of different filters or colour spaces").into());
+            return Err(Error::format(file, "the splats differ in their filter or colour space").into());
         }
         let degree = self.sh_degree.max(other.sh_degree);
         self.widen(degree);
@@ -271,7 +271,7 @@ pub(crate) fn assemble(mut files: Vec<Loaded>, cx: &Context) -> Result<Splats, N
 /// Reports dropped rows; with `strict`, the first one is an error.
 pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Notes) -> Result<(), NodeError> {
     if strict && let Some((row, fault)) = loaded.parts.iter().find_map(|part| part.first_fault) {
-        let what = format!("`{file}`: splat {row} is one {}", fault.words());
+        let what = format!("`{file}` contains an invalid splat: splat {row} {}", fault.words());
         return Err(NodeError::new(what)
             .at("path")
             .hint("`strict: false` drops such splats and counts them"));

@@ -13,7 +13,7 @@ const CHUNK: usize = 16_384;
 pub struct Part {
     /// The splats that can be drawn.
     pub rows: Vec<Row>,
-    /// Their colours: triples per splat by the degree of the file.
+    /// Colours of these splats: the degree of the file determines the number of RGB triples per splat.
     pub sh: Vec<[f32; 3]>,
     /// Number of dropped rows, by reason.
     pub dropped: [u64; RowFault::ALL.len()],

@@ -38,7 +38,7 @@ struct Layout {
     sh_degree: u32,
     mean: [Field; 3],
     colour: Colour,
-    /// Fields of the other coefficients, in the order of the file: channel by channel.
+    /// Fields of the coefficients of degree 1 and above, in the order of the file: channel by channel.
     rest: Vec<Field>,
     /// Start of these fields in the row, if they are consecutive 32-bit floats.
     rest_run: Option<usize>,
@@ -72,7 +72,9 @@ impl Layout {
             45 => 3,
             72 => 4,
             other => {
-                let what = format!("{other} fields `f_rest_*`; degree 0 to 4 have 0, 9, 24, 45 or 72");
+                let what = format!(
+                    "the splats have {other} fields `f_rest_*`; degrees 0 to 4 have 0, 9, 24, 45 or 72"
+                );
                 return Err(Error::format(file, what));
             }
         };

@@ -160,11 +160,13 @@ fn harmonics<'a>(
     }
     let fields = element.fields.len();
     if ![9, 24, 45].contains(&fields) {
-        return Err(wrong(format!("{fields} fields in `sh`; degree 1 to 3 have 9, 24 or 45")));
+        return Err(wrong(format!("the element `sh` has {fields} fields; degrees 1 to 3 have 9, 24 or 45")));
     }
     let places = (0..fields).map(|i| {
         let field = element.find(&format!("f_rest_{i}")).filter(|f| f.scalar == Scalar::U8);
-        field.map(|f| f.at).ok_or_else(|| wrong(format!("the element `sh` has no byte `f_rest_{i}`")))
+        field
+            .map(|f| f.at)
+            .ok_or_else(|| wrong(format!("the element `sh` has no field `f_rest_{i}` of bytes")))
     });
     let places = places.collect::<Result<Vec<_>, _>>()?;
     Ok(Some((element.rows(file, bytes)?, element.stride, places)))

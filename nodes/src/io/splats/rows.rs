@@ -11,7 +11,7 @@ pub enum RowFault {
     ZeroQuaternion,
     /// An axis is longer than `max_extent`.
     TooLarge,
-    /// A scale is below 0, in a format that stores scales directly, or `filter_3D` is.
+    /// A scale is below 0 in a format that stores scales directly, or `filter_3D` is below 0.
     NegativeScale,
     /// An opacity is not between 0 and 1, in a format that stores it directly.
     BadOpacity,
@@ -50,7 +50,7 @@ impl RowFault {
             Self::TooLarge => "with an axis longer than `max_extent`",
             Self::NegativeScale => "with a scale or a filter below 0",
             Self::BadOpacity => "with an opacity that is not between 0 and 1",
-            Self::NoSuchEntry => "that point past the end of a table of the file",
+            Self::NoSuchEntry => "with an index past the end of a table of the file",
         }
     }
 }
@@ -60,7 +60,7 @@ impl RowFault {
 pub struct Row {
     /// Centre.
     pub mean: [f32; 3],
-    /// The part of the centre that f32 loses.
+    /// Remainder of the centre that f32 cannot hold.
     pub mean_low: [f32; 3],
     /// Unit quaternion (w, x, y, z).
     pub quat: [f32; 4],
@@ -144,15 +144,15 @@ impl Row {
         if finite { Ok(row) } else { Err(RowFault::NotFinite) }
     }
 
-    /// Sets the centre and the part of it that f32 loses.
+    /// Sets the centre and the remainder that f32 cannot hold.
     pub fn set_mean(&mut self, mean: [f64; 3]) {
         self.mean = mean.map(|c| c as f32);
         self.mean_low = mean.map(|c| (c - f64::from(c as f32)) as f32);
     }
 }
 
-/// The quaternion from three components; the omitted one is the largest, and positive. `which` is its index in the
-/// result.
+/// The quaternion from three of its components. The omitted component is the largest, and positive; `which` is its
+/// index in the result.
 pub fn largest_left_out(which: usize, [a, b, c]: [f64; 3]) -> [f64; 4] {
     let d = (1.0 - (a * a + b * b + c * c)).max(0.0).sqrt();
     match which {
@@ -175,7 +175,7 @@ pub fn unit(quat: [f64; 4]) -> Option<[f32; 4]> {
 /// The factor of the constant function: colour = 0.5 + this times the coefficient.
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
-/// Number of coefficients per channel of a degree, without the constant one.
+/// Number of coefficients per channel for a degree, without the constant coefficient.
 pub fn sh_rest(degree: u32) -> usize {
     ((degree + 1) * (degree + 1) - 1) as usize
 }

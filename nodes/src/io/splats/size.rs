@@ -11,8 +11,9 @@ use super::spz;
 use crate::io::head::{elements_of, ply_header};
 use crate::io::ply;
 
-/// Returns the bytes of the rows of a file, and of its decompressed data: by the number in the header if there is
-/// one, otherwise by the length of the file and the usual size of a splat in such files.
+/// Estimates the sizes of the rows of a file and of its decompressed data, both in bytes. The number of splats is
+/// taken from the header if the format stores it there; otherwise it is estimated from the length of the file and
+/// the usual size of a splat in such files.
 pub(crate) fn of(file: &FileHead<'_>) -> (u64, u64) {
     let mut head = Vec::new();
     let read = file.open().map(|reader| reader.take(64).read_to_end(&mut head));
@@ -28,7 +29,7 @@ pub(crate) fn of(file: &FileHead<'_>) -> (u64, u64) {
         [b'p', b'l', b'y', ..] | [0xef, 0xbb, 0xbf, b'p', b'l', b'y', ..] => {
             let header = file.open().and_then(|mut reader| ply_header(&mut reader));
             let elements = header.as_ref().map_or_else(Vec::new, elements_of);
-            // Words and the other byte order are converted to a file of their own first.
+            // ASCII and big-endian files are first converted to a second file in memory.
             let converted = header.iter().filter(|header| header.format != ply::Format::Little);
             let stride = converted
                 .flat_map(|header| &header.elements)

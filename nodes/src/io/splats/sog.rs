@@ -89,7 +89,7 @@ struct Meta1 {
 
 type Table = [f64; 256];
 
-/// The colours beyond the constant one: a palette of sets of coefficients.
+/// The coefficients of degree 1 and above, as a palette of sets.
 struct Palette {
     /// Number of sets; `None` if the file does not specify it.
     count: Option<u64>,
@@ -98,7 +98,7 @@ struct Palette {
     table: Table,
 }
 
-/// The content of `meta.json` of either version. Each number is a table indexed by a byte.
+/// The content of `meta.json` of either version. Each quantity is a table indexed by a byte.
 pub(super) struct Meta {
     count: u64,
     antialiased: bool,
@@ -155,7 +155,10 @@ impl Meta {
         let inside =
             |name: &str| Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
         if let Some(name) = meta.files().find(|name| !inside(name)) {
-            return Err(Error::format(file, format!("refers to `{name}`, which is not in the same folder")));
+            return Err(Error::format(
+                file,
+                format!("the scene refers to `{name}`, which is not in the same folder"),
+            ));
         }
         Ok(meta)
     }
@@ -229,8 +232,8 @@ struct Pixels {
     rgba: Vec<u8>,
 }
 
-/// Largest number of pixels per byte of a lossless picture. Flat pictures have no limit in WebP; a side of 64
-/// pixels is always allowed.
+/// Maximum number of pixels per byte of a lossless picture. WebP itself has no limit for flat pictures. Pictures of
+/// 64 x 64 pixels are always allowed.
 const DENSEST: u64 = 4096;
 
 impl Pixels {
@@ -242,18 +245,18 @@ impl Pixels {
         let area = u64::from(width) * u64::from(height);
         if area < at_least {
             return Err(wrong(format!(
-                "{width}x{height} pixels are fewer than the {at_least} that are promised"
+                "the picture has {width}x{height} pixels, fewer than the {at_least} that `meta.json` promises"
             )));
         }
         if area > 64 * 64 + DENSEST * bytes.len() as u64 {
-            return Err(wrong(format!("{width}x{height} pixels are impossible in {} bytes", bytes.len())));
+            return Err(wrong(format!("{width}x{height} pixels do not fit into {} bytes", bytes.len())));
         }
         if decoder.is_lossy() || decoder.is_animated() {
-            return Err(wrong("only still, lossless WebP holds the numbers of a SOG file".to_owned()));
+            return Err(wrong("the picture must be a still, lossless WebP".to_owned()));
         }
         let channels = if decoder.has_alpha() { 4 } else { 3 };
         let mut raw = vec![0_u8; width as usize * height as usize * channels];
-        decoder.read_image(&mut raw).map_err(|e| wrong(format!("broken WebP picture: {e}")))?;
+        decoder.read_image(&mut raw).map_err(|e| wrong(format!("the WebP picture is broken: {e}")))?;
         let rgba = if channels == 4 {
             raw
         } else {
@@ -272,7 +275,7 @@ impl Pixels {
     }
 }
 
-/// Largest size of a compressed `meta.json`; real ones have some ten thousand bytes.
+/// Maximum size of a compressed `meta.json`; real files have about ten thousand bytes.
 const META_BYTES: usize = 16 << 20;
 
 /// Loads a ZIP archive with `meta.json` and its pictures.
@@ -294,12 +297,20 @@ pub(super) fn load_bundle(
         );
     }
     let Some(name) = archive.find("meta.json") else {
-        return Err(Error::format(file, "the ZIP archive holds no `meta.json`, or several; not SOG").into());
+        return Err(Error::format(
+            file,
+            "the ZIP archive does not hold exactly one `meta.json`, so it is not SOG",
+        )
+        .into());
     };
     let folder = name.strip_suffix("meta.json").unwrap_or_default();
     let length = archive.length(name);
     if length > META_BYTES {
-        return Err(Error::format(file, format!("its `meta.json` has {length} bytes")).into());
+        return Err(Error::format(
+            file,
+            format!("its `meta.json` has {length} bytes, more than the maximum of 16 MiB"),
+        )
+        .into());
     }
     let meta = Meta::read(file, &archive.get(name)?)?;
     load(file, &meta, ranges, &|name| Ok(archive.get(&format!("{folder}{name}"))?), reading, notes)
@@ -330,7 +341,7 @@ pub(super) fn load(
     let pictures = pictures.into_iter().collect::<Result<Vec<_>, _>>()?;
     drop(raw);
     let [low, high, scales, quats, sh0, rest @ ..] = &pictures[..] else {
-        return Err(Error::format(file, "a SOG file has five pictures or more").into());
+        return Err(Error::format(file, "the file has fewer than the five pictures that SOG needs").into());
     };
     let palette = match (&meta.palette, rest) {
         (Some(palette), [centroids, labels]) => {
@@ -340,7 +351,7 @@ pub(super) fn load(
                 degree.filter(|l| palette.degree.is_none_or(|reported| reported == *l)).ok_or_else(|| {
                     Error::format(
                         file,
-                        format!("the width of the palette, {} pixels, matches no degree", centroids.width),
+                        format!("the palette is {} pixels wide, which matches no degree", centroids.width),
                     )
                 })?;
             Some((palette, centroids, labels, degree))
@@ -380,7 +391,8 @@ pub(super) fn load(
     let (mut parts, mut rows) = (Vec::new(), 0);
     for &(start, end) in ranges.unwrap_or(&whole) {
         if end > count || start > end {
-            let what = format!("the streamed scene takes splats {start} to {end} of its {count}");
+            let what =
+                format!("the streamed scene refers to splats {start} to {end}, but the file has {count}");
             return Err(Error::format(file, what).into());
         }
         parts.extend(reading.rows_from(start, end - start, turn.as_ref(), |i, sh| read(start + i, sh))?);

@@ -91,11 +91,11 @@ impl Format {
                 return Err(Error::unsupported(file, what));
             }
             let peek: Peek = serde_json::from_slice(json_text(bytes))
-                .map_err(|e| Error::format(file, format!("broken JSON: {e}")))?;
+                .map_err(|e| Error::format(file, format!("the JSON is broken: {e}")))?;
             return match peek {
                 Peek { means: Some(_), .. } => Ok(Self::SogMeta),
                 Peek { asset: Some(_), .. } => Ok(Self::Gltf),
-                _ => Err(Error::format(file, "JSON that is neither glTF nor the `meta.json` of SOG")),
+                _ => Err(Error::format(file, "the JSON is neither glTF nor the `meta.json` of SOG")),
             };
         }
         if ksplat::is_ksplat(bytes) {
@@ -108,7 +108,7 @@ impl Format {
         let what = match named {
             _ if bytes.is_empty() => "the file is empty".to_owned(),
             Some(ending) => format!(
-                "its {} bytes begin neither like a `{ending}` nor like another format of splats; is the file complete?",
+                "its {} bytes begin neither like a `{ending}` file nor like another format of splats; is the file complete?",
                 bytes.len()
             ),
             None => "not a known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF)"
@@ -123,7 +123,7 @@ fn is_json(bytes: &[u8]) -> bool {
     text.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'{')
 }
 
-/// A file of splats of a parameter.
+/// A file of splats to which a parameter refers.
 pub struct Piece {
     /// The file.
     pub file: InputFile,
@@ -137,7 +137,7 @@ impl Piece {
     }
 }
 
-/// The files of a parameter.
+/// The files to which a parameter refers.
 pub struct Expanded {
     /// Files of splats, in order.
     pub pieces: Vec<Piece>,
@@ -153,9 +153,10 @@ impl Expanded {
     }
 }
 
-/// The files of a parameter: the file itself, or the files in the folder. A folder with a `meta.json` is a SOG
-/// scene, and one with a `lod-meta.json` a streamed scene, from which the files of one level are used. Any other
-/// folder contains such folders and bundles (`.sog`), which are joined in the order of their names.
+/// Returns the files to which a parameter refers: the file itself, or the files in the folder. A folder with a
+/// `meta.json` is a SOG scene. A folder with a `lod-meta.json` is a streamed scene, of which the files of one level
+/// are used. Any other folder contains such folders and bundles (`.sog`), which are joined in the order of their
+/// names.
 pub fn expand(file: &InputFile, path: &Path, level: u32) -> Result<Expanded, NodeError> {
     if !path.is_dir() {
         let named = path.is_file() && file.0.to_ascii_lowercase().ends_with(".json");
@@ -202,8 +203,8 @@ pub fn expand(file: &InputFile, path: &Path, level: u32) -> Result<Expanded, Nod
     Ok(all)
 }
 
-/// True if the names of all chunks have the form `LEVEL_NUMBER` that splat-transform gives those of a streamed
-/// scene, with more than one level.
+/// True if the names of all chunks have the form `LEVEL_NUMBER`, as splat-transform names the chunks of a streamed
+/// scene, and there is more than one level.
 fn looks_like_levels(chunks: &[String]) -> bool {
     let level = |chunk: &String| -> Option<u32> {
         let name = chunk.split(['/', '.']).next()?;

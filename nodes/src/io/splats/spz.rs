@@ -29,11 +29,11 @@ const ANTIALIASED: u8 = 1;
 const EXTENDED: u8 = 2;
 /// Maximum number of bytes of extensions after the attributes of versions 1 to 3.
 const EXTENSIONS: usize = 1 << 20;
-/// Largest number of bytes that one byte of a version 4 file may expand to. The reference has the same limit;
-/// captures reach 3.
+/// Maximum number of bytes that one byte of a version 4 file may expand to. The reference implementation has the
+/// same limit. In captures, the number is at most 3.
 const ZSTD_RATIO: f64 = 1024.0;
 
-/// Factor between the byte of a colour and its coefficient.
+/// Factor from a coefficient of the constant colour to its stored value, where the largest byte is 1.
 pub(crate) const COLOUR_SCALE: f64 = 0.15;
 /// Type of the extension that defines the axes.
 const COORDINATE_SYSTEM: u32 = 0xadbe_0003;
@@ -66,10 +66,16 @@ impl Header {
             return Err(Error::unsupported(file, format!("version {} of SPZ", header.version)));
         }
         if header.degree > 4 {
-            return Err(Error::format(file, format!("spherical harmonics of degree {}", header.degree)));
+            return Err(Error::format(
+                file,
+                format!("the degree of the spherical harmonics is {}, not 0 to 4", header.degree),
+            ));
         }
         if header.fraction_bits > 31 {
-            return Err(Error::format(file, format!("{} fractional bits", header.fraction_bits)));
+            return Err(Error::format(
+                file,
+                format!("the centres have {} fraction bits; the maximum is 31", header.fraction_bits),
+            ));
         }
         Ok(header)
     }
@@ -110,12 +116,12 @@ fn unpack(file: &str, bytes: &[u8]) -> Result<Attributes, Error> {
     })?;
     let header = Header::read(file, &plain)?;
     if header.version == 4 {
-        return Err(Error::format(file, "version 4 of SPZ inside of a gzip stream"));
+        return Err(Error::format(file, "a gzip stream contains SPZ version 4, which is not stored in gzip"));
     }
     Ok(Attributes { left_over, ..split(file, &plain, header)? })
 }
 
-/// Splits the one stream of versions 1 to 3.
+/// Splits the single stream of versions 1 to 3 into attributes.
 fn split(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Error> {
     let each: usize = header.sizes().iter().sum();
     let count = believed(file, header.count, bytes.len().saturating_sub(HEADER), 1.0 / each as f64)?;
@@ -137,7 +143,7 @@ fn unpack_4(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Erro
     if contents < HEADER_4 {
         return Err(Error::format(
             file,
-            format!("the table of contents begins at {contents}, in the header"),
+            format!("the table of contents begins at byte {contents}, inside the header"),
         ));
     }
     let table = range(file, bytes, contents, header.streams * 16, "the table of contents")?;
@@ -161,7 +167,7 @@ fn unpack_4(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Erro
         *stream = unzstd(file, packed, length)?;
     }
     if entries.next().is_some() {
-        return Err(Error::format(file, "more streams than attributes"));
+        return Err(Error::format(file, "there are more streams than attributes"));
     }
     let extensions = bytes.get(HEADER_4..contents).unwrap_or_default().to_vec();
     Ok(Attributes { header, count, streams, extensions, left_over: bytes.len() - at })
@@ -180,7 +186,9 @@ fn named_axes(file: &str, flags: u8, mut records: &[u8]) -> Result<Option<DMat3>
             let code = match u32_at(payload, 0) {
                 0 => return Ok(None),
                 code @ 1..=16 => code - 1,
-                other => return Err(Error::format(file, format!("coordinate system {other}"))),
+                other => {
+                    return Err(Error::format(file, format!("the coordinate system {other} is unknown")));
+                }
             };
             let sign = |bit: u32| if code & bit == 0 { -1.0 } else { 1.0 };
             // Bit 0: x is right rather than left; 1: up rather than down; 2 and 3 as below.
@@ -198,8 +206,8 @@ fn named_axes(file: &str, flags: u8, mut records: &[u8]) -> Result<Option<DMat3>
     Ok(None)
 }
 
-/// The quaternion (w, x, y, z), with approximate length 1, of these bits: the index of the omitted component in x,
-/// y, z, w, then sign and magnitude of the others.
+/// Decodes a rotation to a quaternion (w, x, y, z) of approximate length 1. The bits are the index of the omitted
+/// component in the order x, y, z, w, then the sign and magnitude of each of the others.
 pub fn rotation_10(word: u32) -> [f64; 4] {
     let part = |shift: u32| {
         let size = f64::from(word >> shift & 511) / 511.0 * std::f64::consts::FRAC_1_SQRT_2;
@@ -213,7 +221,8 @@ fn rotation_8(bytes: [u8; 3]) -> [f64; 4] {
     largest_left_out(0, bytes.map(|b| f64::from(b) / 127.5 - 1.0))
 }
 
-/// Loads a file. `local` is an additional map, such as that of a glTF node, and replaces the rule for axes.
+/// Loads a file. `local` is given for SPZ data within glTF: the transform of its node, if it has one. This replaces
+/// the transform that follows from the axes of the file.
 pub(super) fn load(
     file: &str,
     bytes: &[u8],
@@ -224,8 +233,10 @@ pub(super) fn load(
     let Attributes { header, count, streams, extensions, left_over } = unpack(file, bytes)?;
     super::left_over(file, left_over, notes);
     if header.version <= 2 {
-        let text =
-            format!("`{file}` is SPZ version {}: its rotations are off by up to 12 degrees", header.version);
+        let text = format!(
+            "`{file}` is SPZ version {}: its rotations have errors of up to 12 degrees",
+            header.version
+        );
         notes.warning("coarse-rotations", text);
     }
     let own;

@@ -1,5 +1,6 @@
 //! Streamed SOG (PlayCanvas, splat-transform `write-lod.ts`): `lod-meta.json` with a tree of regions. Each region
-//! has the same splats at several levels, 0 the finest, as ranges of rows of SOG files. One level is read.
+//! has several levels of detail, the finest of which is 0. A level of a region is a list of ranges of rows in SOG
+//! files. One level is read.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
@@ -57,8 +58,8 @@ pub(super) fn is_streamed(bytes: &[u8]) -> bool {
     peek.is_ok_and(|peek| peek.filenames.is_some() && peek.tree.is_some())
 }
 
-/// Reads `lod-meta.json`. For a region without that level, the nearest coarser level is used or, if there is none,
-/// the nearest finer one.
+/// Reads `lod-meta.json`. For a region without the wanted level, the nearest coarser level is used, otherwise the
+/// nearest finer level.
 pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Error> {
     let wrong = |what: String| Error::format(file, what);
     let lod: Lod = serde_json::from_slice(json_text(bytes))
@@ -69,23 +70,28 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Erro
         open.extend(node.children.iter().rev());
         let mut own = BTreeMap::new();
         for (name, span) in &node.lods {
-            let level: u32 = name.parse().map_err(|_| wrong(format!("`{name}` is not a level")))?;
+            let level: u32 =
+                name.parse().map_err(|_| wrong(format!("`{name}` is not a number of a level")))?;
             levels.insert(level);
             own.insert(level, span);
         }
         let coarser = own.range(wanted..).next();
         let Some((_, span)) = coarser.or_else(|| own.range(..wanted).next_back()) else { continue };
         if lod.filenames.get(span.file).is_none() {
-            return Err(wrong(format!("a region names file {} of {}", span.file, lod.filenames.len())));
+            return Err(wrong(format!(
+                "a region refers to file {}, but the number of files is {}",
+                span.file,
+                lod.filenames.len()
+            )));
         }
         let end = span.offset.checked_add(span.count);
-        let end = end.ok_or_else(|| wrong("a range of splats is impossibly long".to_owned()))?;
+        let end = end.ok_or_else(|| wrong("a range of splats is too long".to_owned()))?;
         rows.entry(span.file).or_default().push((span.offset, end));
     }
     let finest = levels.len();
     if levels.is_empty() || !levels.contains(&wanted) {
         let known: Vec<String> = levels.iter().map(u32::to_string).collect();
-        return Err(wrong(format!("has no level {wanted}; its levels are [{}]", known.join(", "))));
+        return Err(wrong(format!("the scene has no level {wanted}; its levels are {}", known.join(", "))));
     }
     let mut files = Vec::new();
     for (index, spans) in rows {
@@ -95,7 +101,7 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Erro
     // An untrusted scene must not refer to files elsewhere on this machine.
     for (name, _) in &files {
         if name.is_empty() || !Path::new(name).components().all(|part| matches!(part, Component::Normal(_))) {
-            return Err(wrong(format!("refers to `{name}`, which is not in the same folder")));
+            return Err(wrong(format!("the scene refers to `{name}`, which is not in the same folder")));
         }
     }
     Ok(Level { files, levels: finest })
@@ -106,7 +112,7 @@ fn joined(file: &str, mut spans: Vec<(u64, u64)>) -> Result<Ranges, Error> {
     spans.sort_unstable();
     let mut all: Ranges = Vec::new();
     for (start, end) in spans.into_iter().filter(|(start, end)| start < end) {
-        let beyond = |_| Error::format(file, "a range of splats is impossibly long");
+        let beyond = |_| Error::format(file, "a range of splats is too long");
         let (start, end) = (usize::try_from(start).map_err(beyond)?, usize::try_from(end).map_err(beyond)?);
         match all.last_mut() {
             Some((_, last)) if start < *last => {
@@ -155,10 +161,14 @@ mod tests {
         for (from, to, says) in [
             ("\"0_0/meta.json\"", "\"../0_0/meta.json\"", "not in the same folder"),
             ("\"0_0/meta.json\"", "\"/etc/passwd\"", "not in the same folder"),
-            ("\"file\": 0, \"offset\": 0", "\"file\": 9, \"offset\": 0", "names file 9 of 3"),
+            (
+                "\"file\": 0, \"offset\": 0",
+                "\"file\": 9, \"offset\": 0",
+                "refers to file 9, but the number of files is 3",
+            ),
             ("\"offset\": 10", "\"offset\": 9", "share splats"),
-            ("\"offset\": 10", "\"offset\": 18446744073709551615", "impossibly long"),
-            ("\"0\":", "\"x\":", "is not a level"),
+            ("\"offset\": 10", "\"offset\": 18446744073709551615", "too long"),
+            ("\"0\":", "\"x\":", "is not a number of a level"),
             ("\"tree\"", "\"bush\"", "not the `lod-meta.json`"),
         ] {
             let text = SCENE.replace(from, to);
@@ -166,9 +176,9 @@ mod tests {
             let error = of(&text, 0).expect_err(to);
             assert!(error.contains(says), "{error}");
         }
-        assert!(of(SCENE, 3).is_err_and(|e| e.contains("its levels are [0, 1, 2]")));
+        assert!(of(SCENE, 3).is_err_and(|e| e.contains("its levels are 0, 1, 2")));
         assert!(is_streamed(SCENE.as_bytes()) && !is_streamed(b"{\"means\": 1}"));
-        // A tree that is too deep ends in an error of the parser, not in a stack that overflows.
+        // A tree that is too deep causes an error in the parser, not a stack overflow.
         let deep = format!("{}{}", "{\"children\":[".repeat(5000), "{}");
         assert!(level("a", format!("{{\"filenames\": [], \"tree\": {deep}").as_bytes(), 0).is_err());
     }

@@ -59,7 +59,7 @@ fn quaternions_of_any_length_become_units() {
     near(&splats.quats[0], &[-half, 0.0, -half, 0.0], 1e-7);
 }
 
-/// A row with a non-finite value in any field is dropped, or named with `strict`.
+/// A row with a non-finite value in any field is dropped or, with `strict`, named in an error.
 #[test]
 fn what_is_not_finite_is_dropped_or_named() {
     let fields = build::ply(&[PlyRow::default()], 3).len() - build::ply(&[], 3).len();
@@ -101,7 +101,7 @@ fn what_is_not_finite_is_dropped_or_named() {
     assert_eq!(LoadSplats::run(&params, In {}, &cx).unwrap().0.splats.len(), 39_999);
 }
 
-/// A scale beyond `max_extent`, 1e6, is dropped; smaller ones go to the renderer, whose work is bounded by rows 4.
+/// A splat with a scale above `max_extent`, 1e6, is dropped and counted; a slightly smaller scale is kept.
 #[test]
 fn scales_that_overflow_are_dropped_and_counted() {
     let row = |scale: f32| PlyRow { scale: [-1.0, scale, -1.0], ..PlyRow::default() };
@@ -372,7 +372,7 @@ fn files_that_were_cut_off_are_reported_as_what_they_were() {
     ksplat[8..16].fill(0);
     assert_eq!(read(&ksplat).unwrap().0.len(), 5);
     assert!(
-        reported("a", &ksplat[..30]).contains("the header: 4096 bytes at 0 are needed, the file holds 30")
+        reported("a", &ksplat[..30]).contains("the header: 4096 bytes at 0 are needed, but the file has 30")
     );
     assert!(reported("a", &ksplat[..5000]).contains("the headers of sections"));
     assert!(reported("a", &ksplat[..ksplat.len() - 1]).contains("the splats of a section"));

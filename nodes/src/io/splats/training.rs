@@ -10,7 +10,7 @@ pub(super) fn antialiased(comments: &[String], file: &str, notes: &mut Notes) ->
         return false;
     };
     if yes {
-        let text = format!("`{file}` was trained antialiased by its comment `{}`", comment.trim());
+        let text = format!("`{file}` was trained antialiased according to its comment `{}`", comment.trim());
         notes.decision("antialiased", text);
     }
     yes

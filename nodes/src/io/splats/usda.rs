@@ -90,10 +90,10 @@ impl<'a> Scan<'a> {
     fn quoted(&mut self) -> Result<&'a str, Error> {
         let fence = if self.take("\"\"\"") { "\"\"\"" } else { "\"" };
         if fence == "\"" && !self.take("\"") {
-            return Err(self.bad("a name without quotes"));
+            return Err(self.bad("quotes are missing around a name"));
         }
         let rest = self.rest();
-        let end = rest.find(fence).ok_or_else(|| self.bad("a text without an end"))?;
+        let end = rest.find(fence).ok_or_else(|| self.bad("a string is not closed"))?;
         self.at += end + fence.len();
         Ok(&rest[..end])
     }
@@ -104,7 +104,7 @@ impl<'a> Scan<'a> {
         loop {
             let rest = self.rest();
             let found = rest.find(|c: char| "()[]{}\"#@".contains(c));
-            self.at += found.ok_or_else(|| self.bad("a bracket without an end"))?;
+            self.at += found.ok_or_else(|| self.bad("a bracket is not closed"))?;
             match self.text.as_bytes().get(self.at) {
                 Some(b'"') => {
                     self.quoted()?;
@@ -169,10 +169,10 @@ fn fields(scan: &mut Scan<'_>) -> Result<Vec<Field>, Error> {
     loop {
         scan.blanks();
         if scan.rest().is_empty() {
-            return if open.is_empty() { Ok(found) } else { Err(scan.bad("a prim without an end")) };
+            return if open.is_empty() { Ok(found) } else { Err(scan.bad("a prim is not closed")) };
         }
         if scan.take("}") {
-            let prim = open.pop().ok_or_else(|| scan.bad("a closing bracket without an opening one"))?;
+            let prim = open.pop().ok_or_else(|| scan.bad("a closing bracket has no opening bracket"))?;
             if prim.kind == PRIM && !prim.abstract_class && !open.iter().any(|p| p.abstract_class) {
                 let mut matrix = DMat4::IDENTITY;
                 for one in open.iter().chain([&prim]) {
@@ -202,10 +202,10 @@ fn fields(scan: &mut Scan<'_>) -> Result<Vec<Field>, Error> {
                 scan.blanks();
             }
             if !scan.take("{") {
-                return Err(scan.bad("a prim without a body"));
+                return Err(scan.bad("a prim has no body"));
             }
             if open.len() >= DEEPEST {
-                return Err(scan.bad("prims nested too deep"));
+                return Err(scan.bad("prims are nested too deep"));
             }
             open.push(Prim { kind: kind.to_owned(), abstract_class: word == "class", ..Prim::default() });
             continue;
@@ -252,7 +252,7 @@ fn attribute<'a>(scan: &mut Scan<'a>, first: &'a str, prim: Option<&mut Prim>) -
         } else if name == "radiance:sphericalHarmonicsDegree" {
             prim.degree = scan.numbers()?.first().filter(|d| (0.0..=4.0).contains(*d)).map(|d| *d as u32);
             if prim.degree.is_none() {
-                return Err(scan.bad("a degree that is not 0 to 4"));
+                return Err(scan.bad("the degree of the spherical harmonics is not 0 to 4"));
             }
         } else if name.ends_with(".timeSamples") && known.iter().any(|known| name.starts_with(known)) {
             return Err(Error::unsupported(scan.file, "USD splats that move in time; save one moment"));
@@ -268,7 +268,7 @@ pub(super) fn load(
     reading: &Reading<'_>,
     notes: &mut Notes,
 ) -> Result<Loaded, NodeError> {
-    let text = std::str::from_utf8(bytes).map_err(|_| Error::format(file, "is not text"))?;
+    let text = std::str::from_utf8(bytes).map_err(|_| Error::format(file, "the file is not text"))?;
     let mut scan = Scan { file, text, at: text.find('\n').unwrap_or(text.len()) };
     scan.blanks();
     let metadata = if scan.rest().starts_with('(') { scan.balanced()? } else { "" };
@@ -283,7 +283,7 @@ pub(super) fn load(
     notes.decision("usd-unit", format!("`{file}` has {unit} metres per unit"));
     let fields = fields(&mut scan)?;
     if fields.is_empty() {
-        let what = format!("no prim of the type `{PRIM}`");
+        let what = format!("the file has no prim of the type `{PRIM}`");
         return Err(
             NodeError::from(Error::format(file, what)).hint("meshes are read from glTF, PLY, OBJ and STL")
         );

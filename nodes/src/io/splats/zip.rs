@@ -77,7 +77,7 @@ impl<'a> Archive<'a> {
 
     /// Reads an entry and verifies its checksum.
     pub fn get(&self, name: &str) -> Result<Vec<u8>, Error> {
-        let wrong = |what: &str| Error::format(self.file, format!("entry `{name}` {what}"));
+        let wrong = |what: &str| Error::format(self.file, format!("the ZIP entry `{name}` {what}"));
         let entry = self.entries.iter().find(|entry| entry.name == name);
         let entry = entry.ok_or_else(|| wrong("is missing"))?;
         let head = range(self.file, self.bytes, entry.at, 30, "an entry of the ZIP archive")?;

@@ -9,8 +9,8 @@ use crate::math::num;
 /// Default pixels per degree of visual angle: a display of 3840 pixels and 0.7 m width, seen from 0.7 m.
 pub const PIXELS_PER_DEGREE: f64 = 67.020_643_276_582_25;
 
-/// Features of a picture as seen by the eye, from linear light of three channels; values outside of the range of a
-/// display are clamped to 0 to 1 first.
+/// Features of a picture as seen by the eye, from linear light of three channels. Values are first clamped to the
+/// range of a display, 0 to 1.
 pub struct Sight(Vec<Features>);
 
 impl Sight {
@@ -31,7 +31,7 @@ impl Sight {
     }
 }
 
-/// The colour difference, raised where features differ (equation 16, whose feature exponent is 0.5).
+/// The colour difference, increased where features differ (equation 16, whose feature exponent is 0.5).
 fn difference(a: &Features, b: &Features) -> f64 {
     let colour = redistribute(hyab(a.colour, b.colour));
     let feature = (a.edge - b.edge).abs().max((a.point - b.point).abs());
@@ -108,7 +108,7 @@ pub fn hdr_flip_map(
     Ok(largest)
 }
 
-/// XYZ of linear RGB, the exact fractions of the sRGB primaries and D65.
+/// Matrix from linear RGB to XYZ, as the exact fractions for the sRGB primaries and D65.
 const XYZ: [[f64; 3]; 3] = [
     [10_135_552.0 / 24_577_794.0, 8_788_810.0 / 24_577_794.0, 4_435_075.0 / 24_577_794.0],
     [2_613_072.0 / 12_288_897.0, 8_788_810.0 / 12_288_897.0, 887_015.0 / 12_288_897.0],
@@ -161,14 +161,15 @@ fn hunt_lab(rgb: [f64; 3]) -> [f64; 3] {
     [lightness, 0.01 * lightness * 500.0 * (x - y), 0.01 * lightness * 200.0 * (y - z)]
 }
 
-/// The distance HyAB, made for large differences, to the power 0.7.
+/// The HyAB distance, which is designed for large differences, to the power of 0.7.
 fn hyab(a: [f64; 3], b: [f64; 3]) -> f64 {
     let [l, p, q] = [0, 1, 2].map(|i| a[i] - b[i]);
     let distance = l.abs() + (p * p + q * q).sqrt();
     if distance > 0.0 { num::pow(distance, 0.7) } else { 0.0 }
 }
 
-/// Maps colour distances to 0..1: the lower 40 % are mapped to 95 % of the range (equation 12).
+/// Maps colour distances to 0..1: the lower 40 % of the distances to 0..0.95, and the rest to 0.95..1 (equation
+/// 12).
 fn redistribute(distance: f64) -> f64 {
     const SHARE: f64 = 0.95;
     // The distance from green to blue is the largest one.
@@ -227,7 +228,7 @@ fn seen(plane: &Plane, kernels: &Kernels, cx: &Context) -> Result<Vec<Features>,
     Ok(rows.into_iter().flatten().collect())
 }
 
-/// Filters a channel along rows with `x` and along columns with `y`; pixels of the border are repeated outside.
+/// Filters a channel along rows with `x` and along columns with `y`. Pixels at the border are repeated beyond it.
 fn separable(
     channel: &[f64],
     width: usize,
@@ -258,7 +259,7 @@ fn separable(
     Ok(columns.concat())
 }
 
-/// The filters for a number of pixels per degree, as factors along one axis.
+/// The filters for a number of pixels per degree, as one-dimensional factors.
 struct Kernels {
     /// Contrast sensitivity of lightness, red-green and blue-yellow: weighted Gaussians.
     sensitivity: [Vec<(f64, Vec<f64>)>; 3],

@@ -1,6 +1,6 @@
-//! Distances between two pictures, in f64 and in the variants printed in papers. Every number is summed in row
-//! order, so it does not depend on threads. No crate is used, since those that exist compute in f32 or with
-//! functions of the system, and lack FLIP for HDR.
+//! Distances between two pictures, in f64 and in the variants printed in papers. All sums are in row order, so they
+//! do not depend on the number of threads. No crate is used, since the existing ones compute in f32 or with the
+//! math functions of the system, and lack HDR-FLIP.
 
 mod ciede2000;
 mod flip;
@@ -49,7 +49,8 @@ impl Errors {
     }
 }
 
-/// Compares the pixels for which `inside` returns true; the mean over channels comes first, then over pixels.
+/// Compares the pixels for which `inside` returns true. Differences are averaged over channels first, then over
+/// pixels.
 pub fn errors(a: &Plane, b: &Plane, inside: impl Fn(usize) -> bool) -> Errors {
     let channels = a.channels.min(b.channels).max(1);
     let mut out = Errors::default();
@@ -87,8 +88,8 @@ pub fn mean_over(map: &[f64], inside: impl Fn(usize) -> bool) -> Option<f64> {
     (count > 0).then(|| sum / count as f64)
 }
 
-/// Quantile of the chosen values of a map at `share` (0 to 1), interpolated between neighbours; `None` if no value
-/// is chosen.
+/// Quantile at `share` (0 to 1) of a map over the pixels for which `inside` returns true, interpolated between
+/// adjacent values; `None` if there are no such pixels.
 pub fn quantile_over(map: &[f64], share: f64, inside: impl Fn(usize) -> bool) -> Option<f64> {
     let mut chosen: Vec<f64> = (0..map.len()).filter(|i| inside(*i)).map(|i| map[i]).collect();
     chosen.sort_by(f64::total_cmp);

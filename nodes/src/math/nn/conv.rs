@@ -20,7 +20,8 @@ pub struct Conv {
 }
 
 impl Conv {
-    /// Rows or columns of the output for `size` of the input; 0 where the kernel does not fit.
+    /// Number of rows (or columns) of the output, given the number of rows (or columns) `size` of the input and
+    /// `kernel` of the kernel; 0 if the kernel does not fit.
     pub fn output_size(&self, size: usize, kernel: usize) -> usize {
         (size + 2 * self.padding).checked_sub(kernel).map_or(0, |room| room / self.stride + 1)
     }

@@ -16,7 +16,7 @@ impl<'a> Weights<'a> {
     /// Reads the header. `file` is the name of the file for messages.
     pub fn parse(file: &'a str, bytes: &'a [u8]) -> Result<Self, Error> {
         let tensors = SafeTensors::deserialize(bytes)
-            .map_err(|error| Error::format(file, format!("is not a valid safetensors file: {error}")))?;
+            .map_err(|error| Error::format(file, format!("the file is not valid safetensors: {error}")))?;
         Ok(Self { file, tensors })
     }
 

@@ -1,19 +1,19 @@
-//! Detection of shapes whose faces look inwards, which exporters and mirrored copies produce. Single-sided, they
-//! are black from outside; in programs that draw both sides they look correct.
+//! Detection of shapes whose faces look inwards, which exporters and mirrored copies produce. If their material is
+//! single-sided, they are black from outside; programs that draw both sides show them correctly.
 
 use engine::{Context, NodeError, Notes};
 use glam::DVec3;
 
 use crate::types::{Material, Primitive};
 
-/// Maximum length of the sum of the area vectors, relative to the area, of a closed shape.
+/// Maximum length of the sum of the area vectors of a part, relative to its area, for it to count as closed.
 const CLOSED: f64 = 1e-3;
-/// Maximum length of that sum, relative to the area, of an open shape that is reported.
+/// Maximum length of the same sum, relative to the area, for an open part to be reported.
 const OPEN: f64 = 0.5;
-/// Mean cosine between the faces and the directions from the middle, weighted by area and distance, below which faces
-/// look inwards. Those of a sphere are -1, of a cube -0.8, of a long box -0.5.
+/// A part looks inwards if the mean cosine between its face normals and the directions from its middle, weighted by
+/// area and distance, is below this. Turned inside out, a sphere has -1, a cube -0.8, and a long box -0.5.
 const INWARD: f64 = -0.3;
-/// Number of other parts, the largest ones, that are tested for containing a cavity.
+/// Maximum number of other parts that are tested for containing a cavity; the largest parts are tested.
 const HOLDERS: usize = 64;
 
 /// A connected part of an object.
@@ -23,9 +23,9 @@ struct Part {
     middle: DVec3,
     /// Sum of the area vectors.
     vector: DVec3,
-    /// Sum over triangles of area times height over the middle.
+    /// Sum over triangles of area times the height of the triangle's plane over the middle of the part.
     height: f64,
-    /// Sum over triangles of area times distance from the middle.
+    /// Sum over triangles of area times distance from the middle of the part.
     distance: f64,
     low: DVec3,
     high: DVec3,
@@ -61,7 +61,7 @@ impl Part {
     }
 }
 
-/// Returns the root of a vertex, and shortens the paths on the way.
+/// Returns the root of a vertex in the union-find forest, and shortens the paths on the way.
 fn root(parents: &mut [u32], mut at: u32) -> u32 {
     while parents[at as usize] != at {
         let above = parents[parents[at as usize] as usize];
@@ -102,8 +102,8 @@ fn parts_of(primitives: &[Primitive], starts: &[usize], cx: &Context) -> Result<
     Ok((0..total as u32).map(|at| root(&mut parents, at)).collect())
 }
 
-/// Turns the faces of closed, single-sided parts that look inwards, unless the part is a cavity of another one; reports
-/// open parts that look inwards.
+/// Reverses the faces of closed, single-sided parts that look inwards, unless the part is a cavity of another part.
+/// Reports open parts that look inwards.
 pub(super) fn turn(
     primitives: &mut [Primitive],
     materials: &[Material],
@@ -166,8 +166,8 @@ pub(super) fn turn(
     let closed = turned.iter().filter(|turned| **turned).count();
     if open > 0 {
         let text = format!(
-            "the faces of {open} open parts look inwards: they are black from outside, as their material has one side; \
-             turn them in the program that made them, or make the material double-sided"
+            "the faces of {open} open parts look inwards: they are black from outside, since their material is single-sided; \
+             reverse them in the program that made them, or make the material double-sided"
         );
         notes.warning("faces-inwards", text);
     }
@@ -209,8 +209,8 @@ mod tests {
     use super::*;
     use crate::testing::context;
 
-    /// A box with separate vertices for each face, as exporters write it; with `faces` of the six faces, wound
-    /// inwards or not.
+    /// A box with separate vertices for each face, as exporters write it. It has the first `faces` of the six
+    /// faces; `inwards` reverses their winding, and `normals` is the sign of their normals.
     fn cube(half: f32, at: [f32; 3], inwards: bool, normals: f32, faces: usize) -> Primitive {
         let mut p = Primitive::default();
         for face in 0..faces {
@@ -242,7 +242,7 @@ mod tests {
         (list, notes.iter().map(|note| note.id.clone()).collect())
     }
 
-    /// Mutation: `score() < INWARD` to `score() > 0.3`, seen red.
+    /// This test fails if `score() < INWARD` is `score() > 0.3`.
     #[test]
     fn closed_shapes_that_look_inwards_are_turned() {
         let right = cube(1.0, [3.0, 0.0, 0.0], false, 1.0, 6);

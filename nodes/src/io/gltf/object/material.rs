@@ -24,19 +24,19 @@ pub struct Materials<'a> {
     glossy: u64,
 }
 
-/// Extensions that are not rendered, and the visible effect of that.
+/// Extensions that are not rendered, each with the effect on the picture.
 const NOT_DRAWN: [(&str, &str); 5] = [
-    ("KHR_lights_punctual", "its lights are not used; emissive surfaces are"),
+    ("KHR_lights_punctual", "the lights of the file are not used, but its emissive surfaces are"),
     ("KHR_materials_dispersion", "all colours are refracted equally"),
     ("KHR_materials_volume_scatter", "there is no scattering inside"),
-    ("KHR_materials_variants", "the materials without variants are used"),
+    ("KHR_materials_variants", "variants are ignored; the default materials are used"),
     ("KHR_texture_basisu", "textures use the PNG or JPEG fallback"),
 ];
 
 /// The effect of not supporting an extension.
 fn effect(extension: &str) -> &'static str {
     let known = NOT_DRAWN.iter().find(|(name, _)| *name == extension);
-    known.map_or("it is unknown", |(_, effect)| effect)
+    known.map_or("the extension is unknown", |(_, effect)| effect)
 }
 
 impl<'a> Materials<'a> {
@@ -57,14 +57,14 @@ impl<'a> Materials<'a> {
     pub fn read(&mut self, notes: &mut Notes) -> Result<Vec<Material>, Error> {
         let list = self.json["materials"].as_array().map(Vec::as_slice).unwrap_or_default();
         let materials = list.iter().map(|m| self.material(m)).collect::<Result<_, _>>()?;
-        notes.count("factors-clamped", self.clamped, "material factors outside of their range were clamped");
+        notes.count("factors-clamped", self.clamped, "material factors outside their range were clamped");
         for what in &self.ignored {
             notes.degraded("material-ignored", what.clone());
         }
         notes.count(
             "specular-glossiness",
             self.glossy,
-            "materials of specular-glossiness are read as their diffuse colour and glossiness",
+            "specular-glossiness materials: only the diffuse colour and the glossiness are read",
         );
         self.report_others(notes);
         if self.occluded {
@@ -74,7 +74,7 @@ impl<'a> Materials<'a> {
         Ok(materials)
     }
 
-    /// Reports unsupported content outside of materials. Lights are reported only if a node has one.
+    /// Reports unsupported content outside materials. Lights are reported only if a node has one.
     fn report_others(&self, notes: &mut Notes) {
         for (what, instead) in
             [("animations", "all parts are placed by their nodes"), ("cameras", "the graph has its own")]
@@ -243,7 +243,10 @@ impl<'a> Materials<'a> {
         // A WebP picture in addition to a plain one is the better copy.
         let webp = &texture["extensions"]["EXT_texture_webp"]["source"];
         let Some(image) = webp.as_u64().or_else(|| texture["source"].as_u64()) else {
-            return Err(Error::format(self.name, format!("no texture {index}")));
+            return Err(Error::format(
+                self.name,
+                format!("a material refers to texture {index}, which does not exist"),
+            ));
         };
         let image = image as usize;
         let slot = self.images.iter().position(|known| *known == image).unwrap_or_else(|| {
@@ -391,7 +394,7 @@ mod tests {
             reported[0].1.contains("(1 of them)") && reported[1].1.starts_with("MSFT_lod is left out"),
             "{reported:?}"
         );
-        assert!(reported[2].1.contains("the materials without variants are used"));
+        assert!(reported[2].1.contains("variants are ignored; the default materials are used"));
         assert!(reported[3].1.ends_with("the PNG or JPEG fallback"));
         assert_eq!(reported.len(), 4);
     }

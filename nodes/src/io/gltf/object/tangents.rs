@@ -1,7 +1,7 @@
 //! Tangents for normal maps of files without tangents, similar to MikkTSpace: corners that share position, normal
 //! and texture coordinates share a tangent, weighted by the angle of each corner, and mirrored islands are kept
-//! separate. The green channel of a normal map points up in the picture, and v of glTF runs down. So the bitangent
-//! points against v, and its sign is the opposite of that of the area in texture coordinates.
+//! separate. The green channel of a normal map points up in the picture, and v of glTF runs down. The bitangent
+//! therefore points against v, and its sign is opposite to the sign of the area in texture coordinates.
 
 use std::collections::HashMap;
 
@@ -63,7 +63,7 @@ pub fn generate(p: &mut Primitive, second_set: bool) -> u64 {
     split_mirrored(p, &mirrored, &group, &sums)
 }
 
-/// Writes the tangents, and duplicates each vertex that both sides of a mirror use.
+/// Writes the tangents, and duplicates each vertex that both mirrored and unmirrored triangles use.
 fn split_mirrored(
     p: &mut Primitive,
     mirrored: &[Option<bool>],

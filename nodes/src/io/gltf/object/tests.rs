@@ -19,7 +19,7 @@ fn base64(bytes: &[u8]) -> String {
     base64::engine::general_purpose::STANDARD.encode(bytes)
 }
 
-/// A triangle of three corners, its normal +z, with `extra` changes to the document.
+/// A document with one triangle, whose normal is +z, and the single node `node`.
 fn triangle(node: Value) -> Value {
     let mut bytes: Vec<u8> = Vec::new();
     for v in [[0.0_f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] {

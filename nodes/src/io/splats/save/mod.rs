@@ -49,21 +49,21 @@ pub fn encode(
 ) -> Result<(Vec<u8>, Notes), NodeError> {
     let mut notes = Notes::none();
     if splats.encoding == SplatEncoding::Linear {
-        notes.warning("encoding-not-stored", "the colours are linear, which the file cannot store");
+        notes.warning("encoding-not-stored", "the colours are linear, which the format cannot store");
     }
     let bytes = match format {
         SaveFormat::Ply => ply::encode(splats, cx, &mut notes)?,
         SaveFormat::Spz | SaveFormat::Spz4 => {
             let version = if format == SaveFormat::Spz4 || splats.sh_degree == 4 { 4 } else { 3 };
             if version == 4 && format == SaveFormat::Spz {
-                let text = "written as SPZ version 4, since older ones hold no harmonics of degree 4";
+                let text = "written as SPZ version 4, since older versions hold no harmonics of degree 4";
                 notes.decision("spz-version", text);
             }
             let turn = up.map(|up| from_y_up(up).transpose()).filter(|m| *m != glam::DMat3::IDENTITY);
             match turn {
                 Some(matrix) => {
                     let from = up.map_or("", Up::name);
-                    let text = format!("rotated from {from} up to +y up, as SPZ defines");
+                    let text = format!("rotated from {from} up to +y up, the up axis of SPZ");
                     notes.decision("frame", text);
                     let turn = Turn::new(matrix, 1.0, DVec3::ZERO);
                     spz::encode(&turned(splats, &turn, cx)?, version, cx, &mut notes)?

@@ -15,7 +15,8 @@ use crate::types::Splats;
 /// Number of fraction bits, if the size of the scene permits: a step is 1/65536 of a unit. The reference always
 /// writes 12.
 const FRACTION_BITS: u32 = 16;
-/// Number of fraction bits for a scene of small splats: the smallest axis in the format, e^-10, is then 24 steps.
+/// Number of fraction bits for a scene of small splats. The shortest axis that the format can store, e^-10, is then
+/// 24 steps.
 const MOST_FRACTION_BITS: u32 = 19;
 /// Largest signed 24-bit integer.
 const LARGEST: f64 = 8_388_607.0;
@@ -32,7 +33,7 @@ struct Cut {
 }
 
 impl Cut {
-    /// Rounds to a byte. Numbers more than a step outside of its range are counted.
+    /// Rounds to a byte. Numbers more than a step outside its range are counted.
     fn byte(&mut self, value: f64) -> u8 {
         let rounded = (value + 0.5).floor();
         let within = rounded.clamp(0.0, 255.0);
@@ -224,13 +225,13 @@ fn streams_apart(
     Ok(header)
 }
 
-/// Largest difference by which another component may exceed the omitted one: rounding three components by half a
-/// step of 0.0014 can cause this difference among four equal ones, with a margin.
+/// Largest difference by which another component may exceed the omitted one. If all four components are equal,
+/// rounding three of them by up to half a step of 0.0014 can cause almost this difference.
 const AS_LARGE: f32 = 0.004;
 
-/// The bits of a rotation. If several components are practically equal to the largest, the one is omitted that
-/// makes the decoded rotation most accurate. For a rotation that was read from a file, this is the one that the
-/// file had omitted, so it is written unchanged.
+/// The bits of a rotation. If several components are practically equal to the largest, the one whose omission makes
+/// the decoded rotation most accurate is omitted. For a rotation that was read from a file, this is the component
+/// that the file omitted, so the rotation is written unchanged.
 pub(super) fn rotation(quat: [f32; 4]) -> u32 {
     let [w, x, y, z] = quat;
     let parts = [x, y, z, w];

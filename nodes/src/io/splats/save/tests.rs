@@ -4,7 +4,7 @@ use super::*;
 use crate::io::splats::{Frame, from_bytes, spz_rotation, unit};
 use crate::testing::context;
 
-/// Splats with all kinds of values, degree 3.
+/// `count` splats of this degree, with values of all kinds.
 pub fn scene(count: usize, degree: u32) -> Splats {
     let unit = |i: usize, k: usize| ((i * 7919 + k * 104_729) % 1009) as f32 / 1008.0;
     let spread = |i: usize, k: usize| unit(i, k) * 2.0 - 1.0;
@@ -165,7 +165,7 @@ fn equal_scenes_give_equal_files() {
 
 /// Files that were read are written unchanged, also if the largest components of a rotation tie except for
 /// rounding, and if a component that rounds to zero is negative. Two codes may be the same rotation bit for bit;
-/// then the first is written. Seen red with an `AS_LARGE` of 1e-7.
+/// then the first is written. This test fails if `AS_LARGE` is 1e-7.
 #[test]
 fn rotations_of_spz_come_back_as_they_were() {
     let sizes = [0_u32, 1, 2, 87, 208, 294, 295, 296, 360, 361, 362, 417, 509, 510, 511];
@@ -205,7 +205,7 @@ fn rotations_of_spz_come_back_as_they_were() {
     assert!(written(&back) == first);
 }
 
-/// Thin axes of otherwise large splats are lengthened, too, and reported.
+/// Thin axes are lengthened and reported even if the other axes of the splat are long.
 #[test]
 fn every_axis_that_grows_is_reported() {
     let mut scene = scene(40, 0);

@@ -1,4 +1,4 @@
-//! Writers of small files, written from the specifications of the formats.
+//! Writers of small test files, implemented from the specifications of the formats.
 
 use std::io::Write;
 
@@ -112,7 +112,7 @@ pub fn splat(count: usize) -> Vec<u8> {
     out
 }
 
-/// IEEE half of a number that has one exactly.
+/// Converts a number to an IEEE 16-bit float. Panics if the conversion is not exact.
 pub fn half(value: f32) -> [u8; 2] {
     let bits = value.to_bits();
     let sign = (bits >> 16 & 0x8000) as u16;
@@ -124,12 +124,12 @@ pub fn half(value: f32) -> [u8; 2] {
     (sign | (exponent as u16) << 10 | (bits >> 13 & 1023) as u16).to_le_bytes()
 }
 
-/// The coefficient that `ksplat` writes, -1 to 1 in steps of 1/16.
+/// The coefficient that [`ksplat`] writes, from -1 to 1 in steps of 1/16.
 pub fn harmonic(i: usize, channel: usize) -> f32 {
     ((i * 5 + channel * 11) % 32) as f32 / 16.0 - 1.0
 }
 
-/// A `.ksplat` of five splats: a full bucket of two, then partial ones of one and two.
+/// A `.ksplat` of five splats: a full bucket of two, then partially filled buckets of one and two.
 pub fn ksplat(level: usize, degree: usize) -> Vec<u8> {
     let mut head = vec![0_u8; 4096 + 1024];
     let mut put = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);
@@ -267,7 +267,8 @@ fn webp(width: u32, height: u32, pixel: impl Fn(usize) -> [u8; 4]) -> Vec<u8> {
     out
 }
 
-/// Seven splats in SOG of either version, degree 1, both with the same numbers except for opacities.
+/// Seven splats of degree 1 in SOG of either version. Both versions have the same numbers, except for the
+/// opacities.
 pub fn sog(version: u32) -> Vec<(String, Vec<u8>)> {
     let names = ["means_l", "means_u", "scales", "quats", "sh0", "shN_centroids", "shN_labels"];
     let names = names.map(|name| format!("{name}.webp"));

@@ -24,7 +24,7 @@ fn all() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// A splat in words, with a comment of its trainer.
+/// A splat in ASCII, with a comment of its trainer.
 const ASCII: &[u8] =
     b"ply\nformat ascii 1.0\ncomment SplatRenderMode: mip\nelement vertex 1\nproperty float x\n\
     property float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n\
@@ -32,7 +32,7 @@ const ASCII: &[u8] =
     property float rot_0\nproperty float rot_1\nproperty float rot_2\nproperty float rot_3\nend_header\n\
     1 2 3 9 8 7 inf -1 -inf -2 1 0 0 0.\n";
 
-/// A splat of 2DGS, most significant byte first: all its numbers are 0 but the rotation.
+/// A big-endian splat of 2DGS, whose numbers are all 0 except for the rotation.
 const TWO_SCALES: &[u8] = b"ply\nformat binary_big_endian 1.0\nelement vertex 1\nproperty float x\nproperty float y\n\
     property float z\nproperty float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\nproperty float opacity\n\
     property float scale_0\nproperty float scale_1\nproperty float rot_0\nproperty float rot_1\nproperty float rot_2\n\
@@ -50,8 +50,8 @@ fn is_sane(splats: &Splats) {
 #[test]
 fn cut_off_anywhere_is_an_error() {
     for (name, bytes) in all() {
-        // A `.splat` has no header, so one that ends after a row is complete.
-        // The last number in words may end without a line end, and before a dot.
+        // A `.splat` has no header, so one that ends after a row is complete. The last number of an ASCII file may
+        // lack the end of its line, and its dot.
         let whole = |length: usize| {
             name == "splat" && length.is_multiple_of(32) || name == "ply ascii" && length + 2 >= bytes.len()
         };
@@ -172,8 +172,8 @@ impl Damage {
     }
 }
 
-/// A damaged file of each format. Compressed files are damaged before compression, since the checksum would detect
-/// later damage.
+/// Returns a damaged copy of a file. Compressed files are usually damaged before compression, since the checksum
+/// would detect later damage.
 fn damaged(name: &str, bytes: &[u8], damage: &mut Damage) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     match name {

@@ -8,7 +8,8 @@ const FIELDS: [&str; 14] = [
     "rot_1", "rot_2", "rot_3",
 ];
 
-/// A PLY file of one element `vertex`: `encoding` is the word of the header, each field has its type.
+/// A PLY file with one element `vertex`. `encoding` is the format in the header; each of `fields` is a type and a
+/// name.
 fn table(encoding: &str, comments: &[&str], fields: &[(&str, &str)], rows: &[Vec<f64>]) -> Vec<u8> {
     let mut text = format!("ply\nformat {encoding} 1.0\n");
     comments.iter().for_each(|comment| text.push_str(&format!("comment {comment}\n")));
@@ -53,7 +54,8 @@ fn rows(count: usize) -> Vec<Vec<f64>> {
 
 const ENCODINGS: [&str; 3] = ["binary_little_endian", "binary_big_endian", "ascii"];
 
-/// The same numbers in every encoding are the same splats. Mutation: bytes not reversed in `Rows::packed`, seen red.
+/// The same numbers in every encoding are the same splats. This test fails if `Rows::packed` does not reverse
+/// bytes.
 #[test]
 fn every_encoding_of_ply_is_the_same_scene() {
     let fields = floats(&FIELDS);
@@ -74,7 +76,7 @@ fn every_encoding_of_ply_is_the_same_scene() {
         assert!(splats == wanted, "{name}");
         assert_eq!(notes.iter().count(), 0, "{name}");
     }
-    // A list that a program adds is read over; compressed files have a form with the other byte order too.
+    // A list that another program added is skipped. Compressed files may be big-endian, too.
     let listed = text.replace("end_header\n", "element extra 2\nproperty list uchar int ids\nend_header\n");
     let (splats, _) = read(format!("{listed}2 7 8\n0\n").as_bytes()).unwrap();
     assert!(splats == wanted);
@@ -136,7 +138,7 @@ fn infinities_are_opaque_absent_or_flat() {
     assert_eq!((splats.scales[0][0], splats.opacities[0]), (0.5, 0.0));
 }
 
-/// A missing third scale means a thickness of 0. Mutation: `NEG_INFINITY` to 0 in `Layout::row`, seen red.
+/// A missing third scale means a thickness of 0. This test fails if `NEG_INFINITY` in `Layout::row` is 0.
 #[test]
 fn splats_of_two_scales_are_flat() {
     let names: Vec<&str> = FIELDS.iter().copied().filter(|name| *name != "scale_2").collect();
@@ -281,7 +283,7 @@ fn one_level_of_a_streamed_scene_is_read() {
     assert_eq!((&part.means[..], part.len()), (&one.means[2..5], 3));
     write(&place(2, all));
     let error = load("s").err().unwrap();
-    assert!(error.message().contains("takes splats 2"), "{error}");
+    assert!(error.message().contains("refers to splats 2"), "{error}");
     // The description by itself, and an archive of it, are named as what they are.
     let error = read(br#"{"filenames": [], "tree": {}}"#).err().unwrap();
     assert!(error.message().contains("streamed SOG"), "{error}");
@@ -297,7 +299,8 @@ fn pointers_of_git_lfs_are_named() {
     assert!(error.message().contains("git lfs pull"), "{error}");
 }
 
-/// Two splats as text of USD, between `head` and `tail` of a prim around them.
+/// Two splats as USD text. `metadata` is a part of the head, `transform` the operations of the prim around the
+/// splats, and `more` a list of additional attributes.
 fn usda(metadata: &str, transform: &str, more: &str) -> String {
     format!(
         "#usda 1.0\n(\n    doc = \"made (here)\"\n    {metadata}\n)\n# a note {{\ndef Xform \"World\" (\n    kind = \"x\"\n)\n{{\n    {transform}\n\
@@ -309,7 +312,7 @@ fn usda(metadata: &str, transform: &str, more: &str) -> String {
     )
 }
 
-/// Splats of USD in text: values, unit, axis, transforms, and what is refused.
+/// Splats in USD text are read with the right values, unit, axis and transforms, and unsupported files are refused.
 #[test]
 fn splats_of_usd_in_text_are_read() {
     let stored = |text: &str| from_bytes("a.usda", text.as_bytes(), Frame::AsStored, &context());
@@ -348,14 +351,14 @@ fn splats_of_usd_in_text_are_read() {
         (usda("metersPerUnit = 0", "", ""), "metersPerUnit"),
         (usda(metres, "", "        float[] opacities = [1, 2, 3]\n"), "3 numbers for 2 splats"),
         (usda(metres, "", "").replace("ParticleField3DGaussianSplat", "Mesh"), "no prim of the type"),
-        (usda(metres, "", "").replace("}\n}", "}"), "without an end"),
+        (usda(metres, "", "").replace("}\n}", "}"), "is not closed"),
     ] {
         let error = stored(&text).err().unwrap();
         assert!(error.message().contains(says), "{error}");
     }
     let error = read(b"PXR-USDC\0\0").err().unwrap();
     assert!(error.message().contains("save it as text"), "{error}");
-    // Every cut and changed bytes: an error or a scene.
+    // A file that is cut off anywhere, or in which bytes are changed, gives an error or a scene.
     let whole = usda(metres, moved, "").into_bytes();
     let mut seed = 1_u64;
     for turn in 0..4000 {

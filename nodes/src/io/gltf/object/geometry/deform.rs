@@ -23,8 +23,9 @@ impl Geometry<'_> {
             let deltas = |accessor: Option<Accessor<'_>>| -> Result<Vec<[f64; 3]>, Error> {
                 let Some(accessor) = accessor else { return Ok(Vec::new()) };
                 let numbers = self.numbers(&accessor)?;
-                let deltas =
-                    numbers.arrays::<3>().ok_or_else(|| self.bad("morph targets are not triples"))?;
+                let deltas = numbers
+                    .arrays::<3>()
+                    .ok_or_else(|| self.bad("a morph target does not have three numbers per vertex"))?;
                 Ok(deltas.to_vec())
             };
             let moved = [deltas(target.positions())?, deltas(target.normals())?, deltas(target.tangents())?];
@@ -64,8 +65,9 @@ impl Geometry<'_> {
         let inverse: Vec<DMat4> = match skin.inverse_bind_matrices() {
             Some(accessor) => {
                 let numbers = self.numbers(&accessor)?;
-                let matrices =
-                    numbers.arrays::<16>().ok_or_else(|| self.bad("bind matrices are not 4 x 4"))?;
+                let matrices = numbers
+                    .arrays::<16>()
+                    .ok_or_else(|| self.bad("the inverse bind matrices are not 4 x 4"))?;
                 matrices.iter().map(DMat4::from_cols_array).collect()
             }
             None => Vec::new(),
@@ -86,7 +88,7 @@ impl Geometry<'_> {
             for (joint, weight) in influences.iter().flat_map(of).filter(|(_, weight)| *weight != 0.0) {
                 let matrix = matrices
                     .get(joint as usize)
-                    .ok_or_else(|| self.bad("a vertex names an unknown joint"))?;
+                    .ok_or_else(|| self.bad("a vertex refers to a joint that does not exist"))?;
                 blended += *matrix * (weight / sum);
             }
             Ok(if sum > 0.0 { blended } else { matrices.first().copied().unwrap_or_default() })

@@ -85,7 +85,9 @@ impl<'a> Geometry<'a> {
                     let Some(read) = self.primitive(node, &primitive, instance, materials)? else { continue };
                     vertices += read.positions.len();
                     if vertices > VERTEX_LIMIT {
-                        return Err(self.bad(format!("has more than {VERTEX_LIMIT} vertices")).into());
+                        return Err(self
+                            .bad(format!("the object has more than {VERTEX_LIMIT} vertices"))
+                            .into());
                     }
                     if !read.triangles.is_empty() {
                         primitives.push(read);
@@ -103,7 +105,7 @@ impl<'a> Geometry<'a> {
                     " with an area: {n} triangles are too small for the precision of the coordinates, or are not finite"
                 ),
             };
-            return Err(self.bad(format!("holds no triangles{why}")).into());
+            return Err(self.bad(format!("the object has no triangles{why}")).into());
         }
         Ok(primitives)
     }
@@ -143,7 +145,7 @@ impl<'a> Geometry<'a> {
         let numbers = self.numbers(&accessor)?;
         match numbers.arrays::<N>() {
             Some(values) if values.len() == vertices => Ok(Some(values.to_vec())),
-            _ => Err(self.bad(format!("{} does not fit its primitive", semantic.to_string()))),
+            _ => Err(self.bad(format!("the attribute {} does not fit its primitive", semantic.to_string()))),
         }
     }
 
@@ -162,13 +164,15 @@ impl<'a> Geometry<'a> {
         if accessor.view().is_none() && accessor.sparse().is_none() {
             return Err(Error::unsupported(
                 self.name,
-                "positions without data, as compressed meshes have them",
+                "positions without data, which occur in compressed meshes",
             ));
         }
         let numbers = self.numbers(&accessor)?;
         let n = accessor.count();
-        let mut positions =
-            numbers.arrays::<3>().ok_or_else(|| self.bad("positions are not triples"))?.to_vec();
+        let mut positions = numbers
+            .arrays::<3>()
+            .ok_or_else(|| self.bad("the positions do not have three numbers per vertex"))?
+            .to_vec();
         let mut normals = self.attribute::<3>(primitive, Semantic::Normals, n)?.unwrap_or_default();
         let mut tangents = self.attribute::<4>(primitive, Semantic::Tangents, n)?.unwrap_or_default();
         self.morph(node, primitive, &mut positions, &mut normals, &mut tangents)?;
@@ -260,7 +264,7 @@ impl<'a> Geometry<'a> {
                 if numbers.width != 1
                     || numbers.values.iter().any(|&i| i.is_nan() || i < 0.0 || i >= n as f64)
                 {
-                    return Err(self.bad(format!("indices refer to vertices beyond the {n} vertices")));
+                    return Err(self.bad(format!("indices refer to vertices beyond the last of {n}")));
                 }
                 numbers.values.into_iter().map(|i| i as u32).collect()
             }

@@ -29,26 +29,34 @@ impl Tally {
             (
                 "vertices-not-finite",
                 self.not_finite,
-                "vertices are not finite numbers; their triangles were dropped",
+                "vertices have coordinates that are not finite; their triangles were dropped",
             ),
             (
                 "triangles-dropped",
                 self.without_area,
-                "triangles without area or with such vertices were dropped",
+                "triangles without area, or with coordinates that are not finite, were dropped",
             ),
-            ("indices-left-over", self.left_over, "indices at the end make no whole triangle"),
+            (
+                "indices-left-over",
+                self.left_over,
+                "indices at the end of a list do not make a whole triangle and were ignored",
+            ),
             (
                 "no-coordinates",
                 self.unmapped,
-                "primitives have a texture but no texture coordinates; they show its corner",
+                "primitives have a texture but no texture coordinates; they show the corner of the texture",
             ),
             (
                 "coordinates-not-finite",
                 self.coordinates,
                 "texture coordinates are not finite and were set to 0",
             ),
-            ("normals-repaired", self.normals, "normals of length 0 were computed from the adjacent faces"),
-            ("colours-clamped", self.colours, "vertex colours outside of 0 to 1 were clamped"),
+            (
+                "normals-repaired",
+                self.normals,
+                "normals of length 0 were replaced by ones computed from the adjacent faces",
+            ),
+            ("colours-clamped", self.colours, "vertex colours outside 0 to 1 were clamped"),
             (
                 "tangents-made",
                 self.tangents_made,
@@ -57,11 +65,11 @@ impl Tally {
             (
                 "tangents-arbitrary",
                 self.tangents_arbitrary,
-                "vertices have texture coordinates without direction",
+                "vertices have degenerate texture coordinates; their tangents are arbitrary",
             ),
-            ("morph-targets", self.morphed, "morph targets were applied at the weights of the file"),
-            ("skins", self.skinned, "skinned primitives were posed by the joints of the file"),
-            ("instances", self.instances, "copies of meshes by EXT_mesh_gpu_instancing"),
+            ("morph-targets", self.morphed, "morph targets were applied with the weights in the file"),
+            ("skins", self.skinned, "skinned primitives were posed by the joints in the file"),
+            ("instances", self.instances, "copies of meshes were made for EXT_mesh_gpu_instancing"),
             (
                 "mirrored",
                 self.mirrored,

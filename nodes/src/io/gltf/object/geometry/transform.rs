@@ -8,7 +8,8 @@ use super::Geometry;
 use crate::error::Error;
 
 impl Geometry<'_> {
-    /// Transforms of the instances of a node's mesh in its frame: EXT_mesh_gpu_instancing, or the identity.
+    /// Transforms of the instances of a node's mesh (EXT_mesh_gpu_instancing), in the frame of the node. Without
+    /// the extension there is one instance, with the identity.
     pub(super) fn instances(&mut self, node: &Node<'_>) -> Result<Vec<DMat4>, Error> {
         let attributes =
             &self.file.json["nodes"][node.index()]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"];
@@ -16,8 +17,11 @@ impl Geometry<'_> {
         let mut read = |semantic: &str, width: usize| -> Result<Vec<f64>, Error> {
             let Some(index) = attributes[semantic].as_u64() else { return Ok(Vec::new()) };
             let accessor = self.file.document.accessors().nth(index as usize);
-            let accessor =
-                accessor.ok_or_else(|| self.bad(format!("{semantic} of instances names no accessor")))?;
+            let accessor = accessor.ok_or_else(|| {
+                self.bad(format!(
+                    "the attribute {semantic} of the instances refers to an accessor that does not exist"
+                ))
+            })?;
             let numbers = self.numbers(&accessor)?;
             if numbers.width != width || *count.get_or_insert(accessor.count()) != accessor.count() {
                 return Err(self.bad(format!(
@@ -74,7 +78,7 @@ pub(super) fn inverse_transpose(m: DMat3) -> DMat3 {
     DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * sign
 }
 
-/// Transforms a unit vector and normalises it. Returns zero if the result has no length.
+/// Transforms a unit vector and normalises the result. Returns the zero vector if the result has length 0.
 pub(super) fn turned(m: DMat3, v: DVec3) -> [f32; 3] {
     let unit = (m * v).try_normalize().unwrap_or(DVec3::ZERO);
     unit.as_vec3().to_array()
