@@ -14,11 +14,12 @@ use crate::render::transport::sky::cone::Towards;
 use crate::render::transport::sky::environment::{Distributions, DrawnDirection, LightSample, TIERS};
 use crate::render::transport::sky::light_draws::wanted;
 
-/// First dimension pair of emitter samples, per vertex. They choose an emitter and a position.
+/// First dimension pair of the emitter samples of all vertices. The two pairs of a vertex choose an emitter and a
+/// position on it.
 const LAMPS: u32 = 1 << 16;
-/// First dimension pair of the attenuation of near light by objects, per vertex.
+/// First dimension pair for the attenuation of near light by objects, for all vertices.
 const DIMMING: u32 = 3 << 17;
-/// First dimension pair of the position within a piece of the sky.
+/// First dimension pair for positions within a piece of the sky, for all vertices.
 const DIMMING_PIECE: u32 = 7 << 16;
 /// Maximum number of light samples per vertex.
 const MANY: usize = 5;
@@ -205,9 +206,9 @@ impl<'a> Integrator<'a> {
         found
     }
 
-    /// Share of the near light emitted by a receiver point that remains once the objects block some of the light
-    /// that falls on it; the panorama was captured without them. Each channel is estimated from one piece of that
-    /// light, chosen in proportion to its contribution.
+    /// Share of the near light of a receiver point that remains with the objects in place. The panorama shows the
+    /// point without objects, but with them a part of the light that falls on the point is blocked. For each
+    /// channel, the share is estimated from one virtual light, chosen in proportion to its contribution.
     pub(crate) fn dimming(
         &mut self,
         near: &NearFieldLight<'_>,

@@ -11,7 +11,7 @@ use crate::geometry::bvh::{Hit, Ray};
 use crate::render::transport::path::integrator::Scene;
 use crate::render::transport::scene::media::Media;
 
-/// Maximum number of positions in a pixel at which objects are searched.
+/// Maximum number of positions in a pixel at which the nearest object is searched for.
 pub(crate) const PLACES: u32 = 16;
 
 /// Depth of the front surface at pixel centres, depth of the nearest object at `places` positions (those of
