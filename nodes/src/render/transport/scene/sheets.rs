@@ -26,7 +26,7 @@ struct Sheet {
 }
 
 impl Sheet {
-    /// Sheet made by triangles. `None` unless all of them lie in one plane up to rounding.
+    /// Sheet that consists of the given triangles. `None` unless all of them lie in one plane, up to rounding.
     fn of<'a>(triangles: impl Iterator<Item = &'a [Vec3; 3]> + Clone, reach: f32) -> Option<Self> {
         let area = |[a, b, c]: &[Vec3; 3]| (*b - *a).as_dvec3().cross((*c - *a).as_dvec3());
         let by_size = |a: &&[Vec3; 3], b: &&[Vec3; 3]| area(a).length().total_cmp(&area(b).length());
@@ -83,7 +83,7 @@ impl Sheet {
     }
 }
 
-/// True if two triangles overlap by more than a length, that is, if no edge of either separates them
+/// True if two triangles overlap by more than the length `by`, that is, if no edge of either separates them
 /// (separating axis theorem).
 fn share_area(a: &[DVec2; 3], b: &[DVec2; 3], by: f64) -> bool {
     let extent = |corners: &[DVec2; 3], way: DVec2| {
@@ -98,9 +98,9 @@ fn share_area(a: &[DVec2; 3], b: &[DVec2; 3], by: f64) -> bool {
 }
 
 impl Objects {
-    /// Lifts flat objects off the objects that they coincide with, to the front side of the other face. Of
-    /// two flat objects, the later one is lifted off the earlier one, towards the camera if the earlier one
-    /// is two-sided. A flat object on the receiver is lifted only off other flat ones.
+    /// Lifts flat objects off the objects that they coincide with, to the front side of the other face. Of two flat
+    /// objects, the later one is lifted off the earlier one, towards the camera if the earlier one is two-sided. A
+    /// flat object on the receiver is lifted only off other flat objects.
     pub(crate) fn lift_sheets(&mut self, receiver: Option<&Receiver>) {
         let Some((low, high)) = self.bvh.bounds().filter(|_| self.placed().len() > 1) else { return };
         let space = margin(&[low, high, low]);

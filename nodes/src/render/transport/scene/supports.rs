@@ -20,8 +20,8 @@ pub struct Support {
     /// Error of the mesh, in world units. Hits within this height are moved fully, and hits up to twice as
     /// far away partially. 0 for a smooth mesh.
     pub(crate) reach: f32,
-    /// Height within which hits belong to this support and not to that of another object, if it is the
-    /// nearest support.
+    /// Height within which hits belong to this support rather than to the support of another object, if this
+    /// support is the nearest one.
     pub(crate) claims: f32,
 }
 
@@ -56,8 +56,8 @@ impl Ground {
         })
     }
 
-    /// Distance by which a camera hit is moved along its unit ray to lie on the support of the nearest object
-    /// (the first of equal ones); 0 if it belongs to no support.
+    /// Distance by which a camera hit is moved along its unit ray so that it lies on the support of the nearest
+    /// object. If several objects are equally near, the first one counts. 0 if the hit belongs to no support.
     pub fn shift(&self, position: Vec3, normal: Vec3, direction: Vec3) -> f32 {
         let along = |out: Vec3| normal.dot(out).abs() >= STEEPEST;
         let Some((part, out)) = self.rise(position, along) else { return 0.0 };
