@@ -20,7 +20,7 @@ pub(super) fn former(name: &str, fields: &[(&str, &str)]) -> Option<Former> {
         let instead = match surroundings(block, bounce, specular, near) {
             Some(choice) => format!("write `surroundings: {choice}`"),
             None => "no choice of `surroundings` is equivalent to this combination; \
-                     `lightharmony nodes path-trace` lists them"
+                     `lightharmony nodes path-trace` lists the choices"
                 .to_owned(),
         };
         Former { fields: &VISIBILITY, last: LAST, instead }

@@ -19,8 +19,8 @@ pub(crate) enum Unseen {
     Outside,
 }
 
-/// Reason why no view shows an object, for each object. `None` if a view shows it. Objects do not hide each
-/// other here, as they may be transparent.
+/// Reason why no view shows an object, for each object. `None` if a view shows it. Objects are assumed not to hide
+/// each other, since they may be transparent.
 pub(crate) fn of(tracing: &Tracing<'_>, views: &[FinishedView]) -> Result<Vec<Option<Unseen>>, NodeError> {
     let cameras = tracing.cameras.iter().map(|camera| tracing.camera_rays(camera, 1));
     let pictures: Vec<_> = cameras.zip(views).collect();

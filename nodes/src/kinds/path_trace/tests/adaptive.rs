@@ -139,8 +139,8 @@ fn variance_is_that_of_many_seeds() {
     }
 }
 
-/// Shares of noisy pixels that differ from another render by at least two and by at least three standard
-/// errors.
+/// Shares of the noisy pixels that differ between two renders by more than two and by more than three standard
+/// errors. Also returns the number of noisy pixels.
 fn beyond(a: &[[f64; 2]], b: &[[f64; 2]]) -> ([f64; 2], f64) {
     let pairs = a.iter().zip(b).filter(|([_, v], [_, w])| v + w > 0.0);
     let z: Vec<f64> = pairs.map(|([a, v], [b, w])| (a - b).abs() / (v + w).sqrt()).collect();

@@ -12,7 +12,8 @@ struct Afar {
     how: PathTrace,
 }
 
-/// Result of a trace: S by pixels and channels, the number of rays, and the note.
+/// Result of a trace: the ratio S for each pixel and channel, the number of rays, the text of the note, and all
+/// outputs.
 struct Traced {
     ratio: Vec<f64>,
     rays: u64,
@@ -43,8 +44,8 @@ impl Afar {
     }
 }
 
-/// S is exactly 1 where tiles are cropped, and only there. The omitted change is within the bound. It is
-/// measured with more samples, as the mean over tiles because of noise.
+/// S is exactly 1 where tiles are cropped, and only there. The omitted change is within the bound. The change is
+/// measured with more samples and averaged over tiles, to reduce noise.
 #[test]
 fn what_is_left_out_is_within_the_bound() {
     let dark = Mesh { colours: vec![[0.02, 0.05, 0.4]; 4], ..plane(40.0) };
@@ -193,8 +194,8 @@ fn no_ray_asks_an_object_that_is_far_from_all() {
     }
 }
 
-/// If the receiver emits the light, an object high above rough ground or far to the side causes hardly any
-/// ray of `with`. If it is close above an even floor, distant tiles are cropped.
+/// If the receiver emits the light, an object high above rough ground or far to the side causes hardly any rays for
+/// `with`. If an object is just above an even floor, distant tiles are cropped.
 #[test]
 fn near_light_is_not_asked_for_what_is_far() {
     let rough = || {
@@ -225,8 +226,8 @@ fn near_light_is_not_asked_for_what_is_far() {
     let floor = scene(plane(40.0), DVec3::new(0.0, 0.0, 0.4));
     let (cropped, full) = (floor.trace(0.002, true), floor.trace(0.0, true));
     assert!(cropped.told.is_some() && cropped.rays < full.rays);
-    // A black roof over ground that is all but black sends next to nothing, and takes a good part of the sky of all that is
-    // under it. Mutation: `near_bound` without `hidden_light`.
+    // A black roof over ground that is all but black sends next to nothing, and takes a good part of the sky of all
+    // that is under it. This assertion fails if `near_bound` leaves out `hidden_light`.
     let mut dark = rough();
     dark.colours = vec![[0.01; 3]; dark.positions.len()];
     let mut roof =

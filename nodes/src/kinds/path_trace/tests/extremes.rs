@@ -208,9 +208,9 @@ fn errors_fall_with_samples_whatever_the_seed() {
     row(47, "bias of one sample, by the mean of 32", off, 0.01);
 }
 
-/// The maximum number of samples is summed in double precision, and the mean agrees with a closed form at
-/// least as well as that of independent samples. Mutation: `*sum` kept in single precision by
-/// `Accumulator::add` (seen red).
+/// The maximum number of samples is summed in double precision, and the mean agrees with a closed form at least as
+/// well as the mean of independent samples would. This test fails if `Accumulator::add` keeps `*sum` in single
+/// precision.
 #[test]
 fn a_million_samples_add_up() {
     const MOST: u32 = 1 << 20;

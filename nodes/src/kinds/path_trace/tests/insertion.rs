@@ -82,8 +82,9 @@ fn emission_reaches_the_receiver() {
     assert!((covered(&out.object) - 5.0).abs() < 1e-4);
 }
 
-/// The shadow is complete on a mesh with black colours or channels of 0, which captures have where no
-/// photograph shows the surface, with the colours of a shadow on a grey mesh. Raised colours are reported.
+/// On a mesh with black colours, or with a colour channel of 0, the shadow is complete and has the same colours as
+/// on a grey mesh. Captured meshes have such colours where no photograph shows the surface. Raised colours are
+/// reported.
 #[test]
 fn colours_of_the_mesh_do_not_colour_the_shadow() {
     // So wide that the camera sees nothing else.
@@ -130,9 +131,9 @@ fn a_shadow_alone_is_the_shadow() {
     assert!(samples(&alone.normal).chunks(3).all(|n| n[2] > 0.99 || n == [0.0; 3]));
 }
 
-/// Among several objects, one under the ground or outside the view is named, with the reason. One behind or
-/// inside another object, which may be made of glass, is not. Mutation: `is_before` left out of `unseen`, and
-/// `met` always true (each seen red).
+/// Among several objects, an object under the ground or outside the view is named, with the reason. An object
+/// behind or inside another object, which may be made of glass, is not named. This test fails if `unseen` does not
+/// call `is_before`, or if `met` is always true.
 #[test]
 fn one_of_several_objects_that_is_not_seen_is_named() {
     let (plane, objects, rig) = shadowed();
@@ -164,9 +165,9 @@ fn one_of_several_objects_that_is_not_seen_is_named() {
     }
 }
 
-/// Rods a third of a pixel wide, and a pane with a coverage of a third. `nearest` is their depth wherever any
-/// of the first 16 samples of a pixel hits them, and equals `depth` otherwise. `depth` is that of the surface
-/// that covers most of the pixel's centre.
+/// Tests `nearest` for rods a third of a pixel wide, and for a pane with a coverage of a third. It is their depth
+/// wherever any of the first 16 samples of a pixel hits them, and equals `depth` otherwise. `depth` is the depth of
+/// the first surface at the centre of the pixel that covers more than half.
 #[test]
 fn nearest_is_what_shows_anywhere_in_a_pixel() {
     let rod = box_mesh([-0.01, -0.01, 0.0], [0.01, 0.01, 1.0], false);

@@ -215,9 +215,9 @@ fn paths_that_are_too_long_are_reported() {
     }
 }
 
-/// The green channel of a normal map points up its picture, while v runs down the picture. A card with a map
-/// of one colour looks like one whose own normals are bent, whether tangents are computed or taken from the
-/// texture coordinates.
+/// The green channel of a normal map points up its picture, while v runs down the picture. A card with a map of one
+/// colour looks like a card whose vertex normals are bent, whether tangents are computed or taken from the texture
+/// coordinates.
 #[test]
 fn green_of_a_normal_map_points_up_the_picture() {
     use crate::types::{NormalMap, Sampler, Texture, TextureRef, Wrap};
@@ -287,8 +287,8 @@ fn a_clear_coat_dims_what_shines_under_it() {
     assert!(bare > 0.0 && (found / bare - 0.96).abs() < 0.01, "{found} of {bare}");
 }
 
-/// A flat mirror shows the sky like the background next to it, without the edges of texels. Mutation: `is_narrow`
-/// false.
+/// A flat mirror shows the sky like the background next to it, without the edges of texels. This test fails if
+/// `is_narrow` is always false.
 #[test]
 fn mirrors_show_no_texels() {
     let mut env = constant(Up::PlusZ, [0.0; 3], 16);
@@ -310,9 +310,9 @@ fn mirrors_show_no_texels() {
     }
 }
 
-/// A metal ball, which maps equal solid angles of the sky to equal areas of the picture, reflects the light
-/// of a sun of one texel exactly once, for lobes wider than the texel, as wide, or narrower, and for any
-/// number of texels. Mutation: in `light_sample` the glossy lobe is kept.
+/// A metal ball maps equal solid angles of the sky to equal areas of the picture. It reflects the light of a sun of
+/// one texel exactly once, whether the lobe is wider or narrower than the texel, and for any number of texels. This
+/// test fails if `light_sample` keeps narrow glossy lobes.
 #[test]
 fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
     let of_width = |times: usize| {
@@ -344,9 +344,9 @@ fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
     }
 }
 
-/// A matte surface with bent shading normals reflects light by Lambert's law, summed over the texels above
-/// its triangles, for any viewer, because normals are adjusted only for mirrors. Mutation:
-/// `Frame::around(matte_normal)` to `frame`.
+/// A matte surface with bent shading normals reflects light by Lambert's law, summed over the texels above its
+/// triangles, for any viewer, because normals are adjusted only for mirrors. This test fails if
+/// `Frame::around(matte_normal)` is replaced by `frame`.
 #[test]
 fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
     let mut env = constant(Up::PlusZ, [0.1; 3], 64);
@@ -380,10 +380,10 @@ fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
     }
 }
 
-/// Blended surfaces cover a pixel by their alpha with almost no noise, alone, behind another surface and
-/// behind a cut-out, and block the same share of the sun's light, because neither is decided by independent
-/// random numbers. With these, 16 samples would deviate by 0.125. Mutation: `front` by `accepts`;
-/// `object_transmittance` by `accepts`.
+/// Blended surfaces cover the share of a pixel that their alpha gives, with almost no noise: alone, behind another
+/// surface and behind a cut-out. They block the same share of the sun's light. Neither is decided by independent
+/// random numbers, with which 16 samples would deviate by 0.125. This test fails if `front` or
+/// `object_transmittance` decides by `accepts`.
 #[test]
 fn blended_surfaces_are_smooth() {
     let sheet = |alpha: f32, z: f64| {

@@ -174,10 +174,10 @@ fn nested_glass_keeps_white_light() {
     }
 }
 
-/// If glass stands exactly on a table (which is also an object) or on the floor, the ground under it is
-/// visible and lit as if the glass were a millimetre higher. A body or thin wall of a clear medium of index 1
-/// is invisible. Mutation: `touching` to `None` in `Integrator::path_radiance`, `part.clear` not tested in
-/// `Objects::reach` (each seen red).
+/// If glass stands exactly on a table (which is also an object) or on the floor, the surface under it is visible
+/// and lit as if the glass were a millimetre higher. A body or thin wall of a clear medium of index 1 is invisible.
+/// This test fails if `touching` is always `None` in `Integrator::scatter`, or if `Objects::reach` does not test
+/// `part.clear`.
 #[test]
 fn glass_on_a_table_changes_nothing() {
     let table = slab(0.2, 0.5, 300.0, matte(0.5));
@@ -193,9 +193,8 @@ fn glass_on_a_table_changes_nothing() {
     }
 }
 
-/// Two bodies that share a face, one around the other, or one that fills the hollow of the other, absorb
-/// light along their own path lengths. Mutation: `touching` to `None` in `Integrator::path_radiance` (seen
-/// red).
+/// Two bodies that share a face, one around the other, or one that fills the hollow of the other, absorb light
+/// along their own path lengths. This test fails if `touching` is always `None` in `Integrator::scatter`.
 #[test]
 fn bodies_may_share_a_face() {
     let block = |low: f32, high: f32, inward| box_mesh([-100.0, -100.0, low], [100.0, 100.0, high], inward);
@@ -225,9 +224,9 @@ fn estimate(n: u32, value: impl Fn(u32) -> Vec3) -> [DVec3; 2] {
     [mean, spread / f64::from(n) / f64::from(n - 1)]
 }
 
-/// The two strategies by which a matte surface samples the sky agree, each used alone, whatever lies in
-/// between: light samples, which bodies attenuate, and scattered rays, which bodies let pass at random. A
-/// z-test of each colour, on the floor, in a body, and below one that stands in the floor.
+/// The two strategies by which a matte surface samples the sky agree, whatever lies in between. Light samples are
+/// attenuated by bodies, and scattered rays pass through bodies at random. Each strategy is used alone, and a
+/// z-test compares them for each colour: on the floor, in a body, and below a body that extends into the floor.
 #[test]
 fn light_samples_and_scattered_rays_agree_through_bodies() {
     let wall = Material { base_colour: [0.9, 0.6, 0.3, 1.0], ..clear(1.0, None, 1.5) };

@@ -114,14 +114,14 @@ fn auto_is_near_where_the_receiver_is_what_the_panorama_shows() {
     let told = decided(400.0, Some(DVec3::Z));
     assert!(told.starts_with("Projected: ") && told.ends_with("captured inside this mesh"), "{told}");
     let told = decided(0.5, Some(DVec3::Z));
-    assert!(told.starts_with("Open: ") && told.ends_with("too few probe rays meet the mesh"), "{told}");
+    assert!(told.starts_with("Open: ") && told.ends_with("too few probe rays hit the mesh"), "{told}");
     assert!(decided(400.0, None).ends_with("the environment has no point of capture"));
 }
 
-/// Chi-square test of light samples against the density that is evaluated for scattered rays, by direction
-/// from a point: in a room, in a room with a cupboard that hides some of the light, and above a patch of
-/// ground. Mutation: `square.sqrt()` to `1.0` in `NearFieldLight::spread`, the density of directions that
-/// show the sky from both points left out of `NearFieldLight::eval` (each seen red).
+/// Chi-square test of light samples against the density that is evaluated for scattered rays, by direction from a
+/// point: in a room, in a room with a cupboard that hides some of the light, and above a patch of ground. This test
+/// fails if `square.sqrt()` is replaced by `1.0` in `NearFieldLight::spread`, or if `NearFieldLight::eval` leaves
+/// out the density of directions that show the sky from both points.
 #[test]
 fn light_samples_follow_their_density() {
     let mut env = constant(Up::PlusZ, [0.0; 3], 16);
@@ -280,9 +280,10 @@ fn nowhere_is_refused() {
     assert!(error.to_string().contains("point of capture"), "{error}");
 }
 
-/// In a room with a white lamp on a wall and bluish walls a hundredth as bright, the lamp is chosen in
-/// proportion to its share of each channel, in closed form, for any point of capture. Mutation: `hit.t *
-/// hit.t` to `hit.t`, `/ (distance * distance)` left out; `up_to[k] > wanted[k]` to `up_to.y > wanted.y`.
+/// In a room with a white lamp on a wall and bluish walls a hundredth as bright, the lamp is chosen in proportion
+/// to its share of the light in each channel, at any point of the room. The share has a closed form. This test
+/// fails if `hit.t * hit.t` is replaced by `hit.t`, if `/ (distance * distance)` is left out, or if `up_to[k] >
+/// wanted[k]` is replaced by `up_to.y > wanted.y`.
 #[test]
 fn choices_follow_the_light_of_a_place() {
     let mut env = lamplight(256);
@@ -319,8 +320,8 @@ fn choices_follow_the_light_of_a_place() {
     }
 }
 
-/// White furnace: in a white room under uniform light objects change nothing, seen directly or in a mirror,
-/// since a cube reflects as much light to the floor as it blocks. Mutation: `objects_beyond` returns 0.
+/// White furnace: in a white room under uniform light objects change nothing, seen directly or in a mirror, since a
+/// cube reflects as much light to the floor as it blocks. This test fails if `objects_beyond` returns 0.
 #[test]
 fn a_white_room_stays_white_in_a_mirror() {
     let mut env = white();
@@ -348,9 +349,9 @@ fn a_white_room_stays_white_in_a_mirror() {
     }
 }
 
-/// An object in the next room, which is visible from the point of capture only through the doorway, is
-/// reported; one in the same room is not. Mutation: `all` to `any` in `report_unseen_places`, and its call
-/// left out (each seen red).
+/// An object in the next room that cannot be seen from the point of capture through the doorway is reported. An
+/// object in the same room is not. This test fails if `all` is replaced by `any` in `report_unseen_places`, or if
+/// this function is not called.
 #[test]
 fn an_object_that_the_point_of_capture_does_not_see_is_reported() {
     let cupboard = box_mesh([-0.6, 0.8, 0.0], [0.9, 1.5, 1.7], false);

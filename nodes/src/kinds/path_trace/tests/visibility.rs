@@ -109,9 +109,9 @@ fn both_strategies_together_are_exact_for_any_sky() {
     }
 }
 
-/// The light that a slab of the receiver blocks from the floor of a room below it is its form factor, by
-/// Lambert's sum over the edges of its underside. If the receiver lets light pass, the slab blocks nothing.
-/// Mutation: `hit.back` not tested in `Block::passes` (seen red).
+/// The share of the light that a slab of the receiver blocks from a point on the floor of a room is its form
+/// factor, computed by Lambert's sum over the edges of its underside. If the receiver lets light pass, the slab
+/// blocks nothing. This test fails if `Block::passes` does not test `hit.back`.
 #[test]
 fn a_slab_takes_its_form_factor_from_the_floor() {
     let furnished = merge(room(), box_mesh([-0.8, -0.8, 0.9], [0.8, 0.8, 1.0], false));
@@ -174,10 +174,9 @@ fn auto_finds_out_what_the_receiver_is() {
     assert_eq!(decided(&mixed, &inside()), "Transparent");
 }
 
-/// A room with a hole in a wall, without a known point of capture. In the evening nearly all light comes from
-/// its lamp, and the decision is the same from a camera at the hole, which sees much of the outside, as from
-/// one in a corner. By day the light comes from the hole. Mutation: `solid_light` not used in `Probe::decide`
-/// (seen red).
+/// A room with a hole in a wall, without a known point of capture. In the evening nearly all light comes from its
+/// lamp, and the decision is the same from a camera at the hole, which sees much of the outside, as from one in a
+/// corner. By day the light comes from the hole. This test fails if `Probe::decide` does not use `solid_light`.
 #[test]
 fn a_window_does_not_take_the_light_of_the_lamp() {
     let mut holed = room();
@@ -221,8 +220,8 @@ fn pass_beyond_blocks_only_what_is_near() {
     assert_eq!(lit(100.0), 0.0);
 }
 
-/// Without a point of capture, a camera in the room is used instead, whatever the order of the rig. Mutation:
-/// `stand_in` returns the first camera (seen red).
+/// Without a point of capture, a camera in the room is used instead, whatever the order of the rig. This test fails
+/// if `stand_in` always returns the first camera.
 #[test]
 fn the_order_of_cameras_changes_no_light() {
     let (within, over) = (inside(), rig(DVec3::new(0.5, -6.0, 9.0), DVec3::ZERO, 8, 2.0));

@@ -140,8 +140,8 @@ fn a_black_sky_is_sampled_evenly() {
     }
 }
 
-/// A surface that faces the bright texel samples it, and one that faces away never does. The light of both is
-/// complete.
+/// A surface that faces the bright texel samples it, and one that faces away never does. The density of both
+/// integrates to 1.
 #[test]
 fn one_texel_may_outshine_all_others() {
     let mut environment = constant(Up::PlusZ, [1e-9; 3], 32);
@@ -213,10 +213,10 @@ fn follows(
     assert!(z < 4.0, "{what}: {z}");
 }
 
-/// Samples follow their densities in every step: tiers, cells, texels and points in them. Mutation:
-/// `numbers[tier]` left out of `EnvironmentLight::eval`, `share(rows, row)` of
-/// `LightDistribution::probability` squared, `of_row` left out of `LightCells::divide`, `v` squared in
-/// `TexelGrid::within`, `0.75` and `0.25` of `eval_defensive` swapped (each seen red).
+/// Samples follow their densities in every step: tiers, cells, texels and points in texels. This test fails if
+/// `numbers[tier]` is left out of `EnvironmentLight::eval`, if the share of the row is squared in
+/// `LightDistribution::probability`, if `of_row` is left out of `LightCells::divide`, if `v` is squared in
+/// `TexelGrid::within`, or if `0.75` and `0.25` are swapped in `eval_defensive`.
 #[test]
 fn samples_follow_their_densities() {
     let mut lamps = noisy(24, 12);
