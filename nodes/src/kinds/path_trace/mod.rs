@@ -49,12 +49,12 @@ engine::params! {
     pub struct PathTrace {
         /// Number of paths per pixel. With `max_error` it is the maximum number, and at least 4 paths are traced.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
-        /// Target standard error of each tile of 8 by 8 pixels, as a root mean square over its pixels with error.
-        /// It applies to `object`, relative to the mean of `object`, and to the ratio `with / without` where the
-        /// receiver is visible. Where the ratio is certainly above 1, its error is relative to the ratio. Pixels
-        /// where `without` is below a thousandth of its median are ignored. After the first 4 samples, blocks of 32
-        /// by 32 pixels take more chunks of samples until they reach the target or the maximum `samples`, which is
-        /// reported. `None` takes `samples` everywhere.
+        /// Target standard error of each tile of 8 by 8 pixels, as a root mean square over the pixels that have an
+        /// error. It applies to `object`, relative to the mean of `object`, and to the ratio `with / without` where
+        /// the receiver is visible. Where the ratio is certainly above 1, its error is relative to the ratio.
+        /// Pixels where `without` is below a thousandth of its median are ignored. After the first 4 samples,
+        /// blocks of 32 by 32 pixels take more chunks of samples until they reach the target or the maximum
+        /// `samples`, which is reported. `None` takes `samples` everywhere.
         max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
         /// Maximum number of bounces after the first; 0 is direct light only.
         max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");

@@ -97,7 +97,7 @@ impl Surroundings {
         ),
     ];
 
-    /// Reason why a number is out of range. `None` if all are valid.
+    /// Reason why a number is out of range. `None` if all numbers are valid.
     pub fn out_of_range(&self) -> Option<String> {
         match self {
             Self::Within { metres, .. } if !metres.is_finite() || *metres < 0.0 => {

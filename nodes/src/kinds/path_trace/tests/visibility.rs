@@ -1,4 +1,4 @@
-//! Tests of the blocking of the environment, and of interreflection in rooms.
+//! Tests of how the receiver blocks environment light, and of interreflection in rooms.
 
 use super::*;
 
@@ -220,8 +220,8 @@ fn pass_beyond_blocks_only_what_is_near() {
     assert_eq!(lit(100.0), 0.0);
 }
 
-/// Without a point of capture, a camera in the room is used instead, whatever the order of the rig. This test fails
-/// if `stand_in` always returns the first camera.
+/// Without a point of capture, a camera in the room is used instead, whatever the order of the cameras in the rig.
+/// This test fails if `stand_in` always returns the first camera.
 #[test]
 fn the_order_of_cameras_changes_no_light() {
     let (within, over) = (inside(), rig(DVec3::new(0.5, -6.0, 9.0), DVec3::ZERO, 8, 2.0));

@@ -87,7 +87,7 @@ pub struct Facets {
 }
 
 impl Facets {
-    /// Shares of a surface without an interface, which needs no table.
+    /// Shares for a surface without an interface, for which no table is needed.
     pub const NONE: Self = Self { all: 1.0, metal: 0.0, dielectric: 0.0, passed: 1.0, mean: 1.0, rise: 0.0 };
 
     /// Shares for a distribution of facets. `out` is the direction to the viewer in the frame of the distribution,

@@ -17,8 +17,8 @@ pub fn relative(params: &BsdfParams) -> f32 {
     if params.inside { 1.0 / index } else { index }
 }
 
-/// Cosine on the other side of an interface of relative index `eta`, for a cosine on this side. `None` beyond
-/// the critical angle.
+/// Cosine of the angle on the other side of an interface of relative index `eta`, for the cosine of the angle on
+/// this side. `None` beyond the critical angle.
 pub fn cos_refracted(cosine: f32, eta: f32) -> Option<f32> {
     let squared = 1.0 - (1.0 - cosine * cosine) / (eta * eta);
     (squared > 0.0).then(|| squared.sqrt())

@@ -41,7 +41,7 @@ pub(crate) struct Side {
     pub(crate) axes: [DVec3; 2],
     /// Height of the side along `out`.
     pub(crate) height: f64,
-    /// Point above the centre of the side.
+    /// Centre of the side, except for its coordinate along `out`.
     middle: DVec3,
     /// Half the size of the sampled region along the axes: the side, extended by half of its size.
     pub(crate) half: [f64; 2],
@@ -173,8 +173,8 @@ impl Side {
         }
     }
 
-    /// Level of the mesh at a flat side that rests on it, and the height by which the slope of the mesh rises from
-    /// the centre of the side to its corners. `None` if the side does not rest on the mesh. Objects often stand
+    /// Level of the mesh at a flat side that rests on it, and the height by which the mesh rises, due to its slope,
+    /// from the centre of the side to a corner. `None` if the side does not rest on the mesh. Objects often stand
     /// near a wall, so a gap counts as an error of the mesh only if it is within the noise of the mesh. Objects
     /// cannot be inside a wall, so a side that the mesh covers counts as resting on it, as for the ground. `fixed`
     /// is the error of the mesh in metres, if known.

@@ -90,17 +90,17 @@ impl<'a> NearFieldLight<'a> {
         Some((LightSample { direction, radiance, pdf }, Some(place)))
     }
 
-    /// Part of a ray before a light.
+    /// Ray shortened so that it ends just before a light.
     pub fn towards(ray: Ray, place: Option<&EmissivePoint>) -> Ray {
         Self::up_to(ray, place.map_or(f32::INFINITY, |p| (p.position - ray.origin).length()))
     }
 
-    /// Part of a ray before a distance.
+    /// Ray shortened so that it ends just before the given distance.
     pub fn up_to(ray: Ray, distance: f32) -> Ray {
         Ray { t_max: distance * (1.0 - SAME), ..ray }
     }
 
-    /// True if the receiver does not block a ray before its light.
+    /// True if the receiver does not block a ray that ends just before its light.
     pub fn reaches(&self, ray: Ray, place: Option<&EmissivePoint>) -> bool {
         let own = place.map(|p| p.triangle);
         !self.receiver.bvh.any(ray, |hit| Some(hit.triangle) != own)

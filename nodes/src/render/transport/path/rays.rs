@@ -8,11 +8,11 @@ pub(crate) const LANES: u64 = 4;
 /// Numbers of rays cast, by purpose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Rays {
-    /// Camera rays, against the receiver or the objects.
+    /// Number of camera rays, traced against the receiver or the objects.
     pub camera: u64,
-    /// Shadow rays.
+    /// Number of shadow rays.
     pub shadow: u64,
-    /// Scattered rays.
+    /// Number of scattered rays.
     pub scattered: u64,
     /// Number of rays with counted BVH steps: all rays of one tile in 16.
     pub followed: u64,

@@ -11,7 +11,7 @@ use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::media::Media;
 
 impl Integrator<'_> {
-    /// Bodies that contain the origin of a ray, for a ray whose path up to there is unknown.
+    /// Bodies that contain the origin of a ray, found without knowing the path that led to it.
     pub(crate) fn around(&mut self, ray: Ray) -> Media {
         if !self.pass.objects || !self.scene.objects.may_hold(ray.origin) {
             return Media::default();
@@ -101,8 +101,8 @@ impl Integrator<'_> {
         (left, plain != Vec3::ONE)
     }
 
-    /// Distance along a ray at which environment light starts if the receiver lets it pass: the distance of the
-    /// receiver. The panorama shows the receiver there, so objects behind it block none of the light. Receiver
+    /// Distance along a ray at which environment light starts if the receiver lets it pass. It is the distance of
+    /// the receiver: the panorama shows the receiver there, so objects behind it block none of the light. Receiver
     /// surfaces within the error of the mesh are ignored.
     fn start_of_light(&mut self, ray: Ray) -> f32 {
         self.tally.rays.shadow += 1;

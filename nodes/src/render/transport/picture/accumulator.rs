@@ -62,8 +62,8 @@ impl FinishedView {
     }
 }
 
-/// Sums of the chunks of a camera, added in the order in which they arrive, so that memory does not grow with
-/// their number.
+/// Sums over the chunks of a camera. Each chunk is added when it arrives, so that memory does not grow with the
+/// number of chunks.
 pub(crate) struct Accumulator {
     pub(crate) whole: Area,
     /// `R0 + PAIR` sums per pixel, with squares where the parts store roots.
@@ -163,7 +163,7 @@ impl Accumulator {
 
     /// Variances of the mean over samples of the luminance of R0, of the change C = R1 - R0, of O, and of the ratio
     /// S = R1 / R0 of a pixel, as if samples were independent; 0 for a single sample. Stratified points have less
-    /// variance, so these are upper estimates. C is estimated separately from R0, so S = 1 + C / R0 has
+    /// variance, so these values are too high. C is estimated separately from R0, so S = 1 + C / R0 has
     ///
     /// `Var(S) = (Var(C) + (S - 1)^2 Var(R0)) / R0^2 - 2 (S - 1) Cov(C, R0) / R0^2`.
     ///

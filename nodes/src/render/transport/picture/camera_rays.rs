@@ -93,8 +93,8 @@ impl<'a> CameraRays<'a> {
         objects.shown && self.silhouette.get_or_init(whole).holds(self.pixel(block))
     }
 
-    /// Points, hash key and camera ray of a sample of the pixel of a block. The position is uniform over the
-    /// pixel (box filter).
+    /// Points, hash key and camera ray of a sample of the pixel that represents a block. The position is uniform
+    /// over the pixel (box filter).
     pub(crate) fn sample(&self, block: (u32, u32), sample: u32) -> (Points, u32, Ray) {
         let (x, y) = self.pixel(block);
         let stream = stream(self.seed, x, y);

@@ -96,7 +96,8 @@ pub struct Sums {
     pub rays: Rays,
     /// Number of samples that were not finite and were ignored.
     pub broken: u64,
-    /// Number of object samples whose path was cut while most of its light was missing.
+    /// Number of samples of objects for which the limit on bounces ended a path that still carried most of its
+    /// light.
     pub cut: u64,
     /// Number of pixels whose sums equal those without objects, bit for bit.
     pub untouched: u64,
@@ -115,7 +116,8 @@ pub struct TileSums {
     pub rays: Rays,
     /// Number of samples that were not finite and were ignored.
     pub broken: u64,
-    /// Number of object samples whose path was cut while most of its light was missing.
+    /// Number of samples of objects for which the limit on bounces ended a path that still carried most of its
+    /// light.
     pub cut: u64,
     /// Number of pixels whose sums equal those without objects, bit for bit.
     pub untouched: u64,
