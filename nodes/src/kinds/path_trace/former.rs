@@ -40,7 +40,7 @@ fn surroundings(block: &str, bounce: &str, specular: &str, near: &str) -> Option
         "Env" => Some(false),
         _ => return None,
     };
-    // Reflections show the panorama past a transparent mesh; for a solid one the point of capture decides.
+    // Reflections show the panorama through a transparent mesh. For a solid mesh, the point of capture decides.
     let implied = match name {
         "Solid" | "Paper" => true,
         _ => specular != "Receiver",

@@ -45,7 +45,7 @@ fn unseen(
             for piece in Area::whole(camera_rays.camera).pieces(TILE) {
                 cx.check()?;
                 for pixel in piece.each().filter(|&pixel| camera_rays.may_show(objects, pixel)) {
-                    // Where no object is seen, one ray decides whether the receiver hides this one.
+                    // If a pixel shows no object, one ray decides whether the receiver hides this object.
                     let shows = view.shows_objects_at(pixel);
                     let places = if shows || (!met && places.start == 0) { places.clone() } else { 0..0 };
                     for number in places {

@@ -88,7 +88,7 @@ fn what_is_beyond_the_walls_takes_no_light() {
             assert!((a / b - 1.0).abs() < 1e-6, "{alone:?} {found:?}: {told}");
         }
     }
-    // So does all light pass where next to none would come: here through a hole in the ceiling, in a hall.
+    // All light also passes if otherwise nearly none would arrive: here through a hole in the ceiling, in a hall.
     let mut walls = [room(), box_mesh([-2.2, -2.2, -0.2], [2.2, 2.2, 4.2], false)];
     walls.iter_mut().for_each(|mesh| _ = mesh.triangles.remove(2));
     let holed = walls.into_iter().fold(beside([-10.0; 3], [10.0; 3]), merge);
@@ -122,7 +122,8 @@ fn objects_behind_a_wall_change_nothing() {
         let out = go(std::slice::from_ref(&far), &env);
         let differ = samples(&out.with).iter().zip(samples(&out.without)).filter(|(a, b)| a != b).count();
         assert_eq!(differ, 0, "{surroundings:?}");
-        // Without suns, which the mirror would throw onto few places of the walls, found by chance.
+        // Suns are removed, since the mirror would reflect them onto small parts of the walls, which paths find
+        // only by chance.
         let mut dim = env.clone();
         dim.image.samples.iter_mut().for_each(|v| *v = v.min(2.0));
         let [alone, both] =
@@ -162,7 +163,7 @@ fn lamps_light_the_ground_where_the_camera_sees_it() {
         let params = PathTrace { contact_metres: Some(0.05), ..params(128, Surroundings::OPEN) };
         let env = constant(Up::PlusZ, [0.2; 3], 64);
         let (out, _) = render(&params, &ground(z), objects, &camera, &env);
-        // Of what the object does not cover.
+        // Only pixels that the object does not cover.
         let open = samples(&out.object).chunks(4).map(|pixel| pixel[3] == 0.0);
         let light = samples(&out.with).chunks(3).zip(samples(&out.without).chunks(3));
         let each = light.zip(open).filter(|(_, open)| *open).map(|((b, a), _)| f64::from(b[0] - a[0]));
@@ -191,7 +192,8 @@ fn a_rug_under_a_box_stays_in_front_of_the_floor() {
     let camera = rig(DVec3::new(1.2, -1.3, 1.5), DVec3::ZERO, 24, 2.5);
     let seen = |z: f64| -> f64 {
         let objects = [rug(z), block.clone(), pendant.clone()];
-        // A floor of small triangles near the objects, since rounding is judged by the largest.
+        // The floor has small triangles near the objects, since the rounding tolerance depends on the largest
+        // triangle.
         let (out, _) = render(&params(16, Surroundings::OPEN), &plane(1.0), &objects, &camera, &white());
         samples(&out.object).chunks(4).map(|pixel| f64::from(pixel[3])).sum()
     };

@@ -44,7 +44,7 @@ fn a_picture_on_a_rough_wall_is_whole() {
             let [eaten, _] = seen(0.005, (thick, 0.0), eye, Some(0.0));
             assert!((found / cover - 1.0).abs() < 0.005, "{eye} {thick}: {found} for {cover}");
             assert!(thick > 0.01 || eaten < 0.985 * cover, "{eye}: the noise reaches over the picture");
-            // The noise of the wall shades itself, in `without` too, so shadows are those of another wall.
+            // The rough wall shades itself, in `without` too, so its shadows differ from those on a smooth wall.
             assert!((dark - shadow).abs() < 0.2 * shadow.abs() + 0.2, "{eye} {thick}: {dark} for {shadow}");
         }
     }

@@ -2,7 +2,7 @@
 
 use super::*;
 
-// No object, and an object that no ray meets: S = 1 bit for bit.
+// Without objects, and with an object that no ray hits, S is exactly 1.
 #[test]
 fn without_objects_both_renders_are_equal() {
     let (plane, _, rig) = shadowed();
@@ -27,12 +27,13 @@ fn objects_cast_shadows_and_are_hidden_from_the_camera() {
     assert!(dark > 60 && same > ratios.len() / 2, "{dark} {same} of {}", ratios.len());
     // An object of albedo 0.6 on a plane of 0.5 in this light is neither black nor brighter than the sun.
     assert!((0.05..3.0).contains(&covered(&out.object)));
-    // A visible object would replace the plane by something of another colour in its own pixels; hidden, no
-    // pixel of the plane becomes sky.
+    // A visible object would cover the plane with another colour. A hidden object must not turn pixels of the plane
+    // into sky.
     assert!(r1.iter().all(|v| v.is_finite()));
 }
 
-// Holdout: where the receiver stands in front the object has no alpha; at the border it is partial.
+// Holdout: where the receiver is in front of the object, the object has an alpha of 0. At the border, alpha is
+// partial.
 #[test]
 fn receiver_in_front_holds_the_object_out() {
     let wall = box_mesh([-3.0, -1.1, 0.0], [0.013, -1.0, 3.0], false);
@@ -50,7 +51,8 @@ fn receiver_in_front_holds_the_object_out() {
     assert_eq!(depth[31], f32::INFINITY);
 }
 
-// Alpha modes: a cut-out of alpha below the cut-off is not there; a blend of 0.25 covers a quarter.
+// Alpha modes: a cut-out with an alpha below the cutoff is invisible, and a blend with an alpha of 0.25 covers a
+// quarter.
 #[test]
 fn alpha_modes_cut_and_blend() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.5), DVec3::new(0.0, 0.0, 0.5), 8, 6.0);
@@ -87,7 +89,7 @@ fn emission_reaches_the_receiver() {
 /// reported.
 #[test]
 fn colours_of_the_mesh_do_not_colour_the_shadow() {
-    // So wide that the camera sees nothing else.
+    // The plane is so large that the camera sees nothing else.
     let (grey, (_, objects, camera)) = (plane(8.0), shadowed());
     let of = |colour: [f32; 3]| {
         let mesh = Mesh { colours: vec![colour; 4], ..grey.clone() };
@@ -124,10 +126,10 @@ fn a_shadow_alone_is_the_shadow() {
     assert_eq!(samples(&whole.without), samples(&alone.without));
     assert_eq!(samples(&whole.with), samples(&alone.with));
     assert!(samples(&alone.object).iter().all(|&v| v == 0.0) && mean(&whole.object) > 0.0);
-    // A ray of the camera and some to the light for each sample that shows the object; where none does none is cast.
+    // Each sample that shows the object takes a camera ray and some rays to the light. Other samples take none.
     let shown: f32 = samples(&whole.object).chunks(4).map(|o| 16.0 * o[3]).sum();
     assert!((rays - fewer) as f32 > 8.0 * shown && shown > 100.0, "{fewer} of {rays} rays, {shown} samples");
-    // The ground is what is seen.
+    // Only the ground is visible.
     assert!(samples(&alone.normal).chunks(3).all(|n| n[2] > 0.99 || n == [0.0; 3]));
 }
 

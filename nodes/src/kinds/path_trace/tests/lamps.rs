@@ -37,7 +37,8 @@ fn light_of_a_lamp_goes_from_wall_to_wall() {
         let params = params(64, surroundings);
         let (out, _) = render(&params, &walls, &objects, &camera, &env);
         let added = mean(&out.with) - mean(&out.without);
-        // The lamp is black, and takes of the light that passes the middle about what it covers there.
+        // The lamp is black. Of the light that passes through the centre, it absorbs about the share that it
+        // covers.
         assert!((added / (2.0 * direct) - 1.0).abs() < 0.03, "{name}: {added} for {}", 2.0 * direct);
         let once = PathTrace { max_bounces: 0, ..params };
         let (out, _) = render(&once, &walls, &objects, &camera, &env);
@@ -122,7 +123,7 @@ fn a_lamp_in_a_globe_lights_every_pixel() {
     let camera = rig(eye, DVec3::ZERO, 24, focal);
     let mut env = constant(Up::PlusZ, [1e-3; 3], 64);
     env.origin = Some(DVec3::new(0.0, 0.0, 0.5));
-    // Of what comes back from the globe such a share meets the lamp, which is black.
+    // The black lamp absorbs this share of the light that the globe reflects.
     let taken = square((lamp / globe).into());
     let outside = f64::from(radiance) * taken * 0.5 / (1.0 - 0.5 * (1.0 - taken));
     let expected = mean_over(eye, 24, focal, 0.0, |place| {
@@ -179,7 +180,7 @@ fn a_lamp_in_a_globe_lights_every_pixel_of_an_object() {
 #[test]
 fn a_small_lamp_of_a_picture_is_a_lamp() {
     use crate::types::{Sampler, Texture, TextureRef, Wrap};
-    // Of 8 by 8 texels, and of a single one in a picture whose copies round it to black.
+    // A lamp of 8 by 8 texels, and a lamp of a single texel in a texture whose mipmaps round it to black.
     for (side, [left, right], [top, bottom]) in
         [(256_u32, [152, 160], [88, 96]), (1024, [617, 618], [361, 362])]
     {

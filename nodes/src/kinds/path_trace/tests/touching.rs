@@ -33,7 +33,7 @@ fn looks(
         let alpha = f64::from(o[3]);
         sums[0] += alpha;
         sums[1] += f64::from(o[0] + o[1] + o[2]);
-        // By cover, or a pixel that is hardly met would count as much as one that is covered.
+        // Weighted by coverage, since otherwise a hardly covered pixel would count as much as a covered one.
         sums[2] += alpha * ratio;
         sums[3] += ratio;
         sums[4] += alpha;
@@ -83,7 +83,7 @@ fn what_lies_on_the_receiver_looks_as_a_millimetre_over_it() {
             for z in [0.0, -1e-7, 1e-7] {
                 let found = at(z);
                 for (k, what) in ["cover", "light", "ratio under it", "ratio"].into_iter().enumerate() {
-                    // Of a lamp right on the ground the ground under it has no light that few samples tell.
+                    // The ground directly under a lamp has too little light for this number of samples.
                     if name == "lamp" && k > 1 {
                         continue;
                     }
@@ -150,7 +150,7 @@ fn what_lies_on_an_object_looks_as_a_hair_over_it() {
             }
         }
     }
-    // Of two the later lies on the earlier.
+    // Of two flat objects, the later one lies on the earlier one.
     let red = [0.9, 0.05, 0.05];
     let pair = |z: f64| seen(&[block.clone(), label(0.3, red), label(z, green)]);
     let (over, found) = (pair(0.301), pair(0.3));

@@ -300,7 +300,7 @@ pub fn sheen(cosine: f32, roughness: f32) -> f32 {
         Table::new([24, 24], |[place, roughness]| {
             let out = viewer(place);
             let weight = |i: usize| {
-                // By the square root of the height, since smooth fibres are brightest at grazing angles.
+                // Sampled by the square root of the height, since smooth fibres are brightest at grazing angles.
                 let root = middle(i % SIDE);
                 let incident = sheen::uniform([middle(i / SIDE), root * root]);
                 f64::from(2.0 * root * sheen::value(out, incident, roughness) / sheen::UNIFORM)

@@ -88,7 +88,7 @@ impl Glass {
                 let [value, pdf, facing] = refraction(ggx, out, incident, eta);
                 [value, pdf * (1.0 - self.reflection_probability(facing).unwrap_or(0.0))]
             }
-            // Blurred like the reflection, mirrored to the other side.
+            // Transmission is blurred like the reflection, but mirrored to the other side.
             None => {
                 let mirror = ggx.mirror(out, Vec3::new(incident.x, incident.y, -incident.z));
                 [mirror.value, mirror.pdf]

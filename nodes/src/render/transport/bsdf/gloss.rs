@@ -94,7 +94,7 @@ impl Gloss {
         }
         let facets = Facets::new(&ggx, out, eta);
         if params.inside {
-            // The whole interface: otherwise nothing would be reflected beyond the critical angle.
+            // The interface counts fully, since otherwise nothing would be reflected beyond the critical angle.
             let f0 = dielectric::f0_of_ior(params.ior);
             let [reflected, _] = facets.dielectric(f0);
             let gain = 1.0 / (reflected + facets.passed).max(1e-3);

@@ -124,7 +124,7 @@ fn white_surfaces_keep_all_light() {
         }
     }
     row(38, "light lost or made by materials of all roughnesses, over 4 standard errors", worst[0], 0.01);
-    row(38, "the same of brushed ones", worst[1], 0.02);
+    row(38, "the same for anisotropic materials", worst[1], 0.02);
     let matte = BsdfParams { ior: 1.0, ..BsdfParams::default() };
     assert!((furnace(&matte, 0.4) - 1.0).abs() < 1e-5, "Lambert is exact");
 }
@@ -162,8 +162,8 @@ fn black_surfaces_reflect_only_the_interface() {
     assert!(furnace(&BsdfParams { specular: (0.0, Vec3::ONE), ..black }, 1.0) == 0.0);
 }
 
-// Fresnel reflectance at any angle: at 60 degrees 0.0892 for an index of 1.5, where Schlick has 0.070, and 0.0918
-// over the hemisphere.
+// The Fresnel reflectance for an index of 1.5 is 0.0892 at 60 degrees, where Schlick's approximation is 0.070. Its
+// mean over the hemisphere is 0.0918.
 #[test]
 fn gloss_rises_as_fresnel_says() {
     let black = BsdfParams { base: Vec3::ZERO, roughness: 0.0, ..BsdfParams::default() };
@@ -302,8 +302,8 @@ fn samplers_follow_their_densities() {
     }
 }
 
-// Every lobe is symmetric up to gains and coverage that depend on the viewer alone: relative to a reference
-// direction those cancel.
+// Every lobe is symmetric, except for gains and coverage that depend only on the viewer. These cancel relative to a
+// reference direction.
 #[test]
 fn lobes_are_reciprocal() {
     let black = BsdfParams { base: Vec3::ZERO, ior: 1.0, ..BsdfParams::default() };
@@ -385,7 +385,7 @@ fn films_pass_what_they_do_not_reflect() {
     }
 }
 
-// With a film of no thickness the base is unchanged; with thickness metals stay below 1 and colours appear.
+// A film without thickness leaves the base unchanged. With thickness, metals stay below 1 and colours appear.
 #[test]
 fn films_have_colours() {
     let bare = thin_film::f0(1.8, 0.0, Vec3::splat(0.3), 1.0, 0.0);

@@ -53,7 +53,8 @@ pub fn f0(index: f32, thickness_nm: f32, f0: Vec3, cosine: f32, risen: f32) -> V
     let base = (Vec3::ONE + root) / (Vec3::ONE - root);
     let f2 = each(base, |b| from_index(b / eta));
     let lower = f2 + (Vec3::ONE - f2) * schlick(inner);
-    // Half a wave at each interface to a denser medium, one of which is the upper one seen from within.
+    // Each reflection at a denser medium shifts the phase by half a wave. One of them is at the upper interface,
+    // seen from inside the film.
     let shift = each(base, |b| if b < eta { 2.0 * PI } else { PI });
 
     // Airy summation over the bounces in the film: its mean and two of its waves.

@@ -73,7 +73,7 @@ pub fn measure(
                 None => (level.height.abs() + 3.0 * level.roughness + tilt).min(LARGEST * metre),
             };
             ground.supports.push(support(&side, reach, origin, metre));
-            // An object on a slope has the slope for its ground.
+            // The ground of an object on a slope is the slope.
             is_level &= side.out.dot(up) < f64::from(STEEPEST);
             of_object.sides.push(level);
         }

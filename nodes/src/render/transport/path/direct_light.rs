@@ -138,13 +138,13 @@ impl<'a> Integrator<'a> {
         let to = emitter.position - (surface.position + surface.lift);
         let distance = to.length();
         let direction = to / distance;
-        // By solid angle; an emitter seen edge-on, or at the surface itself, contributes nothing.
+        // Density by solid angle. An emitter seen edge-on, or at the surface itself, contributes nothing.
         let pdf = emitter.pdf * distance * distance / emitter.normal.dot(direction).abs();
         let lobes = surface.bsdf.eval(direction);
         if !(pdf > 0.0 && pdf.is_finite()) || lobes.iter().all(|s| s.value == Vec3::ZERO) {
             return Vec3::ZERO;
         }
-        // With respect to the receiver it is as far from the offset start.
+        // For the receiver, the ray has the same length from the offset origin.
         let start = surface.ray_to_receiver(direction).origin;
         let way = emitter.way(start + surface.lift);
         let ray = Ray { origin: start, t_max: way.t_max - objects.slack(&emitter.hit, direction), ..way };
@@ -221,7 +221,7 @@ impl<'a> Integrator<'a> {
         };
         let (choice, within) = (points.bits(DIMMING + pair), points.pair(DIMMING_PIECE + pair));
         let Some(light_points) = self.scene.light_points else { return Vec3::ONE };
-        // From below objects that lie on the point.
+        // The ray starts below objects that lie on the point.
         let below = self.scene.objects.covers(place.position, place.normal).map(|below| -below);
         let start = place.position + place.normal * below.unwrap_or(place.margin);
         let chosen = light_points.choose(place.position, place.normal, choice, within);

@@ -120,7 +120,7 @@ impl<'a> NearFieldLight<'a> {
         let towards = |direction| self.sky.seen(self.sky.eval_defensive(side, direction), glossy_pdf);
         let Some(hit) = hit else {
             let light = towards(ray.direction);
-            // Sky in this direction may be behind a wall from the point of capture.
+            // As seen from the point of capture, the sky in this direction may be behind a wall.
             let open = !self.receiver.bvh.any(Ray::new(self.eye, ray.direction), |_| true);
             return Some((LightSample { pdf: if open { light.pdf } else { 0.0 }, ..light }, None));
         };

@@ -174,7 +174,7 @@ impl Accumulator {
         let (sums, n) = self.pixel(index);
         let mean = |k: usize| f64::from(luminance([0, 1, 2].map(|c| (sums[k + c] / n) as f32)));
         let of_mean = |square: f64, mean: f64| {
-            // One sample gives no variance, not even from rounding.
+            // A single sample has no variance, and rounding must not create one.
             if n > 1.0 { ((square / n - mean * mean) / (n - 1.0)).max(0.0) } else { 0.0 }
         };
         let [y0, y1, y] = [0, R0, R0 + 4].map(mean);

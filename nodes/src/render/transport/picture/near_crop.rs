@@ -113,7 +113,7 @@ fn shown_on(receiver: &Receiver, sky: &EnvironmentLight, eye: Vec3, brightest: [
         if passes > PASSES {
             return false;
         }
-        // A direction to it is on its side of every plane through the point.
+        // A direction to the node is on the node's side of every plane through the point.
         let reach = 1e-5 * low.abs().max(high.abs()).max_element();
         let [above, below] = [high.cmpge(Vec3::splat(-reach)), low.cmple(Vec3::splat(reach))];
         sky.each_around(&cone, |direction, radius, _, radiance| {

@@ -168,8 +168,8 @@ fn effective(sum: f64, squares: f64) -> f64 {
 mod tests {
     use super::*;
 
-    // An outlier of one of n paths has an error as large as itself, so its certain value is 0; light of many paths
-    // is certain.
+    // If one of n paths is an outlier, the error of the ratio is as large as the ratio, so its lower bound is 0.
+    // The ratio of a pixel with light from many paths is reliable.
     #[test]
     fn a_dot_is_not_sure_and_a_light_is() {
         assert_eq!(lower_bound(8.0, 64.0), 0.0);
@@ -177,8 +177,8 @@ mod tests {
         assert_eq!(lower_bound(0.0, 0.0), 0.0);
     }
 
-    // A lamp on dark ground: its light is 2000 times the original, and a single pixel is uncertain. An outlier in
-    // an unlit tile, and the dark side of the edge of a light, are judged as before.
+    // A lamp on dark ground: its light is 2000 times the original light, and a single pixel is uncertain. The tile
+    // has no effect on an outlier in an unlit tile, or on the dark side of the edge of a light.
     #[test]
     fn a_pixel_that_is_not_sure_is_judged_beside_what_its_tile_surely_is() {
         let tile = |others: [f64; 2], odd: [f64; 2]| {

@@ -48,7 +48,7 @@ impl Silhouette {
                 return false;
             }
             if nearest <= 1e-9 * farthest {
-                // It may extend behind the camera: everything on its side counts.
+                // The box may extend behind the camera, so everything on its side counts.
                 let (low, high) = places
                     .iter()
                     .map(|p| p.truncate())

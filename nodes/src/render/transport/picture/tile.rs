@@ -104,7 +104,7 @@ impl<'a> Tile<'a> {
             ..4.0 => sky.lights[k].min(2),
             _ => sky.lights[k],
         });
-        // Scattered rays: the share that can hit the objects, larger where these are emitters.
+        // Share of scattered rays that can hit the objects. It is larger if the objects emit light.
         let rays = f64::from(rays_towards(&self.scene));
         let scattered = SAMPLES_WHERE_ALL_IS_HIDDEN * solid_angle / std::f64::consts::PI * rays;
         let most = wanted.into_iter().fold(scattered, f64::max);

@@ -73,7 +73,7 @@ impl Sheet {
         mut own: impl Iterator<Item = &'a [Vec3; 3]>,
         reach: f32,
     ) -> bool {
-        // Positions of the receiver are known as exactly as the size of its triangles allows.
+        // Positions of the receiver are only as accurate as the size of its triangles allows.
         let reach = reach + 2.0 * receiver.margin_within(self.low, self.high);
         own.any(|[a, b, c]| {
             let middle = (*a + *b + *c) / 3.0;
@@ -133,7 +133,7 @@ impl Objects {
                 let seen = sheets[below].is_some() && two_sided(below) && sheet.height != 0.0;
                 let winding = (*b - *a).cross(*c - *a).dot(sheet.normal);
                 let side = 1.0_f32.copysign(if seen { -sheet.height } else { winding });
-                // The lift of a sheet that was lifted itself.
+                // Lift of the sheet below, if it was lifted itself.
                 let own =
                     sheets[below].as_ref().map_or(0.0, |own| lifts[below] * own.normal.dot(sheet.normal));
                 let lift = if own == 0.0 { side } else { own + 1.0_f32.copysign(own) };

@@ -74,7 +74,7 @@ impl Ground {
     /// covered by the mesh: just above the mesh, along the direction of support. `None` if no mesh covers the
     /// point.
     pub fn over(&self, receiver: &Receiver, position: Vec3) -> Option<Vec3> {
-        // In a corner first above the floor, then off the wall.
+        // In a corner, the offset first leads above the floor, then off the wall.
         self.ways.iter().fold(None, |off: Option<Vec3>, &out| {
             let more = self.over_one(receiver, position + off.unwrap_or_default(), out);
             off.map_or(more, |off| Some(off + more.unwrap_or_default()))
@@ -93,7 +93,7 @@ impl Ground {
         let hit = receiver.bvh.closest(ray, flat)?;
         let mesh = ray.origin + ray.direction * hit.t;
         let level = mesh.dot(out) + self.rise(mesh, |way| way == out).map_or(0.0, |(rise, _)| rise);
-        // Rounding must not decide about the lowest edge of the object.
+        // Rounding must not decide for the lowest edge of the object.
         let slack = 1e-3 * most;
         (level <= height + slack).then(|| receiver.start(&hit) - position)
     }

@@ -245,7 +245,7 @@ mod tests {
             pad(&mut line);
             for i in 0..400 {
                 let u = crate::geometry::sampling::fraction(crate::geometry::sampling::mix(i));
-                // Next to each entry too.
+                // Values next to each entry are tested too.
                 let beside = single[i as usize % single.len()];
                 for u in [u, f64::from(beside), f64::from(beside) - 1e-12] {
                     if !(0.0..1.0).contains(&u) {
@@ -276,8 +276,8 @@ mod tests {
         }
     }
 
-    // The guarantee: where a direction of a cell is above the horizon of a normal, the cell has probability, and at
-    // least a third of power times cosine.
+    // If a direction of a cell is above the horizon of a normal, the cell has a probability of at least a third of
+    // its share of power times cosine.
     #[test]
     fn no_light_is_left_out() {
         let tip = 0.15_f32;

@@ -123,7 +123,7 @@ impl<'a, V: Iterator<Item = Option<(Points, Distributions<'a>)>>> LightDraws<'a,
         self.ends.clear();
         for vertex in self.vertices.by_ref().take(TOGETHER) {
             if let Some((points, distributions)) = vertex {
-                // The same as `wanted`; one tier at a time, the number is known.
+                // The same as `wanted`, but one tier at a time, so that the number of samples is known.
                 for (tier, distribution) in distributions.into_iter().enumerate() {
                     if distribution.power > 0.0 {
                         let number = self.lights[tier];
