@@ -91,7 +91,7 @@ fn wound([a, b, c]: [u32; 3], mirrored: bool) -> [u32; 3] {
 
 impl Objects {
     /// Collects the triangles of the objects relative to `origin`, and lifts flat objects off other objects; see
-    /// [`super::sheets`].
+    /// `super::sheets`.
     pub fn new(
         receiver: Option<&Receiver>,
         placed: &[Arc<Placed>],
