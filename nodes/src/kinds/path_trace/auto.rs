@@ -9,9 +9,9 @@ use crate::render::transport::path::visibility::Rules;
 use crate::render::transport::scene::block::{Block, EVERYWHERE};
 use crate::render::transport::scene::frame::scene_units;
 
-/// Minimum share of the probe rays that must hit the mesh for `Auto` to become `Projected`: half of a ground
-/// plane. The bound is a judgement, not a measurement: below it, most of the nearby surfaces that the
-/// panorama shows are missing in the mesh.
+/// Minimum share of the probe rays that must hit the mesh for `Auto` to become `Projected`. It is half of the share
+/// that hits an infinite ground plane. This is a rule of thumb: below the minimum, most of the nearby surfaces that
+/// the panorama shows are missing in the mesh.
 const LEAST_HELD: f64 = 0.25;
 
 /// Facts on which the decision is based.
@@ -53,7 +53,8 @@ pub(super) struct Decision {
     pub(super) printed: bool,
     /// True if the panorama is projected onto the mesh, and the reason.
     pub(super) projected: (bool, Reason),
-    /// Share of the light that would reach the point of capture if the mesh were solid, if it was computed.
+    /// Share of the light that would reach the point of capture if the mesh were solid. `None` if it was not
+    /// computed.
     pub(super) solid_light: Option<f64>,
 }
 
@@ -151,12 +152,12 @@ impl Decision {
             text += &format!("; a solid mesh lets in {:.1} % of the light", 100.0 * share);
         }
         if !self.projected.0 && self.block != Block::Solid && probe.one_side() {
-            text += &format!("; as a Room {:.1} % of the rays are lit", 100.0 * probe.lit_share());
+            text += &format!("; treated as a Room, {:.1} % of the rays are lit", 100.0 * probe.lit_share());
         }
         text += match self.projected {
             (_, Reason::AsSet) => "",
             (_, Reason::NoCapture) => "; not Projected, since the environment has no point of capture",
-            (_, Reason::TooOpen) => "; not Projected, since too few probe rays meet the mesh",
+            (_, Reason::TooOpen) => "; not Projected, since too few probe rays hit the mesh",
             (_, Reason::CapturedInside) => "; the environment was captured inside this mesh",
         };
         notes.decision("surroundings", text);
@@ -166,7 +167,7 @@ impl Decision {
 /// Result of the probe rays in words.
 fn seen(probe: &Probe) -> String {
     format!(
-        "{:.1} % of {} probe rays miss the mesh, {:.1} % of the others hit a front face",
+        "{:.1} % of {} probe rays miss the mesh, and {:.1} % of the others hit a front face",
         100.0 * probe.escaped_share(),
         probe.rays,
         100.0 * probe.front_share()
@@ -182,8 +183,8 @@ mod tests {
         Probe { rays: 256, escaped, front, lit, room: EVERYWHERE }
     }
 
-    /// Each row of the decision. Mutation: `LEAST_HELD` 0.0; `captured` ignored; the bounds in `Probe::decide`
-    /// (each seen red).
+    /// Checks each row of the table of decisions. This test fails if `LEAST_HELD` is 0.0, if `captured` is ignored,
+    /// or if the thresholds in `Probe::decide` are changed.
     #[test]
     fn each_place_is_decided() {
         use Surroundings::{Auto, Distant, Paper, Projected};

@@ -20,7 +20,7 @@ pub(super) fn former(name: &str, fields: &[(&str, &str)]) -> Option<Former> {
         let instead = match surroundings(block, bounce, specular, near) {
             Some(choice) => format!("write `surroundings: {choice}`"),
             None => "no choice of `surroundings` is equivalent to this combination; \
-                     `lightharmony nodes path-trace` lists them"
+                     `lightharmony nodes path-trace` lists the choices"
                 .to_owned(),
         };
         Former { fields: &VISIBILITY, last: LAST, instead }
@@ -40,7 +40,7 @@ fn surroundings(block: &str, bounce: &str, specular: &str, near: &str) -> Option
         "Env" => Some(false),
         _ => return None,
     };
-    // Reflections show the panorama past a transparent mesh; for a solid one the point of capture decides.
+    // Reflections show the panorama through a transparent mesh. For a solid mesh, the point of capture decides.
     let implied = match name {
         "Solid" | "Paper" => true,
         _ => specular != "Receiver",

@@ -41,44 +41,47 @@ use surroundings::Surroundings;
 engine::params! {
     /// Path-traces the receiver without and with the objects, and the objects themselves.
     ///
-    /// `with` is `without` plus the change by the objects, so their ratio is exactly 1 where nothing changes.
-    /// In `with` the objects are hidden from the camera only. `object` is premultiplied; its alpha is the
-    /// share of the pixel that the objects cover, without the part that the receiver hides. In a closed room
-    /// the mesh would block light that the panorama already shows, so `surroundings` sets how the mesh and
-    /// the panorama together model the place, by default automatically.
+    /// `with` is `without` plus the change due to the objects, so their ratio is exactly 1 where nothing changes.
+    /// In `with`, the objects are hidden only from the camera. `object` is premultiplied; its alpha is the share of
+    /// the pixel that the objects cover, without the part that the receiver hides. In a closed room the mesh would
+    /// block light that the panorama already shows, so `surroundings` sets how the mesh and the panorama together
+    /// model the place, by default automatically.
     pub struct PathTrace {
-        /// Paths per pixel; with `max_error`, the maximum number, at least 4.
+        /// Number of paths per pixel. With `max_error` it is the maximum number, and at least 4 paths are traced.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
-        /// Target standard error per tile of 8 by 8 pixels, as root mean square over its pixels with error: of the
-        /// ratio `with / without` where it is visible (relative to it where it is certainly above 1; pixels of
-        /// `without` below a thousandth of the median are ignored), and of `object` relative to its mean. Blocks of
-        /// 32 by 32 pixels take more chunks of samples, after the first 4, until they reach the target or
+        /// Target standard error of each tile of 8 by 8 pixels, as a root mean square over the pixels that have an
+        /// error. It applies to `object`, relative to the mean of `object`, and to the ratio `with / without` where
+        /// the receiver is visible. Where the ratio is certainly above 1, its error is relative to the ratio.
+        /// Pixels where `without` is below a thousandth of its median are ignored. After the first 4 samples,
+        /// blocks of 32 by 32 pixels take more chunks of samples until they reach the target or the maximum
         /// `samples`, which is reported. `None` takes `samples` everywhere.
         max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
         /// Maximum number of bounces after the first; 0 is direct light only.
         max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");
         /// How the receiver mesh and the panorama together model the place around the objects. `bounces` sets
-        /// whether the mesh reflects light; where the panorama already shows the reflected light, it would count
-        /// twice. Reflections in objects show the panorama if it carries its point of capture or the mesh lets its
-        /// light pass, otherwise the mesh.
+        /// whether the mesh reflects light; if the panorama already shows the reflected light, that light would
+        /// count twice. Reflections in objects show the panorama if its point of capture is known or the mesh lets
+        /// its light pass, otherwise the mesh.
         surroundings: Surroundings = Surroundings::Auto, other("Transparent");
         /// Maximum radiance of a contribution after the first vertex of a path; 0 for no limit. Removes bright
         /// outliers of glossy reflections, and some of their light.
         clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01"), knob(Limit, "", "", "", "0.0");
-        /// Error of the mesh in metres where objects rest: camera hits on the mesh within this distance of the base
-        /// of an object, or of a flat side on a wall, count as level with it. Otherwise a mesh that is too low
-        /// shows a black gap under the object, and one that is too high hides its foot. `None` measures the
-        /// roughness of the mesh at each object and leaves smooth meshes unchanged; 0 leaves any mesh unchanged.
+        /// Error of the mesh, in metres, where objects rest. Camera hits on the mesh within this distance of the
+        /// base of an object, or of a side that rests on a wall, are moved to it. Otherwise, a mesh that is too low
+        /// would show a black gap under the object, and a mesh that is too high would hide its foot. `None`
+        /// measures the roughness of the mesh at each object and leaves smooth meshes unchanged; 0 leaves any mesh
+        /// unchanged.
         contact_metres: Option<f64> = None, range(0.0, 10.0), unit("m"), other("0.5");
         /// Traces only the change of the receiver, for graphs that need only the shadow. `object` is empty; depth
         /// and normals are those of the receiver.
         shadow_only: bool = false, other("true");
-        /// Side of the blocks in which only one pixel is traced and its value shown for the whole block, as
-        /// in the first preview of `watch`. 1 traces every pixel.
+        /// Side of the pixel blocks of which only one pixel is traced. Its value fills the whole block, as in the
+        /// first preview of `watch`. 1 traces every pixel.
         coarse_px: u32 = 1, range(1, 64), unit("px"), other("2");
-        /// Maximum relative change of the light of a tile of 8 by 8 pixels below which no ray is traced for the
-        /// objects and `with` equals `without`. The change is an upper bound, not an estimate, so shadows, surfaces
-        /// near bright objects and reflections off walls are kept. 0 traces everywhere.
+        /// Maximum relative change of light at which a tile of 8 by 8 pixels is cropped. In a cropped tile no ray
+        /// is traced for the change due to the objects, and `with` equals `without`. The change is an upper bound,
+        /// not an estimate, so shadows, surfaces near bright objects and reflections off walls are kept. 0 traces
+        /// everywhere.
         crop: f64 = 0.001, range(0.0, 0.1), other("0.1"), knob(Cutoff, "0.004", "0.002", "0.001", "0.0");
     }
 }
@@ -109,14 +112,15 @@ engine::outputs! {
         /// Planar depth of the front surface, object or receiver, at the centre of each pixel; +inf where there is
         /// none. Blended surfaces count where they cover more than half.
         depth: Arc<Images>,
-        /// Planar depth of the nearest object visible anywhere in the pixel, however little it covers; `depth`
-        /// where there is none. For `splat-render(limit:)`: splats before it are in front of the objects.
+        /// Planar depth of the nearest object that is visible anywhere in the pixel, however little of it; equal to
+        /// `depth` if no object is visible there. Used by `splat-render(limit:)`: splats in front of it are in
+        /// front of the objects.
         nearest: Arc<Images>,
         /// Unit normal of the front surface in world axes, towards the camera; 0 where there is none.
         normal: Arc<Images>,
-        /// Variance of the mean over samples, of the luminance of `without`, `with` and `object` and of the ratio
-        /// of luminance `with / without`. Computed as for independent samples, so an upper estimate for stratified
-        /// ones; 0 for a single sample.
+        /// Variance of the mean over samples, in four channels: the luminance of `without`, of `with` and of
+        /// `object`, and the ratio of luminances `with / without`. It is computed as for independent samples, which
+        /// overestimates the variance of stratified samples. 0 for a single sample.
         variance: Arc<Images>,
         /// Decisions, means, standard errors and ray counts.
         report: Arc<Report>,
@@ -135,8 +139,8 @@ struct Decided {
 }
 
 impl PathTrace {
-    /// Maximum number of samples per pixel. Errors are estimated from a first chunk, even if `samples` is
-    /// less.
+    /// Maximum number of samples per pixel. With `max_error` it is at least the size of the first chunk, from which
+    /// errors are estimated.
     fn most(&self) -> u32 {
         if self.max_error.is_some() { self.samples.max(film::FIRST) } else { self.samples }
     }
@@ -166,7 +170,7 @@ impl PathTrace {
         }
         if self.surroundings == Surroundings::Projected && inputs.env.origin.is_none() {
             let hint = "set `origin` of `load-environment`, or leave `surroundings` at `Auto`";
-            let text = "`Projected` needs an environment that carries its point of capture";
+            let text = "`Projected` needs an environment with a point of capture";
             return Err(NodeError::new(text).at("surroundings").hint(hint));
         }
         Ok(())
@@ -201,15 +205,16 @@ impl PathTrace {
         let twice = (rules.block != Block::Solid)
             .then(|| counted_twice(receiver, prepared.sky(), prepared.origin, from, &rules));
         if let Some(twice) = twice.filter(|_| rules.bounce_solid && rules.near.is_none()) {
-            let text = "light reflected by the mesh is already in the panorama and counts twice:";
+            let text =
+                "light reflected by the mesh is already in the panorama and counts twice, so the receiver is";
             let hint = "set `bounces: false` in `surroundings`";
             notes.warning("double-count", format!("{text} {:.0} % too bright; {hint}", 100.0 * twice));
         }
         Decided { name: decision.name(), rules, probe, twice }
     }
 
-    /// Point of capture of the environment, or position of the camera used in its place, which is reported
-    /// where it matters.
+    /// Point of capture of the environment, or the position of the camera that is used in its place. The use of a
+    /// camera is reported if `surroundings` depends on the point.
     fn point_of_capture(&self, inputs: &In, camera: &Camera, notes: &mut Notes) -> DVec3 {
         if let Some(origin) = inputs.env.origin {
             return origin;
@@ -222,7 +227,7 @@ impl PathTrace {
                 | Surroundings::Within { .. }
         ) {
             let text = format!(
-                "the environment carries no point of capture; camera `{}` is used instead",
+                "the environment has no point of capture; the position of camera `{}` is used instead",
                 camera.name
             );
             notes.decision("probe-origin", text);

@@ -45,8 +45,8 @@ fn decisions(
         decisions.push(row("light counted twice by mesh bounces", Cell::Number(*twice)));
     }
     if let Some(probe) = probe {
-        decisions.push(row("probe rays that miss the mesh", Cell::Number(probe.escaped_share())));
-        decisions.push(row("front faces among the hits", Cell::Number(probe.front_share())));
+        decisions.push(row("share of probe rays that miss the mesh", Cell::Number(probe.escaped_share())));
+        decisions.push(row("share of front faces among the hits", Cell::Number(probe.front_share())));
     }
     decisions
 }
@@ -98,15 +98,15 @@ pub(crate) fn assemble(
                 "views",
                 [
                     "view",
-                    "mean luminance of without",
-                    "standard error per pixel of without",
-                    "mean luminance of with",
-                    "standard error per pixel of with",
-                    "mean luminance of object",
-                    "standard error per pixel of object",
+                    "mean luminance of `without`",
+                    "standard error per pixel of `without`",
+                    "mean luminance of `with`",
+                    "standard error per pixel of `with`",
+                    "mean luminance of `object`",
+                    "standard error per pixel of `object`",
                     "rays",
                     "share of chunks that no object changes",
-                    "share of chunks cropped",
+                    "share of chunks that were cropped",
                 ],
                 rows,
             ),

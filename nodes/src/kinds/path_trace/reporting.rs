@@ -58,7 +58,7 @@ pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: 
         (
             "dark-texels",
             prepared.sky().broken,
-            "environment pixels were negative or not finite and count as black",
+            "environment values were negative or not finite and count as 0",
         ),
     ];
     for (id, n, text) in counts {
@@ -68,12 +68,12 @@ pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: 
     }
     if let Some(deepest) = objects.nested_too_deep() {
         let text = format!(
-            "{deepest} transparent bodies are nested, and a path tracks only the innermost {}",
+            "{deepest} transparent bodies are nested, but a path tracks only the innermost {}",
             media::MOST
         );
         notes.warning(
             "nested-bodies",
-            format!("{text}; light leaving them may treat the outer ones as air; reduce the nesting"),
+            format!("{text}; light that leaves them may treat the outer bodies as air; reduce the nesting"),
         );
     }
 }
@@ -96,10 +96,10 @@ pub(crate) fn report_unseen_places(receiver: &Receiver, eye: Vec3, boxes: &[Aabb
     if !found.is_empty() {
         let word = if found.len() == 1 { "object" } else { "objects" };
         let text = format!(
-            "{word} {} cannot be seen from the point of capture, so the panorama does not show its direct light",
+            "{word} {} cannot be seen from the point of capture, so the panorama does not show the light there",
             found.join(", ")
         );
-        notes.warning("capture-elsewhere", format!("{text}; capture the panorama near it"));
+        notes.warning("capture-elsewhere", format!("{text}; capture the panorama near the {word}"));
     }
 }
 
@@ -116,14 +116,14 @@ pub(crate) fn report_capture(fault: Option<CaptureFault>, metres_per_unit: f64, 
             notes.warning("capture-under-ground", format!("{text} {millimetres:.0} mm"));
         }
         Some(CaptureFault::SeesNothing(held)) => {
-            let text = "no part of the mesh is visible from the point of capture, but it fills";
+            let text = "no part of the mesh is visible from the point of capture, but the mesh fills";
             notes.warning(
                 "capture-far-off",
                 format!("{text} {:.0} % of the view of a camera; {hint}", 100.0 * held),
             );
         }
         Some(CaptureFault::SeesBacks(backs)) => {
-            let text = "of the surfaces visible from the point of capture are back faces, so it is inside an object, under \
+            let text = "of the surfaces visible from the point of capture are back faces, so the point is inside an object, under \
                         the ground or outside the room";
             notes.warning("capture-behind-surfaces", format!("{:.0} % {text}; {hint}", 100.0 * backs));
         }
@@ -160,7 +160,7 @@ pub(crate) fn report_views(
         if looks && view.shows_objects() {
             let found = holes(&view.depth);
             let share = 100.0 * found as f64 / view.depth.samples.len().max(1) as f64;
-            let text = format!("pixels of `{}` ({share:.1} %) show holes of the receiver mesh", camera.name);
+            let text = format!("pixels of `{}` ({share:.1} %) show holes in the receiver mesh", camera.name);
             notes.count("holes", found, format_args!("{text}, where no shadow can fall"));
         }
         report_darkness(view, &camera.name, prepared.sky().power, rules, notes);
@@ -189,8 +189,8 @@ fn report_darkness(view: &FinishedView, name: &str, power: [f64; 3], rules: &Rul
     }
 }
 
-/// Warns where single precision is too coarse for an object at its distance: shadows and detail below the ray
-/// offset are lost.
+/// Warns where single precision is too coarse for an object at its distance: shadows and detail smaller than the
+/// ray offset are lost.
 pub(crate) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
     for (index, Aabb { low, high }) in objects.boxes().into_iter().enumerate() {
         let (size, distance) = ((high - low).max_element(), ((low + high) * 0.5).length());
@@ -240,7 +240,7 @@ fn report_embedded(embedded: &[Option<Embedded>], metres_per_unit: f64, notes: &
 }
 
 /// Reports the offset of the mesh from the bases of objects on it, and warns of objects above or below it. `tall`
-/// has the heights of the objects in world units. Offsets within `contact_metres` are not reported.
+/// contains the heights of the objects in world units. Offsets within `contact_metres` are not reported.
 fn report_contact(
     measured: &[Option<Level>],
     carried: &[bool],
@@ -295,7 +295,7 @@ fn report_unsupported(objects: impl Iterator<Item = usize>, why: Unsupported, no
     match why {
         Unsupported::OverNothing => {
             let text = format!("{word} {named} {stand} over a hole or beyond the edge of the receiver mesh");
-            let hint = "close the hole in the mesh, or move the pose";
+            let hint = "close the hole in the mesh, or move the object";
             notes.warning("no-ground", format!("{text}, where no shadow can fall; {hint}"));
         }
         Unsupported::Buried => {
@@ -319,9 +319,8 @@ fn report_off_the_ground(index: usize, ground: f64, tall: f64, millimetres: f64,
         return;
     }
     let side = if ground > 0.0 { "below" } else { "above" };
-    let text = format!(
-        "object {index} is {millimetres:.0} mm {side} the receiver mesh, so its shadow is detached from it"
-    );
+    let text =
+        format!("object {index} is {millimetres:.0} mm {side} the receiver mesh, so its shadow is detached");
     let hint = "use `snap`, or set `contact_metres` to the error of the mesh";
     notes.warning("off-the-ground", format!("{text}; {hint}"));
 }
@@ -334,7 +333,7 @@ fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
         notes.warning("no-variance", text);
     }
     if beyond > 0 {
-        let text = "values of `variance` exceed the range of single precision and were clamped; scale the environment closer to 1";
+        let text = "values of `variance` exceed the range of single precision and were clamped; scale the environment to a radiance closer to 1";
         notes.warning("variance-range", format!("{beyond} {text}"));
     }
 }
@@ -343,7 +342,7 @@ fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
 pub(crate) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
     if most > samples {
         let text = format!(
-            "`samples` is {samples}; {most} are taken, since `max_error` is estimated from the first {most}"
+            "`samples` is {samples}, but {most} are taken, since the error for `max_error` is estimated from the first {most}"
         );
         notes.decision("first-samples", text);
     }
@@ -353,7 +352,7 @@ pub(crate) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
 pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: &mut Notes) {
     let ReachedError { asked, worst, blocks: [all, more, short], samples, .. } = *reached;
     let text = format!(
-        "`{view}`: {more} of {all} blocks took more than the first samples, {samples:.1} per pixel on average"
+        "`{view}`: {more} of {all} blocks took more than the first samples; the average is {samples:.1} samples per pixel"
     );
     notes.decision("sample-plan", format!("{text}; the largest error is {worst:.4} (`max_error` {asked})"));
     if short > 0 {
@@ -365,10 +364,10 @@ pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: 
         let ratio = worst / asked;
         let mut hint = match round_up(f64::from(most) * ratio * ratio) {
             needed if needed <= MOST_SAMPLES => format!("set `samples` to about {needed}"),
-            _ => "it would take more `samples` than the maximum".to_owned(),
+            _ => "the target needs more `samples` than the maximum".to_owned(),
         };
         if worst <= LARGEST_ERROR {
-            hint.push_str(&format!(", or `max_error` to {worst:.2e}"));
+            hint.push_str(&format!("; alternatively, set `max_error` to {worst:.2e}"));
         }
         notes.degraded("error-not-reached", format!("{text}; {hint}"));
     }
@@ -389,7 +388,7 @@ fn round_up(samples: f64) -> u64 {
     samples.div_ceil(step).saturating_mul(step)
 }
 
-/// Warns of paths cut by `max_bounces`.
+/// Warns of paths that `max_bounces` ended too early.
 fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes) {
     if share > 0.01 {
         let text = format!(
@@ -417,7 +416,7 @@ pub(crate) fn report_unseen(unseen: &[Option<Unseen>], notes: &mut Notes) {
         let text = format!("the receiver mesh hides {} from every camera", named(&hidden));
         notes.warning(
             "object-hidden",
-            format!("{text}; check that it is not behind a wall or below the ground (`snap` moves it onto the mesh)"),
+            format!("{text}; check for a position behind a wall or below the ground (`snap` moves objects onto the mesh)"),
         );
     }
     if !outside.is_empty() {

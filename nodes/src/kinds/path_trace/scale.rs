@@ -1,4 +1,4 @@
-//! Plausibility of sizes and views, which reveals a wrong `metres_per_unit`, `scale` or axis.
+//! Checks of sizes and views that reveal a wrong `metres_per_unit`, `scale` or axis.
 
 use engine::Notes;
 use glam::Vec3;
@@ -18,7 +18,7 @@ pub(crate) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: 
         if size > TOO_LARGE * place {
             let metres = f64::from(size) * metres_per_unit;
             let text = format!(
-                "object {index} is {} units ({} m) large, and the whole receiver mesh {} units",
+                "object {index} is {} units ({} m) large, but the whole receiver mesh is only {} units large",
                 short(size),
                 short(metres as f32),
                 short(place)
@@ -70,7 +70,8 @@ mod tests {
         Aabb { low: Vec3::splat(at - half), high: Vec3::splat(at + half) }
     }
 
-    /// Objects larger than the place are reported. Mutation: `TOO_LARGE` 0; `is_empty` not tested.
+    /// Objects larger than the place are reported. This test fails if `TOO_LARGE` is 0, or if `Aabb::size` does not
+    /// test `is_empty`.
     #[test]
     fn what_is_larger_than_the_place_is_reported() {
         let floor = Mesh {
@@ -88,7 +89,7 @@ mod tests {
         let text = &told(&receiver, 50.0)[0];
         assert!(
             text.starts_with(
-                "object 2 is 173.21 units (1.73 m) large, and the whole receiver mesh 8.49 units;"
+                "object 2 is 173.21 units (1.73 m) large, but the whole receiver mesh is only 8.49 units large;"
             ),
             "{text}"
         );

@@ -67,13 +67,13 @@ impl Surroundings {
     pub const CHOICES: [(&'static str, &'static str); 8] = [
         (
             "Auto",
-            "Chosen by 256 probe rays from the point of capture: Projected, Open, Room or Transparent; a note says which.",
+            "Projected, Open, Room or Transparent, chosen by 256 probe rays from the point of capture; a note reports the choice.",
         ),
-        ("Distant", "As Auto, but the panorama is always infinitely far away (never Projected)."),
+        ("Distant", "Same as Auto, but the panorama is always infinitely far away (never Projected)."),
         (
             "Projected",
-            "The panorama is projected from its point of capture onto the mesh, which emits the light that it shows \
-             there (near-field light).",
+            "The panorama is projected from its point of capture onto the mesh, which emits the light that the \
+             panorama shows there (near-field light).",
         ),
         (
             "Open(bounces: true)",
@@ -82,7 +82,7 @@ impl Surroundings {
         (
             "Room(layers: 3, bounces: false)",
             "A closed room: light enters through front faces and is blocked by back faces, so walls seen from inside are \
-             transparent and furniture casts shadows. Rays past `layers` front faces are outside.",
+             transparent and furniture casts shadows. A ray that has passed `layers` front faces counts as outside.",
         ),
         ("Transparent(bounces: false)", "The mesh does not block the light of the panorama."),
         (
@@ -92,12 +92,12 @@ impl Surroundings {
         ),
         (
             "Paper",
-            "Visibility as printed in the paper, for comparison: the mesh is solid to shadow and diffuse rays, and absent \
-             for camera and glossy rays. A closed room gets no light and no shadow.",
+            "Visibility as printed in the paper, for comparison: the mesh is solid to shadow and diffuse rays, and \
+             invisible to camera and glossy rays. A closed room gets no light and no shadow.",
         ),
     ];
 
-    /// Reason why a number is out of range. `None` if all are valid.
+    /// Reason why a number is out of range. `None` if all numbers are valid.
     pub fn out_of_range(&self) -> Option<String> {
         match self {
             Self::Within { metres, .. } if !metres.is_finite() || *metres < 0.0 => {

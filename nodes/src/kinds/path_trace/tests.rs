@@ -1,4 +1,4 @@
-//! Tests of light transport against closed forms and relations between renders, and scenes that they share.
+//! Tests of light transport by closed forms and by relations between renders, and the scenes that the tests share.
 
 use engine::{Scene, Up};
 use glam::{DMat4, DVec3, Vec3};

@@ -19,8 +19,8 @@ pub(crate) enum Unseen {
     Outside,
 }
 
-/// Reason why no view shows an object, for each object. `None` if a view shows it. Objects do not hide each
-/// other here, as they may be transparent.
+/// Reason why no view shows an object, for each object. `None` if a view shows it. Objects are assumed not to hide
+/// each other, since they may be transparent.
 pub(crate) fn of(tracing: &Tracing<'_>, views: &[FinishedView]) -> Result<Vec<Option<Unseen>>, NodeError> {
     let cameras = tracing.cameras.iter().map(|camera| tracing.camera_rays(camera, 1));
     let pictures: Vec<_> = cameras.zip(views).collect();
@@ -45,7 +45,7 @@ fn unseen(
             for piece in Area::whole(camera_rays.camera).pieces(TILE) {
                 cx.check()?;
                 for pixel in piece.each().filter(|&pixel| camera_rays.may_show(objects, pixel)) {
-                    // Where no object is seen, one ray decides whether the receiver hides this one.
+                    // If a pixel shows no object, one ray decides whether the receiver hides this object.
                     let shows = view.shows_objects_at(pixel);
                     let places = if shows || (!met && places.start == 0) { places.clone() } else { 0..0 };
                     for number in places {

@@ -1,6 +1,6 @@
-//! Light transport: path tracing of a place, a mesh and a panorama, with objects inserted into it.
+//! Light transport: path tracing of a place, given by a mesh and a panorama, with objects inserted into it.
 //!
-//! It has six modules, and each uses only those below it:
+//! It has six modules. Each uses only the modules below it in this table:
 //!
 //! | module | contents |
 //! |---|---|

@@ -28,8 +28,9 @@ fn plan(out: &Out) -> Vec<f64> {
     table.rows[0].iter().filter_map(number).collect()
 }
 
-// An error that all samples do not reach gives the picture of all samples, one that the first reach gives theirs,
-// bit for bit; between them every pixel is that of one or the other.
+// If all samples do not reach the target error, the picture equals the picture of all samples, bit for bit. If the
+// first samples reach it, the picture equals the picture of the first samples. In between, every pixel equals a
+// pixel of one of the two.
 #[test]
 fn blocks_are_those_of_whole_pictures() {
     let (plane, objects, rig) = far(96);
@@ -56,7 +57,7 @@ fn blocks_are_those_of_whole_pictures() {
     assert!(first > 1_000 && more > 1_000, "{first} {more}");
 }
 
-// An error is judged by a first chunk of samples, however few are asked for.
+// The error is estimated from the first chunk of samples, even if fewer samples are requested.
 #[test]
 fn fewer_samples_than_the_first_are_raised_to_it() {
     let (plane, objects, rig) = far(16);
@@ -73,8 +74,8 @@ fn fewer_samples_than_the_first_are_raised_to_it() {
     }
 }
 
-// What is asked for is reached, by the node's own account, with fewer rays than samples everywhere take, and for any
-// number of threads alike.
+// The target error is reached, according to the report, with fewer rays than with the same number of samples
+// everywhere. The result does not depend on the number of threads.
 #[test]
 fn the_error_asked_for_is_reached() {
     let (plane, objects, rig) = far(96);
@@ -119,8 +120,8 @@ fn seeds(p: &PathTrace, n: u64, layer: usize) -> Vec<Vec<[f64; 2]>> {
     (0..n).map(render).collect()
 }
 
-// The reported variance is that of twenty seeds, or up to a few times as much, since stratified samples are treated
-// as independent.
+// The reported variance equals the variance over twenty seeds, or is up to a few times as large, since stratified
+// samples are treated as independent.
 #[test]
 fn variance_is_that_of_many_seeds() {
     for n in [2, 4, 16] {
@@ -132,15 +133,16 @@ fn variance_is_that_of_many_seeds() {
                 is += outs.iter().map(|out| (out[i][0] - mean) * (out[i][0] - mean)).sum::<f64>() / 19.0;
                 told += outs.iter().map(|out| out[i][1]).sum::<f64>() / 20.0;
             }
-            // What no edge cuts is all but exact after four samples; strata gain the more, the more there are.
+            // Pixels without an edge are almost exact after four samples. The benefit of stratification grows with
+            // the number of samples.
             let most = if layer == 3 { 3.0 + f64::from(n) } else { f64::INFINITY };
             assert!(is > 0.0 && told >= 0.9 * is && told <= most * is, "{n}, {layer}: {told} of {is}");
         }
     }
 }
 
-/// Shares of noisy pixels that differ from another render by at least two and by at least three standard
-/// errors.
+/// Shares of the noisy pixels that differ between two renders by more than two and by more than three standard
+/// errors. Also returns the number of noisy pixels.
 fn beyond(a: &[[f64; 2]], b: &[[f64; 2]]) -> ([f64; 2], f64) {
     let pairs = a.iter().zip(b).filter(|([_, v], [_, w])| v + w > 0.0);
     let z: Vec<f64> = pairs.map(|([a, v], [b, w])| (a - b).abs() / (v + w).sqrt()).collect();
@@ -148,8 +150,8 @@ fn beyond(a: &[[f64; 2]], b: &[[f64; 2]]) -> ([f64; 2], f64) {
     ([share(2.0), share(3.0)], z.len() as f64)
 }
 
-// The z-test between two seeds: no more pixels are far apart than their errors allow, to three deviations of the
-// count, and enough are apart to show that the errors are not made up.
+// A z-test between two seeds: the number of pixels that are far apart is at most the number that their errors
+// allow, plus three standard deviations. Enough pixels differ to show that the errors are real.
 #[test]
 fn two_seeds_agree_to_their_errors() {
     for layer in [0, 2, 3] {
@@ -164,8 +166,8 @@ fn two_seeds_agree_to_their_errors() {
     }
 }
 
-// Adaptive stopping does not bias the reports: the interval of two standard errors around a pixel contains the mean
-// of other seeds as often as it should.
+// Adaptive stopping does not bias the reported errors: the interval of two standard errors around a pixel contains
+// the mean of other seeds as often as it should.
 #[test]
 fn intervals_cover_where_samples_are_adapted() {
     let outs = seeds(&until(0.03, 64), 20, 3);

@@ -20,8 +20,8 @@ fn told(surroundings: Surroundings) -> PathTrace {
     PathTrace { contact_metres: Some(0.02), ..params(64, surroundings) }
 }
 
-/// No light reaches the floor of a room without openings, or an object on it.
-/// Mutation: `over` left out of `Integrator::surface` (seen red).
+/// No light reaches the floor of a room without openings, or an object on it. This test fails if
+/// `Integrator::surface` does not call `Ground::over`.
 #[test]
 fn no_light_gets_in_under_a_foot() {
     let mirror = Material { double_sided: true, ..Material::default() };
@@ -37,8 +37,8 @@ fn no_light_gets_in_under_a_foot() {
     }
 }
 
-/// Under a bright ceiling, the foot of a sunken object is lit as it is a millimetre above the floor.
-/// Mutation: `over` left out of `Integrator::surface` (seen red: 10 % off).
+/// Under a bright ceiling, the foot of a sunken object is lit as brightly as a foot a millimetre above the floor.
+/// This test fails if `Integrator::surface` does not call `Ground::over` (the light is then 10 % off).
 #[test]
 fn a_sunk_foot_is_lit_like_one_on_the_floor() {
     let mut env = constant(Up::PlusZ, [0.2; 3], 64);
@@ -63,9 +63,8 @@ fn a_sunk_foot_is_lit_like_one_on_the_floor() {
 }
 
 /// Surfaces beyond the walls of a room block none of its light: the outer sides of the walls, the next room,
-/// another storey. Surfaces in the room block light. A mesh whose faces are seen from both sides blocks none.
-/// Mutation: `outside` to `false` in `Block::passes`; `lit_share` not used in `Probe::decide` (each seen
-/// red).
+/// another storey. Surfaces in the room block light. A mesh whose faces are visible from both sides blocks none.
+/// This test fails if `outside` is always false in `Block::passes`, or if `Probe::decide` does not use `lit_share`.
 #[test]
 fn what_is_beyond_the_walls_takes_no_light() {
     let beside = |low: [f32; 3], high: [f32; 3]| box_mesh(low, high, true);
@@ -81,7 +80,7 @@ fn what_is_beyond_the_walls_takes_no_light() {
         ([mean(&out.without), mean(&out.with), covered(&out.object)], told)
     };
     let (alone, told) = seen(&merge(room(), nothing));
-    assert!(told.starts_with("Room") && told.contains("100.0 % of the rays are lit"), "{told}");
+    assert!(told.starts_with("Room") && told.contains("a Room, 100.0 % of the rays are lit"), "{told}");
     for around in [outer.clone(), next.clone(), merge(outer, next), storey] {
         let (found, told) = seen(&merge(room(), around));
         assert!(told.starts_with("Room"), "{told}");
@@ -89,7 +88,7 @@ fn what_is_beyond_the_walls_takes_no_light() {
             assert!((a / b - 1.0).abs() < 1e-6, "{alone:?} {found:?}: {told}");
         }
     }
-    // So does all light pass where next to none would come: here through a hole in the ceiling, in a hall.
+    // All light also passes if otherwise nearly none would arrive: here through a hole in the ceiling, in a hall.
     let mut walls = [room(), box_mesh([-2.2, -2.2, -0.2], [2.2, 2.2, 4.2], false)];
     walls.iter_mut().for_each(|mesh| _ = mesh.triangles.remove(2));
     let holed = walls.into_iter().fold(beside([-10.0; 3], [10.0; 3]), merge);
@@ -102,8 +101,8 @@ fn what_is_beyond_the_walls_takes_no_light() {
     assert!(told.starts_with("Room") && furnished[0] < 0.95 * alone[0], "{told}: {furnished:?}");
 }
 
-/// An object behind a wall, in the next room, changes nothing in this room: the light of the panorama starts
-/// at the wall. Mutations, each seen red: `sky_transmittance` returns `all`; `before_the_light` returns its
+/// An object behind a wall, in the next room, changes nothing in this room: the light of the panorama starts at the
+/// wall. This test fails if `sky_transmittance` always returns `all`, or if `before_the_light` returns its
 /// argument.
 #[test]
 fn objects_behind_a_wall_change_nothing() {
@@ -123,7 +122,8 @@ fn objects_behind_a_wall_change_nothing() {
         let out = go(std::slice::from_ref(&far), &env);
         let differ = samples(&out.with).iter().zip(samples(&out.without)).filter(|(a, b)| a != b).count();
         assert_eq!(differ, 0, "{surroundings:?}");
-        // Without suns, which the mirror would throw onto few places of the walls, found by chance.
+        // Suns are removed, since the mirror would reflect them onto small parts of the walls, which paths find
+        // only by chance.
         let mut dim = env.clone();
         dim.image.samples.iter_mut().for_each(|v| *v = v.min(2.0));
         let [alone, both] =
@@ -134,9 +134,9 @@ fn objects_behind_a_wall_change_nothing() {
     }
 }
 
-/// If a mesh is too low, but within its error, a lamp lights the visible ground as on a correct mesh, and no
-/// light escapes below a box that emits only at its bottom. Mutation: `lift` left out of `sample_emitters`
-/// (seen red: 4 % too bright).
+/// If a mesh is too low, but within its error, a lamp lights the visible ground as on a correct mesh, and no light
+/// escapes below a box that emits only at its bottom. This test fails if `sample_emitters` leaves out `lift` (the
+/// ground is then 4 % too bright).
 #[test]
 fn lamps_light_the_ground_where_the_camera_sees_it() {
     let lamp = Material { emissive: [3.0; 3], ..matte(0.0) };
@@ -163,7 +163,7 @@ fn lamps_light_the_ground_where_the_camera_sees_it() {
         let params = PathTrace { contact_metres: Some(0.05), ..params(128, Surroundings::OPEN) };
         let env = constant(Up::PlusZ, [0.2; 3], 64);
         let (out, _) = render(&params, &ground(z), objects, &camera, &env);
-        // Of what the object does not cover.
+        // Only pixels that the object does not cover.
         let open = samples(&out.object).chunks(4).map(|pixel| pixel[3] == 0.0);
         let light = samples(&out.with).chunks(3).zip(samples(&out.without).chunks(3));
         let each = light.zip(open).filter(|(_, open)| *open).map(|((b, a), _)| f64::from(b[0] - a[0]));
@@ -181,8 +181,8 @@ fn lamps_light_the_ground_where_the_camera_sees_it() {
     }
 }
 
-/// A rug exactly on the floor stays visible with a box on it, however high other objects are. Mutation: `lifted`
-/// left out of the reach of `Touching` (seen red: the rug vanished).
+/// A rug exactly on the floor stays visible with a box on it, however high other objects are. This test fails if
+/// `lifted` is left out of the reach of `Touching` (the rug then vanishes).
 #[test]
 fn a_rug_under_a_box_stays_in_front_of_the_floor() {
     let red = Material { base_colour: [0.9, 0.05, 0.05, 1.0], ..matte(0.5) };
@@ -192,7 +192,8 @@ fn a_rug_under_a_box_stays_in_front_of_the_floor() {
     let camera = rig(DVec3::new(1.2, -1.3, 1.5), DVec3::ZERO, 24, 2.5);
     let seen = |z: f64| -> f64 {
         let objects = [rug(z), block.clone(), pendant.clone()];
-        // A floor of small triangles near the objects, since rounding is judged by the largest.
+        // The floor has small triangles near the objects, since the rounding tolerance depends on the largest
+        // triangle.
         let (out, _) = render(&params(16, Surroundings::OPEN), &plane(1.0), &objects, &camera, &white());
         samples(&out.object).chunks(4).map(|pixel| f64::from(pixel[3])).sum()
     };

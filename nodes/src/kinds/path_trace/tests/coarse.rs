@@ -2,12 +2,12 @@
 
 use super::*;
 
-// Each pixel of a coarse picture is, bit for bit in what no random number decides, the one of the whole picture that
-// stands for its block; and a block of n by n pixels costs one of them.
+// Each block of a coarse picture equals the pixel of the full picture that represents it, bit for bit in all values
+// without random numbers. A block of n by n pixels costs as much as one pixel.
 #[test]
 fn a_block_is_the_pixel_that_stands_for_it() {
     let (plane, objects, rig) = shadowed();
-    // No multiple of the block.
+    // The size is not a multiple of the block size.
     let mut rig = Rig::clone(&rig);
     (rig.cameras[0].width_px, rig.cameras[0].height_px) = (30, 21);
     let rig = Arc::new(rig);
@@ -21,7 +21,7 @@ fn a_block_is_the_pixel_that_stands_for_it() {
     assert!(fewer * 13 < rays, "8 by 6 blocks for 30 by 21 pixels: {fewer} of {rays} rays");
     let middle = |v: usize, size: usize| (v / 4 * 4 + 2).min(size - 1);
     let pixels = || (0..21).flat_map(|y| (0..30).map(move |x| (x, y)));
-    // What a picture has where the blocks of the coarse one look.
+    // The values of a picture at the pixels that represent the blocks.
     let looked_at = |images: &Images| -> Vec<f32> {
         let channels = images.0[0].picture.size().2;
         let pixel = |(x, y)| &samples(images)[(middle(y, 21) * 30 + middle(x, 30)) * channels..][..channels];

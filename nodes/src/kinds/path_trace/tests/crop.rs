@@ -12,7 +12,8 @@ struct Afar {
     how: PathTrace,
 }
 
-/// Result of a trace: S by pixels and channels, the number of rays, and the note.
+/// Result of a trace: the ratio S for each pixel and channel, the number of rays, the text of the note, and all
+/// outputs.
 struct Traced {
     ratio: Vec<f64>,
     rays: u64,
@@ -43,8 +44,8 @@ impl Afar {
     }
 }
 
-/// S is exactly 1 where tiles are cropped, and only there. The omitted change is within the bound. It is
-/// measured with more samples, as the mean over tiles because of noise.
+/// S is exactly 1 where tiles are cropped, and only there. The omitted change is within the bound. The change is
+/// measured with more samples and averaged over tiles, to reduce noise.
 #[test]
 fn what_is_left_out_is_within_the_bound() {
     let dark = Mesh { colours: vec![[0.02, 0.05, 0.4]; 4], ..plane(40.0) };
@@ -56,7 +57,7 @@ fn what_is_left_out_is_within_the_bound() {
         ("mirror under a sky", Afar::new(white(), mirror), 0.004),
     ];
     for (name, scene, limit) in scenes {
-        // Samples of one chunk, which decides for itself, and more of them for the truth.
+        // One chunk of samples, which is cropped independently, and more samples as the reference.
         let few = Afar { how: PathTrace { samples: 4, ..scene.how.clone() }, ..scene };
         let (cropped, full) = (few.trace(limit, true), few.trace(0.0, true));
         let truth = Afar { how: PathTrace { samples: 64, ..few.how.clone() }, ..few }.trace(0.0, true);
@@ -105,12 +106,12 @@ fn nothing_is_left_out_that_no_bound_is_known_of() {
             }
         }),
     ] {
-        // Where a mirror throws the sun as far as this, it changes little.
+        // A mirror that reflects the sun this far changes little.
         let found = scene.trace(if name.contains("mirrors") { 2e-4 } else { 0.004 }, true);
         assert_eq!(found.told, None, "{name}");
         assert_eq!(found.ratio, scene.trace(0.0, true).ratio, "{name}");
     }
-    // What scattered rays do not meet throws nothing back.
+    // Surfaces that scattered rays do not hit reflect nothing.
     let how = PathTrace { surroundings: Surroundings::Open { bounces: false }, ..floor().how };
     let scene = Afar { receiver: merge(plane(40.0), wall), how, ..floor() };
     assert!(scene.trace(0.004, true).told.is_some());
@@ -130,7 +131,7 @@ fn no_scene_changes_more_than_the_bound() {
         let contrast = 1.0 + 30.0 * random() * random();
         let texels = (0..16 * 8 * 3).map(|_| (1.0 + (contrast - 1.0) * random() * random()) as f32).collect();
         let image = Image::from_samples(16, 8, 3, texels);
-        // Where the receiver is the light its places dim, too.
+        // If the receiver emits the light, objects also dim its points.
         let near = scene % 3 == 1;
         let origin = near.then(|| DVec3::new(4.0 * random() - 2.0, 3.0 * random(), 1.0 + random()));
         let env = Environment { image, up: Up::PlusZ, origin };
@@ -186,15 +187,15 @@ fn no_ray_asks_an_object_that_is_far_from_all() {
         let mut scene = Afar::new(env, matte(0.5));
         scene.object = ball(0.4, matte(0.6), DVec3::from(at));
         let (found, none) = (scene.trace(0.001, true), scene.trace(0.001, false));
-        // One a pixel looks for what is in front, where the camera may see it.
+        // One ray per pixel finds the front surface where the camera may see the object.
         assert!(found.rays <= none.rays + 64 * 64, "{at:?}");
         assert_eq!(samples(&found.out.with), samples(&found.out.without));
         assert!(found.told.is_some());
     }
 }
 
-/// If the receiver emits the light, an object high above rough ground or far to the side causes hardly any
-/// ray of `with`. If it is close above an even floor, distant tiles are cropped.
+/// If the receiver emits the light, an object high above rough ground or far to the side causes hardly any rays for
+/// `with`. If an object is just above an even floor, distant tiles are cropped.
 #[test]
 fn near_light_is_not_asked_for_what_is_far() {
     let rough = || {
@@ -217,7 +218,7 @@ fn near_light_is_not_asked_for_what_is_far() {
         let far = scene(rough(), at);
         let (cropped, full, without) =
             (far.trace(0.001, true), far.trace(0.0, true), far.trace(0.001, false));
-        // Nothing of it is met, so leaving it out is right in every bit.
+        // No ray hits the object, so cropping must not change a bit.
         assert_eq!(samples(&cropped.out.with), samples(&full.out.with), "{at}");
         let [cropped, full] = [&cropped, &full].map(|found| found.rays - without.rays);
         assert!(4 * cropped < full, "{at}: {cropped} of {full} rays");
@@ -225,8 +226,8 @@ fn near_light_is_not_asked_for_what_is_far() {
     let floor = scene(plane(40.0), DVec3::new(0.0, 0.0, 0.4));
     let (cropped, full) = (floor.trace(0.002, true), floor.trace(0.0, true));
     assert!(cropped.told.is_some() && cropped.rays < full.rays);
-    // A black roof over ground that is all but black sends next to nothing, and takes a good part of the sky of all that is
-    // under it. Mutation: `near_bound` without `hidden_light`.
+    // A black roof over almost black ground reflects nearly nothing, but hides a large part of the sky from
+    // everything under it. This assertion fails if `near_bound` leaves out `hidden_light`.
     let mut dark = rough();
     dark.colours = vec![[0.01; 3]; dark.positions.len()];
     let mut roof =

@@ -25,7 +25,7 @@ fn lit(width: usize, disc_deg: f64) -> Environment {
     environment
 }
 
-/// The environment with half as many columns, each the mean of two.
+/// The environment at half the resolution. Each texel is the mean of four.
 fn halved(environment: &Environment) -> Environment {
     let (width, height) = (environment.image.width / 2, environment.image.height / 2);
     let mut half = constant(environment.up, [0.0; 3], width);

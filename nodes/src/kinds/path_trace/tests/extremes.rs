@@ -3,7 +3,8 @@
 use super::*;
 use crate::testing::row;
 
-// A closed object on a passing receiver in a white sky: the furnace. Matte white gives 1, and so does metal.
+// White furnace: a closed object in a white sky, with a receiver that lets light pass. Matte white and metal both
+// give 1.
 #[test]
 fn furnace_holds_in_the_scene() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 24, 1.5);
@@ -106,7 +107,7 @@ fn a_stray_triangle_and_a_huge_floor_change_nothing() {
     }
 }
 
-// Coordinates that are too coarse all the same are reported.
+// Coordinates that are still too coarse are reported.
 #[test]
 fn an_object_too_far_for_its_size_is_reported() {
     let told = |distance: f64| {
@@ -118,8 +119,8 @@ fn an_object_too_far_for_its_size_is_reported() {
     assert!(!told(1e3) && told(1e4));
 }
 
-// A whole scene, receiver and objects and camera, moved by 1e6 or made a million times larger or smaller gives
-// the same picture, but for the samples at an edge that rounding moves across it.
+// A whole scene (receiver, objects and camera) that is moved by 1e6, or made a million times larger or smaller,
+// gives the same picture, except for samples that rounding moves across an edge.
 #[test]
 fn a_scene_may_lie_anywhere_and_have_any_size() {
     let (plane, objects, rig) = shadowed();
@@ -208,9 +209,9 @@ fn errors_fall_with_samples_whatever_the_seed() {
     row(47, "bias of one sample, by the mean of 32", off, 0.01);
 }
 
-/// The maximum number of samples is summed in double precision, and the mean agrees with a closed form at
-/// least as well as that of independent samples. Mutation: `*sum` kept in single precision by
-/// `Accumulator::add` (seen red).
+/// The maximum number of samples is summed in double precision, and the mean agrees with a closed form at least as
+/// well as the mean of independent samples would. This test fails if `Accumulator::add` keeps `*sum` in single
+/// precision.
 #[test]
 fn a_million_samples_add_up() {
     const MOST: u32 = 1 << 20;
@@ -291,7 +292,7 @@ fn one_sample_reports_no_variance() {
     assert_eq!((told(1), told(2)), ((true, false, true), (false, true, false)));
 }
 
-// A black sky, a hot one, a subnormal one, broken triangles, an empty receiver.
+// A black, a very bright and a subnormal sky, broken triangles, and an empty receiver.
 #[test]
 fn extremes_stay_finite() {
     let (mut plane, objects, rig) = shadowed();

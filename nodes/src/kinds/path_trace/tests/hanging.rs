@@ -1,4 +1,4 @@
-//! Objects on a rough wall: they and their shadows look as on a smooth wall.
+//! Tests of objects on a rough wall: they and their shadows look as they do on a smooth wall.
 
 use super::*;
 
@@ -20,8 +20,8 @@ pub(super) fn rough_wall(noise: f32) -> Mesh {
     mesh
 }
 
-/// Share of the view covered by a picture of the given thickness and distance from the wall, and the light
-/// that it blocks from the visible wall.
+/// Two sums over the pixels of a view of a picture with the given thickness and distance from the wall: the
+/// coverage by the picture, and the share of light that it blocks from the visible wall.
 fn seen(noise: f32, (thick, off): (f32, f64), eye: DVec3, contact_metres: Option<f64>) -> [f64; 2] {
     let picture = box_mesh([-0.4, -thick, -0.3], [0.4, 0.0, 0.3], false);
     let objects = [placed(&picture, matte(0.5), DVec3::Y * -off)];
@@ -33,8 +33,8 @@ fn seen(noise: f32, (thick, off): (f32, f64), eye: DVec3, contact_metres: Option
     [cover, bare.map(|((a, b), _)| 1.0 - f64::from(b[0] / a[0].max(1e-6))).sum()]
 }
 
-/// A picture of 2 cm, and one of 4 mm that is thinner than the noise of the wall, are completely visible from
-/// the front and from the side. Mutation: `Side::flat` empty, as with `contact_metres: 0`.
+/// A picture of 2 cm, and one of 4 mm that is thinner than the noise of the wall, are completely visible from the
+/// front and from the side. This test fails if `Side::flat` finds no sides, as with `contact_metres: 0`.
 #[test]
 fn a_picture_on_a_rough_wall_is_whole() {
     for eye in [DVec3::new(0.1, -3.0, 0.2), DVec3::new(2.4, -1.2, 0.4)] {
@@ -44,13 +44,13 @@ fn a_picture_on_a_rough_wall_is_whole() {
             let [eaten, _] = seen(0.005, (thick, 0.0), eye, Some(0.0));
             assert!((found / cover - 1.0).abs() < 0.005, "{eye} {thick}: {found} for {cover}");
             assert!(thick > 0.01 || eaten < 0.985 * cover, "{eye}: the noise reaches over the picture");
-            // The noise of the wall shades itself, in `without` too, so shadows are those of another wall.
+            // The rough wall shades itself, in `without` too, so its shadows differ from those on a smooth wall.
             assert!((dark - shadow).abs() < 0.2 * shadow.abs() + 0.2, "{eye} {thick}: {dark} for {shadow}");
         }
     }
 }
 
-/// An object some centimetres off the wall is not moved to it. Mutation: `gap` as large as `deep` in
+/// An object some centimetres off the wall is not moved to it. This test fails if `gap` is as large as `deep` in
 /// `Side::rests`.
 #[test]
 fn what_stands_near_a_wall_stays_off_it() {

@@ -2,7 +2,7 @@
 
 use super::*;
 
-// No object, and an object that no ray meets: S = 1 bit for bit.
+// Without objects, and with an object that no ray hits, S is exactly 1.
 #[test]
 fn without_objects_both_renders_are_equal() {
     let (plane, _, rig) = shadowed();
@@ -27,12 +27,13 @@ fn objects_cast_shadows_and_are_hidden_from_the_camera() {
     assert!(dark > 60 && same > ratios.len() / 2, "{dark} {same} of {}", ratios.len());
     // An object of albedo 0.6 on a plane of 0.5 in this light is neither black nor brighter than the sun.
     assert!((0.05..3.0).contains(&covered(&out.object)));
-    // A visible object would replace the plane by something of another colour in its own pixels; hidden, no
-    // pixel of the plane becomes sky.
+    // A visible object would cover the plane with another colour. A hidden object must not turn pixels of the plane
+    // into sky.
     assert!(r1.iter().all(|v| v.is_finite()));
 }
 
-// Holdout: where the receiver stands in front the object has no alpha; at the border it is partial.
+// Holdout: where the receiver is in front of the object, the object has an alpha of 0. At the border, alpha is
+// partial.
 #[test]
 fn receiver_in_front_holds_the_object_out() {
     let wall = box_mesh([-3.0, -1.1, 0.0], [0.013, -1.0, 3.0], false);
@@ -50,7 +51,8 @@ fn receiver_in_front_holds_the_object_out() {
     assert_eq!(depth[31], f32::INFINITY);
 }
 
-// Alpha modes: a cut-out of alpha below the cut-off is not there; a blend of 0.25 covers a quarter.
+// Alpha modes: a cut-out with an alpha below the cutoff is invisible, and a blend with an alpha of 0.25 covers a
+// quarter.
 #[test]
 fn alpha_modes_cut_and_blend() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.5), DVec3::new(0.0, 0.0, 0.5), 8, 6.0);
@@ -82,11 +84,12 @@ fn emission_reaches_the_receiver() {
     assert!((covered(&out.object) - 5.0).abs() < 1e-4);
 }
 
-/// The shadow is complete on a mesh with black colours or channels of 0, which captures have where no
-/// photograph shows the surface, with the colours of a shadow on a grey mesh. Raised colours are reported.
+/// On a mesh with black colours, or with a colour channel of 0, the shadow is complete and has the same colours as
+/// on a grey mesh. Captured meshes have such colours where no photograph shows the surface. Raised colours are
+/// reported.
 #[test]
 fn colours_of_the_mesh_do_not_colour_the_shadow() {
-    // So wide that the camera sees nothing else.
+    // The plane is so large that the camera sees nothing else.
     let (grey, (_, objects, camera)) = (plane(8.0), shadowed());
     let of = |colour: [f32; 3]| {
         let mesh = Mesh { colours: vec![colour; 4], ..grey.clone() };
@@ -123,16 +126,16 @@ fn a_shadow_alone_is_the_shadow() {
     assert_eq!(samples(&whole.without), samples(&alone.without));
     assert_eq!(samples(&whole.with), samples(&alone.with));
     assert!(samples(&alone.object).iter().all(|&v| v == 0.0) && mean(&whole.object) > 0.0);
-    // A ray of the camera and some to the light for each sample that shows the object; where none does none is cast.
+    // Each sample that shows the object takes a camera ray and some rays to the light. Other samples take none.
     let shown: f32 = samples(&whole.object).chunks(4).map(|o| 16.0 * o[3]).sum();
     assert!((rays - fewer) as f32 > 8.0 * shown && shown > 100.0, "{fewer} of {rays} rays, {shown} samples");
-    // The ground is what is seen.
+    // Only the ground is visible.
     assert!(samples(&alone.normal).chunks(3).all(|n| n[2] > 0.99 || n == [0.0; 3]));
 }
 
-/// Among several objects, one under the ground or outside the view is named, with the reason. One behind or
-/// inside another object, which may be made of glass, is not. Mutation: `is_before` left out of `unseen`, and
-/// `met` always true (each seen red).
+/// Among several objects, an object under the ground or outside the view is named, with the reason. An object
+/// behind or inside another object, which may be made of glass, is not named. This test fails if `unseen` does not
+/// call `is_before`, or if `met` is always true.
 #[test]
 fn one_of_several_objects_that_is_not_seen_is_named() {
     let (plane, objects, rig) = shadowed();
@@ -164,9 +167,9 @@ fn one_of_several_objects_that_is_not_seen_is_named() {
     }
 }
 
-/// Rods a third of a pixel wide, and a pane with a coverage of a third. `nearest` is their depth wherever any
-/// of the first 16 samples of a pixel hits them, and equals `depth` otherwise. `depth` is that of the surface
-/// that covers most of the pixel's centre.
+/// Tests `nearest` for rods a third of a pixel wide, and for a pane with a coverage of a third. It is their depth
+/// wherever any of the first 16 samples of a pixel hits them, and equals `depth` otherwise. `depth` is the depth of
+/// the first surface at the centre of the pixel that covers more than half.
 #[test]
 fn nearest_is_what_shows_anywhere_in_a_pixel() {
     let rod = box_mesh([-0.01, -0.01, 0.0], [0.01, 0.01, 1.0], false);

@@ -16,10 +16,10 @@ fn hollow(radius: f32) -> Mesh {
     Mesh { positions: primitive.positions.clone(), triangles, ..Mesh::default() }
 }
 
-/// In a hollow ball of albedo a with a lamp at its centre, every bounce distributes light evenly, so the
-/// walls receive `1 + a + a^2 + ..` times the direct light. The receiver here has an albedo of 0.5, so the
-/// total is twice the direct light. Earlier, only the direct light was added if the receiver emits the light
-/// of the panorama or lets it pass.
+/// In a hollow ball of albedo a with a lamp at its centre, every bounce distributes light evenly, so the walls
+/// receive `1 + a + a^2 + ..` times the direct light. The receiver here has an albedo of 0.5, so the total is twice
+/// the direct light. An earlier version added only the direct light if the receiver emitted the light of the
+/// panorama or let it pass.
 #[test]
 fn light_of_a_lamp_goes_from_wall_to_wall() {
     let (radius, lamp, radiance) = (2.0, 0.2, 50.0);
@@ -37,7 +37,8 @@ fn light_of_a_lamp_goes_from_wall_to_wall() {
         let params = params(64, surroundings);
         let (out, _) = render(&params, &walls, &objects, &camera, &env);
         let added = mean(&out.with) - mean(&out.without);
-        // The lamp is black, and takes of the light that passes the middle about what it covers there.
+        // The lamp is black. Of the light that passes through the centre, it absorbs about the share that it
+        // covers.
         assert!((added / (2.0 * direct) - 1.0).abs() < 0.03, "{name}: {added} for {}", 2.0 * direct);
         let once = PathTrace { max_bounces: 0, ..params };
         let (out, _) = render(&once, &walls, &objects, &camera, &env);
@@ -50,8 +51,8 @@ fn shining(radiance: f32) -> Material {
     Material { emissive: [radiance; 3], ..matte(0.0) }
 }
 
-/// Mean over the pixels of a square camera, of a function of the position at which the pixel shows the plane
-/// at height `z`.
+/// Mean of the function `of` over the pixels of a square camera. Its argument is the position on the plane at
+/// height `z` that the pixel shows.
 fn mean_over(eye: DVec3, size: u32, focal: f64, z: f64, of: impl Fn(DVec3) -> f64) -> f64 {
     let rig = rig(eye, DVec3::Z * z, size, focal);
     let [camera] = &rig.cameras[..] else { panic!("one camera") };
@@ -65,10 +66,10 @@ fn mean_over(eye: DVec3, size: u32, focal: f64, z: f64, of: impl Fn(DVec3) -> f6
     crate::math::num::ordered_sum((0..size * size).map(|i| place(i) as f32)) / f64::from(size * size)
 }
 
-/// The light of a glowing ball of fine facets on a floor and on a table, near and far from the origin, has a
-/// closed form: radiance albedo * L * (r / d)^2 * cos. Neighbouring facets must not block the light of a
-/// facet. Earlier, light samples ended on the triangle itself, and only 0.95 of the light arrived at 2 cm,
-/// and 0.80 at 1 cm.
+/// The light of a glowing ball of fine facets on a floor and on a table, near and far from the origin, has a closed
+/// form: the radiance is `albedo * L * (r / d)^2 * cos`. Neighbouring facets must not block the light of a facet.
+/// In an earlier version, light samples ended on the triangle itself. Only 95 % of the light of a ball with a
+/// radius of 2 cm arrived, and only 80 % for a radius of 1 cm.
 #[test]
 fn fine_lamps_shed_all_their_light() {
     let (radiance, height) = (5e4, 1.0);
@@ -105,12 +106,12 @@ fn fine_lamps_shed_all_their_light() {
     }
 }
 
-/// A lamp in a paper globe, which transmits half of the light and reflects half. From outside, the globe has
-/// the radiance L (r / R)^2 times (0.5 + 0.25 + ..), minus the reflected light that the lamp absorbs, whether
-/// or not the receiver emits the light of the panorama. Scattered rays seldom hit the lamp, while rays sent
-/// towards it do, so every pixel is lit. Both are counted, and nothing is counted twice. Mutation: roulette
-/// by the throughput without `share` (seen red: the brightness of pixels differs by 1.2). Earlier, without
-/// such rays, the difference was 1.5.
+/// A lamp in a paper globe, which transmits half of the light and reflects half. From outside, the globe has the
+/// radiance L (r / R)^2 times (0.5 + 0.25 + ..), minus the reflected light that the lamp absorbs, whether or not
+/// the receiver emits the light of the panorama. Scattered rays seldom hit the lamp, while rays sent towards it do,
+/// so every pixel is lit. Both kinds of rays count, and nothing counts twice. This test fails if Russian roulette
+/// uses the throughput without `share`: the relative spread of the pixels is then 1.2. Without rays towards the
+/// lamp it was 1.5.
 #[test]
 fn a_lamp_in_a_globe_lights_every_pixel() {
     let (radiance, lamp, globe) = (5e4_f32, 0.02_f32, 0.1_f32);
@@ -122,7 +123,7 @@ fn a_lamp_in_a_globe_lights_every_pixel() {
     let camera = rig(eye, DVec3::ZERO, 24, focal);
     let mut env = constant(Up::PlusZ, [1e-3; 3], 64);
     env.origin = Some(DVec3::new(0.0, 0.0, 0.5));
-    // Of what comes back from the globe such a share meets the lamp, which is black.
+    // The black lamp absorbs this share of the light that the globe reflects.
     let taken = square((lamp / globe).into());
     let outside = f64::from(radiance) * taken * 0.5 / (1.0 - 0.5 * (1.0 - taken));
     let expected = mean_over(eye, 24, focal, 0.0, |place| {
@@ -143,8 +144,8 @@ fn a_lamp_in_a_globe_lights_every_pixel() {
     }
 }
 
-/// The same globe above a card, which is an object: rays from its visible points find the globe as well.
-/// Mutation: `shades` left out of `path_radiance` (seen red: the brightness of pixels differs by 2.1).
+/// The same globe above a card, which is an object: rays from its visible points find the globe as well. This test
+/// fails if `shades` is not used: the relative spread of the pixels is then 2.1.
 #[test]
 fn a_lamp_in_a_globe_lights_every_pixel_of_an_object() {
     let (radiance, lamp, globe) = (5e4_f32, 0.02_f32, 0.1_f32);
@@ -173,13 +174,13 @@ fn a_lamp_in_a_globe_lights_every_pixel_of_an_object() {
     assert!(off.abs() < 4.0 * spread / f64::from(24 * 24).sqrt(), "{off}, pixels by {spread}");
 }
 
-/// A panel that is dark except for a lamp of 8 of its 256 texels lights a floor with radiance * area * cos^2
-/// / d^2 / pi * albedo, with little noise, because light samples are taken on the lamp and not on the rest of
-/// the panel. Earlier, no light samples were taken on the lamp.
+/// A panel of 256 by 256 texels that is dark except for a lamp of 8 by 8 texels lights a floor with the radiance `L
+/// * area * cos^2 / d^2 / pi * albedo`. There is little noise, because light samples are taken on the lamp and not
+/// on the rest of the panel. An earlier version took no light samples on the lamp.
 #[test]
 fn a_small_lamp_of_a_picture_is_a_lamp() {
     use crate::types::{Sampler, Texture, TextureRef, Wrap};
-    // Of 8 by 8 texels, and of a single one in a picture whose copies round it to black.
+    // A lamp of 8 by 8 texels, and a lamp of a single texel in a texture whose mipmaps round it to black.
     for (side, [left, right], [top, bottom]) in
         [(256_u32, [152, 160], [88, 96]), (1024, [617, 618], [361, 362])]
     {
@@ -256,8 +257,9 @@ fn objects_stand_on_objects() {
     assert_eq!(told(&[table, aloft]), 1);
 }
 
-/// An object beyond the edge of the receiver is reported. One that stands on the edge or extends over it is
-/// not. Mutation: `lost` always `None`; `carried` not tested; `over` left out.
+/// An object beyond the edge of the receiver is reported. An object that stands on the edge or extends over it is
+/// not. This test fails if `unsupported` is always `None`, if `find_ground` does not test `carried`, or if
+/// `Side::unsupported` leaves out `over`.
 #[test]
 fn an_object_beyond_the_edge_has_no_ground() {
     let cube = box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.2], false);
@@ -289,9 +291,9 @@ fn half_buried_objects_meet_their_shadows() {
     }
 }
 
-/// A point of capture slightly under the ground would see the unlit lower side of the ground, and one exactly
-/// on the ground would not see it at all. Tested in the open, in a closed room, and in a room whose walls
-/// have an outer side.
+/// A point of capture slightly under the ground would see the unlit lower side of the ground, and a point exactly
+/// on the ground would not see it at all. Both are moved above the ground. Tested in the open, in a closed room,
+/// and in a room whose walls have an outer side.
 #[test]
 fn a_point_of_capture_under_the_ground_is_taken_over_it() {
     let (plane, objects, open) = shadowed();
@@ -316,9 +318,8 @@ fn a_point_of_capture_under_the_ground_is_taken_over_it() {
     }
 }
 
-/// A point of capture in a cupboard, outside the room or on a wall is reported. One in the room is not, even
-/// if the room is inside out. Mutation: each of the conditions of `CapturePoint::checked` turned off (seen
-/// red).
+/// A point of capture in a cupboard, outside the room or on a wall is reported. A point in the room is not, even if
+/// the room is inside out. This test fails if any of the conditions of `CapturePoint::checked` is turned off.
 #[test]
 fn a_point_of_capture_where_no_camera_stood_is_reported() {
     let cupboard = box_mesh([-0.6, 0.8, 0.05], [0.9, 1.5, 1.7], false);
@@ -341,8 +342,8 @@ fn a_point_of_capture_where_no_camera_stood_is_reported() {
     }
 }
 
-/// The limit on contributions after the first vertex does not affect the direct light of a lamp, whichever
-/// strategy samples it. Mutation: `bounce` instead of the previous one for emission (seen red).
+/// The limit on contributions after the first vertex does not affect the direct light of a lamp, whichever strategy
+/// samples it. This test fails if emission is clamped by `bounce` instead of the previous bounce.
 #[test]
 fn the_limit_spares_direct_light_of_lamps() {
     let shines = Material { emissive: [40.0; 3], ..matte(0.0) };

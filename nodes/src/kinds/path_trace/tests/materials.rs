@@ -18,8 +18,8 @@ pub(super) fn clear(base: f32, volume: Option<[f32; 3]>, ior: f32) -> Material {
     }
 }
 
-// Only lobes that a material has are modelled: a layer of strength 0, with any other parameters, changes no bit and
-// costs no ray, evaluated or not.
+// A layer of strength 0, with any other parameters, changes no bit and costs no ray, whether it is evaluated or
+// not.
 #[test]
 fn layers_of_no_strength_cost_nothing() {
     use crate::types::{Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Sheen};
@@ -60,8 +60,8 @@ pub(super) fn over_cosines(f: impl Fn(f32) -> f32) -> f64 {
     cosines.map(|c| 2.0 * c * f64::from(f(c as f32))).sum::<f64>() / f64::from(n)
 }
 
-// A fine checkerboard, with hundreds of squares per pixel, is a flat grey with one sample per pixel, at the mean
-// light of its squares; nearby it is black and white.
+// A fine checkerboard with hundreds of squares per pixel is a flat grey with a single sample per pixel, at the mean
+// light of its squares. At close range it is black and white.
 #[test]
 fn textures_are_filtered_where_they_are_small() {
     use crate::types::{Sampler, Texture, TextureRef, Wrap};
@@ -92,7 +92,7 @@ fn textures_are_filtered_where_they_are_small() {
     assert!(spread(0.1).1 > 0.45);
 }
 
-// A ball that takes nothing shows a white sky, whether it is a bubble or solid.
+// A ball that absorbs nothing is white in a white sky, whether it is a bubble or solid.
 #[test]
 fn clear_balls_are_white_in_a_white_sky() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 16, 1.5);
@@ -111,7 +111,8 @@ fn clear_balls_are_white_in_a_white_sky() {
     }
 }
 
-// The shadow of a pane: what passes straight at each angle and, in a white sky, what it mirrors from below.
+// The light below a pane is the light that passes straight through it at each angle and, in a white sky, the light
+// that it reflects from below.
 #[test]
 fn shadow_of_a_pane_is_what_it_lets_through() {
     let floor = rig(DVec3::new(0.0, 0.0, 0.4), DVec3::new(0.0, 0.01, 0.0), 8, 4.0);
@@ -125,16 +126,16 @@ fn shadow_of_a_pane_is_what_it_lets_through() {
     let params =
         BsdfParams { base: Vec3::splat(0.25), roughness: 0.0, transmission: 1.0, ..BsdfParams::default() };
     let passing = over_cosines(|c| straight(&params, c).x);
-    // What the white pane does not pass, either pane mirrors.
+    // Both panes reflect the light that the white pane does not transmit.
     let mirrored = 1.0 - over_cosines(|c| straight(&BsdfParams { base: Vec3::ONE, ..params }, c).x);
     let expected = 0.5 * (passing + mirrored);
-    // What passes is chosen at random: with 262144 samples the standard error is about 0.2 %.
+    // Transmission is decided at random. With 262144 samples the standard error is about 0.2 %.
     let found = lit(&tinted);
     assert!((found / expected - 1.0).abs() < 0.01, "{found} for {expected}");
 }
 
-// Absorption: a slab of one metre halves what is seen through it, also when it is made twice as large, and
-// its shadow is that of the slant ways through it.
+// Absorption: a slab of one metre halves the light seen through it, also if it is scaled to twice the size. Its
+// shadow follows from the oblique paths through it.
 #[test]
 fn bodies_absorb_along_the_way() {
     let half = crate::math::num::f32::ln(2.0);
@@ -170,8 +171,8 @@ fn unlit_surfaces_show_their_colour() {
     }
 }
 
-// A glowing ball lights a plane as the closed form says, E = pi L r^2 h / d^3, in the dark, and the noise of
-// light samples is small; the sum of both strategies is the same with a mirror in between.
+// A glowing ball in the dark lights a plane with the closed form E = pi L r^2 h / d^3, and the noise of light
+// samples is small.
 #[test]
 fn lamps_light_what_is_around_them() {
     let black = constant(Up::PlusZ, [0.0; 3], 8);
@@ -181,7 +182,7 @@ fn lamps_light_what_is_around_them() {
     let below = rig(DVec3::new(0.0, 0.0, 0.8), DVec3::new(0.0, 0.001, 0.0), 8, 40.0);
     let p = PathTrace { max_bounces: 0, ..params(64, Surroundings::OPEN) };
     let (out, _) = render(&p, &plane(50.0), std::slice::from_ref(&object), &below, &black);
-    // A mesh of 24 rings inside of the sphere has less of a disc: its outline is smaller by a third of 1 %.
+    // A mesh of 24 rings lies inside the sphere, so its outline is smaller by a third of 1 %.
     let expected = 0.5 * 7.0 * f64::from(radius * radius) / (height * height);
     let got = mean(&out.with);
     assert!((got / expected - 1.0).abs() < 0.015, "{got} for {expected}");
@@ -215,9 +216,9 @@ fn paths_that_are_too_long_are_reported() {
     }
 }
 
-/// The green channel of a normal map points up its picture, while v runs down the picture. A card with a map
-/// of one colour looks like one whose own normals are bent, whether tangents are computed or taken from the
-/// texture coordinates.
+/// The green channel of a normal map points up its picture, while v runs down the picture. A card with a map of one
+/// colour looks like a card whose vertex normals are bent, whether tangents are computed or taken from the texture
+/// coordinates.
 #[test]
 fn green_of_a_normal_map_points_up_the_picture() {
     use crate::types::{NormalMap, Sampler, Texture, TextureRef, Wrap};
@@ -277,7 +278,7 @@ fn a_clear_coat_dims_what_shines_under_it() {
         let found = covered(&out.object);
         assert!((found - left).abs() < 0.01, "{found} for {left} at {degrees}");
     }
-    // From 4 m over the place.
+    // The panel is 4 m above the floor.
     let floor = rig(DVec3::new(0.0, -1.0, 1.0), DVec3::ZERO, 4, 40.0);
     let lit = |coated| {
         let panel = [placed(&plane(0.2), lamp(coated), DVec3::Z * 4.0)];
@@ -287,8 +288,8 @@ fn a_clear_coat_dims_what_shines_under_it() {
     assert!(bare > 0.0 && (found / bare - 0.96).abs() < 0.01, "{found} of {bare}");
 }
 
-/// A flat mirror shows the sky like the background next to it, without the edges of texels. Mutation: `is_narrow`
-/// false.
+/// A flat mirror shows the sky like the background next to it, without the edges of texels. This test fails if
+/// `is_narrow` is always false.
 #[test]
 fn mirrors_show_no_texels() {
     let mut env = constant(Up::PlusZ, [0.0; 3], 16);
@@ -310,9 +311,9 @@ fn mirrors_show_no_texels() {
     }
 }
 
-/// A metal ball, which maps equal solid angles of the sky to equal areas of the picture, reflects the light
-/// of a sun of one texel exactly once, for lobes wider than the texel, as wide, or narrower, and for any
-/// number of texels. Mutation: in `light_sample` the glossy lobe is kept.
+/// A metal ball maps equal solid angles of the sky to equal areas of the picture. It reflects the light of a sun of
+/// one texel exactly once, whether the lobe is wider or narrower than the texel, and for any number of texels. This
+/// test fails if `light_sample` keeps narrow glossy lobes.
 #[test]
 fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
     let of_width = |times: usize| {
@@ -344,9 +345,9 @@ fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
     }
 }
 
-/// A matte surface with bent shading normals reflects light by Lambert's law, summed over the texels above
-/// its triangles, for any viewer, because normals are adjusted only for mirrors. Mutation:
-/// `Frame::around(matte_normal)` to `frame`.
+/// A matte surface with bent shading normals reflects light by Lambert's law, summed over the texels above its
+/// triangles, for any viewer, because normals are adjusted only for mirrors. This test fails if
+/// `Frame::around(matte_normal)` is replaced by `frame`.
 #[test]
 fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
     let mut env = constant(Up::PlusZ, [0.1; 3], 64);
@@ -374,16 +375,16 @@ fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
             let p = PathTrace { max_bounces: 0, ..params(64, Surroundings::TRANSPARENT) };
             let (out, _) = render(&p, &Mesh::default(), &card, &camera, &env);
             let found = covered(&out.object);
-            // The texels' cosines are those of their middles.
+            // The closed form uses the cosine at the centre of each texel.
             assert!((found / expected - 1.0).abs() < 0.02, "{tilt} from {view}: {found} for {expected}");
         }
     }
 }
 
-/// Blended surfaces cover a pixel by their alpha with almost no noise, alone, behind another surface and
-/// behind a cut-out, and block the same share of the sun's light, because neither is decided by independent
-/// random numbers. With these, 16 samples would deviate by 0.125. Mutation: `front` by `accepts`;
-/// `object_transmittance` by `accepts`.
+/// Blended surfaces cover the share of a pixel that their alpha gives, with almost no noise: alone, behind another
+/// surface and behind a cut-out. They block the same share of the sun's light. Neither is decided by independent
+/// random numbers, with which 16 samples would deviate by 0.125. This test fails if `front` or
+/// `object_transmittance` decides by `accepts`.
 #[test]
 fn blended_surfaces_are_smooth() {
     let sheet = |alpha: f32, z: f64| {

@@ -39,8 +39,8 @@ fn above(focal: f64) -> Arc<Rig> {
     rig(DVec3::new(0.02, 0.01, 9.0), DVec3::new(0.02, 0.011, 0.0), 8, focal)
 }
 
-// An object inside a body is seen and lit through its medium, to its depth, whether it shines for the camera or
-// onto a floor outside the body.
+// An object inside a body is visible through the medium up to its depth, whether it emits light or is unlit, and
+// its light on a floor outside the body passes through the same medium.
 #[test]
 fn what_stands_in_a_body_is_dimmed_by_it() {
     let black = constant(Up::PlusZ, [0.0; 3], 8);
@@ -57,7 +57,7 @@ fn what_stands_in_a_body_is_dimmed_by_it() {
         let (out, _) = render(&p, &Mesh::default(), &objects, &above(40.0), &black);
         near(red_and_blue(&out.object, 4), [f64::from(exp(-depth)), 1.0], 0.01, name);
 
-        // The sheet hangs over the floor like a sky behind half a metre.
+        // The sheet above the floor acts like a sky behind half a metre of the medium.
         let floor = rig(DVec3::new(0.0, 0.0, 0.4), DVec3::new(0.0, 0.01, 0.0), 8, 4.0);
         let p = PathTrace { max_bounces: 1, ..params(1024, Surroundings::TRANSPARENT) };
         let (out, _) = render(&p, &plane(200.0), &objects, &floor, &black);
@@ -66,8 +66,8 @@ fn what_stands_in_a_body_is_dimmed_by_it() {
     }
 }
 
-// A part of the same medium inside a body changes nothing: for the camera, in the shadow, and for an object in the
-// inner one; whether of the same object or not, and for any index.
+// A body inside another body of the same medium changes nothing: for the camera, in the shadow, and for an object
+// in the inner body. This holds for any index of refraction.
 #[test]
 fn the_same_stuff_in_a_body_changes_nothing() {
     for ior in [1.0, 1.5] {
@@ -92,7 +92,7 @@ fn the_same_stuff_in_a_body_changes_nothing() {
     }
 }
 
-// What is clear displaces what is tinted: over a way of 0.3 of a metre nothing is taken.
+// A clear body displaces a tinted body, so nothing is absorbed over a path of 0.3 m.
 #[test]
 fn the_inner_body_absorbs_alone() {
     let objects =
@@ -107,8 +107,8 @@ fn the_inner_body_absorbs_alone() {
     near(red_and_blue(&out.with, 3), [0.5 * over_cosines(|c| exp(-depth / c)), 0.5], 0.02, "shadow");
 }
 
-// A body a millimetre over the floor, on it and in it: the floor seen through the body, and the light on the
-// floor below the body, which no camera can tell from what it sees through the body, but for one more way.
+// A body a millimetre above the floor, on it and in it looks the same: the light on the floor below it passes
+// through the body once, and the floor seen through the body a second time.
 #[test]
 fn a_body_looks_the_same_over_the_floor_on_it_and_in_it() {
     let expected = 0.5 * over_cosines(|c| exp(-ln(2.0) / c));
@@ -122,7 +122,7 @@ fn a_body_looks_the_same_over_the_floor_on_it_and_in_it() {
     }
 }
 
-// Two bodies that touch are as one, in whatever order they come, also for the floor below both.
+// Two bodies that touch act as one body, in any order, also for the floor below both.
 #[test]
 fn bodies_that_touch_are_as_one() {
     let expected = f64::from(exp(-ln(2.0))) * 0.5 * over_cosines(|c| exp(-ln(2.0) / c));
@@ -146,7 +146,8 @@ fn a_camera_may_be_in_a_body() {
     };
     near(go(&[body.clone(), sheet]), [f64::from(exp(-6.9 * ln(2.0))), 1.0], 0.01, "what stands in it");
     near(go(&[body]), [f64::from(exp(-9.0 * ln(2.0))), 1.0], 0.01, "out of it");
-    // In files a body may have one-sided surfaces; it is filled all the same. Before, the camera saw nothing of it.
+    // Bodies in files may have single-sided surfaces, but are solid all the same. An earlier version did not show
+    // them to the camera.
     let sheet = slab(2.0, 2.1, 100.0, Material { unlit: true, ..matte(1.0) });
     let body = slab(0.0, 10.0, 200.0, Material { double_sided: false, ..tinted(1.0) });
     near(
@@ -158,7 +159,7 @@ fn a_camera_may_be_in_a_body() {
     near(go(&[body]), [f64::from(exp(-9.0 * ln(2.0))), 1.0], 0.01, "one side, out of it");
 }
 
-// White light stays white where air is in glass, glass in water, and each in one object or in two.
+// White light stays white for nested balls of air, water and glass.
 #[test]
 fn nested_glass_keeps_white_light() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 16, 1.5);
@@ -174,10 +175,10 @@ fn nested_glass_keeps_white_light() {
     }
 }
 
-/// If glass stands exactly on a table (which is also an object) or on the floor, the ground under it is
-/// visible and lit as if the glass were a millimetre higher. A body or thin wall of a clear medium of index 1
-/// is invisible. Mutation: `touching` to `None` in `Integrator::path_radiance`, `part.clear` not tested in
-/// `Objects::reach` (each seen red).
+/// If glass stands exactly on a table (which is also an object) or on the floor, the surface under it is visible
+/// and lit as if the glass were a millimetre higher. A body or thin wall of a clear medium of index 1 is invisible.
+/// This test fails if `touching` is always `None` in `Integrator::scatter`, or if `Objects::reach` does not test
+/// `part.clear`.
 #[test]
 fn glass_on_a_table_changes_nothing() {
     let table = slab(0.2, 0.5, 300.0, matte(0.5));
@@ -193,9 +194,8 @@ fn glass_on_a_table_changes_nothing() {
     }
 }
 
-/// Two bodies that share a face, one around the other, or one that fills the hollow of the other, absorb
-/// light along their own path lengths. Mutation: `touching` to `None` in `Integrator::path_radiance` (seen
-/// red).
+/// Two bodies that share a face, one around the other, or one that fills the hollow of the other, absorb light
+/// along their own path lengths. This test fails if `touching` is always `None` in `Integrator::scatter`.
 #[test]
 fn bodies_may_share_a_face() {
     let block = |low: f32, high: f32, inward| box_mesh([-100.0, -100.0, low], [100.0, 100.0, high], inward);
@@ -225,9 +225,9 @@ fn estimate(n: u32, value: impl Fn(u32) -> Vec3) -> [DVec3; 2] {
     [mean, spread / f64::from(n) / f64::from(n - 1)]
 }
 
-/// The two strategies by which a matte surface samples the sky agree, each used alone, whatever lies in
-/// between: light samples, which bodies attenuate, and scattered rays, which bodies let pass at random. A
-/// z-test of each colour, on the floor, in a body, and below one that stands in the floor.
+/// The two strategies by which a matte surface samples the sky agree, whatever lies in between. Light samples are
+/// attenuated by bodies, and scattered rays pass through bodies at random. Each strategy is used alone, and a
+/// z-test compares them for each colour: on the floor, in a body, and below a body that extends into the floor.
 #[test]
 fn light_samples_and_scattered_rays_agree_through_bodies() {
     let wall = Material { base_colour: [0.9, 0.6, 0.3, 1.0], ..clear(1.0, None, 1.5) };
@@ -308,7 +308,7 @@ fn bodies_beyond_the_deepest_are_reported() {
     assert_eq!(told(4), None);
     let text = told(6).expect("a note");
     assert!(text.starts_with("6 transparent bodies are nested"), "{text}");
-    // Side by side they do not.
+    // Bodies next to each other are not nested.
     let aside: Vec<_> = (0..6).map(|k| ball(0.2, tinted(1.1), DVec3::new(f64::from(k), 0.0, 1.0))).collect();
     let (_, notes) = render(&params(1, Surroundings::OPEN), &plane(4.0), &aside, &above(4.0), &white());
     assert!(notes.iter().all(|note| note.id != "nested-bodies"));

@@ -87,8 +87,8 @@ fn a_lamp_on_a_wall_lights_each_point_from_where_it_is() {
     assert_eq!(at(&near(16), &env, DVec3::new(2.0, -1.0, 1.0), DVec3::NEG_X), 0.0);
 }
 
-// Notes, section 2: constant environment 1, albedo 0.5: 0.5, for any number of bounces. The bound is some four
-// standard errors of this many samples.
+// With a constant environment of 1 and an albedo of 0.5, the radiance is 0.5 for any number of bounces. The bound
+// is about four standard errors of this number of samples.
 #[test]
 fn a_white_room_is_half_lit() {
     let mut env = white();
@@ -102,8 +102,8 @@ fn a_white_room_is_half_lit() {
     }
 }
 
-// In the open too, where the receiver holds the ground; not where it is a patch of it, nor where nothing says that the
-// panorama shows it.
+// `Auto` is also `Projected` in the open if the receiver contains the ground. It is not if the receiver is only a
+// patch of ground, or if the environment has no point of capture.
 #[test]
 fn auto_is_near_where_the_receiver_is_what_the_panorama_shows() {
     let decided = |floor: f32, origin| {
@@ -114,18 +114,18 @@ fn auto_is_near_where_the_receiver_is_what_the_panorama_shows() {
     let told = decided(400.0, Some(DVec3::Z));
     assert!(told.starts_with("Projected: ") && told.ends_with("captured inside this mesh"), "{told}");
     let told = decided(0.5, Some(DVec3::Z));
-    assert!(told.starts_with("Open: ") && told.ends_with("too few probe rays meet the mesh"), "{told}");
+    assert!(told.starts_with("Open: ") && told.ends_with("too few probe rays hit the mesh"), "{told}");
     assert!(decided(400.0, None).ends_with("the environment has no point of capture"));
 }
 
-/// Chi-square test of light samples against the density that is evaluated for scattered rays, by direction
-/// from a point: in a room, in a room with a cupboard that hides some of the light, and above a patch of
-/// ground. Mutation: `square.sqrt()` to `1.0` in `NearFieldLight::spread`, the density of directions that
-/// show the sky from both points left out of `NearFieldLight::eval` (each seen red).
+/// Chi-square test of light samples against the density that is evaluated for scattered rays, by direction from a
+/// point: in a room, in a room with a cupboard that hides some of the light, and above a patch of ground. This test
+/// fails if `square.sqrt()` is replaced by `1.0` in `NearFieldLight::spread`, or if `NearFieldLight::eval` leaves
+/// out the density of directions that show the sky from both points.
 #[test]
 fn light_samples_follow_their_density() {
     let mut env = constant(Up::PlusZ, [0.0; 3], 16);
-    // Without edges that the integral would miss.
+    // The environment has no edges that the integral would miss.
     for (i, v) in env.image.samples.iter_mut().enumerate() {
         *v = 1.0 + 0.3 * crate::geometry::sampling::unit(crate::geometry::sampling::mix(i as u32 / 3));
     }
@@ -146,7 +146,7 @@ fn light_samples_follow_their_density() {
                 let bits = Points::new(stream(2, i, 0), 0).bits(0);
                 let (light, place) = near.sample(point, side, bits).expect("light");
                 let ray = NearFieldLight::towards(Ray::new(point, light.direction), place.as_ref());
-                // What the point does not see from its side has no light.
+                // Surfaces that the point cannot see from its side have no light.
                 if light.radiance != Vec3::ZERO && near.reaches(ray, place.as_ref()) {
                     counts[bins.of(light.direction)] += 1.0;
                 }
@@ -157,8 +157,8 @@ fn light_samples_follow_their_density() {
     }
 }
 
-// What the point of capture does not see is lit and scatters: the far side of a screen is neither black nor as
-// bright as the panorama, which shows the screen there.
+// Surfaces that are hidden from the point of capture are lit and scatter light: the far side of a screen is neither
+// black nor as bright as the panorama, which shows the screen there.
 #[test]
 fn hidden_places_are_lit() {
     let screen = box_mesh([0.5, -2.0, 0.0], [0.6, 2.0, 3.0], false);
@@ -173,8 +173,7 @@ fn hidden_places_are_lit() {
     assert!(one > 0.02 && many > one && many < 0.5, "{one} {many}");
 }
 
-// Pairs share their random numbers as ever: nothing there, S = 1 bit for bit; and a probe that meets nothing
-// means that nothing changes.
+// With and without objects, paths share their random numbers: S is exactly 1 if no ray hits an object.
 #[test]
 fn pairs_stay_pairs() {
     let mut env = sunny();
@@ -182,7 +181,7 @@ fn pairs_stay_pairs() {
     let far = [ball(0.4, matte(0.6), DVec3::new(0.0, 0.0, -50.0))];
     let (out, _) = render(&near(20), &room(), &far, &inside(), &env);
     assert_eq!(samples(&out.without), samples(&out.with));
-    // An object takes light and gives none that was not there, but for what it throws back.
+    // A black object removes light and adds none.
     let black = [ball(0.4, matte(0.0), DVec3::new(0.5, 0.5, 0.5))];
     let (out, _) = render(&near(32), &room(), &black, &inside(), &env);
     let pairs = samples(&out.with).iter().zip(samples(&out.without));
@@ -190,8 +189,8 @@ fn pairs_stay_pairs() {
     assert!(mean(&out.with) < 0.99 * mean(&out.without));
 }
 
-// What an object takes from the light of a wall is missing in what that wall gives: under a lid just over the
-// floor there is no light, though the panorama shows a bright floor.
+// Light that an object blocks from a wall is also missing in the light that this wall emits: under a lid just above
+// the floor it is dark, although the panorama shows a bright floor.
 #[test]
 fn the_shadow_of_an_object_dims_what_lies_in_it() {
     let mut env = white();
@@ -203,8 +202,8 @@ fn the_shadow_of_an_object_dims_what_lies_in_it() {
     assert!(low < 0.2, "{low}");
 }
 
-// The sun through a window lights the patch of the floor that it is seen from, wherever the point of capture
-// saw it from: what leaves by the window is far, what meets a wall is not.
+// The sun through a window lights the patch of floor from which it is visible, wherever the point of capture saw
+// the sun from. Light through the window is distant; light from the walls is near.
 #[test]
 fn the_sun_through_a_window_lights_its_patch() {
     // The wall at x = 2 with a hole at y from -0.7 to 0.3 and z from 1.5 to 2.5.
@@ -232,7 +231,7 @@ fn the_sun_through_a_window_lights_its_patch() {
     env.origin = Some(DVec3::new(0.3, -0.6, 1.0));
     let area = equirect::pixel_solid_angle(256, 128, texel.1);
     let expected = 0.5 / std::f64::consts::PI * 1000.0 * area * sun.z;
-    // On the floor the patch reaches from x = -2.33 to -0.6 where the walls leave it, and is 1 wide.
+    // On the floor, the patch that the walls leave lit extends from x = -2.33 to -0.6 and is 1 wide.
     for (x, y, lit) in [(-1.2, -0.9, true), (-1.2, 0.2, false), (0.3, -0.6, false), (1.5, -0.2, false)] {
         let got = of(&near(64), &walls, &env, DVec3::new(x, y, 0.0), DVec3::Z);
         let is = if lit { expected } else { 0.0 };
@@ -246,7 +245,7 @@ fn the_sun_through_a_window_lights_its_patch() {
 fn a_near_light_that_is_far_shines_through_bodies_as_a_far_one() {
     let hall = box_mesh([-400.0, -400.0, 0.0], [400.0, 400.0, 800.0], true);
     let mut env = constant(Up::PlusZ, [0.0; 3], 16);
-    // Dark up to the horizon between the middles of texels, too: the ground below is near.
+    // The sky is dark up to the horizon, also when interpolated between texel centres, because the ground is near.
     for (i, v) in env.image.samples[..16 * 3 * 3].iter_mut().enumerate() {
         *v = 0.5 + crate::geometry::sampling::unit(crate::geometry::sampling::mix(i as u32));
     }
@@ -280,9 +279,10 @@ fn nowhere_is_refused() {
     assert!(error.to_string().contains("point of capture"), "{error}");
 }
 
-/// In a room with a white lamp on a wall and bluish walls a hundredth as bright, the lamp is chosen in
-/// proportion to its share of each channel, in closed form, for any point of capture. Mutation: `hit.t *
-/// hit.t` to `hit.t`, `/ (distance * distance)` left out; `up_to[k] > wanted[k]` to `up_to.y > wanted.y`.
+/// In a room with a white lamp on a wall and bluish walls a hundredth as bright, the lamp is chosen in proportion
+/// to its share of the light in each channel, at any point of the room. The share has a closed form. This test
+/// fails if `hit.t * hit.t` is replaced by `hit.t`, if `/ (distance * distance)` is left out, or if `up_to[k] >
+/// wanted[k]` is replaced by `up_to.y > wanted.y`.
 #[test]
 fn choices_follow_the_light_of_a_place() {
     let mut env = lamplight(256);
@@ -313,14 +313,14 @@ fn choices_follow_the_light_of_a_place() {
         for (count, wall) in on_lamp.into_iter().zip(walls) {
             let share = f64::from(count) / f64::from(n);
             let expected = lamp / (lamp + f64::from(wall) * std::f64::consts::PI);
-            // A block estimates the sum by 32 points.
+            // A block estimates the sum with 32 points.
             assert!((share - expected).abs() < 0.05, "{place}: {share} for {expected}");
         }
     }
 }
 
-/// White furnace: in a white room under uniform light objects change nothing, seen directly or in a mirror,
-/// since a cube reflects as much light to the floor as it blocks. Mutation: `objects_beyond` returns 0.
+/// White furnace: in a white room under uniform light objects change nothing, seen directly or in a mirror, since a
+/// cube reflects as much light to the floor as it blocks. This test fails if `objects_beyond` returns 0.
 #[test]
 fn a_white_room_stays_white_in_a_mirror() {
     let mut env = white();
@@ -336,9 +336,10 @@ fn a_white_room_stays_white_in_a_mirror() {
         let (light, cover) = object.chunks_exact(4).fold((0.0, 0.0), |(light, cover), pixel| {
             (light + f64::from(pixel[1]), cover + f64::from(pixel[3]))
         });
-        // The light of a place is known by 1024 pieces, to 2 or 3 %, where up to half of it changes.
+        // The light at a point is approximated by 1024 pieces, with an error of 2 to 3 % where up to half of it
+        // changes.
         assert!((light / cover - 1.0).abs() < 0.02, "{}", light / cover);
-        // Where the cube does not hide it.
+        // Only pixels that the cube does not cover.
         let seen = |images: &Images| -> f64 {
             let pixels = samples(images).chunks_exact(3).zip(object.chunks_exact(4));
             pixels.filter(|(_, object)| object[3] == 0.0).map(|(rgb, _)| f64::from(rgb[1])).sum()
@@ -348,14 +349,14 @@ fn a_white_room_stays_white_in_a_mirror() {
     }
 }
 
-/// An object in the next room, which is visible from the point of capture only through the doorway, is
-/// reported; one in the same room is not. Mutation: `all` to `any` in `report_unseen_places`, and its call
-/// left out (each seen red).
+/// An object in the next room that cannot be seen from the point of capture through the doorway is reported. An
+/// object in the same room is not. This test fails if `all` is replaced by `any` in `report_unseen_places`, or if
+/// this function is not called.
 #[test]
 fn an_object_that_the_point_of_capture_does_not_see_is_reported() {
     let cupboard = box_mesh([-0.6, 0.8, 0.0], [0.9, 1.5, 1.7], false);
     let mut next = box_mesh([2.0, -2.0, 0.0], [6.0, 2.0, 4.0], true);
-    // Nothing but a half of the wall between the two.
+    // Only half of the wall remains between the two rooms.
     next.triangles.drain(8..10);
     let mut flat = merge(merge(room(), cupboard), next);
     flat.triangles.remove(10);

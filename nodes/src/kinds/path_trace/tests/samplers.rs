@@ -36,8 +36,8 @@ fn expect_share(what: &str, probability: f64, happens: impl Fn(u32) -> bool) {
     assert!(z < 4.0, "{what}: {count} of {n} for {expected}");
 }
 
-/// With the box filter, the first sample is uniformly distributed over its pixel, over many seeds. Mutation:
-/// `points.pair(0)` squared in `CameraRays::sample` (seen red).
+/// With the box filter, the first sample is uniformly distributed over its pixel, over many seeds. This test fails
+/// if `points.pair(0)` is squared in `CameraRays::sample`.
 #[test]
 fn samples_fill_their_pixel_evenly() {
     let (rig, ground) = (inside(), Ground::default());
@@ -59,8 +59,8 @@ fn samples_fill_their_pixel_evenly() {
     assert!(z < 4.0, "{z}");
 }
 
-/// Paths of low throughput end at random, and the surviving ones are weighted so that the mean is unchanged.
-/// Mutation: `throughput / survival` to `throughput`, `0.05` to `0.2` (each seen red).
+/// Paths of low throughput end at random, and the surviving paths are weighted so that the mean is unchanged. This
+/// test fails if `throughput / survival` is replaced by `throughput`, or `0.05` by `0.2`.
 #[test]
 fn russian_roulette_keeps_what_paths_bring() {
     let (receiver, objects) =
@@ -84,9 +84,10 @@ fn russian_roulette_keeps_what_paths_bring() {
     }
 }
 
-/// A ray stops at a surface with a probability of its alpha, and at one that transmits light straight with one
-/// minus its transmittance, for every kind of ray. Mutation: `< coverage` to `<= coverage * coverage` in
-/// `Objects::accepts`, `!key` to `1` in `Objects::closest_straight` (each seen red).
+/// A ray of any kind stops at a blended surface with a probability equal to the alpha of the surface. At a surface
+/// that lets light pass straight through, the probability is one minus the transmittance. This test fails if `<
+/// coverage` is replaced by `<= coverage * coverage` in `Objects::accepts`, or `!key` by `1` in
+/// `Objects::closest_straight`.
 #[test]
 fn surfaces_are_met_as_often_as_they_hide() {
     let ray = Ray::new(Vec3::new(0.1, 0.2, 3.0), Vec3::NEG_Z);

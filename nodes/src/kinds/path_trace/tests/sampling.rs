@@ -2,8 +2,8 @@
 
 use super::*;
 
-// Work is counted, and guarded: objects that are not there cost nothing, and for those that are only the
-// samples that they touch are traced again.
+// Limits the number of rays: absent objects cost nothing, and only samples that an object may change are traced
+// again.
 #[test]
 fn rays_are_only_cast_where_they_may_matter() {
     let (plane, objects, rig) = shadowed();
@@ -17,13 +17,15 @@ fn rays_are_only_cast_where_they_may_matter() {
     };
     // In addition to the samples, one ray per pixel finds the front surface.
     let (samples, front) = (16 * 32 * 32, 32 * 32);
-    // A camera ray; where it lands up to four to the sky and, where the plane is solid, one scattered.
+    // Each sample takes a camera ray. At a hit it takes up to four rays to the sky and, if the plane is solid, one
+    // scattered ray.
     let (solid, pass) = (rays(&[], Surroundings::OPEN), rays(&[], Surroundings::TRANSPARENT));
     assert_eq!(pass, [samples + front, 0, 0]);
     assert_eq!(solid[0], pass[0]);
     assert!(solid[1] <= samples * 4 && solid[2] <= samples, "{solid:?} for {samples} samples");
-    // Again a camera ray, and of the few pixels that the object may be seen in more; up to four to the sky, and two
-    // scattered that ask the receiver and the object.
+    // Each sample takes another camera ray, and a second one in the few pixels in which the object may be visible.
+    // It also takes up to four rays to the sky, and two scattered rays that are tested against the receiver and the
+    // object.
     let far = [ball(0.4, matte(0.6), DVec3::new(0.0, 0.0, -50.0))];
     let more = |with: [u64; 3]| std::array::from_fn::<u64, 3, _>(|k| with[k] - solid[k]);
     let there = more(rays(&far, Surroundings::OPEN));
@@ -33,8 +35,8 @@ fn rays_are_only_cast_where_they_may_matter() {
     assert!(near.iter().sum::<u64>() < samples * 11, "{near:?} over {solid:?}");
 }
 
-// Where little is at stake few samples ask what a ball takes, and what they tell is right on average: of a uniform
-// sky a sphere of radius r takes `r^2 h / d^3` from a plane h below its middle, at the distance d.
+// Where a ball can block little light, only few samples estimate the change, and their mean is right: a sphere of
+// radius r blocks the share `r^2 h / d^3` of a uniform sky from a plane h below its centre, at the distance d.
 #[test]
 fn what_is_seldom_asked_is_right_on_average() {
     let black = Material { ior: 1.0, ..matte(0.0) };
@@ -53,13 +55,14 @@ fn what_is_seldom_asked_is_right_on_average() {
     let expected = (0..1024).map(taken).sum::<f64>();
     let pairs = samples(&out.without).chunks(3).zip(samples(&out.with).chunks(3));
     let got: f64 = pairs.map(|(a, b)| f64::from(1.0 - b[0] / a[0])).sum();
-    // The ball is a polyhedron, a little smaller, and the mean of all pixels is noisy by less than that.
+    // The ball is a polyhedron and slightly smaller than the sphere. The noise of the mean of all pixels is less
+    // than that.
     assert!((got / expected - 1.0).abs() < 0.025, "{got} for {expected}");
-    // In addition to four per sample of `without`, not four again.
+    // The change takes fewer rays than the four per sample of `without`.
     assert!(cx.counts()["shadow_rays"] < 64 * 1024 * 6, "{:?}", cx.counts());
 }
 
-// 64 then 256 equals 256 at once, in small: chunks are the same whatever the number of samples is.
+// Chunks do not depend on the number of samples, so more samples only add chunks.
 #[test]
 fn more_samples_only_add_chunks() {
     let (plane, objects, rig) = shadowed();
@@ -71,7 +74,7 @@ fn more_samples_only_add_chunks() {
     assert!(four.iter().zip(&sixteen).all(|(a, b)| *b >= a - 1e-4));
 }
 
-// Same bytes and the same work with one thread and with several.
+// One thread and several threads give the same bytes and the same ray counts.
 #[test]
 fn threads_do_not_change_a_bit() {
     let (plane, objects, rig) = shadowed();
@@ -85,7 +88,7 @@ fn threads_do_not_change_a_bit() {
         })
     };
     let (pictures, counts) = go(1);
-    // Of one tile in 16 of each chunk.
+    // Steps are counted for one tile in 16 of each chunk.
     assert!(counts["followed_rays"] > counts["rays"] / 64 && counts["followed_rays"] < counts["rays"] / 4);
     assert!(counts["bvh_nodes"] > counts["followed_rays"] / 4 && counts["triangle_tests"] > 0);
     assert_eq!((pictures, counts), go(3));

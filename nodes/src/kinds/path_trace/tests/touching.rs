@@ -33,7 +33,7 @@ fn looks(
         let alpha = f64::from(o[3]);
         sums[0] += alpha;
         sums[1] += f64::from(o[0] + o[1] + o[2]);
-        // By cover, or a pixel that is hardly met would count as much as one that is covered.
+        // Weighted by coverage, since otherwise a hardly covered pixel would count as much as a covered one.
         sums[2] += alpha * ratio;
         sums[3] += ratio;
         sums[4] += alpha;
@@ -59,9 +59,9 @@ fn sheets() -> Vec<(&'static str, Material)> {
     ]
 }
 
-/// A sheet on a floor, under distant and near light, and one that extends beyond a table on all sides, look
-/// the same exactly on the surface, within rounding above and below it, and a millimetre above it. Earlier,
-/// an opaque sheet exactly on the floor covered 71 % of its pixels and cast no shadow.
+/// A sheet on a floor, under distant and under near light, and a sheet that extends beyond a table on all sides.
+/// Each looks the same exactly on the surface, above or below it by a rounding error, and a millimetre above it. In
+/// an earlier version, an opaque sheet exactly on the floor covered 71 % of its pixels and cast no shadow.
 #[test]
 fn what_lies_on_the_receiver_looks_as_a_millimetre_over_it() {
     let camera = rig(DVec3::new(1.5, -1.5, 1.2), DVec3::ZERO, 24, 2.5);
@@ -83,7 +83,7 @@ fn what_lies_on_the_receiver_looks_as_a_millimetre_over_it() {
             for z in [0.0, -1e-7, 1e-7] {
                 let found = at(z);
                 for (k, what) in ["cover", "light", "ratio under it", "ratio"].into_iter().enumerate() {
-                    // Of a lamp right on the ground the ground under it has no light that few samples tell.
+                    // The ground directly under a lamp has too little light for this number of samples.
                     if name == "lamp" && k > 1 {
                         continue;
                     }
@@ -106,7 +106,7 @@ fn what_lies_on_the_receiver_looks_as_a_millimetre_over_it() {
     }
 }
 
-/// The same test on a wall, where the receiver has another axis.
+/// The same test for a sheet on a wall.
 #[test]
 fn what_hangs_on_a_wall_looks_as_a_millimetre_before_it() {
     let turned =
@@ -126,8 +126,8 @@ fn what_hangs_on_a_wall_looks_as_a_millimetre_before_it() {
     }
 }
 
-/// A label on a box and a card on a card: an object exactly on another one is in front of it, as if it were a
-/// millimetre above it. Earlier, which one was visible changed from pixel to pixel.
+/// A label on a box and a card on a card: an object exactly on another object is in front of it, as if it were a
+/// millimetre above it. In an earlier version, the visible object changed from pixel to pixel.
 #[test]
 fn what_lies_on_an_object_looks_as_a_hair_over_it() {
     let camera = rig(DVec3::new(1.2, -1.3, 1.5), DVec3::new(0.0, 0.0, 0.3), 24, 2.5);
@@ -150,17 +150,17 @@ fn what_lies_on_an_object_looks_as_a_hair_over_it() {
             }
         }
     }
-    // Of two the later lies on the earlier.
+    // Of two flat objects, the later one lies on the earlier one.
     let red = [0.9, 0.05, 0.05];
     let pair = |z: f64| seen(&[block.clone(), label(0.3, red), label(z, green)]);
     let (over, found) = (pair(0.301), pair(0.3));
     assert!((found[1] / over[1] - 1.0).abs() < 0.02, "{found:?} for {over:?}");
 }
 
-/// A rug on the floor with an object on it, and tiles edge to edge whose winding points down, below tall
-/// objects, look as they do a millimetre above the floor. Earlier, the foot of the object moved the rug into
-/// the floor, and each tile was moved by its neighbour, so that the rug and three quarters of the tiles were
-/// invisible.
+/// A rug on the floor with an object on it, and tiles edge to edge whose winding points down, look as they do a
+/// millimetre above the floor, even if other objects are much higher. In an earlier version, the foot of the object
+/// moved the rug into the floor, and each tile was moved by its neighbour, so that the rug and three quarters of
+/// the tiles were invisible.
 #[test]
 fn a_rug_under_a_table_stays_on_the_floor() {
     let camera = rig(DVec3::new(1.2, -1.2, 0.9), DVec3::ZERO, 24, 1.4);
@@ -199,9 +199,9 @@ fn a_rug_under_a_table_stays_on_the_floor() {
     }
 }
 
-/// For a picture embedded in a wall with 3 mm of noise, the distance at which all of it is visible is
-/// reported. At that distance, on a smooth wall, and on rough ground nothing is reported. Mutation:
-/// `REPORTED` from 0.7 on (seen red).
+/// For a picture embedded in a wall with 3 mm of noise, the distance at which all of it is visible is reported. At
+/// that distance, on a smooth wall, and on rough ground nothing is reported. This test fails if `REPORTED` starts
+/// at 0.7.
 #[test]
 fn a_picture_in_a_rough_wall_is_reported() {
     let camera = rig(DVec3::new(0.3, -3.0, 0.2), DVec3::ZERO, 16, 1.5);
@@ -229,9 +229,9 @@ fn a_picture_in_a_rough_wall_is_reported() {
     assert_eq!(told(0.0, 0.0).0, None);
 }
 
-/// An object on a floor is not embedded in a surface, for any `contact_metres`: neither at its own level nor
-/// by the inside of its bottom. An object off the floor is still reported. Mutation: in `measure` nothing
-/// measured where `fixed`, and `double_sided &&` to `false &&` in `embedded.rs`.
+/// An object on a floor is not reported as embedded, for any `contact_metres`, and the inside of its bottom does
+/// not count as embedded. An object off the floor is still reported. This test fails if `measure` measures nothing
+/// when `fixed` is set, or if `double_sided &&` is replaced by `false &&` in `embedded.rs`.
 #[test]
 fn what_stands_on_a_floor_lies_in_no_surface() {
     let material = Material { double_sided: true, ..matte(0.5) };
@@ -249,8 +249,8 @@ fn what_stands_on_a_floor_lies_in_no_surface() {
     }
 }
 
-/// A plate that extends over its coaster keeps its shadow on rough ground, since the coaster and not the
-/// plate rests on the ground. Mutation: `on_others` all false (seen red).
+/// A plate that extends over its coaster keeps its shadow on rough ground, since the coaster and not the plate
+/// rests on the ground. This test fails if `on_others` returns only false.
 #[test]
 fn a_plate_on_a_coaster_keeps_its_shadow() {
     let ground = |noise: f32| {

@@ -1,8 +1,8 @@
-//! Tests of the blocking of the environment, and of interreflection in rooms.
+//! Tests of how the receiver blocks environment light, and of interreflection in rooms.
 
 use super::*;
 
-// Notes, section 2: nothing reaches the inside of a solid box.
+// No light reaches the inside of a solid box.
 #[test]
 fn solid_box_is_black() {
     let object = [ball(0.5, matte(0.5), DVec3::new(0.5, 0.5, 1.0))];
@@ -26,7 +26,8 @@ fn darkness_is_reported() {
     assert_eq!(told(&Mesh::default(), Surroundings::OPEN, &white()), "", "all sky");
 }
 
-// Notes, section 2: constant environment 1, albedo 0.5, receiver passes: 0.5 at any number of bounces.
+// With a constant environment of 1, an albedo of 0.5 and a receiver that lets light pass, the radiance is 0.5 for
+// any number of bounces.
 #[test]
 fn passing_box_is_half_lit() {
     for (bounces, block) in
@@ -36,7 +37,7 @@ fn passing_box_is_half_lit() {
         let (out, _) = render(&p, &room(), &[], &inside(), &white());
         assert!((mean(&out.without) - 0.5).abs() < 5e-4, "{bounces} bounces: {}", mean(&out.without));
     }
-    // Direct 0.5; with every bounce off solid walls 0.5 / (1 - 0.5); with b bounces 1 - 0.5^(b + 1).
+    // The direct light is 0.5. With b bounces off solid walls it is 1 - 0.5^(b + 1).
     for (bounces, expected) in [(0, 0.5), (1, 0.75), (2, 0.875), (24, 1.0)] {
         let p = PathTrace { max_bounces: bounces, ..params(64, Surroundings::Transparent { bounces: true }) };
         let (out, _) = render(&p, &room(), &[], &inside(), &white());
@@ -44,8 +45,8 @@ fn passing_box_is_half_lit() {
     }
 }
 
-// Notes, section 1: the printed indicator gives a closed room the environment itself, no shadow, and a black
-// matte object; only what is glossy sees light.
+// With the visibility printed in the paper, a closed room shows the environment itself, there is no shadow, and a
+// matte object is black. Only glossy lobes receive light.
 #[test]
 fn printed_visibility_lights_nothing() {
     let at = DVec3::new(0.5, 0.5, 1.0);
@@ -69,7 +70,7 @@ fn double_counting_is_reported() {
         let percent = words.iter().position(|word| *word == "%").expect("a size");
         words[percent - 1].parse::<f64>().ok()
     };
-    // An albedo of 0.5 adds half as much again with each bounce.
+    // Each bounce adds half of the previous light at an albedo of 0.5.
     assert_eq!(told(false, 8), None);
     for (bounces, expected) in [(0, 0.0), (1, 50.0), (30, 100.0)] {
         let percent = told(true, bounces).expect("a warning");
@@ -77,8 +78,8 @@ fn double_counting_is_reported() {
     }
 }
 
-// Notes, section 1: light samples and scattered rays share one visibility, so the estimate does not lose
-// what one of them cannot reach. Reference: cosine integral of the texels at each wall, by the exact sum.
+// Light samples and scattered rays share one visibility, so the estimate loses no light that one of them cannot
+// reach. The reference is the exact sum over the texels of radiance times cosine.
 #[test]
 fn both_strategies_together_are_exact_for_any_sky() {
     let env = sunny();
@@ -109,9 +110,9 @@ fn both_strategies_together_are_exact_for_any_sky() {
     }
 }
 
-/// The light that a slab of the receiver blocks from the floor of a room below it is its form factor, by
-/// Lambert's sum over the edges of its underside. If the receiver lets light pass, the slab blocks nothing.
-/// Mutation: `hit.back` not tested in `Block::passes` (seen red).
+/// The share of the light that a slab of the receiver blocks from a point on the floor of a room is its form
+/// factor, computed by Lambert's sum over the edges of its underside. If the receiver lets light pass, the slab
+/// blocks nothing. This test fails if `Block::passes` does not test `hit.back`.
 #[test]
 fn a_slab_takes_its_form_factor_from_the_floor() {
     let furnished = merge(room(), box_mesh([-0.8, -0.8, 0.9], [0.8, 0.8, 1.0], false));
@@ -132,8 +133,8 @@ fn a_slab_takes_its_form_factor_from_the_floor() {
     }
 }
 
-// Notes, section 1: a slab over the floor is seen but casts nothing when the receiver passes; with FrontFace
-// it shades as a solid body would, while the walls stay open.
+// A slab above the floor is visible but casts no shadow if the receiver lets light pass. With `Room` it casts the
+// shadow of a solid body, while the walls stay open.
 #[test]
 fn only_the_shell_is_open_to_front_faces() {
     let slab = box_mesh([-0.8, -0.8, 0.9], [0.8, 0.8, 1.0], false);
@@ -150,8 +151,8 @@ fn only_the_shell_is_open_to_front_faces() {
     let p = params(64, Surroundings::Open { bounces: false });
     let reference = mean(&render(&p, &open_slab, &[], &floor, &sunny()).0.without);
     assert!(shaded < 0.9 * open && (shaded / reference - 1.0).abs() < 0.02, "{shaded} {reference} {open}");
-    // One layer: a ray that has passed one front face counts as outside, so a slab seen from below, whose
-    // front is met first, no longer shades.
+    // With one layer, a ray that has passed one front face counts as outside. The ray hits the front of the slab
+    // first, so the slab no longer casts a shadow.
     assert!((lit(&furnished, Surroundings::Room { layers: 1, bounces: false }) / open - 1.0).abs() < 1e-6);
 }
 
@@ -174,10 +175,9 @@ fn auto_finds_out_what_the_receiver_is() {
     assert_eq!(decided(&mixed, &inside()), "Transparent");
 }
 
-/// A room with a hole in a wall, without a known point of capture. In the evening nearly all light comes from
-/// its lamp, and the decision is the same from a camera at the hole, which sees much of the outside, as from
-/// one in a corner. By day the light comes from the hole. Mutation: `solid_light` not used in `Probe::decide`
-/// (seen red).
+/// A room with a hole in a wall, without a known point of capture. In the evening nearly all light comes from its
+/// lamp, and the decision is the same from a camera at the hole, which sees much of the outside, as from one in a
+/// corner. By day the light comes from the hole. This test fails if `Probe::decide` does not use `solid_light`.
 #[test]
 fn a_window_does_not_take_the_light_of_the_lamp() {
     let mut holed = room();
@@ -207,8 +207,8 @@ fn a_window_does_not_take_the_light_of_the_lamp() {
     assert!(told.starts_with("Open") && told.contains("a solid mesh lets in"), "{told}");
 }
 
-// What lies farther than the radius does not block: with the room's own radius nothing is left of the
-// shell, with a large one the box is solid.
+// Surfaces farther away than the radius do not block light. With a radius smaller than the room nothing of the
+// walls is left; with a large radius the box is solid.
 #[test]
 fn pass_beyond_blocks_only_what_is_near() {
     let mut env = white();
@@ -221,8 +221,8 @@ fn pass_beyond_blocks_only_what_is_near() {
     assert_eq!(lit(100.0), 0.0);
 }
 
-/// Without a point of capture, a camera in the room is used instead, whatever the order of the rig. Mutation:
-/// `stand_in` returns the first camera (seen red).
+/// Without a point of capture, a camera in the room is used instead, whatever the order of the cameras in the rig.
+/// This test fails if `stand_in` always returns the first camera.
 #[test]
 fn the_order_of_cameras_changes_no_light() {
     let (within, over) = (inside(), rig(DVec3::new(0.5, -6.0, 9.0), DVec3::ZERO, 8, 2.0));

@@ -1,11 +1,11 @@
-//! Tables of directional albedo: the share of light towards a viewer that a lobe reflects, from all
-//! directions of incidence. They determine how much light a layer leaves to the layers below, and how much
-//! energy single scattering at microfacets loses, which a gain compensates (Turquin 2019, Practical multiple
-//! scattering compensation for microfacet models).
+//! Tables of directional albedo: the share of light that a lobe reflects towards a viewer if equal light arrives
+//! from all directions. The albedo determines how much light a layer leaves to the layers below. It also determines
+//! the energy that single scattering at microfacets loses, which a gain compensates (Turquin 2019, Practical
+//! multiple scattering compensation for microfacet models).
 //!
-//! Tables for microfacets have fixed relative indices and roughnesses. They are computed on first use and
-//! interpolated. All quantities of a table come from the same sample points, so an excess of reflection in a
-//! table is compensated by its transmission.
+//! The tables for microfacets cover fixed relative indices and roughnesses. They are computed on first use, and
+//! values between entries are interpolated. All quantities of a table come from the same sample points, so a
+//! reflection that is too high in a table is balanced by a transmission that is too low.
 
 use std::sync::{LazyLock, OnceLock};
 
@@ -69,28 +69,29 @@ fn viewer(place: f32) -> Vec3 {
     Vec3::new((1.0 - z * z).max(0.0).sqrt(), 0.0, z)
 }
 
-/// Shares of the light towards a viewer by single scattering at microfacets.
+/// Shares of light that single scattering at microfacets sends towards a viewer.
 #[derive(Debug, Clone, Copy)]
 pub struct Facets {
     /// Share reflected if facets are perfect mirrors.
     pub all: f32,
-    /// Part of `all`, weighted by the rise of Schlick's reflectance, for metals.
+    /// Same as `all`, with each facet weighted by Schlick's factor [`schlick`]; for metals.
     metal: f32,
-    /// Part of `all`, weighted by Fresnel's reflectance, for dielectrics.
+    /// Same as `all`, with each facet weighted by [`dielectric::rise`]; for dielectrics.
     dielectric: f32,
     /// Share transmitted by a dielectric interface.
     pub passed: f32,
     /// Mean of `all` over the hemisphere, for light that hits a second facet.
     mean: f32,
-    /// Mean over the hemisphere of the rise of Fresnel's reflectance.
+    /// Mean of [`dielectric::rise`] over the hemisphere.
     rise: f32,
 }
 
 impl Facets {
-    /// Shares of a surface without an interface, which needs no table.
+    /// Shares for a surface without an interface, for which no table is needed.
     pub const NONE: Self = Self { all: 1.0, metal: 0.0, dielectric: 0.0, passed: 1.0, mean: 1.0, rise: 0.0 };
 
-    /// Shares of a distribution, for a viewer in its frame and the relative index of the other side.
+    /// Shares for a distribution of facets. `out` is the direction to the viewer in the frame of the distribution,
+    /// and `eta` the relative index of the other side.
     pub fn new(ggx: &Ggx, out: Vec3, eta: f32) -> Self {
         let [x, y] = ggx.alphas();
         if x <= y {
@@ -102,7 +103,7 @@ impl Facets {
         Self::of(eta, ggx.roughness(out), |slice| slice.brushed.get_or_init(|| brushed(slice.eta)).at(point))
     }
 
-    /// Shares of isotropic facets of a perceptual roughness.
+    /// Shares for isotropic facets with the given perceptual roughness.
     pub fn round(cosine: f32, roughness: f32, eta: f32) -> Self {
         Self::of(eta, roughness, |slice| slice.round(place(cosine), roughness))
     }
@@ -116,35 +117,34 @@ impl Facets {
         Self { all: all.clamp(1e-3, 1.0), metal, dielectric, passed, mean, rise }
     }
 
-    /// Albedo of single and of multiple scattering of a metal, given its reflectance at normal incidence.
+    /// Albedo of a metal with reflectance `f0` at normal incidence: for single scattering only, and in total.
     pub fn metal(&self, f0: f32) -> [f32; 2] {
         let once = f0 * (self.all - self.metal) + self.metal;
         [once, once * self.gain(f0 + (1.0 - f0) / 21.0)]
     }
 
-    /// Albedo of single and of multiple scattering of a dielectric, given its reflectance at normal
-    /// incidence.
+    /// Albedo of a dielectric with reflectance `f0` at normal incidence: for single scattering only, and in total.
     pub fn dielectric(&self, f0: f32) -> [f32; 2] {
         let once = f0 * (self.all - self.dielectric) + self.dielectric;
         [once, (once * self.gain(f0 + (1.0 - f0) * self.rise)).min(1.0)]
     }
 
-    /// Ratio of total to single scattering for facets of mean reflectance `f`. A white mirror reflects `all`
-    /// by single scattering.
+    /// Ratio of total to single scattering for facets of mean reflectance `f`. Single scattering at white mirrors
+    /// reflects the share `all`.
     fn gain(&self, f: f32) -> f32 {
         1.0 + (1.0 - self.all) / self.all * again(f, self.mean)
     }
 }
 
-/// Multiple scattering of facets of mean reflectance `f`, as a share of the energy that a white mirror loses.
-/// `mean` is the mean of [`Facets::all`]. Light is attenuated at each further facet (the series of Kulla and
-/// Conty 2017).
+/// Light that facets of mean reflectance `f` reflect by multiple scattering, as a share of the light that single
+/// scattering at white mirrors loses. `mean` is the mean of [`Facets::all`]. Light is attenuated at each further
+/// facet (the series of Kulla and Conty 2017).
 fn again(f: f32, mean: f32) -> f32 {
     f * mean / (1.0 - f * (1.0 - mean))
 }
 
-/// Twice the integral of E(c) c dc over the hemisphere for an interface with f90 = 1, where E is
-/// [`Facets::dielectric`] of isotropic facets.
+/// Cosine-weighted mean, over the hemisphere, of the total albedo [`Facets::dielectric`] of isotropic facets. The
+/// reflectance is `f0` at normal incidence and 1 at grazing incidence.
 pub fn mean_reflection(f0: f32, eta: f32, roughness: f32) -> f32 {
     let [a, b, c, d, rise] = at_index(eta, |slice| {
         let [a, b, c, d] = slice.means(roughness);
@@ -153,10 +153,11 @@ pub fn mean_reflection(f0: f32, eta: f32, roughness: f32) -> f32 {
     (f0 * a + b + (f0 * c + d) * again(f0 + (1.0 - f0) * rise, a + b)).min(1.0)
 }
 
-/// Number of table coordinates and roughnesses of isotropic facets.
+/// Number of viewer coordinates, and of roughnesses, in the tables of isotropic facets.
 const SIDE: usize = 32;
 
-/// Table index before a number from 0 to 1, and the distance of the number from it.
+/// Index of the last table entry before the coordinate `at` (from 0 to 1), and the distance of `at` from that entry
+/// in units of the entry spacing.
 fn step(at: f32) -> (usize, f32) {
     let x = at.clamp(0.0, 1.0) * (SIDE - 1) as f32;
     let cell = (x as usize).min(SIDE - 2);
@@ -169,11 +170,11 @@ struct Slice {
     /// Values of `all`, `metal`, `dielectric` and `passed` of [`Facets`] over the viewer coordinate, for each
     /// roughness.
     round: [OnceLock<[[f32; 4]; SIDE]>; SIDE],
-    /// The same quantities for anisotropic facets, over the viewer coordinate, its azimuth, the roughness and the
-    /// anisotropy.
+    /// The same quantities for anisotropic facets, over the viewer coordinate, the azimuth of the viewer, the
+    /// roughness and the anisotropy.
     brushed: OnceLock<Table<4, 4>>,
-    /// Means over the hemisphere for each roughness, linear in f0: both terms for single and for multiple
-    /// scattering.
+    /// Means over the hemisphere for each roughness, as linear functions of f0. The first two values are the factor
+    /// of f0 and the constant for single scattering, the last two those for multiple scattering.
     means: [OnceLock<[f32; 4]>; SIDE],
     rise: f32,
 }
@@ -185,7 +186,7 @@ impl Slice {
         Self { eta, round, brushed: OnceLock::new(), means, rise }
     }
 
-    /// Values of [`Slice::round`] for one of the roughnesses.
+    /// Values of [`Slice::round`] for the roughness with index `number`.
     fn line(&self, number: usize) -> &[[f32; 4]; SIDE] {
         let along = |k: usize| k as f32 / (SIDE - 1) as f32;
         self.round[number].get_or_init(|| {
@@ -232,7 +233,7 @@ fn brushed(eta: f32) -> Table<4, 4> {
     })
 }
 
-/// Number of slices per unit of index step. Index 1.5 is a slice, and the last slice has an index of 61.
+/// Number of slices from an index of 1 to an index of 1.5. The last slice has an index of 61.
 const STEPS: f32 = 20.0;
 const SLICES: usize = 45;
 
@@ -260,9 +261,9 @@ fn at_index<const N: usize>(eta: f32, f: impl Fn(&Slice) -> [f32; N]) -> [f32; N
     std::array::from_fn(|i| lower[i] + (upper[i] - lower[i]) * t)
 }
 
-/// Values of [`Slice::round`], computed as the mean over the visible facets at the points of a Fibonacci
-/// lattice, which is given by two consecutive Fibonacci numbers. A lattice of 233 points is better than 256
-/// stratified points.
+/// Values of [`Slice::round`] for one distribution and one viewer, computed as the mean over sampled visible
+/// facets. The sample points form a Fibonacci lattice, which is given by two consecutive Fibonacci numbers. A
+/// lattice of 233 points is more accurate than 256 stratified points.
 fn facets(ggx: &Ggx, out: Vec3, eta: f32, [step, n]: [u32; 2]) -> [f32; 4] {
     let mut sum = [0.0_f64; 4];
     for i in 0..n {
@@ -280,7 +281,7 @@ fn facets(ggx: &Ggx, out: Vec3, eta: f32, [step, n]: [u32; 2]) -> [f32; 4] {
     sum.map(|sum| (sum / f64::from(n)) as f32)
 }
 
-/// Twice the integral of f(c) c dc over the hemisphere.
+/// Twice the integral of f(c) c dc for c from 0 to 1, which is the cosine-weighted mean over the hemisphere.
 fn over_cosines<const N: usize>(f: impl Fn(f32) -> [f32; N]) -> [f32; N] {
     const STEPS: usize = 32;
     let mut sum = [0.0; N];
@@ -291,7 +292,7 @@ fn over_cosines<const N: usize>(f: impl Fn(f32) -> [f32; N]) -> [f32; N] {
     sum
 }
 
-/// Albedo of a white sheen, limited to 1, which the formula exceeds at grazing angles.
+/// Albedo of a white sheen. At grazing angles it exceeds 1; the caller must limit it.
 pub fn sheen(cosine: f32, roughness: f32) -> f32 {
     static TABLE: LazyLock<Table<2, 1>> = LazyLock::new(|| {
         const SIDE: usize = 32;
@@ -299,7 +300,7 @@ pub fn sheen(cosine: f32, roughness: f32) -> f32 {
         Table::new([24, 24], |[place, roughness]| {
             let out = viewer(place);
             let weight = |i: usize| {
-                // By the square root of the height, since smooth fibres are brightest at grazing angles.
+                // Sampled by the square root of the height, since smooth fibres are brightest at grazing angles.
                 let root = middle(i % SIDE);
                 let incident = sheen::uniform([middle(i / SIDE), root * root]);
                 f64::from(2.0 * root * sheen::value(out, incident, roughness) / sheen::UNIFORM)

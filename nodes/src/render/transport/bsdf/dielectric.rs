@@ -4,27 +4,27 @@ use glam::Vec3;
 
 use super::BsdfParams;
 
-/// Reflectance at normal incidence of an index of refraction.
+/// Reflectance at normal incidence of an interface with the given index of refraction.
 pub fn f0_of_ior(ior: f32) -> f32 {
     let r = (ior - 1.0) / (ior + 1.0);
     r * r
 }
 
-/// Relative index of the far side of a surface. For a body it is kept away from 1, where facets do not
-/// refract and cannot be determined from the directions.
+/// Relative index of the far side of a surface. For a body it is kept away from 1: at an index of 1 light is not
+/// bent, so the facet that refracts it cannot be determined from the two directions.
 pub fn relative(params: &BsdfParams) -> f32 {
     let index = if params.thick { params.ior.max(1.01) } else { params.ior };
     if params.inside { 1.0 / index } else { index }
 }
 
-/// Cosine on the other side of an interface of relative index `eta`, for a cosine on this side. `None` beyond
-/// the critical angle.
+/// Cosine of the angle on the other side of an interface of relative index `eta`, for the cosine of the angle on
+/// this side. `None` beyond the critical angle.
 pub fn cos_refracted(cosine: f32, eta: f32) -> Option<f32> {
     let squared = 1.0 - (1.0 - cosine * cosine) / (eta * eta);
     (squared > 0.0).then(|| squared.sqrt())
 }
 
-/// Fresnel reflectance of an interface for unpolarised light. `cosine` is on this side.
+/// Fresnel reflectance of an interface for unpolarised light. `cosine` is the cosine of the angle on this side.
 pub fn fresnel(cosine: f32, eta: f32) -> f32 {
     let Some(across) = cos_refracted(cosine, eta) else { return 1.0 };
     let across_plane = (cosine - eta * across) / (cosine + eta * across);
@@ -32,8 +32,9 @@ pub fn fresnel(cosine: f32, eta: f32) -> f32 {
     0.5 * (across_plane * across_plane + in_plane * in_plane)
 }
 
-/// Rise of reflectance from normal incidence towards 1, which is `(1 - cosine)^5` in Schlick's approximation.
-/// The dip before the rise for indices of 4 and more is left out.
+/// Rise of the reflectance from 0 at normal incidence to 1 at grazing incidence. In Schlick's approximation it is
+/// `(1 - cosine)^5`. For indices of 4 and more the reflectance first falls below its value at normal incidence; the
+/// rise is 0 there.
 pub fn rise(cosine: f32, eta: f32) -> f32 {
     let f0 = f0_of_ior(eta);
     ((fresnel(cosine, eta) - f0) / (1.0 - f0)).clamp(0.0, 1.0)

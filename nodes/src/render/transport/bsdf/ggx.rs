@@ -16,25 +16,25 @@ pub struct Ggx {
     y: f32,
 }
 
-/// Reflection off the facet between two directions.
+/// Mirror reflection between two directions, at the facet that lies halfway between them.
 #[derive(Debug, Clone, Copy)]
 pub struct Mirror {
     /// Cosine between either direction and the facet.
     pub cosine: f32,
     /// Value of the BRDF for a perfect mirror, times the cosine of the incident direction.
     pub value: f32,
-    /// Density of the incident direction by [`Ggx::sample`].
+    /// Density with which [`Ggx::reflect`] samples the incident direction.
     pub pdf: f32,
 }
 
 impl Ggx {
-    /// Isotropic distribution of a perceptual roughness.
+    /// Isotropic distribution with the given perceptual roughness.
     pub fn isotropic(roughness: f32) -> Self {
         Self::anisotropic(roughness, 0.0)
     }
 
-    /// Distribution of a perceptual roughness that is wider along the first axis, as KHR_materials_anisotropy
-    /// defines it.
+    /// Distribution with the given perceptual roughness that is wider along the first axis, as
+    /// KHR_materials_anisotropy defines it.
     pub fn anisotropic(roughness: f32, strength: f32) -> Self {
         let alpha = roughness * roughness;
         Self::of([alpha + (1.0 - alpha) * strength * strength, alpha])
@@ -50,9 +50,10 @@ impl Ggx {
         [self.x, self.y]
     }
 
-    /// Roughness of the isotropic distribution that loses about as much energy between facets towards `out`.
-    /// At normal incidence it follows from the mean of squares. At other angles, slopes along the view
-    /// direction count less and slopes across it more. Fitted to sampled albedos, and within 6 % of them.
+    /// Roughness of the isotropic distribution that loses about as much energy to multiple scattering towards
+    /// `out`. At normal incidence it follows from the mean of the squared alphas. At other angles, slopes along the
+    /// view direction count less and slopes across it more. The formula is fitted to sampled albedos and matches
+    /// them within 6 %.
     pub fn roughness(&self, out: Vec3) -> f32 {
         let aside = 0.425 * (1.0 - out.z * out.z).max(0.0);
         let x = self.x * self.x * (1.0 + aside - 0.85 * out.x * out.x);
@@ -74,8 +75,8 @@ impl Ggx {
         0.5 * ((1.0 + (x * x + y * y) / (d.z * d.z)).sqrt() - 1.0)
     }
 
-    /// Height-correlated masking-shadowing of both directions, divided by the masking of `out`. Either
-    /// direction may be on either side.
+    /// Height-correlated masking-shadowing of both directions, divided by the masking of `out`. Each direction may
+    /// be above or below the surface.
     pub fn g2_over_g1(&self, out: Vec3, incident: Vec3) -> f32 {
         let own = 1.0 + self.lambda(out);
         own / (own + self.lambda(incident))

@@ -1,7 +1,7 @@
 //! Transmission through an interface: straight through a thin wall, or refracted into and out of a body.
 //!
-//! Radiance is carried as if both sides had the same index, since the factors at entry and exit cancel and the
-//! viewer is never inside.
+//! Radiance is not scaled by the square of the relative index, since the factors at entry and exit cancel and the
+//! viewer is never inside a body.
 
 use glam::Vec3;
 
@@ -10,8 +10,8 @@ use super::ggx::Ggx;
 use super::gloss::Gloss;
 use super::{BsdfParams, Scatter};
 
-/// Value and density of refraction from `incident` below to `out` above, without gain (Walter et al. 2007), and the
-/// cosine between `out` and the facet.
+/// Refraction from `incident` below the surface to `out` above it: its value without gain (Walter et al. 2007), its
+/// density, and the cosine between `out` and the facet.
 pub fn refraction(ggx: &Ggx, out: Vec3, incident: Vec3, eta: f32) -> [f32; 3] {
     let half = (out + incident * eta).normalize_or_zero();
     let half = if half.z < 0.0 { -half } else { half };
@@ -24,8 +24,8 @@ pub fn refraction(ggx: &Ggx, out: Vec3, incident: Vec3, eta: f32) -> [f32; 3] {
     [pdf * (1.0 - fresnel(near, eta)) * ggx.g2_over_g1(out, incident), pdf, near]
 }
 
-/// Tint of transmission. Light enters and leaves a body, and passes through a wall once. In both cases the
-/// base colour is applied once in total.
+/// Colour of the light that is transmitted at one crossing of a surface. Light crosses the surface of a body twice
+/// and a thin wall once, and in both cases is multiplied by the base colour once in total.
 pub fn tint(params: &BsdfParams) -> Vec3 {
     if params.thick { Vec3::from_array(params.base.to_array().map(f32::sqrt)) } else { params.base }
 }
@@ -37,8 +37,9 @@ pub struct Glass {
     eta: Option<f32>,
     /// Product of share, colour and gain.
     weight: Vec3,
-    /// Share that facets reflect at any angle, and share of the rest that is transmitted.
+    /// Share of the surface that is metal, which reflects light at every angle.
     metal: f32,
+    /// Share of the surface that transmits the light that its interface does not reflect.
     clear: f32,
     /// Transmitted share towards the viewer.
     pub albedo: Vec3,
@@ -71,22 +72,23 @@ impl Glass {
         self.eta.is_some()
     }
 
-    /// Probability of reflection rather than refraction at a facet of a body. `None` for a wall, which
-    /// chooses before a facet is sampled.
+    /// Probability of reflection rather than refraction at a facet of a body. `None` for a thin wall, for which the
+    /// lobe is chosen before a facet is sampled.
     pub fn reflection_probability(&self, facing: f32) -> Option<f32> {
         let f = fresnel(facing, self.eta?);
         let (mirrored, passed) = (self.metal + (1.0 - self.metal) * f, self.clear * (1.0 - f));
         Some(mirrored / (mirrored + passed))
     }
 
-    /// Transmission from `incident` below to `out` above. The density is that of the facet.
+    /// Transmission from `incident` below to `out` above. The density does not include the probability of choosing
+    /// this lobe.
     pub fn eval(&self, ggx: &Ggx, out: Vec3, incident: Vec3) -> Scatter {
         let [value, pdf] = match self.eta {
             Some(eta) => {
                 let [value, pdf, facing] = refraction(ggx, out, incident, eta);
                 [value, pdf * (1.0 - self.reflection_probability(facing).unwrap_or(0.0))]
             }
-            // Blurred like the reflection, mirrored to the other side.
+            // Transmission is blurred like the reflection, but mirrored to the other side.
             None => {
                 let mirror = ggx.mirror(out, Vec3::new(incident.x, incident.y, -incident.z));
                 [mirror.value, mirror.pdf]
@@ -95,14 +97,14 @@ impl Glass {
         Scatter { value: self.weight * value, pdf }
     }
 
-    /// Samples a direction below the surface, for a wall.
+    /// Samples a direction below the surface of a thin wall.
     pub fn through(&self, ggx: &Ggx, out: Vec3, point: [f32; 2]) -> Vec3 {
         let mirrored = ggx.reflect(out, point);
         Vec3::new(mirrored.x, mirrored.y, -mirrored.z)
     }
 
-    /// Samples a direction by a facet of a body, which reflects or refracts depending on `choice`. `None` for
-    /// a wall.
+    /// Samples a facet of a body, and returns the direction into which the facet reflects or refracts, depending on
+    /// `choice`. `None` for a thin wall, or if the direction is on the wrong side of the surface.
     pub fn sample_facet(&self, ggx: &Ggx, out: Vec3, point: [f32; 2], choice: f32) -> Option<Vec3> {
         let half = ggx.sample(out, point);
         let facing = out.dot(half);

@@ -1,4 +1,4 @@
-//! Specular base: dielectric interface and metal.
+//! The specular part of the base layer: the dielectric interface and the metal.
 
 use glam::Vec3;
 
@@ -8,7 +8,7 @@ use super::ggx::{Ggx, schlick};
 use super::thin_film;
 use super::{BsdfParams, Scatter};
 
-/// Interface of a dielectric and the share of the surface that it covers; 0 by default.
+/// Interface of a dielectric, and the share of the surface that it covers. The default share is 0.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Interface {
     index: f32,
@@ -36,8 +36,8 @@ impl Interface {
     }
 
     /// Coupling factor of the matte layer below. The layer receives the light that the interface transmits, and the
-    /// viewer receives the part of the reflected light that it transmits back. The factor keeps white surfaces
-    /// white (Kelemen and Szirmay-Kalos 2001).
+    /// viewer receives the part of the reflected light that the interface transmits back. The factor keeps white
+    /// surfaces white (Kelemen and Szirmay-Kalos 2001).
     pub fn between(&self) -> f32 {
         if self.strength == 0.0 {
             return 1.0;
@@ -94,7 +94,7 @@ impl Gloss {
         }
         let facets = Facets::new(&ggx, out, eta);
         if params.inside {
-            // The whole interface: otherwise nothing would be reflected beyond the critical angle.
+            // The interface counts fully, since otherwise nothing would be reflected beyond the critical angle.
             let f0 = dielectric::f0_of_ior(params.ior);
             let [reflected, _] = facets.dielectric(f0);
             let gain = 1.0 / (reflected + facets.passed).max(1e-3);
@@ -143,7 +143,8 @@ impl Gloss {
     }
 }
 
-/// Applies a function that returns two values to each channel.
+/// Applies a function with two results to each channel. Returns the colour of first results and the colour of
+/// second results.
 fn each(v: Vec3, f: impl Fn(f32) -> [f32; 2]) -> [Vec3; 2] {
     let [r, g, b] = v.to_array().map(f);
     [0, 1].map(|k| Vec3::new(r[k], g[k], b[k]))

@@ -20,7 +20,7 @@ const COAT: usize = 5;
 /// Minimum probability of a present lobe, before normalisation.
 const LEAST: f32 = 0.1;
 
-/// Index of refraction of the clearcoat, which its extension defines.
+/// Index of refraction of the clearcoat, as defined by KHR_materials_clearcoat.
 const COAT_INDEX: f32 = 1.5;
 
 /// The clearcoat.
@@ -56,14 +56,14 @@ impl Sheen {
         })
     }
 
-    /// Share of light that the sheen transmits to the base. As the extension specifies, it is reduced by the
-    /// largest channel.
+    /// Share of light that the sheen transmits to the base. As KHR_materials_sheen specifies, only the largest
+    /// channel of the albedo counts.
     fn under(&self) -> f32 {
         1.0 - self.albedo.max_element()
     }
 }
 
-/// Straight transmittance of a surface at an angle with the given cosine.
+/// Transmittance of a surface for light that continues in the same direction, at an angle with the given cosine.
 pub fn straight(params: &BsdfParams, cosine: f32) -> Vec3 {
     let out = Vec3::new((1.0 - cosine * cosine).max(0.0).sqrt(), 0.0, cosine.max(1e-4));
     let gloss = |params: &BsdfParams| Gloss::new(params, &Interface::new(params, out), out);
@@ -86,7 +86,7 @@ pub struct Layers {
     geometric: Vec3,
     /// Direction to the viewer in the frame.
     out: Vec3,
-    /// Frame of the matte lobes, since matte reflection does not depend on the viewer.
+    /// Frame of the matte lobes. Unlike `frame`, it does not depend on the direction to the viewer.
     matte_frame: Frame,
     matte: Vec3,
     through: Vec3,
@@ -116,8 +116,8 @@ impl Layers {
         self.under
     }
 
-    /// Layers of a material in the frames of its matte lobes, of the other lobes of its base, and of its
-    /// clearcoat. The geometric normal and the normals of the last two frames are on the side of the unit
+    /// Layers of a material. The three frames are those of the matte lobes, of the other lobes of the base, and of
+    /// the clearcoat. The geometric normal and the normals of the last two frames are on the side of the unit
     /// direction `out`.
     pub fn new(
         [matte_frame, frame, coated]: [Frame; 3],
@@ -239,7 +239,7 @@ impl Layers {
         [diffuse, specular]
     }
 
-    /// Samples a direction by one of the lobes, chosen by `choice`, and returns the class of that lobe.
+    /// Samples a direction from the lobe that `choice` selects. Returns the class of the lobe and the direction.
     pub fn sample(&self, point: [f32; 2], mut choice: f32) -> Option<(Lobe, Vec3)> {
         // The last present lobe takes the rounding error.
         let last = self.shares.iter().rposition(|share| *share > 0.0)?;
@@ -282,8 +282,8 @@ mod tests {
     use super::*;
     use crate::geometry::sampling::{Points, unit};
 
-    /// Evaluating and choosing among absent layers changes no bit of values, densities or sampled directions.
-    /// Mutation: a coat with a share of 1e-3 (seen red).
+    /// Evaluating and choosing among absent layers changes no bit of values, densities or sampled directions. This
+    /// test fails if an absent coat has a share of 1e-3.
     #[test]
     fn layers_of_no_strength_change_no_bit_where_they_are_evaluated() {
         let upright = Frame::around(Vec3::Z);

@@ -1,9 +1,9 @@
 //! BSDFs: how surfaces scatter light.
 //!
-//! The receiver is matte. Objects have glTF materials: from the top a clearcoat, a sheen, and a base that is
-//! a mix of metal and dielectric, where the dielectric is a gloss over a matte, translucent or transparent
-//! layer. Each layer transmits the light that its directional albedo does not reflect, so that energy is
-//! conserved and white surfaces lose none.
+//! The receiver is matte. Objects have glTF materials: from top to bottom, a clearcoat, a sheen, and a base that is
+//! a mix of metal and dielectric, where the dielectric is a gloss over a matte, translucent or transparent layer.
+//! Each layer transmits the light that its directional albedo does not reflect, so that energy is conserved and
+//! white surfaces lose none.
 //!
 //! The lobes form two classes, sampled and weighted against light samples separately, because the receiver may be
 //! visible to one class and transparent to the other.
@@ -44,7 +44,8 @@ pub struct Scatter {
     pub pdf: f32,
 }
 
-/// Parameters of a surface point after texture lookup. See the types of the same names in [`types`](crate::types).
+/// Parameters of the BSDF of a surface point, after texture lookup. For details, see the types of the same names in
+/// [`types`](crate::types).
 #[derive(Debug, Clone, Copy)]
 pub struct BsdfParams {
     /// Linear base colour.
@@ -149,8 +150,8 @@ impl Frame {
     }
 }
 
-/// Normal between a bent normal and the surface normal that mirrors the viewer above the surface, as close as
-/// possible to the bent one. Reflection from below the surface would be lost.
+/// Normal for which the mirror direction of the viewer is above the surface. It lies between `bent` and the surface
+/// normal, as close as possible to `bent`. Light mirrored from below the surface would be lost.
 pub fn mirroring(bent: Vec3, surface: Vec3, out: Vec3) -> Vec3 {
     let least = (0.9 * out.dot(surface)).min(0.01);
     let sees_above = |normal: Vec3| 2.0 * normal.dot(out) * normal.dot(surface) - out.dot(surface) >= least;
@@ -166,14 +167,14 @@ pub fn mirroring(bent: Vec3, surface: Vec3, out: Vec3) -> Vec3 {
     between(high)
 }
 
-/// A cosine-distributed direction in the frame.
+/// A cosine-distributed direction in local coordinates.
 fn cosine([u, v]: [f32; 2]) -> Vec3 {
     let (sin, cos) = circle(u);
     let r = v.sqrt();
     Vec3::new(r * cos, r * sin, (1.0 - v).max(0.0).sqrt())
 }
 
-/// The BSDF of a surface point seen from a direction.
+/// The BSDF of a surface point, seen from a given direction.
 #[derive(Debug, Clone, Copy)]
 #[expect(clippy::large_enum_variant, reason = "it lives on the stack for one vertex of a path")]
 pub enum Bsdf {
@@ -194,7 +195,8 @@ impl Bsdf {
         Self::Matte { frame: Frame::around(normal), albedo }
     }
 
-    /// Unit normal of the side that all light of the surface comes from. `None` if it comes from both sides.
+    /// Unit normal of the side from which the surface receives all of its light. `None` if it receives light from
+    /// both sides.
     pub fn lit_side(&self) -> Option<Vec3> {
         match self {
             Self::Matte { frame, .. } => Some(frame.normal()),

@@ -8,7 +8,7 @@ use glam::Vec3;
 use crate::geometry::sampling::circle;
 use crate::math::num;
 
-/// Density of [`uniform`].
+/// Density of the directions sampled by [`uniform`].
 pub const UNIFORM: f32 = 0.5 / PI;
 
 /// Samples a uniform direction of the upper hemisphere.
@@ -18,8 +18,8 @@ pub fn uniform([u, v]: [f32; 2]) -> Vec3 {
     Vec3::new(r * cos, r * sin, v)
 }
 
-/// Fitted masking function of fibres. Coefficients are interpolated between those for alpha 0 and 1, by the
-/// square.
+/// Function fitted to the masking of fibres. Its coefficients are interpolated by `(1 - alpha)^2` between the
+/// coefficients for an alpha of 1 and for an alpha of 0.
 fn fit(x: f32, alpha: f32) -> f32 {
     let t = (1.0 - alpha) * (1.0 - alpha);
     let at = |wide: f32, narrow: f32| wide + (narrow - wide) * t;

@@ -43,7 +43,7 @@ fn furnace_from(params: &BsdfParams, out: Vec3, scramble: u64, points: u32) -> f
 const ROUGHNESSES: [f32; 7] = [0.0, 0.05, 0.1, 0.25, 0.5, 0.75, 1.0];
 const COSINES: [f32; 5] = [0.05, 0.1, 0.3, 0.6, 1.0];
 
-/// Bases that conserve energy, with their names. Each of [`ROUGHNESSES`] occurs in at least one of them.
+/// Bases that conserve energy, with their names.
 fn bases() -> Vec<(String, BsdfParams)> {
     let plain = BsdfParams::default();
     let pane = BsdfParams { transmission: 1.0, ..plain };
@@ -71,9 +71,9 @@ fn bases() -> Vec<(String, BsdfParams)> {
     all
 }
 
-/// White furnace: a base with all layers over it, at every roughness, reflects or transmits all light within
-/// 1 % and 4 standard errors. The remaining error is due to the interpolation of tables. Anisotropic surfaces
-/// are seen along, across and between the axes.
+/// White furnace test: each base, alone and under each kind of layer, reflects or transmits all light at every
+/// roughness. The tolerance is 4 standard errors plus 1 %, or 2 % for anisotropic surfaces, which are viewed along,
+/// across and between their axes. The remaining error is due to interpolation in the tables.
 #[test]
 fn white_surfaces_keep_all_light() {
     let mut worst = [0.0_f64; 2];
@@ -124,13 +124,13 @@ fn white_surfaces_keep_all_light() {
         }
     }
     row(38, "light lost or made by materials of all roughnesses, over 4 standard errors", worst[0], 0.01);
-    row(38, "the same of brushed ones", worst[1], 0.02);
+    row(38, "the same for anisotropic materials", worst[1], 0.02);
     let matte = BsdfParams { ior: 1.0, ..BsdfParams::default() };
     assert!((furnace(&matte, 0.4) - 1.0).abs() < 1e-5, "Lambert is exact");
 }
 
-/// With any bent normal, a smooth mirror shows only the space above the surface. A normal that already does
-/// is left unchanged. Mutation: `bent` returned at once by `mirroring` (seen red).
+/// With any bent normal, a smooth mirror shows only the space above the surface. A bent normal for which this
+/// already holds is left unchanged. This test fails if `mirroring` always returns `bent`.
 #[test]
 fn bent_mirrors_keep_all_light() {
     for cosine in COSINES {
@@ -148,7 +148,7 @@ fn bent_mirrors_keep_all_light() {
     }
 }
 
-/// Reflects a direction of a hemisphere to the side of `out`.
+/// Flips a direction to the side of `out` if it is on the other side.
 fn cosine_towards(out: Vec3, d: Vec3) -> Vec3 {
     let turned = if d.dot(out) < 0.0 { -d } else { d };
     (turned + out * (0.02 - turned.dot(out)).max(0.0)).normalize()
@@ -162,8 +162,8 @@ fn black_surfaces_reflect_only_the_interface() {
     assert!(furnace(&BsdfParams { specular: (0.0, Vec3::ONE), ..black }, 1.0) == 0.0);
 }
 
-// Fresnel reflectance at any angle: at 60 degrees 0.0892 for an index of 1.5, where Schlick has 0.070, and 0.0918
-// over the hemisphere.
+// The Fresnel reflectance for an index of 1.5 is 0.0892 at 60 degrees, where Schlick's approximation is 0.070. Its
+// mean over the hemisphere is 0.0918.
 #[test]
 fn gloss_rises_as_fresnel_says() {
     let black = BsdfParams { base: Vec3::ZERO, roughness: 0.0, ..BsdfParams::default() };
@@ -223,8 +223,8 @@ fn bodies_bend_light_by_their_index() {
     assert!((straight + out).length() < 1e-3, "a wall bends nothing: {straight}");
 }
 
-/// Extreme parameters give finite values, and no sample has a weight above the albedo of its lobe divided by
-/// its probability. Also tested at grazing view and from behind, which a normal map may cause.
+/// Extreme parameters give finite values, and no sample has a weight above the albedo of its lobe divided by its
+/// probability. Viewers at grazing angles and behind the surface, which a normal map may cause, are tested too.
 #[test]
 fn extremes_are_finite() {
     for roughness in [0.0, 1e-4, 1e-2, 1.0] {
@@ -266,8 +266,8 @@ fn extremes_are_finite() {
     }
 }
 
-/// Chi-square test of the sampler of each class against its density, for materials dominated by each lobe,
-/// and for the receiver. Mutation: `v.sqrt()` to `v` in `cosine` (seen red).
+/// Chi-square test of the sampler of each class against its density, for materials dominated by each lobe, and for
+/// the receiver. This test fails if `v.sqrt()` in `cosine` is replaced by `v`.
 #[test]
 fn samplers_follow_their_densities() {
     let black = BsdfParams { base: Vec3::ZERO, ior: 1.0, ..BsdfParams::default() };
@@ -302,8 +302,8 @@ fn samplers_follow_their_densities() {
     }
 }
 
-// Every lobe is symmetric up to gains and coverage that depend on the viewer alone: relative to a reference
-// direction those cancel.
+// Every lobe is symmetric, except for gains and coverage that depend only on the viewer. These cancel relative to a
+// reference direction.
 #[test]
 fn lobes_are_reciprocal() {
     let black = BsdfParams { base: Vec3::ZERO, ior: 1.0, ..BsdfParams::default() };
@@ -349,8 +349,8 @@ fn lobes_are_reciprocal() {
 }
 
 /// A white surface below a gloss absorbs no light, so the light of a lamp at any angle is reflected by the
-/// interface or by the layers below, to viewers in all directions. Mutation: `1.0 -
-/// self.interface.albedo(i.z)` left out of `Layers::eval` (seen red).
+/// interface or by the layers below, to viewers in all directions. This test fails if `Layers::eval` leaves out the
+/// factor `1.0 - self.interface.albedo(m.z)`.
 #[test]
 fn a_lamp_is_mirrored_or_given_back() {
     for (ior, roughness) in [1.5, 1.8].into_iter().flat_map(|ior| [0.0, 0.3, 0.8, 1.0].map(|r| (ior, r))) {
@@ -385,7 +385,7 @@ fn films_pass_what_they_do_not_reflect() {
     }
 }
 
-// With a film of no thickness the base is unchanged; with thickness metals stay below 1 and colours appear.
+// A film without thickness leaves the base unchanged. With thickness, metals stay below 1 and colours appear.
 #[test]
 fn films_have_colours() {
     let bare = thin_film::f0(1.8, 0.0, Vec3::splat(0.3), 1.0, 0.0);

@@ -9,8 +9,8 @@ use super::dielectric::{cos_refracted, f0_of_ior as from_index};
 use super::ggx::schlick;
 use crate::math::num::f32::{cos, exp};
 
-/// Fourier transforms of the CIE sensitivities, each a Gaussian times a wave, in SI units: height, position
-/// and width. The fourth is the second maximum of X.
+/// Fourier transforms of the CIE colour matching functions, in SI units. Each is a Gaussian times a wave, given by
+/// its height, position and width. The fourth is the second maximum of X.
 const SENSITIVITY: [[f32; 3]; 4] = [
     [5.4856e-13, 1.6810e6, 4.3278e9],
     [4.4201e-13, 1.7953e6, 9.3046e9],
@@ -24,8 +24,7 @@ fn each(v: Vec3, f: impl Fn(f32) -> f32) -> Vec3 {
     Vec3::from_array(v.to_array().map(f))
 }
 
-/// Colour of the interference over the optical path difference `path` (metres), for a phase shift per
-/// channel.
+/// Colour of the interference for the optical path difference `path` in metres, with a phase shift per channel.
 fn wave(path: f32, shift: Vec3) -> Vec3 {
     let phase = 2.0 * PI * path;
     let at = |[height, place, spread]: [f32; 3], shift: f32| {
@@ -39,9 +38,8 @@ fn wave(path: f32, shift: Vec3) -> Vec3 {
         + Vec3::new(-0.498_531_4, 0.041_556, 1.057_225_2) * xyz[2]
 }
 
-/// Equivalent reflectance at normal incidence of a film with an index and a thickness in nanometres on a base
-/// of reflectance `f0`: if it rises by the share `risen` towards 1 at this cosine, it equals the reflectance
-/// of the film.
+/// Equivalent reflectance at normal incidence of a thin film on a base of reflectance `f0`. If this reflectance
+/// rises towards 1 by the share `risen`, it equals the reflectance of the film at the given cosine.
 pub fn f0(index: f32, thickness_nm: f32, f0: Vec3, cosine: f32, risen: f32) -> Vec3 {
     // A film thinner than an atom has no effect.
     let fade = (thickness_nm / 0.03).min(1.0);
@@ -55,7 +53,8 @@ pub fn f0(index: f32, thickness_nm: f32, f0: Vec3, cosine: f32, risen: f32) -> V
     let base = (Vec3::ONE + root) / (Vec3::ONE - root);
     let f2 = each(base, |b| from_index(b / eta));
     let lower = f2 + (Vec3::ONE - f2) * schlick(inner);
-    // Half a wave at each interface to a denser medium, one of which is the upper one seen from within.
+    // Each reflection at a denser medium shifts the phase by half a wave. One of them is at the upper interface,
+    // seen from inside the film.
     let shift = each(base, |b| if b < eta { 2.0 * PI } else { PI });
 
     // Airy summation over the bounces in the film: its mean and two of its waves.

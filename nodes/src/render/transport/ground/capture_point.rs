@@ -1,7 +1,7 @@
-//! Point of capture of a panorama in relation to the receiver.
+//! Position of the point of capture of a panorama relative to the receiver.
 //!
-//! A point given as the origin of the scene, or within the error of the mesh, may be on or under the floor,
-//! from where only back faces and no light would be visible.
+//! The point may lie on or under the floor, because it was given as the origin of the scene, or because of the
+//! error of the mesh. From there only back faces and no light would be visible.
 
 use glam::{DVec3, Vec3};
 
@@ -11,18 +11,18 @@ use crate::render::transport::scene::frame::in_scene_frame;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::types::Camera;
 
-/// Maximum depth under the ground, in metres, from which a point of capture is moved up: the error of a mesh
-/// or of a recorded position.
+/// Maximum depth below the ground, in metres, from which a point of capture is moved up. Errors of meshes and of
+/// recorded positions are at most about this large.
 const BURIED: f64 = 0.1;
-/// Height above the ground to which such a point is moved, in metres.
+/// Height above the ground, in metres, to which a point on or below the ground is moved.
 const OVER: f64 = 0.01;
 /// Minimum distance of a real camera from a surface, in metres.
 pub(crate) const NEAREST: f64 = 0.02;
 /// Maximum vertical distance to a surface, in metres, at which a point counts as lying on it.
 const ON: f64 = 0.005;
 
-/// Camera whose position is used for an unknown point of capture: the first that sees mostly front faces of
-/// the receiver, or else the first of all. A camera above a room without a roof sees back faces.
+/// Camera whose position is used for an unknown point of capture: the first that sees mostly front faces of the
+/// receiver, or else the first camera. A camera above a room without a roof sees back faces.
 pub(crate) fn stand_in<'a>(receiver: &Receiver, cameras: &'a [Camera], origin: DVec3) -> &'a Camera {
     let inside =
         |camera: &&Camera| Probe::send(receiver, in_scene_frame(camera.eye(), origin)).front_share() > 0.5;
@@ -38,7 +38,7 @@ pub(crate) struct CapturePoint {
     pub(crate) probe: Probe,
 }
 
-/// A problem of a point of capture.
+/// A problem with a point of capture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum CaptureFault {
     /// It lay on or under a surface and was moved up by this distance, in world units.
@@ -63,8 +63,9 @@ impl CapturePoint {
         Self { at, probe: Probe::send(receiver, at) }
     }
 
-    /// The point, or, if it lies on or under a surface and `moves` is true, the point just above that
-    /// surface; and its problem, if there is one. `camera` is the position of a camera in the place.
+    /// Returns the point and its problem, if there is one. If `moves` is true and the point lies on or under a
+    /// surface, a point just above that surface is returned instead. `camera` is the position of a camera in the
+    /// place.
     pub(crate) fn checked(
         self,
         (receiver, camera): (&Receiver, Vec3),
@@ -87,8 +88,9 @@ impl CapturePoint {
         (self, fault)
     }
 
-    /// Point just above the surface that the point is on, or that is at most [`BURIED`] above it, and its
-    /// height above the old point. `None` if there is no such surface, or if no more is visible from there.
+    /// Point just above the surface that this point lies on or under, and its height above this point. The surface
+    /// may be at most [`BURIED`] above this point. `None` if there is no such surface, or if mostly back faces are
+    /// visible from the new point.
     fn out_of_the_ground(
         &self,
         (receiver, camera): (&Receiver, Vec3),
@@ -107,7 +109,7 @@ impl CapturePoint {
         (probe.front_share() > 0.5 && cameras).then_some((Self { at, probe }, raised))
     }
 
-    /// True if any surface is closer than a distance.
+    /// True if any surface is closer than `near`.
     fn is_within(&self, receiver: &Receiver, near: f32) -> bool {
         Probe::rays(self.at).any(|ray| {
             let around = Ray { t_max: 2.0 * near, ..Ray::new(self.at - ray.direction * near, ray.direction) };

@@ -1,12 +1,12 @@
-//! Contact: for the camera, the receiver mesh is corrected to the bases of objects.
+//! Contact: for camera rays, the surface of the receiver mesh is moved to the bases of objects.
 //!
-//! Captured meshes miss the true ground by some millimetres. Where the mesh is too low, the camera looks into
-//! a gap under the object, which draws a black line; where it is too high, it hides the foot of the object.
-//! The picture shows the true place, so a camera hit within the error of the mesh at the height of an
-//! object's base is moved along its ray to the base. The change of light is estimated and the depth order
-//! decided at the moved point. The receiver is shaded at the original hit, so R0 does not depend on objects.
-//! Rays from a covered foot to the receiver start just above the mesh, at the height of the original hits;
-//! from below they would see the outside of a closed room.
+//! Captured meshes miss the true ground by some millimetres. Where the mesh is too low, the camera looks into a gap
+//! under the object, which appears as a black line; where it is too high, it hides the foot of the object. The
+//! picture shows the true place, so a camera hit within the error of the mesh at the height of an object's base is
+//! moved along its ray to the base. At the moved point, the change of light is estimated and the depth is compared
+//! with the depth of objects. The receiver itself is shaded at the original hit, so the picture without objects
+//! does not depend on objects. If the mesh covers a foot, rays from the foot to the receiver start just above the
+//! mesh, at the height of the original hits; from below they would see the outside of a closed room.
 //!
 //! The same applies to a flat side with which an object rests on a wall, a ceiling or a roof: see `side`.
 
@@ -19,7 +19,8 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::supports::{Ground, STEEPEST, Support};
 use crate::types::Placed;
 
-/// Maximum distance at which ground is searched, in metres, to report objects that do not stand on it.
+/// Maximum distance, in metres, at which the ground below an object is searched for, so that the gap below an
+/// object that does not stand on the ground can be reported.
 const FARTHEST: f64 = 0.5;
 /// True if the mesh is close enough to the base of an object to support it; `metre` is the length of a metre in
 /// world units.
@@ -30,13 +31,14 @@ pub(crate) fn is_near(measured: &Level, metre: f64) -> bool {
 /// Supports found for an object.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Measured {
-    /// Level of the ground below the object, even if it is too far away.
+    /// Level of the ground below the object, even if it is too far away to support the object.
     pub ground: Option<Level>,
     /// Levels of the surfaces that the flat sides of the object rest on.
     pub sides: Vec<Level>,
 }
 
-/// Support of a side by a mesh with an error of `reach` world units, which is 0 for a smooth mesh.
+/// Converts a side of an object to a [`Support`] in the frame of the scene. `reach` is the error of the mesh in
+/// world units, which is 0 for a smooth mesh.
 fn support(side: &Side, reach: f64, origin: DVec3, metre: f64) -> Support {
     let [low, high] = [side.low, side.high].map(|p| (p - origin).as_vec3());
     let height = (side.height - origin.dot(side.out)) as f32;
@@ -45,10 +47,10 @@ fn support(side: &Side, reach: f64, origin: DVec3, metre: f64) -> Support {
     Support { out: side.out.as_vec3(), low, high, height, reach, claims }
 }
 
-/// Measures the ground under each object that may stand on it, and the surfaces that its flat sides rest on.
-/// `receiver` is paired with whether its normals point away from the viewer, and each object with whether it
-/// may stand on the receiver. `metre` is the length of a metre in world units. `fixed` is the error of the
-/// mesh in metres if the user gave it, 0 for an exact mesh.
+/// Measures the ground under each object that may stand on it, and the surfaces that its flat sides rest on. The
+/// flag of `receiver` is true if its normals point away from the viewer. The flag of an object is true if the
+/// object may stand on the receiver. `metre` is the length of a metre in world units. `fixed` is the error of the
+/// mesh in metres if the user gave it; 0 means an exact mesh.
 pub fn measure(
     receiver: (&Receiver, bool),
     objects: &[(impl AsRef<Placed>, bool)],
@@ -71,7 +73,7 @@ pub fn measure(
                 None => (level.height.abs() + 3.0 * level.roughness + tilt).min(LARGEST * metre),
             };
             ground.supports.push(support(&side, reach, origin, metre));
-            // An object on a slope has the slope for its ground.
+            // The ground of an object on a slope is the slope.
             is_level &= side.out.dot(up) < f64::from(STEEPEST);
             of_object.sides.push(level);
         }
@@ -117,7 +119,8 @@ mod tests {
     use crate::geometry::sampling::{mix, unit};
     use crate::types::{Mesh, Object, Primitive};
 
-    /// Square of 40 x 40 cells, 2 wide, with heights given by a function of the vertex.
+    /// Square mesh, 2 wide, of 40 x 40 cells. `height` computes the height of a vertex from its index and its x
+    /// coordinate.
     fn ground(height: impl Fn(u32, f32) -> f32) -> Mesh {
         let side = 41_u32;
         let mut mesh = Mesh::default();
@@ -173,8 +176,8 @@ mod tests {
         assert_eq!(measured(&ground(|i, _| noise(i)), 0.8).1, None, "nothing under it");
     }
 
-    /// With a box on a smooth floor and one on a rough rug next to it, only hits nearer to the box on the rug
-    /// are moved. Mutation: `smooth` always false in `measure` (seen red).
+    /// With a box on a smooth floor and one on a rough rug next to it, only hits nearer to the box on the rug are
+    /// moved. This test fails if `smooth` is always false in `measure`.
     #[test]
     fn ground_of_one_object_is_not_that_of_another() {
         let mesh = ground(|i, x| if x > 0.0 { 0.008 + 0.4 * noise(i) } else { 0.0 });
@@ -191,8 +194,9 @@ mod tests {
         assert!((shift(0.3, 0.004) + 0.004 / 0.8).abs() < 1e-6);
     }
 
-    /// A panel just below a rough ceiling is attached to it, even if all normals point out of the room. A
-    /// panel on a floor that is too high stands on it. Mutation: `flat` alone in `under` (seen red).
+    /// A panel just below a rough ceiling is attached to it, even if all normals point out of the room. A panel on
+    /// a floor that is too high stands on it. This test fails if `Side::ground` also counts surfaces that face away
+    /// from the object.
     #[test]
     fn a_ceiling_is_no_ground() {
         let rough = ground(|i, _| 0.003 / 0.01 * noise(i));

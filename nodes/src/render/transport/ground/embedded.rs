@@ -17,13 +17,14 @@ const REPORTED: std::ops::Range<f64> = 0.05..0.95;
 pub(crate) struct Embedded {
     /// Share of the side facing the first camera that the receiver hides.
     pub(crate) share: f64,
-    /// Depth along the normals of the object, in world units.
+    /// Maximum depth, measured along the normals of the object, in world units.
     pub(crate) depth: f32,
 }
 
 impl Embedded {
-    /// Measures an object by sample points that face the first camera, and rays of length `near` from them
-    /// towards it.
+    /// Measures how much of an object is hidden, with rays of length `near` from sample points on the object
+    /// towards the first camera. Only points that face the camera are used. `None` if the hidden share is outside
+    /// [`REPORTED`].
     pub(crate) fn of(objects: &Objects, index: usize, receiver: &Receiver, near: f32) -> Option<Self> {
         let triangles: Vec<u32> = objects.triangles_of(index).collect();
         let area = |triangle: &u32| {

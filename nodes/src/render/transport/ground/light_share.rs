@@ -1,4 +1,4 @@
-//! Share of the panorama's light that reaches a point past the receiver.
+//! Share of the panorama's light that the receiver lets through to a point.
 
 use crate::geometry::bvh::Ray;
 use crate::math::color::luminance;
@@ -10,8 +10,8 @@ use glam::Vec3;
 /// Maximum number of columns and rows of cells, each tested by one ray.
 const MOST: [usize; 2] = [128, 64];
 
-/// Share of the light, by luminance, that reaches a point if the receiver blocks it by the given rule; 1 for
-/// a black sky.
+/// Share of the light, by luminance, that reaches the point `from` if the receiver blocks light by the given rule.
+/// 1 for a black sky.
 pub fn share_past(sky: &EnvironmentLight, receiver: &Receiver, from: Vec3, block: &Block) -> f64 {
     let grid = &sky.texel_grid;
     let [width, height] = [grid.width, grid.height];

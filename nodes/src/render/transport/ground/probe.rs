@@ -19,8 +19,8 @@ pub struct Probe {
     pub escaped: u32,
     /// Number of rays that hit a front face.
     pub front: u32,
-    /// Number of rays from which light would come in a closed room, by the rule that [`decide`](Self::decide)
-    /// would choose.
+    /// Number of rays along which light would arrive in a closed room, under the rule that [`decide`](Self::decide)
+    /// would choose for it.
     pub lit: u32,
     /// Bounding box of the hits, which is the room in a closed place.
     pub room: [[f32; 3]; 2],
@@ -81,7 +81,7 @@ impl Probe {
         f64::from(self.front) / f64::from((self.rays - self.escaped).max(1))
     }
 
-    /// Share of the rays from which light would come in a closed room.
+    /// Share of the rays along which light would arrive in a closed room.
     pub fn lit_share(&self) -> f64 {
         f64::from(self.lit) / f64::from(self.rays.max(1))
     }
@@ -96,11 +96,11 @@ impl Probe {
         Block::FrontFace { max_layers: LAYERS, flip: self.front_share() < 0.5, within: self.room }
     }
 
-    /// Chooses the rule by which the receiver blocks light if the user sets none. `solid_light` computes the
-    /// share of the light that a solid receiver lets in. If more than 5 % of the rays miss and bring at least
-    /// a quarter of the light, the scene is open. Otherwise, if 90 % of the hits are on one side, the
-    /// orientation of the mesh can be trusted, unless three quarters of the light would be blocked. These
-    /// bounds are judgements, so the shares are reported.
+    /// Chooses the rule by which the receiver blocks light if the user sets none. `solid_light` computes the share
+    /// of the light that a solid receiver lets in. If more than 5 % of the rays miss the receiver, and a solid
+    /// receiver lets in at least a quarter of the light, the scene is open. Otherwise, if 90 % of the hits are on
+    /// one side, the orientation of the mesh can be trusted, unless three quarters of the light would be blocked.
+    /// These thresholds are rules of thumb, so the shares are reported.
     pub fn decide(&self, solid_light: impl FnOnce() -> f64) -> Block {
         if self.is_open() && solid_light() >= LEAST_LIGHT {
             Block::Solid

@@ -11,12 +11,12 @@ use crate::types::Placed;
 
 /// Number of rays per side of the grid that samples the receiver near a side of an object.
 const GRID: u32 = 16;
-/// Minimum share of those rays that must hit ground for an object to stand on it.
+/// Minimum share of the rays of the grid that must hit ground for an object to stand on it.
 const STANDS: f64 = 0.25;
 /// Minimum share of the rays within a flat side that must hit its support.
 const AGAINST: f64 = 0.5;
-/// Minimum share of the box that a flat side spans, in both directions. A drum that lies along a wall spans
-/// 0.28.
+/// Minimum share of the extent of the oriented bounding box that a flat side must span, in both directions. A drum
+/// that lies along a wall spans 0.28.
 const FLAT: f64 = 1.0 / 3.0;
 /// Maximum cosine between the direction of a flat side and straight down; above it the side is the foot.
 const LEVEL: f64 = 0.98;
@@ -26,7 +26,7 @@ const SLANT: f64 = 0.1;
 /// Reason why there is no receiver below an object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unsupported {
-    /// The object is over a hole of the mesh, or beyond its edge.
+    /// The object is over a hole in the mesh, or beyond its edge.
     OverNothing,
     /// The ground is above the object.
     Buried,
@@ -41,12 +41,13 @@ pub(crate) struct Side {
     pub(crate) axes: [DVec3; 2],
     /// Height of the side along `out`.
     pub(crate) height: f64,
-    /// Point above the centre of the side.
+    /// Centre of the side, except for its coordinate along `out`.
     middle: DVec3,
     /// Half the size of the sampled region along the axes: the side, extended by half of its size.
     pub(crate) half: [f64; 2],
-    /// Bounding box of the object.
+    /// Lower corner of the bounding box of the object.
     pub(crate) low: DVec3,
+    /// Upper corner of the bounding box of the object.
     pub(crate) high: DVec3,
 }
 
@@ -109,8 +110,8 @@ impl Side {
         self.half.map(|half| half / 1.5)
     }
 
-    /// Rays against `out` over a grid, from `largest` above the side to `largest` below it, and their
-    /// positions on the side.
+    /// Rays in the direction opposite to `out` over a grid, from `largest` above the side to `largest` below it,
+    /// and the positions on the side that they pass through.
     pub(crate) fn grid_rays(&self, origin: DVec3, largest: f64) -> impl Iterator<Item = ([f64; 2], Ray)> {
         let Self { out, axes, height, middle, half, .. } = *self;
         (0..GRID * GRID).map(move |k| {
@@ -122,8 +123,8 @@ impl Side {
         })
     }
 
-    /// Heights of the mesh above the side where the mesh is parallel to it, and whether the mesh faces the
-    /// object.
+    /// Points where the mesh is near the side and parallel to it. For each: the position along the axes and the
+    /// height above the side, and whether the mesh faces the object.
     fn heights(
         &self,
         (receiver, inverted): (&Receiver, bool),
@@ -147,7 +148,7 @@ impl Side {
         if enough { Level::of(&heights) } else { None }
     }
 
-    /// Reason why there is no receiver below most of the side at any distance. `None` if there is one.
+    /// Reason why there is no receiver below most of the side, at any distance. `None` if the receiver is below it.
     pub(crate) fn unsupported(
         &self,
         (receiver, inverted): (&Receiver, bool),
@@ -172,10 +173,11 @@ impl Side {
         }
     }
 
-    /// Level of the mesh at a flat side that rests on it, and the height by which it tilts the ends of the
-    /// side. Objects often stand near a wall, so a gap counts as an error of the mesh only within the noise
-    /// of the mesh. Objects cannot be inside a wall, so a side that the mesh covers counts as resting, as on
-    /// the ground. `fixed` is the error of the mesh in metres if known.
+    /// Level of the mesh at a flat side that rests on it, and the height by which the mesh rises, due to its slope,
+    /// from the centre of the side to a corner. `None` if the side does not rest on the mesh. Objects often stand
+    /// near a wall, so a gap counts as an error of the mesh only if it is within the noise of the mesh. Objects
+    /// cannot be inside a wall, so a side that the mesh covers counts as resting on it, as for the ground. `fixed`
+    /// is the error of the mesh in metres, if known.
     pub(crate) fn rests(
         &self,
         receiver: (&Receiver, bool),

@@ -19,7 +19,7 @@ const LOWER: f64 = 0.005;
 
 /// Supports of the objects, with one entry per object.
 pub(crate) struct Standing {
-    /// Level of the ground below each object, even if it is too far away.
+    /// Level of the ground below each object, even if it is too far away to support the object.
     pub(crate) ground: Vec<Option<Level>>,
     /// Levels of the surfaces that the flat sides of each object rest on.
     pub(crate) sides: Vec<Vec<Level>>,
@@ -92,7 +92,7 @@ fn carried(
     placed.iter().map(AsRef::as_ref).enumerate().map(|one| !alone && stands(one)).collect()
 }
 
-/// True for each object that rests on one that reaches farther down, such as a plate on a coaster. The
+/// True for each object that rests on another object that reaches farther down, such as a plate on a coaster. The
 /// receiver below the rim of the plate is not its ground.
 fn on_others(
     objects: &Objects,

@@ -21,7 +21,7 @@ use crate::render::transport::sky::environment::DrawnDirection;
 /// Number of rays per steradian towards objects that emit no more light than the sky.
 const RAYS: f32 = 1.0;
 
-/// Sampling of the change at the first vertex.
+/// Parameters for sampling the change at the first vertex.
 #[derive(Debug, Clone, Copy)]
 pub struct ChangeSampling<'a> {
     /// Sampled directions of the part of the sky that the objects can block.
@@ -194,8 +194,8 @@ impl<'a> Integrator<'a> {
         self.with(pass, |own| onwards(own, vertex, state))
     }
 
-    /// Light of a light sample that the objects block. Its radiance is computed last, since most samples hit
-    /// no object.
+    /// Part of the light of a light sample that the objects block. The radiance of the sample is computed last,
+    /// since most samples hit no object.
     fn blocked_light(&mut self, surface: &Surface, drawn: &DrawnDirection, key: u32) -> Vec3 {
         let scatter = surface.bsdf.eval(drawn.direction)[Lobe::Diffuse as usize];
         if scatter.value == Vec3::ZERO {
@@ -213,9 +213,9 @@ impl<'a> Integrator<'a> {
         (Vec3::ONE - straight) * scatter.value * light.radiance / light.pdf
     }
 
-    /// Radiance along a scattered ray with objects minus that without them, if an object is hit. Otherwise
-    /// the receiver hit of the ray, unless `only` objects are requested. The tuple is the throughput, its
-    /// share (see [`PathState::share`]) and the density of the ray.
+    /// Radiance along a scattered ray with objects, minus the radiance without objects, if the ray hits an object.
+    /// Otherwise 0, and the receiver hit of the ray; if `only` is true, this hit may be left out. The tuple is the
+    /// throughput, its share (see [`PathState::share`]) and the density of the ray.
     fn difference(
         &mut self,
         at: &ShadingPoint,
@@ -278,8 +278,8 @@ impl<'a> Integrator<'a> {
     }
 }
 
-/// Number of rays per steradian towards the objects. It is higher if the objects emit light, by the ratio of
-/// the mean radiance of their bounding box to that of the sky. A lamp below a shade gets one ray per sample.
+/// Number of rays per steradian towards the objects. If the objects emit light, it increases with the ratio of the
+/// mean radiance of their bounding box to the mean radiance of the sky.
 pub fn rays_towards(scene: &Scene<'_>) -> f32 {
     let (power, bounds) = (scene.objects.emitters.power, scene.objects.bvh.bounds());
     let Some((low, high)) = bounds.filter(|_| power > 0.0) else { return RAYS };

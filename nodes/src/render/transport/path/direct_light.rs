@@ -14,11 +14,12 @@ use crate::render::transport::sky::cone::Towards;
 use crate::render::transport::sky::environment::{Distributions, DrawnDirection, LightSample, TIERS};
 use crate::render::transport::sky::light_draws::wanted;
 
-/// First dimension pair of emitter samples, per vertex. They choose an emitter and a position.
+/// First dimension pair of the emitter samples of all vertices. The two pairs of a vertex choose an emitter and a
+/// position on it.
 const LAMPS: u32 = 1 << 16;
-/// First dimension pair of the attenuation of near light by objects, per vertex.
+/// First dimension pair for the attenuation of near light by objects, for all vertices.
 const DIMMING: u32 = 3 << 17;
-/// First dimension pair of the position within a piece of the sky.
+/// First dimension pair for positions within a piece of the sky, for all vertices.
 const DIMMING_PIECE: u32 = 7 << 16;
 /// Maximum number of light samples per vertex.
 const MANY: usize = 5;
@@ -137,13 +138,13 @@ impl<'a> Integrator<'a> {
         let to = emitter.position - (surface.position + surface.lift);
         let distance = to.length();
         let direction = to / distance;
-        // By solid angle; an emitter seen edge-on, or at the surface itself, contributes nothing.
+        // Density by solid angle. An emitter seen edge-on, or at the surface itself, contributes nothing.
         let pdf = emitter.pdf * distance * distance / emitter.normal.dot(direction).abs();
         let lobes = surface.bsdf.eval(direction);
         if !(pdf > 0.0 && pdf.is_finite()) || lobes.iter().all(|s| s.value == Vec3::ZERO) {
             return Vec3::ZERO;
         }
-        // With respect to the receiver it is as far from the offset start.
+        // For the receiver, the ray has the same length from the offset origin.
         let start = surface.ray_to_receiver(direction).origin;
         let way = emitter.way(start + surface.lift);
         let ray = Ray { origin: start, t_max: way.t_max - objects.slack(&emitter.hit, direction), ..way };
@@ -205,9 +206,9 @@ impl<'a> Integrator<'a> {
         found
     }
 
-    /// Share of the near light emitted by a receiver point that remains once the objects block some of the light
-    /// that falls on it; the panorama was captured without them. Each channel is estimated from one piece of that
-    /// light, chosen in proportion to its contribution.
+    /// Share of the near light of a receiver point that remains with the objects in place. The panorama shows the
+    /// point without objects, but with them a part of the light that falls on the point is blocked. For each
+    /// channel, the share is estimated from one virtual light, chosen in proportion to its contribution.
     pub(crate) fn dimming(
         &mut self,
         near: &NearFieldLight<'_>,
@@ -220,7 +221,7 @@ impl<'a> Integrator<'a> {
         };
         let (choice, within) = (points.bits(DIMMING + pair), points.pair(DIMMING_PIECE + pair));
         let Some(light_points) = self.scene.light_points else { return Vec3::ONE };
-        // From below objects that lie on the point.
+        // The ray starts below objects that lie on the point.
         let below = self.scene.objects.covers(place.position, place.normal).map(|below| -below);
         let start = place.position + place.normal * below.unwrap_or(place.margin);
         let chosen = light_points.choose(place.position, place.normal, choice, within);

@@ -13,8 +13,8 @@ use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::EnvironmentLight;
 
-/// Light that reflection by the receiver adds at the points visible from a point, as a share of the light
-/// there without it.
+/// Light that reflection by the receiver adds at the surface points that are visible from `from`, divided by the
+/// light there without reflection.
 pub(crate) fn counted_twice(
     receiver: &Receiver,
     sky: &EnvironmentLight,

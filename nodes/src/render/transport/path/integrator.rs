@@ -19,7 +19,8 @@ use crate::render::transport::sky::environment::{Distributions, DrawnDirection, 
 /// Growth of the footprint per unit of length for rays from matte surfaces. There are many of these rays, so
 /// their result is blurred anyway.
 pub(crate) const BLUR: f32 = 0.05;
-/// Number of vertices from which Russian roulette applies.
+/// Number of the first vertex of a path at which Russian roulette applies. The first vertex of the path has the
+/// number 1.
 const ROULETTE_FROM: u32 = 3;
 
 /// Scene that all rays share.
@@ -47,13 +48,13 @@ pub struct Pass<'a> {
     pub objects: bool,
     /// True if the objects emit light.
     pub lamps: bool,
-    /// Light distributions of the first vertex, if better ones than those for its normal are known.
+    /// Light distributions of the first vertex. `None` uses the distributions for its normal.
     pub distributions: Option<Distributions<'a>>,
     /// Light samples of the first vertex, if they are already drawn.
     pub drawn: Option<&'a [DrawnDirection]>,
     /// Offset added to the origin of rays to objects from the first vertex; see [`Surface::lift`].
     pub lift: Vec3,
-    /// Rays from the first vertex towards the objects, in addition to scattered ones.
+    /// Rays from the first vertex towards the objects, in addition to scattered rays.
     pub(crate) towards: Towards,
     /// Growth of the footprint of the camera ray per unit of length, for textures of objects.
     pub spread: f32,
@@ -82,7 +83,8 @@ pub struct Tally {
     pub rays: Rays,
     /// True if a ray hit an object.
     pub touched: bool,
-    /// True if a path ended on an object because of its length while over half of its light was missing.
+    /// True if the limit on bounces ended a path on an object while the path still carried more than half of its
+    /// light.
     pub cut: bool,
 }
 
@@ -223,7 +225,7 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// Rays from a vertex towards the objects, in addition to scattered ones.
+    /// Rays from a vertex towards the objects, in addition to scattered rays.
     fn towards_objects(&self, vertex: &Vertex, at: &ShadingPoint) -> Towards {
         match vertex {
             _ if !at.is_first() || !self.pass.objects => Towards::NOWHERE,

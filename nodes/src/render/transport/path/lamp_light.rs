@@ -17,7 +17,7 @@ use crate::render::transport::scene::media::Media;
 use crate::render::transport::sky::cone::Towards;
 
 impl Integrator<'_> {
-    /// Hit of a ray on a receiver that the ray would otherwise pass, if objects emit light.
+    /// Hit on the receiver of a ray that otherwise passes through the receiver. `None` if no object emits light.
     pub(crate) fn unlit(&mut self, ray: Ray) -> Option<Hit> {
         if !self.pass.objects || !self.pass.lamps || self.scene.objects.emitters.is_empty() {
             return None;
@@ -26,7 +26,7 @@ impl Integrator<'_> {
         self.scene.receiver.bvh.closest(ray, |_| true)
     }
 
-    /// Light of emitters from the receiver hit of a ray that left a vertex, if there is a hit.
+    /// Light of emitters that is reflected at the receiver hit of a scattered ray. 0 if there is no hit.
     pub(crate) fn lamps_beyond(
         &mut self,
         landed: Option<Hit>,
@@ -43,9 +43,9 @@ impl Integrator<'_> {
         self.lamp_radiance(Vertex::Receiver(hit), state, true)
     }
 
-    /// Light, without emission, that objects scatter to the receiver hit of a ray under near light. The point
-    /// reflects the same share of this light as the panorama shows that it reflects of all incident light.
-    /// This share does not depend on the receiver's albedo, as in the ratio.
+    /// Light that objects scatter to the receiver hit of a ray under near light, without the light that they emit.
+    /// The panorama shows which share of its incident light the point reflects, and the same share of this light is
+    /// reflected. It does not depend on the albedo of the mesh.
     pub(crate) fn objects_beyond(
         &mut self,
         landed: Option<Hit>,
@@ -87,9 +87,8 @@ impl Integrator<'_> {
         self.with(pass, |own| own.path_radiance(vertex, state))
     }
 
-    /// Radiance of a path in a scene with no light except that of emitters, and a solid receiver. If `sends`
-    /// is true, additional rays from the receiver towards the objects find translucent surfaces around
-    /// emitters.
+    /// Radiance of a path in a scene in which emitters are the only lights and the receiver is solid. If `sends` is
+    /// true, additional rays from the receiver towards the objects find translucent surfaces around emitters.
     fn lamp_radiance(&mut self, mut vertex: Vertex, state: PathState, sends: bool) -> Vec3 {
         let (objects, receiver, rules) = (self.scene.objects, self.scene.receiver, self.scene.rules);
         let PathState { bounce: start, mut throughput, mut share, mut mis_weight, mut media, .. } = state;

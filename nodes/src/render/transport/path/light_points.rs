@@ -22,7 +22,7 @@ use crate::render::transport::sky::environment::EnvironmentLight;
 
 /// Number of virtual lights.
 const POINTS: usize = 1024;
-/// Number of lights that are weighted for one choice. Any aligned block of them covers all directions.
+/// Number of lights in a block. Each choice weighs the lights of one block, and every block covers all directions.
 const BLOCK: usize = 32;
 /// One light in this many has a uniform direction, since surfaces that are dark but near contribute too.
 const SPREAD: u32 = 4;
@@ -58,8 +58,8 @@ impl LightPoints {
         size_of_val(&*self.0) as u64
     }
 
-    /// Samples lights that are visible from a point of capture, most of them of about equal power there.
-    /// Takes one ray per light.
+    /// Samples lights that are visible from a point of capture, most of them with about equal power at that point.
+    /// Traces one ray per light.
     pub fn new(receiver: &Receiver, sky: &EnvironmentLight, eye: Vec3) -> Self {
         let point = |number: u32| {
             let points = Points::new(stream(0, 0, 0), number / SPREAD);
@@ -82,10 +82,10 @@ impl LightPoints {
         Self((0..POINTS as u32).filter_map(point).collect())
     }
 
-    /// Chooses a light for each channel from one block of lights, in proportion to its contribution to a
-    /// point. For the sky, the direction is anywhere in its piece. One random number serves all channels, so
-    /// that they usually choose the same light. Occlusion by the receiver is ignored. `None` if no light of a
-    /// channel comes from the side of the normal.
+    /// Chooses a light for each channel from one block of lights, in proportion to its contribution to a point. For
+    /// a piece of the sky, the direction is random within the piece. One random number serves all channels, so that
+    /// they usually choose the same light. Occlusion by the receiver is ignored. `None` if no light of a channel
+    /// comes from the side of the normal.
     pub fn choose(
         &self,
         place: Vec3,
@@ -111,16 +111,17 @@ impl LightPoints {
         })
     }
 
-    /// Share of a point's light that it reflects, from the radiance that the panorama shows, at most 1 per
-    /// channel. This is its albedo if the panorama is right. Occlusion by the receiver is ignored.
+    /// Share of its incident light that a point reflects, at most 1 per channel. It is computed from the radiance
+    /// that the panorama shows, and is the albedo of the point if the panorama is right. Occlusion by the receiver
+    /// is ignored.
     pub fn albedo(&self, place: Vec3, normal: Vec3, radiance: Vec3) -> Vec3 {
         let irradiance: Vec3 = self.0.iter().map(|point| point.seen_from(place, normal).1).sum();
         let albedo = radiance * (0.5 * TAU) / irradiance;
         Vec3::select(irradiance.cmpgt(Vec3::ZERO), albedo, Vec3::ZERO).min(Vec3::ONE)
     }
 
-    /// Upper bound of the probability that a chosen direction lies in a narrower cone of solid angle
-    /// `solid_angle` within `cone`.
+    /// Upper bound of the probability that a chosen direction lies in a cone of solid angle `solid_angle`, for any
+    /// such cone within `cone`.
     pub fn most_chosen(&self, cone: &Cone, solid_angle: f64) -> f64 {
         let angle = |solid_angle: f64| num::f64::acos(1.0 - (solid_angle / (2.0 * PI)).min(2.0));
         // For a piece of the sky: the direction of its centre, its angular radius, and its largest share within the
@@ -146,8 +147,8 @@ impl LightPoints {
 }
 
 impl LightPoint {
-    /// Direction in the light's piece of the sky, which is a cone of the same solid angle, from two random
-    /// numbers.
+    /// Direction in the light's piece of the sky, chosen by two random numbers. The piece is represented by a cone
+    /// of the same solid angle.
     fn within(&self, [u, v]: [f32; 2]) -> Vec3 {
         let (sin, cos) = circle(u);
         let below = v * (self.size / TAU).min(1.0);
@@ -189,7 +190,7 @@ mod tests {
     use crate::render::transport::sky::environment::constant;
     use crate::testing::direction;
 
-    /// The probability that a choice for any point lies in a cone of the sky is at most the bound.
+    /// For any normal, the probability that the chosen direction lies in a cone of the sky is at most the bound.
     #[test]
     fn the_chance_of_a_choice_is_bounded() {
         let mut env = constant(Up::PlusZ, [0.3, 0.4, 0.6], 256);

@@ -7,7 +7,7 @@ pub mod integrator;
 pub(crate) mod lamp_light;
 pub(crate) mod light_points;
 pub mod near_field;
-#[expect(clippy::module_inception, reason = "the room and its noun have one name")]
+#[expect(clippy::module_inception, reason = "the module contains the type of the same name")]
 pub(crate) mod path;
 pub(crate) mod rays;
 pub(crate) mod scattering;

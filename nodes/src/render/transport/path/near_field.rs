@@ -1,16 +1,16 @@
 //! Near light: the panorama is projected from its point of capture onto the receiver, which emits it.
 //!
-//! A panorama contains the light that arrives at one point. If it is infinitely distant, it lights every
-//! point alike. But a lamp on a wall two metres away is in another direction, and nearer, for a point one
-//! metre to the side. Here every receiver surface that is visible from the point of capture is a matte
-//! emitter, with the radiance that the panorama shows in its direction. Surfaces that are not visible from it
-//! receive and scatter light, and rays that leave the scene end in the panorama at infinity. Each light is
-//! counted once, indoors and outdoors.
+//! A panorama contains the light that arrives at one point. If it is infinitely distant, it lights every point
+//! alike. But a lamp on a wall two metres away is in another direction, and nearer, for a point one metre to the
+//! side. Here every receiver surface that is visible from the point of capture is a matte emitter, with the
+//! radiance that the panorama shows in its direction. Surfaces that are not visible from it receive and scatter
+//! light, and rays that leave the scene end in the panorama at infinity. Each light is counted once, indoors and
+//! outdoors.
 //!
-//! A light sample is a direction from the point of capture, and thus a point of the receiver; for another
-//! point, its density per steradian changes by the ratio of the solid angles that the point of the receiver
-//! subtends at the two. Scattered rays find the same points with a known density, so the two strategies can
-//! be weighted.
+//! A light sample is a direction from the point of capture, and thus a point of the receiver. As seen from the lit
+//! point, its density per steradian changes: it is multiplied by the ratio of the solid angles that the surface
+//! around the receiver point subtends at the point of capture and at the lit point. Scattered rays find the same
+//! points with a known density, so the two strategies can be weighted.
 
 use glam::Vec3;
 
@@ -22,9 +22,9 @@ use crate::render::transport::sky::environment::{EnvironmentLight, LightSample};
 /// Relative distance below which two surfaces count as one. A captured mesh is not more accurate, and either
 /// surface may be in front where a lamp lies on its wall.
 const SAME: f32 = 0.01;
-/// Relative distance by which the receiver may hide a point from the point of capture for the point to count
-/// as visible, because captured meshes occlude themselves. Does not apply to points that would be lamps,
-/// which light samples would not find.
+/// Relative depth behind the first surface up to which a point still counts as visible from the point of capture,
+/// because captured meshes hide parts of themselves. Not used for points that are as bright as lamps, which light
+/// samples would not find.
 const NEARLY: f32 = 0.05;
 
 /// Near light: the receiver emits the light of the panorama.
@@ -75,9 +75,9 @@ impl<'a> NearFieldLight<'a> {
         if other > 0.0 && spread.is_finite() { spread.max(0.0) } else { 0.0 }
     }
 
-    /// Samples light for a point lit from one side, or from all. Takes one ray. The radiance is 0 if the
-    /// point sees the wrong side of the emitter; other occlusion is tested by [`reaches`](Self::reaches).
-    /// `None` if no light comes from that side.
+    /// Samples light for a point that is lit from one side, or from all directions if `side` is `None`. Traces one
+    /// ray. The radiance is 0 if the point sees the wrong side of the emitter; other occlusion is tested by
+    /// [`reaches`](Self::reaches). `None` if no light comes from that side.
     pub fn sample(&self, point: Vec3, side: Option<Vec3>, bits: [u32; 2]) -> Option<ArrivingLight> {
         let light = self.sky.sample_defensive(side, bits)?;
         let Some(hit) = self.receiver.bvh.closest(Ray::new(self.eye, light.direction), |_| true) else {
@@ -90,26 +90,26 @@ impl<'a> NearFieldLight<'a> {
         Some((LightSample { direction, radiance, pdf }, Some(place)))
     }
 
-    /// Part of a ray before a light.
+    /// Ray shortened so that it ends just before a light.
     pub fn towards(ray: Ray, place: Option<&EmissivePoint>) -> Ray {
         Self::up_to(ray, place.map_or(f32::INFINITY, |p| (p.position - ray.origin).length()))
     }
 
-    /// Part of a ray before a distance.
+    /// Ray shortened so that it ends just before the given distance.
     pub fn up_to(ray: Ray, distance: f32) -> Ray {
         Ray { t_max: distance * (1.0 - SAME), ..ray }
     }
 
-    /// True if the receiver does not block a ray before its light.
+    /// True if the receiver does not block a ray that ends just before its light.
     pub fn reaches(&self, ray: Ray, place: Option<&EmissivePoint>) -> bool {
         let own = place.map(|p| p.triangle);
         !self.receiver.bvh.any(ray, |hit| Some(hit.triangle) != own)
     }
 
-    /// Light along a ray that hits the receiver at `hit`, or misses it, and the density of
-    /// [`sample`](Self::sample) for the origin of the ray. `None` if the hit is not visible from the point of
-    /// capture. `glossy_pdf` is the density of the ray if a glossy lobe scattered it, else 0: see
-    /// [`EnvironmentLight::seen`]. Takes one ray.
+    /// Light along a ray that hits the receiver at `hit`, or misses it, and the density of [`sample`](Self::sample)
+    /// for the origin of the ray. `None` if the hit is not visible from the point of capture. `glossy_pdf` is the
+    /// density of the ray if a glossy lobe scattered it, otherwise 0; see [`EnvironmentLight::seen`]. Traces one
+    /// ray.
     pub fn eval(
         &self,
         ray: Ray,
@@ -120,7 +120,7 @@ impl<'a> NearFieldLight<'a> {
         let towards = |direction| self.sky.seen(self.sky.eval_defensive(side, direction), glossy_pdf);
         let Some(hit) = hit else {
             let light = towards(ray.direction);
-            // Sky in this direction may be behind a wall from the point of capture.
+            // As seen from the point of capture, the sky in this direction may be behind a wall.
             let open = !self.receiver.bvh.any(Ray::new(self.eye, ray.direction), |_| true);
             return Some((LightSample { pdf: if open { light.pdf } else { 0.0 }, ..light }, None));
         };

@@ -2,21 +2,21 @@
 
 use crate::geometry::bvh::Steps;
 
-/// Number of triangles per intersection test, some of which may be empty.
+/// Number of triangle slots per intersection test. Some of the slots may be empty.
 pub(crate) const LANES: u64 = 4;
 
 /// Numbers of rays cast, by purpose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Rays {
-    /// Camera rays, against the receiver or the objects.
+    /// Number of camera rays, traced against the receiver or the objects.
     pub camera: u64,
-    /// Shadow rays.
+    /// Number of shadow rays.
     pub shadow: u64,
-    /// Scattered rays.
+    /// Number of scattered rays.
     pub scattered: u64,
     /// Number of rays with counted BVH steps: all rays of one tile in 16.
     pub followed: u64,
-    /// BVH steps of those rays.
+    /// BVH steps of the rays in `followed`.
     pub steps: Steps,
 }
 
@@ -26,7 +26,7 @@ impl Rays {
         self.camera + self.shadow + self.scattered
     }
 
-    /// Average number of nodes and triangles per ray, over the rays with counted steps.
+    /// Average numbers of nodes visited and of triangles tested per ray, over the rays with counted steps.
     pub fn steps_each(&self) -> [f64; 2] {
         let Steps { nodes, packets } = self.steps;
         [nodes, LANES * packets].map(|n| n as f64 / self.followed.max(1) as f64)

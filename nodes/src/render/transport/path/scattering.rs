@@ -20,9 +20,9 @@ pub(crate) struct Scattered {
     pdf: f32,
     /// Weight of the light along the ray: BSDF over density, times transmittance.
     weight: Vec3,
-    /// Object that the ray hit, if it is not behind a light.
+    /// Object that the ray hit, unless the receiver shows environment light in front of it.
     object: Option<Vertex>,
-    /// Hit on the receiver before any object, if it was tested.
+    /// Hit on the receiver before any object. `None` if nothing was hit, or if the receiver was not tested.
     landed: Option<Hit>,
     /// Media at the end of the ray.
     media: Media,

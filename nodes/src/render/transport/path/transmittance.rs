@@ -11,7 +11,7 @@ use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::media::Media;
 
 impl Integrator<'_> {
-    /// Bodies around the origin of a ray whose previous path is unknown.
+    /// Bodies that contain the origin of a ray, found without knowing the path that led to it.
     pub(crate) fn around(&mut self, ray: Ray) -> Media {
         if !self.pass.objects || !self.scene.objects.may_hold(ray.origin) {
             return Media::default();
@@ -38,7 +38,7 @@ impl Integrator<'_> {
         objects.bvh.closest(ray, |hit| objects.accepts(hit, key, false)).map(Vertex::Object)
     }
 
-    /// Weight of the radiance at the end of a ray of a lobe, at a vertex or at infinity, and the media there.
+    /// Transmittance of a ray of a lobe up to its end, which is a vertex or at infinity, and the media at the end.
     pub(crate) fn along(
         &mut self,
         mut ray: Ray,
@@ -101,8 +101,9 @@ impl Integrator<'_> {
         (left, plain != Vec3::ONE)
     }
 
-    /// Distance from which environment light past the receiver starts. The panorama shows the receiver there,
-    /// so objects behind it block none of the light. Surfaces within the error of the mesh are ignored.
+    /// Distance along a ray at which environment light starts if the receiver lets it pass. It is the distance of
+    /// the receiver: the panorama shows the receiver there, so objects behind it block none of the light. Receiver
+    /// surfaces within the error of the mesh are ignored.
     fn start_of_light(&mut self, ray: Ray) -> f32 {
         self.tally.rays.shadow += 1;
         let Scene { receiver, objects, .. } = self.scene;
@@ -111,9 +112,9 @@ impl Integrator<'_> {
         hit.t + objects.touching.allowance(&ray, hit.t, receiver.normal(hit.triangle))
     }
 
-    /// Transmittance of the objects for environment light along a ray, per class of lobes. `to_receiver` is
-    /// the same ray for the receiver. Unless the receiver is `solid` to the light, objects behind it block
-    /// none.
+    /// Transmittance of the objects for environment light along a ray, per class of lobes. `to_receiver` is the
+    /// same ray with the origin for tests against the receiver. Unless `solid` is true, objects behind the receiver
+    /// block no light.
     pub(crate) fn sky_transmittance(
         &mut self,
         (to_receiver, to_objects): (Ray, Ray),
@@ -136,8 +137,8 @@ impl Integrator<'_> {
         }
     }
 
-    /// Object that a ray hits, if it is not behind a receiver that lets environment light pass, and the
-    /// length of the ray.
+    /// Removes `object` if it is behind a receiver that lets environment light pass. Also returns the length of the
+    /// ray up to that receiver.
     pub(crate) fn before_the_light(
         &mut self,
         object: Option<Vertex>,

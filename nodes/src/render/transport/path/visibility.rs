@@ -40,8 +40,9 @@ impl Rules {
 pub struct Visibility {
     /// Rule by which the receiver blocks the environment for a scattered ray.
     pub block: Block,
-    /// Rule by which the receiver blocks the environment for a shadow ray. It must equal that for scattered
-    /// rays, or light would be lost (see `docs/light-transport.md`). Only the printed visibility differs.
+    /// Rule by which the receiver blocks the environment for a shadow ray. It equals the rule for scattered rays,
+    /// since light would be lost otherwise (see `docs/light-transport.md`). Only the visibility printed in the
+    /// paper uses two different rules.
     pub shadow: Block,
     /// True if the path of a scattered ray continues from the receiver.
     pub lands: bool,
@@ -54,9 +55,9 @@ impl Rules {
         self.near.is_some() || self.printed || (self.block == Block::Solid && !self.specular_env)
     }
 
-    /// Visibility of the receiver for a class of lobes: diffuse rays of receiver and objects, and specular
-    /// rays of objects, to which either the environment or the receiver is visible. The receiver has no
-    /// specular lobe, and objects are solid to every ray.
+    /// Visibility of the receiver for the rays of a class of lobes. Diffuse rays start on the receiver and on
+    /// objects. Specular rays start only on objects, since the receiver has no specular lobe; they show either the
+    /// environment or the receiver. Objects are solid to every ray.
     #[inline]
     pub fn visibility(&self, lobe: Lobe) -> Visibility {
         let alike = |block, lands| Visibility { block, shadow: block, lands };

@@ -10,7 +10,7 @@ use crate::math::color::luminance;
 use crate::render::transport::path::rays::Rays;
 use crate::types::{Camera, Cell, Data, Image, Linear};
 
-/// Indices of the sums that are squares.
+/// Indices of the sums of squares, which the parts store as roots.
 const SQUARES: [usize; 3] = [3, R0 + 3, R0 + 8];
 
 /// Result of sampling to a target error.
@@ -20,7 +20,7 @@ pub(crate) struct ReachedError {
     pub(crate) asked: f64,
     /// Largest error of a tile, predicted from the first samples for the number of samples taken.
     pub(crate) predicted: f64,
-    /// Largest error of a tile that was reached.
+    /// Largest error of a tile after all samples.
     pub(crate) worst: f64,
     /// Numbers of blocks of pixels: all, those that took more than the first samples, and those above the
     /// target.
@@ -39,7 +39,8 @@ pub(crate) struct FinishedView {
     pub(crate) row: Vec<Cell>,
     pub(crate) rays: Rays,
     pub(crate) broken: u64,
-    /// Share of object samples whose path was cut while most of its light was missing.
+    /// Share of the samples of objects for which the limit on bounces ended a path that still carried most of its
+    /// light.
     pub(crate) cut: f64,
     /// Number of variances outside the range of single precision.
     pub(crate) beyond: u64,
@@ -49,7 +50,7 @@ pub(crate) struct FinishedView {
 }
 
 impl FinishedView {
-    /// True if a pixel shows any object.
+    /// True if the given pixel shows an object.
     pub(crate) fn shows_objects_at(&self, (x, y): (u32, u32)) -> bool {
         self.images[2].pixel(x as usize, y as usize)[3] > 0.0
     }
@@ -61,16 +62,17 @@ impl FinishedView {
     }
 }
 
-/// Sums of the chunks of a camera, added in the order in which they arrive, so that memory does not grow with
-/// their number.
+/// Sums over the chunks of a camera. Each chunk is added when it arrives, so that memory does not grow with the
+/// number of chunks.
 pub(crate) struct Accumulator {
     pub(crate) whole: Area,
     /// `R0 + PAIR` sums per pixel, with squares where the parts store roots.
     sums: Vec<f64>,
     /// Number of samples per pixel.
     samples: Vec<u32>,
-    /// Sums over a chunk for the luminances y0 of R0, y1 of R1 and y of O: y1 y1, y1 y0, y0 y0 and y y per
-    /// pixel, divided by the chunk's number of samples and added over chunks.
+    /// Products of chunk sums for each pixel: y1 y1, y1 y0, y0 y0 and y y. Here y0, y1 and y are the sums over a
+    /// chunk of the luminances of R0, R1 and O. The products are divided by the chunk's number of samples and added
+    /// over the chunks.
     cross: Vec<[f64; CROSS]>,
     rays: Rays,
     broken: u64,
@@ -142,8 +144,8 @@ impl Accumulator {
         [0, R0, R0 + 4].map(|first| f64::from(luminance([0, 1, 2].map(|k| (sums[first + k] / n) as f32))))
     }
 
-    /// Median luminance of R0 where it is lit, as in `shadow-ratio`. The mean would be dominated by a visible
-    /// sun.
+    /// Median luminance of R0 over the pixels that are lit, computed as in `shadow-ratio`. The mean would be
+    /// dominated by a visible sun.
     pub(crate) fn mean_luminance(&self) -> f64 {
         level((0..self.samples.len()).map(|index| self.luminances(index)[0]))
     }
@@ -159,21 +161,20 @@ impl Accumulator {
         if cover > 0.0 { light / cover } else { 0.0 }
     }
 
-    /// Variances of the mean over samples of the luminance of R0, of the change C = R1 - R0, of O, and of the
-    /// ratio S = R1 / R0 of a pixel, as if samples were independent; 0 for a single sample. Stratified points
-    /// have less variance, so these are upper estimates. C is estimated separately from R0, so S = 1 + C / R0
-    /// has
+    /// Variances of the mean over samples of the luminance of R0, of the change C = R1 - R0, of O, and of the ratio
+    /// S = R1 / R0 of a pixel, as if samples were independent; 0 for a single sample. Stratified points have less
+    /// variance, so these values are too high. C is estimated separately from R0, so S = 1 + C / R0 has
     ///
     /// `Var(S) = (Var(C) + (S - 1)^2 Var(R0)) / R0^2 - 2 (S - 1) Cov(C, R0) / R0^2`.
     ///
     /// The last term is left out. Where C and R0 share light samples, the blocked light grows with the light
-    /// itself, so the term is negative and the estimate is an upper one. Elsewhere they share only the
-    /// position in the pixel.
+    /// itself, so the term is negative and the estimate is too high. Elsewhere C and R0 share only the position in
+    /// the pixel.
     pub(crate) fn variances(&self, index: usize) -> Variances {
         let (sums, n) = self.pixel(index);
         let mean = |k: usize| f64::from(luminance([0, 1, 2].map(|c| (sums[k + c] / n) as f32)));
         let of_mean = |square: f64, mean: f64| {
-            // One sample gives no variance, not even from rounding.
+            // A single sample has no variance, and rounding must not create one.
             if n > 1.0 { ((square / n - mean * mean) / (n - 1.0)).max(0.0) } else { 0.0 }
         };
         let [y0, y1, y] = [0, R0, R0 + 4].map(mean);
@@ -186,9 +187,11 @@ impl Accumulator {
         Variances { without, change, object: of_mean(sums[R0 + 8], y), ratio }
     }
 
-    /// Variances of the ratio and of the luminance of O from the spread between chunks: over chunks of n samples
-    /// with sums y1 and y0, `sum((y1 - S y0)^2 / n)` per degree of freedom, over the square of the total y0. They
-    /// include the benefit of stratification, but with few chunks only the mean over many pixels is useful.
+    /// Variances of the ratio S and of the luminance of O, estimated from the spread between chunks. For S, `(y1 -
+    /// S y0)^2 / n` is summed over the chunks, where n is the number of samples of a chunk and y1 and y0 are its
+    /// sums. The result is the sum per degree of freedom, times the total number of samples, over the square of the
+    /// total y0. These variances include the benefit of stratification, but with few chunks only the mean over many
+    /// pixels is useful.
     pub(crate) fn variances_between_chunks(&self, index: usize, chunks: usize) -> [f64; 2] {
         let (sums, n) = self.pixel(index);
         let of = |k: usize| f64::from(luminance([0, 1, 2].map(|c| sums[k + c] as f32)));
@@ -200,7 +203,7 @@ impl Accumulator {
     }
 }
 
-/// Variances of means over samples: of luminances, and of the ratio of luminances.
+/// Variances of the mean luminances of a pixel, and of their ratio.
 pub(crate) struct Variances {
     without: f64,
     change: f64,
@@ -208,7 +211,7 @@ pub(crate) struct Variances {
     pub(crate) ratio: f64,
 }
 
-/// Computes the images of a camera from the sums of all samples. Each pixel may represent a block of pixels.
+/// Computes the images of a camera from the sums of all samples. Each traced pixel may represent a block of pixels.
 pub(crate) fn finish(
     camera: &Camera,
     coarse_px: u32,

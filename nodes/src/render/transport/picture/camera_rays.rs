@@ -13,7 +13,7 @@ use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::supports::Ground;
 use crate::types::Camera;
 
-/// Camera without its name, which has no effect on pixels.
+/// Parameters of a camera without its name, which has no effect on pixels.
 #[derive(Serialize)]
 pub(crate) struct View<'a> {
     size: (u32, u32),
@@ -35,14 +35,14 @@ impl<'a> View<'a> {
 pub(crate) struct CameraRays<'a> {
     pub(crate) camera: &'a Camera,
     pub(crate) eye: Vec3,
-    /// Right, down and forward of the camera in the world.
+    /// Directions to the right, down and forward of the camera, in world coordinates.
     pub(crate) axes: [DVec3; 3],
     /// Growth of the footprint per unit of distance: a quarter of the pixel width, since the samples of a
     /// pixel resolve narrower detail.
     pub(crate) spread: f32,
     pub(crate) seed: u64,
     pub(crate) ground: &'a Ground,
-    /// Side of the blocks in which one pixel is traced.
+    /// Side of the pixel blocks of which only one pixel is traced.
     coarse_px: u32,
     /// Silhouette of the objects, computed on first use.
     silhouette: OnceLock<Silhouette>,
@@ -93,8 +93,8 @@ impl<'a> CameraRays<'a> {
         objects.shown && self.silhouette.get_or_init(whole).holds(self.pixel(block))
     }
 
-    /// Points, hash key and camera ray of a sample of the pixel of a block. The position is uniform over the
-    /// pixel (box filter).
+    /// Points, hash key and camera ray of a sample of the pixel that represents a block. The position is uniform
+    /// over the pixel (box filter).
     pub(crate) fn sample(&self, block: (u32, u32), sample: u32) -> (Points, u32, Ray) {
         let (x, y) = self.pixel(block);
         let stream = stream(self.seed, x, y);

@@ -1,19 +1,19 @@
 //! Cropping: an upper bound of the change that objects make to the light of a tile of pixels.
 //!
-//! Objects change the light from the directions in which they are visible: they block the light behind them
-//! and add light. All these directions lie in a [`Window`]. With `P` its projected solid angle, `T` the light
-//! of the sky in it times the cosine, `L` the maximum radiance of any surface, and `Q` the projected solid
-//! angle of the receiver as seen from the tile, the irradiance changes by at most
+//! Objects change the light from the directions in which they are visible: they block the light behind them and add
+//! light. All these directions lie in a [`Window`]. With `P` its projected solid angle, `T` the light of the sky in
+//! it times the cosine, `L` the maximum radiance of any surface, and `Q` the projected solid angle of the receiver
+//! as seen from the tile, the irradiance changes by at most
 //!
 //! `max(T + P L, P L) + Q L`
 //!
-//! where the terms of the receiver apply if scattered rays hit it and `Q` is not 0. Without emitters `L` is
-//! at most the maximum radiance of the sky, since no material amplifies light. If all surfaces are matte, `L`
-//! is also at most the radiance that follows from the maximum irradiance `E` and the largest albedo `a`, `E /
-//! pi (a + a^2 + ..)` ([`crate::render::transport::sky::irradiance_bound`]).
+//! where the terms of the receiver apply if scattered rays hit it and `Q` is not 0. Without emitters `L` is at most
+//! the maximum radiance of the sky, since no material amplifies light. If all surfaces are matte, `L` is also at
+//! most the radiance that follows from the maximum irradiance `E` and the largest albedo `a`, `E / pi (a + a^2 +
+//! ..)` ([`crate::render::transport::sky::irradiance_bound`]).
 //!
-//! The bound is compared with the traced light of the pixels without objects, by which the ratio is divided, so
-//! nothing is estimated.
+//! The bound is compared with the traced light of the pixels without objects, which is the divisor of the ratio.
+//! The comparison therefore needs no estimate.
 use std::f64::consts::PI;
 use std::sync::OnceLock;
 

@@ -18,22 +18,22 @@ pub struct Area {
     pub left: u32,
     /// First row.
     pub top: u32,
-    /// Columns.
+    /// Number of columns.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
 }
 
 /// Number of sums per pixel of the part `r0`: RGB, and the root of the sum of squared luminance. The root is
 /// stored because squares can exceed the range of single precision where light does not.
 pub(crate) const R0: usize = 4;
-/// Number of sums per pixel of the part `pair`: RGB of R1 and the root of the sum of squared luminance of R1
-/// - R0; RGB, alpha and the root of the sum of squared luminance of O.
+/// Number of sums per pixel of the part `pair`: RGB of R1, and the root of the sum of squared luminance of `R1 -
+/// R0`; RGB and alpha of O, and the root of the sum of its squared luminance.
 pub(crate) const PAIR: usize = 9;
 /// Number of values per pixel of the part `front`: depth, depth of the nearest object, normal.
 pub(crate) const FIRST_HIT: usize = 5;
 
-/// Checks the number of stored bytes per pixel and chunk, which is 53.
+/// Checks the number of stored bytes per pixel and chunk. It is 53 and must not exceed 64.
 const _: () = assert!((R0 + PAIR) * 4 + (TileBounds::VALUES * 4).div_ceil((TILE * TILE) as usize) <= 64);
 
 /// Number of sums per pixel for the variance between chunks.
@@ -60,7 +60,7 @@ impl Area {
         (y - self.top) as usize * self.width as usize + (x - self.left) as usize
     }
 
-    /// Pieces of a square grid, row by row. The pieces at the end may be smaller.
+    /// Pieces of the area on a square grid, row by row. The last piece of a row or column may be smaller.
     pub fn pieces(&self, side: u32) -> Vec<Self> {
         let steps = |length: u32| (0..length).step_by(side as usize);
         let piece = |x: u32, y: u32| Self {
@@ -96,11 +96,12 @@ pub struct Sums {
     pub rays: Rays,
     /// Number of samples that were not finite and were ignored.
     pub broken: u64,
-    /// Number of object samples whose path was cut while most of its light was missing.
+    /// Number of samples of objects for which the limit on bounces ended a path that still carried most of its
+    /// light.
     pub cut: u64,
     /// Number of pixels whose sums equal those without objects, bit for bit.
     pub untouched: u64,
-    /// Number of these pixels that were cropped, and upper bound of the relative change of their light.
+    /// Number of pixels that were cropped, and upper bound of the relative change of their light.
     pub cropped: (u64, f32),
     /// Bounds of each tile of [`Area::pieces`], if computed.
     pub tile_bounds: Vec<TileBounds>,
@@ -115,7 +116,8 @@ pub struct TileSums {
     pub rays: Rays,
     /// Number of samples that were not finite and were ignored.
     pub broken: u64,
-    /// Number of object samples whose path was cut while most of its light was missing.
+    /// Number of samples of objects for which the limit on bounces ended a path that still carried most of its
+    /// light.
     pub cut: u64,
     /// Number of pixels whose sums equal those without objects, bit for bit.
     pub untouched: u64,
@@ -230,7 +232,7 @@ impl Artifact for Sums {
         };
         let cropped = from.u64()?;
         let [largest] = from.f32s()?[..] else {
-            return Err(Corrupt("not one bound of what was cropped".to_owned()));
+            return Err(Corrupt("expected exactly one bound on the change of cropped pixels".to_owned()));
         };
         all.cropped = (cropped, largest);
         all.tile_bounds = grouped(from.f32s()?)?.iter().map(TileBounds::from_values).collect();

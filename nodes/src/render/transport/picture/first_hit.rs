@@ -11,7 +11,7 @@ use crate::geometry::bvh::{Hit, Ray};
 use crate::render::transport::path::integrator::Scene;
 use crate::render::transport::scene::media::Media;
 
-/// Maximum number of positions in a pixel at which objects are searched.
+/// Maximum number of positions in a pixel at which the nearest object is searched for.
 pub(crate) const PLACES: u32 = 16;
 
 /// Depth of the front surface at pixel centres, depth of the nearest object at `places` positions (those of
@@ -27,11 +27,11 @@ pub(crate) fn trace_first_hit(
     for &block in pixels {
         let (x, y) = camera_rays.pixel(block);
         let ray = camera_rays.through(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        // Whether any of its rays may hit an object.
+        // True if any ray of the pixel may hit an object.
         let near = camera_rays.may_show(scene.objects, block);
         tile.rays.camera += 1 + u64::from(near);
         let landed = scene.camera_hit(ray);
-        // Of blended surfaces, the one that covers more than half.
+        // Blended surfaces count only if they cover more than half.
         let front = || scene.objects.bvh.closest(ray, |hit| scene.objects.coverage(hit, true) > 0.5);
         let object = if near { front() } else { None };
         let object = object.filter(|hit| is_before(&scene, camera_rays, ray, hit, landed));

@@ -1,9 +1,9 @@
-//! Holes of the receiver: regions of the image without receiver, where no shadow can be cast.
+//! Holes in the receiver mesh: regions of an image that do not show the receiver, where no shadow can fall.
 
 use crate::types::{Data, Image};
 
-/// Number of pixels of a depth image (+inf for misses) in regions of misses that do not touch the border. The
-/// sky above a place is not a hole, but a window that is completely visible is one.
+/// Number of pixels of a depth image that are in holes. A hole is a region of infinite depth that does not touch
+/// the border. The sky above a place is not a hole, but a window that is completely visible is one.
 pub(crate) fn holes(depth: &Image<Data>) -> u64 {
     let Image { width, height, .. } = *depth;
     // Missing pixels not yet visited.
@@ -38,9 +38,9 @@ pub(crate) fn holes(depth: &Image<Data>) -> u64 {
 mod tests {
     use super::*;
 
-    /// Surrounded regions are holes, and the sky is not: a floor under a sky with holes of 3 by 2 and of 20
-    /// by 20 pixels, at any size of the image, and a hole that is cut by the border. Mutation: `at_edge`
-    /// never set; steps up left out.
+    /// Regions that are surrounded by receiver are holes; the sky, and a region that is cut by the border, are not.
+    /// Tested with a floor that has holes of 3 by 2 and of 20 by 20 pixels, at several image sizes. This test fails
+    /// if `at_edge` is never set, or if the search does not step up.
     #[test]
     fn what_is_surrounded_is_a_hole_and_the_sky_is_not() {
         for scale in [1, 2, 5] {

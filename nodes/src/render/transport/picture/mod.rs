@@ -1,4 +1,8 @@
 //! Images: samples of pixels in tiles and chunks, cropping, sample plans, and stored parts.
+//!
+//! R0 is the light of the receiver without objects, R1 the light of the receiver with objects, O the light of the
+//! objects themselves, and S the ratio R1 / R0. A chunk is a range of samples. A part is a result that is stored
+//! and reused by later runs, such as the sums over a chunk for an area of the image.
 
 pub(crate) mod accumulator;
 pub(crate) mod bounds;

@@ -1,19 +1,20 @@
 //! Bounds of the change that objects make under near light: see [`super::crop`].
 //!
-//! A point of the receiver that is visible from the point of capture has the radiance that the panorama shows
-//! in its direction, at most `B`. Objects attenuate it with the probability that the tested piece of its
-//! light lies behind them, and add the light that they scatter to it. Points that are not visible from it
-//! scatter light like any matte surface. With `a` the largest albedo and `E` the maximum irradiance of the
-//! sky, no surface exceeds
+//! A point of the receiver that is visible from the point of capture has the radiance that the panorama shows in
+//! its direction, at most `B`. Objects attenuate this radiance with the probability that the tested piece of the
+//! point's light lies behind them, and add the light that they scatter to the point. Points that are not visible
+//! from the point of capture scatter light like any matte surface. With `a` the largest albedo and `E` the maximum
+//! irradiance of the sky, no surface exceeds
 //!
 //! `L = B + a (E / pi + B) + a^2 (E / pi + B) + ..`
 //!
-//! If there is a gap between the objects and the receiver, all of its points see them in one cone, each
-//! within a projected solid angle of at most `P`, with light of the sky of at most `T` behind them, and the
-//! tested piece lies in that part with a probability of at most `d` (no object lies between two points of the
-//! receiver). Then the radiance of any point changes by at most `D = max(B d, a ((T + P L) / pi + D'))`,
-//! where `D'` is `D` for one bounce less. The irradiance of a pixel changes by its own `T + P L`, plus `pi D`
-//! for all of the receiver that it may see.
+//! If there is a gap between the objects and the receiver, one cone contains the directions to the objects from all
+//! points of the receiver. As seen from any of these points, the objects have a projected solid angle of at most
+//! `P` and hide at most the light `T` of the sky, and the tested piece lies behind them with a probability of at
+//! most `d`. Only pieces of the sky can lie behind the objects, since no object lies between two points of the
+//! receiver. Then the radiance of any point changes by at most `D = max(B d, a ((T + P L) / pi + D'))`, where `D'`
+//! is `D` for one bounce less. The irradiance of a pixel changes by its own `T + P L`, plus `pi D` for the part of
+//! the receiver that may be visible from it.
 
 use std::f64::consts::PI;
 
@@ -27,7 +28,8 @@ use crate::render::transport::sky::environment::EnvironmentLight;
 
 /// Cosine of the angle of cones that are not subdivided further.
 const NARROW: f32 = 0.9;
-/// Maximum number of passes over the whole sky to find the directions in which it shows the receiver.
+/// Maximum part of the sky that is searched for the directions in which the receiver is visible, in passes over the
+/// whole sky.
 const PASSES: f64 = 8.0;
 
 /// Bounds of radiance, per channel.
@@ -94,8 +96,8 @@ pub(crate) fn apart(scene: &Scene<'_>) -> Option<Apart> {
     (cone.cosine > 0.0 && square < 1.0).then_some(Apart { cone, square })
 }
 
-/// Maximum radiance of the directions in which the receiver may be visible from a point, or of all
-/// directions.
+/// Maximum radiance of the sky in the directions in which the receiver may be visible from `eye`. If the search
+/// would take too long, `brightest`, the maximum over all directions.
 fn shown_on(receiver: &Receiver, sky: &EnvironmentLight, eye: Vec3, brightest: [f64; 3]) -> [f64; 3] {
     let (mut most, mut left, mut passes) = ([0.0; 3], LOOKS, 0.0);
     receiver.bvh.visit(|corners| {
@@ -111,7 +113,7 @@ fn shown_on(receiver: &Receiver, sky: &EnvironmentLight, eye: Vec3, brightest: [
         if passes > PASSES {
             return false;
         }
-        // A direction to it is on its side of every plane through the point.
+        // A direction to the node is on the node's side of every plane through the point.
         let reach = 1e-5 * low.abs().max(high.abs()).max_element();
         let [above, below] = [high.cmpge(Vec3::splat(-reach)), low.cmple(Vec3::splat(reach))];
         sky.each_around(&cone, |direction, radius, _, radiance| {

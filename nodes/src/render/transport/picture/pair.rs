@@ -1,5 +1,4 @@
-//! Work of a part per pixel: first the receiver alone, then the change by the objects and the objects
-//! themselves.
+//! Tracing of pixels: first the receiver alone, then the change due to the objects, and the objects themselves.
 
 use glam::Vec3;
 
@@ -85,9 +84,9 @@ pub(crate) fn trace_r0(
     sums_of_tile
 }
 
-/// Traces the receiver with the objects, and the objects, over some pixels. `r0` contains the sums of the
-/// same samples without objects over an area around them; only the change is added to it, and nothing where
-/// `crop` bounds the change.
+/// Traces the receiver with the objects, and the objects themselves, over some pixels. `r0` contains the sums of
+/// the same samples without objects, over an area that contains the pixels. Only the change is traced and added to
+/// `r0`. Where `crop` bounds the change, nothing is added.
 pub(crate) fn trace_pair(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,
@@ -204,8 +203,7 @@ fn trace_objects(
     sums_of_tile
 }
 
-/// Adds the light of the objects in a sample. `reach` is the distance up to which the receiver does not hide
-/// them.
+/// Adds the light of the objects in a sample. `reach` computes the distance beyond which the receiver hides them.
 fn show(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,

@@ -1,25 +1,26 @@
 //! Adaptive sampling: the number of samples per block of pixels for a target error.
 //!
-//! The first chunk is traced for the whole image. Then the error of each block of pixels is estimated from
-//! its variance, and the block takes one chunk after another, in the same ranges as parts, until it reaches
-//! the target or the maximum. So the number of samples of a block depends only on the inputs and the target,
-//! and its pixels equal those of an image with as many samples everywhere, bit for bit. The tiles whose error
-//! is estimated are large compared with a pixel, so that the value of a pixel hardly affects its number of
-//! samples, which would bias it.
+//! The first chunk is traced for the whole image. Then the error of each block of pixels is estimated from its
+//! variance, and the block takes one chunk after another, in the same ranges as parts, until it reaches the target
+//! or the maximum. So the number of samples of a block depends only on the inputs and the target, and its pixels
+//! equal those of an image with as many samples everywhere, bit for bit. The tiles whose error is estimated are
+//! large compared with a pixel, so that the value of a pixel hardly affects its number of samples. A strong
+//! dependence would bias the value.
 
 use engine::NodeError;
 
 use super::accumulator::{Accumulator, ReachedError};
 use super::film::{Area, TILE, chunks};
 
-/// Side of the blocks whose pixels take more samples together, in tiles.
+/// Side, in tiles, of the blocks of pixels that all take the same number of samples.
 const BLOCK: u32 = 4;
-/// Share of the median of `without` below which receiver pixels are ignored, as in `shadow-ratio` by default.
+/// Share of the median of `without` below which receiver pixels are ignored. The default of `shadow-ratio` is the
+/// same.
 const DARK: f64 = 1e-3;
 /// Largest assumed reduction of variance by stratification.
 const GAIN: f64 = 16.0;
-/// A ratio is reliable if its standard error is at most the ratio divided by this. Otherwise it may be caused by a
-/// single outlier path, and its error must not be measured relative to it.
+/// Minimum ratio, in standard errors, that is reliable. A ratio below it may be due to a single outlier path, so
+/// its error must not be measured relative to the ratio.
 const SURE: f64 = 2.0;
 /// Number of degrees of freedom given to the variance of independent samples when it is mixed with the
 /// variance between chunks, which is unreliable for few chunks and few pixels.
@@ -38,7 +39,7 @@ pub(crate) struct ErrorGoal {
 }
 
 impl ErrorGoal {
-    /// Target for an image whose first chunk is traced.
+    /// Creates the target for an image of which the first chunk is traced.
     pub(crate) fn new(asked: f64, most: u32, accumulator: &Accumulator) -> Self {
         Self {
             asked,
@@ -48,13 +49,15 @@ impl ErrorGoal {
         }
     }
 
-    /// Standard error of the worst tile of an area after a number of chunks, as root mean square over its
-    /// pixels with error. It is the larger of two: that of the ratio S = R1 / R0, weighted by its visible
-    /// share, and that of the objects relative to their mean light. S is unbounded where dark ground is lit,
-    /// so above 1 its error is taken relative to its lower confidence bound, for the pixel itself or its
-    /// tile; so the error of a highlight is relative to the highlight. With one chunk, the error is computed
-    /// as if samples were independent. With several, it is computed from the spread between chunks, which has
-    /// less weight for fewer pixels.
+    /// Standard error of the worst tile of an area after a number of chunks. The error of a tile is a root mean
+    /// square over its pixels with error. It is the larger of two errors: the error of the ratio S = R1 / R0,
+    /// weighted by the share of the pixel that objects do not cover, and the error of the objects relative to their
+    /// mean light.
+    ///
+    /// S can be very large where objects light dark ground. If it exceeds 1, its error is divided by a lower
+    /// confidence bound of S in the pixel or its tile, so that the error of a highlight is relative to the
+    /// highlight. With one chunk, the error is computed as if samples were independent. With several, it is
+    /// computed from the spread between chunks, which has less weight for fewer pixels.
     fn error(&self, accumulator: &Accumulator, area: Area, chunks: usize) -> f64 {
         let mut worst = 0.0_f64;
         for tile in area.pieces(TILE) {
@@ -91,7 +94,7 @@ impl ErrorGoal {
         worst
     }
 
-    /// Lower confidence bound of the mean ratio of a tile, over its visible share.
+    /// Lower confidence bound of the mean ratio over the part of a tile that objects do not cover.
     fn lit(&self, accumulator: &Accumulator, tile: Area) -> f64 {
         let (mut sum, mut noise, mut weight) = (0.0_f64, 0.0_f64, 0.0_f64);
         for pixel in tile.each() {
@@ -143,9 +146,9 @@ impl ErrorGoal {
     }
 }
 
-/// Value to which the error of a ratio is relative: the largest of 1, the lower confidence bound of the
-/// ratio, and that of the mean of its tile, which counts only up to the ratio itself. An uncertain pixel in a
-/// bright tile is not an outlier.
+/// Value by which the error of a ratio is divided: the largest of 1, the lower confidence bound of the ratio, and
+/// the lower confidence bound of the mean ratio of its tile. The bound of the tile counts only up to the ratio
+/// itself. An uncertain pixel in a bright tile is not an outlier.
 fn reference(ratio: f64, variance: f64, around: f64) -> f64 {
     lower_bound(ratio, variance).max(ratio.min(around)).max(1.0)
 }
@@ -155,7 +158,7 @@ fn lower_bound(ratio: f64, variance: f64) -> f64 {
     if ratio > 0.0 { (ratio - SURE * SURE * variance / ratio).max(0.0) } else { 0.0 }
 }
 
-/// Effective number of values in a sum: all if they are equal, 1 if one dominates.
+/// Effective number of values in a sum: the number of values if all are equal, and 1 if one value dominates.
 fn effective(sum: f64, squares: f64) -> f64 {
     // Squares of the smallest variances underflow to 0.
     if squares > 0.0 { sum / squares * sum } else { 0.0 }
@@ -165,8 +168,8 @@ fn effective(sum: f64, squares: f64) -> f64 {
 mod tests {
     use super::*;
 
-    // An outlier of one of n paths has an error as large as itself, so its certain value is 0; light of many paths
-    // is certain.
+    // If one of n paths is an outlier, the error of the ratio is as large as the ratio, so its lower bound is 0.
+    // The ratio of a pixel with light from many paths is reliable.
     #[test]
     fn a_dot_is_not_sure_and_a_light_is() {
         assert_eq!(lower_bound(8.0, 64.0), 0.0);
@@ -174,8 +177,8 @@ mod tests {
         assert_eq!(lower_bound(0.0, 0.0), 0.0);
     }
 
-    // A lamp on dark ground: its light is 2000 times the original, and a single pixel is uncertain. An outlier in
-    // an unlit tile, and the dark side of the edge of a light, are judged as before.
+    // A lamp on dark ground: its light is 2000 times the original light, and a single pixel is uncertain. The tile
+    // has no effect on an outlier in an unlit tile, or on the dark side of the edge of a light.
     #[test]
     fn a_pixel_that_is_not_sure_is_judged_beside_what_its_tile_surely_is() {
         let tile = |others: [f64; 2], odd: [f64; 2]| {

@@ -5,8 +5,8 @@ use glam::{DMat3, DVec2, DVec3, Vec3};
 use crate::render::transport::scene::objects::Objects;
 use crate::types::Camera;
 
-/// Distance outside a triangle at which a ray may still hit it, in pixels, and in addition per pixel of focal
-/// length, because single precision moves rays and corners by a few units in the last of 24 bits.
+/// Distance outside a triangle at which a ray may still hit it, in pixels: a constant part, and a part per pixel of
+/// focal length. Single precision moves rays and corners by a few units in the last of 24 bits.
 const MARGIN: [f64; 2] = [0.01, 1e-5];
 
 /// Set of the pixels of a camera through which a ray may hit an object. It may contain more pixels than
@@ -23,8 +23,8 @@ pub(crate) struct Silhouette {
 type Rectangle = [[usize; 2]; 2];
 
 impl Silhouette {
-    /// Computes the silhouette of objects for a camera at `eye`, whose right, down and forward in the world
-    /// are `axes`.
+    /// Computes the silhouette of objects for a camera at `eye`. `axes` are its directions to the right, down and
+    /// forward, in world coordinates.
     pub(crate) fn of(objects: &Objects, camera: &Camera, eye: Vec3, axes: [DVec3; 3]) -> Self {
         let size = [camera.width_px, camera.height_px].map(|n| n as usize);
         let Camera { fx, fy, cx, cy, .. } = *camera;
@@ -48,7 +48,7 @@ impl Silhouette {
                 return false;
             }
             if nearest <= 1e-9 * farthest {
-                // It may extend behind the camera: everything on its side counts.
+                // The box may extend behind the camera, so everything on its side counts.
                 let (low, high) = places
                     .iter()
                     .map(|p| p.truncate())
@@ -72,8 +72,8 @@ impl Silhouette {
         self.held[y as usize * self.size[0] + x as usize]
     }
 
-    /// Adds a triangle by its corners in the image, or the rectangle around it. For a box, returns whether to
-    /// descend into it.
+    /// Adds the pixels of a triangle or a box, given by its corners in the image. Returns true for a box that must
+    /// be opened instead.
     fn look(&mut self, corners: &[DVec2], is_box: bool) -> bool {
         let Some(pixels) = self.around(corners) else { return false };
         if self.is_known(pixels) {
@@ -146,7 +146,7 @@ mod tests {
     use crate::render::transport::scene::supports::Ground;
     use crate::types::{Material, Object, Placed, Primitive};
 
-    /// Unordered triangles in a cube around the origin. `large` of them are as large as the cube.
+    /// Random triangles in a cube around the origin. `large` of them are about as large as the cube.
     fn triangles(large: u32) -> Objects {
         let corner = |i: u32, k: u32| {
             let points = Points::new(stream(3, i, large), k);

@@ -14,8 +14,8 @@ use crate::render::transport::sky::light_distribution::LightDistribution;
 /// Cosine of the angle of the widest cone of normals for which one distribution is used.
 const ALIKE: f32 = 0.99;
 
-/// Number of light samples, and of samples in general, for the change where objects can block all light.
-/// Where they can block less, the number is smaller in proportion.
+/// Number of light samples that a sample takes for the change where objects can block all light, before it is
+/// limited. Where they can block less light, the number is smaller in proportion.
 const SAMPLES_WHERE_ALL_IS_HIDDEN: f64 = 40.0;
 /// Minimum probability that a sample estimates the change.
 const LEAST_PROBABILITY: f32 = 0.5;
@@ -36,7 +36,7 @@ pub(crate) struct Tile<'a> {
     normals: Option<Cone>,
 }
 
-/// Sampling of the change by objects for a tile.
+/// Parameters for sampling the change due to objects in a tile.
 pub(crate) struct TileSampling {
     /// Distributions of the part of the sky that the objects can block.
     pub(crate) distributions: [LightDistribution; TIERS],
@@ -72,11 +72,11 @@ impl<'a> Tile<'a> {
         self.normals.map(|cone| self.scene.sky.distributions_within(Some(cone), &Cone::ALL))
     }
 
-    /// Sampling of the change, given the origins of rays to objects. `None` if the objects may be in any
-    /// direction; light is then sampled as without objects, by the same random numbers.
+    /// Parameters for sampling the change, given the origins of rays to objects. `None` if the objects may be in
+    /// any direction. Light is then sampled as without objects, with the same random numbers.
     ///
-    /// The effort depends on the share of the light that objects can block, which is an upper bound of the
-    /// change and small in most of an image.
+    /// The effort depends on the share of the light that objects can block, which is an upper bound of the change
+    /// and small in most of an image.
     pub(crate) fn change_sampling(&self, starts: impl Iterator<Item = Vec3>) -> Option<TileSampling> {
         let objects = self.scene.objects.bvh.bounds().map(<[Vec3; 2]>::from)?;
         let (low, high) = starts.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))?;
@@ -104,7 +104,7 @@ impl<'a> Tile<'a> {
             ..4.0 => sky.lights[k].min(2),
             _ => sky.lights[k],
         });
-        // Scattered rays: the share that can hit the objects, larger where these are emitters.
+        // Share of scattered rays that can hit the objects. It is larger if the objects emit light.
         let rays = f64::from(rays_towards(&self.scene));
         let scattered = SAMPLES_WHERE_ALL_IS_HIDDEN * solid_angle / std::f64::consts::PI * rays;
         let most = wanted.into_iter().fold(scattered, f64::max);

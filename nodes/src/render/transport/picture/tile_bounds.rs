@@ -23,7 +23,7 @@ pub struct TileBounds {
 }
 
 impl Default for TileBounds {
-    /// Bounds without points.
+    /// Bounds of a tile that shows no receiver.
     fn default() -> Self {
         let normals = Cone { axis: Vec3::Z, cosine: 1.0 };
         Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, normals, height: f32::MAX, least: Vec3::MAX }
@@ -60,7 +60,7 @@ impl TileBounds {
         tile
     }
 
-    /// Number of stored values: those of box, normals, height and light.
+    /// Number of stored values: the corners of the box, the cone of normals, the height and the light.
     pub const VALUES: usize = 14;
 
     /// Values to store.

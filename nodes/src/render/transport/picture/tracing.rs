@@ -43,7 +43,7 @@ struct Extra<'a> {
     /// True if the light of the objects is left out.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     shadow_only: bool,
-    /// True if absent lobes are evaluated. Part of the key, so that such a run computes everything.
+    /// True if absent lobes are evaluated. Part of the key, so that such a run does not reuse stored parts.
     every_lobe: bool,
 }
 
@@ -54,7 +54,7 @@ pub(crate) struct Settings {
     pub(crate) most: u32,
     /// Target standard error, if any.
     pub(crate) max_error: Option<f64>,
-    /// Side of the blocks in which one pixel is traced.
+    /// Side of the pixel blocks of which only one pixel is traced.
     pub(crate) coarse_px: u32,
     /// Largest relative change of light that is cropped. 0 crops nothing.
     pub(crate) crop: f64,
@@ -193,7 +193,7 @@ impl<'a> Tracing<'a> {
         Ok(front)
     }
 
-    /// Number of positions in a pixel at which first hits are searched.
+    /// Number of positions in a pixel at which first hits are searched for.
     pub(crate) fn places(&self) -> u32 {
         self.settings.most.min(PLACES)
     }

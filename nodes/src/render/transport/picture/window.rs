@@ -90,8 +90,8 @@ impl Window {
 }
 
 impl Wedge {
-    /// Wedge of some corners, the highest of which is `above` the points. `None` if they may be in any
-    /// direction above.
+    /// Wedge that contains the directions to some corners. The highest corner is `above` higher than the points.
+    /// `None` if the corners may be in any direction above the points.
     fn of(tile: &TileBounds, corners: &[Vec3], above: f64) -> Option<Self> {
         let up = tile.normals.axis.as_dvec3();
         let [low, high] = [tile.low, tile.high].map(|p| p.as_dvec3());
@@ -111,8 +111,8 @@ impl Wedge {
         there.then(|| Self { axes: [x, y], side, rise: (above / nearest).max(0.0) })
     }
 
-    /// Projected solid angle: the width times the integral of the sine of the elevation, for any normal up to
-    /// `tilt` from the axis.
+    /// Upper bound of the projected solid angle for normals whose angle to the axis has a tangent of at most
+    /// `tilt`: the width of the wedge times the integral of the sine of the elevation.
     fn projected(&self, tilt: f64) -> f64 {
         let steep = self.rise * tilt;
         if steep >= 1.0 {
@@ -156,8 +156,8 @@ mod tests {
         a.min(b).max_element().max(0.0) <= a.max(b).min_element()
     }
 
-    /// The part of a box that is visible from any point with any normal is within the bound, and the bound is
-    /// not many times too large.
+    /// The projected solid angle of a box, as seen from any point of the tile with any normal, is within the bound,
+    /// and the bound is not many times too large.
     #[test]
     fn windows_hold_what_is_seen_of_a_box() {
         const RAYS: u32 = 20_000;

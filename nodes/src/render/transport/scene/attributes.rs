@@ -39,7 +39,7 @@ impl SurfacePoint<'_> {
         std::array::from_fn(|k| a[k] * (1.0 - wb - wc) + b[k] * wb + c[k] * wc)
     }
 
-    /// Linear vertex colour and alpha; white without vertex colours.
+    /// Linear vertex colour and alpha; white if there are no vertex colours.
     pub fn vertex_colour(&self) -> [f32; 4] {
         if self.primitive.colours.is_empty() { [1.0; 4] } else { self.blend(&self.primitive.colours) }
     }

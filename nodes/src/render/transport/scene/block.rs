@@ -1,6 +1,6 @@
 //! Rules by which the receiver mesh blocks light of the environment.
 //!
-//! One function, [`Block::passes`], decides whether environment light reaches a point past the receiver. Light
+//! One function, [`Block::passes`], decides whether the receiver lets environment light through to a point. Light
 //! samples, scattered rays and shadow rays all use it, so that multiple importance sampling loses no energy.
 
 use glam::Vec3;
@@ -27,7 +27,7 @@ pub enum Block {
         max_layers: u32,
         /// True if the normals point out of the room, so that back faces count as front faces.
         flip: bool,
-        /// Box outside which surfaces are ignored, such as the outer side of a wall or the next room.
+        /// Box of the room. Surfaces outside it are ignored, such as the outer side of a wall or the next room.
         /// [`EVERYWHERE`] unless the room was measured.
         within: [[f32; 3]; 2],
     },
@@ -44,7 +44,7 @@ pub enum Block {
 pub const EVERYWHERE: [[f32; 3]; 2] = [[-f32::MAX; 3], [f32::MAX; 3]];
 
 impl Block {
-    /// True if environment light reaches the origin of a ray past the receiver.
+    /// True if the receiver lets environment light through to the origin of a ray.
     pub fn passes(&self, receiver: &Receiver, ray: Ray) -> bool {
         match *self {
             Block::Pass => true,
@@ -96,8 +96,8 @@ mod tests {
     use super::*;
     use crate::types::Mesh;
 
-    /// Squares across the x axis at the given positions. A negative x gives a square at -x whose back faces
-    /// the origin.
+    /// Squares across the x axis at the given positions. A negative position x gives a square at -x whose back
+    /// faces the origin.
     fn squares(at: &[f32]) -> Receiver {
         let mut mesh = Mesh::default();
         for &x in at {

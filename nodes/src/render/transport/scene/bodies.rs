@@ -34,7 +34,7 @@ impl Objects {
         sides.map(|media| media.all().last().map_or(1.0, |&body| self.bodies[body as usize].ior))
     }
 
-    /// Absorption coefficient per unit length.
+    /// Absorption coefficient of the innermost body, per world unit.
     fn absorption(&self, media: Media) -> Vec3 {
         media.all().last().map_or(Vec3::ZERO, |&body| self.bodies[body as usize].absorption)
     }
@@ -44,7 +44,7 @@ impl Objects {
         self.held.is_some_and(|held| held.holds(point))
     }
 
-    /// Bodies around the origin of a ray: those that it leaves without having entered them.
+    /// Bodies that contain the origin of a ray: the bodies that the ray leaves without having entered them.
     pub fn around(&self, ray: Ray, key: u32, camera: bool) -> Media {
         let mut crossed = Vec::new();
         self.bvh.any(ray, |hit| {
@@ -177,8 +177,8 @@ impl Objects {
         })
     }
 
-    /// Weight of the radiance at the end of a straight ray, on the surface that
-    /// [`closest_straight`](Self::closest_straight) found or at its reach, and the media there.
+    /// Weight of the radiance at the end of a straight ray, and the media there. The end is the hit that
+    /// [`closest_straight`](Self::closest_straight) found, or the maximum distance of the ray.
     pub fn along_straight(&self, ray: Ray, key: u32, end: Option<&Hit>, media: Media) -> (Vec3, Media) {
         let (mut weight, mut crossed) = (Vec3::ONE, Vec::new());
         self.bvh.any(ray, |hit| {

@@ -11,12 +11,12 @@ use super::surface::Surface;
 use super::touching::Touching;
 use crate::geometry::bvh::Hit;
 
-/// Minimum cosine between the normals of two surfaces that lie on each other. The sides of an object that
-/// stands on another have a smaller cosine.
+/// Minimum cosine between the normals of two surfaces that lie on each other. The sides of an object that stands on
+/// a surface have a smaller cosine.
 const ALONG: f32 = 0.5;
 
-/// Finds the triangles of objects that coincide with the receiver, whose camera hits may be moved to
-/// `ground`.
+/// Finds the triangles of objects that coincide with the receiver. Camera hits on the receiver may be moved to the
+/// supports in `ground`.
 pub fn find_touching(objects: &Objects, receiver: &Receiver, ground: &Ground) -> Touching {
     let Some((low, high)) = objects.bvh.bounds() else { return Touching::default() };
     let space = margin(&[low, high, low]);
@@ -65,8 +65,8 @@ pub fn find_touching(objects: &Objects, receiver: &Receiver, ground: &Ground) ->
 }
 
 impl Objects {
-    /// Distance within which a receiver hit counts as behind a hit on an object at the same place; 0 for an
-    /// object that does not lie on the receiver.
+    /// Distance by which a receiver hit may lie in front of a hit on an object and still count as behind it. 0 for
+    /// an object that does not lie on the receiver.
     pub fn slack(&self, hit: &Hit, direction: Vec3) -> f32 {
         if !self.touching.holds(hit.triangle) {
             return 0.0;

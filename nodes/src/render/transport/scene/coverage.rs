@@ -8,8 +8,8 @@ use crate::geometry::sampling::{fraction, hash, unit};
 use crate::types::AlphaMode;
 
 impl Objects {
-    /// Share of rays that the surface at a hit stops: 0 where it is cut out, alpha where it is blended.
-    /// `camera` rays pass through back faces of single-sided surfaces, except those of bodies.
+    /// Share of rays that the surface at a hit stops: 0 where it is cut out, alpha where it is blended. If `camera`
+    /// is true, back faces of single-sided surfaces are invisible, except back faces of bodies.
     pub fn coverage(&self, hit: &Hit, camera: bool) -> f32 {
         if self.opaque {
             return 1.0;
@@ -38,9 +38,9 @@ impl Objects {
         coverage == 1.0 || unit(hash(key, hit.triangle)) < coverage
     }
 
-    /// Surface that is visible along a camera ray. It is chosen by one random number for all surfaces along
-    /// the ray: each takes its share of the range of numbers left by those before it, so stratified numbers
-    /// give stratified coverage. Each further surface takes one ray, counted in `rays`.
+    /// Surface that is visible along a camera ray. One random number chooses among all surfaces along the ray: each
+    /// surface takes its share of the range of numbers that the surfaces before it leave. Stratified numbers
+    /// therefore give stratified coverage. Each surface takes one ray, counted in `rays`.
     pub fn front(&self, ray: Ray, number: u32, rays: &mut u64) -> Option<Hit> {
         let mut number = fraction(number);
         let mut passed: Option<Hit> = None;

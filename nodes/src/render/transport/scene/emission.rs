@@ -11,10 +11,12 @@ use super::objects::Objects;
 use crate::geometry::bvh::Hit;
 use crate::types::Material;
 
-/// Smallest share of the maximum of an emission texture that is sampled: one texel among 128 by 128.
+/// Minimum emission that light samples assume, as a share of the maximum of the emission texture over the
+/// footprint. It is the mean of one bright texel among 128 by 128.
 const FAINT: f32 = 1.0 / 16384.0;
 
-/// Maximum number of lattice cells over all emissive triangles, in addition to 32 per side.
+/// Number of lattice cells that the emissive triangles of all objects share. It may be exceeded, since a lattice
+/// may always have 32 cells per side.
 const CELLS: usize = 1 << 17;
 
 impl Objects {
@@ -59,8 +61,8 @@ impl Objects {
         Vec3::from_array(most) * Vec3::new(r, g, b)
     }
 
-    /// Maximum number of cells per side of a lattice: 32, or more for scenes of few emissive triangles, such
-    /// as a panel of lights.
+    /// Maximum number of cells per side of a lattice: 32, or more for scenes with few emissive triangles, such as a
+    /// panel of lights.
     fn finest(&self) -> u32 {
         let shining = self.parts.iter().map(|part| {
             let object = &self.placed()[part.placed].object;
@@ -83,7 +85,7 @@ impl Objects {
         ((texels / 4.0).ceil() as u32).clamp(1, finest)
     }
 
-    /// Samples a point by emission, from random numbers. There must be an emitter.
+    /// Samples a point in proportion to its emission, from random numbers. There must be an emitter.
     pub fn sample_emitter(&self, choice: u32, place: [u32; 2]) -> EmitterSample {
         self.emitters.sample(&self.corners, choice, place)
     }

@@ -22,19 +22,20 @@ pub struct Emitters {
     pdf: Vec<f32>,
 }
 
-/// Cells of a triangle: two per square of the lattice, with `side` squares per edge; 0 for a triangle that is
-/// not emissive.
+/// Cells of a triangle: two per square of a lattice with `side` squares per edge. `side` is 0 for a triangle that
+/// is not emissive.
 #[derive(Debug, Clone, Copy, Default)]
 struct Lattice {
     first: u32,
     side: u32,
 }
 
-/// Number of squares per edge of lattices in scenes of many emissive triangles.
+/// Maximum number of squares per edge of a lattice in scenes with many emissive triangles.
 pub const COARSE: u32 = 32;
 
-/// Maximum number of bright cells for which each is examined at this many points per edge.
+/// Maximum number of bright cells of a fine lattice for which each cell is examined at more points.
 const FEW: usize = 256;
+/// Number of points per edge at which each of these cells is examined.
 const CLOSE: u32 = 16;
 
 impl Lattice {
@@ -58,7 +59,8 @@ impl Lattice {
         }
     }
 
-    /// Indices of the cells inside the triangle: all but the upper ones on its long edge and those beyond it.
+    /// Indices of the cells inside the triangle. The upper cells on its long edge and all cells beyond it are
+    /// outside.
     fn cells(self) -> impl Iterator<Item = u32> {
         let inside = move |cell: &u32| cell / 2 / self.side + cell / 2 % self.side + cell % 2 < self.side;
         (0..2 * self.side * self.side).filter(inside)
@@ -81,9 +83,9 @@ pub struct EmitterSample {
 }
 
 impl EmitterSample {
-    /// Ray from `start` to just above the point, on the side of the start. It ends above the triangle by the
-    /// rounding errors of both ends, so it stays above the plane of the triangle: it does not hit the facets
-    /// next to it on a convex lamp, and hits surfaces before it.
+    /// Ray from `start` to just above the point, on the side of `start`. It ends above the triangle by the rounding
+    /// errors of both ends, so it never crosses the plane of the triangle. It therefore does not hit neighbouring
+    /// facets of a convex lamp, but does hit surfaces in front of the lamp.
     pub fn way(&self, start: Vec3) -> Ray {
         let off = self.margin + margin(&[start; 3]);
         let side = off.copysign((start - self.position).dot(self.normal));
@@ -157,7 +159,7 @@ impl Emitters {
         self.pieces.is_empty()
     }
 
-    /// Probability density by area of sampling a point of a triangle.
+    /// Probability density by area with which the point of a hit is sampled.
     pub fn pdf(&self, hit: &Hit) -> f32 {
         match self.lattices.get(hit.triangle as usize) {
             Some(lattice) if lattice.side > 0 => {
@@ -167,7 +169,7 @@ impl Emitters {
         }
     }
 
-    /// Samples a point from two pairs of 32-bit random numbers. There must be an emitter.
+    /// Samples a point from three 32-bit random numbers. There must be an emitter.
     pub fn sample(&self, corners: &[[Vec3; 3]], choice: u32, [u, v]: [u32; 2]) -> EmitterSample {
         let (k, _) = self.choice.sample(f64::from(choice) / 4_294_967_296.0);
         let (triangle, cell) = self.pieces[k];
@@ -205,9 +207,9 @@ mod tests {
     use crate::geometry::sampling::{Points, stream};
     use crate::testing::chi_square;
 
-    /// Chi-square test of sampled points against their density, over sixteenths of triangles of many sizes
-    /// and radiances, some of them black. Mutation: `root` to `unit(u)` in `Emitters::sample`, `/ area` left
-    /// out of `Emitters::new` (each seen red when triangles were whole).
+    /// Chi-square test of sampled points against their density, over sixteenths of triangles of many sizes and
+    /// radiances, some of them black. This test fails if `root` is replaced by `unit(u)` in `Emitters::sample`, or
+    /// if `/ area` is left out of `Emitters::new`.
     #[test]
     fn points_follow_their_density() {
         let corners: Vec<[Vec3; 3]> = (0..12)

@@ -4,8 +4,9 @@ use glam::Vec3;
 
 use crate::geometry::bvh::Hit;
 
-/// Offset at which rays must start from a triangle so that they do not hit it again. It covers the rounding
-/// of corners, barycentrics and ray origin, each a few units in the last place of the largest coordinate.
+/// Offset at which rays must start from a triangle so that they do not hit it again. It covers the rounding errors
+/// of corners, barycentrics and ray origin, each of which is a few units in the last place of the largest
+/// coordinate.
 pub(crate) fn margin([a, b, c]: &[Vec3; 3]) -> f32 {
     a.abs().max(b.abs()).max(c.abs()).max_element() * (8.0 * f32::EPSILON)
 }

@@ -1,10 +1,10 @@
 //! Stack of the transparent bodies that contain the current point of a path.
 //!
-//! A path carries the bodies that it has entered and not left. Only the one entered last absorbs light: a
-//! body inside another displaces its medium, as ice does in water, so a part of the same medium inside a body
-//! changes nothing. The indices of refraction on the two sides of a surface follow from the same stack. If a
-//! ray leaves a body without having entered it, that body surrounded the whole ray, outside the known bodies.
-//! A ray that leaves an open mesh was not inside a body.
+//! A path carries the bodies that it has entered and not left. Only the body entered last absorbs light: a body
+//! inside another displaces the outer medium, as ice does in water, so a body inside another body of the same
+//! medium changes nothing. The indices of refraction on the two sides of a surface follow from the same stack. If a
+//! ray leaves a body without having entered it, that body contains the start of the ray and is added outside the
+//! known bodies. At infinity the stack is emptied, since a ray can leave an open mesh without hitting it.
 
 use glam::Vec3;
 
@@ -64,7 +64,7 @@ impl Media {
         self
     }
 
-    /// The stack with a body added outside all others, unless it is one of them.
+    /// The stack with a body added outside all others, unless the stack already contains it.
     pub(crate) fn amid(mut self, body: u32) -> Self {
         if !self.all().contains(&body) && (self.depth as usize) < MOST {
             self.bodies.rotate_right(1);

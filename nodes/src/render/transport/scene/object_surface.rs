@@ -76,8 +76,8 @@ impl Objects {
         Surface { position, normal: geometric, margin, bsdf, emission, media, cover: None, bed: None, lift }
     }
 
-    /// Straight transmittance of the surface at a hit for a ray direction. For a body it depends on the media
-    /// on its sides; other surfaces are in air.
+    /// Transmittance of the surface at a hit for light that continues in the same direction. For a body it depends
+    /// on the media on the two sides; other surfaces are surrounded by air.
     pub(crate) fn straight(&self, hit: &Hit, direction: Vec3, sides: Option<[Media; 2]>) -> Vec3 {
         let (_, material, point) = self.point(hit);
         if material.transmission.factor == 0.0 {
@@ -127,7 +127,7 @@ impl Objects {
         ((tangent * x + bitangent * y) * map.scale + normal * z).normalize_or(normal)
     }
 
-    /// Tangent direction and strength of anisotropy, with its texture applied.
+    /// Direction of the anisotropy, and the factor of its strength, from its rotation and texture.
     fn brush(
         &self,
         part: &PlacedPrimitive,

@@ -40,7 +40,7 @@ pub(crate) struct PlacedPrimitive {
     pub(crate) tangents: [Vec3; 3],
     pub(crate) mirrored: bool,
     pub(crate) opaque: bool,
-    /// True if the primitive transmits light straight.
+    /// True if the primitive lets light pass straight through.
     pub(crate) clear: bool,
     /// Index of the body that the primitive bounds, if light can enter it.
     pub(crate) body: Option<u32>,
@@ -64,8 +64,9 @@ pub struct Objects {
     pub shown: bool,
     /// True if lobes that the materials do not have are evaluated; see [`engine::Context::exhaustive`].
     pub every_lobe: bool,
-    /// Bodies of the objects, and the bounding box of all of them.
+    /// Bodies of the objects.
     pub(crate) bodies: Vec<Body>,
+    /// Bounding box of all bodies. `None` if there are no bodies.
     pub(crate) held: Option<Aabb>,
     /// Emissive surfaces.
     pub emitters: Emitters,
@@ -83,14 +84,14 @@ fn columns(m: DMat3) -> [Vec3; 3] {
     [m.x_axis.as_vec3(), m.y_axis.as_vec3(), m.z_axis.as_vec3()]
 }
 
-/// Triangle indices in the order that keeps the front outside under a mirroring transform.
+/// Vertex indices of a triangle, reordered under a mirroring transform so that its front stays outside.
 fn wound([a, b, c]: [u32; 3], mirrored: bool) -> [u32; 3] {
     if mirrored { [a, c, b] } else { [a, b, c] }
 }
 
 impl Objects {
-    /// Collects the triangles of the objects relative to `origin`, with flat objects lifted off one another
-    /// and off the receiver, if it is given.
+    /// Collects the triangles of the objects relative to `origin`, and lifts flat objects off other objects; see
+    /// `super::sheets`.
     pub fn new(
         receiver: Option<&Receiver>,
         placed: &[Arc<Placed>],
@@ -186,7 +187,7 @@ impl Objects {
         Ok(())
     }
 
-    /// Index of a body. Surfaces of one object with the same medium share it.
+    /// Index of a body, which is added if it is new. Surfaces of one object with the same medium share a body.
     fn body(&mut self, body: Body) -> u32 {
         let at = self.bodies.iter().position(|known| *known == body).unwrap_or(self.bodies.len());
         if at == self.bodies.len() {
@@ -246,9 +247,9 @@ impl Objects {
         )
     }
 
-    /// Distance along a ray at which a hit on the receiver counts as before a hit on an object. Where glass
-    /// stands on the receiver, the two coincide and the receiver is in front. Where a flat object lies on it,
-    /// the object is in front.
+    /// Distance along a ray up to which a hit on the receiver counts as in front of a hit on an object. Where glass
+    /// stands on the receiver, the two coincide and the receiver is in front. Where a flat object lies on it, the
+    /// object is in front.
     pub fn reach(&self, hit: &Hit, direction: Vec3) -> f32 {
         let slack = self.slack(hit, direction);
         if slack > 0.0 {
@@ -262,8 +263,8 @@ impl Objects {
         hit.t + 2.0 * margin(&self.corners[hit.triangle as usize]) / slant
     }
 
-    /// Hit on a surface of another primitive at the same place as a hit, which a transmitted ray would
-    /// otherwise skip: the table on which glass stands, or the content of the glass.
+    /// Hit on another primitive at the same position as `hit`, which a transmitted ray would otherwise skip. It may
+    /// be the table on which a glass stands, or the content of the glass.
     pub fn touching(&self, hit: &Hit, surface: &Surface, direction: Vec3, key: u32) -> Option<Hit> {
         let slant = direction.dot(surface.normal).abs().max(0.01);
         let start = surface.position + surface.normal * surface.margin;
@@ -284,7 +285,7 @@ mod tests {
     use super::super::media::Media;
     use super::*;
 
-    /// A mirroring transform keeps the outside in front.
+    /// Front faces stay on the outside under a mirroring transform.
     #[test]
     fn mirrored_objects_keep_their_front() {
         let object = Object {

@@ -11,9 +11,9 @@ use crate::types::Mesh;
 
 /// Albedo of a receiver without vertex colours.
 pub const GREY: f32 = 0.5;
-/// Minimum albedo of a receiver, per channel. No surface of a real scene is darker, and a black surface has
-/// no ratio. Captured meshes have vertices that no photograph shows, and saturated colours with a channel of
-/// 0, for which the shadow or one of its channels would be lost.
+/// Minimum albedo of a receiver, per channel. No surface of a real scene is darker, and a black surface has no
+/// ratio. Captured meshes have black vertices where no photograph shows the surface, and saturated colours with a
+/// channel of 0. The shadow, or one of its channels, would be lost there.
 pub const DARKEST: f32 = 0.01;
 
 /// The mesh of the captured place.

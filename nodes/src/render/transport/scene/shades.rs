@@ -39,7 +39,7 @@ impl Shades {
     /// Rays from a point to the box that subtends the largest cone. There are no such rays inside a box.
     pub(crate) fn towards(&self, place: Vec3) -> Towards {
         let seen = self.0.iter().map(|around| Cone::between([place; 2], [around.low, around.high]));
-        // The first of equal ones.
+        // The first one if several are equal.
         let largest =
             seen.filter(|cone| cone.cosine > 0.0).reduce(|a, b| if b.cosine < a.cosine { b } else { a });
         largest.map_or(Towards::NOWHERE, |cone| Towards::within(cone, f32::INFINITY))

@@ -26,7 +26,7 @@ struct Sheet {
 }
 
 impl Sheet {
-    /// Sheet made by triangles. `None` unless all of them lie in one plane up to rounding.
+    /// Sheet that consists of the given triangles. `None` unless all of them lie in one plane, up to rounding.
     fn of<'a>(triangles: impl Iterator<Item = &'a [Vec3; 3]> + Clone, reach: f32) -> Option<Self> {
         let area = |[a, b, c]: &[Vec3; 3]| (*b - *a).as_dvec3().cross((*c - *a).as_dvec3());
         let by_size = |a: &&[Vec3; 3], b: &&[Vec3; 3]| area(a).length().total_cmp(&area(b).length());
@@ -73,7 +73,7 @@ impl Sheet {
         mut own: impl Iterator<Item = &'a [Vec3; 3]>,
         reach: f32,
     ) -> bool {
-        // Positions of the receiver are known as exactly as the size of its triangles allows.
+        // Positions of the receiver are only as accurate as the size of its triangles allows.
         let reach = reach + 2.0 * receiver.margin_within(self.low, self.high);
         own.any(|[a, b, c]| {
             let middle = (*a + *b + *c) / 3.0;
@@ -83,7 +83,7 @@ impl Sheet {
     }
 }
 
-/// True if two triangles overlap by more than a length, that is, if no edge of either separates them
+/// True if two triangles overlap by more than the length `by`, that is, if no edge of either separates them
 /// (separating axis theorem).
 fn share_area(a: &[DVec2; 3], b: &[DVec2; 3], by: f64) -> bool {
     let extent = |corners: &[DVec2; 3], way: DVec2| {
@@ -98,9 +98,9 @@ fn share_area(a: &[DVec2; 3], b: &[DVec2; 3], by: f64) -> bool {
 }
 
 impl Objects {
-    /// Lifts flat objects off the objects that they coincide with, to the front side of the other face. Of
-    /// two flat objects, the later one is lifted off the earlier one, towards the camera if the earlier one
-    /// is two-sided. A flat object on the receiver is lifted only off other flat ones.
+    /// Lifts flat objects off the objects that they coincide with, to the front side of the other face. Of two flat
+    /// objects, the later one is lifted off the earlier one, towards the camera if the earlier one is two-sided. A
+    /// flat object on the receiver is lifted only off other flat objects.
     pub(crate) fn lift_sheets(&mut self, receiver: Option<&Receiver>) {
         let Some((low, high)) = self.bvh.bounds().filter(|_| self.placed().len() > 1) else { return };
         let space = margin(&[low, high, low]);
@@ -133,7 +133,7 @@ impl Objects {
                 let seen = sheets[below].is_some() && two_sided(below) && sheet.height != 0.0;
                 let winding = (*b - *a).cross(*c - *a).dot(sheet.normal);
                 let side = 1.0_f32.copysign(if seen { -sheet.height } else { winding });
-                // The lift of a sheet that was lifted itself.
+                // Lift of the sheet below, if it was lifted itself.
                 let own =
                     sheets[below].as_ref().map_or(0.0, |own| lifts[below] * own.normal.dot(sheet.normal));
                 let lift = if own == 0.0 { side } else { own + 1.0_f32.copysign(own) };

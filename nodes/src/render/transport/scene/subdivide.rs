@@ -1,29 +1,28 @@
 //! Subdivision of large triangles, so that single precision suffices for their visible parts.
 //!
-//! The error of the ray-triangle test is in proportion to the largest coordinate of the corners, wherever on
-//! the triangle the hit lies. On a floor of two triangles a kilometre wide, a shadow would start centimetres
-//! from its object. So edges are halved, in double precision, until each is at most
+//! The error of the ray-triangle test is in proportion to the largest coordinate of the corners, wherever on the
+//! triangle the hit lies. On a floor of two triangles a kilometre wide, a shadow would start centimetres from its
+//! object. So edges are halved, in double precision, until the length `L` of each satisfies
 //!
 //! `L <= d / 2 + 16 h`
 //!
-//! long, where d is the distance of the edge from the origin and h that of the whole mesh. A hit at distance
-//! t >= h lies within 0.87 L of the longest edge of its triangle, so `d <= t + 0.87 L`, `L < 30 t`, and every
-//! corner is less than 31 t from the origin: errors depend on the position of a hit, not on the size of its
-//! triangle. Whether an edge is halved depends only on its two ends, so neighbouring triangles are divided
-//! alike and no gap opens between them.
+//! where d is the distance of the edge from the origin and h the distance of the whole mesh from the origin. A hit
+//! at distance t >= h lies within 0.87 L of the longest edge of its triangle, so `d <= t + 0.87 L`, `L < 30 t`, and
+//! every corner is less than 31 t from the origin: errors depend on the position of a hit, not on the size of its
+//! triangle. Whether an edge is halved depends only on its two ends, so neighbouring triangles are divided alike
+//! and no gap opens between them.
 
 use glam::{DVec3, Vec3};
 
-/// Coefficient of the first term of the largest length of an edge, in distances of the edge from the origin.
+/// Factor of the distance of an edge from the origin in the maximum length of the edge.
 const SHARE: f64 = 0.5;
-/// Coefficient of the second term of the largest length of an edge, in distances of the nearest point of the
-/// mesh from the origin.
+/// Factor of the distance of the mesh from the origin in the maximum length of an edge.
 const NEAREST: f64 = 16.0;
 /// Length below which edges are never halved, as a share of the distance of the farthest corner, even if the
 /// origin lies on the mesh.
 const FINEST: f64 = 1.0 / 1_099_511_627_776.0;
-/// Maximum number of pieces beyond twice the number of triangles. A mesh of long needles that would exceed it
-/// is left unchanged.
+/// Number of cuts that are allowed in addition to twice the number of triangles. When they are used up, for
+/// instance by a mesh of long needles, no further edges are halved.
 const MOST: usize = 1 << 17;
 
 /// Position of a corner relative to the origin, and its colour.
@@ -57,7 +56,7 @@ fn distance_to_triangle([a, b, c]: [DVec3; 3]) -> f64 {
     }
 }
 
-/// True if a triangle has finite corners and an area.
+/// True if a triangle has finite corners and a non-zero area.
 fn is_real([a, b, c]: [DVec3; 3]) -> bool {
     let square = (b - a).cross(c - a).length_squared();
     square > 0.0 && square.is_finite()

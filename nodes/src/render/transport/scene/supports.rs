@@ -20,8 +20,8 @@ pub struct Support {
     /// Error of the mesh, in world units. Hits within this height are moved fully, and hits up to twice as
     /// far away partially. 0 for a smooth mesh.
     pub(crate) reach: f32,
-    /// Height within which hits belong to this support and not to that of another object, if it is the
-    /// nearest support.
+    /// Height within which hits belong to this support rather than to the support of another object, if this
+    /// support is the nearest one.
     pub(crate) claims: f32,
 }
 
@@ -56,8 +56,8 @@ impl Ground {
         })
     }
 
-    /// Distance by which a camera hit is moved along its unit ray to lie on the support of the nearest object
-    /// (the first of equal ones); 0 if it belongs to no support.
+    /// Distance by which a camera hit is moved along its unit ray so that it lies on the support of the nearest
+    /// object. If several objects are equally near, the first one counts. 0 if the hit belongs to no support.
     pub fn shift(&self, position: Vec3, normal: Vec3, direction: Vec3) -> f32 {
         let along = |out: Vec3| normal.dot(out).abs() >= STEEPEST;
         let Some((part, out)) = self.rise(position, along) else { return 0.0 };
@@ -74,7 +74,7 @@ impl Ground {
     /// covered by the mesh: just above the mesh, along the direction of support. `None` if no mesh covers the
     /// point.
     pub fn over(&self, receiver: &Receiver, position: Vec3) -> Option<Vec3> {
-        // In a corner first above the floor, then off the wall.
+        // In a corner, the offset first leads above the floor, then off the wall.
         self.ways.iter().fold(None, |off: Option<Vec3>, &out| {
             let more = self.over_one(receiver, position + off.unwrap_or_default(), out);
             off.map_or(more, |off| Some(off + more.unwrap_or_default()))
@@ -93,7 +93,7 @@ impl Ground {
         let hit = receiver.bvh.closest(ray, flat)?;
         let mesh = ray.origin + ray.direction * hit.t;
         let level = mesh.dot(out) + self.rise(mesh, |way| way == out).map_or(0.0, |(rise, _)| rise);
-        // Rounding must not decide about the lowest edge of the object.
+        // Rounding must not decide for the lowest edge of the object.
         let slack = 1e-3 * most;
         (level <= height + slack).then(|| receiver.start(&hit) - position)
     }

@@ -1,9 +1,9 @@
 //! Objects that coincide with the receiver: a rug on a floor, a picture on a wall.
 //!
-//! Which of two coincident surfaces a ray hits would depend on rounding. Here the object counts as in front
-//! of the receiver: rays to the receiver pass through it first, and rays through it reach the receiver, as if
-//! the object lay a millimetre higher. Surfaces of bodies are handled in [`super::media`], such as the lower
-//! face of a glass that stands on a floor.
+//! Which of two coincident surfaces a ray hits would depend on rounding. Here the object counts as in front of the
+//! receiver: rays to the receiver pass through it first, and rays through it reach the receiver, as if the object
+//! lay a millimetre higher. Surfaces of bodies, such as the lower face of a glass that stands on a floor, are
+//! handled in [`super::media`].
 
 use glam::Vec3;
 
@@ -15,15 +15,15 @@ use crate::geometry::bvh::Ray;
 pub struct Touching {
     /// True for each triangle that may coincide; empty if there is no such triangle.
     pub(crate) triangles: Vec<bool>,
-    /// Bounding box of those triangles, enlarged by [`reach`](Self::reach).
+    /// Bounding box of the triangles that may coincide, enlarged by [`reach`](Self::reach).
     pub(crate) held: Option<Aabb>,
     /// Maximum distance between two coincident surfaces.
     pub(crate) reach: f32,
 }
 
 impl Touching {
-    /// Distance by which the points of a box must be lowered to be below objects that lie on them; 0 if there are
-    /// none.
+    /// Distance by which the points of a box must be lowered to be below objects that lie on them. 0 if there are
+    /// no such objects.
     pub fn depth(&self, low: Vec3, high: Vec3) -> f32 {
         let there = self.held.is_some_and(|held| held.meets(&Aabb { low, high }));
         if there { 2.0 * self.reach } else { 0.0 }

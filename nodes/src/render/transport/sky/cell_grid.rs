@@ -11,13 +11,13 @@ const LANES: usize = 4;
 /// Part of the sky.
 #[derive(Debug, Clone, Copy)]
 pub struct LightCell {
-    /// Cone that contains the directions of the cell. They are unknown if its cosine is below 0.
+    /// Cone that contains the directions of the cell. If its cosine is negative, the directions are unknown.
     pub cone: Cone,
     /// Solid angle.
     pub area: f64,
     /// Luminance times solid angle.
     pub power: f64,
-    /// Mean direction of the light of the cell, shorter than 1.
+    /// Mean direction of the light of the cell, a vector shorter than 1.
     pub towards: Vec3,
 }
 
@@ -26,7 +26,7 @@ pub struct LightCell {
 pub struct CellGrid {
     /// Number of cells per row.
     pub columns: usize,
-    /// Luminance times solid angle, and solid angle, of each cell.
+    /// Two values for each cell: luminance times solid angle, and the solid angle.
     powers: Vec<[f64; 2]>,
     /// Directions of groups of cells of a row. The last group of a row may have empty lanes.
     directions: Vec<Directions>,
@@ -59,8 +59,8 @@ impl Directions {
         all
     }
 
-    /// Share of its power that each cell contributes at the centre of a cone of normals, and at least half of
-    /// an upper bound over the cone. `sine` is that of the cone's angle.
+    /// Share of its power that each cell contributes to a surface whose normal is the axis of `normals`, but at
+    /// least half of an upper bound over all normals in this cone. `sine` is the sine of the cone's angle.
     #[inline]
     fn shares(&self, normals: &Cone, sine: f32) -> Vec4 {
         let cosine = normals.cosine;
@@ -71,8 +71,8 @@ impl Directions {
         dot(self.towards, normals.axis).max(most).max(Vec4::ZERO)
     }
 
-    /// 1 for cells that share a direction with a cone of less than a right angle, up to rounding; otherwise
-    /// 0.
+    /// 1 for each cell that shares a direction with the cone `to`, up to rounding, and 0 for other cells. The angle
+    /// of the cone must be less than a right angle, and `sine` is its sine.
     #[inline]
     fn meet(&self, to: &Cone, sine: f32) -> Vec4 {
         let together = self.cosines * to.cosine - self.sines * sine;
@@ -99,9 +99,9 @@ impl CellGrid {
         self.powers.iter().map(|[power, _]| power).sum()
     }
 
-    /// Writes the contribution of each cell of a row to surfaces whose normals lie in a cone (or in any
-    /// direction, if they are lit from all sides), among the cells that meet a cone of directions. Returns
-    /// the solid angle of the contributing cells.
+    /// Writes the contribution of each cell of a row to surfaces whose normals lie in the cone `normals`. `None`
+    /// means surfaces that are lit from all sides. Cells that do not meet the cone of directions `to` contribute 0.
+    /// Returns the solid angle of the contributing cells.
     pub fn weigh(&self, row: usize, normals: Option<&Cone>, to: &Cone, weights: &mut [f64]) -> f64 {
         let each = self.columns.div_ceil(LANES);
         let directions = &self.directions[row * each..][..each];

@@ -5,8 +5,8 @@ use glam::Vec3;
 use crate::geometry::sampling::{Points, circle, unit};
 use crate::render::transport::bsdf::Frame;
 
-/// First of the dimension pairs for rays towards objects: for the direction, for whether a ray is sent, and
-/// for whether the sample estimates a change at all.
+/// First of three dimension pairs for rays towards objects. They decide the direction, whether a ray is sent, and
+/// whether the sample estimates a change at all.
 pub(crate) const TOWARDS: u32 = 1 << 17;
 /// A cone of directions around a unit axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,7 +61,7 @@ impl Cone {
     }
 }
 
-/// Sine of the angle with a cosine.
+/// Sine of the angle that has the given cosine.
 pub fn sine(cosine: f32) -> f32 {
     (1.0 - cosine * cosine).max(0.0).sqrt()
 }
@@ -79,7 +79,7 @@ impl Towards {
     /// Sampling without rays, for objects that may be in any direction.
     pub(crate) const NOWHERE: Self = Self { cone: Cone::ALL, pdf: 0.0 };
 
-    /// Sampling with `rays` per steradian, at most one in total.
+    /// Sampling with `rays` rays per steradian, but at most one ray in total.
     pub(crate) fn within(cone: Cone, rays: f32) -> Self {
         let pdf = if cone.cosine > 0.0 { rays.min(1.0 / cone.solid_angle()) } else { 0.0 };
         Self { cone, pdf }
@@ -91,7 +91,7 @@ impl Towards {
         if inside { self.pdf } else { 0.0 }
     }
 
-    /// Weight of the balance heuristic (Veach 1997) of scattered rays with density `pdf` against these rays.
+    /// Balance heuristic (Veach 1997): weight of a scattered ray with density `pdf` against rays towards objects.
     pub(crate) fn share(&self, direction: Vec3, pdf: f32) -> f32 {
         let own = self.pdf(direction);
         if own > 0.0 { pdf / (pdf + own) } else { 1.0 }
@@ -121,9 +121,9 @@ mod tests {
     use crate::geometry::sampling::stream;
     use crate::testing::chi_square;
 
-    /// Chi-square test of directions against their density, over rings and sectors of the cone, and of the
-    /// share of samples with a ray. Mutation: `below` to `v * below` in `direction`, or the bound of `rays`
-    /// left out of `within` (each seen red).
+    /// Chi-square test of directions against their density, over rings and sectors of the cone, and of the share of
+    /// samples with a ray. This test fails if `below` is replaced by `v * below` in `direction`, or if `within`
+    /// does not limit `rays`.
     #[test]
     fn rays_to_the_objects_fill_their_cone_evenly() {
         let axis = Vec3::new(0.48, -0.6, 0.64);

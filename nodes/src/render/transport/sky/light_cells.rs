@@ -11,8 +11,8 @@ use super::light_distribution::{LightDistribution, LightTable, accumulate, inver
 use super::texel_grid::TexelGrid;
 use crate::math::equirect::pixel_solid_angle;
 
-/// Texel weights prepared for sampling. A sample chooses a cell by a [`LightDistribution`], then a texel of it by
-/// weight; texels are weighted by their exact solid angle.
+/// Texel weights prepared for sampling. A sample chooses a cell by a [`LightDistribution`], then a texel of the
+/// cell by its weight times its exact solid angle.
 #[derive(Debug)]
 pub struct LightCells {
     width: usize,
@@ -21,24 +21,25 @@ pub struct LightCells {
     pub grid: CellGrid,
     /// Distributions by bins of normals.
     distributions: LightTable,
-    /// First texel column of each cell column and first texel row of each cell row, each list followed by the
-    /// end of the last one.
+    /// First texel column of each cell column, followed by the end of the last cell column.
     columns: Vec<usize>,
+    /// First texel row of each cell row, followed by the end of the last cell row.
     rows: Vec<usize>,
-    /// Cumulative probability of the texel rows of each cell: all rows for each cell column.
+    /// Cumulative probabilities of the texel rows within each cell. For each cell column, the values of all texel
+    /// rows are stored one after another.
     down: Vec<f32>,
-    /// Cumulative probability of the texels of each row within its cell.
+    /// Cumulative probabilities of the texels of each row within their cell.
     across: Vec<f32>,
 }
 
 /// f32 values per cache line.
 const LINE: usize = 16;
 
-/// First half of the choice of a texel.
+/// First half of the choice of a texel: a cell and a texel row of the cell.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct RowChoice {
     y: u32,
-    /// First texel column of the cell, and the end.
+    /// First texel column of the cell, and the end of its columns.
     columns: [u32; 2],
     place: [f64; 2],
     /// Probability of the cell.
@@ -54,7 +55,7 @@ fn cut(weights: &[f64], pieces: usize) -> Vec<usize> {
         length => weights[cuts[0]..cuts[1]].iter().sum::<f64>() * length as f64,
     };
     while cuts.len() <= pieces {
-        // The first of equal ones.
+        // The first one if several are equal.
         let costs = cuts.windows(2).map(heavy).enumerate();
         let Some((at, cost)) = costs.reduce(|a, b| if b.1 > a.1 { b } else { a }) else { break };
         if cost <= 0.0 {
@@ -66,8 +67,8 @@ fn cut(weights: &[f64], pieces: usize) -> Vec<usize> {
 }
 
 impl LightCells {
-    /// Divides weights into at most `most` columns and rows of cells. The density of each texel with weight,
-    /// within its cell, is written to `pdf`.
+    /// Divides weights into at most `most` columns and rows of cells. The density of each texel within its cell is
+    /// written to `pdf`.
     pub fn new(texel_grid: &TexelGrid, weights: Vec<f32>, most: [usize; 2], pdf: &mut [f32]) -> Self {
         let TexelGrid { width, height, .. } = *texel_grid;
         let (mut of_rows, mut of_columns) = (vec![0.0; height], vec![0.0; width]);
@@ -102,13 +103,13 @@ impl LightCells {
         all
     }
 
-    /// Distribution for a surface with the given unit normal, or for surfaces lit from all sides.
+    /// Distribution for a surface with the given unit normal. `None` means surfaces that are lit from all sides.
     #[inline]
     pub fn distribution(&self, normal: Option<Vec3>) -> &LightDistribution {
         self.distributions.of(&self.grid, normal)
     }
 
-    /// Makes the first half of a choice: a cell and a row of it. Choices are made in halves for several
+    /// Makes the first half of a choice: a cell and a texel row of the cell. Choices are made in halves for several
     /// points at once, so that memory accesses overlap.
     #[inline(always)]
     pub fn row<S: Simd>(&self, simd: S, distribution: &LightDistribution, point: [f64; 2]) -> RowChoice {

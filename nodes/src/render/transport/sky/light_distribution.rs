@@ -1,10 +1,10 @@
 //! Importance sampling of the sky for a surface: in proportion to light times cosine.
 //!
-//! The sky is divided into a grid of cells, narrow where it is bright. A distribution over the cells is made
-//! for a cone of normals, and optionally for light from a cone of directions. The weight of a cell is the
-//! light that it contributes at the centre of the normals, but at least half of an upper bound of its
-//! contribution to any of them, so that no light is ever missed. A table contains one distribution per bin of
-//! the sphere of normals, made on demand.
+//! The sky is divided into a grid of cells, narrow where it is bright. A distribution over the cells is made for a
+//! cone of normals, and optionally for light from a cone of directions. The weight of a cell is the light that it
+//! contributes to a surface whose normal is the axis of the cone. It is at least half of an upper bound of the
+//! contribution for any normal in the cone, so that no light is ever missed. A table contains one distribution per
+//! bin of the sphere of normals, made on demand.
 
 use std::sync::OnceLock;
 
@@ -60,8 +60,8 @@ pub fn invert<S: Simd>(simd: S, cumulative: &[f32], length: usize, u: f64) -> (u
     (index, within.clamp(0.0, 1.0 - f64::EPSILON))
 }
 
-/// Writes cumulative probabilities in proportion to weights, uniform if all are 0. Returns the sum of the
-/// weights.
+/// Writes the cumulative probabilities that belong to weights. If all weights are 0, the probabilities are uniform.
+/// Returns the sum of the weights.
 pub fn accumulate(weights: &[f64], out: &mut [f64]) -> f64 {
     let mut sum = 0.0;
     for (to, weight) in out.iter_mut().zip(weights) {
@@ -80,7 +80,7 @@ pub fn accumulate(weights: &[f64], out: &mut [f64]) -> f64 {
     sum
 }
 
-/// Direction of a point of the octahedral map, from [-1, 1] squared.
+/// Direction of a point of the octahedral map, whose coordinates lie in [-1, 1].
 fn unfold(x: f32, y: f32) -> Vec3 {
     let z = 1.0 - x.abs() - y.abs();
     let under = (-z).max(0.0);
@@ -114,11 +114,12 @@ fn normals(at: usize) -> Cone {
 pub struct LightDistribution {
     rows: usize,
     columns: usize,
-    /// Cumulative probabilities of the rows, followed by those of the columns of each row, each padded to
-    /// whole vectors.
+    /// Cumulative probabilities of the rows, followed by the cumulative probabilities of the columns of each row.
+    /// Each list is padded to whole vectors.
     cumulative: Vec<f32>,
-    /// Offset of the columns of the first row, and the stride between rows.
+    /// Offset of the list of columns of the first row.
     starts: usize,
+    /// Distance between the lists of columns of two rows.
     stride: usize,
     /// Expected light; if 0, all cells are equally likely.
     pub power: f64,
@@ -127,8 +128,8 @@ pub struct LightDistribution {
 }
 
 impl LightDistribution {
-    /// Computes the distribution for surfaces whose normals lie in a cone (all normals if `None`), over the
-    /// cells that meet a cone of directions.
+    /// Computes the distribution for surfaces whose normals lie in the cone `normals`, over the cells that meet the
+    /// cone of directions `to`. `None` means surfaces that are lit from all sides.
     pub fn new(grid: &CellGrid, normals: Option<Cone>, to: &Cone) -> Self {
         let (rows, columns) = (grid.rows(), grid.columns);
         let [starts, stride] = [rows, columns].map(|length| length.next_multiple_of(LANES));
@@ -229,8 +230,8 @@ mod tests {
         assert_eq!(inverted(&cumulative[..4], 0.6).0, 2);
     }
 
-    /// Inversion finds the first entry above `u`, for lines of any length, whatever follows them in memory.
-    /// Mutation: `half - 1` of `invert` to `half - 2`.
+    /// Inversion finds the first entry above `u`, for lines of any length, whatever follows them in memory. This
+    /// test fails if `half - 1` in `invert` is replaced by `half - 2`.
     #[test]
     fn inversion_finds_the_first_entry_above() {
         for length in [1, 2, 7, 8, 9, 31, 32, 33, 64, 65, 100, 257] {
@@ -244,7 +245,7 @@ mod tests {
             pad(&mut line);
             for i in 0..400 {
                 let u = crate::geometry::sampling::fraction(crate::geometry::sampling::mix(i));
-                // Next to each entry too.
+                // Values next to each entry are tested too.
                 let beside = single[i as usize % single.len()];
                 for u in [u, f64::from(beside), f64::from(beside) - 1e-12] {
                     if !(0.0..1.0).contains(&u) {
@@ -275,8 +276,8 @@ mod tests {
         }
     }
 
-    // The guarantee: where a direction of a cell is above the horizon of a normal, the cell has probability, and at
-    // least a third of power times cosine.
+    // If a direction of a cell is above the horizon of a normal, the cell has a probability of at least a third of
+    // its share of power times cosine.
     #[test]
     fn no_light_is_left_out() {
         let tip = 0.15_f32;

@@ -18,13 +18,13 @@ const TIER: u32 = 1 << 18;
 pub struct Wanted<'a> {
     tier: usize,
     distribution: &'a LightDistribution,
-    /// Number of light samples of its tier that the vertex takes.
+    /// Number of light samples that the vertex takes in this tier.
     number: f32,
     points: Points,
     pair: u32,
 }
 
-/// Light samples of a vertex, `lights` per tier. A tier without light gets none.
+/// Light samples to be drawn for a vertex, `lights` per tier. A tier without light gets no samples.
 pub fn wanted(
     distributions: Distributions<'_>,
     lights: [u32; TIERS],
@@ -36,7 +36,7 @@ pub fn wanted(
 }
 
 impl<'a> Wanted<'a> {
-    /// Samples of a tier.
+    /// The samples of one tier.
     fn each(
         (tier, distribution): (usize, &'a LightDistribution),
         count: u32,
@@ -86,11 +86,13 @@ pub struct LightDraws<'a, V> {
     lights: [u32; TIERS],
     pair: u32,
     vertices: V,
-    /// Samples of the batch, and the end of the samples of each vertex.
+    /// Samples to be drawn for the batch.
     wanted: Vec<Wanted<'a>>,
+    /// Drawn samples of the batch.
     draws: Vec<DrawnDirection>,
+    /// For each vertex of the batch, the end of its samples in `draws`.
     ends: Vec<usize>,
-    /// Number of vertices of the batch that were returned.
+    /// Number of vertices of the batch whose samples were returned.
     asked: usize,
 }
 
@@ -121,7 +123,7 @@ impl<'a, V: Iterator<Item = Option<(Points, Distributions<'a>)>>> LightDraws<'a,
         self.ends.clear();
         for vertex in self.vertices.by_ref().take(TOGETHER) {
             if let Some((points, distributions)) = vertex {
-                // The same as `wanted`; one tier at a time, the number is known.
+                // The same as `wanted`, but one tier at a time, so that the number of samples is known.
                 for (tier, distribution) in distributions.into_iter().enumerate() {
                     if distribution.power > 0.0 {
                         let number = self.lights[tier];
@@ -155,8 +157,9 @@ mod tests {
         EnvironmentLight::new(&Environment { image, up: Up::PlusY, origin: None })
     }
 
-    /// A batch gives the same samples of each vertex as if the vertex were alone, and every SIMD level gives
-    /// the same bits. Mutation: `wanted[0]` for `lane(k)` in `draw_each_at`, `draws.clear()` left out.
+    /// A batch gives the same samples of each vertex as if the vertex were alone, and every SIMD level gives the
+    /// same bits. This test fails if `draw_each_at` draws the first sample in every lane, or if `draws.clear()` is
+    /// left out.
     #[test]
     fn drawn_together_is_drawn_alone() {
         let sky = sky();

@@ -12,15 +12,15 @@ use crate::math::num;
 /// Geometry of the texels of a panorama.
 #[derive(Debug)]
 pub struct TexelGrid {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
     /// Unit vectors to the right, forward and up in the world.
     pub axes: [Vec3; 3],
     /// Sine and cosine of the azimuth of the left edge of each column. The last pair closes the circle.
     pub edges: Vec<(f64, f64)>,
-    /// Cosine of the polar angle of the upper edge of each row. The last is -1.
+    /// Cosine of the polar angle of the upper edge of each row, followed by -1 for the lower edge of the last row.
     pub cosines: Vec<f64>,
 }
 

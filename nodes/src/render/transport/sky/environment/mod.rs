@@ -40,7 +40,7 @@ pub struct DrawnDirection {
 pub const TIERS: usize = 2;
 /// Maximum number of columns and rows of cells of each tier.
 const CELLS: [[usize; 2]; TIERS] = [[16, 8], [32, 16]];
-/// Ratio of the radiance of a texel to the mean above which it belongs to the bright tier.
+/// Ratio of a texel's radiance to the mean radiance above which the texel belongs to the bright tier.
 const BRIGHT: f64 = 16.0;
 
 /// An environment prepared for lookup and sampling. Radiance is constant over each texel, and texels are
@@ -57,7 +57,7 @@ pub struct EnvironmentLight {
     pub(crate) level: Level,
     /// Number of light samples per tier at vertices that take several, each a power of 2.
     pub lights: [u32; TIERS],
-    /// Number of pixels that were negative or not finite and count as black.
+    /// Number of channel values that were negative or not finite and were replaced by 0.
     pub broken: u64,
     /// Integral of radiance over the sphere, per channel.
     pub power: [f64; 3],
@@ -165,8 +165,9 @@ impl EnvironmentLight {
         (brightest, irradiance)
     }
 
-    /// Calls `each` for the texels that overlap a cone, and perhaps for some near it, with a direction in the
-    /// texel, the maximum distance of other directions in it, its solid angle and its radiance.
+    /// Calls `each` for the texels that overlap a cone, and perhaps for some texels near it. The arguments are a
+    /// direction in the texel, the maximum distance from it to other directions in the texel, and the solid angle
+    /// and the radiance of the texel.
     pub fn each_around(&self, cone: &Cone, mut each: impl FnMut(DVec3, f64, f64, [f64; 3])) {
         let radius = 2.0 * self.texel_grid.radius();
         self.texel_grid.each_around(cone, |x, y| {
@@ -176,18 +177,20 @@ impl EnvironmentLight {
         });
     }
 
-    /// Distributions for a surface with the given unit normal, or for surfaces lit from all sides.
+    /// Distributions for a surface with the given unit normal. `None` means surfaces that are lit from all sides.
     #[inline]
     pub fn distributions(&self, normal: Option<Vec3>) -> Distributions<'_> {
         [self.tiers[0].distribution(normal), self.tiers[1].distribution(normal)]
     }
 
-    /// Distributions for surfaces whose normals lie in a cone, restricted to light from a cone of directions.
+    /// Distributions for surfaces whose normals lie in the cone `normals`, restricted to light from the cone of
+    /// directions `to`. `None` means surfaces that are lit from all sides.
     pub fn distributions_within(&self, normals: Option<Cone>, to: &Cone) -> [LightDistribution; TIERS] {
         [0, 1].map(|k| LightDistribution::new(&self.tiers[k].grid, normals, to))
     }
 
-    /// Expected number of light samples per tier, for several samples or for a single one.
+    /// Expected number of light samples per tier. `several` contains the numbers of samples of a vertex that takes
+    /// several; `None` means a single sample.
     #[inline]
     pub fn numbers(&self, distributions: Distributions<'_>, several: Option<[u32; TIERS]>) -> [f32; TIERS] {
         let [high, low] = distributions.map(|distribution| distribution.power);
@@ -245,8 +248,8 @@ impl EnvironmentLight {
         LightSample { direction, radiance: Vec3::new(r, g, b), pdf: expected * pdf }
     }
 
-    /// Takes a single light sample for a surface lit from one side, or from all. `None` if no light comes
-    /// from there.
+    /// Takes a single light sample for a surface with the given unit normal, or, for `None`, a surface that is lit
+    /// from all sides. Returns `None` if no light reaches the surface.
     pub fn sample_one(&self, normal: Option<Vec3>, point: [u32; 2]) -> Option<LightSample> {
         let distributions = self.distributions(normal);
         distributions.iter().any(|distribution| distribution.power > 0.0).then(|| {
@@ -256,8 +259,8 @@ impl EnvironmentLight {
         })
     }
 
-    /// Same as [`sample_one`](Self::sample_one), except that a quarter of the samples ignores the normal
-    /// (defensive sampling). Used for light whose direction differs slightly from that of the panorama.
+    /// Same as [`sample_one`](Self::sample_one), except that a quarter of the samples ignores the normal (defensive
+    /// sampling). Used for light whose direction differs slightly from its direction in the panorama.
     pub fn sample_defensive(&self, normal: Option<Vec3>, [a, b]: [u32; 2]) -> Option<LightSample> {
         const QUARTER: u32 = 1 << 30;
         let (aimed, a) = match a.checked_sub(QUARTER) {
@@ -307,8 +310,8 @@ impl EnvironmentLight {
         }
     }
 
-    /// Radiance of the environment as a background image, interpolated bilinearly between the centres of
-    /// texels. Light samples use [`EnvironmentLight::radiance`], whose sum is exact.
+    /// Radiance of the environment as a background image, interpolated bilinearly between the centres of texels.
+    /// Light samples use [`EnvironmentLight::radiance`], whose integral is exact.
     pub fn background(&self, direction: Vec3) -> Vec3 {
         let [x, y, z] = self.texel_grid.axes.map(|axis| f64::from(direction.dot(axis)));
         let u = (approximate_turns(x, y) + 0.5) * self.texel_grid.width as f64 - 0.5;
@@ -343,7 +346,7 @@ impl EnvironmentLight {
     }
 }
 
-/// Factor from 32-bit integers to [0, 1).
+/// Factor that scales 32-bit integers to the range [0, 1).
 const SCALE: f64 = 1.0 / 4_294_967_296.0;
 
 /// An environment of one colour.

@@ -32,7 +32,7 @@ trait PowiExact {
     fn powi_exact(self) -> f32;
 }
 impl PowiExact for f32 {
-    // A peaked spectrum without the banned power function.
+    // A peaked distribution, computed without the power function, which is not allowed here.
     fn powi_exact(self) -> f32 {
         let s = self * self;
         s * s * s * 20.0
@@ -74,14 +74,14 @@ fn samples_lie_in_the_texel_they_claim() {
     assert!(elsewhere < 40, "{elsewhere} of 20000 fall across an edge by rounding");
 }
 
-// Exact irradiance: radiance times cosine over density, averaged over a net of points, against the sum over
-// subdivided texels.
+// Compares the mean of radiance times cosine over density with the exact irradiance, which is a sum over subdivided
+// texels.
 #[test]
 fn sampling_integrates_the_picture() {
     for (width, height) in [(64, 32), (128, 40), (7, 3), (1, 1)] {
         let environment = noisy(width, height);
         let sky = EnvironmentLight::new(&environment);
-        // Each channel by its share, as samples follow it.
+        // Each channel is weighted as in the density of the samples.
         let weight = |rgb: [f32; 3]| (0..3).map(|k| f64::from(rgb[k]) / sky.power[k].max(1e-30)).sum::<f64>();
         for normal in [Vec3::Y, Vec3::new(0.6, -0.48, 0.64), Vec3::NEG_Z] {
             let (mut exact, sub) = (0.0, 512 / width);
@@ -97,7 +97,7 @@ fn sampling_integrates_the_picture() {
             let (n, distributions) = (1 << 14, sky.distributions(Some(normal)));
             let mut sum = 0.0;
             for i in 0..n {
-                // As at the first vertex of a path: a net of its own for each tier.
+                // As at the first vertex of a path, each tier has its own points.
                 let points = Points::new(stream(3, 1, 0), i);
                 for s in sampled(&sky, distributions, sky.lights, points) {
                     let cosine = s.direction.dot(normal).max(0.0);
@@ -111,7 +111,7 @@ fn sampling_integrates_the_picture() {
     }
 }
 
-// At the centre of a texel the background is the texel, between two it is their mean.
+// At the centre of a texel the background equals the texel. Halfway between two texels it equals their mean.
 #[test]
 fn the_picture_behind_is_smooth() {
     let environment = noisy(64, 32);
@@ -140,8 +140,8 @@ fn a_black_sky_is_sampled_evenly() {
     }
 }
 
-/// A surface that faces the bright texel samples it, and one that faces away never does. The light of both is
-/// complete.
+/// A surface that faces the bright texel samples it, and one that faces away never does. The density of both
+/// integrates to 1.
 #[test]
 fn one_texel_may_outshine_all_others() {
     let mut environment = constant(Up::PlusZ, [1e-9; 3], 32);
@@ -213,10 +213,10 @@ fn follows(
     assert!(z < 4.0, "{what}: {z}");
 }
 
-/// Samples follow their densities in every step: tiers, cells, texels and points in them. Mutation:
-/// `numbers[tier]` left out of `EnvironmentLight::eval`, `share(rows, row)` of
-/// `LightDistribution::probability` squared, `of_row` left out of `LightCells::divide`, `v` squared in
-/// `TexelGrid::within`, `0.75` and `0.25` of `eval_defensive` swapped (each seen red).
+/// Samples follow their densities in every step: tiers, cells, texels and points in texels. This test fails if
+/// `numbers[tier]` is left out of `EnvironmentLight::eval`, if the share of the row is squared in
+/// `LightDistribution::probability`, if `of_row` is left out of `LightCells::divide`, if `v` is squared in
+/// `TexelGrid::within`, or if `0.75` and `0.25` are swapped in `eval_defensive`.
 #[test]
 fn samples_follow_their_densities() {
     let mut lamps = noisy(24, 12);
