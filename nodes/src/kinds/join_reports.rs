@@ -7,8 +7,8 @@ use engine::{Context, ContextField, Kind, NodeError, Notes};
 use crate::types::{Cell, Report, Table};
 
 engine::params! {
-    /// Concatenates the tables of many reports, such as those of a `Gather`, where each row starts with the values
-    /// of its axes.
+    /// Concatenates the tables of many reports. If the reports come from a `Gather`, each row starts with the
+    /// values of its axes.
     ///
     /// Tables with the same name must have the same columns.
     pub struct JoinReports {}

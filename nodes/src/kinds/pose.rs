@@ -77,7 +77,7 @@ impl Kind for PoseNode {
         if p.pixel.is_some() || p.translation != [0.0; 3] || p.yaw_deg != 0.0 || p.scale != 1.0 {
             return Err(NodeError::new("`matrix` already contains translation, yaw and scale")
                 .at("matrix")
-                .hint("give either `matrix`, or the others"));
+                .hint("give either `matrix` or the other parameters"));
         }
         if m[12..] != [0.0, 0.0, 0.0, 1.0] {
             return Err(NodeError::new("the last row of `matrix` must be 0, 0, 0, 1").at("matrix").hint(
@@ -96,7 +96,7 @@ impl Kind for PoseNode {
         match (p.pixel.is_some(), rig, mesh != splats) {
             (true, true, true) => Ok(()),
             (false, _, _) if !(rig || mesh || splats) => Ok(()),
-            (true, _, _) => Err(NodeError::new("`pixel` needs the view and what it shows")
+            (true, _, _) => Err(NodeError::new("`pixel` needs a view and the scene that it shows")
                 .at("pixel")
                 .hint("wire `rig`, and either `mesh` or `splats`")),
             (false, _, _) => {
@@ -146,17 +146,17 @@ fn ground(pixel: [f64; 2], inputs: &In, cx: &Context, notes: &mut Notes) -> Resu
     let picked = match (&inputs.mesh, &inputs.splats) {
         (Some(mesh), None) => on_mesh(mesh, camera, pixel)?,
         (None, Some(splats)) => on_splats(splats, camera, pixel, cx)?,
-        _ => return Err(NodeError::new("the ground is either `mesh` or `splats`")),
+        _ => return Err(NodeError::new("wire exactly one of `mesh` and `splats` as the ground")),
     };
     let [_, _, up] = axes(cx.up());
     let (level, across) = (picked.normal.dot(up), picked.normal.cross(up).length());
     if level < across {
         let steep = num::atan2(across, level).to_degrees();
         let what = format!(
-            "pixel ({}, {}) of `{}` shows a surface {steep:.0} degrees off level, on which nothing stands",
+            "pixel ({}, {}) of `{}` shows a surface that is {steep:.0} degrees from level, which is too steep to stand on",
             pixel[0], pixel[1], camera.name
         );
-        return Err(NodeError::new(what).hint("take a pixel of the ground"));
+        return Err(NodeError::new(what).hint("choose a pixel that shows the ground"));
     }
     let [x, y, z] = picked.position.to_array();
     notes.decision("picked", format!("the pixel shows the ground at ({x:.4}, {y:.4}, {z:.4})"));

@@ -123,8 +123,9 @@ mod tests {
     use crate::geometry::sampling::{hash, unit};
     use crate::math::equirect::direction;
 
-    // Compared with the definition, a search over all unlit pixels: at the poles, across the seam, and with rows
-    // that are lit completely. Mutation: the second `pass` left out, or `width / 2` to `width / 4`.
+    // Compares with the definition, a search over all unlit pixels: at the poles, across the seam, and with rows
+    // that are lit completely. This test fails if the second `pass` is left out, or if `width / 2` is changed to
+    // `width / 4`.
     #[test]
     fn the_nearest_edge_is_the_nearest_of_all_pixels() {
         let (width, height) = (48, 24);
