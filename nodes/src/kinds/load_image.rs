@@ -68,7 +68,7 @@ impl Kind for LoadImage {
     fn check(p: &Self) -> Result<(), NodeError> {
         let files = 1 + p.more.len();
         if !p.names.is_empty() && p.names.len() != files {
-            let what = format!("{} names for {files} files", p.names.len());
+            let what = format!("there are {} names, but {files} files", p.names.len());
             return Err(NodeError::new(what).at("names"));
         }
         p.names.iter().try_for_each(|name| check_name(name).map_err(|e| e.at("names")))

@@ -11,21 +11,21 @@ use crate::render::pick::{on_mesh, on_splats};
 use crate::types::{Mesh, Pose, Rig, Splats};
 
 engine::params! {
-    /// The pose of an object: where the origin of its file lies, the direction it faces, and its size.
+    /// The pose of an object: the position of the origin of its file, the direction it faces, and its size.
     ///
-    /// The origin is at the foot in files that are made to be placed, and in the middle in many others: `snap`
-    /// moves those onto the ground below them.
+    /// Files that are made to be placed have their origin at the foot of the object; many others have it in the
+    /// middle. `snap` moves such objects onto the ground below them.
     ///
     /// The object is scaled, rotated about the up axis of the scene (counter-clockwise seen from above), and then
-    /// translated. Give `matrix` instead for any other affine transform, or `pixel` to stand
-    /// it where a view shows the ground.
+    /// translated. Give `matrix` instead for any other affine transform, or `pixel` to put the object where a view
+    /// shows the ground.
     pub struct PoseNode {
-        /// Position of the origin of the object's file, in the world.
+        /// Position in the world of the origin of the object's file.
         translation: [f64; 3] = [0.0; 3], range(-1e12, 1e12), unit("world units"), other("(0.5, 0.0, 0.2)");
         /// Rotation about the up axis, counter-clockwise seen from above.
         yaw_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("30.0");
-        /// Uniform scale. A negative scale mirrors all three axes, so the object hangs below its origin; for a
-        /// mirrored object that stands, give a `matrix`.
+        /// Uniform scale. A negative scale mirrors all three axes, so the object hangs below its origin. To mirror
+        /// an object that stands upright, give a `matrix`.
         scale: f64 = 1.0, range(-1e9, 1e9), other("2.0");
         /// Affine transform from the object's frame (axes of the world) to the world: 16 numbers in row-major
         /// order. Replaces the three parameters above.
@@ -40,7 +40,7 @@ engine::inputs! {
     /// Inputs of [`PoseNode`]: the view that `pixel` refers to, and the place that it shows. They are used
     /// only with `pixel`.
     pub struct In {
-        /// The view: one camera.
+        /// The view that `pixel` refers to: a rig of one camera.
         rig: Option<Arc<Rig>>,
         /// Mesh of the place that the view shows; `splats` can be given instead.
         mesh: Option<Arc<Mesh>>,
@@ -229,7 +229,7 @@ mod tests {
         assert!(PoseNode::check(&PoseNode { matrix: Some(column_major), ..plain() }).is_err());
     }
 
-    /// Floor at z = 0.5 that ends at y = 2 with a wall up to z = 1.5, and a camera before the wall.
+    /// Floor at z = 0.5 that ends at y = 2 with a wall up to z = 1.5, and a camera in front of the wall.
     fn place() -> (Mesh, crate::types::Camera) {
         let mut mesh = Mesh::default();
         let mut quad = |corners: [[f32; 3]; 4]| {
@@ -256,8 +256,8 @@ mod tests {
         PoseNode::run(&p, inputs, &cx).map(|(out, _)| (*out.pose).clone())
     }
 
-    /// A pixel places an object only where it shows the ground. Mutation: `level < across` to `level <
-    /// -across` in `ground`, seen red.
+    /// A pixel places an object only where it shows the ground. This test fails if `level < across` is changed to
+    /// `level < -across` in `ground`.
     #[test]
     fn an_object_stands_where_a_pixel_shows_the_ground_and_nowhere_else() {
         let (_, camera) = place();

@@ -297,8 +297,7 @@ mod tests {
         assert_eq!(run(None, rgb([0.5; 3]), [0.25, 0.0, 0.0, 0.0], [1.0; 3]), [0.75, 0.5, 0.5]);
     }
 
-    /// The result is the same for an object given premultiplied and for one composited by the formula for
-    /// straight alpha.
+    /// The result for a premultiplied object is the same as by the formula for straight alpha.
     #[test]
     fn premultiplied_is_straight_times_alpha() {
         let (b, colour) = (0.4_f32, 0.7_f32);
@@ -320,7 +319,7 @@ mod tests {
         assert_eq!(open, [0.2, 0.2, 0.2, 0.75]);
     }
 
-    // Half-covered display-encoded pixels are decoded at their own colour, not at the darkened one.
+    // Half-covered display-encoded pixels are decoded at their own colour, not at the colour darkened by alpha.
     #[test]
     fn encoded_colour_is_unpremultiplied_before_decoding() {
         let b: Picture = Image::<Srgb>::from_samples(1, 1, 4, vec![0.25, 0.25, 0.25, 0.5]).into();
@@ -397,8 +396,8 @@ mod tests {
         assert_eq!(railing([0.25, 0.25, 0.25, 0.5], 1.0, -9.0), 0.25);
     }
 
-    // Half covered: half of the error of the ratio that belongs to the background, plus that of the object, a
-    // quarter of which is behind the front layer.
+    // The object covers half of the pixel, so half of the error of the background's ratio remains. The error of the
+    // object is added, reduced by a quarter because of the front layer.
     #[test]
     fn the_error_is_that_of_the_ratio_and_of_the_object() {
         let data = |v: Vec<f32>| one(Image::<Data>::from_samples(1, 1, v.len(), v));

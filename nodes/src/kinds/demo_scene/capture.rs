@@ -206,7 +206,7 @@ fn flat(colour: Rgb) -> [Rgb; SH] {
     sh
 }
 
-#[allow(clippy::too_many_arguments, reason = "a patch is defined by its numbers")]
+#[allow(clippy::too_many_arguments, reason = "a patch is defined by this many numbers")]
 fn colours(
     lit: &Lit<'_>,
     quad: &Quad,

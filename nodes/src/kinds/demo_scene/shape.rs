@@ -131,7 +131,7 @@ impl Shapes {
 
     /// Adds a box whose edges are rounded by `radius`, with `n` x `n` quads per face. `puff` makes the faces
     /// bulge.
-    #[allow(clippy::too_many_arguments, reason = "a shape is its numbers")]
+    #[allow(clippy::too_many_arguments, reason = "a shape is defined by this many numbers")]
     pub(super) fn rounded(
         &mut self,
         place: Place,

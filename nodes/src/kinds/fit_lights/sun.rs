@@ -183,7 +183,7 @@ fn candidates(env: &Environment) -> Vec<DVec3> {
     all.into_iter().step_by(every).collect()
 }
 
-/// A grid of five by five directions around one, `step` degrees apart.
+/// A grid of five by five directions around a direction, `step` degrees apart.
 fn around(direction: DVec3, step: f64) -> Vec<DVec3> {
     let (right, up) = direction.any_orthonormal_pair();
     let tangent = step.to_radians();

@@ -83,7 +83,7 @@ impl Edges {
         }
     }
 
-    /// Angle from a pixel to the nearest unlit one, at most `most`, in radians.
+    /// Angle from a pixel to the nearest unlit pixel, at most `most`, in radians.
     fn angle(&self, at: usize) -> f64 {
         let (x, y, height) = (at % self.width, at / self.width, self.rows.len());
         let (sine, cosine) = self.rows[y];

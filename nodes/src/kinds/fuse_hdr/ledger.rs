@@ -219,7 +219,8 @@ impl Lights {
         Energy::of(up, pixels.width, &luminance)
     }
 
-    /// Table with one column per step, and rows for the total, each listed light, and the others together.
+    /// Table with one column per step. It has a row for the total, one for each listed light, and one for all other
+    /// lights.
     fn table(&self, whole: &[Energy], lights: &[Light]) -> Table {
         let row = |name: String, values: Vec<f64>| {
             std::iter::once(Cell::Text(name)).chain(values.into_iter().map(Cell::Number)).collect()

@@ -171,7 +171,7 @@ impl Kind for FuseHdr {
         for ((to, rgb), fused) in image.samples.chunks_exact_mut(3).zip(&pixels.rgb).zip(&fused) {
             to.copy_from_slice(&apply(*rgb, fused.luminance));
         }
-        // Derived exposures were made from the panorama with the sRGB curve; with another one they would seem to
+        // Derived exposures were made from the panorama with the sRGB curve; with another curve they would seem to
         // have another colour.
         if params.hue == Hue::Exposures && pixels.ceiling && brackets.taken != Taken::Derived {
             let coloured = cx.for_each_tile(height, |y| {

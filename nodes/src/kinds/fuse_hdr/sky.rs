@@ -28,8 +28,8 @@ const GROUND_ALPHA: f32 = 0.5;
 /// Minimum share of the ground directions that must have been seen, weighted by cosine.
 const LEAST_GROUND: f64 = 0.05;
 
-/// Light that a level ground reflects and receives, as luminance. Irradiance is that of a plane that faces
-/// up, as in the report.
+/// Light that a level ground reflects and receives, as luminance. Irradiance is for a plane that faces up, as in
+/// the report.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Balance {
     /// Mean radiance of the visible ground, weighted by solid angle times the cosine to straight down, as for a

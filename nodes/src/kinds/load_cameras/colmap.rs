@@ -210,7 +210,11 @@ impl Reader<'_> {
         Ok(())
     }
     fn end(&self) -> Result<(), Error> {
-        if self.rest.is_empty() { Ok(()) } else { Err(Error::format(self.file, "has bytes left over")) }
+        if self.rest.is_empty() {
+            Ok(())
+        } else {
+            Err(Error::format(self.file, "has extra bytes at its end"))
+        }
     }
 }
 

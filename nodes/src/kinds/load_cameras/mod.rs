@@ -184,7 +184,7 @@ impl Kind for LoadCameras {
             .collect();
         if !tiny.is_empty() {
             let text = format!(
-                "lens distortion of {} cameras moves no point by more than {:.1e} px and is left out",
+                "lens distortion of {} cameras moves no point by more than {:.1e} px and is ignored",
                 tiny.len(),
                 tiny.iter().copied().fold(0.0, f64::max)
             );
@@ -435,7 +435,7 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
             Distortion::Ignore => {
                 notes.degraded(
                     "distortion-ignored",
-                    format!("lens distortion of `{name}` ({distortion}) is left out"),
+                    format!("lens distortion of `{name}` ({distortion}) is ignored"),
                 );
             }
         }

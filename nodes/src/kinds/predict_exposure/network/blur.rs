@@ -1,4 +1,4 @@
-//! Means over neighbourhoods of a panorama that are about equally wide in angle at every latitude.
+//! Means over neighbourhoods of a panorama whose width in degrees is about the same at every latitude.
 
 /// Number of fields averaged together.
 pub(super) const FIELDS: usize = 7;
