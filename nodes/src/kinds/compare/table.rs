@@ -109,8 +109,8 @@ pub(super) fn cells(names: [&str; 3], row: Option<Row>, colour: bool, pixels: us
     cells
 }
 
-/// Table of the shares of the positive scores. A picture whose two scores are 0 has no share and is left out
-/// of the means.
+/// Table of the scores, with the share of the positive score in each pair. A pair whose two scores are 0 has no
+/// share and is left out of the means.
 fn prompt(scores: &[[f64; 2]]) -> Table {
     let share = |[positive, negative]: [f64; 2]| {
         (positive + negative > 0.0).then(|| positive / (positive + negative))

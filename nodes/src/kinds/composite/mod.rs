@@ -85,7 +85,7 @@ struct Layers<'a> {
 }
 
 impl Layers<'_> {
-    /// The part of the background in front of the objects, limited to what the background contains, and its alpha.
+    /// Colour of the front layer at a pixel, limited to the colour of the background, and alpha of the front layer.
     fn in_front(&self, x: usize, y: usize) -> ([f32; 3], f32) {
         let Some(front) = &self.front else { return ([0.0; 3], 0.0) };
         let (b, f) = (self.background.pixel(x, y), front.pixel(x, y));

@@ -120,7 +120,7 @@ impl<'a> Lit<'a> {
         Ok(lit)
     }
 
-    /// Irradiance directly from sun, sky and lamp. `key` is the key of the random numbers.
+    /// Direct irradiance from sun, sky and lamp. `key` selects the random numbers.
     pub(super) fn direct(&self, p: DVec3, n: DVec3, key: u64, effort: Effort) -> Rgb {
         let from = p + n * OFF;
         let mut sum = [0.0; 3];

@@ -8,14 +8,14 @@ use crate::types::Data;
 const SIZE: usize = 48;
 const SAMPLES: u32 = 16;
 
-/// Fraction of light that remains in a column: 1 outside the shadow, decreasing over eight pixels at its
-/// edge, and at least 0.3 in its core, so that every pixel of it is noisy.
+/// Fraction of light that remains in a column: 1 outside the shadow, decreasing over eight pixels at its edge to
+/// 0.5 in its core. It is always above 0.3, so every pixel of the shadow is noisy.
 fn truth(x: usize) -> f32 {
     1.0 - 0.5 * ((x as f32 - 20.0) / 8.0).clamp(0.0, 1.0)
 }
 
-/// Output of a path tracer that uses the same random numbers for R0 and R1: all or a part of the light of
-/// each sample arrives.
+/// Output of a path tracer that uses the same random numbers for R0 and R1. In R1, each sample keeps all of its
+/// light or 0.3 of it.
 fn noisy(seed: u32) -> In {
     let [mut without, mut with] = [3, 3].map(|c| Image::<Linear>::new(SIZE, SIZE, c));
     let mut object = Image::<Linear>::new(SIZE, SIZE, 4);

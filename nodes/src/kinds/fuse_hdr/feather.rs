@@ -12,9 +12,9 @@ use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 
 impl Lights {
-    /// Scales the light added by fusion from 0 at the edge of a light to its full value at `feather_deg`
-    /// inside, and then scales each light so that its total stays the same. Angles are measured between
-    /// centres of pixels, and columns wrap around.
+    /// Scales the light added by fusion from 0 at the edge of a light to its full value at an angle of
+    /// `feather_deg` from the edge, and then scales each light so that its total stays the same. Angles are
+    /// measured between centres of pixels, and columns wrap around.
     pub(super) fn feather(
         &self,
         feather_deg: f64,

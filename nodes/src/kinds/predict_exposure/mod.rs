@@ -82,8 +82,8 @@ engine::outputs! {
     }
 }
 
-/// Value from which a channel counts as clipped: the middle of the range from 0.9 to 1 over which clipping
-/// increases in the data for the regression.
+/// Value from which a channel counts as clipped. In the data of the regression, clipping sets in gradually between
+/// 0.9 and 1, and this is the middle of that range.
 pub const CLIPPED: f32 = 0.95;
 /// Maximum number of exposures. They take memory, and more than a few add no information.
 const MOST_EXPOSURES: usize = 64;

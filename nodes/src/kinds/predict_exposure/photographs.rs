@@ -244,8 +244,8 @@ impl Photographs {
         Ok(rows.iter().flatten().map(|gain| gain.map_or(0.0, |(gain, _)| gain)).collect())
     }
 
-    /// Photographs as pictures, with values above 1 where linear light is above white. Holes are filled by
-    /// the gain.
+    /// Photographs as pictures, with values above 1 where linear light is above white. Holes show the exposure that
+    /// is derived from the gain.
     pub fn pictures(
         &self,
         pixels: &LinearPixels,

@@ -75,8 +75,8 @@ fn clear_sky(grid: &Grid, up: Up) -> f64 {
     clear / all
 }
 
-/// Reports a light that looks like the sun in a blue sky, except that the ground is as blue as the sky, as
-/// over water.
+/// Reports a light that looks like the sun in a blue sky, except that the ground is as blue as the sky. This can
+/// happen over water.
 pub(super) fn report_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes: &mut Notes) {
     let doubtful = |[bluer, blue]: &[f64; 2]| *bluer <= BLUER[0] && *blue > BLUE;
     if hues(grid, up, regions).iter().flatten().any(doubtful) {
@@ -85,8 +85,8 @@ pub(super) fn report_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes
     }
 }
 
-/// Blueness of the surroundings of each region, relative to the ground and absolute. `None` for regions that
-/// do not qualify by size, height and share.
+/// Blueness of the surroundings of each region: relative to that of the ground, and absolute. `None` for regions
+/// that do not qualify by size, height and share.
 fn hues(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<Option<[f64; 2]>> {
     let above = axes(up)[2];
     let height = |cell: usize| grid.direction(up, cell).dot(above);

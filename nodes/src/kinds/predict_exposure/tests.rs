@@ -122,7 +122,7 @@ fn flat_panoramas_stay_monotone_and_finite() {
     assert_eq!(expose(&white, &[9.0], -3.0), [1.0; 3], "a light that outshines an exposure is white in it");
 }
 
-/// Difference between the gain of a rotated panorama and the rotated gain.
+/// Largest difference between the gain of a rotated panorama and the rotated gain of the original.
 fn off_turned(plain: &Brackets, turned: &Brackets, shift: usize) -> f64 {
     let width = plain.log2_gain.width;
     let from = |at: usize| plain.log2_gain.pixel((at % width + shift) % width, at / width)[0];
@@ -131,7 +131,8 @@ fn off_turned(plain: &Brackets, turned: &Brackets, shift: usize) -> f64 {
     off.fold(0.0, f64::max)
 }
 
-/// Rolling the panorama horizontally rolls the prediction, also for one pixel and for a sun on the seam.
+/// Rolling the panorama horizontally rolls the prediction, even if a window lies across the seam or a single
+/// clipped pixel lies at the seam.
 #[test]
 fn rolling_the_panorama_rolls_the_gain() {
     let dot = |x: usize, y: usize| if (x, y) == (0, 40) { [1.0; 3] } else { [0.4, 0.5, 0.6] };

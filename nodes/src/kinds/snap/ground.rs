@@ -14,7 +14,7 @@ const GRID: u32 = 24;
 /// outwards, its floor faces down and its ceiling is the next surface that faces up.
 const SHELL: f64 = 2.0;
 
-/// Mesh with its tree, relative to the middle of a foot at the height of its base.
+/// Mesh and its tree, in coordinates relative to the middle of a foot at the height of its base.
 pub(super) struct Ground {
     pub(super) around: DVec3,
     pub(super) corners: Vec<[Vec3; 3]>,

@@ -8,7 +8,7 @@ use crate::geometry::sampling::hash;
 
 /// Number of planes that are tried, each horizontal or through three points.
 const TRIED: u32 = 400;
-/// Minimum number of points directly below the foot to determine a level there.
+/// Minimum number of points directly below the foot from which a level there can be determined.
 const FEW: usize = 8;
 
 /// Plane and the number of points on it.

@@ -60,7 +60,7 @@ engine::outputs! {
 
 /// Fraction of a view's shorter side over which it fades towards its border.
 const FADE: f64 = 0.08;
-/// Weight at the border itself, so that directions seen by a single view are not lost there.
+/// Weight of a view at its border. It is above 0, so that directions seen only at a border are not lost.
 const LEAST: f64 = 1e-6;
 /// Samples per pixel of a face along each axis, at the centre of a view.
 const SAMPLES_PER_PIXEL: f64 = 2.0;

@@ -179,7 +179,7 @@ mod tests {
     use crate::kinds::predict_exposure::grid::Grid;
     use engine::Up;
 
-    /// Features of a grey world of brightness `below` under the horizon and `above` over it, with one clipped
+    /// Features of a grey world of brightness `above` above the horizon and `below` below it, with one clipped
     /// cell.
     fn numbers(above: f64, below: f64) -> [f32; OVERVIEW] {
         let (width, height) = (64, 32);

@@ -1,4 +1,4 @@
-//! Tests of the effect of the number of pixels of a panorama and of their position.
+//! Tests of the influence of the resolution of a panorama and of the position of its pixels.
 
 use super::*;
 

@@ -264,7 +264,7 @@ impl Course {
         scaled
     }
 
-    /// Unmodified photographs of the places of one fold, by name of the panorama.
+    /// Held-out panoramas whose places belong to a fold.
     pub fn held_out(&self, fold: usize, folds: usize) -> impl Iterator<Item = &HeldOut> {
         self.held.iter().filter(move |held| Self::fold(held.place, folds) == fold)
     }
