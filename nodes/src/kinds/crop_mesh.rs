@@ -74,7 +74,7 @@ impl Kind for CropMesh {
         }
         let mut notes = Notes::none();
         let (left, all) = (kept.triangles.len(), mesh.triangles.len());
-        notes.count("cropped", (all - left) as u64, format_args!("of {all} triangles removed"));
+        notes.count("cropped", (all - left) as u64, format_args!("of {all} triangles were removed"));
         if left == 0 && all > 0 {
             notes.degraded("empty", "no triangle of the mesh is left");
         }

@@ -59,7 +59,7 @@ impl Kind for FitProbe {
         };
         if let Some(odd) = rig.cameras.iter().find(|c| [c.width_px, c.height_px] != [side; 2]) {
             let text = format!("view `{}` is {}x{} pixels", odd.name, odd.width_px, odd.height_px);
-            let hint = "views of a probe are squares of equal size, as from `cube-rig`";
+            let hint = "all views must be squares of equal size, such as those of `cube-rig`";
             return Err(NodeError::new(text).at("rig").hint(hint));
         }
         let most = side.saturating_mul(COLUMNS_A_PIXEL) as usize;

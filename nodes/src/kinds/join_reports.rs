@@ -65,8 +65,10 @@ impl Kind for JoinReports {
                     }),
                     Some(known) if known.columns.iter().cloned().eq(columns()) => known.rows.extend(rows),
                     Some(_) => {
-                        let text =
-                            format!("the tables `{}` have different columns in report {index}", table.name);
+                        let text = format!(
+                            "the table `{}` of report {index} has different columns than in earlier reports",
+                            table.name
+                        );
                         return Err(NodeError::new(text).at("reports"));
                     }
                 }

@@ -60,9 +60,9 @@ impl Kind for Plane {
         let side = params.width_metres.max(params.depth_metres);
         if side / params.square_metres > MOST {
             let least = side / MOST;
-            return Err(NodeError::new(format!("more than {MOST} squares per side"))
+            return Err(NodeError::new(format!("the plane would have more than {MOST} squares per side"))
                 .at("square_metres")
-                .hint(format!("at least {least:.4}")));
+                .hint(format!("`square_metres` must be at least {least:.4}")));
         }
         Ok(())
     }
@@ -117,7 +117,7 @@ impl Kind for Plane {
             )?;
             if mesh.colours.is_empty() {
                 let text = format!(
-                    "no splat lies within {} m of the plane; it has no colours",
+                    "no splat lies within {} m of the plane, so it has no colours",
                     params.thickness_metres
                 );
                 notes.warning("plane-without-colours", text);

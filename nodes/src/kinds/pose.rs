@@ -138,10 +138,10 @@ fn ground(pixel: [f64; 2], inputs: &In, cx: &Context, notes: &mut Notes) -> Resu
     let cameras = inputs.rig.as_deref().map_or(&[][..], |rig| &rig.cameras);
     let [camera] = cameras else {
         return Err(NodeError::new(format!(
-            "`rig` has {} cameras, but `pixel` belongs to one",
+            "`rig` has {} cameras, but `pixel` is a pixel of a single camera",
             cameras.len()
         ))
-        .hint("`LoadCameras(pick: [\"name\"])` takes one"));
+        .hint("load a single camera, for example by `LoadCameras(pick: [\"name\"])`"));
     };
     let picked = match (&inputs.mesh, &inputs.splats) {
         (Some(mesh), None) => on_mesh(mesh, camera, pixel)?,

@@ -143,7 +143,7 @@ impl Kind for WriteExr {
             let (width, height, _) = view.picture.size();
             for (name, images) in &layers {
                 let other = |what: String| {
-                    NodeError::new(what).at("layers").hint("all layers of a file come from one rig")
+                    NodeError::new(what).at("layers").hint("all layers of a file must come from one rig")
                 };
                 let picture = images.view(&view.name).ok_or_else(|| {
                     let there: Vec<&str> = images.0.iter().map(|image| image.name.as_str()).collect();
@@ -187,9 +187,9 @@ fn layer_names<'a>(
         (0, 0, _) => Err(NodeError::new("nothing to write").at("image").hint("wire `image` or `layers`")),
         (1, 0, 0) => Ok(vec![""]),
         (1, 0, 1) => Ok(given()),
-        (_, 0, _) => {
-            Err(NodeError::new("`image` is one layer").at("names").hint("wire the others to `layers`"))
-        }
+        (_, 0, _) => Err(NodeError::new("`image` is a single layer and takes one name")
+            .at("names")
+            .hint("wire several layers to `layers`")),
         (0, layers, names) if layers == names => Ok(given()),
         (0, layers, 0) if layers == outputs.len() => {
             match outputs.iter().enumerate().find(|(i, name)| outputs[..*i].contains(name)) {
@@ -416,7 +416,7 @@ mod tests {
         let rigs = In { image: None, layers: vec![pair("x", "y"), pair("x", "z")] };
         let Err(reported) = run(&node(&["a", "b"]), rigs) else { panic!("layers of different rigs") };
         assert_eq!(reported.message(), "layer `b` has no view `y`; it has x, z");
-        assert_eq!(reported.advice(), Some("all layers of a file come from one rig"));
+        assert_eq!(reported.advice(), Some("all layers of a file must come from one rig"));
         for (p, inputs) in [
             (node(&[]), In { image: None, layers: vec![] }),
             (node(&["a"]), In { image: None, layers: vec![colour(), depth()] }),

@@ -69,7 +69,7 @@ engine::params! {
         /// Factor applied to width and height of the pictures.
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
         /// Treatment of lens distortion.
-        distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have none");
+        distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have no distortion");
         /// The file `dataparser_transforms.json` of a training run in nerfstudio, for splats exported from this
         /// run. It converts the cameras from the coordinates of the capture to those of the splats. COLMAP models
         /// and `transforms.json` need it; `camera_path.json` is already in the coordinates of the splats.

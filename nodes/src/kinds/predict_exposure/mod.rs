@@ -128,7 +128,9 @@ impl Kind for PredictExposure {
                 .hint("list fewer exposures; the gain map contains all of the light"));
         }
         if evs.windows(2).any(|pair| pair[0] >= pair[1]) {
-            return Err(NodeError::new("an exposure is listed twice").at("evs").hint("name each one once"));
+            return Err(NodeError::new("an exposure is listed twice")
+                .at("evs")
+                .hint("list each exposure once"));
         }
         if let Method::Manual { emitters } = &params.method {
             manual::check(emitters)?;
