@@ -269,7 +269,7 @@ mod tests {
             let off = pose.world_from_local.w_axis.truncate() - DVec3::new(0.0, 0.0, 0.25) - wanted;
             assert!(off.length() < bound, "{off}");
             for (pixel, word) in
-                [([32.0, 17.0], "degrees off level"), ([32.0, 2.0], "shows"), ([64.5, 3.0], "outside")]
+                [([32.0, 17.0], "degrees from level"), ([32.0, 2.0], "shows"), ([64.5, 3.0], "outside")]
             {
                 let error = at(pixel, on_splats).expect_err("no ground").to_string();
                 assert!(error.contains(word), "{error}");

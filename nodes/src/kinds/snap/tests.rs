@@ -253,7 +253,7 @@ fn the_underside_of_a_shell_bears_nothing() {
     for z in [-0.2, 0.1] {
         let error = run(Some(closed(0.65)), None, z, false).map(|_| ()).expect_err("a shell");
         let reported = format!("{error:?}");
-        let side = if z < 0.0 { "0.20 m above it" } else { "0.10 m below it" };
+        let side = if z < 0.0 { "0.20 m above the foot" } else { "0.10 m below the foot" };
         let up = 0.65 - z;
         for part in [side, "underside of a shell", &format!("up by {up:.2} m")] {
             assert!(reported.contains(part), "{part}: {reported}");
