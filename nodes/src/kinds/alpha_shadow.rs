@@ -1,4 +1,4 @@
-//! `alpha-shadow`: the shadow as a grey mask laid over the picture, for comparison.
+//! `alpha-shadow`: the shadow as a grey mask over the picture, for comparison.
 
 use std::sync::Arc;
 
@@ -9,13 +9,15 @@ use crate::types::layers::{linear, matching};
 use crate::types::{Data, Image, Images, NamedImage};
 
 engine::params! {
-    /// A shadow by alpha compositing of a grey mask instead of a ratio of light: an ablation of the paper.
+    /// Makes the shadow by alpha compositing of a grey mask instead of by a ratio of light, as in an ablation of
+    /// the paper.
     ///
-    /// The mask is the share of luminance that the objects take. An image editor composites it in black over the
-    /// displayed picture, without converting to linear light. Here it is a factor in linear light, chosen so that
-    /// white becomes the same as in the editor. Darker pixels become darker than there: under a mask of 0.5, code
-    /// 128 becomes 61 where an editor has 64, and code 26 becomes 7 where it has 13. Shadows are too deep and have
-    /// no colour. For real work use `shadow-ratio`, which can replace this node in a graph.
+    /// The mask is the fraction of luminance that the objects take away. An image editor composites it as black
+    /// over the displayed picture, without converting to linear light. This node outputs a factor in linear light
+    /// instead, chosen so that white becomes the same as in the editor. Darker pixels become darker than in the
+    /// editor: under a mask of 0.5, code 128 becomes 61 instead of 64, and code 26 becomes 7 instead of 13. The
+    /// shadows are too dark and have no colour. For real work use `shadow-ratio`, which can replace this node in a
+    /// graph.
     pub struct AlphaShadow {
         /// Opacity of the mask.
         strength: f64 = 1.0, range(0.0, 1.0), other("0.5");
@@ -27,7 +29,7 @@ engine::inputs! {
     pub struct In {
         /// The receiver without the objects (R0).
         without: Arc<Images>,
-        /// The receiver with the objects, which the camera does not see (R1).
+        /// The receiver with the objects, which are invisible to the camera (R1).
         with: Arc<Images>,
     }
 }

@@ -58,7 +58,7 @@ impl Kind for Camera {
     fn check(p: &Self) -> Result<(), NodeError> {
         let towards = DVec3::from_array(p.target) - DVec3::from_array(p.eye);
         if towards.length() == 0.0 {
-            return Err(NodeError::new("`eye` and `target` are one point").at("target"));
+            return Err(NodeError::new("`eye` and `target` are the same point").at("target"));
         }
         check_name(&p.name)
     }

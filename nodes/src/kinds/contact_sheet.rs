@@ -7,12 +7,13 @@ use engine::{Context, Cost, Kind, NodeError, Notes};
 use crate::types::{Data, Image, Images, Linear, NamedImage, Picture, Srgb};
 
 engine::params! {
-    /// Arranges many pictures in one, row by row, in the order of the wires: the output of a `Gather`, for example.
+    /// Arranges many pictures in one picture, row by row, in the order of the wires. The input can be the output of
+    /// a `Gather`, for example.
     ///
-    /// Every cell has the size of the largest picture; smaller ones are placed at its upper left. Cells are black
-    /// where no picture covers them, and transparent if the pictures have alpha.
+    /// All cells have the same size, which fits every picture. Smaller pictures are placed at the upper left of
+    /// their cell. The rest of a cell is black, or transparent if the pictures have alpha.
     pub struct ContactSheet {
-        /// Pictures per row. With 0 the sheet is about square.
+        /// Number of pictures per row; 0 arranges them in about as many rows as columns.
         columns: u32 = 0, range(0, 1000), other("1");
         /// Gap between two pictures.
         gap_px: u32 = 4, range(0, 1000), unit("px"), other("0");

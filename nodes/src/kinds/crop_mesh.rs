@@ -14,11 +14,11 @@ engine::params! {
     /// A triangle is kept if its centroid lies inside; triangles are not cut. Removing the ceiling of a room
     /// (`below_height: 2.4`) lets light in; the paper compares its method with this simple approach.
     pub struct CropMesh {
-        /// Smallest world coordinates kept.
+        /// Corner of the box with the smallest world coordinates.
         box_min: Option<[f64; 3]> = None, other("(0.2, -1.0, -1.0)"), unit("world units");
-        /// Largest world coordinates kept.
+        /// Corner of the box with the largest world coordinates.
         box_max: Option<[f64; 3]> = None, other("(0.5, 1.0, 1.0)"), unit("world units");
-        /// Greatest height kept, along the up axis of the scene.
+        /// Maximum height that is kept, along the up axis of the scene.
         below_height: Option<f64> = None, other("0.5"), unit("world units");
     }
 }
@@ -74,7 +74,7 @@ impl Kind for CropMesh {
         }
         let mut notes = Notes::none();
         let (left, all) = (kept.triangles.len(), mesh.triangles.len());
-        notes.count("cropped", (all - left) as u64, format_args!("of {all} triangles removed"));
+        notes.count("cropped", (all - left) as u64, format_args!("of {all} triangles were removed"));
         if left == 0 && all > 0 {
             notes.degraded("empty", "no triangle of the mesh is left");
         }

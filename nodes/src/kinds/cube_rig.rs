@@ -11,8 +11,9 @@ use crate::types::{Camera, Pose, Rig};
 engine::choices! {
     /// Orientation of the cube of cameras.
     pub enum Turn {
-        /// Rotated so that no face looks along an axis of the world. Captures quantise positions along the axes, so a camera
-        /// that looks along one sees many equal depths, which are drawn in file order.
+        /// Rotated so that no face looks along an axis of the world. Files of captures quantise positions along the
+        /// axes, so a camera that looks along an axis sees many splats of equal depth, which are drawn in file
+        /// order.
         OffAxis,
         /// Faces along the axes of the world, as in other tools.
         Aligned,
@@ -27,7 +28,7 @@ engine::params! {
     pub struct CubeRig {
         /// Height of the point above the foot of the pose, along up.
         height_metres: f64 = 0.5, range(-1000.0, 1000.0), unit("m"), other("0.75");
-        /// Side of a face, guard band included.
+        /// Width and height of each face, including the guard band.
         size_px: u32 = 512, range(1, 8192), unit("px"), other("64"),
             knob(Resolution, "128", "256", "512", "1024");
         /// Angle by which a face extends beyond 45 degrees on each side.
@@ -51,8 +52,8 @@ engine::outputs! {
     }
 }
 
-/// Rotations about up, then right, then forward, of an off-axis cube, in degrees. Other angles far from 0, 45
-/// and 90 would also do. With these, no face looks within 15 degrees of an axis.
+/// Rotations of an off-axis cube about up, then right, then forward, in degrees. Other angles far from 0, 45 and 90
+/// would also do. With these angles, the viewing direction of every face is at least 15 degrees from every axis.
 const OFF_AXIS_DEG: [f64; 3] = [27.0, 19.0, 11.0];
 
 /// Rotates the perpendicular unit vectors `a` and `b` in their plane, by an angle from `a` towards `b`.

@@ -1,4 +1,4 @@
-//! `fit-probe`: reduces a rig to the resolution that materials and shadows can show.
+//! `fit-probe`: reduces the resolution of a rig to what materials and shadows can show.
 
 use std::sync::Arc;
 
@@ -24,7 +24,7 @@ engine::params! {
 engine::inputs! {
     /// Inputs of [`FitProbe`].
     pub struct In {
-        /// The views at full size, each as wide as high: those of a `cube-rig`.
+        /// The views at full size, such as those of a `cube-rig`. Each must be as wide as high.
         rig: Arc<Rig>,
         /// Objects to be lit.
         objects: Vec<Arc<Placed>>,
@@ -59,7 +59,7 @@ impl Kind for FitProbe {
         };
         if let Some(odd) = rig.cameras.iter().find(|c| [c.width_px, c.height_px] != [side; 2]) {
             let text = format!("view `{}` is {}x{} pixels", odd.name, odd.width_px, odd.height_px);
-            let hint = "views of a probe are squares of equal size, as from `cube-rig`";
+            let hint = "all views must be squares of equal size, such as those of `cube-rig`";
             return Err(NodeError::new(text).at("rig").hint(hint));
         }
         let most = side.saturating_mul(COLUMNS_A_PIXEL) as usize;
@@ -178,8 +178,8 @@ mod tests {
         Arc::new(Environment { image, up: environment.up, origin: None })
     }
 
-    // A coarse look asks for the same number of columns as the full image, or up to twice as many. Mutation: blur
-    // not subtracted.
+    // A coarse `look` leads to the same number of columns as the full image, or up to twice as many. This test
+    // fails if the blur of the coarse pixels is not subtracted.
     #[test]
     fn a_coarse_look_asks_for_no_less() {
         for disc_deg in [30.0, 24.0, 22.0, 15.0, 11.0, 9.0, 6.0, 5.0, 4.0] {

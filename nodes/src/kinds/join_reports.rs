@@ -7,8 +7,8 @@ use engine::{Context, ContextField, Kind, NodeError, Notes};
 use crate::types::{Cell, Report, Table};
 
 engine::params! {
-    /// Concatenates the tables of many reports, such as those of a `Gather`, where each row starts with the values
-    /// of its axes.
+    /// Concatenates the tables of many reports. If the reports come from a `Gather`, each row starts with the
+    /// values of its axes.
     ///
     /// Tables with the same name must have the same columns.
     pub struct JoinReports {}
@@ -65,8 +65,10 @@ impl Kind for JoinReports {
                     }),
                     Some(known) if known.columns.iter().cloned().eq(columns()) => known.rows.extend(rows),
                     Some(_) => {
-                        let text =
-                            format!("the tables `{}` have different columns in report {index}", table.name);
+                        let text = format!(
+                            "the table `{}` of report {index} has different columns than in earlier reports",
+                            table.name
+                        );
                         return Err(NodeError::new(text).at("reports"));
                     }
                 }

@@ -14,8 +14,8 @@ use crate::types::{Environment, Image, Images};
 engine::params! {
     /// Loads an equirectangular panorama of linear light: OpenEXR or Radiance HDR.
     ///
-    /// Row 0 of the file is up and its centre column looks forward (up +z: +Y; up +y: -Z; up -y: +Z);
-    /// `rotation_deg` rotates it from there.
+    /// Row 0 of the file is up, and its centre column looks forward: along +Y if `up` of the scene is +z, along -Z
+    /// if it is +y, and along +Z if it is -y. `rotation_deg` rotates the light from this orientation.
     pub struct LoadEnvironment {
         /// The file: `.exr` or `.hdr`.
         path: InputFile, other("\"b.hdr\"");
@@ -24,7 +24,7 @@ engine::params! {
         /// Rotates the light about the up axis, counter-clockwise seen from above. Fractions of a pixel are
         /// interpolated, which keeps the energy of each row.
         rotation_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("90.0");
-        /// Multiplies the radiance.
+        /// Factor applied to the radiance.
         scale: f64 = 1.0, range(0, 1e9), other("2.0");
         /// Point where the light was captured. `path-trace` uses it to find which surfaces lie behind the
         /// light source and let its light pass. Without it, `path-trace` uses the position of the first
@@ -85,7 +85,7 @@ impl Kind for LoadEnvironment {
     }
 }
 
-/// Clamps values below 0 to 0, and values that overflow to the largest float.
+/// Multiplies values by `by`. Values below 0 become 0, and values that overflow become the largest float.
 fn scale(rgb: &mut [f32], by: f64, notes: &mut Notes) {
     let (mut negative, mut capped) = (0, 0);
     for value in rgb {

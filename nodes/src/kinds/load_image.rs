@@ -23,8 +23,8 @@ engine::params! {
         more: Vec<InputFile> = Vec::new(), other("[\"photo.png\"]");
         /// Meaning of the numbers.
         encoding: FileEncoding = FileEncoding::Auto, other("Data");
-        /// Layer of an OpenEXR file: `R0` reads `R0.R`, `R0.G` and `R0.B`, `Z` reads the channel Z. The default is
-        /// the unnamed layer.
+        /// Layer of an OpenEXR file: `R0` reads the channels `R0.R`, `R0.G` and `R0.B`, and `Z` reads the channel
+        /// `Z`. The default is the unnamed layer.
         layer: String = String::new(), other("\"Z\""), inert("only OpenEXR has layers");
         /// Names of the views, one per file. The default is the file name without folder and extension.
         names: Vec<String> = Vec::new(), other("[\"left\"]");
@@ -68,7 +68,7 @@ impl Kind for LoadImage {
     fn check(p: &Self) -> Result<(), NodeError> {
         let files = 1 + p.more.len();
         if !p.names.is_empty() && p.names.len() != files {
-            let what = format!("{} names for {files} files", p.names.len());
+            let what = format!("there are {} names, but {files} files", p.names.len());
             return Err(NodeError::new(what).at("names"));
         }
         p.names.iter().try_for_each(|name| check_name(name).map_err(|e| e.at("names")))

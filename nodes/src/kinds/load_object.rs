@@ -15,13 +15,14 @@ use crate::types::Object;
 engine::params! {
     /// Loads an object to insert: glTF or GLB, Wavefront OBJ with its materials, or STL.
     ///
-    /// Specular-glossiness is read as its diffuse colour. The faces of a closed shape that is inside out are reversed.
+    /// Node transforms, instances, morph weights and skins are applied as stored in the file. The faces of a closed
+    /// shape that is inside out are reversed. Textures may be PNG, JPEG or WebP.
     ///
-    /// Node transforms, instances, morph weights and skins are applied as the file has them. Materials are
-    /// metallic-roughness with all their textures and the KHR extensions: transmission, volume, ior, clearcoat,
-    /// sheen, specular, anisotropy, iridescence, diffuse transmission, emissive strength, unlit. A file that
-    /// requires another extension is an error that names it. An optional extension that is not supported is
-    /// reported, and marks the result as degraded if it would be visible. Pictures are PNG, JPEG or WebP.
+    /// Materials are metallic-roughness with all their textures and with these KHR extensions: transmission,
+    /// volume, ior, clearcoat, sheen, specular, anisotropy, iridescence, diffuse transmission, emissive strength,
+    /// unlit. Specular-glossiness materials keep their diffuse colour and glossiness, and lose their specular
+    /// colour. If a file requires another extension, that is an error. An optional extension that is not supported
+    /// is reported; if its effect would be visible, the result is marked as degraded.
     pub struct LoadObject {
         /// The file: `.glb`, `.stl`, or `.gltf` and `.obj` with the files that they refer to.
         path: InputFile, other("\"b.glb\"");

@@ -22,19 +22,21 @@ use crate::types::{Environment, Image, Images, Linear, Panorama, Picture, Srgb};
 engine::params! {
     /// Loads an equirectangular panorama as a camera recorded it: PNG, JPEG, OpenEXR or Radiance HDR.
     ///
-    /// It replaces a panorama that `stitch` makes from splats. Row 0 of the file is up and its centre column looks
-    /// forward (up +z: +Y; up +y: -Z; up -y: +Z). PNG and JPEG hold display colours, whose lights clip at white;
-    /// OpenEXR and Radiance hold linear light, which is not clipped unless `photograph_ev` is set. A partial
-    /// sphere, as phones and stitching programs write it, is placed where its metadata (Photo Sphere XMP, `GPano`)
-    /// says; the rest is a hole. Holes (transparent pixels) are filled from their surroundings.
+    /// It replaces a panorama that `stitch` makes from splats. Row 0 of the file is up, and its centre column looks
+    /// forward: along +Y if `up` of the scene is +z, along -Z if it is +y, and along +Z if it is -y.
+    ///
+    /// PNG and JPEG hold display colours, in which lights are clipped at white. OpenEXR and Radiance hold linear
+    /// light, which is not clipped unless `photograph_ev` is set. A partial sphere, as written by phones and
+    /// stitching programs, is placed according to its metadata (Photo Sphere XMP, `GPano`); the rest is a hole.
+    /// Holes (transparent pixels) are filled from their surroundings.
     pub struct LoadPanorama {
         /// The file: `.jpg`, `.png`, `.exr` or `.hdr`.
         path: InputFile, other("\"b.exr\"");
         /// Layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. The default is the unnamed layer.
         layer: String = String::new(), other("\"R\"");
         /// Exposes linear light as an 8-bit camera would, this many stops above EV 0. At EV 0 the median of the
-        /// picture, raised to 1 / 2.4, becomes half of white, but at most 15 % of the sphere is above white. `None`
-        /// keeps the light unclipped.
+        /// picture, raised to the power 1 / 2.4, is half of white, unless more than 15 % of the sphere would then
+        /// be above white. `None` keeps the light unclipped.
         photograph_ev: Option<f64> = None, range(-24, 24), unit("EV"), other("1.0");
         /// Rotation about the up axis, counter-clockwise seen from above. Linear light is interpolated between
         /// pixels; display colours rotate by the nearest whole number of columns, because interpolation would dim a
@@ -112,7 +114,9 @@ impl Kind for LoadPanorama {
         let (image, light) = match p.photograph_ev {
             Some(_) if !linear => {
                 let error = NodeError::new("the file holds display colours, which are already a photograph");
-                return Err(error.at("photograph_ev").hint("leave it out, or load OpenEXR or Radiance"));
+                return Err(error
+                    .at("photograph_ev")
+                    .hint("leave out `photograph_ev`, or load an OpenEXR or Radiance file"));
             }
             Some(ev) => photograph(Image::from_samples(width, height, 3, samples), ev, cx.up(), &mut notes),
             None if linear => {
@@ -198,7 +202,7 @@ fn fill_holes(
     Ok(Some(filled.into_iter().map(code).collect()))
 }
 
-/// Photograph that a camera would take of the light, and the light at the exposure of the camera.
+/// The photograph that a camera would take of the light, and the light itself at the same exposure.
 fn photograph(mut light: Image<Linear>, ev: f64, up: Up, notes: &mut Notes) -> (Picture, Image<Linear>) {
     let ev0 = ev0_scale(&light).unwrap_or_else(|| {
         notes.warning("no-light", "the panorama is black; its exposure cannot be measured");
@@ -258,7 +262,7 @@ mod tests {
     }
 
     // A clipped light of one pixel stays one pixel at any rotation; linear light rotates by fractions of a pixel
-    // and keeps its sum. Mutation: `whole_columns` not called.
+    // and keeps its sum. This test fails if `whole_columns` is not called.
     #[test]
     fn a_turned_photograph_keeps_its_lights() {
         let mut codes = vec![40_u16; 16 * 8 * 3];
@@ -318,8 +322,8 @@ mod tests {
         assert!(matches!(&out.pano.image, Picture::Linear(image) if image.rgb(1, 1) == [900.0; 3]));
     }
 
-    /// After a rotation by a fraction of a pixel, a hole has a soft edge that is not dark. Mutation:
-    /// `straight` before `turn`.
+    /// After a rotation by a fraction of a pixel, a hole has a soft edge that is not dark. This test fails if
+    /// `straight` is called before `turn`.
     #[test]
     fn a_turn_mixes_what_is_seen() {
         let (seen, hole) = ([0.8, 0.4, 0.2, 1.0], [0.0; 4]);
@@ -334,7 +338,7 @@ mod tests {
         }
     }
 
-    // Mutation: `fill_holes` not called.
+    // This test fails if `fill_holes` is not called.
     #[test]
     fn holes_of_a_file_are_filled_and_reported() {
         let codes = [[90, 128, 0, 255], [0, 0, 0, 0], [90, 128, 0, 255], [90, 128, 0, 60]].concat().repeat(2);
@@ -358,7 +362,8 @@ mod tests {
         assert!(reported.is_some_and(|text| text.starts_with("25.00 % of the sphere")), "{reported:?}");
     }
 
-    // Additive light with alpha 0 is not treated as a hole without a warning. Mutation: `lost > 0` to `false`.
+    // If additive light with alpha 0 is treated as a hole, a warning is given. This test fails if `lost > 0` is
+    // replaced by `false`.
     #[test]
     fn light_of_transparent_pixels_is_reported() {
         let file = |glow: f32| {
@@ -382,8 +387,8 @@ mod tests {
         assert!(reported(50.0).is_some_and(|text| text.starts_with("1 transparent pixels hold light")));
     }
 
-    /// A photograph of the front half of the sphere, as phones write it, is placed where its metadata says,
-    /// and the rest is a hole. Mutation: `laid` not called.
+    /// A photograph of the front half of the sphere, as written by phones, is placed according to its metadata, and
+    /// the rest is a hole. This test fails if `laid` is not called.
     #[test]
     fn a_part_of_a_sphere_lies_where_its_metadata_says() {
         let codes = (0..8 * 4).flat_map(|i| [if i == 9 { 250 } else { 60 }; 3]).collect();

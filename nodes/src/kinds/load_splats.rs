@@ -18,19 +18,26 @@ pub use crate::io::splats::Frame;
 engine::params! {
     /// Loads a scene of Gaussian splats.
     ///
-    /// Formats, detected by content and not by the file extension: INRIA PLY, binary or ASCII (spherical harmonics of
-    /// degree 0 to 4, `filter_3D` of Mip-Splatting and MILo applied, two scales of 2DGS, `red green blue` in place of
-    /// `f_dc_*`, other extra fields ignored), PlayCanvas compressed PLY, SOG
-    /// versions 1 and 2 (`meta.json`, its folder, a folder of chunks joined in the order of their names, a streamed
-    /// scene with `lod-meta.json` at one `level`, or a `.sog` bundle),
-    /// SPZ versions 1 to 4, `.splat`, `.ksplat`, glTF or GLB with `KHR_gaussian_splatting`,
-    /// and USD in text with `ParticleField3DGaussianSplat`.
+    /// The format is detected by content, not by the file extension:
+    ///
+    /// - INRIA PLY, binary or ASCII, with spherical harmonics of degree 0 to 4. `filter_3D` of Mip-Splatting and
+    ///   MILo is applied. Splats may have two scales, as in 2DGS, and `red`, `green` and `blue` in place of
+    ///   `f_dc_*`. Other extra fields are ignored.
+    /// - PlayCanvas compressed PLY.
+    /// - SOG versions 1 and 2: `meta.json` or its folder, a folder of chunks (joined in the order of their names),
+    ///   a streamed scene with `lod-meta.json` (one `level` is loaded), or a `.sog` bundle.
+    /// - SPZ versions 1 to 4.
+    /// - `.splat` and `.ksplat`.
+    /// - glTF or GLB with `KHR_gaussian_splatting`.
+    /// - USD as text with `ParticleField3DGaussianSplat`.
+    ///
     /// Rows that cannot be drawn are dropped and counted by reason.
     ///
-    /// Frames: SPZ and glTF define +y as up, so they are rotated to the `up` of the scene as objects are (to +z (x,
-    /// -z, y), to -y (x, -y, -z)); glTF is in metres and is also divided by `metres_per_unit`. The other formats do
-    /// not define an up axis and are used as stored: set `up` of the scene to theirs, which for INRIA PLY is
-    /// usually -y. `frame` overrides the rule.
+    /// SPZ and glTF define +y as up, so their scenes are rotated to the `up` of the graph's scene, like objects:
+    /// (x, y, z) becomes (x, -z, y) for +z and (x, -y, -z) for -y. Coordinates of glTF are metres and are also
+    /// divided by `metres_per_unit`. The other formats define no up axis, and their coordinates are used as stored.
+    /// Set `up` of the graph's scene to the up axis of the file, which is usually -y for INRIA PLY. `frame`
+    /// overrides these rules.
     pub struct LoadSplats {
         /// The file, or the folder of a SOG scene.
         path: InputFile, other("\"b.ply\"");
@@ -38,16 +45,17 @@ engine::params! {
         more: Vec<InputFile> = Vec::new(), other("[\"b.ply\"]");
         /// True to fail at the first row that would be dropped, with an error that names it.
         strict: bool = false, inert("the output does not change unless there is an error");
-        /// Splats with a longer axis are dropped: they hide the scene, and usually mean that scales were not stored
-        /// as logarithms.
+        /// Maximum length of the axes of a splat. Splats with a longer axis are dropped: they hide the scene, and
+        /// usually mean that scales were not stored as logarithms.
         max_extent: f64 = 1e6, range(1e-12, 1e30), unit("world units"), other("0.2");
-        /// Level of a streamed SOG, 0 the finest.
+        /// Level of detail of a streamed SOG scene; 0 is the finest.
         level: u32 = 0, range(0, 64), other("1"), inert("only streamed scenes have levels");
         /// Up axis of the file, defined by its format or given here.
         frame: Frame = Frame::ByFormat, other("YUp");
         /// Rotation, uniform scale and translation applied after `frame`: a 4x4 matrix in row-major order.
-        /// Spherical harmonics are rotated too. Makes a tilted capture upright, such as one of COLMAP. Give
-        /// `load-cameras` and `load-mesh` the same numbers, which `lightharmony init` writes.
+        /// Spherical harmonics are rotated too. The matrix can make a tilted capture upright, such as one from
+        /// COLMAP. Give `load-cameras` and `load-mesh` the same matrix. `lightharmony init` writes it into all
+        /// three nodes.
         matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }
@@ -161,10 +169,10 @@ impl Kind for LoadSplats {
 
 /// Number of splats that are used to find the up direction of the scene.
 const LEVELLED: usize = 1 << 16;
-/// Cosine of the angle between the two up directions above which they differ: 25 degrees.
+/// Cosine of 25 degrees, the largest angle between two up directions that count as the same.
 const SAME_UP: f64 = 0.906;
 
-/// Warning if the floor of the scene clearly shows a different up axis than that of the graph.
+/// Text of a warning if the floor of the scene clearly shows another up axis than that of the graph.
 fn other_up(splats: &Splats, cx: &Context) -> Option<String> {
     let step = splats.len().div_ceil(LEVELLED).max(1);
     let few = || (0..splats.len()).step_by(step);
@@ -203,8 +211,8 @@ mod tests {
     use crate::render::splat::{Settings, render};
     use crate::types::Camera;
 
-    /// A place whose floor and walls show that its up axis is -y, as in files of INRIA. Mutation: `> SAME_UP`
-    /// to `< SAME_UP`.
+    /// A place whose floor and walls show that its up axis is -y, as in files of INRIA, is reported. This test
+    /// fails if `> SAME_UP` is changed to `< SAME_UP`.
     #[test]
     fn another_axis_up_than_the_floor_says_is_reported() {
         let mut scene = Splats::empty();
@@ -237,8 +245,8 @@ mod tests {
         assert_eq!(of(engine::Up::PlusZ).is_some_and(|text| text.contains("is -y, but")), sure);
     }
 
-    /// A scene of degree 3 loaded with a matrix gives the same picture to a camera that was transformed by
-    /// the same matrix. Mutation: `self.sh.apply(sh)` left out of `Turn::apply`, seen red.
+    /// A scene of degree 3 that is loaded with a matrix gives the same picture for a camera that is transformed by
+    /// the same matrix. This test fails without `self.sh.apply(sh)` in `Turn::apply`.
     #[test]
     fn turned_scene_and_turned_camera_give_the_same_picture() {
         let mut scene = Splats::empty();

@@ -1,4 +1,4 @@
-//! The kinds of nodes: one file each, or a folder where it is large.
+//! The kinds of nodes. Each kind is one file, or a folder if it is large.
 //!
 //! A kind holds its documentation, parameters, ports, code and unit tests. No kind imports another. Code that
 //! several kinds need lies in a module below them (`render`, `geometry`, `light`, `io`, `types`, `math`).

@@ -27,9 +27,9 @@ engine::params! {
         /// Linear colour: albedo of a diffuse or dielectric surface, reflectance of a metal.
         colour: [f64; 3] = [0.5; 3], range(0.0, 1.0), other("(0.1, 0.2, 0.3)");
         /// Metalness, from 0 (dielectric) to 1 (metal).
-        metallic: f64 = 0.0, range(0.0, 1.0), other("0.5"), inert("a diffuse surface has none");
+        metallic: f64 = 0.0, range(0.0, 1.0), other("0.5"), inert("a diffuse surface has no metalness");
         /// Perceptual roughness.
-        roughness: f64 = 0.5, range(0.0, 1.0), other("0.25"), inert("a diffuse surface has none");
+        roughness: f64 = 0.5, range(0.0, 1.0), other("0.25"), inert("a diffuse surface has no roughness");
     }
 }
 

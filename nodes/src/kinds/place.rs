@@ -1,4 +1,4 @@
-//! `place`: an object at a pose.
+//! `place`: puts an object at a pose.
 
 use std::sync::Arc;
 
@@ -10,8 +10,8 @@ use crate::types::{Object, Placed, Pose};
 engine::params! {
     /// Places an object at a pose.
     ///
-    /// Objects come in the frame of glTF, y up and in metres; `up` and `metres_per_unit` of the scene convert that
-    /// to the world.
+    /// The coordinates of objects are those of glTF: y up, in metres. They are converted to the world by `up` and
+    /// `metres_per_unit` of the scene.
     pub struct Place {}
 }
 engine::inputs! {

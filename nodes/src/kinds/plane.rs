@@ -13,16 +13,16 @@ use crate::types::{Camera, Mesh, Pose, SplatEncoding, Splats};
 engine::params! {
     /// Makes a rectangle at a pose: a quick replacement for the mesh of a place, for objects on level ground.
     ///
-    /// It lies in the ground plane of the pose and rotates with it. With `splats`, its vertices have the colours of
-    /// the splats within `thickness_metres` of it, seen from straight above; where there are none, the median of
-    /// these colours. The rest of the scene receives no shadows, hides no objects and reflects no light: use
-    /// `extract-mesh` for a mesh of all of it.
+    /// The rectangle lies in the ground plane of the pose and rotates with it. If `splats` is wired, the vertices
+    /// have the colours of the splats within `thickness_metres` of the rectangle, seen from straight above.
+    /// Vertices without such splats have the median of these colours. The rest of the scene receives no shadows,
+    /// hides no objects and reflects no light: use `extract-mesh` for a mesh of the whole scene.
     pub struct Plane {
-        /// Side to the right of the pose.
+        /// Length of the side along the right axis of the pose.
         width_metres: f64 = 6.0, range(1e-3, 1e5), unit("m"), other("2.0");
-        /// Side along the view of the pose.
+        /// Length of the side along the forward axis of the pose.
         depth_metres: f64 = 6.0, range(1e-3, 1e5), unit("m"), other("3.0");
-        /// Side of the squares that it is made of, each corner of which has a colour.
+        /// Side of the squares that the rectangle consists of. Each corner of a square has a colour.
         square_metres: f64 = 0.1, range(1e-3, 1e5), unit("m"), other("0.5");
         /// Largest distance above or below the rectangle at which splats contribute to its colours.
         thickness_metres: f64 = 0.15, range(1e-4, 100.0), unit("m"), other("0.01");
@@ -60,9 +60,9 @@ impl Kind for Plane {
         let side = params.width_metres.max(params.depth_metres);
         if side / params.square_metres > MOST {
             let least = side / MOST;
-            return Err(NodeError::new(format!("more than {MOST} squares per side"))
+            return Err(NodeError::new(format!("the plane would have more than {MOST} squares per side"))
                 .at("square_metres")
-                .hint(format!("at least {least:.4}")));
+                .hint(format!("`square_metres` must be at least {least:.4}")));
         }
         Ok(())
     }
@@ -117,7 +117,7 @@ impl Kind for Plane {
             )?;
             if mesh.colours.is_empty() {
                 let text = format!(
-                    "no splat lies within {} m of the plane; it has no colours",
+                    "no splat lies within {} m of the plane, so it has no colours",
                     params.thickness_metres
                 );
                 notes.warning("plane-without-colours", text);
@@ -137,10 +137,10 @@ fn colours(
     cx: &Context,
 ) -> Result<Vec<[f32; 3]>, NodeError> {
     let corners = squares.map(|count| count + 1);
-    // So far off that the outermost rays are nearly straight down.
+    // High enough that the outermost rays are nearly straight down.
     let height = 4.0 * sides[0].max(sides[1]);
     let camera = Camera {
-        // A pixel a corner.
+        // One pixel per corner.
         fx: height * f64::from(squares[0]) / sides[0],
         fy: height * f64::from(squares[1]) / sides[1],
         ..Camera::centred("above", corners, 1.0, [right, -forward, -up], middle + up * height)
@@ -179,7 +179,7 @@ mod tests {
         Plane::run(params, In { at, splats }, &context()).expect("runs").0.mesh
     }
 
-    // Mutation: the order of corners, and the sign of `forward`.
+    // This test fails if the order of the corners or the sign of `forward` is changed.
     #[test]
     fn it_lies_level_and_faces_up() {
         let params = Plane { width_metres: 2.0, depth_metres: 1.0, square_metres: 0.3, ..Plane::default() };
@@ -217,7 +217,7 @@ mod tests {
         splats
     }
 
-    // Mutation: `near` as it is by default, rows not turned.
+    // This test fails if `near` has its default value, or if the rows are not reversed.
     #[test]
     fn its_colours_are_those_of_what_lies_in_it() {
         let params = Plane { width_metres: 3.0, depth_metres: 1.5, ..Plane::default() };

@@ -11,21 +11,21 @@ use crate::render::pick::{on_mesh, on_splats};
 use crate::types::{Mesh, Pose, Rig, Splats};
 
 engine::params! {
-    /// The pose of an object: where the origin of its file lies, the direction it faces, and its size.
+    /// The pose of an object: the position of the origin of its file, the direction it faces, and its size.
     ///
-    /// The origin is at the foot in files that are made to be placed, and in the middle in many others: `snap`
-    /// moves those onto the ground below them.
+    /// Files that are made to be placed have their origin at the foot of the object; many others have it in the
+    /// middle. `snap` moves such objects onto the ground below them.
     ///
     /// The object is scaled, rotated about the up axis of the scene (counter-clockwise seen from above), and then
-    /// translated. Give `matrix` instead for any other affine transform, or `pixel` to stand
-    /// it where a view shows the ground.
+    /// translated. Give `matrix` instead for any other affine transform, or `pixel` to put the object where a view
+    /// shows the ground.
     pub struct PoseNode {
-        /// Position of the origin of the object's file, in the world.
+        /// Position in the world of the origin of the object's file.
         translation: [f64; 3] = [0.0; 3], range(-1e12, 1e12), unit("world units"), other("(0.5, 0.0, 0.2)");
         /// Rotation about the up axis, counter-clockwise seen from above.
         yaw_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("30.0");
-        /// Uniform scale. A negative scale mirrors all three axes, so the object hangs below its origin; for a
-        /// mirrored object that stands, give a `matrix`.
+        /// Uniform scale. A negative scale mirrors all three axes, so the object hangs below its origin. To mirror
+        /// an object that stands upright, give a `matrix`.
         scale: f64 = 1.0, range(-1e9, 1e9), other("2.0");
         /// Affine transform from the object's frame (axes of the world) to the world: 16 numbers in row-major
         /// order. Replaces the three parameters above.
@@ -40,7 +40,7 @@ engine::inputs! {
     /// Inputs of [`PoseNode`]: the view that `pixel` refers to, and the place that it shows. They are used
     /// only with `pixel`.
     pub struct In {
-        /// The view: one camera.
+        /// The view that `pixel` refers to: a rig of one camera.
         rig: Option<Arc<Rig>>,
         /// Mesh of the place that the view shows; `splats` can be given instead.
         mesh: Option<Arc<Mesh>>,
@@ -77,7 +77,7 @@ impl Kind for PoseNode {
         if p.pixel.is_some() || p.translation != [0.0; 3] || p.yaw_deg != 0.0 || p.scale != 1.0 {
             return Err(NodeError::new("`matrix` already contains translation, yaw and scale")
                 .at("matrix")
-                .hint("give either `matrix`, or the others"));
+                .hint("give either `matrix` or the other parameters"));
         }
         if m[12..] != [0.0, 0.0, 0.0, 1.0] {
             return Err(NodeError::new("the last row of `matrix` must be 0, 0, 0, 1").at("matrix").hint(
@@ -96,7 +96,7 @@ impl Kind for PoseNode {
         match (p.pixel.is_some(), rig, mesh != splats) {
             (true, true, true) => Ok(()),
             (false, _, _) if !(rig || mesh || splats) => Ok(()),
-            (true, _, _) => Err(NodeError::new("`pixel` needs the view and what it shows")
+            (true, _, _) => Err(NodeError::new("`pixel` needs a view and the scene that it shows")
                 .at("pixel")
                 .hint("wire `rig`, and either `mesh` or `splats`")),
             (false, _, _) => {
@@ -138,25 +138,25 @@ fn ground(pixel: [f64; 2], inputs: &In, cx: &Context, notes: &mut Notes) -> Resu
     let cameras = inputs.rig.as_deref().map_or(&[][..], |rig| &rig.cameras);
     let [camera] = cameras else {
         return Err(NodeError::new(format!(
-            "`rig` has {} cameras, but `pixel` belongs to one",
+            "`rig` has {} cameras, but `pixel` is a pixel of a single camera",
             cameras.len()
         ))
-        .hint("`LoadCameras(pick: [\"name\"])` takes one"));
+        .hint("load a single camera, for example by `LoadCameras(pick: [\"name\"])`"));
     };
     let picked = match (&inputs.mesh, &inputs.splats) {
         (Some(mesh), None) => on_mesh(mesh, camera, pixel)?,
         (None, Some(splats)) => on_splats(splats, camera, pixel, cx)?,
-        _ => return Err(NodeError::new("the ground is either `mesh` or `splats`")),
+        _ => return Err(NodeError::new("wire exactly one of `mesh` and `splats` as the ground")),
     };
     let [_, _, up] = axes(cx.up());
     let (level, across) = (picked.normal.dot(up), picked.normal.cross(up).length());
     if level < across {
         let steep = num::atan2(across, level).to_degrees();
         let what = format!(
-            "pixel ({}, {}) of `{}` shows a surface {steep:.0} degrees off level, on which nothing stands",
+            "pixel ({}, {}) of `{}` shows a surface that is {steep:.0} degrees from level, which is too steep to stand on",
             pixel[0], pixel[1], camera.name
         );
-        return Err(NodeError::new(what).hint("take a pixel of the ground"));
+        return Err(NodeError::new(what).hint("choose a pixel that shows the ground"));
     }
     let [x, y, z] = picked.position.to_array();
     notes.decision("picked", format!("the pixel shows the ground at ({x:.4}, {y:.4}, {z:.4})"));
@@ -229,7 +229,7 @@ mod tests {
         assert!(PoseNode::check(&PoseNode { matrix: Some(column_major), ..plain() }).is_err());
     }
 
-    /// Floor at z = 0.5 that ends at y = 2 with a wall up to z = 1.5, and a camera before the wall.
+    /// Floor at z = 0.5 that ends at y = 2 with a wall up to z = 1.5, and a camera in front of the wall.
     fn place() -> (Mesh, crate::types::Camera) {
         let mut mesh = Mesh::default();
         let mut quad = |corners: [[f32; 3]; 4]| {
@@ -256,8 +256,8 @@ mod tests {
         PoseNode::run(&p, inputs, &cx).map(|(out, _)| (*out.pose).clone())
     }
 
-    /// A pixel places an object only where it shows the ground. Mutation: `level < across` to `level <
-    /// -across` in `ground`, seen red.
+    /// A pixel places an object only where it shows the ground. This test fails if `level < across` is changed to
+    /// `level < -across` in `ground`.
     #[test]
     fn an_object_stands_where_a_pixel_shows_the_ground_and_nowhere_else() {
         let (_, camera) = place();
@@ -269,7 +269,7 @@ mod tests {
             let off = pose.world_from_local.w_axis.truncate() - DVec3::new(0.0, 0.0, 0.25) - wanted;
             assert!(off.length() < bound, "{off}");
             for (pixel, word) in
-                [([32.0, 17.0], "degrees off level"), ([32.0, 2.0], "shows"), ([64.5, 3.0], "outside")]
+                [([32.0, 17.0], "degrees from level"), ([32.0, 2.0], "shows"), ([64.5, 3.0], "outside")]
             {
                 let error = at(pixel, on_splats).expect_err("no ground").to_string();
                 assert!(error.contains(word), "{error}");

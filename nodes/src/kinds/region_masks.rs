@@ -11,16 +11,17 @@ use crate::types::{Data, Image, Images, NamedImage, Picture};
 engine::params! {
     /// Divides a picture into the object, its shadow and the rest, for `compare`.
     ///
-    /// The shadow region is where the `shadow` factor differs from 1, or where `with` and `without` differ in
-    /// display values, outside of the object. Light that the object reflects onto the background counts too. The
-    /// contact band lies just below the lower edge of the object.
+    /// The shadow region consists of the pixels outside the object where the `shadow` factor differs from 1, or
+    /// where `with` and `without` differ in display values. Light that the object reflects onto the background
+    /// counts as shadow too. The contact band lies just below the lower edge of the object.
     pub struct RegionMasks {
         /// Alpha above which a pixel belongs to the object.
         object_threshold: f64 = 0.5, range(0, 1), other("0.1");
-        /// Largest alpha at which a pixel can belong to the shadow or the rest, so that soft edges belong to
-        /// neither.
+        /// Largest alpha at which a pixel can belong to the shadow or the rest. Soft edges, whose alpha is between
+        /// this and `object_threshold`, belong to no region.
         edge_threshold: f64 = 0.0, range(0, 1), other("0.5");
-        /// Change of a channel above which a pixel belongs to the shadow, in display values or as a factor.
+        /// Change of a channel above which a pixel belongs to the shadow: a difference in display values, or the
+        /// difference of the factor from 1.
         shadow_threshold: f64 = 0.02, range(0, 1), other("0.3");
         /// Height of the contact band, as a fraction of the object's height in the picture.
         contact: f64 = 0.05, range(0, 1), other("0.5");
@@ -84,7 +85,7 @@ impl Kind for RegionMasks {
         if inputs.shadow.is_none() && inputs.with.is_none() {
             notes.decision(
                 "no-shadow-known",
-                "without `shadow`, or `with` and `without`, the shadow region is empty",
+                "the shadow region is empty, since neither `shadow` nor `with` and `without` are wired",
             );
         }
         let mut masks: [Vec<NamedImage>; 4] = Default::default();
@@ -92,7 +93,7 @@ impl Kind for RegionMasks {
             cx.check()?;
             let (width, height, channels) = view.picture.size();
             if !matches!(channels, 1 | 2 | 4) || width == 0 || height == 0 {
-                let what = format!("`{}` has {channels} channels, without alpha", view.name);
+                let what = format!("`{}` has {channels} channels and no alpha", view.name);
                 return Err(NodeError::new(what).at("object").hint("give a picture with alpha, or a mask"));
             }
             let alpha: Vec<f64> = view
@@ -129,14 +130,14 @@ impl Kind for RegionMasks {
 /// Checks that the shadow is given by at most one source.
 fn check_shadow([shadow, with, without]: [bool; 3]) -> Result<(), NodeError> {
     if with != without {
-        return Err(NodeError::new("`with` and `without` belong together").at(if with {
+        return Err(NodeError::new("`with` and `without` must be wired together").at(if with {
             "with"
         } else {
             "without"
         }));
     }
     if shadow && with {
-        let what = "the shadow comes from `shadow`, or from `with` and `without`";
+        let what = "the shadow comes either from `shadow` or from `with` and `without`, not from both";
         return Err(NodeError::new(what).at("shadow"));
     }
     Ok(())

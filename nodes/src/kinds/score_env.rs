@@ -17,19 +17,20 @@ use crate::types::{Cell, Environment, Report, Table};
 engine::params! {
     /// Scores recovered light against a reference.
     ///
-    /// Compares the illumination of a scene: the irradiance of planes in every direction and of the six along
-    /// the axes of the world, the direction of the dominant light, its contrast, the panoramas weighted by
-    /// solid angle, and renders of a matte, a glossy and a mirror sphere seen along the world's forward axis.
-    /// Contrast is the ratio of the dominant light to the rest, which determines how dark a shadow is. In the
-    /// recovered light, the dominant light is the light from within 15 degrees of the true direction, so a
-    /// light farther off counts as missing.
+    /// Compares the illumination of a scene: the irradiance of planes in every direction and of six planes along
+    /// the axes of the world, the direction of the dominant light, its contrast, the panoramas weighted by solid
+    /// angle, and renders of a matte, a glossy and a mirror sphere seen along the world's forward axis. Contrast is
+    /// the ratio of the dominant light to all other light, which determines how dark a shadow is. In the recovered
+    /// light, the dominant light is the light from within 15 degrees of the true direction, so a light in any other
+    /// direction counts as missing.
     ///
     /// Irradiance over all planes, energy, panoramas and spheres use red, green and blue, as published; the six
     /// planes, the dominant light and the peak use luminance.
     ///
-    /// The six planes and the panorama are computed per texel. Planes in every direction, the spheres and the
-    /// dominant light use a grid of 128 columns, contrast and peak one of 256; a texel is added to the cell of its
-    /// centre, and larger texels are split. If no direction stands out, there is no dominant light.
+    /// The six planes and the panorama are computed per texel. The planes in every direction, the spheres and the
+    /// dominant light use a grid of 128 columns; contrast and peak use a grid of 256. A texel is added to the cell
+    /// that contains its centre, and texels larger than a cell are split. If no direction stands out, there is no
+    /// dominant light.
     pub struct ScoreEnv {
         /// Number of planes, spread evenly over all directions, whose irradiance is compared.
         normals: u32 = 512, range(1, 100000), other("64");
@@ -54,8 +55,9 @@ engine::outputs! {
     }
 }
 
-/// Number of columns of the grid for the fine measures, and of that for the coarse ones.
+/// Number of columns of the grid for contrast and peak.
 const FINE: usize = 256;
+/// Number of columns of the grid for the planes in every direction, the spheres and the dominant light.
 const COARSE: usize = 128;
 /// Minimum ratio of the brightest direction to the mean of the sphere for a light to be dominant, after
 /// smoothing by a lobe of 10 degrees.
@@ -90,7 +92,8 @@ impl Kind for ScoreEnv {
             vec![Cell::Text((*name).to_owned()), value, Cell::Text((*unit).to_owned())]
         };
         let table = Table::new("light", ["measure", "value", "unit"], scores.iter().map(row).collect());
-        let report = Report { title: "Recovered light against the truth".to_owned(), tables: vec![table] };
+        let report =
+            Report { title: "Recovered light compared with the truth".to_owned(), tables: vec![table] };
         Ok((Out { report: Arc::new(report) }, notes))
     }
 }
@@ -192,8 +195,8 @@ const SPHERES: [(Sphere, [&str; 2]); 3] = [
 ];
 
 /// Mean absolute difference of radiance over channels and solid angle, relative to the mean of the truth, and
-/// log2 of the ratio of the energies. Computed per texel; panoramas of different sizes are compared on the
-/// finest grid that both fill. `None` where one is black.
+/// log2 of the ratio of the energies. Computed per texel; panoramas of different sizes are compared on the finest
+/// grid that both fill. `None` if a panorama is black.
 fn weighed(env: &Environment, truth: &Environment) -> (Option<f64>, Option<f64>) {
     let (mut off, mut found, mut want) = (0.0, 0.0, 0.0);
     let mut add = |[a, b]: [[f64; 3]; 2], solid_angle: f64| {
@@ -278,8 +281,8 @@ mod tests {
         assert!((found[2] - want).abs() < 0.5, "{} {want}", found[2]);
     }
 
-    /// Scores do not depend on the unit of light; if both lights are scaled, only the ratio of the factors
-    /// matters. Mutation: `rest > 0.0` to `rest > 1e-9` in `contrast`.
+    /// Scores do not depend on the unit of light; if both lights are scaled, only the ratio of the factors matters.
+    /// This test fails if `rest > 0.0` is changed to `rest > 1e-9` in `contrast`.
     #[test]
     fn scores_do_not_depend_on_the_unit_of_light() {
         let (a, b) = (DVec3::new(0.4, 0.7, 0.2).normalize(), DVec3::new(0.38, 0.7, 0.25).normalize());
@@ -300,7 +303,7 @@ mod tests {
         }
     }
 
-    /// The panorama is compared per texel at any size. Mutation: `cells` of 256 columns for both.
+    /// The panorama is compared per texel at any size. This test fails if `cells` always has 256 columns.
     #[test]
     fn the_panorama_is_compared_texel_by_texel() {
         let mut truth = env(512, DVec3::Y, 0.3);
@@ -314,8 +317,7 @@ mod tests {
         assert!((scores(truth, env(256, DVec3::Y, 0.3))[11] - 0.25).abs() < 1e-6);
     }
 
-    /// A sky without a light has no dominant direction, at any resolution. Mutation: `STANDS_OUT` of 0 (seen
-    /// red).
+    /// A sky without a light has no dominant direction, at any resolution. This test fails if `STANDS_OUT` is 0.
     #[test]
     fn skies_without_a_light_have_no_direction() {
         let sky = |width| env(width, DVec3::Y, 0.3);

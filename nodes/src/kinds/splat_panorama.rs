@@ -28,7 +28,7 @@ engine::params! {
         /// Samples per pixel along each axis. The low-pass filter acts on samples: with few of them, small splats
         /// become too large, which is by far the largest error of a small panorama.
         supersample: u32 = 2, range(1, 8), other("1"), knob(Samples, "1", "2", "2", "4");
-        /// Content of pixels where nothing was seen. Alpha marks these pixels however they are filled.
+        /// Content of pixels where nothing was seen. Alpha marks these pixels, no matter how they are filled.
         holes: Holes = Holes::PushPull, other("Black");
         /// Alpha below which a pixel is partly a hole and is blended with its surroundings.
         hole_alpha: f64 = 0.25, range(1e-6, 1.0), other("0.9");
@@ -41,7 +41,7 @@ engine::inputs! {
         splats: Arc<Splats>,
         /// Pose of the object; only its translation is used.
         at: Arc<Pose>,
-        /// Surface in front: splats at or beyond it are left out of a sample.
+        /// Mesh that hides splats: splats at or behind its surface are left out of a sample.
         limit: Option<Arc<Mesh>>,
     }
 }
@@ -62,7 +62,7 @@ engine::outputs! {
     }
 }
 
-/// Row of the panorama: means over `per` by `per` samples, weighted by solid angle.
+/// Row of the panorama. Each pixel is the mean of `per` by `per` samples, weighted by solid angle.
 struct Row {
     premultiplied: Vec<[f32; 4]>,
     depth: Vec<f32>,

@@ -11,10 +11,10 @@ use crate::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats
 engine::params! {
     /// Renders a splat scene for each camera of a rig.
     ///
-    /// EWA splatting as the INRIA rasterizer defines it, with exact bounds, a stable sort (equal keys stay in file
-    /// order) and the same bytes on every machine. Colours are blended over black in the encoding they were trained
-    /// in, and are not clipped: to get light, un-premultiply and then linearise. The exact sum is computed by
-    /// `bounds: None, precision: F64, alpha_cut: 0, stop: 0`.
+    /// The method is EWA splatting as defined by the INRIA rasterizer, with exact bounds, a stable sort (splats
+    /// with equal keys stay in file order) and the same bytes on every machine. Colours are blended over black in
+    /// the encoding in which they were trained, and are not clipped: to get light, un-premultiply and then
+    /// linearise them. For the exact sum of all splats, set `bounds: None, precision: F64, alpha_cut: 0, stop: 0`.
     pub struct SplatRender {
         /// Sort key of the splats of a pixel.
         sort: Sort = Sort::Depth, other("Distance");
@@ -33,8 +33,9 @@ engine::inputs! {
         splats: Arc<Splats>,
         /// The cameras.
         rig: Arc<Rig>,
-        /// Planar depth of a surface in front for each view, from `path-trace.nearest`: splats at or beyond it, or
-        /// closer to it than `limit_sigmas`, are left out. 0 and +inf mean no surface.
+        /// Planar depth of a surface for each view, such as the output `nearest` of `path-trace`. Splats at or
+        /// behind the surface, or in front of it by less than `limit_sigmas`, are left out. 0 and +inf mean that
+        /// there is no surface.
         limit: Option<Arc<Images>>,
     }
 }
@@ -62,7 +63,9 @@ fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, 
     let of = |camera: &Camera| match limits.view(&camera.name).filter(|_| known(camera)) {
         Some(Picture::Data(limit)) => Ok(limit),
         Some(_) => Err(NodeError::new("`limit` must be a depth, not a colour").at("limit")),
-        None => Err(NodeError::new(format!("no depth of view `{}`", camera.name)).at("limit")),
+        None => {
+            Err(NodeError::new(format!("`limit` has no depth for the view `{}`", camera.name)).at("limit"))
+        }
     };
     rig.cameras.iter().map(of).collect()
 }

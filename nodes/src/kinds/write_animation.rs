@@ -10,10 +10,10 @@ use crate::io::quantise::{AlphaOutput, Lost, quantise};
 use crate::types::{Images, Picture};
 
 engine::params! {
-    /// Writes frames as an animated PNG (APNG), which every browser plays; other programs show the first one.
+    /// Writes frames as an animated PNG (APNG), which every browser plays; other programs show the first frame.
     ///
-    /// Frames are encoded as `write-image` does, in 8 bits without alpha. If frames have several views, each view
-    /// is written to its own file. The same frames give the same bytes.
+    /// Frames are encoded like the pictures of `write-image`, in 8 bits without alpha. If frames have several
+    /// views, each view is written to its own file. The same frames give the same bytes.
     pub struct WriteAnimation {
         /// The file: `.png` or `.apng`. Must contain `{view}` if there are several views.
         path: OutputFile, other("\"b.apng\"");
@@ -21,14 +21,15 @@ engine::params! {
         fps: f64 = 12.0, range(0.02, 1000.0), unit("1/s"), other("25.0");
         /// Number of times the animation plays; 0 repeats for ever.
         plays: u32 = 0, range(0, 1_000_000), other("1");
-        /// True to write the graph that made the frames into the metadata, by content and without paths.
-        recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
+        /// True to write the graph that made the frames into the metadata of the file. Its inputs are identified by
+        /// content, not by path.
+        recipe: bool = true, other("false"), inert("outside a run there is no recipe");
     }
 }
 engine::inputs! {
     /// Frames to write.
     pub struct In {
-        /// The frames in order, all of the same size: the output of a `Gather`, for example.
+        /// The frames in order, all of the same size, such as the output of a `Gather`.
         frames: Vec<Arc<Images>>,
     }
 }
@@ -112,8 +113,8 @@ fn picture_of<'a>(frame: &'a Images, view: &str, index: usize) -> Result<&'a Pic
     frame.view(view).ok_or_else(missing)
 }
 
-/// Duration of a frame in seconds, as numerator and denominator: in milliseconds, or in tenths of them for
-/// short frames.
+/// Duration of a frame in seconds, as numerator and denominator. It is a whole number of milliseconds, or of tenths
+/// of a millisecond for short frames.
 fn delay(fps: f64) -> (u16, u16) {
     let unit: u16 = if fps > 100.0 { 10_000 } else { 1000 };
     (((f64::from(unit) / fps).round()).clamp(1.0, f64::from(u16::MAX)) as u16, unit)

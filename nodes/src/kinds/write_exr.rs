@@ -24,25 +24,26 @@ engine::params! {
     /// Writes pictures as OpenEXR: a single picture, or several as named layers.
     ///
     /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is named after the output
-    /// that its wire comes from, or by `names`. A layer of colour becomes `name.R`, `name.G`, `name.B` (and
-    /// `name.A`), one of a single channel `name`, and a layer named N `N.X`, `N.Y`, `N.Z`. Colours keep their
-    /// encoding unless `encoding` is `Linear`; the attribute `lightharmony:encoding` records it per layer. Other
-    /// programs ignore that attribute and treat all colours as linear, so mixed encodings are reported. The same
-    /// input gives the same bytes.
+    /// that its wire comes from, or by `names`. A layer of colour is written as the channels `name.R`, `name.G`,
+    /// `name.B` (and `name.A`), a layer of a single channel as `name`, and a layer named N as `N.X`, `N.Y`, `N.Z`.
+    /// Colours keep their encoding unless `encoding` is `Linear`; the attribute `lightharmony:encoding` records the
+    /// encoding of each layer. Other programs ignore this attribute and treat all colours as linear, so mixed
+    /// encodings are reported. The same input gives the same bytes.
     pub struct WriteExr {
         /// The file: `.exr`. Must contain `{view}` if there are several views.
-        path: OutputFile, other("\"b.exr\""), inert("the path is not in the file");
+        path: OutputFile, other("\"b.exr\""), inert("the path is not stored in the file");
         /// Names of the layers, in the order of the wires: B, R0, R1, S, O, M, Z, N, variance, or others. The
         /// default is the names of the outputs that the wires come from.
         names: Vec<String> = Vec::new(), other("[\"B\"]");
-        /// True to write colours as 16-bit floats: half the size, three digits; samples that overflow are
-        /// counted. Data (depth, masks, variance) stays in 32 bits.
+        /// True to write colours as 16-bit floats, which take half the space and have about three digits. Samples
+        /// that overflow are counted. Data (depth, masks, variance) stays in 32 bits.
         half: bool = false, other("true");
         /// Encoding of the written colours. `Linear` un-premultiplies display-encoded colours, decodes them and
         /// premultiplies them again; alpha, linear light and data are unchanged.
         encoding: WrittenEncoding = WrittenEncoding::Keep, other("Linear");
-        /// True to write the graph that made the picture into its metadata, by content and without paths.
-        recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
+        /// True to write the graph that made the picture into its metadata. The inputs of the graph are identified
+        /// by content, not by path.
+        recipe: bool = true, other("false"), inert("outside a run there is no recipe");
     }
 }
 engine::inputs! {
@@ -81,7 +82,7 @@ impl Kind for WriteExr {
                 !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-'));
             if !word || p.names[..index].contains(name) {
                 return Err(NodeError::new(format!(
-                    "`{name}` is empty, has other characters, or names two layers"
+                    "the layer name `{name}` is empty, has characters that are not allowed, or is used twice"
                 ))
                 .at("names")
                 .hint("use letters, digits, `-` and `_`, and each name once"));
@@ -142,7 +143,7 @@ impl Kind for WriteExr {
             let (width, height, _) = view.picture.size();
             for (name, images) in &layers {
                 let other = |what: String| {
-                    NodeError::new(what).at("layers").hint("all layers of a file come from one rig")
+                    NodeError::new(what).at("layers").hint("all layers of a file must come from one rig")
                 };
                 let picture = images.view(&view.name).ok_or_else(|| {
                     let there: Vec<&str> = images.0.iter().map(|image| image.name.as_str()).collect();
@@ -186,9 +187,9 @@ fn layer_names<'a>(
         (0, 0, _) => Err(NodeError::new("nothing to write").at("image").hint("wire `image` or `layers`")),
         (1, 0, 0) => Ok(vec![""]),
         (1, 0, 1) => Ok(given()),
-        (_, 0, _) => {
-            Err(NodeError::new("`image` is one layer").at("names").hint("wire the others to `layers`"))
-        }
+        (_, 0, _) => Err(NodeError::new("`image` is a single layer and takes one name")
+            .at("names")
+            .hint("wire several layers to `layers`")),
         (0, layers, names) if layers == names => Ok(given()),
         (0, layers, 0) if layers == outputs.len() => {
             match outputs.iter().enumerate().find(|(i, name)| outputs[..*i].contains(name)) {
@@ -203,7 +204,7 @@ fn layer_names<'a>(
         (0, layers, names) => Err(NodeError::new(format!("{layers} layers but {names} names"))
             .at("names")
             .hint("name every layer, in the order of the wires")),
-        _ => Err(NodeError::new("`image` and `layers` exclude each other").at("layers")),
+        _ => Err(NodeError::new("`image` and `layers` cannot both be wired").at("layers")),
     }
 }
 
@@ -321,8 +322,8 @@ mod tests {
         assert!(files[0].bytes.windows(text.len()).any(|w| w == text));
     }
 
-    // Mutations: alpha decoded too; premultiplied colours decoded directly; linear light decoded again; the
-    // attribute not changed.
+    // This test fails if alpha is decoded too, if premultiplied colours are decoded directly, if linear light is
+    // decoded again, or if the attribute is not changed.
     #[test]
     fn linear_decodes_what_is_display_encoded_and_nothing_else() {
         let of = |channels, samples: &[f32]| {
@@ -368,8 +369,8 @@ mod tests {
         }
     }
 
-    // Mutations: data treated as linear light; layers listed that are not display-encoded; a warning for `Linear`
-    // too.
+    // This test fails if data is treated as linear light, if layers are listed that are not display-encoded, or if
+    // `Linear` causes a warning too.
     #[test]
     fn unlike_encodings_are_reported_by_layer_and_like_ones_are_not() {
         let encoded = || Arc::new(Images::single("v", Image::<Srgb>::new(3, 2, 3)));
@@ -415,7 +416,7 @@ mod tests {
         let rigs = In { image: None, layers: vec![pair("x", "y"), pair("x", "z")] };
         let Err(reported) = run(&node(&["a", "b"]), rigs) else { panic!("layers of different rigs") };
         assert_eq!(reported.message(), "layer `b` has no view `y`; it has x, z");
-        assert_eq!(reported.advice(), Some("all layers of a file come from one rig"));
+        assert_eq!(reported.advice(), Some("all layers of a file must come from one rig"));
         for (p, inputs) in [
             (node(&[]), In { image: None, layers: vec![] }),
             (node(&["a"]), In { image: None, layers: vec![colour(), depth()] }),

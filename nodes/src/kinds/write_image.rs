@@ -22,14 +22,14 @@ engine::choices! {
     }
 }
 engine::params! {
-    /// Writes pictures as PNG or JPEG, by the extension of the path.
+    /// Writes pictures as PNG or JPEG, depending on the extension of the path.
     ///
-    /// Linear light is encoded with the sRGB curve, values outside 0 to 1 are clamped and counted; data (masks,
+    /// Linear light is encoded with the sRGB curve. Values outside 0 to 1 are clamped and counted. Data (masks,
     /// ratios) is written unchanged. There is no dithering. The same picture gives the same bytes.
     pub struct WriteImage {
         /// The file: `.png`, `.jpg` or `.jpeg`. Must contain `{view}` if there are several views.
         path: OutputFile, other("\"b.jpg\"");
-        /// Bits per sample; 16 only in PNG.
+        /// Bits per sample: 8, or 16 for PNG.
         bits: u32 = 8, range(8, 16), other("16");
         /// Treatment of the alpha channel.
         alpha: AlphaOutput = AlphaOutput::Drop, other("Straight");
@@ -37,8 +37,9 @@ engine::params! {
         quality: u32 = 92, range(1, 100), other("50"), inert("only JPEG has a quality");
         /// Compression effort of a PNG; its pixels do not change.
         effort: Effort = Effort::Balanced, other("Fast");
-        /// True to write the graph that made the picture into its metadata, by content and without paths.
-        recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
+        /// True to write the graph that made the picture into its metadata. The inputs of the graph are identified
+        /// by content, not by path.
+        recipe: bool = true, other("false"), inert("outside a run there is no recipe");
     }
 }
 engine::inputs! {
@@ -162,7 +163,7 @@ mod tests {
         (out.files.0[0].bytes.clone(), notes)
     }
 
-    // Row 60: every code survives a round trip, as a display value and through linear light, in 8 and 16 bits.
+    // Every code survives a round trip, as a display value and through linear light, in 8 and 16 bits.
     #[test]
     fn every_code_survives() {
         for (bits, largest) in [(8, 255_u32), (16, 65_535)] {
@@ -205,7 +206,7 @@ mod tests {
         assert_eq!(read(&slow), read(&fast));
     }
 
-    // Row 58: a file with straight alpha, composited over black, equals the picture on black.
+    // A file with straight alpha, composited over black, equals the picture on black.
     #[test]
     fn alpha_is_dropped_or_made_straight() {
         let picture = Image::<Srgb>::from_samples(2, 1, 4, vec![0.25, 0.1, 0.0, 0.5, 0.2, 0.0, 0.0, 0.0]);

@@ -8,10 +8,10 @@ use crate::io::mesh::{MeshFormat, encode};
 use crate::types::Mesh;
 
 engine::params! {
-    /// Writes a mesh as PLY, GLB or OBJ, by the extension of the path.
+    /// Writes a mesh as PLY, GLB or OBJ, depending on the extension of the path.
     ///
-    /// PLY and OBJ are in the coordinates of the world. GLB is in glTF's frame, y up and metres: `LoadMesh` reads
-    /// it with `frame: Gltf`.
+    /// PLY and OBJ have the coordinates of the world. GLB has the frame of glTF, y up and in metres; `LoadMesh`
+    /// reads it with `frame: Gltf`.
     pub struct WriteMesh {
         /// The file: `.ply`, `.glb` or `.obj`.
         path: OutputFile, other("\"b.obj\"");
@@ -91,7 +91,7 @@ mod tests {
         read
     }
 
-    // Mutation: axes of GLB swapped, colours of PLY linear.
+    // This test fails if the axes of GLB are swapped, or if the colours of PLY are linear.
     #[test]
     fn what_is_written_is_read_back() {
         let plain = Mesh {

@@ -8,9 +8,9 @@ use engine::{Context, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
 use crate::types::{Cell, Report, Table};
 
 engine::params! {
-    /// Writes a report as JSON, CSV, Markdown or plain text, by the extension of the path.
+    /// Writes a report as JSON, CSV, Markdown or plain text, depending on the extension of the path.
     ///
-    /// JSON and CSV keep every digit; Markdown and text are rounded to five.
+    /// JSON and CSV keep every digit; in Markdown and text, numbers are rounded to five digits.
     pub struct WriteReport {
         /// The file: `.json`, `.csv`, `.md` or `.txt`.
         path: OutputFile, other("\"b.csv\"");
@@ -64,7 +64,7 @@ impl Kind for WriteReport {
     }
 }
 
-/// Formats a number with all its digits, in the shortest form that parses to the same value.
+/// Formats a cell. A number has the shortest form that parses to the same value.
 fn exact(cell: &Cell) -> String {
     match cell {
         Cell::Text(text) => text.clone(),
@@ -74,7 +74,7 @@ fn exact(cell: &Cell) -> String {
     }
 }
 
-/// Formats a number in a short form for readers.
+/// Formats a cell for readers. A number has about five digits.
 fn short(cell: &Cell) -> String {
     match cell {
         Cell::Number(x) if *x == 0.0 => "0".to_owned(),

@@ -109,7 +109,7 @@ impl Pair {
         matches!(self.kind, Of::Colours(_))
     }
 
-    /// Requested measures that could not be computed: ids and texts of notes.
+    /// Ids and texts of the notes about requested measures that could not be computed.
     pub fn not_computed(&self, p: &Compare, masked: bool) -> Vec<(&'static str, String)> {
         let mut missing = Vec::new();
         let broken = |plane: &Plane| plane.samples.iter().filter(|v| v.is_nan()).count();
@@ -120,7 +120,7 @@ impl Pair {
         }
         let colours = if let Of::Colours(colours) = &self.kind { Some(colours) } else { None };
         if colours.is_some_and(|c| c.flip.is_none()) {
-            let why = "half of the reference is black, so HDR-FLIP has no exposure";
+            let why = "half of the reference is black, so no exposure for HDR-FLIP can be computed";
             missing.push(("no-flip", why.to_owned()));
         }
         if colours.is_some_and(|c| c.ciede2000.is_none()) {
@@ -191,7 +191,7 @@ impl Pair {
                 continue;
             }
             for (a, b) in a.iter().zip(b).take(channels) {
-                // NaN stays NaN, and then so is the mean.
+                // NaN is kept, which makes the mean NaN too.
                 let ln = |v: f64| if v < DARKEST { num::f64::ln(DARKEST) } else { num::f64::ln(v) };
                 sum += (ln(*a) - ln(*b)).abs();
                 samples += 1;
@@ -228,7 +228,7 @@ impl Pair {
 }
 
 /// Replaces values that are infinite in both pictures, such as the depth of the background, by one finite
-/// number, so that they do not differ. The number lies on the same side of every bound as the values it
+/// number, so that they do not differ. The number is on the same side of every threshold as the values that it
 /// replaces.
 fn level_infinite(a: &mut Plane, b: &mut Plane) {
     for (a, b) in a.samples.iter_mut().zip(&mut b.samples) {
@@ -247,15 +247,15 @@ fn plain(picture: &Picture) -> Plane {
     Plane { width, height, channels, samples: picture.samples().iter().map(|v| f64::from(*v)).collect() }
 }
 
-/// The colour channels in linear light, premultiplied: composited on black.
+/// The colour channels in linear light, premultiplied, which is the picture composited on black.
 fn light(picture: &Picture, port: &'static str) -> Result<Plane, NodeError> {
     let image = linear(picture, port)?;
     let samples = image.samples.chunks_exact(image.channels).flat_map(|p| [p[0], p[1], p[2]]).map(f64::from);
     Ok(Plane { width: image.width, height: image.height, channels: 3, samples: samples.collect() })
 }
 
-/// The colour channels as display values, premultiplied in the encoding of the picture: display values are
-/// composited on black in display values, light in light.
+/// The colour channels as display values, composited on black in the encoding of the picture: display-encoded
+/// pictures in display values, linear pictures in linear light.
 fn display(p: &Compare, picture: &Picture) -> Plane {
     let (width, height, channels) = picture.size();
     let is_linear = matches!(picture, Picture::Linear(_));

@@ -5,7 +5,7 @@ use crate::types::{Cell, Report, Table};
 use super::pair::Row;
 use super::{Compare, Space};
 
-/// Columns that both tables start with; the columns of each follow.
+/// Columns at the start of both tables. The columns of each table follow them.
 pub(super) const COMMON: [&str; 5] = ["view", "picture", "region", "pixels", "share of picture"];
 const COLOUR: [&str; 10] = [
     "psnr (dB)",
@@ -19,8 +19,9 @@ const COLOUR: [&str; 10] = [
     "largest error",
     "relative mse (linear, eps 0.01)",
 ];
-/// Index of the first FLIP column, and the names of the FLIP columns in `Linear`.
+/// Index of the first FLIP column.
 const FLIP: usize = 3;
+/// Names of the FLIP columns with `Linear`.
 const HDR_FLIP: [&str; 2] = ["hdr-flip mean", "hdr-flip p95"];
 const RATIO: [&str; 5] = [
     "psnr (dB)",
@@ -37,8 +38,8 @@ pub(super) fn report(p: &Compare, colour: Vec<Vec<Cell>>, ratio: Vec<Vec<Cell>>)
         Space::Linear => "linear light, HDR-FLIP",
     };
     let title = match (colour.is_empty(), ratio.is_empty()) {
-        (true, false) => "Distance to the reference, of data as they are".to_owned(),
-        (false, false) => format!("Distance to the reference, in {space}; of data as they are"),
+        (true, false) => "Distance to the reference, in data values".to_owned(),
+        (false, false) => format!("Distance to the reference, in {space}; for data, in data values"),
         (_, true) => format!("Distance to the reference, in {space}"),
     };
     let table =
@@ -75,7 +76,7 @@ pub(super) fn unknown(names: [&str; 3], colour: bool) -> Vec<Cell> {
     cells
 }
 
-/// Cells of the row of a region; without values if the region contains no pixel.
+/// Cells of the row of a region. They have no values if the region contains no pixel.
 pub(super) fn cells(names: [&str; 3], row: Option<Row>, colour: bool, pixels: usize) -> Vec<Cell> {
     let mut cells: Vec<Cell> = names.iter().map(|name| Cell::Text((*name).to_owned())).collect();
     let count = row.as_ref().map_or(0, |row| row.errors.pixels);
@@ -108,8 +109,8 @@ pub(super) fn cells(names: [&str; 3], row: Option<Row>, colour: bool, pixels: us
     cells
 }
 
-/// Table of the shares of the positive scores. A picture whose two scores are 0 has no share and is left out
-/// of the means.
+/// Table of the scores, with the share of the positive score in each pair. A pair whose two scores are 0 has no
+/// share and is left out of the means.
 fn prompt(scores: &[[f64; 2]]) -> Table {
     let share = |[positive, negative]: [f64; 2]| {
         (positive + negative > 0.0).then(|| positive / (positive + negative))
@@ -124,7 +125,7 @@ fn prompt(scores: &[[f64; 2]]) -> Table {
     let mean = (!shares.is_empty()).then(|| shares.iter().sum::<f64>() / count);
     // Scores are not negative, so those without a share add nothing to the sums.
     let sums = scores.iter().fold([0.0; 2], |sum, s| [sum[0] + s[0], sum[1] + s[1]]);
-    rows.push(row("mean of those with a share".to_owned(), sums.map(|s| s / count), mean));
+    rows.push(row("mean of all with a share".to_owned(), sums.map(|s| s / count), mean));
     rows.push(row("share of the sums".to_owned(), sums, share(sums)));
     Table::new("prompt", ["score", "positive", "negative", "positive / (positive + negative)"], rows)
 }

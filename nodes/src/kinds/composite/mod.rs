@@ -1,4 +1,4 @@
-//! `composite`: the background, darkened by the shadow, under the inserted objects.
+//! `composite`: composites the inserted objects over the background, which is darkened by their shadow.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -16,7 +16,8 @@ engine::choices! {
     pub enum Sharpness {
         /// Leaves the objects as rendered.
         Keep,
-        /// Blurs the objects like the sharpest edges of the background around them, measured in each view.
+        /// Blurs the objects until their edges are as soft as the sharpest edges of the background around them,
+        /// measured in each view.
         Match,
     }
 }
@@ -24,16 +25,17 @@ engine::choices! {
 engine::params! {
     /// Composites the rendered objects over the background, after darkening it by the shadow.
     ///
-    /// In linear light and per pixel `(B * S + A) * (1 - M) + O`, where `B` is the background, `S` the shadow, `A`
-    /// added light, `O` the object premultiplied by its alpha `M`. With `front` wired, `F` with alpha `a`, it is
-    /// `((B - F) * S + A * (1 - a)) * (1 - M) + F + O * (1 - a)`: the background already shows `F`, so it is
-    /// subtracted from `B` first, limited to what `B` contains. A splat render is un-premultiplied before it is
-    /// decoded. Holes of the background show `backdrop`; with `backdrop: None` they stay transparent.
+    /// A pixel of the result is `(B * S + A) * (1 - M) + O` in linear light, where `B` is the background, `S` the
+    /// shadow, `A` the added light, and `O` the object, premultiplied by its alpha `M`. If `front` is wired, with
+    /// colour `F` and alpha `a`, a pixel is `((B - F) * S + A * (1 - a)) * (1 - M) + F + O * (1 - a)`: the
+    /// background already shows `F`, so `F` is first subtracted from `B`, limited to what `B` contains. The colours
+    /// of a splat render are un-premultiplied before they are decoded. Holes of the background show `backdrop`;
+    /// with `backdrop: None` they stay transparent.
     pub struct Composite {
         /// Linear colour behind the holes of the background; `None` keeps the alpha channel.
         backdrop: Option<[f64; 3]> = Some([0.0; 3]), range(0.0, 1e6), other("(0.5, 0.25, 1.0)");
-        /// Sharpness of the objects and their shadow. Captures are softer than renders, so `Match` blurs them
-        /// to the sharpness of the background.
+        /// Sharpness of the objects and their shadow. Renders are usually sharper than captures; `Match` blurs the
+        /// objects and their shadow to the sharpness of the background.
         sharpness: Sharpness = Sharpness::Keep, other("Match"), inert("a picture of a few pixels has no edges to measure");
     }
 }
@@ -50,11 +52,11 @@ engine::inputs! {
         /// Light that the objects add to the background (negative where they remove it), from `shadow-ratio`.
         added: Option<Arc<Images>>,
         /// The part of the background that lies in front of the objects, premultiplied, with alpha: a
-        /// `splat-render` with `limit: "trace.nearest"`. It covers them and their shadow; a mesh in front is
-        /// already accounted for in their alpha.
+        /// `splat-render` with `limit: "trace.nearest"`. It covers the objects and their shadow. A mesh in front of
+        /// the objects does not need it, since their alpha already accounts for the mesh.
         front: Option<Arc<Images>>,
-        /// Variance of the trace that the object and the shadow come from, an output of `path-trace`. Needed for
-        /// `error`.
+        /// Variance of the trace from which the object and the shadow come: the output `variance` of `path-trace`.
+        /// Needed for the output `error`.
         variance: Option<Arc<Images>>,
     }
 }
@@ -62,7 +64,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`Composite`].
     pub struct Out {
-        /// The picture, linear; RGB over the backdrop, or premultiplied RGBA without one.
+        /// The picture in linear light: RGB over the backdrop, or premultiplied RGBA if there is no backdrop.
         image: Arc<Images>,
         /// Standard error of the luminance of `image` due to the noise of the trace, linear, in the unit of
         /// `image`; 0 without `variance`. It assumes the default form of `shadow-ratio` without further shaping,
@@ -83,7 +85,7 @@ struct Layers<'a> {
 }
 
 impl Layers<'_> {
-    /// The part of the background in front of the objects, limited to what the background contains, and its alpha.
+    /// Colour of the front layer at a pixel, limited to the colour of the background, and alpha of the front layer.
     fn in_front(&self, x: usize, y: usize) -> ([f32; 3], f32) {
         let Some(front) = &self.front else { return ([0.0; 3], 0.0) };
         let (b, f) = (self.background.pixel(x, y), front.pixel(x, y));
@@ -160,7 +162,7 @@ impl Composite {
     }
 }
 
-/// Smallest blur that is applied, in pixels; less is not visible.
+/// Smallest blur that is applied, in pixels. Smaller blurs are not visible.
 const LEAST_BLUR: f64 = 0.1;
 
 impl Kind for Composite {
@@ -231,7 +233,7 @@ impl Kind for Composite {
         if let Some(most) = blurs.iter().copied().reduce(f64::max) {
             let least = blurs.iter().copied().fold(most, f64::min);
             let text =
-                format!("the objects are blurred by {least:.2} to {most:.2} pixels, as the background is");
+                format!("the objects are blurred by {least:.2} to {most:.2} pixels, to match the background");
             notes.decision("sharpness", text);
         }
         Ok((Out { image: Arc::new(Images(views)), error: Arc::new(Images(errors)) }, notes))
@@ -248,7 +250,7 @@ fn factors(picture: &Picture, port: &'static str) -> Result<Image<Linear>, NodeE
             let samples = picture.samples().iter().flat_map(|&v| [v; 3]).collect();
             Ok(Image::from_samples(width, height, 3, samples))
         }
-        _ => Err(NodeError::new(format!("`{port}` has 1 or 3 channels, not {channels}")).at(port)),
+        _ => Err(NodeError::new(format!("`{port}` has {channels} channels; it needs 1 or 3")).at(port)),
     }
 }
 
@@ -295,8 +297,7 @@ mod tests {
         assert_eq!(run(None, rgb([0.5; 3]), [0.25, 0.0, 0.0, 0.0], [1.0; 3]), [0.75, 0.5, 0.5]);
     }
 
-    /// The result is the same for an object given premultiplied and for one composited by the formula for
-    /// straight alpha.
+    /// The result for a premultiplied object is the same as by the formula for straight alpha.
     #[test]
     fn premultiplied_is_straight_times_alpha() {
         let (b, colour) = (0.4_f32, 0.7_f32);
@@ -318,7 +319,7 @@ mod tests {
         assert_eq!(open, [0.2, 0.2, 0.2, 0.75]);
     }
 
-    // Half-covered display-encoded pixels are decoded at their own colour, not at the darkened one.
+    // Half-covered display-encoded pixels are decoded at their own colour, not at the colour darkened by alpha.
     #[test]
     fn encoded_colour_is_unpremultiplied_before_decoding() {
         let b: Picture = Image::<Srgb>::from_samples(1, 1, 4, vec![0.25, 0.25, 0.25, 0.5]).into();
@@ -395,8 +396,8 @@ mod tests {
         assert_eq!(railing([0.25, 0.25, 0.25, 0.5], 1.0, -9.0), 0.25);
     }
 
-    // Half covered: half of the error of the ratio that belongs to the background, plus that of the object, a
-    // quarter of which is behind the front layer.
+    // The object covers half of the pixel, so half of the error of the background's ratio remains. The error of the
+    // object is added, reduced by a quarter because of the front layer.
     #[test]
     fn the_error_is_that_of_the_ratio_and_of_the_object() {
         let data = |v: Vec<f32>| one(Image::<Data>::from_samples(1, 1, v.len(), v));

@@ -1,7 +1,7 @@
 //! Measures the sharpness of a background, and blurs objects to match it. Captures are softer than renders, since
-//! splats overlap and lenses blur photographs. The amount follows from the width of the sharpest edges of the
-//! background. An edge that a Gaussian of standard deviation s blurs from contrast C has the greatest slope C / (s
-//! sqrt(2 pi)), so s follows from contrast and slope wherever one edge dominates its surroundings.
+//! splats overlap and lenses blur photographs. The amount of blur is measured at the sharpest edges of the
+//! background. An edge of contrast C that is blurred by a Gaussian of standard deviation s has the maximum slope C
+//! / (s sqrt(2 pi)). So s follows from contrast and slope wherever no other edge is near.
 
 use std::f64::consts::PI;
 
@@ -13,20 +13,21 @@ use crate::types::{Image, Linear};
 
 /// Half the side of the window in which an edge is measured, in pixels.
 const REACH: usize = 4;
-/// Least contrast of an edge, in display values.
+/// Minimum contrast of an edge, in display values.
 const CONTRAST: f32 = 0.12;
-/// Share of the edges, from the sharpest, that determine the blur of a background. Other edges, such as those
-/// of penumbras and round shapes, are soft in the scene itself.
+/// Quantile of the blurs of all edges, sharpest first, that is taken as the blur of a background. Softer edges,
+/// such as those of penumbras and round shapes, are soft in the scene itself.
 const SHARPEST: f64 = 0.1;
 /// Minimum number of edges for a measurement.
 const FEWEST: usize = 64;
-/// Blur, in pixels, that this measure finds in an unblurred step between two pixels, as edges in renders are.
+/// Blur, in pixels, that [`edge_width`] finds at an unblurred step between two pixels. Edges in renders are such
+/// steps.
 const RENDERED: f64 = 0.551;
-/// Greatest blur that is matched, in pixels. A background with a wider one is out of focus rather than soft.
+/// Maximum blur that is matched, in pixels. A background with a larger blur is out of focus rather than soft.
 pub(super) const MOST: f64 = 3.0;
 
-/// Blur of the sharpest edges of a background around an object, in pixels. The edges are searched within
-/// twice the bounding box of the pixels that the object covers. `None` if there are too few.
+/// Blur of the sharpest edges of a background around an object, in pixels. The edges are searched in the bounding
+/// box of the pixels that the object covers, grown by its own size on each side. `None` if there are too few edges.
 pub(super) fn of_background(
     background: &Image<Linear>,
     object: &Image<Linear>,
@@ -59,8 +60,8 @@ pub(super) fn of_background(
     Ok(Some(*widths.select_nth_unstable_by(nth, f64::total_cmp).1))
 }
 
-/// Blur of one edge, in pixels. `None` unless the line rises or falls throughout and is steepest in its
-/// middle.
+/// Blur of the edge in a line of pixels, in pixels. `None` unless the line rises or falls throughout, is steepest
+/// in its middle, and has enough contrast.
 fn edge_width(line: &[f32; 2 * REACH + 1]) -> Option<f64> {
     let slope = |k: usize| 0.5 * (line[k + 1] - line[k - 1]);
     let middle = slope(REACH);
@@ -70,7 +71,7 @@ fn edge_width(line: &[f32; 2 * REACH + 1]) -> Option<f64> {
     if contrast < CONTRAST || !steepest || !steady {
         return None;
     }
-    // The slope over two pixels is that of the edge behind a box of two pixels, of variance 1/3.
+    // The slope over two pixels is the slope of the edge blurred by a box of two pixels, whose variance is 1/3.
     let over_two = f64::from(contrast) / (f64::from(middle.abs()) * (2.0 * PI).sqrt());
     Some((over_two * over_two - 1.0 / 3.0).max(0.0).sqrt())
 }
@@ -96,13 +97,14 @@ fn surroundings(object: &Image<Linear>) -> Option<[usize; 4]> {
     ])
 }
 
-/// Blur, in pixels, that makes a render as soft as the background. Variances of blurs add up.
+/// Blur, in pixels, that makes a render as soft as a background with the given blur. The variances of successive
+/// blurs add up.
 pub(super) fn missing(background: f64) -> f64 {
     (background * background - RENDERED * RENDERED).max(0.0).sqrt().min(MOST)
 }
 
-/// Blurs an image by a Gaussian of `sigma` pixels, truncated at three sigma and normalised. The edge pixels
-/// are repeated outside of the image. Premultiplied colours and alpha are blurred alike, so no colour bleeds.
+/// Blurs an image by a Gaussian of `sigma` pixels, truncated at three sigma and normalised. The edge pixels are
+/// repeated outside the image. Premultiplied colours and alpha are blurred alike, so no colour bleeds.
 pub(super) fn blurred(image: &Image<Linear>, sigma: f64, cx: &Context) -> Result<Image<Linear>, NodeError> {
     let reach = (3.0 * sigma).ceil() as isize;
     let weight = |k: isize| num::f64::exp(-0.5 * (k * k) as f64 / (sigma * sigma));
@@ -134,8 +136,8 @@ mod tests {
     use crate::math::color::linear_from_srgb;
     use crate::testing::context;
 
-    /// Vertical edges every 20 pixels in display values, blurred by a Gaussian, and a small object in the
-    /// middle.
+    /// Picture with vertical edges every 20 pixels, blurred in display values by a Gaussian, and a small object in
+    /// the middle.
     fn stripes(sigma: f64) -> (Image<Linear>, Image<Linear>) {
         let (width, height) = (160, 60);
         let mut image = Image::new(width, height, 3);
@@ -164,8 +166,8 @@ mod tests {
         (image, object)
     }
 
-    // Within 0.15 pixels: the pixel itself and the slope over two pixels are known only as the variances of boxes.
-    // Mutation: the variance of the slope's box not subtracted.
+    // The tolerance is 0.15 pixels, since the boxes of the pixel and of the slope are only taken into account by
+    // their variances. This test fails if `edge_width` does not subtract the variance of the box of the slope.
     #[test]
     fn the_blur_of_edges_is_measured() {
         for sigma in [1.2, 2.0] {

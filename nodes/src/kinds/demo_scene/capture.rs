@@ -1,6 +1,6 @@
-//! Splats of a demo scene, as training on photographs would produce them: one flat Gaussian per patch of
-//! surface, smaller where the patch is large in the picture, with colours clipped to the range of a display
-//! before fitting.
+//! Splats of a demo scene, as training on photographs would produce them: one flat Gaussian per patch of a surface.
+//! The patches are smaller where the camera is close. Colours are clipped to the range of a display before they are
+//! fitted.
 
 use engine::{Context, NodeError};
 use glam::{DMat3, DVec3};
@@ -20,7 +20,7 @@ const DIRECTIONS: usize = 16;
 const SH: usize = 9;
 /// Weight of the regularisation of coefficients, as a fraction of the number of photographs.
 const RIDGE: f64 = 0.06;
-/// Standard deviation of a splat divided by the side of its patch: wide enough to leave no gaps.
+/// Standard deviation of a splat divided by the side of its patch, large enough to leave no gaps.
 const WIDTH: f64 = 0.66;
 /// Number of splats along the horizon in the dome of sky.
 const DOME: usize = 150;
@@ -101,7 +101,7 @@ pub(super) struct Defects {
     pub floaters: u64,
 }
 
-/// Divides the quads into about `count` patches that look equally large to the camera; the target size is found by
+/// Divides the quads into about `count` patches that appear equally large to the camera. Their size is found by
 /// bisection.
 fn patches(quads: &[Quad], view: &View, count: usize) -> Vec<Patch> {
     let (mut small, mut large) = (0.2_f64, 200.0_f64);
@@ -114,7 +114,8 @@ fn patches(quads: &[Quad], view: &View, count: usize) -> Vec<Patch> {
     found
 }
 
-/// Counts the patches of at most `pixels` per side, and appends them to `list` if it is given.
+/// Divides the quads into patches of at most `pixels` per side. Returns their number, and appends them to `list` if
+/// it is given.
 fn cut(quads: &[Quad], view: &View, pixels: f64, mut list: Option<&mut Vec<Patch>>) -> usize {
     let mut count = 0;
     let mut work = Vec::new();
@@ -205,7 +206,7 @@ fn flat(colour: Rgb) -> [Rgb; SH] {
     sh
 }
 
-#[allow(clippy::too_many_arguments, reason = "a patch is defined by its numbers")]
+#[allow(clippy::too_many_arguments, reason = "a patch is defined by this many numbers")]
 fn colours(
     lit: &Lit<'_>,
     quad: &Quad,
@@ -335,7 +336,7 @@ fn sky_dome(lit: &Lit<'_>, radius: f64, to: &mut Vec<Splat>) {
     }
 }
 
-/// A faint splat in the air. `None` if the camera would see it within a few metres.
+/// A faint splat in the air. `None` if it would be visible to the camera within a few metres.
 fn floater(lit: &Lit<'_>, layout: &Layout, view: &View, i: u64) -> Option<Splat> {
     let random = |d: u64| unit(lit.seed, 0x666c, i, d);
     let [low, high] = layout.bounds;

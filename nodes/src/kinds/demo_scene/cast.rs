@@ -9,8 +9,9 @@ use super::shape::Quad;
 pub(super) struct Hit {
     pub distance: f64,
     pub quad: u32,
-    /// Position on the quad.
+    /// First coordinate of the point on the quad, 0 to 1.
     pub u: f64,
+    /// Second coordinate of the point on the quad, 0 to 1.
     pub v: f64,
 }
 
@@ -25,7 +26,8 @@ struct Triangle {
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// First triangle of a leaf, or second child of a branch; the first child of a branch follows it.
+    /// Index of the first triangle of a leaf, or of the second child of a branch. The first child of a branch
+    /// directly follows the branch.
     next: u32,
     /// Number of triangles of a leaf; 0 for a branch.
     count: u32,
@@ -41,7 +43,7 @@ const LEAF: usize = 4;
 const BINS: usize = 12;
 
 impl Caster {
-    /// Builds the hierarchy. Surfaces outside of a window are left out, so that rays see the sky there.
+    /// Builds the hierarchy. The surfaces outside a window are left out, so that rays reach the sky there.
     pub(super) fn new(quads: &[Quad]) -> Self {
         let mut triangles = Vec::with_capacity(quads.len() * 2);
         for (i, quad) in quads.iter().enumerate().filter(|(_, quad)| quad.paint.is_solid()) {

@@ -109,7 +109,7 @@ fn shutters(s: &mut Shapes, x: f64) {
     }
 }
 
-/// Columns and beams of a pergola before the left wall.
+/// Adds the columns and beams of a pergola in front of the left wall.
 fn arcade(s: &mut Shapes) {
     for y in [-2.4, 0.3, 3.0] {
         let column = [

@@ -51,7 +51,7 @@ pub(super) struct Sky {
     pub sun_irradiance: Rgb,
     /// Sine of the angular radius of the sun.
     pub sun_sine: f64,
-    /// Additional brightness of the sky around the sun.
+    /// Additional radiance of the sky around the sun.
     pub glow: f64,
 }
 
@@ -98,7 +98,7 @@ pub(super) struct Lit<'a> {
     cache: Cache,
 }
 
-/// Greatest distance of surfaces that light is traced from, in metres.
+/// Maximum distance over which light is traced, in metres.
 const FAR: f64 = 200.0;
 /// Offset of ray origins from a surface, in metres. A bilinear quad is intersected as two triangles, which
 /// deviate from it by a few millimetres.
@@ -120,7 +120,7 @@ impl<'a> Lit<'a> {
         Ok(lit)
     }
 
-    /// Irradiance directly from sun, sky and lamp. `key` is the key of the random numbers.
+    /// Direct irradiance from sun, sky and lamp. `key` selects the random numbers.
     pub(super) fn direct(&self, p: DVec3, n: DVec3, key: u64, effort: Effort) -> Rgb {
         let from = p + n * OFF;
         let mut sum = [0.0; 3];
@@ -252,7 +252,7 @@ impl<'a> Lit<'a> {
         }
     }
 
-    /// Radiance from outside of the scene in a direction, without the disc of the sun.
+    /// Radiance that arrives at a point from outside the scene, without the disc of the sun.
     pub(super) fn beyond(&self, from: DVec3, toward: DVec3) -> Rgb {
         if let Some(Opening { corner, u, v }) = self.opening {
             // A ray that passes between two triangles of a closed room does not reach light from outside.
@@ -267,7 +267,7 @@ impl<'a> Lit<'a> {
         self.sky.radiance(toward)
     }
 
-    /// True if a surface blocks a direction from a point to the sky.
+    /// True if a surface blocks the view from a point in a direction to the sky.
     pub(super) fn hidden(&self, from: DVec3, toward: DVec3) -> bool {
         self.caster.blocked(from, toward, FAR)
     }
@@ -308,10 +308,11 @@ struct Cache {
     order: Vec<u32>,
 }
 
-/// Distance between points of the cache, and the radius within which they are averaged, in metres.
+/// Distance between points of the cache, in metres.
 const SPACING: f64 = 0.10;
+/// Radius within which points of the cache are averaged, in metres.
 const RADIUS: f64 = 0.26;
-/// Number of rays that gather light at each point, along one side of a stratified square.
+/// Square root of the number of rays that gather light at each point. The rays are stratified over a square.
 const GATHER: usize = 8;
 /// Number of bounces of light.
 const BOUNCES: usize = 4;

@@ -39,23 +39,24 @@ engine::params! {
     /// Makes a synthetic scene for trying the whole pipeline: a captured place, an object to insert, and the
     /// true light.
     ///
-    /// The place is lit by light transport and then captured as splats with the defects of a real capture: light
-    /// clipped to white, view-dependent colours, blur, floaters, and holes where no camera looked. The object is
-    /// meant to be placed at (0, 0, 0.44) metres in the room and at (0, 0, 0) in the courtyard, for `up: "+z"`
-    /// (right, forward, up; the other axes follow `scene.up`). `truth_env` is the unclipped light that arrives
-    /// `probe_height` above that point, as a reference for recovered light.
+    /// The light of the place is computed by light transport. The place is then captured as splats with the defects
+    /// of a real capture: light clipped to white, view-dependent colours, blur, floaters, and holes where no camera
+    /// looked. The object is meant to be placed at (0, 0, 0.44) in the room and at (0, 0, 0) in the courtyard:
+    /// metres to the right, forward and up. These are x, y and z if `up` of the scene is "+z"; otherwise the axes
+    /// are rotated accordingly. `truth_env` is the unclipped light that arrives `probe_height` above that point, as
+    /// a reference for recovered light.
     pub struct DemoScene {
         /// Setting of the scene.
         place: Setting = Setting::Room, other("Courtyard");
         /// Approximate number of splats; they are smaller where the camera of `rig` looks closely.
         splats: u32 = 260000, range(2000, 4000000), other("5000");
-        /// Width of the camera of `rig`.
+        /// Width of the picture of the camera in `rig`.
         width_px: u32 = 960, range(16, 8192), unit("px"), other("320");
-        /// Height of the camera of `rig`.
+        /// Height of the picture of the camera in `rig`.
         height_px: u32 = 540, range(16, 8192), unit("px"), other("200");
         /// Width of the true environment; its height is half of it.
         truth_width_px: u32 = 512, range(16, 4096), unit("px"), other("64");
-        /// Height of the point of the true environment above the surface that the object stands on.
+        /// Height of the point where `truth_env` is computed, above the surface that the object stands on.
         probe_height: f64 = 0.3, range(0.01, 1.5), unit("m"), other("0.6");
     }
 }
@@ -70,7 +71,7 @@ engine::outputs! {
     pub struct Out {
         /// The captured place.
         splats: Arc<Splats>,
-        /// A closed mesh of the place, with an error of about 5 mm, with the captured colours at its vertices.
+        /// A closed mesh of the place, accurate to about 5 mm, with the captured colours at its vertices.
         proxy: Arc<Mesh>,
         /// A vase, a brass ball and a clay ball on a wooden plinth, about half a metre tall.
         object: Arc<Object>,
@@ -118,7 +119,7 @@ impl View {
         Self { eye: layout.eye, right, down: forward.cross(right), forward, focal, width, height }
     }
 
-    /// Distance from the camera of a point that lies in or near the frame.
+    /// Distance of a point from the camera. `None` unless the point lies in or near the frame of the picture.
     fn distance(&self, p: DVec3) -> Option<f64> {
         let way = p - self.eye;
         let depth = way.dot(self.forward);
@@ -128,8 +129,8 @@ impl View {
         inside.then(|| way.length())
     }
 
-    /// Largest size of a patch of a surface, in metres, that appears `pixels` large in the picture. It is
-    /// larger outside of the frame and on back sides.
+    /// Maximum size of a patch of a surface, in metres, so that it appears at most `pixels` large in the picture.
+    /// Patches on back sides and outside the frame may be larger.
     fn patch_size(&self, p: DVec3, n: DVec3, size: f64, pixels: f64) -> f64 {
         let way = self.eye - p;
         let close = pixels / self.focal;

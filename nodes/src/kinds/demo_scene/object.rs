@@ -1,5 +1,5 @@
-//! The object to insert: a glazed vase, a brass ball and a clay ball on a wooden plinth. In the frame of
-//! glTF: y up, metres, its foot at the origin.
+//! The object to insert: a glazed vase, a brass ball and a clay ball on a wooden plinth. Coordinates are those of
+//! glTF: y up, in metres, with the foot of the object at the origin.
 
 use std::f64::consts::PI;
 
@@ -69,8 +69,8 @@ pub(super) fn still_life(seed: u64) -> Object {
     Object { primitives, materials, textures }
 }
 
-/// Radius and height of the profile of the vase: outside from the foot to the lip, then a short way down the
-/// inside.
+/// Profile of the vase as pairs of radius and height: the outside from the foot to the lip, then a short way down
+/// the inside.
 const VASE: [[f64; 2]; 16] = [
     [0.0, 0.0],
     [0.046, 0.0],
@@ -90,7 +90,7 @@ const VASE: [[f64; 2]; 16] = [
     [0.028, 0.390],
 ];
 
-/// Catmull-Rom spline through the points, with `parts` segments between each two.
+/// Catmull-Rom spline through the points, with `parts` segments between neighbouring points.
 fn smooth(points: &[[f64; 2]], parts: usize) -> Vec<[f64; 2]> {
     let at = |i: isize| points[i.clamp(0, points.len() as isize - 1) as usize];
     let mut out = Vec::new();

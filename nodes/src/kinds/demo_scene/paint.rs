@@ -29,7 +29,7 @@ pub(super) enum Paint {
     Curtain([f64; 3]),
     /// A lamp shade that glows with the given radiance.
     Glow([f64; 3]),
-    /// View outside of a window: the sky alone.
+    /// View through a window, which shows only the sky.
     Outside,
     /// A surface that exists in the proxy only.
     Hidden,

@@ -16,13 +16,15 @@ pub(super) struct Layout {
     pub stand: f64,
     /// Corners of the box that contains the place. The proxy of a room is closed by this box.
     pub bounds: [DVec3; 2],
-    /// Position and target of the camera, and its vertical field of view in degrees.
+    /// Position of the camera.
     pub eye: DVec3,
+    /// Point that the camera looks at.
     pub target: DVec3,
+    /// Vertical field of view of the camera, in degrees.
     pub fov_y_deg: f64,
     /// Positions of the cameras of the capture. Each looks roughly horizontally, past the middle of the
     /// place.
     pub captures: Vec<DVec3>,
-    /// Radius of a dome of sky around the place, where it is open.
+    /// Radius of the dome of sky around an open place; `None` for a room.
     pub dome: Option<f64>,
 }

@@ -1,5 +1,5 @@
-//! Proxy of a demo place, similar to a mesh extracted from a capture: closed solids, in a room within a
-//! closed shell, with captured colours at the vertices.
+//! Proxy of a demo place, similar to a mesh extracted from a capture: closed solids with captured colours at the
+//! vertices. The solids of a room lie in a closed shell.
 
 use std::collections::BTreeMap;
 
@@ -16,9 +16,11 @@ use crate::types::Mesh;
 
 /// Largest deviation of a vertex from the surface, in metres.
 const JITTER: f64 = 0.005;
-/// Sides of triangles, in metres: near the object, and elsewhere.
+/// Sides of triangles near the object, in metres.
 const FINE: f64 = 0.06;
+/// Sides of all other triangles, in metres.
 const COARSE: f64 = 0.14;
+/// Distance from the object, in metres, within which triangles are fine.
 const NEAR: f64 = 1.2;
 /// Size in metres above which solids are divided coarsely even near the object.
 const LARGE: f64 = 4.0;
@@ -131,7 +133,7 @@ fn shell(layout: &Layout) -> Vec<Quad> {
     shapes.quads.into_iter().map(inward).collect()
 }
 
-/// Captured colour at a vertex: that of the surface found along its normal, clipped, in 8 bits.
+/// Captured colour at a vertex: the colour of the surface found along its normal, clipped and rounded to 8 bits.
 fn colour(lit: &Lit<'_>, (p, n): (DVec3, DVec3), key: u64) -> [f32; 3] {
     let n = n.normalize_or(DVec3::Z);
     let effort = Effort { sky: 9, sun: 2, lamp: 3 };

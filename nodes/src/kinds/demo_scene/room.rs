@@ -1,5 +1,5 @@
-//! A furnished living room with a window on the left, through which the sun shines behind the table, and a floor
-//! lamp.
+//! A furnished living room with a floor lamp and with a window on the left. The sun shines through the window and
+//! lights the place behind the table.
 
 use std::f64::consts::PI;
 
@@ -161,7 +161,7 @@ fn table(s: &mut Shapes) {
         s.cuboid(place, DVec3::new(x, y, leg.z + 0.0135), leg, OAK, true);
     }
     s.cuboid(place, DVec3::new(0.0, 0.0, 0.17), DVec3::new(0.60, 0.31, 0.011), OAK, true);
-    // EnergyTable and a bowl at one end, magazines below.
+    // A stack of volumes and a bowl at one end, magazines below.
     let stack = Place::new(0.47, 0.19, TABLE, -14.0);
     s.cuboid(stack, DVec3::new(0.0, 0.0, 0.016), DVec3::new(0.13, 0.095, 0.015), Paint::Book(3), true);
     s.cuboid(

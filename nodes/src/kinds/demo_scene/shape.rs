@@ -112,7 +112,7 @@ impl Shapes {
         });
     }
 
-    /// Adds a box of half sizes `half` about `centre`, which is transformed by `place`.
+    /// Adds a box with the half extents `half` around `centre`, transformed by `place`.
     pub(super) fn cuboid(&mut self, place: Place, centre: DVec3, half: DVec3, paint: Paint, proxy: bool) {
         let solid = proxy.then(|| self.solid());
         for (u, v, n) in FACES {
@@ -131,7 +131,7 @@ impl Shapes {
 
     /// Adds a box whose edges are rounded by `radius`, with `n` x `n` quads per face. `puff` makes the faces
     /// bulge.
-    #[allow(clippy::too_many_arguments, reason = "a shape is its numbers")]
+    #[allow(clippy::too_many_arguments, reason = "a shape is defined by this many numbers")]
     pub(super) fn rounded(
         &mut self,
         place: Place,
@@ -181,7 +181,7 @@ impl Shapes {
         }
     }
 
-    /// Adds a solid of revolution about the vertical through the origin of `place`. `profile` lists (radius,
+    /// Adds a solid of revolution about the vertical axis through the origin of `place`. `profile` lists (radius,
     /// height) from bottom to top. A radius of 0 closes an end.
     pub(super) fn revolve(
         &mut self,

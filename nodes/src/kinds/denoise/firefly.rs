@@ -1,16 +1,16 @@
 //! Fireflies: single pixels lit by one improbable path.
 //!
-//! A path that reaches a sun by way of an object may give a pixel many times the light of its surroundings.
-//! Such paths are rare, so light whose average over the picture is right is concentrated in one pixel of
-//! hundreds. Averaging over the surrounding pixels does not dilute it enough: it would leave a bright patch
-//! in a thin shadow, and the large variance of the pixel would make everything near it appear similar.
+//! A path that reaches a sun by way of an object may give a pixel many times the light of its surroundings. Such
+//! paths are rare: of hundreds of pixels, one receives the light that should be spread over all of them. Averaging
+//! over the surrounding pixels does not dilute this light enough. It would leave a bright patch in a thin shadow,
+//! and the large variance of the pixel would make everything near it appear similar.
 
 use super::means::Field;
 
-/// Minimum ratio of the brightness of a firefly to that of each pixel around it.
+/// Minimum ratio of the brightness of a firefly to the brightness of each pixel around it.
 const BRIGHTER: f32 = 2.0;
-/// Minimum ratio of the variance of a firefly to the mean variance of the pixels around it. A real highlight
-/// stays below it, since it appears in every chunk of samples.
+/// Minimum ratio of the variance of a firefly to the mean variance of the pixels around it. The ratio of a real
+/// highlight is smaller, since the highlight appears in every chunk of samples.
 const LESS_SURE: f32 = 16.0;
 
 impl Field {

@@ -1,10 +1,10 @@
 //! Non-local means: every pixel becomes the mean of nearby pixels whose surroundings look the same within their
 //! known noise.
 //!
-//! The distance of two pixels is that of the patches around them, per sample and in units of its variance, minus
-//! the distance expected from noise alone (Rousselle, Knaus and Zwicker 2012, Adaptive rendering with non-local
-//! means filtering, section 4). So an edge stronger than the noise is kept, and the filter has less effect as more
-//! samples reduce the noise.
+//! The distance of two pixels is the mean squared difference of the patches around them, in units of the variance
+//! of each sample, minus the difference expected from noise alone (Rousselle, Knaus and Zwicker 2012, Adaptive
+//! rendering with non-local means filtering, section 4). So an edge stronger than the noise is kept, and the filter
+//! has less effect as more samples reduce the noise.
 
 use std::ops::Range;
 
@@ -16,21 +16,22 @@ use glam::Vec3;
 const TILE: usize = 32;
 /// Radius of a patch, in pixels.
 const PATCH: usize = 2;
-/// Rows and columns of a patch.
+/// Number of rows and columns of a patch.
 const PATCHES: usize = 2 * PATCH + 1;
 /// Number of pixels per vector register.
 const LANES: usize = 8;
-/// Number of pixels of a row that are compared for the patches of a tile, in whole vectors.
+/// Number of pixels per row that are compared for the patches of a tile, rounded up to whole vectors.
 const SIDE: usize = (TILE + 2 * PATCH).next_multiple_of(LANES);
-/// Variance below which it counts as zero, for signals near 1.
+/// Number that is added to variances before a division, so that none is 0. It is negligible for signals near 1.
 const FLOOR: f32 = 1e-8;
-/// Relative deviation in depth from the plane of another pixel beyond which a pixel belongs to another
-/// surface.
+/// Relative distance in depth of a pixel from the plane of another pixel beyond which the two pixels belong to
+/// different surfaces.
 const OFF: f32 = 0.05;
-/// Ratio of the variance of a pixel to that of another pixel and its surroundings beyond which its weight is
-/// reduced.
+/// Ratio of the variance of a pixel to the mean variance around another pixel beyond which the weight of the pair
+/// is reduced.
 const LESS_SURE: f32 = 16.0;
-/// Limit of values that are summed, so that sums do not overflow: the weights add up to less than 2^12.
+/// Largest value that is summed without being scaled down, so that sums do not overflow. The weights add up to less
+/// than 2^12.
 const ROOM: f32 = f32::MAX / 65536.0;
 /// Number of values that are averaged together.
 pub const VALUES: usize = 6;
@@ -112,12 +113,12 @@ impl Field {
         }
     }
 
-    /// Compares the variance of each pixel with that of its eight neighbours, before variances are smoothed.
-    /// Within the large variance of a firefly, its light looks like that of every pixel around it. A mean
-    /// would spread it over pixels whose light is well known, and remove it from its place. So the weight of
-    /// such pairs is reduced in both directions, by the ratio of the variance of one pixel to the mean around
-    /// the other. The largest value is left out of that mean, since it may be that of the bright pixel
-    /// itself.
+    /// Compares the variance of each pixel with the variances of its eight neighbours, before variances are
+    /// smoothed. The variance of a firefly is so large that its light seems equal to the light of every pixel
+    /// around it. A mean would spread this light over pixels whose light is well known, and remove it from its
+    /// place. So the weight of such a pair of pixels is reduced in both directions, by the ratio of the variance of
+    /// one pixel to the mean variance around the other. The largest variance is left out of that mean, since it may
+    /// belong to the firefly itself.
     pub fn find_doubts(&mut self) {
         let around = |x: usize, y: usize| {
             let (mut sum, mut largest, mut count) = (0.0, 0.0_f32, 0.0);
@@ -213,21 +214,24 @@ impl Field {
     }
 }
 
-/// Index of the first plane of a tile. The first planes hold the signal, its variance, and whether the pixel
-/// takes part, one plane per number.
+/// Index of the first of the three planes of the signal in a tile, one plane per channel.
 const SIGNAL: usize = 0;
+/// Index of the plane of the variance of the signal.
 const VARIANCE: usize = 3;
+/// Index of the plane that is 1 where a pixel takes part in averages, and 0 elsewhere.
 const THERE: usize = 4;
-/// Index of the planes of the normal, the sum of its absolute components, nearness and its slopes, and the
-/// reciprocal of the difference of nearness that separates two surfaces.
+/// Index of the first of the three planes of the normal.
 const NORMAL: usize = 5;
+/// Index of the plane of the sum of the absolute components of the normal.
 const FACED: usize = 8;
+/// Index of the first of the three planes of nearness and its two slopes.
 const NEARNESS: usize = 9;
+/// Index of the plane of the reciprocal of the difference of nearness that separates two surfaces.
 const LEVEL: usize = 12;
-/// Index of the planes of the values to average.
+/// Index of the first of the planes of the values to average.
 const AVERAGED: usize = 13;
-/// Index of the last planes, present if weights are reduced by variance: the reciprocal of the variance, and the
-/// largest variance that is averaged at full weight.
+/// Index of the last two planes: the reciprocal of the variance, and the largest variance that is averaged at full
+/// weight. They exist only if weights are reduced by variance.
 const DOUBT: usize = AVERAGED + VALUES;
 
 /// A tile and its surroundings, one plane per number of a pixel, so that rows can be processed in vector
@@ -364,8 +368,8 @@ impl Tile {
         (0..TILE * TILE).map(mean).collect()
     }
 
-    /// Writes the distances of a row of pairs of single pixels, starting at the pixels p and q, summed over
-    /// the columns of patches.
+    /// Compares the pixels of a row that starts at p with those of a row that starts at q, pair by pair. Writes
+    /// their distances, each summed over the columns of a patch.
     #[inline(always)]
     fn compare<S: Simd>(&self, simd: S, [p, q]: [usize; 2], strength: f32, out: &mut [f32; TILE]) {
         let k = strength * strength;
@@ -391,8 +395,8 @@ impl Tile {
         }
     }
 
-    /// Adds pixels of a row that starts at q to the sums of a row that starts at p, with weights from the rows of
-    /// distances around it.
+    /// Adds the pixels of a row that starts at q to the sums of a row that starts at p. The weights are computed
+    /// from `rows`, the distances in the rows of the patches.
     #[inline(always)]
     fn add<S: Simd>(
         &self,

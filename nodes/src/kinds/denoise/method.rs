@@ -11,8 +11,8 @@ pub enum Method {
     /// Non-local means, built in: every pixel becomes the mean of pixels that look the same. Gives the same bytes
     /// on every machine.
     Means,
-    /// Open Image Denoise 2, if installed, in a build with the feature `oidn`. Its version is part of the key like
-    /// a source file; another processor may give other bytes.
+    /// Open Image Denoise 2, if installed, in a build with the feature `oidn`. Its version is part of the cache
+    /// key, like a source file. Another processor may give different bytes.
     Oidn,
 }
 
@@ -62,8 +62,8 @@ impl ParamType for Method {
             ),
             (
                 "Oidn",
-                "Open Image Denoise 2, if installed, in a build with the feature `oidn`. Another processor may give other \
-                 bytes.",
+                "Open Image Denoise 2, if installed, in a build with the feature `oidn`. Another processor may give \
+                 different bytes.",
             ),
         ]
     }

@@ -19,18 +19,21 @@ engine::params! {
     /// Removes noise from the output of `path-trace`, before `shadow-ratio`.
     ///
     /// Every pixel becomes the mean of nearby pixels whose surroundings look the same, within the noise given by
-    /// `variance`. `without` and `with` are averaged with the same weights, which come from their ratio and its
-    /// variance: the texture of the scene does not matter, a pixel whose surroundings no object affects stays the
-    /// same bit for bit, and an edge of the shadow is kept if it is stronger than the noise. A firefly, a single
-    /// pixel lit far beyond its surroundings by one improbable path, is replaced by the ratio around it, and
-    /// counted. The colour of the object is averaged within its alpha, which does not change; a pixel of it with
-    /// much larger variance than others keeps its light and does not contribute to them. The filter has less effect
-    /// as samples increase.
+    /// `variance`. The more samples there are, the less the filter changes.
     ///
-    /// `Oidn` filters the ratio and the object by Open Image Denoise instead, at the same noisy pixels.
+    /// `without` and `with` are averaged with the same weights, which are computed from their ratio and its
+    /// variance. So the texture of the scene does not matter, a pixel that no object affects nearby stays the same
+    /// bit for bit, and an edge of the shadow is kept if it is stronger than the noise. A firefly (a single pixel
+    /// that one improbable path makes far brighter than its surroundings) is replaced by the ratio around it, and
+    /// counted.
+    ///
+    /// The colour of the object is averaged within its alpha, which does not change. A pixel of the object whose
+    /// variance is much larger than that of other pixels keeps its light and does not contribute to them.
+    ///
+    /// `Oidn` filters the ratio and the object with Open Image Denoise instead, at the same noisy pixels.
     pub struct Denoise {
-        /// Allowed difference of pixels that are averaged, relative to their noise; 0 switches the filter off.
-        /// `Oidn` only distinguishes 0 from other values.
+        /// Allowed difference of pixels that are averaged, relative to their noise; 0 switches the filter off. With
+        /// `Oidn`, all values above 0 have the same effect.
         strength: f64 = 1.0, range(0.0, 4.0), other("0.0"), knob(Filter, "", "", "", "0.0");
         /// Radius of the search window; ignored by `Oidn`.
         radius_px: u32 = 7, range(1, 24), unit("px"), other("1"), knob(Depth, "3", "5", "7", "7");
@@ -39,7 +42,7 @@ engine::params! {
     }
 }
 engine::inputs! {
-    /// The layers of one path-trace.
+    /// Outputs of one `path-trace` node.
     pub struct In {
         /// The receiver without the objects (R0).
         without: Arc<Images>,
@@ -60,18 +63,18 @@ engine::outputs! {
     pub struct Out {
         /// R0, averaged with the same weights as R1.
         without: Arc<Images>,
-        /// R1.
+        /// R1, averaged with the same weights as R0.
         with: Arc<Images>,
-        /// The objects.
+        /// The objects, premultiplied.
         object: Arc<Images>,
     }
 }
 
-/// Factors of `strength` for the ratio and the object, in standard deviations: the best of several values on
-/// the case of `docs/evidence/bench.md`. The error is nearly constant within a factor of 1.5 of them.
+/// Factors of `strength` for the ratio and the object, in standard deviations: the best of several values for the
+/// case in `docs/evidence/bench.md`. The error is nearly constant within a factor of 1.5 of them.
 const STRENGTHS: [f64; 2] = [0.7, 0.5];
-/// Allowed differences of normals, as 1 - cosine. The receiver's mesh is rough and its normals affect only the
-/// ratio; the normals of the object affect the shading that is filtered.
+/// Allowed differences of normals for the ratio and the object, as 1 - cosine. The receiver's mesh is rough and its
+/// normals affect only the ratio; the normals of the object affect the shading that is filtered.
 const BENDS: [f32; 2] = [0.5, 0.05];
 /// Divisor of the search radius for objects, which is smaller because of their textures and highlights.
 const OBJECT_RADIUS: usize = 2;
@@ -143,7 +146,7 @@ fn guide<'a>(
     let what = format!("`{port}` has {} channels, not {channels}", picture.size().2);
     Err(NodeError::new(what)
         .at(port)
-        .hint("wire every input to the output of the same name of one path-trace"))
+        .hint("wire every input to the output of the same name of a single `path-trace` node"))
 }
 
 impl Kind for Denoise {

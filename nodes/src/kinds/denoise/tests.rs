@@ -8,14 +8,14 @@ use crate::types::Data;
 const SIZE: usize = 48;
 const SAMPLES: u32 = 16;
 
-/// Fraction of light that remains in a column: 1 outside the shadow, decreasing over eight pixels at its
-/// edge, and at least 0.3 in its core, so that every pixel of it is noisy.
+/// Fraction of light that remains in a column: 1 outside the shadow, decreasing over eight pixels at its edge to
+/// 0.5 in its core. It is always above 0.3, so every pixel of the shadow is noisy.
 fn truth(x: usize) -> f32 {
     1.0 - 0.5 * ((x as f32 - 20.0) / 8.0).clamp(0.0, 1.0)
 }
 
-/// Output of a path tracer that uses the same random numbers for R0 and R1: all or a part of the light of
-/// each sample arrives.
+/// Output of a path tracer that uses the same random numbers for R0 and R1. In R1, each sample keeps all of its
+/// light or 0.3 of it.
 fn noisy(seed: u32) -> In {
     let [mut without, mut with] = [3, 3].map(|c| Image::<Linear>::new(SIZE, SIZE, c));
     let mut object = Image::<Linear>::new(SIZE, SIZE, 4);
@@ -100,8 +100,8 @@ fn noise_goes_and_the_edge_stays() {
     }
 }
 
-/// The light of a lamp in a dark place, many times brighter than without it, keeps its gradient and loses its
-/// noise. Earlier, all ratios above 8 counted as equal, so that a pool of light became a plateau with a rim.
+/// The light of a lamp in a place that is almost dark without the lamp keeps its gradient and loses its noise. In
+/// an earlier version all ratios above 8 counted as equal, so that a pool of light became a plateau with a rim.
 #[test]
 fn bright_ratios_are_distinguished() {
     let lit = |x: usize| crate::math::num::f32::exp(x as f32 * 0.15 - 1.0);
@@ -179,8 +179,8 @@ fn objects_are_averaged_within_their_alpha() {
     assert!(errors[1] * 4.0 < errors[0], "{errors:?}");
 }
 
-// One pixel lit by an improbable path far beyond its surroundings. Mutation: `self.doubts` to `false` in
-// `Tile::add` (seen red).
+// One pixel is lit by an improbable path, far brighter than its surroundings. This test fails if `Tile::add`
+// ignores `self.doubts`.
 #[test]
 fn a_lucky_path_does_not_splash() {
     let lit = |light: f32, noise: f32| {
@@ -340,8 +340,8 @@ fn a_variance_of_nothing_is_reported() {
     assert!(reported(input) && !reported(bare) && !reported(noisy(1)));
 }
 
-/// Light near the largest float stays finite, although sums of many such pixels would overflow. Mutation: `scale`
-/// of 1 in `Field::average_at`.
+/// Light near the largest float stays finite, although sums of many such pixels would overflow. This test fails if
+/// `scale` is always 1 in `Field::average_at`.
 #[test]
 fn the_brightest_light_stays_finite() {
     let bright = |scale: f32| {

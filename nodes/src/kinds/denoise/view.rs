@@ -7,10 +7,10 @@ use crate::math::color::luminance;
 use crate::math::num;
 use crate::types::{Image, Linear, Picture};
 
-/// Ratio above which ratios are compared by their logarithm, as in the light of an inserted lamp.
+/// Ratio above which ratios are compared by their logarithm. The light of an inserted lamp may exceed it.
 const BRIGHT: f32 = 8.0;
-/// Largest ratio, light of the object relative to its mean, or variance: squares and sums up to it do not
-/// overflow.
+/// Limit of ratios, of the light of the object relative to its mean, and of variances, so that squares and sums do
+/// not overflow.
 pub(super) const BRIGHTEST: f32 = 1e15;
 
 /// Layers of one view.
@@ -24,8 +24,8 @@ pub(super) struct View<'a> {
 }
 
 impl View<'_> {
-    /// Builds a field with the surfaces of the guide layers; `fill` sets the rest from the index of the pixel
-    /// and its alpha.
+    /// Builds a field whose normals and nearness come from the guide layers. `fill` sets the other data of a pixel;
+    /// it gets the index of the pixel and the alpha of the object there.
     fn field(&self, fill: impl Fn(usize, f32, &mut Pixel)) -> Field {
         let (width, height) = (self.without.width, self.without.height);
         let pixel = |i: usize| {
@@ -57,7 +57,7 @@ impl View<'_> {
             let (r0, r1) = (colour(self.without), colour(self.with));
             pixel.values = [r0[0], r0[1], r0[2], r1[0], r1[1], r1[2]];
             let variance = self.variance.samples()[i * 4 + 3];
-            // Objects change nothing outside of the receiver.
+            // Objects change nothing outside the receiver.
             let met = pixel.nearness[0] > 0.0;
             pixel.there = met && pixel.values.iter().all(|v| v.is_finite()) && luminance(r0) > 0.0;
             if pixel.there {
@@ -130,7 +130,7 @@ fn scale_ratios(pixel: &mut Pixel) {
     }
 }
 
-/// The variance, or 0 where it is unknown because a value at the largest float may have been clamped.
+/// The variance, or 0 if it is unknown: a variance that equals the largest float may have been clamped to it.
 pub fn known(variance: f32) -> f32 {
     if variance < f32::MAX { variance.max(0.0) } else { 0.0 }
 }

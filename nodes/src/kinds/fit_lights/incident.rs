@@ -17,8 +17,7 @@ const TILE: usize = 128;
 /// Brightness from which environment texels count as clipped in the panorama.
 pub(super) const WHITE: f32 = 0.95;
 
-/// Irradiance of one point, divided by origin. Radiance is taken from the capture, so it includes all
-/// bounces.
+/// Irradiance at one point, split by its origin. Radiance is taken from the capture, so it includes all bounces.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Incident {
     /// Irradiance from surfaces and sky that are not clipped.
@@ -27,7 +26,7 @@ pub(super) struct Incident {
     pub clipped: Vec3,
 }
 
-/// Displayed radiance of the environment in a direction, at most white, and true if it is clipped there.
+/// Displayed radiance of the environment in a direction, at most white, and whether it is clipped there.
 pub(super) fn shown(env: &Environment, direction: DVec3) -> (Vec3, bool) {
     let (u, v) = uv(env.up, direction);
     let (width, height) = (env.image.width, env.image.height);

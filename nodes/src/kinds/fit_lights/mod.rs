@@ -26,20 +26,22 @@ engine::params! {
     /// A panorama clips the sun together with the sky around it, so a prediction can only spread the hidden
     /// light over the clipped region. The captured colours of the place reveal the direction of the sun,
     /// because they change abruptly where a shadow ends. For each direction of the clipped regions,
-    /// `fit-lights` computes which surface points the receiver mesh would leave in the sun, and compares
-    /// neighbouring points of like orientation: the ratio of their colours should be the ratio of the light
-    /// that they receive. The rest of that light is known, because it comes from surfaces and sky that are
-    /// not clipped. The comparison is robust, so differences in albedo cost precision but no bias.
+    /// `fit-lights` computes which surface points would be in the sun, since the receiver mesh does not shadow
+    /// them. Then it compares neighbouring points of similar orientation: the ratio of their colours should be the
+    /// ratio of the light that they receive. The light that does not come from the sun is known, because it comes
+    /// from surfaces and sky that are not clipped. The comparison is robust: differences in albedo reduce its
+    /// precision, but do not bias it.
     ///
-    /// Where one direction explains the colours clearly better than all others, the sun is placed there with its fitted
-    /// irradiance and colour, and its region keeps the fitted glow in place of the predicted light. Otherwise the
-    /// environment is unchanged. Clipped mesh colours count as openings, so the sun may shine through a window.
+    /// If one direction explains the colours clearly better than all others, the sun is placed there with its
+    /// fitted irradiance and colour, and the clipped region around it gets the fitted glow in place of the
+    /// predicted light. Otherwise the environment is unchanged. Clipped mesh colours count as openings, so the sun
+    /// may shine through a window.
     pub struct FitLights {
         /// Number of surface points to compare.
         points: u32 = 12000, range(200, 200000), other("400"), inert("the panorama of the test graph is not clipped above the horizon");
-        /// Minimum fraction by which a sun must reduce the error of explaining the colours to be accepted. Real
-        /// suns in open places reach 0.1 to 0.3; chance stays below 0.01.
-        min_gain: f64 = 0.03, range(0.0, 1.0), other("0.9"), inert("the light of the test graph has no sun at any of the two");
+        /// Minimum fraction by which a sun must reduce the error of the explained colours to be accepted. Real suns
+        /// in open places reduce it by 0.1 to 0.3; a sun found by chance reduces it by less than 0.01.
+        min_gain: f64 = 0.03, range(0.0, 1.0), other("0.9"), inert("the light of the test graph has no sun at either value");
     }
 }
 
@@ -48,7 +50,7 @@ engine::inputs! {
     pub struct In {
         /// The recovered light, with the point that it was captured at.
         env: Arc<Environment>,
-        /// The mesh of the place; its vertex colours are used where no splats are wired.
+        /// The mesh of the place; its vertex colours are used if `splats` is not wired.
         receiver: Arc<Mesh>,
         /// The splats of the place, which show its colours in finer detail than the vertices of a mesh.
         splats: Option<Arc<Splats>>,
@@ -58,7 +60,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of `fit-lights`.
     pub struct Out {
-        /// The light with its sun in place; the input where no sun was found.
+        /// The light with its sun, or the unchanged input if no sun was found.
         env: Arc<Environment>,
         /// The sun that was found, or the best candidate, and how well it explains the colours of the place.
         report: Arc<Report>,
@@ -95,7 +97,7 @@ impl Kind for FitLights {
             let what = "the environment has no point of capture, so it cannot be compared with the place";
             return Err(NodeError::from(Error::Mismatch(what.to_owned()))
                 .at("env")
-                .hint("set `origin` where it is loaded"));
+                .hint("set `origin` in the node that loads it"));
         };
         if splats.is_none() && receiver.colours.is_empty() {
             let what = "the mesh has no vertex colours";
@@ -156,7 +158,7 @@ fn report(env: &Environment, sun: Option<&Sun>, verdict: &str) -> Report {
         "irradiance green",
         "irradiance blue",
         "standard error (stops)",
-        "glow over clipped white",
+        "glow relative to clipped white",
         "gain",
         "gain of the best other direction",
         "verdict",

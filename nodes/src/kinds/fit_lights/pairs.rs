@@ -1,4 +1,4 @@
-//! Neighbouring points of like orientation, whose colours are compared.
+//! Pairs of neighbouring points of similar orientation, whose colours are compared.
 
 use std::collections::BTreeMap;
 

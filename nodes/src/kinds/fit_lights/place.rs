@@ -17,7 +17,7 @@ pub(super) struct Place {
     bvh: Bvh,
     /// Corners of each triangle.
     pub corners: Vec<[Vec3; 3]>,
-    /// Linear colours of the corners of each triangle; empty where the mesh has none.
+    /// Linear colours of the corners of each triangle; empty if the mesh has no colours.
     colours: Vec<[Vec3; 3]>,
     /// Middle of the mesh in world units.
     middle: DVec3,
@@ -73,7 +73,7 @@ impl Place {
         self.hit(from, direction).map_or(Seen::Sky, |hit| Seen::Surface(self.colour(&hit)))
     }
 
-    /// Linear colour at a hit; black where the mesh has no colours.
+    /// Linear colour at a hit; black if the mesh has no colours.
     fn colour(&self, hit: &Hit) -> Vec3 {
         let Some([a, b, c]) = self.colours.get(hit.triangle as usize) else { return Vec3::ZERO };
         *a * (1.0 - hit.b1 - hit.b2) + *b * hit.b1 + *c * hit.b2

@@ -13,8 +13,8 @@ const SH0: f32 = 0.282_094_8;
 const OPAQUE: f32 = 0.5;
 /// Minimum linear luminance of a point. Darker points are mostly noise.
 const DARKEST: f32 = 0.002;
-/// Maximum distance of a point relative to the median. Farther points belong to sky shells or to the distant
-/// background.
+/// Maximum distance of a point, relative to the median distance. Farther points belong to sky shells or to the
+/// distant background.
 const FARTHEST: f64 = 3.0;
 /// Number of points per tile.
 const TILE: usize = 256;
@@ -45,9 +45,9 @@ struct Surface {
 }
 
 impl Shading {
-    /// Samples `count` points on the splats, or on the mesh if there are no splats. Only points visible from
-    /// the point of capture are taken. Near points are taken more often, since they matter more for an object
-    /// at that point. Points are taken at equal steps of the cumulative weight, so equal inputs give equal
+    /// Samples `count` points on the splats, or on the mesh if there are no splats. Only points visible from the
+    /// point of capture are taken. Points near the point of capture are taken more often, since they matter more
+    /// for an object there. Points are taken at equal steps of the cumulative weight, so equal inputs give equal
     /// points.
     pub fn sample(
         place: &Place,

@@ -14,7 +14,7 @@ use crate::math::equirect::axes;
 use crate::math::num;
 use crate::types::Environment;
 
-/// Scale of the robust comparison, in natural logarithms: larger deviations of the ratio of neighbouring colours
+/// Scale of the robust comparison, as a natural logarithm. Larger deviations of the ratio of neighbouring colours
 /// count as changes of albedo.
 const SPREAD: f64 = 0.25;
 /// Minimum number of pairs.
@@ -23,19 +23,21 @@ const FEWEST: usize = 50;
 const COARSE: usize = 41_253;
 /// Maximum number of coarse directions that are tried. If there are more, they are thinned out evenly.
 const MOST: usize = 2500;
-/// Angle by which the clipped regions are enlarged, since the sun may be at the edge of one.
+/// Angle by which the clipped regions are enlarged, in degrees, since the sun may be at the edge of a region.
 const MARGIN_DEG: f64 = 2.0;
 /// Sine of the lowest elevation of a sun.
 const LOWEST: f64 = 0.02;
 /// Angle around the best direction, in degrees, within which other directions do not count as rivals.
 const RIVAL_DEG: f64 = 8.0;
-/// Number of coarse directions that are refined, and the step sizes, in degrees.
+/// Number of coarse directions that are refined.
 const REFINED: usize = 4;
+/// Step sizes of the refinement, in degrees.
 const STEPS_DEG: [f64; 3] = [0.4, 0.15, 0.05];
 /// Assumed radiance of clipped surfaces and sky, relative to their displayed value.
 const GLOWS: [f64; 6] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
-/// Irradiance of a candidate sun relative to the median of all other light, for the coarse and the fine search.
+/// Irradiances of a candidate sun that the coarse search tries, relative to the median of all other light.
 const FEW: [f64; 3] = [0.5, 2.0, 8.0];
+/// Irradiances of a candidate sun that the fine search tries, relative to the same median.
 const MANY: [f64; 8] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
 /// The direction that explains the colours of the place best.
@@ -74,7 +76,7 @@ pub(super) enum Verdict {
 }
 
 impl Verdict {
-    /// The reason in words, for users.
+    /// The reason for the verdict, as a text for users.
     pub fn reason(self) -> &'static str {
         match self {
             Self::Accepted => "accepted",
@@ -155,7 +157,7 @@ pub(super) fn find(
     }))
 }
 
-/// Item with the smallest number, and that number. The first of equal ones is returned.
+/// Item with the smallest number, and that number. Of items with equal numbers, the first is returned.
 fn least<T: Copy>(of: impl IntoIterator<Item = (f64, T)>) -> (f64, T) {
     let mut of = of.into_iter();
     let first = of.next().expect("the lists of settings and directions are not empty");
@@ -181,7 +183,7 @@ fn candidates(env: &Environment) -> Vec<DVec3> {
     all.into_iter().step_by(every).collect()
 }
 
-/// A grid of five by five directions around one, `step` degrees apart.
+/// A grid of five by five directions around a direction, `step` degrees apart.
 fn around(direction: DVec3, step: f64) -> Vec<DVec3> {
     let (right, up) = direction.any_orthonormal_pair();
     let tangent = step.to_radians();
@@ -238,7 +240,7 @@ impl<'a> Fit<'a> {
         let middle = sums.len() / 2;
         let median = sums.select_nth_unstable_by(middle, f64::total_cmp).1.max(1e-6);
         let ratios = pairs.iter().map(|[a, b]| logs[*a as usize] - logs[*b as usize]).collect();
-        // The floor keeps points of which next to no light was captured from having infinite logarithms.
+        // The last term prevents infinite logarithms at points that receive almost no light.
         let base = GLOWS.map(|glow| {
             let lights =
                 known.iter().zip(&clipped).map(|(known, clipped)| known + glow * clipped + 0.01 * median);
@@ -252,9 +254,9 @@ impl<'a> Fit<'a> {
         self.cost(glow, &vec![0.0; self.base[glow].len()], 0.0)
     }
 
-    /// The cost of explaining the ratios by the light: the sum over pairs of r^2 / (r^2 + SPREAD^2), with r the
-    /// difference of a ratio of colours and the ratio of light (Geman and McClure's robust error). A change of
-    /// albedo costs at most 1.
+    /// The cost of explaining the ratios by the light: the sum over pairs of r^2 / (r^2 + SPREAD^2), where r is the
+    /// logarithm of the ratio of colours minus the logarithm of the ratio of light (Geman and McClure's robust
+    /// error). A change of albedo costs at most 1.
     fn cost(&self, glow: usize, lit: &[f64], sun: f64) -> f64 {
         let light = self.base[glow].iter().zip(lit);
         let log = |([light, log], lit): (&[f64; 2], &f64)| {
@@ -269,8 +271,8 @@ impl<'a> Fit<'a> {
         errors.sum()
     }
 
-    /// Irradiance of the sun that has the lowest cost, within a factor of 16 of `start`: found by a scan in
-    /// steps of half a stop, then golden-section search.
+    /// Irradiance of the sun with the lowest cost, within a factor of 16 of `start`. It is found by a scan in steps
+    /// of half a stop, followed by a golden-section search.
     fn irradiance(&self, glow: usize, lit: &[f64], start: f64) -> f64 {
         let at = |stops: f64| self.cost(glow, lit, start * num::f64::exp2(stops));
         let (_, middle) = least((-8..=8).map(|half| (at(0.5 * f64::from(half)), 0.5 * f64::from(half))));

@@ -12,9 +12,9 @@ use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 
 impl Lights {
-    /// Scales the light added by fusion from 0 at the edge of a light to its full value at `feather_deg`
-    /// inside, and then scales each light so that its total stays the same. Angles are measured between
-    /// centres of pixels, and columns wrap around.
+    /// Scales the light added by fusion from 0 at the edge of a light to its full value at an angle of
+    /// `feather_deg` from the edge, and then scales each light so that its total stays the same. Angles are
+    /// measured between centres of pixels, and columns wrap around.
     pub(super) fn feather(
         &self,
         feather_deg: f64,
@@ -83,7 +83,7 @@ impl Edges {
         }
     }
 
-    /// Angle from a pixel to the nearest unlit one, at most `most`, in radians.
+    /// Angle from a pixel to the nearest unlit pixel, at most `most`, in radians.
     fn angle(&self, at: usize) -> f64 {
         let (x, y, height) = (at % self.width, at / self.width, self.rows.len());
         let (sine, cosine) = self.rows[y];
@@ -123,8 +123,9 @@ mod tests {
     use crate::geometry::sampling::{hash, unit};
     use crate::math::equirect::direction;
 
-    // Compared with the definition, a search over all unlit pixels: at the poles, across the seam, and with rows
-    // that are lit completely. Mutation: the second `pass` left out, or `width / 2` to `width / 4`.
+    // Compares with the definition, a search over all unlit pixels: at the poles, across the seam, and with rows
+    // that are lit completely. This test fails if the second `pass` is left out, or if `width / 2` is changed to
+    // `width / 4`.
     #[test]
     fn the_nearest_edge_is_the_nearest_of_all_pixels() {
         let (width, height) = (48, 24);

@@ -14,8 +14,8 @@ use crate::types::{Cell, Report, Table};
 
 /// Number of lights listed individually; the others are summed in a last row.
 pub(super) const LISTED: usize = 32;
-/// Share of the predicted light that may be left out, and of all light that may be removed, without a
-/// warning.
+/// Share of the predicted light that may be left out without a warning, and share of all light that may be removed
+/// without one.
 const UNUSED: f64 = 0.01;
 /// Largest factor by which a light is scaled to compensate for the gradual transition of `Blend::Ramp`.
 const LARGEST_COMPENSATION: f64 = 8.0;
@@ -27,8 +27,8 @@ pub(super) struct Lights {
     darker: Vec<usize>,
     /// Pixels left unchanged although light was predicted for them.
     left: Vec<usize>,
-    /// Name of each step, and the luminance after it of each pixel of each light, of the pixels made darker,
-    /// and of those left unchanged.
+    /// Name of each step, and the luminance of pixels after it: one list for each light, then one list for the
+    /// pixels made darker, and one for the pixels left unchanged.
     steps: Vec<(&'static str, Vec<Vec<f64>>)>,
     /// Index of the first step with an added sky, and the pixels of the sky with their luminance.
     sky: Option<(usize, Vec<(usize, f64)>)>,
@@ -39,7 +39,8 @@ pub(super) fn luminance_of(pixels: &LinearPixels, at: usize) -> f64 {
 }
 
 impl Lights {
-    /// Finds the lights of a fused panorama. `predicted` returns the luminance of a pixel by the gain map.
+    /// Finds the lights of a fused panorama. `predicted` returns the luminance of a pixel according to the gain
+    /// map.
     pub(super) fn find(pixels: &LinearPixels, fused: &[Fused], predicted: impl Fn(usize) -> f64) -> Self {
         let mask: Vec<bool> =
             fused.iter().enumerate().map(|(at, f)| f.luminance > luminance_of(pixels, at)).collect();
@@ -66,7 +67,7 @@ impl Lights {
         self.steps.push((step, values));
     }
 
-    /// Records an added sky, and the lights after it.
+    /// Records an added sky, and the luminance of the lights after it.
     pub(super) fn record_sky(&mut self, pixels: Vec<(usize, f64)>, luminance: impl Fn(usize) -> f64) {
         self.sky = Some((self.steps.len(), pixels));
         self.record("sky", luminance);
@@ -128,7 +129,7 @@ impl Lights {
     }
 
     /// Restores the predicted flux of each light. The gradual transition of `Blend::Ramp` removes part of the
-    /// prediction for barely clipped pixels; this adds it to the clipped pixels of the same light.
+    /// prediction for barely clipped pixels. The removed flux is added to the clipped pixels of the same light.
     pub(super) fn keep_flux(
         &self,
         pixels: &LinearPixels,
@@ -157,7 +158,7 @@ impl Lights {
         }
         if short > 0 {
             let text = format!(
-                "{short} lights are barely clipped and get less than the prediction; a lower `threshold` gives all of it"
+                "{short} lights are barely clipped and get less light than predicted; a lower `threshold` gives them all of it"
             );
             notes.warning("flux-held-back", text);
         }
@@ -196,7 +197,7 @@ impl Lights {
         columns.push("share that is a lower bound".to_owned());
         let mut lights: Vec<Light> =
             (0..self.members.len()).map(|i| self.light(i, up, pixels, fused, sources.len())).collect();
-        // Brightest first; equal ones in the order of their first pixel.
+        // Brightest first; lights of equal brightness in the order of their first pixel.
         lights.sort_by(|a, b| b.after().total_cmp(&a.after()));
         let rows = lights.iter().take(LISTED).map(|light| light.row(up)).collect();
         let emitters = Table::new("emitters", columns, rows);
@@ -218,7 +219,8 @@ impl Lights {
         Energy::of(up, pixels.width, &luminance)
     }
 
-    /// Table with one column per step, and rows for the total, each listed light, and the others together.
+    /// Table with one column per step. It has a row for the total, one for each listed light, and one for all other
+    /// lights.
     fn table(&self, whole: &[Energy], lights: &[Light]) -> Table {
         let row = |name: String, values: Vec<f64>| {
             std::iter::once(Cell::Text(name)).chain(values.into_iter().map(Cell::Number)).collect()
@@ -287,8 +289,9 @@ struct Light {
     /// Luminance times solid angle, after each step.
     power: Vec<f64>,
     peak: f64,
-    /// Flux per source, with the base last, followed by the flux of lower bounds.
+    /// Flux from each source. The last source is the base.
     by_source: Vec<f64>,
+    /// Flux of pixels whose light is a lower bound.
     bound: f64,
 }
 
@@ -319,7 +322,7 @@ impl Light {
     }
 }
 
-/// Total power and irradiance of the ground, before and after.
+/// Table of the total power and of the irradiance of the ground, before and after.
 fn energy(whole: &[Energy], lights: usize, unlisted: &[Light]) -> Table {
     let row = |name: &str, energy: Option<&Energy>, count: Cell| {
         let Energy { power, ground, peak } = energy.copied().unwrap_or_default();
@@ -333,7 +336,7 @@ fn energy(whole: &[Energy], lights: usize, unlisted: &[Light]) -> Table {
         row("panorama", whole.first(), Cell::Missing),
         row("environment", whole.last(), Cell::Count(lights as u64)),
         vec![
-            Cell::Text("of it, lights not listed".to_owned()),
+            Cell::Text("lights that are not listed".to_owned()),
             Cell::Number(rest),
             Cell::Missing,
             Cell::Missing,

@@ -34,7 +34,7 @@ engine::choices! {
     pub enum Gain {
         /// The gain map in floats, which has no upper limit.
         Direct,
-        /// The exposures, as in the paper; light is limited by the white of the darkest one.
+        /// The exposures, as in the paper; light is limited by the white level of the darkest exposure.
         Brackets,
     }
 }
@@ -44,9 +44,10 @@ engine::choices! {
     pub enum Hue {
         /// The colour of the panorama, as in the paper; white where all channels are clipped.
         Base,
-        /// Takes the colour of the brightest exposure that is not clipped at a pixel, as far as the panorama
-        /// is clipped, and that of the panorama if every exposure is clipped. Matters for `Photographs` only:
-        /// other methods give exposures with the colour of the panorama.
+        /// The colour of the brightest exposure that is not clipped at a pixel, blended with the colour of the
+        /// panorama where the panorama is only partly clipped. If every exposure is clipped, it is the colour of
+        /// the panorama. This matters only for the method `Photographs`, since the exposures of other methods have
+        /// the colour of the panorama.
         Exposures,
     }
 }
@@ -58,7 +59,7 @@ engine::params! {
     /// everywhere else it is kept exactly. The report lists each recovered light: its position and amount, the
     /// source of that energy, and the effect of each step of the fusion.
     pub struct FuseHdr {
-        /// Threshold of clipping, in linear light with white at 1.
+        /// Threshold above which light counts as clipped, in linear light with white at 1.
         threshold: f32 = 0.9, range(0.05, 0.999), other("0.6");
         /// Transition from the light of the panorama to the predicted light.
         blend: Blend = Blend::Ramp, other("Hard");
@@ -72,8 +73,9 @@ engine::params! {
         /// Angle over which recovered light rises from its edge to full strength. Each light keeps its total, so
         /// its middle becomes brighter; with `Brackets` it may exceed the white of the darkest exposure.
         feather_deg: f64 = 0.0, range(0.0, 10.0), unit("deg"), other("9.0"), inert("a light no wider than a pixel does not change");
-        /// Albedo of the ground, for captures without a sky: unseen directions above the horizon become a white
-        /// sky, bright enough that the ground as photographed has this albedo. `None` keeps the filled holes.
+        /// Albedo of the ground, for captures without a sky. Unseen directions above the horizon become a white
+        /// sky, whose brightness is chosen so that the ground in the panorama has this albedo. `None` keeps the
+        /// filled holes.
         ground_albedo: Option<f64> = None, range(0.02, 1.0), other("0.3");
     }
 }
@@ -83,7 +85,7 @@ engine::inputs! {
     pub struct In {
         /// The panorama at EV 0.
         base: Arc<Panorama>,
-        /// The prediction for it.
+        /// The prediction for the panorama.
         brackets: Arc<Brackets>,
     }
 }
@@ -169,7 +171,7 @@ impl Kind for FuseHdr {
         for ((to, rgb), fused) in image.samples.chunks_exact_mut(3).zip(&pixels.rgb).zip(&fused) {
             to.copy_from_slice(&apply(*rgb, fused.luminance));
         }
-        // Derived exposures were made from the panorama with the sRGB curve; with another one they would seem to
+        // Derived exposures were made from the panorama with the sRGB curve; with another curve they would seem to
         // have another colour.
         if params.hue == Hue::Exposures && pixels.ceiling && brackets.taken != Taken::Derived {
             let coloured = cx.for_each_tile(height, |y| {
@@ -231,8 +233,8 @@ fn check_sizes(base: &Panorama, brackets: &Brackets) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Recomputes the gain of photographs if their transfer curve is not sRGB, which was assumed when it was
-/// measured.
+/// Recomputes the gain of photographs if their transfer curve is not sRGB, since the gain was measured with the
+/// sRGB curve.
 fn by_own_curve(
     params: &FuseHdr,
     pixels: &LinearPixels,
@@ -264,16 +266,15 @@ fn report_broken(pixels: &LinearPixels, notes: &mut Notes) {
     notes.count("below-zero", pixels.negative, "samples below 0 count as black");
 }
 
-/// Luminance of a pixel by the gain map.
+/// Luminance of a pixel according to the gain map.
 fn direct(pixels: &LinearPixels, brackets: &Brackets, at: usize) -> Fused {
     let held = f64::from(luminance(pixels.rgb[at].map(|v| v.min(1.0))));
     let gain = if pixels.ceiling { f64::from(brackets.log2_gain.samples[at]) } else { 0.0 };
     Fused { luminance: held * num::f64::exp2(gain), source: 0, saturated: false }
 }
 
-/// Fuses one pixel, from the darkest exposure upwards, as in the paper's section on HDR construction. The
-/// second number returned is the luminance by the gain map or the exposures, before blending with the
-/// panorama.
+/// Fuses one pixel, from the darkest exposure upwards, as in the paper's section on HDR construction. The second
+/// result is the luminance according to the gain map or the exposures, before it is blended with the panorama.
 fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize) -> (Fused, f64) {
     let base = pixels.rgb[at];
     let n = brackets.evs.len();
@@ -327,9 +328,9 @@ fn ramp(params: &FuseHdr, rgb: [f32; 3]) -> f32 {
     ((max3(rgb) - params.threshold) / (1.0 - params.threshold)).clamp(0.0, 1.0)
 }
 
-/// Performs one step of the merge: keeps the darker estimate where the brighter picture is clipped.
-/// Photographs (`measured`) show the same light up to clipping, so they need no gradual transition, and white
-/// in a JPEG may be a code or two below white.
+/// Performs one step of the merge: keeps the darker estimate where the brighter picture is clipped. Photographs
+/// (`measured`) show the same light until they clip, so they need no gradual transition. A gradual transition would
+/// also be wrong for a JPEG, in which white may be a code or two below white.
 fn merge(params: &FuseHdr, darker: Fused, brighter: [f32; 3], own: Fused, measured: bool) -> Fused {
     match params.blend {
         Blend::Hard if luminance(brighter) > params.threshold => darker,
@@ -361,8 +362,9 @@ fn apply(rgb: [f32; 3], fused: f64) -> [f32; 3] {
     rgb.map(|v| (f64::from(v) * (fused / own)).min(f64::from(f32::MAX)) as f32)
 }
 
-/// Colour of a pixel at the luminance of `fused`. It is taken from the brightest exposure that is not clipped
-/// there, since that exposure has the finest quantisation, in proportion to how far the panorama is clipped.
+/// Colour of a pixel, at the luminance of `fused`. The colour comes from the brightest exposure that is not clipped
+/// there, since that exposure has the finest quantisation. Where the panorama is only partly clipped, it is blended
+/// with the colour of `fused`.
 fn recolour(params: &FuseHdr, brackets: &Brackets, base: [f32; 3], fused: [f32; 3], at: usize) -> [f32; 3] {
     let clipped = match params.blend {
         Blend::Hard if luminance(base) > params.threshold => 1.0,

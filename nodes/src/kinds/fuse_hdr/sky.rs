@@ -1,9 +1,10 @@
 //! Estimates a sky that the capture does not contain, by comparing the light that the ground reflects with
 //! the light that falls on it.
 //!
-//! A surface of albedo a that reflects a radiance L receives pi L / a. If the visible ground would have to reflect
-//! nearly all light or more, and part of the upper half was not seen, light is missing there: outdoor captures
-//! seldom contain the sky, and their holes were filled from the trees around it.
+//! A surface of albedo a that reflects a radiance L receives the irradiance pi L / a. Light is missing if the
+//! visible ground would have to reflect nearly all light or more, and if part of the upper half was not seen. This
+//! is usual for outdoor captures: they seldom contain the sky, and the holes in its place are filled from the trees
+//! around them.
 
 use std::f64::consts::PI;
 
@@ -22,17 +23,17 @@ const MOST_ALBEDO: f64 = 0.9;
 const LEAST_OPEN: f64 = 0.02;
 /// Sine of 20 degrees: directions that are farther than this below the horizon count as ground.
 const GROUND_SINE: f64 = 0.342_020_143_325_668_7;
-/// Smallest alpha of ground pixels that count.
+/// Minimum alpha of the ground pixels that are measured.
 const GROUND_ALPHA: f32 = 0.5;
-/// Minimum share of the lower directions that must have been seen, weighted by cosine.
+/// Minimum share of the ground directions that must have been seen, weighted by cosine.
 const LEAST_GROUND: f64 = 0.05;
 
-/// Light that a level ground reflects and receives, as luminance. Irradiance is that of a plane that faces
-/// up, as in the report.
+/// Light that a level ground reflects and receives, as luminance. Irradiance is for a plane that faces up, as in
+/// the report.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Balance {
-    /// Mean radiance of the visible ground, weighted by solid angle times the cosine to straight down, as a plane
-    /// above it receives it. `None` if too little was seen.
+    /// Mean radiance of the visible ground, weighted by solid angle times the cosine to straight down, as for a
+    /// plane above the ground that faces it. `None` if too little was seen.
     ground: Option<f64>,
     /// Irradiance from the upper half.
     light: f64,
@@ -105,8 +106,8 @@ impl Balance {
         }
     }
 
-    /// Radiance of the unseen sky that gives the ground the albedo. Adds a note with it, or with the reason
-    /// why it cannot be computed.
+    /// Radiance of the unseen sky that gives the ground this albedo. Adds a note with the radiance, or with the
+    /// reason why it cannot be computed.
     pub(super) fn sky(&self, albedo: f64, notes: &mut Notes) -> Option<f64> {
         let percent = 100.0 * self.share;
         let Some(ground) = self.ground else {

@@ -76,7 +76,7 @@ fn run(params: &FuseHdr, (base, brackets): (Arc<Panorama>, Arc<Brackets>)) -> (O
     FuseHdr::run(params, In { base, brackets }, &cx()).expect("runs")
 }
 
-/// Grey that doubles every few pixels from 2^-6, followed by a lamp of 40.
+/// Grey that starts at 2^-6 and doubles every few pixels, followed by a lamp of radiance 40.
 fn ramp(at: usize) -> [f32; 3] {
     let v = if at % W == 63 { 40.0 } else { num::f32::exp2((at % W) as f32 / 10.0 - 6.0) };
     [v, v, v]
@@ -120,7 +120,7 @@ fn paper_mode_is_the_papers_equations() {
     assert_eq!(out.env.origin, Some(DVec3::new(1.0, 2.0, 3.0)));
 }
 
-/// A real bracket recovers known light to half a code of the exposure that shows it.
+/// A real series of exposures recovers known light within half a code of the exposure that shows it.
 #[test]
 fn a_true_bracket_is_recovered_within_quantisation() {
     for gain in [Gain::Brackets, Gain::Direct] {
@@ -190,7 +190,7 @@ fn the_darkest_values_keep_their_colour() {
     }
 }
 
-/// A pixel that is white in every exposure is a lower bound, and is reported.
+/// The light of a pixel that is white in every exposure is a lower bound, which is reported.
 #[test]
 fn saturation_at_the_darkest_exposure_is_reported() {
     let taken =
@@ -201,7 +201,7 @@ fn saturation_at_the_darkest_exposure_is_reported() {
     assert!(matches!(out.report.tables[0].rows[0].last(), Some(Cell::Number(share)) if *share > 0.9));
 }
 
-/// A darker picture that disagrees cannot make a light darker or negative.
+/// A darker exposure that contradicts the panorama cannot make a light darker or negative.
 #[test]
 fn a_wrongly_dark_prediction_changes_nothing() {
     let (base, brackets) = photograph(&|_| [1.0; 3], &[-3.0], Transfer::Srgb, None);
@@ -272,7 +272,8 @@ fn energy_does_not_depend_on_how_many_pixels_hold_it() {
     row(33, "relative change of irradiance", (power(1) / power(5) - 1.0).abs(), 0.01);
 }
 
-// Without exposures the panorama is the darkest one, and its white is a lower bound. Mutation: `kept(false)` there.
+// Without exposures the panorama is the darkest picture, and its white is a lower bound. This test fails with
+// `kept(false)` in that case.
 #[test]
 fn a_bracket_of_no_exposures_is_reported() {
     let taken = photograph(&ramp, &[], Transfer::Srgb, Some(255.0));
@@ -285,7 +286,7 @@ fn a_bracket_of_no_exposures_is_reported() {
 }
 
 // A threshold above the value at which a lamp clips leaves out the light predicted for it; so does a prediction for
-// another panorama. Mutation: `!used[at]` to `used[at]`.
+// another panorama. This test fails if `!used[at]` is changed to `used[at]`.
 #[test]
 fn predicted_light_that_is_left_out_is_reported() {
     let (base, brackets) =
@@ -297,7 +298,8 @@ fn predicted_light_that_is_left_out_is_reported() {
         let (out, notes) = run(&params, (base.clone(), Arc::new(gain.clone())));
         let note = notes.iter().find(|n| n.id == "prediction-unused").map(|n| n.text.clone());
         assert_eq!(note.is_some_and(|text| text.starts_with("100.0 %")), reported);
-        // The report has it as predicted, and the rest after fusion. Mutation: `&self.left` dropped in `groups`.
+        // The report has the light as predicted, and the rest after fusion. This test fails without `&self.left` in
+        // `groups`.
         let steps = &out.report.tables[2].rows[0];
         let power = |step: usize| if let Cell::Number(v) = steps[step] { v } else { panic!("a number") };
         assert!(power(2) > power(1), "{steps:?}");
@@ -305,8 +307,8 @@ fn predicted_light_that_is_left_out_is_reported() {
     }
 }
 
-// Where no light was predicted nothing changes, bit for bit, even if `threshold` is below the clipping value.
-// Mutation: the arm of `Taken::Derived` dropped in `fuse`, or `fused == base` in `recolour`.
+// Where no light was predicted nothing changes, bit for bit, even if `threshold` is below the clipping value. This
+// test fails without the arm for `Taken::Derived` in `fuse`, or without `fused == base` in `recolour`.
 #[test]
 fn what_got_no_light_is_kept_to_the_bit() {
     let light = |at: usize| {
@@ -324,8 +326,8 @@ fn what_got_no_light_is_kept_to_the_bit() {
     }
 }
 
-// Predicted exposures have the colour of the panorama, with any transfer curve: taking it from them changes no bit.
-// Mutation: `Taken::Derived` not checked for `hue`.
+// Predicted exposures have the colour of the panorama, with any transfer curve: taking the colour from them changes
+// no bit. This test fails if `Taken::Derived` is not checked for `hue`.
 #[test]
 fn the_hue_of_derived_exposures_changes_no_bit() {
     let light = |at: usize| match at {
@@ -350,7 +352,8 @@ fn the_hue_of_derived_exposures_changes_no_bit() {
     }
 }
 
-// Light that is white in all photographs is a lower bound with either gain. Mutation: `bound` false.
+// Light that is white in all photographs is a lower bound with either gain. This test fails if `bound` is always
+// false.
 #[test]
 fn light_that_is_white_in_the_darkest_photograph_is_a_lower_bound() {
     let lit = |at: usize| if at == 500 { [4000.0; 3] } else { [0.2; 3] };
@@ -366,8 +369,8 @@ fn light_that_is_white_in_the_darkest_photograph_is_a_lower_bound() {
     }
 }
 
-// Derived exposures are sRGB whatever the curve of the panorama, so a light is the same with either gain. Mutation:
-// `brackets.taken` not checked.
+// Derived exposures are sRGB whatever the curve of the panorama, so a light is the same with either gain. This test
+// fails if `brackets.taken` is not checked.
 #[test]
 fn derived_exposures_are_decoded_as_they_were_encoded() {
     let (base, brackets) = photograph(&ramp, &[-6.0], Transfer::Srgb, None);
@@ -381,8 +384,8 @@ fn derived_exposures_are_decoded_as_they_were_encoded() {
     );
 }
 
-// The gain of photographs is measured with the sRGB curve, and again with their own. Mutation: `by_own_curve` not
-// called.
+// The gain of photographs is measured with the sRGB curve, and then again with their own. This test fails if
+// `by_own_curve` is not called.
 #[test]
 fn photographs_of_another_curve_give_the_same_light_by_either_gain() {
     let (base, brackets) = photograph(&ramp, &[-6.0], Transfer::Gamma24, None);
@@ -396,8 +399,8 @@ fn photographs_of_another_curve_give_the_same_light_by_either_gain() {
     assert!((peak(Gain::Brackets) / 40.0 - 1.0).abs() < 1e-3, "{}", peak(Gain::Brackets));
 }
 
-// White in a JPEG may be a code or two below white: a pixel white in one photograph is taken from the next darker
-// one, with either gain. Mutation: `measured` false in the fold of `fuse`.
+// White in a JPEG may be a code or two below white: a pixel that is white in one photograph is taken from the next
+// darker photograph, with either gain. This test fails if `measured` is false in the fold of `fuse`.
 #[test]
 fn whites_of_a_jpeg_hide_what_the_next_photograph_shows() {
     let (base, brackets) = photograph(&ramp, &[-9.0, -6.0, -3.0], Transfer::Srgb, None);
@@ -422,8 +425,8 @@ fn whites_of_a_jpeg_hide_what_the_next_photograph_shows() {
     }
 }
 
-// A photograph in linear light holds the light and colour of a lamp below, at and above white. Mutation:
-// `Taken::Linear` not checked in `fuse`, `exposure` or `recolour`.
+// A photograph in linear light holds the light and colour of a lamp below, at and above white. This test fails if
+// `Taken::Linear` is not checked in `fuse`, `exposure` or `recolour`.
 #[test]
 fn a_photograph_of_linear_light_has_no_ceiling() {
     for lamp in [[24.0, 15.0, 6.0], [8.0, 4.0, 1.6], [7.6, 4.0, 1.6]] {
@@ -445,7 +448,7 @@ fn a_photograph_of_linear_light_has_no_ceiling() {
 }
 
 // Linear light with values above white is not clipped, so it is kept bit for bit, whatever was predicted for it.
-// Mutation: `pixels.ceiling` not checked in `fuse`.
+// This test fails if `pixels.ceiling` is not checked in `fuse`.
 #[test]
 fn light_above_white_is_kept_to_the_bit() {
     let (base, brackets) = photograph(&ramp, &[-6.0, -3.0], Transfer::Srgb, None);
@@ -499,8 +502,8 @@ fn a_prediction_of_another_size_is_refused() {
 }
 
 // A warm lamp whose channels are all clipped is white in the panorama; its colour comes from the exposure that
-// still shows it, at the same luminance. Unclipped pixels do not change a bit. Mutation: `wanted / own` to 1 in
-// `recolour`.
+// still shows it, at the same luminance. Unclipped pixels do not change by a bit. This test fails if `wanted / own`
+// is replaced by 1 in `recolour`.
 #[test]
 fn the_hue_of_a_clipped_lamp_comes_from_its_exposure() {
     let light = |at: usize| if at == 700 { [40.0, 20.0, 5.0] } else { [0.3, 0.5 + 1e-4 * at as f32, 0.1] };
@@ -526,8 +529,8 @@ fn the_hue_of_a_clipped_lamp_comes_from_its_exposure() {
     }
 }
 
-// Rotating panorama and prediction rotates the light: pixels move, and none changes. Mutation: a column left out of
-// `keep_flux` at the seam.
+// Rotating panorama and prediction rotates the light: pixels move, and none changes. This test fails if `keep_flux`
+// leaves out a column at the seam.
 #[test]
 fn turning_the_panorama_turns_the_light() {
     let (shift, light) = (23, |at: usize| {

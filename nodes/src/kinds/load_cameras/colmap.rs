@@ -1,4 +1,4 @@
-//! COLMAP models: `cameras` and `images`, as text and as binary.
+//! COLMAP models: the files `cameras` and `images`, as text or binary.
 
 use std::collections::BTreeMap;
 
@@ -30,7 +30,7 @@ struct Lens {
     distortion: Option<Bend>,
 }
 
-/// Distortion coefficients of a model other than a fisheye, from the parameters after the principal point.
+/// Distortion coefficients of a model that is not a fisheye, from the parameters after the principal point.
 fn coefficients(model: &str, rest: &[f64]) -> Coefficients {
     let mut found = Coefficients::default();
     match (model, rest) {
@@ -100,8 +100,8 @@ fn camera(
     })
 }
 
-/// Sorts by name, as the INRIA code and most other readers do, so that every eighth camera is the same as
-/// theirs.
+/// Sorts cameras by name, as the INRIA code and most other readers do, so that picking every eighth camera picks
+/// the same cameras as there.
 fn sorted(mut cameras: Vec<Raw>) -> Vec<Raw> {
     cameras.sort_by(|a, b| a.picture.cmp(&b.picture));
     cameras
@@ -210,7 +210,11 @@ impl Reader<'_> {
         Ok(())
     }
     fn end(&self) -> Result<(), Error> {
-        if self.rest.is_empty() { Ok(()) } else { Err(Error::format(self.file, "has bytes left over")) }
+        if self.rest.is_empty() {
+            Ok(())
+        } else {
+            Err(Error::format(self.file, "has extra bytes at its end"))
+        }
     }
 }
 

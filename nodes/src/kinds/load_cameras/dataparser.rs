@@ -23,8 +23,8 @@ fn rows(file: &str, value: &Value, key: &str) -> Result<DMat4, Error> {
     let mut columns = [[0.0; 3]; 4];
     for (r, c) in (0..3).flat_map(|r| (0..4).map(move |c| (r, c))) {
         let number = value[key][r][c].as_f64().filter(|v| v.is_finite());
-        columns[c][r] =
-            number.ok_or_else(|| Error::format(file, format!("has no matrix `{key}` of 3 rows of 4")))?;
+        columns[c][r] = number
+            .ok_or_else(|| Error::format(file, format!("has no matrix `{key}` of 3 rows and 4 columns")))?;
     }
     let [x, y, z, w] = columns.map(DVec3::from_array);
     Ok(DMat4::from_cols(x.extend(0.0), y.extend(0.0), z.extend(0.0), DVec4::new(w.x, w.y, w.z, 1.0)))
@@ -35,20 +35,21 @@ impl Dataparser {
     pub fn read(file: &str, bytes: &[u8]) -> Result<Self, Error> {
         refuse_foreign(file, bytes)?;
         let json: Value = serde_json::from_slice(json_text(bytes))
-            .map_err(|e| Error::format(file, format!("its JSON does not parse: {e}")))?;
+            .map_err(|e| Error::format(file, format!("is not valid JSON: {e}")))?;
         let transform = rows(file, &json, "transform")?;
         let scale = json["scale"].as_f64().filter(|s| *s > 0.0 && s.is_finite());
         let scale = scale.ok_or_else(|| Error::format(file, "has no `scale` above 0"))?;
         let linear = DMat3::from_mat4(transform);
         let off = linear.transpose() * linear - DMat3::IDENTITY;
         if off.to_cols_array().iter().any(|v| v.abs() > 1e-3) || linear.determinant() < 0.0 {
-            return Err(Error::format(file, "`transform` is not a rotation with a shift"));
+            return Err(Error::format(file, "`transform` is not a rotation with a translation"));
         }
         Ok(Self { transform, scale })
     }
 
-    /// Adapts the transform to cameras of a `transforms.json` that already includes `applied_transform`,
-    /// since the file maps from coordinates before it (nerfstudio, `nerfstudio_dataparser.py`).
+    /// Adapts the transform to the cameras of a `transforms.json` with `applied_transform`. That transform is
+    /// already applied to the cameras, but the data parser maps from the coordinates before it (nerfstudio,
+    /// `nerfstudio_dataparser.py`).
     pub fn after_applied(self, file: &str, cameras: &[u8]) -> Result<Self, Error> {
         let Ok(json) = serde_json::from_slice::<Value>(json_text(cameras)) else { return Ok(self) };
         let mut own = self;

@@ -9,9 +9,9 @@ use crate::io::gltf::{self, object::local};
 use crate::math::num;
 use crate::types::frame::world_from_gltf;
 
-/// Number of rows of a picture, which glTF does not define; multiplied by `resolution`.
+/// Height of a picture, which glTF does not define, in pixels. It is multiplied by `resolution`.
 const HEIGHT_PX: u64 = 1080;
-/// Aspect ratio if a camera does not define it: that of Blender's pictures.
+/// Aspect ratio of cameras that do not define one: the default of Blender.
 const ASPECT: f64 = 16.0 / 9.0;
 
 /// Reads the perspective cameras of the scene, in the order of its nodes, and converts them from metres with
@@ -27,7 +27,10 @@ pub fn read(file: &str, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result
     while let Some((node, above)) = open.pop() {
         visits += 1;
         if visits > document.nodes().len() {
-            return Err(Error::format(file, "a node is reached twice; the nodes of glTF are trees"));
+            return Err(Error::format(
+                file,
+                "a node is reached twice; the nodes of a glTF scene must form trees",
+            ));
         }
         let matrix = above * local(&node.transform());
         let children: Vec<_> = node.children().map(|child| (child, matrix)).collect();
@@ -50,7 +53,7 @@ pub fn read(file: &str, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result
                 format!("camera `{name}` has no usable `yfov` or `aspectRatio`"),
             ));
         }
-        // Nodes may be scaled, and the world is by its units; a camera is not.
+        // Scaled nodes and the units of the world scale the matrix, but the pose of a camera has no scale.
         let linear = DMat3::from_mat4(matrix);
         let axes = [linear.x_axis, -linear.y_axis, -linear.z_axis].map(DVec3::normalize_or_zero);
         let [x, y, z] = axes;

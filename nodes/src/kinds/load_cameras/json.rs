@@ -1,4 +1,5 @@
-//! Cameras in JSON: our own lists, nerfstudio's `transforms.json` and `camera_path.json`, INRIA's `cameras.json`.
+//! Cameras in JSON: our own format, nerfstudio's `transforms.json` and `camera_path.json`, and INRIA's
+//! `cameras.json`.
 
 use engine::Notes;
 use glam::{DMat4, DVec4};
@@ -10,11 +11,10 @@ use crate::error::Error;
 use crate::io::foreign::{json_text, refuse_foreign};
 use crate::math::num;
 
-/// Width and height of the picture of a frame, by its path in the file.
+/// Function that returns the width and height of the picture of a frame, given the path of the picture in the file.
 pub type Sizes<'a> = &'a dyn Fn(&str) -> Option<[u64; 2]>;
 
-/// Path of a picture with the separators of this system, since exporters on Windows separate folders by
-/// backslashes.
+/// Path of a picture with the separators of this system. Exporters on Windows separate folders by backslashes.
 pub fn picture_path(path: &str) -> String {
     let path = path.replace('\\', "/");
     path.strip_prefix("./").map(str::to_owned).unwrap_or(path)
@@ -39,7 +39,7 @@ pub fn read(
 ) -> Result<Vec<Raw>, Error> {
     refuse_foreign(file, bytes)?;
     let json: Value = serde_json::from_slice(json_text(bytes))
-        .map_err(|e| Error::format(file, format!("its JSON does not parse: {e}")))?;
+        .map_err(|e| Error::format(file, format!("is not valid JSON: {e}")))?;
     let all = |list: &[Value], read: &dyn Fn(&Value) -> Result<Raw, String>| {
         let each = list.iter().enumerate();
         each.map(|(index, v)| read(v).map_err(|what| Error::format(file, format!("camera {index} {what}"))))
@@ -52,7 +52,7 @@ pub fn read(
         if json.get("applied_transform").is_some() {
             notes.decision(
                 "applied-transform",
-                "poses are used as stored, including nerfstudio's applied_transform",
+                "poses are used as stored, including nerfstudio's `applied_transform`",
             );
         }
         return all(frames, &|frame| nerfstudio(&json, frame, sizes));
@@ -90,7 +90,10 @@ fn number(v: &Value, key: &str) -> Result<f64, String> {
 fn pixels(v: &Value, key: &str) -> Result<u64, String> {
     // Some writers print whole numbers as `800.0`.
     let whole = |f: f64| if f.trunc() == f && (0.0..1e9).contains(&f) { Some(f as u64) } else { None };
-    v[key].as_u64().or_else(|| v[key].as_f64().and_then(whole)).ok_or_else(|| format!("has no size `{key}`"))
+    v[key]
+        .as_u64()
+        .or_else(|| v[key].as_f64().and_then(whole))
+        .ok_or_else(|| format!("has no valid size `{key}`"))
 }
 
 /// Reads a matrix of 3 or 4 rows of 4 numbers, or of 3 rows of 3 if `columns` is 3.

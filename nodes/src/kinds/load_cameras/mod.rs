@@ -37,35 +37,42 @@ engine::choices! {
     }
 }
 engine::params! {
-    /// Loads cameras: our own JSON, COLMAP, nerfstudio or INRIA files, or those of a glTF scene.
+    /// Loads cameras from JSON, COLMAP, nerfstudio, INRIA or glTF files.
     ///
-    /// The format is detected by content: (1) our own JSON, `{"views": [{"name": "view_0", "w": 512, "h": 384,
-    /// "fx": 491.8, "fy": 491.8, "cx": 256.0, "cy": 192.0, "c2w_opencv": [[..4], [..4], [..4], [..4]]}]}` with the
-    /// rows of the matrix from camera to world, camera x right, y down, z forward; or `c2w_opengl`, y up and z
-    /// backward. (2) A COLMAP model, text or binary: its folder, or a folder that holds `sparse/0`. (3)
-    /// nerfstudio's `transforms.json`, or `camera_path.json` of its viewer. (4) INRIA's `cameras.json`. (5) The
-    /// perspective cameras of a glTF or GLB scene, converted from y up and metres to the world as objects are; their
-    /// pictures have 1080 rows times `resolution`. Frames of (3) without a size have that of their pictures. Distortion
-    /// that moves no point of the picture by more than a twentieth of a pixel is left out. Pixel centres lie at +0.5 in
-    /// all of them. A view is named after its picture, without folder and extension, but with as many folders as needed
-    /// to distinguish pictures of the same name: `day1_IMG_0001`.
+    /// The format is detected by content:
+    ///
+    /// - Our own JSON: `{"views": [{"name": "view_0", "w": 512, "h": 384, "fx": 491.8, "fy": 491.8, "cx": 256.0,
+    ///   "cy": 192.0, "c2w_opencv": [[..4], [..4], [..4], [..4]]}]}`. `c2w_opencv` has the rows of the matrix from
+    ///   camera to world, for a camera with x right, y down and z forward. With `c2w_opengl` instead, y is up and z
+    ///   backward.
+    /// - A COLMAP model, as text or binary. Give its folder, or a folder that contains `sparse/0`.
+    /// - `transforms.json` of nerfstudio, or `camera_path.json` of its viewer. A frame without a size has the size
+    ///   of its picture.
+    /// - `cameras.json` of INRIA.
+    /// - The perspective cameras of a glTF or GLB scene. They are converted from the glTF frame (y up, metres) to
+    ///   the world in the same way as objects. Their pictures are 1080 * `resolution` pixels high.
+    ///
+    /// Pixel centres are at +0.5 in all formats. Lens distortion that moves no point of the picture by more than a
+    /// twentieth of a pixel is ignored. A view is named after its picture, without folder and extension. If several
+    /// pictures have the same name, their names include as many folders as are needed to distinguish them, for
+    /// example `day1_IMG_0001`.
     pub struct LoadCameras {
         /// The file, or the folder of a COLMAP model.
         path: InputFile, other("\"b.json\"");
-        /// Cameras to load, in this order: names or paths of pictures, with wildcards `*` and `?`, or ranges of
-        /// indices from 0 such as `2..5`, or `0..400..8` for every eighth, or an index: `pick: [Axis("v")]` with
-        /// `axes: (v: Range(0, 300))` renders one camera after the other, in the memory of one. The default is all
-        /// cameras.
+        /// Cameras to load, in this order. An entry is the name or the path of a picture, with the wildcards `*`
+        /// and `?`; a range of indices from 0, such as `2..5`, or `0..400..8` for every eighth camera; or a single
+        /// index. `pick: [Axis("v")]` with `axes: (v: Range(0, 300))` renders one camera after the other, and needs
+        /// only the memory for one. The default is all cameras.
         pick: Vec<Pick> = Vec::new(), other("[\"0..1\"]");
         /// Name of the list in our own JSON format.
         list: String = "views".to_owned(), other("\"cube_faces\""), inert("only our own JSON has lists");
         /// Factor applied to width and height of the pictures.
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
         /// Treatment of lens distortion.
-        distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have none");
-        /// `dataparser_transforms.json` of nerfstudio's training run, for splats that it exported: the cameras are
-        /// moved from the coordinates of the capture to those of the splats. COLMAP models and `transforms.json` need
-        /// it, `camera_path.json` has the coordinates of the splats already.
+        distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have no distortion");
+        /// The file `dataparser_transforms.json` of a training run in nerfstudio, for splats exported from this
+        /// run. It converts the cameras from the coordinates of the capture to those of the splats. COLMAP models
+        /// and `transforms.json` need it; `camera_path.json` is already in the coordinates of the splats.
         dataparser: Option<InputFile> = None, other("Some(\"dataparser_transforms.json\")");
         /// Rotation, uniform scale and translation of the cameras: a 4x4 matrix in row-major order, as in `load-splats`.
         matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
@@ -86,7 +93,7 @@ engine::outputs! {
 /// A camera as stored in a file.
 #[derive(Debug, Clone)]
 struct Raw {
-    /// Name of its picture, possibly with folder and extension.
+    /// Name of the camera's picture, possibly with folder and extension.
     picture: String,
     width: u64,
     height: u64,
@@ -94,11 +101,11 @@ struct Raw {
     lens: [f64; 4],
     /// Lens distortion, if the camera has any.
     distortion: Option<Bend>,
-    /// Camera x right, y down, z forward.
+    /// Pose of the camera, whose x axis points right, y down and z forward.
     world_from_camera: DMat4,
 }
 
-/// Largest number of cameras in a file.
+/// Maximum number of cameras in a file.
 const CAMERA_LIMIT: usize = 1_000_000;
 
 impl Kind for LoadCameras {
@@ -177,7 +184,7 @@ impl Kind for LoadCameras {
             .collect();
         if !tiny.is_empty() {
             let text = format!(
-                "lens distortion of {} cameras moves no point by more than {:.1e} px and is left out",
+                "lens distortion of {} cameras moves no point by more than {:.1e} px and is ignored",
                 tiny.len(),
                 tiny.iter().copied().fold(0.0, f64::max)
             );
@@ -186,15 +193,14 @@ impl Kind for LoadCameras {
         let mut seen = BTreeSet::new();
         if let Some(twice) = cameras.iter().find(|camera| !seen.insert(&camera.name)) {
             let what = format!("two cameras are named `{}`", twice.name);
-            let hint = "take one of them by its number from 0: `pick: [\"3..4\"]` is the fourth camera";
+            let hint = "pick one of them by its index from 0: `pick: [\"3..4\"]` is the fourth camera";
             return Err(NodeError::from(Error::format(&p.path.0, what)).at("path").hint(hint));
         }
         Ok((Out { rig: Arc::new(Rig { cameras }) }, notes))
     }
 }
 
-/// A JSON file of cameras, and those of its pictures that are read because the file does not contain their
-/// sizes.
+/// A JSON file of cameras, and the pictures that must be read because the file does not contain their sizes.
 fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
     let read = || if file.path.is_file() { std::fs::read(&file.path).ok() } else { None };
     let names: BTreeSet<String> =
@@ -204,8 +210,8 @@ fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
     files
 }
 
-/// File of the picture of a frame, relative to the file of cameras. The extension may be left out, as in the
-/// synthetic scenes of NeRF.
+/// File of the picture of a frame, relative to the cameras file. The extension may be left out, as in the synthetic
+/// scenes of NeRF.
 fn existing(file: &SourceFile, picture: &str, root: &SourceRoot) -> Option<SourceFile> {
     ["", ".png", ".jpg", ".jpeg", ".JPG", ".PNG"]
         .iter()
@@ -222,7 +228,7 @@ fn is_gltf(path: &InputFile) -> bool {
     lower.ends_with(".glb") || lower.ends_with(".gltf")
 }
 
-/// Sets of files that a path other than `.json` may stand for, in order of preference.
+/// Sets of files that a path may stand for if it is not a JSON file, in order of preference.
 fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     let folder = match path.0.rsplit_once('/') {
         Some((folder, file)) if is_part(file) => folder,
@@ -259,8 +265,8 @@ fn unknown(path: &InputFile) -> NodeError {
         .hint("a COLMAP model has `cameras.bin` and `images.bin`, or both as `.txt`")
 }
 
-/// Path of a `dataparser_transforms.json` in the folder of the file of cameras, if the parameter `dataparser`
-/// is not set. The path of a viewer is in the coordinates of the splats, and does not need one.
+/// The file `dataparser_transforms.json` in the folder of the cameras file, if the parameter `dataparser` is not
+/// set. Nerfstudio's `camera_path.json` is in the coordinates of the splats and does not need it.
 fn unused_dataparser(p: &LoadCameras, root: &SourceRoot) -> Option<SourceFile> {
     let needs =
         p.dataparser.is_none() && is_json(&p.path) && p.path.0.to_lowercase().ends_with("transforms.json");
@@ -313,7 +319,7 @@ fn read_file(
     Ok((cameras, None))
 }
 
-/// Names of pictures without folder and extension. Pictures of the same name keep as many of their folders as
+/// Names of pictures without folder and extension. Pictures of the same name keep as many of their folders as are
 /// needed to distinguish them.
 fn view_names(pictures: &[&str]) -> Vec<String> {
     let mut names: Vec<String> = pictures.iter().map(|picture| view_name(picture, 0)).collect();
@@ -375,14 +381,14 @@ fn chosen(wishes: &[Pick], names: &[String], pictures: &[&str]) -> Result<Vec<us
         if found.is_empty() {
             let some = names.iter().take(5).map(String::as_str).collect::<Vec<_>>().join(", ");
             return Err(NodeError::new(format!("`{wish}` picks none of the {} cameras", names.len()))
-                .hint(format!("the first ones are {some}")));
+                .hint(format!("the first cameras are {some}")));
         }
         chosen.extend(found.into_iter().filter(|index| !std::mem::replace(&mut taken[*index], true)));
     }
     Ok(chosen)
 }
 
-/// Parses `2..5`, `2..` and `0..400..8`.
+/// Parses a range of indices with an optional step: `2..5`, `2..` or `0..400..8`.
 fn range(wish: &str) -> Option<(usize, usize, usize)> {
     let parts: Vec<&str> = wish.split("..").collect();
     let (start, end, step) = match parts[..] {
@@ -429,7 +435,7 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
             Distortion::Ignore => {
                 notes.degraded(
                     "distortion-ignored",
-                    format!("lens distortion of `{name}` ({distortion}) is left out"),
+                    format!("lens distortion of `{name}` ({distortion}) is ignored"),
                 );
             }
         }
@@ -445,7 +451,7 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
         if pixels > 0 && (1.0..=65_536.0).contains(&scaled) {
             Ok(scaled as u32)
         } else {
-            Err(bad(format!("{pixels} pixels at this `resolution`")))
+            Err(bad(format!("{pixels} pixels times `resolution` is not between 1 and 65536")))
         }
     };
     let (width_px, height_px) = (size(raw.width)?, size(raw.height)?);

@@ -1,4 +1,4 @@
-//! Choice of cameras: a name, a pattern, a range, or an index, which an axis of numbers gives.
+//! Choice of cameras: a name, a pattern, a range, or an index (which may come from an axis of numbers).
 
 use engine::ParamType;
 use serde::{Deserialize, Deserializer, Serialize};

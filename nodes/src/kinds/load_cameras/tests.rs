@@ -39,8 +39,8 @@ const INRIA: &str = r#"[{"id": 0, "img_name": "a", "width": 40, "height": 30, "f
     "position": [1, 2, 3], "rotation": [[0, -1, 0], [1, 0, 0], [0, 0, 1]]}]"#;
 const CAMERAS: &str = "# id\n7 PINHOLE 40 30 50 51 20.5 14\n";
 
-/// `images.txt` with the transform from world to camera of the same camera: a rotation by -90 degrees, and -R (1,
-/// 2, 3) = (-2, 1, -3).
+/// Text of an `images.txt` with the same camera, as a transform from world to camera: a rotation by -90 degrees and
+/// the translation -R (1, 2, 3) = (-2, 1, -3).
 fn images() -> String {
     let h = 0.5_f64.sqrt();
     format!("# id\n3 {h} 0 0 -{h} -2 1 -3 7 set/a.png\n1 2 -1 3 4 -1\n4 1 0 0 0 0 0 0 7 a b.png\n\n")
@@ -184,14 +184,15 @@ fn names_become_view_names() {
     ] {
         assert_eq!(view_names(&[picture]), [name]);
     }
-    // As many folders as needed to distinguish them, and none otherwise. Mutation: `..=deepest` to `..deepest`.
+    // As many folders as needed to distinguish them, and none otherwise. This test fails if `..=deepest` is changed
+    // to `..deepest`.
     let clash = ["a/x/1.png", "b/x/1.png", "b\\y\\1.png", "b/2.png"];
     assert_eq!(view_names(&clash), ["a_x_1", "b_x_1", "y_1", "2"]);
     assert_eq!(view_names(&["s/1.png", "s/1.jpg"]), ["s_1", "s_1"]);
 }
 
-/// Pictures of the same name in two folders, and the same picture twice, which only the index of the camera
-/// distinguishes.
+/// Pictures of the same name in two folders are distinguished by the folder. Two cameras with the same picture can
+/// only be distinguished by their index.
 #[test]
 fn pictures_of_one_name_keep_their_folders() {
     let set = |paths: [&str; 2]| {
@@ -246,7 +247,7 @@ fn hostile_files_are_errors() {
     assert!(load(&[], &node("nowhere")).is_err());
 }
 
-/// A camera of Blender looks along -z with y up. Its node is rotated, scaled and a child of another node.
+/// A camera of Blender looks along -z with y up. Its node is rotated and scaled, and is a child of another node.
 #[test]
 fn cameras_of_gltf_come_into_the_world_as_objects_do() {
     let json = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
@@ -277,7 +278,7 @@ fn cameras_of_gltf_come_into_the_world_as_objects_do() {
     assert!((camera.direction(camera.cx, camera.cy) - DVec3::NEG_Y).length() < 1e-9);
 }
 
-// Some exporters write tabs or two spaces between words. Once refused as "not understood".
+// Some exporters write tabs or two spaces between words. An earlier version refused them as "not understood".
 #[test]
 fn words_of_colmap_texts_are_separated_by_any_white_space() {
     let (wide, spaced) = (images().replace("0 0 -", "0\t 0  -"), CAMERAS.replace(' ', "\t"));
@@ -328,7 +329,8 @@ fn files_that_appear_while_it_runs_ask_for_another_run() {
     assert!(error.contains("changed while the graph was running"), "{error}");
 }
 
-/// Frames of nerfstudio and instant-ngp, each with a lens given in a different form.
+/// File of nerfstudio or instant-ngp with one frame. `top` and `frame` are the keys of the file and of the frame
+/// that describe the lens.
 fn frames(top: &str, frame: &str) -> String {
     format!(
         r#"{{{top}"frames": [{{"file_path": "images/a.png", {frame}
@@ -340,7 +342,7 @@ fn of_json(text: &str) -> Result<(Vec<Camera>, Notes), NodeError> {
     load(&[("t.json", text.as_bytes())], &node("t.json"))
 }
 
-// A frame's own lens counts, whatever the top of the file says; once the angle of the top was taken.
+// A frame's own lens counts, whatever the top of the file says. An earlier version took the angle of the top.
 #[test]
 fn the_lens_of_a_frame_counts_before_that_of_the_file() {
     let angle = 2.0 * crate::math::num::atan2(20.0, 50.0);
@@ -389,7 +391,7 @@ fn flags_of_lenses_are_heard() {
     assert!(error.err().is_some_and(|e| e.to_string().contains("`omnidirectional`")));
 }
 
-// Undistorters leave coefficients that move nothing; they were refused.
+// Undistorters leave coefficients that move nothing. An earlier version refused them.
 #[test]
 fn distortion_far_below_a_pixel_is_left_out() {
     let lens = r#""w": 4000, "h": 3000, "fl_x": 3000, "#;
@@ -574,7 +576,7 @@ fn damaged_files_of_cameras_are_survived() {
     }
 }
 
-// An axis of numbers takes the cameras of a file one after the other; it was refused as not text.
+// An axis of numbers picks the cameras of a file one after the other. An earlier version refused numbers.
 #[test]
 fn indices_pick_cameras() {
     let of = |text: &str| serde_json::from_str::<Vec<Pick>>(text).map_err(|e| e.to_string());

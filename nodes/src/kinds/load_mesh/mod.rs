@@ -23,7 +23,8 @@ use of_ply::from_ply;
 engine::choices! {
     /// Encoding of vertex colours.
     pub enum ColourEncoding {
-        /// The usual encoding: sRGB in PLY and in files written by trimesh, otherwise linear in glTF.
+        /// The usual encoding of the format: sRGB in PLY, in OBJ and in all files written by trimesh; linear in
+        /// other glTF files.
         Auto,
         /// Display-encoded with the sRGB curve.
         Srgb,
@@ -36,7 +37,8 @@ engine::choices! {
     pub enum MeshFrame {
         /// The world of the scene, in world units, as mesh extraction writes it.
         World,
-        /// The frame of glTF: y up and in metres; rotated and scaled by `up` and `metres_per_unit` of the scene.
+        /// The frame of glTF, y up and in metres. It is rotated and scaled to the world by `up` and
+        /// `metres_per_unit` of the scene.
         Gltf,
     }
 }
@@ -44,9 +46,9 @@ engine::params! {
     /// Loads a triangle mesh: PLY (ASCII or binary), glTF or GLB, Wavefront OBJ, or STL.
     ///
     /// The mesh represents the captured scene: it receives shadows and reflects light. Faces of more than three
-    /// corners are split into fans, vertex colours (of glTF, by `baseColorFactor`; of a PLY file without them,
-    /// those of its faces) become linear albedo, and unusable parts (vertices that are not finite, faces without
-    /// area) are dropped and counted.
+    /// corners are split into fans of triangles. Vertex colours become linear albedo; those of glTF are multiplied
+    /// by `baseColorFactor`, and a PLY file without vertex colours gets the colours of its faces. Unusable parts
+    /// (vertices that are not finite, faces without area) are dropped and counted.
     pub struct LoadMesh {
         /// The file: `.ply`, `.glb`, `.gltf`, `.obj` or `.stl`.
         path: InputFile, other("\"b.ply\"");
@@ -275,7 +277,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
         ("vertices-not-finite", lost, "vertices that are not finite numbers were dropped"),
         ("faces-of-dropped-vertices", dangling, "triangles of such vertices were dropped"),
         ("triangles-without-area", flat, "triangles without area were dropped"),
-        ("colours-clamped", clamped, "vertex colours outside of 0 to 1 were clamped"),
+        ("colours-clamped", clamped, "vertex colours outside 0 to 1 were clamped"),
         ("faces-fanned", raw.fanned, "faces of more than three corners were split into fans"),
     ] {
         notes.count(id, count, what);
@@ -292,7 +294,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
     Ok(mesh)
 }
 
-/// True if a triangle has no area. Computed in f64, where products of differences of f32 values are so exact
+/// True if a triangle has no area. Computed in f64, where products of differences of f32 values are exact enough
 /// that only collinear corners give 0.
 fn area_is_zero([a, b, c]: [DVec3; 3]) -> bool {
     (b - a).cross(c - a) == DVec3::ZERO

@@ -1,4 +1,4 @@
-//! Meshes of PLY files.
+//! Reading of meshes from PLY files.
 
 use std::collections::HashMap;
 
@@ -162,7 +162,11 @@ fn faces(
             }
         })?;
         if !whole {
-            return Err(Error::format(name, format!("face {row} refers to an impossible vertex")).into());
+            return Err(Error::format(
+                name,
+                format!("face {row} refers to a vertex index that is not valid"),
+            )
+            .into());
         }
         if colours.is_some() {
             of_triangles.resize(raw.triangles.len(), colour);

@@ -76,8 +76,8 @@ fn triangle(material: &str, colours: Option<[f32; 3]>) -> Vec<u8> {
     glb
 }
 
-// Integers of 32 bits hold 8-bit codes, as programs without another integer type write them; with 16 bits, the
-// largest value is 1. Mutation: the largest 32-bit value mapped to 1, so that all colours are black.
+// Integers of 32 bits hold 8-bit codes, as written by programs without another integer type; with 16 bits, the
+// largest value is 1. This test fails if the largest 32-bit value is mapped to 1, which makes all colours black.
 #[test]
 fn colours_of_wide_numbers_are_codes() {
     let text = String::from_utf8(ascii()).unwrap_or_default();
@@ -93,7 +93,7 @@ fn colours_of_wide_numbers_are_codes() {
 }
 
 // The factor of glTF is linear and multiplies the colours; without them it is the colour, and white means no
-// colour. Mutation: `raw.tints` left empty; the tint decoded as sRGB.
+// colour. This test fails if `raw.tints` is left empty, or if the tint is decoded as sRGB.
 #[test]
 fn the_factor_of_a_gltf_material_colours_its_vertices() {
     let factor = r#"{"pbrMetallicRoughness":{"baseColorFactor":[0.5,0.25,1.0,1.0]}}"#;
@@ -162,8 +162,8 @@ fn three_ways_to_write_one_mesh() {
     assert!(notes.iter().any(|n| n.id == "colour-encoding") && notes.iter().any(|n| n.id == "faces-fanned"));
 }
 
-// A surveyed frame: millimetres at a distance of a thousand kilometres, which f32 rounds to sixteenths of a metre.
-// Seen red with `area_is_zero` of rounded corners, and without the low parts.
+// Survey coordinates: millimetres at a distance of a thousand kilometres, which f32 rounds to sixteenths of a
+// metre. This test fails if `area_is_zero` gets rounded corners, or without the low parts of the positions.
 #[test]
 fn doubles_far_from_the_origin_keep_their_millimetres() {
     let at = [1_048_576.001, -524_288.5, 262_144.004];
@@ -241,7 +241,7 @@ fn no_cut_or_flip_panics_and_every_cut_is_an_error() {
     assert!(load(far.as_bytes(), &plain()).is_err());
 }
 
-// Photogrammetry programs write floats up to 255, which became white.
+// Photogrammetry programs write floats up to 255. In an earlier version they became white.
 #[test]
 fn colours_as_floats_to_255_are_display_colours() {
     let of = |rows: [&str; 3]| {

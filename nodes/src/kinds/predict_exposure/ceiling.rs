@@ -36,7 +36,7 @@ mod tests {
 
     const WIDTH: usize = 256;
 
-    /// Sky over ground with a white window, and a yellow lamp whose blue does not clip, all multiplied by
+    /// Sky over ground with a white window, and a yellow lamp whose blue channel does not clip, all multiplied by
     /// `scale`.
     fn room(scale: f32) -> Arc<Panorama> {
         let pixel = |at: usize| match (at % WIDTH, at / WIDTH) {
@@ -63,8 +63,8 @@ mod tests {
     }
 
     // The same picture with a white level of 0.75 hides the same light, if `white` is set accordingly: every gain
-    // is equal within single precision. Mutation: `ceiling` 1 in `Scene::new` of the networks, or in `features` of
-    // the regions.
+    // is equal within single precision. This test fails if `ceiling` is always 1 in `Scene::new` of the networks,
+    // or in `features` of the regions.
     #[test]
     fn whites_that_end_early_hide_the_same_light() {
         for method in [Method::Learned, Method::Region] {
@@ -76,7 +76,8 @@ mod tests {
         }
     }
 
-    // Noise above the white level does not raise it. Mutation: the maximum in place of the median.
+    // Noise above the white level does not raise it. This test fails if the maximum is taken in place of the
+    // median.
     #[test]
     fn whites_end_where_most_of_them_do() {
         let pixels = |bright: usize| LinearPixels {

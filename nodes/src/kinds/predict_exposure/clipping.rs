@@ -16,9 +16,9 @@ use crate::types::{Panorama, Picture};
 
 /// Gain of a panorama by one of the methods.
 pub(super) struct Prediction {
-    /// log2 of the gain of each pixel; 0 outside of clipped pixels.
+    /// log2 of the gain of each pixel; 0 for pixels that are not clipped.
     pub log2_gain: Vec<f32>,
-    /// Regions that the method estimated; empty if it estimates pixels.
+    /// Regions that the method estimated; empty if it estimates single pixels.
     pub regions: Vec<RegionLight>,
 }
 
@@ -35,9 +35,9 @@ pub(super) struct Clipping<'a> {
     exhaustive: bool,
     /// White level of the panorama.
     ceiling: f64,
-    /// Networks of `Learned`.
+    /// Networks, for the method `Learned`.
     network: Option<network::Network>,
-    /// Photographs of `Photographs`.
+    /// Photographs, for the method `Photographs`.
     pub photographs: Option<Photographs>,
 }
 

@@ -1,4 +1,4 @@
-//! Enlarged panoramas, for those with fewer columns than the grid: each pixel is repeated.
+//! Enlarges panoramas that have fewer columns than the grid, by repeating each pixel.
 //!
 //! The networks were trained on cells of one size, so a coarser grid cannot be used for a coarser panorama.
 
@@ -7,7 +7,8 @@ use crate::light::linear::LinearPixels;
 use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 
-/// A panorama of at least [`WIDTH`] columns in which each pixel of another one is repeated along rows and columns.
+/// A panorama of at least [`WIDTH`] columns in which each pixel of a smaller panorama is repeated along rows and
+/// columns.
 pub(super) struct Enlarged {
     pub pixels: LinearPixels,
     pub mask: Vec<bool>,
@@ -16,7 +17,7 @@ pub(super) struct Enlarged {
 }
 
 impl Enlarged {
-    /// Enlarges a panorama. `None` if it has as many columns as the grid, or is higher than wide.
+    /// Enlarges a panorama. `None` if it has at least as many columns as the grid, or is higher than wide.
     pub fn new(pixels: &LinearPixels, mask: &[bool], alpha: &[f32]) -> Option<Self> {
         let times = WIDTH.div_ceil(pixels.width);
         let (width, height) = (pixels.width * times, pixels.height * times);
@@ -35,7 +36,7 @@ impl Enlarged {
         })
     }
 
-    /// log2 gain of each original pixel, which gives it the light of the pixels that it was repeated to.
+    /// log2 gain of each original pixel, chosen so that it gets the light of the pixels that repeat it.
     pub fn gathered(&self, log2_gain: &[f32]) -> Vec<f32> {
         let (width, height) = (self.pixels.width / self.times, self.pixels.height / self.times);
         let mut sums = vec![[0.0; 2]; width * height];
@@ -53,7 +54,8 @@ impl Enlarged {
 mod tests {
     use super::*;
 
-    // The gain of a pixel gives the light of its parts, weighted by their solid angles. Mutation: `size` 1.
+    // The gain of a pixel gives the light of its parts, weighted by their solid angles. This test fails if `size`
+    // is always 1.
     #[test]
     fn light_of_parts_is_light_of_the_pixel() {
         let pixels = LinearPixels {

@@ -6,7 +6,7 @@ use glam::DVec3;
 use crate::light::linear::LinearPixels;
 use crate::math::equirect::{direction, pixel_solid_angle};
 
-/// Columns of the grid; a finer panorama is averaged over its cells.
+/// Number of columns of the grid. A finer panorama is averaged over the cells.
 pub(super) const WIDTH: usize = 256;
 
 /// A panorama averaged over cells.
@@ -18,9 +18,9 @@ pub(super) struct Grid {
     /// Mean linear light of the visible part of each cell, or of the filled part if nothing of the cell is
     /// visible.
     pub rgb: Vec<[f64; 3]>,
-    /// Mean linear light of the visible unclipped part of each cell, and of its clipped part; 0 if that part
-    /// is empty.
+    /// Mean linear light of the visible unclipped part of each cell; 0 if that part is empty.
     pub open_rgb: Vec<[f64; 3]>,
+    /// Mean linear light of the visible clipped part of each cell; 0 if that part is empty.
     pub clipped_rgb: Vec<[f64; 3]>,
     /// True if any pixel of the cell is clipped, so that a sun smaller than a cell is found.
     pub clipped: Vec<bool>,
@@ -30,7 +30,7 @@ pub(super) struct Grid {
     pub seen: Vec<bool>,
     /// Index of the cell of each pixel.
     pub cell_of: Vec<u32>,
-    /// Column of pixels where the first cell begins, and the number of columns.
+    /// Column of pixels where the first cell begins, and the number of columns of pixels.
     pub start: (usize, usize),
 }
 
@@ -119,9 +119,9 @@ impl Grid {
     }
 }
 
-/// Column where cells begin: the edge at which the sequence of column sums, read in either direction, comes
-/// last in lexicographic order. Cells then lie at the same places of the scene if a panorama is rotated by
-/// any number of pixels, or mirrored.
+/// Column of pixels where the first cell begins. It is the edge at which the sequence of column sums, read in
+/// either direction, comes last in lexicographic order. So the cells lie at the same places of the scene if a
+/// panorama is rotated by any number of pixels, or mirrored.
 fn first_column(pixels: &LinearPixels, alpha: &[f32]) -> usize {
     let width = pixels.width;
     let mut sums = vec![0.0_f64; width];

@@ -25,7 +25,7 @@ pub struct LoraPlan {
     pub vae: PathBuf,
     /// File of the encoded text prompt.
     pub prompt: PathBuf,
-    /// Rank and alpha of the updates.
+    /// Rank of the updates, which is also their alpha.
     pub rank: usize,
     /// Learning rate: the largest change of a weight per step.
     pub rate: f64,
@@ -46,13 +46,13 @@ pub enum LoraProgress {
     Step(u64, u64, f32),
 }
 
-/// Exposures at which the pairs for training start, in stops relative to EV 0.
+/// Exposures of the brighter picture of a training pair, in stops relative to EV 0.
 const FROM: [f64; 2] = [0.0, -STOPS];
 /// Number of steps between checkpoints.
 const KEPT: u64 = 50;
-/// Definition of EV 0: encoded value of the median luminance, and the largest share of the sphere that is
-/// clipped.
+/// Encoded value of the median luminance at EV 0.
 const MEDIAN: f32 = 0.5;
+/// Maximum share of the sphere that is clipped at EV 0.
 const MOST_CLIPPED: f64 = 0.15;
 
 /// Reads an HDR panorama, `.hdr` or `.exr`.
@@ -94,7 +94,7 @@ fn exposure(pixels: &LinearPixels) -> f32 {
     wanted.min(1.0 / quantile(&sorted(&max3), 1.0 - MOST_CLIPPED))
 }
 
-/// Photograph that a camera would take at `stops` below EV 0: display-encoded planes, clipped to white.
+/// Photograph that a camera would take of light multiplied by `scale`: display-encoded planes, clipped to white.
 fn shot(pixels: &LinearPixels, scale: f32, (width, height): (usize, usize)) -> Vec<f32> {
     let rgb = pixels.rgb.iter().map(|rgb| rgb.map(|v| (v * scale).min(1.0))).collect();
     shrunk(&LinearPixels { rgb, ..*pixels }, width, height)
@@ -120,12 +120,12 @@ impl Watch for Stoppable<'_> {
     }
 }
 
-/// Trains a LoRA and writes it to `out`, in the layout of `diffusers`. Returns true when it is finished, false when
-/// it was stopped. The state of a stopped run is stored next to `out` (`.state`); the same call continues from
-/// there, with the same result as an uninterrupted run.
+/// Trains a LoRA and writes it to `out`, in the layout of `diffusers`. Returns true if the training is finished,
+/// and false if it was stopped. The state of a stopped run is stored next to `out` (`.state`). The same call then
+/// continues from this state, with the same result as an uninterrupted run.
 ///
 /// # Errors
-/// Errors of [`learned::flux`] for the model's files, a panorama that cannot be read, an `out` that cannot be
+/// Fails if [`learned::flux`] refuses the model's files, if a panorama cannot be read, or if `out` cannot be
 /// written.
 pub fn train(
     panoramas: &[PathBuf],

@@ -13,13 +13,13 @@ const STOPS: f64 = 24.0;
 pub(super) fn check(emitters: &[[f64; 4]]) -> Result<(), NodeError> {
     for (i, &[azimuth, elevation, radius, stops]) in emitters.iter().enumerate() {
         let wrong = if azimuth.abs() > 360.0 {
-            format!("an azimuth of {azimuth}, outside of -360 to 360 degrees (clockwise from forward)")
+            format!("an azimuth of {azimuth}, outside -360 to 360 degrees (clockwise from forward)")
         } else if elevation.abs() > 90.0 {
-            format!("an elevation of {elevation}, outside of -90 to 90 degrees above the horizon")
+            format!("an elevation of {elevation}, outside -90 to 90 degrees above the horizon")
         } else if radius <= 0.0 || radius > 180.0 {
-            format!("a radius of {radius}, outside of 0 (exclusive) to 180 degrees")
+            format!("a radius of {radius}, outside 0 (exclusive) to 180 degrees")
         } else if !(0.0..=STOPS).contains(&stops) {
-            format!("a gain of {stops}, outside of 0 to {STOPS} stops")
+            format!("a gain of {stops}, outside 0 to {STOPS} stops")
         } else {
             continue;
         };
@@ -30,8 +30,8 @@ pub(super) fn check(emitters: &[[f64; 4]]) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// log2 gain of every pixel: that of the narrowest emitter that covers it (the nearest among equally narrow
-/// ones), and 0 elsewhere.
+/// log2 gain of every pixel: the gain of the narrowest emitter that covers the pixel (the nearest of equally narrow
+/// emitters), or 0 if none covers it.
 pub(super) fn predict(
     emitters: &[[f64; 4]],
     (pixels, mask): (&LinearPixels, &[bool]),
@@ -49,7 +49,7 @@ pub(super) fn predict(
             let d = direction(up, (x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64);
             let cosines = lights.iter().map(|(light, _)| d.dot(*light)).enumerate();
             let within = cosines.filter(|(i, cosine)| *cosine >= lights[*i].1);
-            // The larger its cosine, the narrower or nearer is an emitter; the first among equal ones.
+            // The larger its cosine, the narrower or nearer is an emitter. The first of equal emitters is taken.
             let rank = |&(i, cosine): &(usize, f64)| (lights[i].1, cosine);
             within.reduce(|a, b| if rank(&b) > rank(&a) { b } else { a }).map(|(i, _)| i)
         };
@@ -67,7 +67,7 @@ pub(super) fn predict(
         (1..).zip(&used).filter(|(_, used)| !**used).map(|(i, _)| i.to_string()).collect();
     if !idle.is_empty() {
         let text = format!(
-            "emitters without effect, because they cover no clipped pixel or only pixels of narrower ones: {}",
+            "emitters without effect, because they cover no clipped pixel or only pixels of narrower emitters: {}",
             idle.join(", ")
         );
         notes.warning("nothing-to-light", text);

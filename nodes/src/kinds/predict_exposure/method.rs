@@ -21,18 +21,18 @@ pub enum Method {
     Region,
     /// Lights given by the user; other clipped pixels stay clipped.
     Manual {
-        /// Lights, each given by azimuth (clockwise from forward, seen from above, -360 to 360), elevation (above
-        /// the horizon, -90 to 90) and radius of the disc of clipped pixels it acts on (above 0 to 180), in
-        /// degrees, and the number of stops by which these are brighter than they appear (0 to 24). The narrowest
-        /// light that covers a pixel is used.
+        /// Lights, each given by four numbers: azimuth (degrees clockwise from forward, seen from above; -360 to
+        /// 360), elevation (degrees above the horizon; -90 to 90), radius of the disc in which it acts on clipped
+        /// pixels (degrees; above 0 to 180), and the number of stops by which these pixels are brighter than they
+        /// appear (0 to 24). The narrowest light that covers a pixel is used.
         #[serde(deserialize_with = "emitters")]
         emitters: Vec<[f64; 4]>,
     },
-    /// Gain measured from darker photographs of the same panorama; `evs` then gives the exposures at which
-    /// they were taken.
+    /// Gain measured from darker photographs of the same scene. `evs` then gives the exposures at which the
+    /// photographs were taken.
     Photographs {
-        /// Files, one for each of `evs` in the same order, of the size of the panorama. They are rotated like
-        /// it. OpenEXR and Radiance files are never clipped.
+        /// Files, one for each of `evs` in the same order, each as large as the panorama. They are rotated like the
+        /// panorama. OpenEXR and Radiance files are never clipped.
         files: Vec<InputFile>,
     },
     /// No estimate: clipped pixels stay clipped.
@@ -194,21 +194,23 @@ impl ParamType for Method {
             ),
             (
                 "Manual",
-                "Lights given by the user, each by azimuth (degrees clockwise from forward, seen from above; -360 to 360), \
-                 elevation (degrees above the horizon; -90 to 90), radius of the disc of clipped pixels it acts on \
-                 (degrees; above 0 to 180), and stops by which these are brighter than they appear (0 to 24). The narrowest \
-                 light that covers a pixel is used; pixels without one stay clipped.",
+                "Lights given by the user, each as four numbers: azimuth (degrees clockwise from forward, seen from above; \
+                 -360 to 360), elevation (degrees above the horizon; -90 to 90), radius of the disc in which it acts on \
+                 clipped pixels (degrees; above 0 to 180), and the number of stops by which these pixels are brighter than \
+                 they appear (0 to 24). The narrowest light that covers a pixel is used; pixels that no light covers stay \
+                 clipped.",
             ),
             (
                 "Photographs",
-                "Measured from darker photographs of the same scene and size, one file for each of `evs`, which are rotated \
-                 with the panorama. OpenEXR and Radiance files are not clipped.",
+                "The gain is measured from darker photographs of the same scene, one file for each of `evs`, each as large \
+                 as the panorama. They are rotated with the panorama. OpenEXR and Radiance files are not clipped.",
             ),
             ("Skip", "No estimate: clipped pixels stay clipped."),
             (
                 "FluxKontext",
-                "A diffusion model with weights of your own, as in the paper (feature `learned`): `strength` of the LoRA 0 to \
-                 4, `steps` 1 to 200 for each exposure, `guidance` 0 to 20, `width_px` at most 64 to 4096.",
+                "A diffusion model as in the paper, with weights that you supply (needs the feature `learned`). `strength` of \
+                 the LoRA is 0 to 4, `steps` for each exposure 1 to 200, `guidance` 0 to 20, and `width_px`, the largest \
+                 width at which the model works, 64 to 4096.",
             ),
         ]
     }
@@ -241,7 +243,7 @@ mod tests {
     use serde::de::IntoDeserializer;
     use serde::de::value::{Error, SeqDeserializer};
 
-    // Mutation: the length not checked, or the name of the wrong number.
+    // This test fails if the length is not checked, or if the error names the wrong number.
     #[test]
     fn a_list_that_is_no_emitter_is_reported_what_it_lacks() {
         fn read<T: IntoDeserializer<'static, Error>>(list: Vec<T>) -> Result<[f64; 4], String> {

@@ -49,13 +49,13 @@ engine::params! {
     /// pixel, and derives the photographs that a camera would take at darker exposures. Unclipped pixels are not
     /// changed.
     pub struct PredictExposure {
-        /// Exposures to derive, in stops below the panorama (which is EV 0), in any order; for `Photographs`, the
-        /// exposures of the files, in their order.
+        /// Exposures to derive, relative to the panorama (which is EV 0), in any order; for `Photographs`, the
+        /// exposures of the files, in the order of the files.
         evs: Vec<f64> = vec![-6.0, -3.0], range(-24.0, -0.1), unit("EV"), other("[-9.0, -4.0]");
         /// Method of estimating hidden light.
         method: Method = Method::Learned, other("Skip");
         /// Value from which a channel counts as clipped, in linear light with white at 1. Lower it for pictures
-        /// whose whites end below 1, as those of splats and of video may.
+        /// whose white level is below 1, which can happen in splat renders and video.
         white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
         /// Weights for `Learned` that replace the built-in ones: a file written by `train-exposure`.
         weights: Option<InputFile> = None, other("\"exposure.safetensors\"");
@@ -75,15 +75,15 @@ engine::outputs! {
     pub struct Out {
         /// The log2 gain per pixel, the exposures derived from it, and the regions.
         brackets: Arc<Brackets>,
-        /// The exposures as pictures, one view each: `ev_-6`.
+        /// The exposures as pictures, one view each, with names such as `ev_-6`.
         exposures: Arc<Images>,
         /// The regions, and the light of the panorama before and after: in total and for each light.
         report: Arc<Report>,
     }
 }
 
-/// Value from which a channel counts as clipped: the middle of the range from 0.9 to 1 over which clipping
-/// increases in the data for the regression.
+/// Value from which a channel counts as clipped. In the data of the regression, clipping sets in gradually between
+/// 0.9 and 1, and this is the middle of that range.
 pub const CLIPPED: f32 = 0.95;
 /// Maximum number of exposures. They take memory, and more than a few add no information.
 const MOST_EXPOSURES: usize = 64;
@@ -122,13 +122,15 @@ impl Kind for PredictExposure {
     fn check(params: &Self) -> Result<(), NodeError> {
         let evs = sorted(&params.evs);
         if evs.len() > MOST_EXPOSURES {
-            let text = format!("{} exposures are more than {MOST_EXPOSURES}", evs.len());
+            let text = format!("{} exposures are listed, but the limit is {MOST_EXPOSURES}", evs.len());
             return Err(NodeError::new(text)
                 .at("evs")
                 .hint("list fewer exposures; the gain map contains all of the light"));
         }
         if evs.windows(2).any(|pair| pair[0] >= pair[1]) {
-            return Err(NodeError::new("an exposure is listed twice").at("evs").hint("name each one once"));
+            return Err(NodeError::new("an exposure is listed twice")
+                .at("evs")
+                .hint("list each exposure once"));
         }
         if let Method::Manual { emitters } = &params.method {
             manual::check(emitters)?;
@@ -195,7 +197,7 @@ struct Clipped<'a> {
     up: Up,
     pixels: &'a LinearPixels,
     mask: &'a [bool],
-    /// White level of the panorama, above 0 to 1.
+    /// White level of the panorama, above 0 and at most 1.
     ceiling: f64,
     grid: Grid,
     labels: Regions,
@@ -279,7 +281,7 @@ fn clipped_light(pano: &Panorama, notes: &mut Notes) -> Result<LinearPixels, Nod
     }
     let (width, height, channels) = pano.image.size();
     if channels != 3 || width == 0 || height == 0 || pano.alpha.samples.len() != width * height {
-        return Err(Error::Mismatch(format!("a {width}x{height} panorama of {channels} channels")).into());
+        return Err(Error::Mismatch(format!("the panorama has {width}x{height} pixels of {channels} channels; it needs 3 channels and an alpha for each pixel")).into());
     }
     let mut pixels = linear_pixels(&pano.image, Transfer::Srgb);
     if matches!(pano.image, Picture::Srgb(_)) {

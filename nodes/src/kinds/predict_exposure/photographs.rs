@@ -1,4 +1,4 @@
-//! Darker photographs of the same panorama, by which hidden light is measured instead of estimated.
+//! Darker photographs of the same scene, from which hidden light is measured instead of estimated.
 
 use engine::{Context, InputFile, NodeError, Notes};
 
@@ -14,20 +14,21 @@ use crate::math::color::srgb_from_linear;
 use crate::math::num;
 use crate::types::{Image, Panorama, Picture, Srgb, Taken};
 
-/// Number of stops by which a photograph must be brighter at a pixel for the pixel to count as clipped: half
-/// an 8-bit code, ten stops below white.
+/// Number of stops by which a photograph must show more light at a pixel for the pixel to count as clipped. At ten
+/// stops below white, this is half an 8-bit code.
 const BRIGHTER: f32 = 0.25;
-/// Smallest luminance of the pixels by which a photograph is checked: the fourth 8-bit code.
+/// Minimum luminance that a pixel should have in a photograph to be used for its check: that of the fourth 8-bit
+/// code.
 const SHOWN: f64 = 1.2e-3;
-/// Smallest number of pixels by which a photograph is checked.
+/// Minimum number of pixels that are needed to check a photograph.
 const FEWEST: usize = 16;
-/// Largest accepted median difference in the light of a photograph, in stops, and largest accepted spread of
-/// half of its pixels around the median.
+/// Limits of the difference between the light of a photograph and that of the other pictures, in stops: of the
+/// median difference, and of the median deviation of the pixels from it.
 const APART: [f32; 2] = [0.5, 1.0];
-/// Largest accepted share of pixels that are white in other pictures and too dark in the photograph. For the
-/// 74 panoramas of hdri-train this share is 0 with their own photographs. It exceeds the limit for 99 of 100
-/// photographs of another place, mirrored or rotated by 56 degrees, for two of three rotated by 4 degrees,
-/// and for one of three rotated by one degree.
+/// Limit of the share of the pixels white in other pictures that are too dark in the photograph. For the 74
+/// panoramas of hdri-train, this share is 0 with their own photographs. It exceeds the limit for 99 of 100
+/// photographs that show another place, are mirrored, or are rotated by 56 degrees; for two of three that are
+/// rotated by 4 degrees; and for one of three that are rotated by one degree.
 const SHORT: f64 = 0.1;
 
 /// Checks that there is one file per exposure.
@@ -35,7 +36,7 @@ pub(super) fn check(files: &[InputFile], evs: &[f64]) -> Result<(), NodeError> {
     if files.len() == evs.len() && !files.is_empty() {
         return Ok(());
     }
-    let text = format!("{} photographs for {} exposures", files.len(), evs.len());
+    let text = format!("there are {} photographs, but {} exposures", files.len(), evs.len());
     Err(NodeError::new(text).at("method").hint("list the exposure of each file in `evs`, in the same order"))
 }
 
@@ -58,11 +59,12 @@ impl Photograph {
     }
 }
 
-/// Comparison of a photograph with others at a pixel: the number of stops by which it shows more light.
+/// Comparison of a photograph with brighter pictures at one pixel.
 #[derive(Clone, Copy)]
 struct Off {
+    /// Number of stops by which the photograph shows more light than the brighter pictures.
     stops: f32,
-    /// True if all others are clipped at the pixel, so that the photograph must show at least as much light.
+    /// True if all brighter pictures are clipped at the pixel, so that the photograph must show at least as much light.
     white: bool,
 }
 
@@ -71,7 +73,7 @@ impl Photograph {
     fn off(&self, at: usize, others: impl Iterator<Item = Shown>) -> Option<Off> {
         let (mut light, mut white) = (0.0_f64, true);
         for other in others {
-            // Clipped light is at least the light of each of them.
+            // The light is at least that of each clipped picture.
             light = if other.clipped { light.max(other.light()) } else { other.light() };
             white = other.clipped;
             if !white {
@@ -137,7 +139,7 @@ impl Photographs {
         if let Some(other) = taken.iter().find(|other| other.linear != taken[0].linear) {
             let kind = |linear| if linear { "linear light" } else { "display colours" };
             let (this, that) = (kind(taken[0].linear), kind(other.linear));
-            let text = format!("`{}` holds {this}, `{}` {that}", taken[0].name, other.name);
+            let text = format!("`{}` holds {this}, but `{}` holds {that}", taken[0].name, other.name);
             return Err(NodeError::new(text)
                 .at("method")
                 .hint("give all photographs as PNG and JPEG, or all as OpenEXR and Radiance"));
@@ -156,8 +158,8 @@ impl Photographs {
         if self.0.iter().any(|photograph| photograph.linear) { Taken::Linear } else { Taken::Display }
     }
 
-    /// Warns about photographs whose light differs from that of the panorama or a brighter photograph, or is less
-    /// than white where those are white.
+    /// Warns about photographs whose light differs from the light of the panorama or of a brighter photograph, or
+    /// is below white where these are white.
     pub fn compare(
         &self,
         (pixels, alpha): (&LinearPixels, &[f32]),
@@ -242,8 +244,8 @@ impl Photographs {
         Ok(rows.iter().flatten().map(|gain| gain.map_or(0.0, |(gain, _)| gain)).collect())
     }
 
-    /// Photographs as pictures, with values above 1 where linear light is above white. Holes are filled by
-    /// the gain.
+    /// Photographs as pictures, with values above 1 where linear light is above white. Holes show the exposure that
+    /// is derived from the gain.
     pub fn pictures(
         &self,
         pixels: &LinearPixels,

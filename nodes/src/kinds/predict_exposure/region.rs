@@ -10,19 +10,20 @@ use crate::light::regions;
 use crate::math::color::luminance;
 use crate::math::num;
 
-/// Mean and standard deviation of each feature, and its weight, in the order of [`features`]. The weights
-/// come from a ridge regression of log2 mean gain on 4123 regions of 28 HDR panoramas at 5 exposures each,
-/// 256x128.
+/// Mean of each feature over the data of the regression, in the order of [`features`].
 const MEAN: [f64; 9] = [0.0, -7.542, 6.265, 0.229, 0.357, 0.993, 0.619, 0.032, 0.232];
+/// Standard deviation of each feature over the data of the regression.
 const SPREAD: [f64; 9] = [1.0, 2.404, 3.169, 0.534, 0.151, 0.032, 1.193, 0.118, 0.092];
+/// Weight of each normalised feature, from a ridge regression of log2 mean gain on 4123 regions of 28 HDR panoramas of
+/// 256x128 pixels, at 5 exposures each.
 const WEIGHT: [f64; 9] = [1.012, 0.411, -0.149, 0.362, -0.269, -0.008, -0.235, -0.064, 0.082];
-/// Range to which gains are clamped, in stops, as in the fit.
+/// Range to which gains are clamped, in stops: the range of the data that the regression was fitted to.
 const STOPS: (f64, f64) = (0.0, 14.0);
-/// Exponent p of the profile within a region: the gain grows as (distance to the edge / largest distance)^p,
-/// as in the fit.
+/// Exponent p of the profile within a region: the gain grows as (distance to the edge / largest distance)^p. The
+/// regression was fitted with the same profile.
 const PROFILE_POWER: i32 = 4;
 
-/// log2 gain of every pixel, which is 0 outside of clipped regions, and the regions.
+/// Predicts the log2 gain of every pixel, which is 0 outside clipped regions, and the light of each region.
 pub(super) fn predict(
     clipped: &Clipped<'_>,
     cx: &Context,
@@ -58,7 +59,7 @@ pub(super) fn predict(
     let mut log2_gain = vec![0.0_f32; mask.len()];
     let mut found = Vec::with_capacity(labels.count);
     for (i, (&stops, &sun)) in regression.iter().zip(&suns).enumerate() {
-        // The fit used whole cells as clipped area, so its gain acts on that area.
+        // The regression was fitted with whole cells as the clipped area, so its gain acts on that area.
         let flux = spread.cell_flux[i];
         let least = sun * sun::FLUX * unclipped;
         let least = if least > 0.0 && flux > 0.0 { num::f64::log2(least / flux) } else { 0.0 };
@@ -69,10 +70,17 @@ pub(super) fn predict(
     Ok((log2_gain, found))
 }
 
-/// Nine features of a region: 1, log2 of its solid angle, a tenth of the square of that, mean sine of
-/// elevation, mean brightness of its ring, length of the mean direction (1 if compact), log2 of the solid
-/// angle of all clipped regions, its share of that angle, and the mean of all unclipped parts. Brightness is
-/// relative to the white level `ceiling`.
+/// Nine features of a region. Brightness is relative to the white level `ceiling`.
+///
+/// 1. The constant 1.
+/// 2. log2 of the solid angle of the region.
+/// 3. A tenth of the square of feature 2.
+/// 4. Mean sine of elevation.
+/// 5. Mean brightness of the surroundings.
+/// 6. Length of the mean direction, which is near 1 for a compact region.
+/// 7. log2 of the solid angle of all clipped regions.
+/// 8. Share of the region in that solid angle.
+/// 9. Mean brightness of all unclipped parts.
 fn features(grid: &Grid, up: Up, cells: &[usize], (total, rest): (f64, f64), ceiling: f64) -> [f64; 9] {
     let above = crate::math::equirect::axes(up)[2];
     let (mut size, mut sine, mut sum) = (0.0, 0.0, DVec3::ZERO);
@@ -90,7 +98,7 @@ fn features(grid: &Grid, up: Up, cells: &[usize], (total, rest): (f64, f64), cei
     [1.0, log, log * log / 10.0, sine / size, ring, compact, num::f64::log2(total), share, rest]
 }
 
-/// Mean of the channels of some cells; half of white if there is no cell, as in the fit.
+/// Mean of the channels of some cells; half of white if there is no cell, as when the regression was fitted.
 fn mean_of(grid: &Grid, cells: impl Iterator<Item = usize>) -> f64 {
     let (mut sum, mut n) = (0.0, 0.0);
     for cell in cells {

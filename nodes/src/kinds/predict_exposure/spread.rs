@@ -9,9 +9,9 @@ use crate::math::color::luminance;
 use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 
-/// Limit of the ratio of areas by which light is diluted. A grid cell is clipped if any pixel in it is, so a
-/// gain fitted on whole cells may belong to a much smaller area. It is applied as if that area were at most
-/// this many times that of the clipped pixels.
+/// Limit of the ratio of the area of clipped cells to the area of the clipped pixels in them. A cell counts as
+/// clipped if any of its pixels is, so its area may be much larger. A gain that was fitted for whole cells is
+/// applied to their area, but to at most this many times the area of the clipped pixels.
 const LARGEST_DILUTION: f64 = 16.0;
 
 /// Clipped pixels of each region, and the profile of its light.
@@ -22,21 +22,22 @@ pub(super) struct Spread {
     pub solid_angle: Vec<f64>,
     /// Luminance times solid angle of the clipped pixels of each region.
     pub flux: Vec<f64>,
-    /// Luminance times solid angle of the whole cells that contain these pixels, of each region.
+    /// Luminance of the clipped pixels of each region, times the solid angle of the whole cells that contain them.
+    /// The ratio to `flux` is at most [`LARGEST_DILUTION`].
     pub cell_flux: Vec<f64>,
 }
 
 /// Light added to a region.
 pub(super) struct Given {
-    /// log2 of the ratio of the flux of the region after and before.
+    /// log2 of the flux of the region with the added light, divided by its flux without.
     pub mean_log2_gain: f64,
     /// Largest log2 gain of a pixel.
     pub peak_log2_gain: f64,
 }
 
 impl Spread {
-    /// Collects the clipped pixels of each region. `profile` returns a number proportional to the gain minus
-    /// 1 of a clipped pixel; its factor may differ between regions.
+    /// Collects the clipped pixels of each region. `profile` returns a number that is proportional to the gain of a
+    /// clipped pixel minus 1. The factor of proportionality may differ between regions.
     pub fn new(
         image: &LinearPixels,
         mask: &[bool],

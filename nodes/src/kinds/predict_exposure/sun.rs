@@ -1,7 +1,7 @@
 //! Detection of the sun in a clear sky, and a lower bound of its light.
 //!
-//! A regression over many places, whose clipped regions are mostly windows, glints and clouds, underestimates the
-//! sun.
+//! A regression over many places underestimates the sun, because their clipped regions are mostly windows, glints
+//! and clouds.
 
 use engine::{Notes, Up};
 
@@ -10,38 +10,40 @@ use crate::light::regions;
 use crate::math::equirect::axes;
 use crate::math::num;
 
-/// Radius in cells of the surroundings of a region.
+/// Radius of the surroundings of a region, in cells.
 pub(super) const RING: usize = 3;
-/// Largest size of the sun, in log2 sr.
+/// Maximum solid angle of the clipped region of a sun, as log2 of steradians.
 const LARGEST: f64 = -2.5;
-/// Smallest sine of the sun's mean elevation; the ground lies equally far below the horizon.
+/// Minimum sine of the elevation of a sun, averaged over its cells. Cells whose sine of elevation is below the
+/// negative of this count as ground.
 const LOWEST: f64 = 0.03;
-/// Smallest share of the sun in the light of all clipped pixels above the horizon. Clipped pixels below the
-/// horizon are lit by the sun: snow or glints.
+/// Minimum share of a sun in the solid angle of all clipped pixels above the horizon. Clipped pixels below the
+/// horizon do not count: they are lit by the sun, such as snow and glints.
 const SHARE: f64 = 0.35;
-/// Ratios of blueness (B over R) of sky to ground from which a region may be the sun, and from which it
-/// certainly is. The sun stands in a sky that is bluer than the ground, because the ground is lit by both sun
-/// and sky. This holds for any white balance.
+/// Two limits of the blueness (B over R) of the sky around a region, divided by that of the ground. From the first,
+/// the region may be the sun; from the second, it certainly is. The sky around the sun is bluer than the ground,
+/// because the ground is lit by both sun and sky. This holds for any white balance.
 const BLUER: [f64; 2] = [1.02, 1.1];
-/// Smallest flux of the sun relative to that of all unclipped parts. A physical sun gives about 1.7 times as
-/// much. The thresholds and this number were chosen on the panoramas of hdri-train (docs/light.md), so those
-/// cannot test them.
+/// Minimum flux of the sun, relative to the flux of all unclipped parts. A physical sun gives about 1.7 times as
+/// much as all unclipped parts. The constants of this module were chosen with the panoramas of hdri-train
+/// (docs/light.md), so these panoramas cannot be used to test them.
 pub(super) const FLUX: f64 = 0.5;
 
-/// Minimum blueness (B over R) of a clear sky, relative to that of the ground and absolute. Rooms with brown
-/// floors and captures under clouds satisfy only one of the two conditions. The other numbers are the shares
-/// of the solid angle above [`HORIZON`] from which the sky may be clear, and from which it certainly is,
-/// since walls and trees may hide the rest.
+/// Minimum blueness (B over R) of a clear sky: relative to that of the ground, and absolute. Rooms with brown floors and
+/// captures under clouds satisfy only one of the two conditions.
 const CLEAR: [f64; 2] = [2.0, 1.1];
+/// Two limits of the share of clear sky in the solid angle above [`HORIZON`]. From the first, the sky may be clear; from
+/// the second, it certainly is. Walls and trees may hide the rest of the sky.
 const SEEN_SKY: [f64; 2] = [0.1, 0.25];
-/// Sine of the elevation from which the sky begins.
+/// Sine of the elevation above which the sky is searched for.
 const HORIZON: f64 = 0.1;
 
-/// Blueness (B over R) of the sky around a region from which it may be the sun even if the ground is as blue.
+/// Blueness (B over R) of the sky around a region above which the region may be the sun although the ground is as
+/// blue.
 const BLUE: f64 = 1.25;
 
-/// Probability from 0 to 1 that each region, given by its cells, is the sun of a clear sky, which is also the
-/// fraction of [`FLUX`] that it gives. At most one region qualifies: the largest.
+/// Degree from 0 to 1 to which each region, given by its cells, is the sun of a clear sky. It is also the fraction
+/// of [`FLUX`] that the region gets at least. At most one region qualifies: the largest.
 pub(super) fn suns(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<f64> {
     let clear = ramp(clear_sky(grid, up), SEEN_SKY);
     let part = |[bluer, _]: [f64; 2]| clear * ramp(bluer, BLUER);
@@ -73,8 +75,8 @@ fn clear_sky(grid: &Grid, up: Up) -> f64 {
     clear / all
 }
 
-/// Reports a light that looks like the sun in a blue sky, except that the ground is as blue as the sky, as
-/// over water.
+/// Reports a light that looks like the sun in a blue sky, except that the ground is as blue as the sky. This can
+/// happen over water.
 pub(super) fn report_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes: &mut Notes) {
     let doubtful = |[bluer, blue]: &[f64; 2]| *bluer <= BLUER[0] && *blue > BLUE;
     if hues(grid, up, regions).iter().flatten().any(doubtful) {
@@ -83,8 +85,8 @@ pub(super) fn report_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes
     }
 }
 
-/// Blueness of the surroundings of each region, relative to the ground and absolute. `None` for regions that
-/// do not qualify by size, height and share.
+/// Blueness of the surroundings of each region: relative to that of the ground, and absolute. `None` for regions
+/// that do not qualify by size, height and share.
 fn hues(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<Option<[f64; 2]>> {
     let above = axes(up)[2];
     let height = |cell: usize| grid.direction(up, cell).dot(above);
@@ -112,7 +114,7 @@ fn red_blue(grid: &Grid, cells: impl Iterator<Item = usize>) -> [f64; 2] {
     })
 }
 
-/// Cells of a region and around it that have an unclipped part, in order.
+/// Cells in and around a region that have an unclipped part, in order.
 pub(super) fn surroundings(grid: &Grid, cells: &[usize]) -> impl Iterator<Item = usize> {
     let around = regions::around(cells, (grid.width, grid.clipped.len()), RING);
     around.into_iter().filter(move |&c| grid.open_angle(c) > 0.0)

@@ -36,8 +36,8 @@ fn run_by(method: Method, pano: Arc<Panorama>, evs: &[f64]) -> (Arc<Brackets>, N
     (out.brackets, notes)
 }
 
-// Neither the grid nor the distribution of light changes the total light or that of a lamp by more than rounding
-// and the edges of pixels. Mutation: hidden light recorded without `/ grid.solid_angle(..)`.
+// Neither the grid nor the distribution of light changes the total light or the light of a lamp by more than
+// rounding and the edges of pixels. This test fails if hidden light is recorded without `/ grid.solid_angle(..)`.
 #[test]
 fn the_books_of_a_prediction_agree() {
     let params = PredictExposure { evs: vec![-3.0], method: Method::Learned, white: CLIPPED, weights: None };
@@ -122,7 +122,7 @@ fn flat_panoramas_stay_monotone_and_finite() {
     assert_eq!(expose(&white, &[9.0], -3.0), [1.0; 3], "a light that outshines an exposure is white in it");
 }
 
-/// Difference between the gain of a rotated panorama and the rotated gain.
+/// Largest difference between the gain of a rotated panorama and the rotated gain of the original.
 fn off_turned(plain: &Brackets, turned: &Brackets, shift: usize) -> f64 {
     let width = plain.log2_gain.width;
     let from = |at: usize| plain.log2_gain.pixel((at % width + shift) % width, at / width)[0];
@@ -131,7 +131,8 @@ fn off_turned(plain: &Brackets, turned: &Brackets, shift: usize) -> f64 {
     off.fold(0.0, f64::max)
 }
 
-/// Rolling the panorama horizontally rolls the prediction, also for one pixel and for a sun on the seam.
+/// Rolling the panorama horizontally rolls the prediction, even if a window lies across the seam or a single
+/// clipped pixel lies at the seam.
 #[test]
 fn rolling_the_panorama_rolls_the_gain() {
     let dot = |x: usize, y: usize| if (x, y) == (0, 40) { [1.0; 3] } else { [0.4, 0.5, 0.6] };
@@ -203,7 +204,7 @@ fn exposures_are_sorted_and_listed_once() {
     assert!(PredictExposure::check(&many).expect_err("are too many").to_string().contains("65 exposures"));
 }
 
-// A file of weights is reported for a method that has none. Mutation: the warning dropped.
+// A weights file that the method does not use is reported. This test fails without the warning.
 #[test]
 fn weights_that_no_method_reads_are_reported() {
     let weights = Some(InputFile("own.safetensors".to_owned()));
@@ -251,7 +252,8 @@ fn emitters_act_where_the_user_states_them() {
     assert_eq!(report.tables[0].rows[0][3], Cell::Count(2));
     let gains: Vec<_> = report.tables[1].rows.iter().map(|row| [row[3].clone(), row[4].clone()]).collect();
     assert!(gains.contains(&[3.0, 3.0].map(Cell::Number)) && gains.contains(&[0.0, 0.0].map(Cell::Number)));
-    // Pixels that no emitter covers are reported, as with `Skip`. Mutation: `Method::Manual` left out there.
+    // Pixels that no emitter covers are reported, as with `Skip`. This test fails if the report ignores
+    // `Method::Manual`.
     let mask = clip_mask(&source, &linear_pixels(&source.image, Transfer::Srgb), CLIPPED);
     let all = mask.iter().filter(|clipped| **clipped).count();
     let kept = |notes: &Notes| notes.iter().find(|n| n.id == "clipping-kept").map(|n| n.text.clone());

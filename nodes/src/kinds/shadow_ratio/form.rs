@@ -6,15 +6,17 @@ use super::tally::{SEEN, SHONE_ON, Tally};
 engine::choices! {
     /// Formula that turns the two renders into a ratio.
     pub enum RatioForm {
-        /// `(R1 + e) / (R0 + e)`, where e and the energy bound are fractions of the median of R0, and the bound is
-        /// tested on a 3x3 mean. Exactly 1 where nothing changed, and independent of exposure.
+        /// `(R1 + e) / (R0 + e)`, where `e` and the bound `min_energy` are fractions of the median of R0, and the
+        /// bound is tested on a mean over 3x3 pixels. It is exactly 1 where nothing changed, and does not depend on
+        /// exposure.
         Stable,
         /// `R1 / (R0 + epsilon)`, with absolute bounds tested per pixel, as printed in the paper.
         Paper,
-        /// No ratio: the difference `R1 - R0` is added to the background, as `added` (Debevec 1998). Correct only
-        /// if the albedo of the receiver is that of the scene; keeps light where R0 is too dark for a ratio.
+        /// No ratio: the output `added` is the difference `R1 - R0`, which is added to the background (Debevec
+        /// 1998). It is correct only if the receiver has the albedo of the scene. Light is kept even where R0 is
+        /// too dark for a ratio.
         Difference,
-        /// `Stable` where the objects remove light; light that they add is in `added`.
+        /// `Stable` where the objects remove light; light that the objects add is in the output `added`.
         Hybrid,
     }
 }
@@ -30,10 +32,10 @@ engine::choices! {
 }
 
 impl RatioForm {
-    /// Raw ratio of a channel; 1 where there is too little light for a ratio. `a` is the light without the
-    /// objects and `b` with them. `energy` is the surrounding light, which is compared with the bound.
-    /// `shone_on` is true if the objects make the surroundings much brighter too, and `unit` is the unit of
-    /// the bounds.
+    /// Raw ratio of a channel; 1 where there is too little light for a ratio. `a` is the light without the objects,
+    /// and `b` the light with them. `energy` is the mean light around the pixel, which is compared with
+    /// `min_energy`. `shone_on` is true if the objects make the surroundings much brighter too, and `unit` is the
+    /// unit of `epsilon` and `min_energy`.
     pub(super) fn ratio(
         self,
         params: &ShadowRatio,
@@ -72,7 +74,7 @@ impl RatioForm {
         1.0 + trust * (ratio.clamp(0.0, most) - 1.0)
     }
 
-    /// Weight of a ratio near the energy bound: 0 at the bound, 1 from twice the bound.
+    /// Weight of a ratio near `min_energy`: 0 at this bound, 1 from twice the bound.
     fn trust(self, energy: f64, least: f64) -> f64 {
         if self == Self::Paper || least <= 0.0 { 1.0 } else { (energy / least - 1.0).clamp(0.0, 1.0) }
     }

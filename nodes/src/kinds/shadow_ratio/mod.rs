@@ -20,8 +20,8 @@ engine::params! {
     /// The ratio of the receiver's light with and without the objects, per colour channel.
     ///
     /// Multiplied with a photograph of the same scene, it darkens the shadow of the objects. Pixels with too little
-    /// light for a meaningful ratio keep a factor of 1. `gamma`, `s_min` and `lambda` shape the shadow: `1 - lambda
-    /// * (1 - max(S^gamma, s_min))`.
+    /// light for a meaningful ratio keep a factor of 1. The factor is shaped by `gamma`, `s_min` and `lambda`: from
+    /// a ratio `S` it becomes `1 - lambda * (1 - max(S^gamma, s_min))`.
     pub struct ShadowRatio {
         /// Formula of the ratio.
         form: RatioForm = RatioForm::Stable, other("Paper");
@@ -29,15 +29,15 @@ engine::params! {
         channels: Channels = Channels::Each, other("Luminance");
         /// Offset of the denominator: a fraction of the median of `without` for `Stable`, a radiance for `Paper`.
         epsilon: f64 = 1e-4, range(0.0, 1.0), other("0.05");
-        /// Pixels with less light than this keep their brightness, in the unit of `epsilon`. The ratio fades in up
-        /// to twice this value, so that no edge shows (except with `Paper`).
+        /// Light below which pixels keep their brightness, in the unit of `epsilon`. Between this value and twice
+        /// this value the ratio fades in, so that no edge shows (except with `Paper`).
         min_energy: f64 = 1e-3, range(0.0, 1e6), other("0.9");
         /// Largest ratio. Values above 1 keep light that the object adds by reflection; values below 1 darken the
         /// whole picture. `Hybrid` limits it to 1.
         s_max: f64 = 1.0, range(0.0, 100.0), other("0.6");
-        /// Exponent of the ratio; smaller is softer.
+        /// Exponent of the ratio; smaller values make the shadow lighter.
         gamma: f64 = 1.0, range(1e-3, 1.0), other("0.5");
-        /// Smallest factor, that of the darkest shadow.
+        /// Smallest factor: no shadow is darker than this.
         s_min: f64 = 0.0, range(0.0, 1.0), other("0.8");
         /// Strength of the shadow; 0 leaves the background unchanged.
         lambda: f64 = 1.0, range(0.0, 1.0), other("0.5");
@@ -49,7 +49,7 @@ engine::inputs! {
     pub struct In {
         /// The receiver without the objects (R0).
         without: Arc<Images>,
-        /// The receiver with the objects, which the camera does not see (R1).
+        /// The receiver with the objects, which are invisible to the camera (R1).
         with: Arc<Images>,
     }
 }
@@ -143,7 +143,8 @@ impl ShadowRatio {
         2 * bright > count
     }
 
-    /// Mean of the finite values around a pixel, so that the mask does not depend on the noise of one pixel.
+    /// Mean of the finite values around a pixel, so that the test against `min_energy` does not depend on the noise
+    /// of one pixel.
     fn neighbourhood(&self, image: &Image<Linear>, x: usize, y: usize, c: usize) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for (i, j) in around(image, x, y) {

@@ -6,10 +6,9 @@ use engine::Notes;
 pub(super) const SEEN: f64 = 1.01;
 /// Ratio from which objects add visible light. Matte objects hardly brighten the surfaces next to them.
 pub(super) const SHONE_ON: f64 = 1.5;
-/// Value of `s_max` that keeps the light of most lamps. Where a lamp exceeds it, the place is almost dark
-/// without the lamp.
+/// Value of `s_max` that keeps the light of most lamps. Only places that are almost dark without a lamp exceed it.
 const LARGE: f64 = 8.0;
-/// Share of all samples above which bright samples are more than fireflies.
+/// Share of all samples above which clipped samples are too many to be fireflies.
 const MANY: f64 = 1e-3;
 
 /// Counts of the samples of one view.
@@ -18,7 +17,7 @@ pub(super) struct Tally {
     pub(super) samples: u64,
     pub(super) dark: u64,
     pub(super) clipped: u64,
-    /// Number of these samples that lie in places that objects brighten.
+    /// Number of clipped samples in places that objects brighten.
     pub(super) shone_on: u64,
     /// Sums of light over the clipped samples, with the objects and without.
     pub(super) bright: [f64; 2],

@@ -62,7 +62,8 @@ fn how_much_brighter_is_reported_by_sums() {
 }
 
 /// A warning with a remedy is given if `s_max` clips the light of an inserted lamp. The reflection of a matte
-/// object, noise and a firefly cause no warning. Mutation: `SHONE_ON` 1, `SEEN` 1, `is_shone_on` always true.
+/// object, noise and a firefly cause no warning. This test fails if `SHONE_ON` or `SEEN` is 1, or if `is_shone_on`
+/// always returns true.
 #[test]
 fn light_that_is_kept_from_the_picture_is_reported() {
     let reported = |s_max: f64, bright: &[f32]| {
@@ -95,8 +96,8 @@ fn what_is_added_is_not_reported_as_clipped() {
     assert!(!clipped(RatioForm::Hybrid, 100.0) && clipped(RatioForm::Hybrid, 0.5));
 }
 
-/// Bounds that give the same factor everywhere are refused, and bounds that darken the whole picture are
-/// reported. Mutation: `powered` left out of `check`.
+/// Bounds that give the same factor everywhere are refused, and bounds that darken the whole picture are reported.
+/// This test fails if `check` does not apply `powered`.
 #[test]
 fn bounds_that_leave_no_shadow_are_reported() {
     let of = |s_min, s_max, gamma| ShadowRatio { s_min, s_max, gamma, ..ShadowRatio::default() };
@@ -197,7 +198,7 @@ fn shaping_follows_the_paper() {
     }
 }
 
-/// Added light is clipped without a higher `s_max`, and its share is reported.
+/// Added light is clipped unless `s_max` is raised, and the clipped share is reported.
 #[test]
 fn added_light_needs_s_max() {
     let inputs = In { without: image(&[1.0; 4]), with: image(&[1.3, 0.5, 1.0, 0.9]) };
@@ -239,7 +240,7 @@ fn parameters_out_of_range_are_named() {
     }
 }
 
-/// As the energy bound is swept, no ratio jumps by more than a fraction of the sweep.
+/// If `min_energy` increases in small steps, the ratios change in small steps too.
 #[test]
 fn the_mask_has_no_edge() {
     let at = |least: f64| {

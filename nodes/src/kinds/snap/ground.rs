@@ -8,13 +8,13 @@ use crate::geometry::bvh::{Bvh, Ray};
 use crate::geometry::support::{Foot, median};
 use crate::types::Mesh;
 
-/// Number of columns and of rows of rays.
+/// Number of columns and of rows of the grid of rays.
 const GRID: u32 = 24;
 /// Largest thickness of a shell of ground, in metres. Rooms are higher: if the normals of a room point
 /// outwards, its floor faces down and its ceiling is the next surface that faces up.
 const SHELL: f64 = 2.0;
 
-/// Mesh with its tree, relative to the middle of a foot at the height of its base.
+/// Mesh and its tree, in coordinates relative to the middle of a foot at the height of its base.
 pub(super) struct Ground {
     pub(super) around: DVec3,
     pub(super) corners: Vec<[Vec3; 3]>,
@@ -80,8 +80,8 @@ impl Ground {
         Ok(columns)
     }
 
-    /// Ground within reach: surfaces that face up, or if none face up, those that face down, unless they are
-    /// the underside of a shell.
+    /// Ground within reach: the surfaces that face up. If no surface faces up, the surfaces that face down, unless
+    /// they are the underside of a shell.
     pub(super) fn ground(
         &self,
         foot: &Foot,
@@ -112,8 +112,8 @@ impl Ground {
         }
     }
 
-    /// Median height of surfaces that face down, and of surfaces that face up above them within `thickest`.
-    /// `None` if fewer than half of the former have one of the latter above.
+    /// Median height of surfaces that face down, and of surfaces that face up above them within `thickest`. `None`
+    /// unless more than half of the surfaces that face down have such a surface above them.
     fn shell(&self, down: &[[f64; 3]], up: DVec3, thickest: f64) -> Option<[f64; 2]> {
         let axes = Foot::axes(up);
         let pair = |&[x, y, height]: &[f64; 3]| {
@@ -132,12 +132,12 @@ impl Ground {
 }
 
 /// Error that only the underside of a shell is within reach. The arguments are the reach, the height of the
-/// underside above the foot, and that of the upper side, in metres.
+/// underside above the foot, and the height of the upper side above the foot, in metres.
 fn under_a_shell([reach, under, upper]: [f64; 3]) -> NodeError {
     let side = if under > 0.0 { "above" } else { "below" };
     let text = format!(
-        "no surface within {reach} m of the object's foot faces up: the surface {:.2} m {side} it is the underside of a shell, whose \
-         upper side is {upper:.2} m above it",
+        "no surface within {reach} m of the object's foot faces up: the surface {:.2} m {side} the foot is the underside of a shell, whose \
+         upper side is {upper:.2} m above the foot",
         under.abs()
     );
     // One centimetre more, rounded to centimetres.

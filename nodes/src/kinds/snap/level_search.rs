@@ -8,7 +8,7 @@ use crate::geometry::sampling::hash;
 
 /// Number of planes that are tried, each horizontal or through three points.
 const TRIED: u32 = 400;
-/// Minimum number of points directly below the foot to determine a level there.
+/// Minimum number of points directly below the foot from which a level there can be determined.
 const FEW: usize = 8;
 
 /// Plane and the number of points on it.
@@ -22,11 +22,11 @@ struct Candidate {
     under: usize,
 }
 
-/// Points of the level that supports a foot, which extends `half` along both axes around (0, 0): all points
-/// within `near` of a plane. The nearest level to 0 is taken among those with at least half as many points
-/// below the foot as the fullest one, and of its planes the one with most points. If hardly any points lie
-/// below the foot, all points count. Among planes with equally many points, the nearest is taken, and among
-/// equally near ones the first that was tried.
+/// Points of the level that supports a foot. The foot extends `half` along both axes around (0, 0), and its base is
+/// at height 0. A level consists of all points within `near` of a plane. Levels qualify if they have at least half
+/// as many points below the foot as the level with the most. Of these, the level nearest to height 0 is taken, at
+/// the plane that contains the most of its points. If hardly any points lie below the foot, every level qualifies.
+/// Of planes with equally many points, the nearest is taken, and of equally near planes the first that was tried.
 pub(super) fn bearing(
     points: &[[f64; 3]],
     half: [f64; 2],

@@ -19,18 +19,18 @@ use level_search::bearing;
 engine::params! {
     /// Moves a pose up or down so that the object stands on the mesh of the scene, or on its splats.
     ///
-    /// Searches below and slightly around the object's foot, up and down by `reach_metres`, and takes the
-    /// nearest of the levels that support at least half as much of the foot as the level that supports most
-    /// of it. So an object on a table stays there. The middle of the foot is put on the plane that fits most
-    /// of the level, which is the mean height if the mesh is rough. If the mesh deviates more than 2 cm from
-    /// that plane below the foot (a mound, a hollow, a kerb), the object is put on its contact points, which
-    /// is reported.
+    /// The ground is searched below and slightly around the object's foot, up and down by `reach_metres`. It is the
+    /// nearest of the levels that support at least half as much of the foot as the level that supports the most. So
+    /// an object on a table stays there. The middle of the foot is put on the plane that fits most of this level;
+    /// if the mesh is rough, this is its mean height. If the mesh below the foot deviates more than 2 cm from this
+    /// plane (a mound, a hollow, a kerb), the object is put on its contact points, which is reported.
     ///
     /// Ground faces up and is not steeper than 45 degrees. If no surface of a mesh faces up there, surfaces that
-    /// face down are used, which is reported, but never the underside of a shell less than 2 m thick: the error
-    /// then names its upper side. Wire the new pose in place of the old one, to `place` and to the probe.
+    /// face down are used, which is reported. The underside of a shell less than 2 m thick is never used; the error
+    /// then gives the height of its upper side. Wire the new pose in place of the old one, to `place` and to the
+    /// probe.
     pub struct Snap {
-        /// Largest distance of the ground above or below the object's foot.
+        /// Maximum distance of the ground above or below the object's foot.
         reach_metres: f64 = 0.5, range(0.001, 100.0), unit("m"), other("0.005");
         /// True to rotate the object about its foot so that its up axis is the normal of the ground. On
         /// uneven ground it is rotated until it rests on three contacts around its middle.
@@ -46,7 +46,7 @@ engine::inputs! {
         pose: Arc<Pose>,
         /// Mesh of the scene; give this or `splats`.
         mesh: Option<Arc<Mesh>>,
-        /// Splats of the scene, by their centres; give this or `mesh`.
+        /// Splats of the scene, whose centres are used; give this or `mesh`.
         splats: Option<Arc<Splats>>,
     }
 }
@@ -60,11 +60,11 @@ engine::outputs! {
     }
 }
 
-/// Largest height of points above or below a plane that belong to it, in metres.
+/// Maximum distance above or below a plane of the points that belong to it, in metres.
 const NEAR: f64 = 0.02;
 /// Minimum opacity of splats that count as ground.
 const OPAQUE: f32 = 0.3;
-/// Distance within which ground is searched for messages, in metres: the upper end of the range of
+/// Distance within which the nearest ground is searched for an error message, in metres. It is the largest value of
 /// `reach_metres`.
 const FAR: f64 = 100.0;
 /// Minimum cosine of the angle between the normal of the ground and up.
@@ -195,7 +195,7 @@ fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
             )
         }
         None => (
-            format!("there is none within {FAR} m either"),
+            format!("there is no ground within {FAR} m either"),
             "move the pose to where there is ground above or below it".to_owned(),
         ),
     };
@@ -204,7 +204,7 @@ fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
         .hint(hint)
 }
 
-/// Centres of opaque splats above and below the foot, in the same coordinates.
+/// Centres of opaque splats above and below the foot, in the coordinates of [`ground::Columns`].
 fn on_splats(splats: &Splats, foot: &Foot, up: DVec3, reach: f64) -> Vec<[f64; 3]> {
     let axes = Foot::axes(up);
     let point = |i: usize| {

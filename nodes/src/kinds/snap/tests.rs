@@ -77,7 +77,7 @@ fn what_is_too_far_is_reported_by_the_foot() {
     let aside = Mesh { positions: vec![[5.0; 3], [6.0, 5.0, 5.0], [5.0, 6.0, 5.0]], ..plane(0.0, 0.0) };
     let aside = Mesh { triangles: vec![[0, 1, 2]], ..aside };
     let reported = go(aside, 0.5).map(|_| ()).expect_err("none").message().to_owned();
-    assert!(reported.contains("there is none within 100 m either"), "{reported}");
+    assert!(reported.contains("there is no ground within 100 m either"), "{reported}");
 }
 
 #[test]
@@ -115,8 +115,8 @@ fn relief(height: impl Fn(f64, f64) -> f64) -> Mesh {
 }
 
 /// A block on top of a mound, on the rim of a hollow, and on the edge of a rounded kerb (if rotated, also on
-/// the street) touches the ground and does not intersect it. Earlier, the mound intersected the block by 43
-/// mm.
+/// the street) touches the ground and does not intersect it. In an earlier version, the mound intersected the block
+/// by 43 mm.
 #[test]
 fn on_curved_ground_objects_stand_on_what_they_touch() {
     let exp = |v: f64| f64::from(crate::math::num::f32::exp(v as f32));
@@ -167,8 +167,8 @@ fn on_curved_ground_objects_stand_on_what_they_touch() {
 }
 
 // On a slope the middle of the foot stands on the ground, however large the foot.
-/// On a slope, the middle of the foot is put on the ground. Mutation: only horizontal planes in `bearing`
-/// (seen red).
+/// On a slope, the middle of the foot is put on the ground. This test fails if `bearing` tries only horizontal
+/// planes.
 #[test]
 fn slopes_hold_the_middle_of_the_foot() {
     for rise in [-0.9, -0.3, 0.05, 0.2, 0.6] {
@@ -180,8 +180,8 @@ fn slopes_hold_the_middle_of_the_foot() {
     }
 }
 
-/// Objects do not stand on the underside of a table top. If all surfaces face down, they are the ground,
-/// which is reported. Mutation: `facing` taken without its sign in `Ground::columns` (seen red).
+/// Objects do not stand on the underside of a table top. If all surfaces face down, they are the ground, which is
+/// reported. This test fails if `Ground::columns` ignores the sign of `facing`.
 #[test]
 fn nothing_stands_on_what_looks_down() {
     let mut slab = plane(0.45, 0.0);
@@ -200,9 +200,9 @@ fn nothing_stands_on_what_looks_down() {
     }
 }
 
-/// An object near the edge of a table, or on a stool hardly larger than the object, stays there although the
-/// floor extends below and around it. Beyond the edge it moves to the floor. Mutation: an infinite `reach` in
-/// `bearing` (seen red).
+/// An object near the edge of a table, or on a stool hardly larger than the object, stays there although the floor
+/// extends below and around it. Beyond the edge it moves to the floor. This test fails with an infinite `reach` in
+/// `bearing`.
 #[test]
 fn what_stands_at_an_edge_stays() {
     // A block of 0.4 at x = 0.3 on a top that ends at this distance from its middle.
@@ -239,9 +239,9 @@ fn what_stands_at_an_edge_stays() {
     }
 }
 
-/// From below a closed shell of ground, only its underside is within reach. The underside supports no object,
-/// and the message gives the height of the ground. A room whose normals point outwards is not a shell: its
-/// floor faces down, and its ceiling up. Mutation: without `shell` in `Ground::ground` (seen red).
+/// From below a closed shell of ground, only its underside is within reach. The underside supports no object, and
+/// the message gives the height of the ground. A room whose normals point outwards is not a shell: its floor faces
+/// down, and its ceiling up. This test fails without `shell` in `Ground::ground`.
 #[test]
 fn the_underside_of_a_shell_bears_nothing() {
     let closed = |top: f32| {
@@ -253,7 +253,7 @@ fn the_underside_of_a_shell_bears_nothing() {
     for z in [-0.2, 0.1] {
         let error = run(Some(closed(0.65)), None, z, false).map(|_| ()).expect_err("a shell");
         let reported = format!("{error:?}");
-        let side = if z < 0.0 { "0.20 m above it" } else { "0.10 m below it" };
+        let side = if z < 0.0 { "0.20 m above the foot" } else { "0.10 m below the foot" };
         let up = 0.65 - z;
         for part in [side, "underside of a shell", &format!("up by {up:.2} m")] {
             assert!(reported.contains(part), "{part}: {reported}");

@@ -20,17 +20,17 @@ pub use crate::light::panorama::Holes;
 engine::params! {
     /// Resamples views around a point into an equirectangular panorama.
     ///
-    /// Each pixel is the mean over its solid angle, in linear light and weighted by alpha; the result goes back to
-    /// the encoding of the views. Overlapping views are blended with weights that rise with the distance from their
-    /// borders, so that no seam shows.
+    /// Each pixel is the mean over its solid angle, in linear light and weighted by alpha. The result is converted
+    /// back to the encoding of the views. Overlapping views are blended with weights that rise with the distance
+    /// from their borders, so that no seam shows.
     pub struct Stitch {
         /// Width of the panorama, even; the height is half of it.
         width_px: u32 = 2048, range(2, 16384), unit("px"), other("64"),
             knob(Resolution, "256", "512", "1024", "2048");
-        /// True to limit the width to twice the side of the largest view in pixels, which is the resolution of
-        /// the views of a cube: for views whose size `fit-probe` chose.
+        /// True to limit the width to twice the side of the largest view in pixels, which is the resolution of the
+        /// views of a cube. Use it for views whose size was chosen by `fit-probe`.
         as_views: bool = false, other("true");
-        /// Content of pixels where nothing was seen. Alpha marks these pixels however they are filled.
+        /// Content of pixels where nothing was seen. Alpha marks these pixels, no matter how they are filled.
         holes: Holes = Holes::PushPull, other("Black");
         /// Alpha below which a pixel is partly a hole and is blended with its surroundings.
         hole_alpha: f64 = 0.25, range(1e-6, 1.0), other("0.9");
@@ -60,7 +60,7 @@ engine::outputs! {
 
 /// Fraction of a view's shorter side over which it fades towards its border.
 const FADE: f64 = 0.08;
-/// Weight at the border itself, so that directions seen by a single view are not lost there.
+/// Weight of a view at its border. It is above 0, so that directions seen only at a border are not lost.
 const LEAST: f64 = 1e-6;
 /// Samples per pixel of a face along each axis, at the centre of a view.
 const SAMPLES_PER_PIXEL: f64 = 2.0;
@@ -82,10 +82,13 @@ impl Source {
         let encoded = match &view.colour {
             Picture::Srgb(_) => true,
             Picture::Linear(_) => false,
-            Picture::Data(_) => return Err(NodeError::new("the views hold no colour").at("views")),
+            Picture::Data(_) => return Err(NodeError::new("the views hold data, not colours").at("views")),
         };
         if channels != 4 || width == 0 || height == 0 {
-            let what = format!("view `{}` is {width}x{height} of {channels} channels", view.camera.name);
+            let what = format!(
+                "view `{}` has {width}x{height} pixels of {channels} channels; it needs at least 1x1 pixels of 4 channels",
+                view.camera.name
+            );
             return Err(NodeError::new(what).at("views"));
         }
         let pixels = view.colour.samples().as_chunks::<4>().0;
@@ -206,7 +209,7 @@ fn resample(sources: &[Source], up: Up, width: usize, cx: &Context) -> Result<Ve
     Ok(rows.concat())
 }
 
-/// Number of pixels of a view and of the panorama over which a light is spread.
+/// Width over which resampling may spread a light, in pixels of a view plus pixels of the panorama.
 const MARGIN: f64 = 2.0;
 
 /// Reports the energy of each light in the views, after resampling, and after the holes are filled. Views are
@@ -279,7 +282,7 @@ impl Kind for Stitch {
             let apart = (view.camera.eye() - origin).length();
             if apart > 1e-6 * (1.0 + origin.length()) {
                 let what = format!(
-                    "views `{}` and `{}` have positions {apart:.4} apart",
+                    "the positions of the views `{}` and `{}` are {apart:.4} world units apart",
                     first.camera.name, view.camera.name
                 );
                 return Err(NodeError::new(what)

@@ -149,9 +149,9 @@ fn views_from_two_points_are_refused() {
     assert!(refused.is_err_and(|e| e.message().contains("apart")));
 }
 
-/// Faces of any shape are sampled within their edges: a strip of 4096 pixels, one of a single pixel, one of a
+/// Faces of any shape are sampled within their edges: a strip of 4096 pixels, a face of a single pixel, a face of a
 /// single column, and a face of 4096 x 4096 among faces of one pixel. Every direction of a fine grid is
-/// defined, and those outside of the views are holes.
+/// defined, and directions outside the views are holes.
 #[test]
 fn faces_of_any_shape_are_sampled_within_their_edges() {
     for (width, height, focal) in
@@ -245,8 +245,8 @@ fn steps(report: &Report, row: usize) -> [f64; 3] {
 }
 
 // Each direction counts once where views overlap, and a light has the same irradiance before and after, for any
-// orientation and overlap of the faces. Mutation: `/ all` dropped, `length` twice instead of thrice, or a margin of
-// 0.
+// orientation and overlap of the faces. This test fails without `/ all`, with `length` twice instead of thrice, or
+// with a margin of 0.
 #[test]
 fn the_books_of_a_light_agree() {
     let sun = DVec3::new(0.6, 0.5, 0.62).normalize();
@@ -270,7 +270,8 @@ fn the_books_of_a_light_agree() {
     }
 }
 
-// The fill of a hole is light that no view contains; black adds none. Mutation: `filled` from before the holes.
+// The fill of a hole is light that no view contains; black adds none. This test fails if `filled` is taken before
+// the holes are filled.
 #[test]
 fn the_books_tell_what_fills_holes() {
     for (holes, more) in [(Holes::PushPull, 2.0), (Holes::Black, 1.0)] {

@@ -1,4 +1,4 @@
-//! `Method::Oidn`: filters ratio and object by Open Image Denoise.
+//! `Method::Oidn`: filters the ratio and the object with Open Image Denoise.
 
 #[cfg(not(feature = "oidn"))]
 mod absent;

@@ -1,8 +1,8 @@
 //! Open Image Denoise, loaded at run time if it is installed.
 //!
-//! The inputs are those that worked best of several on `render-refs` (`docs/evidence/light-transport.md`): the
-//! ratio as a picture of its own without guides, since it has no texture and the guides have edges that the ratio
-//! lacks; the object premultiplied, with its normals and with its alpha in place of an albedo.
+//! Of several kinds of input, these worked best on `render-refs` (`docs/evidence/light-transport.md`): the ratio as
+//! a separate picture without guides, since it has no texture, and the guides have edges that the ratio lacks; and
+//! the premultiplied object, with its normals, and with its alpha in place of an albedo.
 
 use std::sync::OnceLock;
 
@@ -41,15 +41,15 @@ pub(in super::super) fn sources() -> Result<Vec<SourceFile>, NodeError> {
 
 pub(in super::super) fn tell(notes: &mut Notes) -> Result<(), NodeError> {
     let text = format!(
-        "filtered by Open Image Denoise {}, which may give other bytes on another processor",
+        "filtered by Open Image Denoise {}, which may give different bytes on another processor",
         library()?.version()
     );
     notes.decision("oidn", text);
     Ok(())
 }
 
-/// Memory of the library for two pictures at once: about 0.6 kB per pixel of each picture, as measured, up to a
-/// limit.
+/// Memory of the library for two pictures at once, in bytes: about 0.6 kB per pixel of each picture, as measured,
+/// up to a limit.
 pub(in super::super) fn bytes(pixels: usize) -> u64 {
     2 * (pixels as u64 * 640).min(oidn::MEMORY_BYTES) + pixels as u64 * 60
 }

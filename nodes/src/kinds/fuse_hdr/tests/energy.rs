@@ -2,7 +2,8 @@
 
 use super::*;
 
-// Lights without a row of their own are summed in the report. Mutation: `LISTED..` to `..LISTED` in `table`.
+// Lights without a row of their own are summed in the report. This test fails if `LISTED..` is changed to
+// `..LISTED` in `table`.
 #[test]
 fn lights_that_are_not_listed_are_in_the_books() {
     let even = |at: usize| at.is_multiple_of(2) && (at / W).is_multiple_of(2);
@@ -20,8 +21,9 @@ fn lights_that_are_not_listed_are_in_the_books() {
     assert_eq!(out.report.tables[1].rows[2][1], Cell::Number(after));
 }
 
-// What each step adds to the total it adds to the lights, and the steps that redistribute light keep the predicted
-// total. Mutation: `feather` without `before / after`, or a step recorded before it is done.
+// Each step adds the same to the lights as to the total, and the steps that redistribute light keep the predicted
+// total. This test fails if `feather` does not scale by `before / after`, or if a step is recorded before it is
+// done.
 #[test]
 fn every_step_is_in_the_books() {
     let light = |at: usize| if (at / W == 9 || at / W == 10) && at % W < 9 { [30.0; 3] } else { [0.1; 3] };
@@ -54,8 +56,8 @@ fn steps(report: &Report, row: usize) -> Vec<(&str, f64)> {
     table.columns[1..].iter().map(String::as_str).zip(table.rows[row][1..].iter().map(number)).collect()
 }
 
-// Pixels that the paper's equation makes darker are in the report, with a warning. Mutation: `&self.darker` dropped
-// in `groups`.
+// Pixels that the paper's equation makes darker are in the report, with a warning. This test fails without
+// `&self.darker` in `groups`.
 #[test]
 fn what_gets_darker_is_in_the_books() {
     let lit = |at: usize| if at == 500 { [40.0; 3] } else { [0.95; 3] };
@@ -75,7 +77,8 @@ fn what_gets_darker_is_in_the_books() {
 }
 
 // Light cut off by the white of the darkest exposure is a step of its own; without exposures the reason is
-// reported. Mutation: `direct` recorded after the exposures; `no-exposures` reported for `Direct`.
+// reported. This test fails if `direct` is recorded after the exposures, or if `no-exposures` is reported for
+// `Direct`.
 #[test]
 fn what_exposures_cut_off_is_in_the_books() {
     let lit = |at: usize| if at == 500 { [4000.0; 3] } else { [0.2; 3] };
@@ -115,8 +118,8 @@ fn the_ramp_keeps_the_flux_of_a_light() {
 }
 
 // A disc of light rises over the same angle at the horizon and near the zenith, across the seam, and at any size of
-// the picture; its total is the same as without, and nothing outside of it changes. Mutation: `* high.min(low)`
-// dropped in `angle_to_edge`.
+// the picture; its total is the same as without feathering, and nothing outside the disc changes. This test fails
+// without `* high.min(low)` in `angle_to_edge`.
 #[test]
 fn a_feather_is_an_angle_and_keeps_the_light() {
     for (elevation_deg, azimuth_deg) in [(0.0_f64, 10.0_f64), (0.0, 178.0), (70.0, 0.0)] {

@@ -20,8 +20,8 @@ fn whole_sky() -> f64 {
     Energy::of(Up::PlusZ, W, &[1.0; W * H]).ground
 }
 
-/// Outdoor capture: `filled` in place of the sky above, a thin visible edge of the sky, and ground with an
-/// unseen part that was filled with white.
+/// Outdoor capture with `filled` in place of the upper sky, a thin visible strip of sky below it, and ground with
+/// an unseen part that is filled with white.
 fn capture(filled: f64, alpha: impl Fn(usize) -> f32) -> (Arc<Panorama>, Arc<Brackets>) {
     let ground = ALBEDO * SKY * whole_sky() / PI;
     let light = |at: usize| {
@@ -59,9 +59,9 @@ fn reported(notes: &Notes, id: &str) -> Option<String> {
     notes.iter().find(|note| note.id == id).map(|note| note.text.clone())
 }
 
-// The true sky is recovered where it was not seen, whatever the hole was filled with, and is in the report.
-// Mutation: `self.seen` to `self.light` in `sky`, `GROUND_ALPHA` to 0, or the pixels of the sky left out of
-// `energy`.
+// The true sky is recovered where it was not seen, whatever the hole was filled with, and is in the report. This
+// test fails if `self.seen` is replaced by `self.light` in `sky`, if `GROUND_ALPHA` is 0, or if `energy` leaves out
+// the pixels of the sky.
 #[test]
 fn a_sky_that_was_not_seen_is_as_bright_as_the_ground_needs() {
     for filled in [0.02, 0.3] {
@@ -86,7 +86,8 @@ fn a_sky_that_was_not_seen_is_as_bright_as_the_ground_needs() {
     }
 }
 
-// A darker ground needs more light; visible pixels stay the same bit for bit. Mutation: `/ albedo` to `* albedo`.
+// A darker ground needs more light; visible pixels stay the same bit for bit. This test fails if `/ albedo` is
+// changed to `* albedo`.
 #[test]
 fn the_darker_the_ground_the_brighter_the_sky() {
     let at_hole = |albedo: f64| run(&with(albedo), capture(0.3, outdoors)).0.env.image.samples[0];
@@ -97,7 +98,8 @@ fn the_darker_the_ground_the_brighter_the_sky() {
     assert!(reported(&notes, "sky-black").is_some());
 }
 
-// Without the parameter alpha changes nothing. Mutation: `None` in `run` as `Some(0.3)`.
+// Without the parameter `ground_albedo`, alpha changes nothing. This test fails if `run` treats `None` as
+// `Some(0.3)`.
 #[test]
 fn without_an_albedo_holes_stay_as_they_were_filled() {
     let (base, brackets) = capture(0.02, outdoors);
@@ -106,8 +108,8 @@ fn without_an_albedo_holes_stay_as_they_were_filled() {
     assert_eq!(out.env.image.samples.as_chunks::<3>().0, own);
 }
 
-// A sky counts as missing if the ground is too bright for the light and a part of the upper half was not seen.
-// Mutation: `MOST_ALBEDO` to 3, or either condition of `tell` to true.
+// A sky counts as missing if the ground is too bright for the light and a part of the upper half was not seen. This
+// test fails if `MOST_ALBEDO` is 3, or if either condition of `tell` is always true.
 #[test]
 fn a_missing_sky_is_reported_where_the_ground_needs_it() {
     let dim = |sky: f32, alpha: &dyn Fn(usize) -> f32| {
@@ -132,8 +134,8 @@ fn a_missing_sky_is_reported_where_the_ground_needs_it() {
     }
 }
 
-// Without a place for a sky, or without ground to measure, the panorama is kept, and that is reported. Mutation:
-// either early return of `sky` left out.
+// Without a place for a sky, or without ground to measure, the panorama is kept, and that is reported. This test
+// fails if either early return of `sky` is left out.
 #[test]
 fn an_albedo_that_has_nothing_to_act_on_is_reported() {
     let no_ground = |at: usize| if at / W < H / 2 { outdoors(at) } else { 0.0 };

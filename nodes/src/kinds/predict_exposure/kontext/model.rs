@@ -117,8 +117,8 @@ impl Kontext<'_> {
     }
 }
 
-/// Records the light of the picture `small` as given to the model, and the light with the gains applied, in
-/// the clipped part of each pixel.
+/// Records the light of the picture `small`, which was given to the model, and its light after the gains. A gain
+/// acts on the part of a pixel of `small` that is clipped in the panorama.
 fn record(
     books: &mut EnergyTable,
     (width, height): (usize, usize),

@@ -1,4 +1,4 @@
-//! Means over neighbourhoods of a panorama that are about equally wide in angle at every latitude.
+//! Means over neighbourhoods of a panorama whose width in degrees is about the same at every latitude.
 
 /// Number of fields averaged together.
 pub(super) const FIELDS: usize = 7;
@@ -11,9 +11,9 @@ pub(super) struct Fields {
 }
 
 impl Fields {
-    /// Blurs the fields by two passes of a box of half `radius` cells at the horizon, with a total reach of
-    /// `radius`. Rows wrap around, and their boxes are widened by 1 / cos(latitude). Columns continue across
-    /// a pole on the opposite meridian.
+    /// Blurs the fields by two passes of a box. At the horizon each box reaches half of `radius` cells to both
+    /// sides, so the total reach is `radius`. Rows wrap around, and their boxes are widened by 1 / cos(latitude).
+    /// Columns continue across a pole on the opposite meridian.
     pub fn blurred(&self, radius: usize) -> Self {
         let half = (radius / 2).max(1);
         let once = self.along_rows(half).along_columns(half);

@@ -24,13 +24,13 @@ pub(super) const WEIGHTS: &[u8] = include_bytes!("../../../../weights/exposure.s
 /// Name of the built-in weights in messages.
 pub(super) const FILE: &str = "exposure.safetensors";
 
-/// Reads a file of weights. `file` is the name of the file for messages.
+/// Reads a weights file. `file` is the name of the file for messages.
 pub(super) fn parse(file: &str, bytes: &[u8]) -> Result<Network, Error> {
     Network::parse(file, bytes, OVERVIEW, CELL)
 }
 
-/// The light hidden in each clipped cell, averaged over the ensemble, and the disagreement of its members
-/// about each region, in stops.
+/// The light hidden in each clipped cell, averaged over the ensemble of networks, and the disagreement of the
+/// networks about each region, in stops.
 pub(super) struct Hidden {
     pub cells: Vec<f64>,
     pub disagreement: Vec<f64>,
@@ -101,7 +101,7 @@ impl Hidden {
     }
 }
 
-/// log2 gain of every pixel, which is 0 outside of clipped regions, and the regions.
+/// Predicts the log2 gain of every pixel, which is 0 outside clipped regions, and the light of each region.
 pub(super) fn predict(
     network: &Network,
     clipped: &Clipped<'_>,

@@ -7,15 +7,15 @@ use crate::math::num;
 
 /// Slope of the activation (leaky ReLU) below 0.
 const LEAK: f32 = 0.1;
-/// Limits of scaled features, in standard deviations: for features of the whole panorama, and for those of a
+/// Limits of scaled features, in standard deviations: for features of the whole panorama, and for features of a
 /// cell.
 pub(in super::super) const LIMITS: [f32; 2] = [3.0, 4.0];
-/// Limit of log2 of hidden over visible light, in both directions.
+/// Largest absolute value of log2 of hidden over visible light. Larger values are clamped.
 pub(in super::super) const AMOUNT: f64 = 8.0;
 
 /// Affine map for the amount of hidden light, and an ensemble of networks of one shape for its distribution.
 pub(in super::super) struct Network {
-    /// Mean and standard deviation of the features of the whole panorama, and of those of a cell.
+    /// Mean and standard deviation of the features: for the whole panorama, and for a cell.
     scales: [(Vec<f32>, Vec<f32>); 2],
     amount: Affine,
     members: Vec<Member>,
@@ -58,7 +58,7 @@ impl Affine {
 }
 
 impl Network {
-    /// Reads a file of weights. `file` is the name of the file for messages.
+    /// Reads a weights file. `file` is the name of the file for messages.
     pub fn parse(file: &str, bytes: &[u8], overview: usize, cell: usize) -> Result<Self, Error> {
         let weights = Weights::parse(file, bytes)?;
         let wrong = |name: &str, shape: &[usize], wanted: &str| {
@@ -220,8 +220,8 @@ mod tests {
         }
     }
 
-    /// The forward pass of the shipped networks agrees with one in float64, for features in and beyond the
-    /// range of panoramas. Mutation: `LEAK` to 0, or the two limits of `LIMITS` exchanged.
+    /// The forward pass of the shipped networks agrees with one in float64, for features in and beyond the range of
+    /// panoramas. This test fails if `LEAK` is 0, or if the two limits of `LIMITS` are exchanged.
     #[test]
     fn the_forward_pass_is_that_of_float64() {
         let network = Network::parse("w", WEIGHTS, OVERVIEW, CELL).expect("is sound");

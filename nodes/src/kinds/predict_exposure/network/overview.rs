@@ -13,17 +13,19 @@ use crate::math::num;
 
 /// Lower bound of shares, brightnesses and solid angles (in sr): smaller values are raised to it.
 const LEAST: f64 = 1e-4;
-/// Lower bound of the luminance of a cell, and the limit of dark cells.
+/// Lower bound of the luminance of a cell.
 const BLACK: f64 = 2e-3;
+/// Luminance below which a cell is dark.
 const DARK: f64 = 0.02;
-/// Sines of elevations: the boundary of sky and ground, the boundary of the near ground, and the top of
-/// walls.
+/// Sine of the elevation above which cells are sky. Cells below its negative are ground.
 const HORIZON: f64 = 0.05;
+/// Sine of the elevation below which cells are near ground.
 const NEAR: f64 = -0.3;
+/// Sine of the elevation, above and below the horizon, up to which cells can be walls.
 const WALL: f64 = 0.4;
-/// Half width of the windows in which walls are evaluated, in columns of 256, and the minimum unclipped share
-/// of a window.
+/// Half width of the windows in which walls are evaluated, in columns of a grid of 256.
 const REACH: usize = 8;
+/// Minimum unclipped share of a window in which walls are evaluated.
 const OPEN: f64 = 0.06;
 
 impl View<'_> {
@@ -177,7 +179,7 @@ mod tests {
     use crate::kinds::predict_exposure::grid::Grid;
     use engine::Up;
 
-    /// Features of a grey world of brightness `below` under the horizon and `above` over it, with one clipped
+    /// Features of a grey world of brightness `above` above the horizon and `below` below it, with one clipped
     /// cell.
     fn numbers(above: f64, below: f64) -> [f32; OVERVIEW] {
         let (width, height) = (64, 32);
@@ -203,7 +205,7 @@ mod tests {
     }
 
     // In a white furnace every surface is as bright as its illumination; a ground that reflects a quarter is two
-    // stops darker. Mutation: `- from_above` dropped.
+    // stops darker. This test fails without `- from_above`.
     #[test]
     fn surfaces_are_judged_against_what_shines_on_them() {
         let furnace = numbers(0.25, 0.25);

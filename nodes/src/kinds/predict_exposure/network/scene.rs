@@ -17,7 +17,7 @@ pub(in super::super) const OVERVIEW: usize = 22;
 pub(in super::super) const CELL: usize = 37;
 /// Radii of the neighbourhoods, in columns of a grid of 256: 2.8, 8.4, 22.5 and 63 degrees.
 const RADII: [usize; 4] = [2, 6, 16, 45];
-/// Value of the brightest channel above which a cell counts as clipped in all channels.
+/// Value of the darkest channel above which a cell counts as clipped in all channels.
 const WHITE: f64 = 0.95;
 
 /// Input of the networks for one panorama.
@@ -42,8 +42,9 @@ pub(in super::super) struct ClippedCell {
     pub region: usize,
     /// Features of the cell.
     pub features: [f32; CELL],
-    /// Solid angle of the clipped part of the cell, and its luminance times that angle.
+    /// Solid angle of the clipped part of the cell.
     pub size: f64,
+    /// Luminance of the clipped part of the cell, times its solid angle.
     pub flux: f64,
     /// Sine of the elevation of the cell.
     pub sine: f64,
@@ -75,13 +76,17 @@ pub(super) struct View<'a> {
     sine: Vec<f64>,
     /// Luminance of the visible part of each cell.
     pub luminance: Vec<f64>,
-    /// Visible unclipped part of each cell: solid angle, light and its luminance.
+    /// Solid angle of the visible unclipped part of each cell.
     pub open: Vec<f64>,
+    /// Mean light of the visible unclipped part of each cell.
     pub open_rgb: Vec<[f64; 3]>,
+    /// Luminance of `open_rgb`.
     pub open_luminance: Vec<f64>,
-    /// Visible clipped part of each cell: solid angle, light and its luminance.
+    /// Solid angle of the visible clipped part of each cell.
     pub clipped: Vec<f64>,
+    /// Mean light of the visible clipped part of each cell.
     clipped_rgb: Vec<[f64; 3]>,
+    /// Luminance of `clipped_rgb`.
     pub clipped_luminance: Vec<f64>,
 }
 
@@ -205,8 +210,8 @@ impl<'a> View<'a> {
         for radius in around {
             numbers.extend(radius[c]);
         }
-        // The brightness of what faces a light on the opposite side and is lit by it, and of the floor that mirrors
-        // it.
+        // The brightness of the opposite side, which a light would illuminate, and of the floor, which would mirror
+        // the light.
         let (width, last) = (self.grid.width, self.grid.height - 1);
         let below = (last - c / width) * width + c % width;
         let opposite = below - c % width + (c % width + width / 2) % width;

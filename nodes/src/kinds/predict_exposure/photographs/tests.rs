@@ -100,8 +100,8 @@ fn reported<'a>(notes: &'a Notes, id: &str) -> Vec<&'a str> {
     notes.iter().filter(|note| note.id == id).map(|note| note.text.as_str()).collect()
 }
 
-/// The gain of each clipped pixel comes from the brightest file in which it is unclipped, whatever the order of
-/// files. Mutation: `.rev()` dropped in `Photographs::gains`.
+/// The gain of each clipped pixel comes from the brightest file in which it is unclipped, whatever the order of the
+/// files. This test fails without `.rev()` in `Photographs::gains`.
 #[test]
 fn photographs_tell_the_gain_and_are_the_exposures() {
     let place = Place::new();
@@ -118,7 +118,7 @@ fn photographs_tell_the_gain_and_are_the_exposures() {
     assert!(place.measure(pano(0), &[], &[]).is_err());
 }
 
-/// The files show the scene, not the rotated panorama. Mutation: `turned_deg` 0 in `read`.
+/// The files show the scene, not the rotated panorama. This test fails if `turned_deg` is 0 in `read`.
 #[test]
 fn photographs_are_turned_with_their_panorama() {
     let place = Place::new();
@@ -139,8 +139,8 @@ fn photographs_are_turned_with_their_panorama() {
     assert_eq!(reported(&notes, "photographs-between-pixels").len(), 1);
 }
 
-/// Colours do not depend on alpha. In a hole another photograph is used. Mutation: `alpha` not checked in
-/// `Photograph::shown`.
+/// Colours do not depend on alpha. In a hole another photograph is used. This test fails if `alpha` is not checked
+/// in `Photograph::shown`.
 #[test]
 fn alpha_takes_no_light() {
     let place = Place::new();
@@ -163,7 +163,7 @@ fn alpha_takes_no_light() {
     assert!((out.brackets.exposures[0].rgb(0, 3)[0] - srgb_from_linear(0.125)).abs() < 1e-6);
 }
 
-/// Linear files are never clipped. Mutation: `clipped: false` to `Shown::display` for linear files.
+/// Linear files are never clipped. This test fails if `Photograph::shown` treats them like display-encoded files.
 #[test]
 fn linear_light_has_no_ceiling() {
     let place = Place::new();
@@ -178,8 +178,8 @@ fn linear_light_has_no_ceiling() {
     assert!(error.to_string().contains("`b.png` display colours"), "{error}");
 }
 
-/// Files that were swapped, or taken elsewhere, are detected by comparison with the panorama. Mutation: `middle`
-/// taken as 0, `apart` as 0, or `short` as 0.
+/// Files that were swapped, or taken elsewhere, are detected by comparison with the panorama. This test fails if
+/// `middle`, `apart` or `short` is always 0.
 #[test]
 fn photographs_that_contradict_the_panorama_are_reported() {
     let place = Place::new();
@@ -210,7 +210,8 @@ fn photographs_that_contradict_the_panorama_are_reported() {
     assert_eq!(reported(&notes, "photograph-unchecked").len(), 1, "{notes:?}");
 }
 
-/// Files are read and checked even if nothing is clipped. Mutation: photographs read only where `clipped > 0`.
+/// Files are read and checked even if nothing is clipped. This test fails if photographs are read only if `clipped
+/// > 0`.
 #[test]
 fn files_are_read_where_nothing_is_clipped() {
     let place = Place::new();
@@ -230,9 +231,9 @@ fn files_are_read_where_nothing_is_clipped() {
     assert_eq!(out.brackets.exposures[0].rgb(1, 0), [1.0; 3], "a photograph is what was taken");
 }
 
-/// A panorama with a white level of code 246 of 255 loses no light that photographs show: pixels that are
-/// brighter in the photographs are clipped, with either gain, and equal ones are not. Mutation: `add_clipped`
-/// not called; `BRIGHTER` 0; `measured` false in `fuse`.
+/// A panorama whose white level is code 246 of 255 loses no light that photographs show: pixels that are brighter
+/// in the photographs count as clipped, with either gain, and pixels that are equal do not. This test fails if
+/// `add_clipped` is not called, if `BRIGHTER` is 0, or if `measured` is false in `fuse`.
 #[test]
 fn light_that_photographs_show_above_an_early_white_is_found() {
     let place = Place::new();

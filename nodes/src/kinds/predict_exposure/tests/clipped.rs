@@ -1,4 +1,4 @@
-//! Tests of the set of pixels that count as clipped, and of other pixels, which get no light.
+//! Tests of the set of pixels that count as clipped. All other pixels get no light.
 
 use super::*;
 
@@ -60,8 +60,8 @@ fn holes_are_not_clipped() {
     assert!(notes.iter().any(|note| note.id == "nothing-clipped"));
 }
 
-// The fill of a hole says nothing about the light, also if a cell of the grid is partly a hole. Mutation: the two
-// sums of `Grid::new` taken together, or alpha not checked in `first_column`.
+// The fill of a hole has no influence on the light, even if a cell of the grid is partly a hole. This test fails if
+// `Grid::new` adds filled pixels to the visible ones, or if `first_column` does not check alpha.
 #[test]
 fn what_fills_a_hole_changes_no_gain() {
     for method in METHODS {
@@ -80,7 +80,8 @@ fn what_fills_a_hole_changes_no_gain() {
     }
 }
 
-// White that is mostly transparent is reported, without a contradiction. Mutation: `report_unseen` not called.
+// White that is mostly transparent is reported, without a contradiction. This test fails if `report_unseen` is not
+// called.
 #[test]
 fn white_that_is_mostly_transparent_is_reported() {
     let mut pano = (*pano(64, |x, y| if (x, y) == (5, 8) { [1.0; 3] } else { [0.5; 3] })).clone();
@@ -91,8 +92,8 @@ fn white_that_is_mostly_transparent_is_reported() {
     assert!(text("nothing-clipped").contains("has 0.214 "), "{notes:?}");
 }
 
-// Linear light that ends at white was clipped there; with values above white, values near white are unclipped.
-// Mutation: `pixels.ceiling` not checked in `clip_mask`.
+// Linear light that ends at white was clipped there; with values above white, values near white are unclipped. This
+// test fails if `clip_mask` does not check `pixels.ceiling`.
 #[test]
 fn linear_light_is_clipped_at_white_unless_it_holds_more() {
     let mut pano = (*pano(64, |_, _| [0.5; 3])).clone();
@@ -110,8 +111,9 @@ fn linear_light_is_clipped_at_white_unless_it_holds_more() {
     }
 }
 
-// Whites may end early: a channel is clipped from `white` on, and given lights for pixels below it are reported.
-// Mutation: `CLIPPED` for `white` in `clip_mask`; the warning dropped in `report_nothing_clipped`.
+// The white level may be below 1: a channel is clipped from `white` on, and given lights for pixels below it are
+// reported. This test fails if `clip_mask` uses `CLIPPED` for `white`, or without the warning in
+// `report_nothing_clipped`.
 #[test]
 fn white_is_where_the_user_says() {
     let mut dull = (*room(128)).clone();

@@ -1,9 +1,9 @@
-//! Tests of the effect of the number of pixels of a panorama and of their position.
+//! Tests of the influence of the resolution of a panorama and of the position of its pixels.
 
 use super::*;
 
-/// A mirrored panorama gives mirrored light, even if it is finer than the grid. Mutation: `from_start` for
-/// `from_end` in `Grid::new`, or edges read only to the right.
+/// A mirrored panorama gives mirrored light, even if it is finer than the grid. This test fails if `Grid::new` uses
+/// `from_start` for `from_end`, or if edges are read only to the right.
 #[test]
 fn a_mirrored_panorama_gives_mirrored_light() {
     let scene = |width: usize| {
@@ -42,7 +42,7 @@ fn recovered_light_does_not_depend_on_the_resolution() {
 }
 
 // A panorama with fewer columns than in training is evaluated with the same number: repeating each pixel gives the
-// same light. Mutation: `Enlarged::new` to `None`, or `gathered` of the first part alone.
+// same light. This test fails if `Enlarged::new` returns `None`, or if `gathered` uses only the first part.
 #[test]
 fn a_coarse_panorama_is_judged_on_the_same_grid() {
     let (fine, coarse) = (room(256), room(128));
@@ -56,7 +56,7 @@ fn a_coarse_panorama_is_judged_on_the_same_grid() {
 // Glints, single pixels that clip in a finer panorama, hide the light of their pixels and not that of the grid
 // cells around them: in a room with a glint in each fourth cell of the floor, `Learned`, which mistakes them for
 // white on the floor, finds at most half as much light again, and `Region` less; and each cell keeps its unclipped
-// share. Mutation: `share` 1 for each cell that is clipped in part.
+// share. This test fails if `share` is 1 for each cell that is clipped in part.
 #[test]
 fn glints_do_not_count_as_whole_cells() {
     let (width, plain) = (1024, room(1024));
@@ -87,7 +87,7 @@ fn glints_do_not_count_as_whole_cells() {
     assert!((whole / (4.0 * std::f64::consts::PI) - 1.0).abs() < 1e-9);
 }
 
-// Mutation: `<` to `<=` in `report_coarse`, or it not called.
+// This test fails if `<` is changed to `<=` in `report_coarse`, or if `report_coarse` is not called.
 #[test]
 fn a_panorama_too_coarse_for_lamps_is_reported() {
     for (width, reported) in [(32, Some("a pixel of the panorama is 11.2 degrees wide")), (64, None)] {

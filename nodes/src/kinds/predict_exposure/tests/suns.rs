@@ -4,8 +4,8 @@ use super::*;
 
 // A clipped disc of a few pixels at 45 degrees is the sun where it stands in a clear sky, also in the white balance
 // of a sunset, and is not the sun in a blue room, under a white ceiling over a brown floor, or in an overcast sky;
-// where little of the sky is visible it counts in part. Mutation: `with_suns` without its loop; `clear` 1; either
-// number of `CLEAR` 0.
+// where little of the sky is visible it counts in part. This test fails if `with_suns` lacks its loop, if `clear`
+// is always 1, or if either number of `CLEAR` is 0.
 #[test]
 fn a_lone_small_light_in_a_sky_bluer_than_the_ground_is_taken_for_the_sun() {
     for method in METHODS {
@@ -40,7 +40,7 @@ fn a_lone_small_light_in_a_sky_bluer_than_the_ground_is_taken_for_the_sun() {
 }
 
 // White pixels of the ground, glints or snow, do not prevent the detection of the sun: clipped pixels below the
-// horizon are lit surfaces. Mutation: `height(c) > 0.0` to `true` in `hues`.
+// horizon are lit surfaces. This test fails if `height(c) > 0.0` is replaced by `true` in `hues`.
 #[test]
 fn glints_on_the_ground_leave_the_sun_one() {
     for method in METHODS {
@@ -60,13 +60,14 @@ fn glints_on_the_ground_leave_the_sun_one() {
         for every in [64, 8] {
             let (sun, below, reported) = glints(every);
             assert!(reported && sun > 0.48, "{method:?}, {every}: {sun}");
-            // No brighter than white paper in all the light from above. Mutation: `lit_below` not called.
+            // Not brighter than white paper in all the light from above. This test fails if `lit_below` is not
+            // called.
             assert!(method == Method::Region || below < 1.0, "{below} stops on the ground");
         }
     }
 }
 
-// There is one sun: the larger of two candidates. Mutation: the others kept in `suns`.
+// There is one sun: the larger of two candidates. This test fails if `suns` keeps the others.
 #[test]
 fn there_is_one_sun() {
     for method in METHODS {
@@ -86,8 +87,8 @@ fn there_is_one_sun() {
     }
 }
 
-// A sun over water, which is as blue as the sky, is reported as possibly missed; a lamp in a grey room is not.
-// Mutation: `*blue > BLUE` to `false`, or to `true`.
+// A sun over water, which is as blue as the sky, is reported as possibly missed; a lamp in a grey room is not. This
+// test fails if `*blue > BLUE` is replaced by `false` or by `true`.
 #[test]
 fn a_sun_over_water_is_reported_to_be_doubtful() {
     for method in METHODS {

@@ -12,7 +12,7 @@ pub(super) struct Amount {
     pub bias: f32,
 }
 
-/// One panorama of the fit.
+/// One panorama that the model is fitted to.
 pub(super) struct Sample<'a> {
     /// Scaled features of the panorama.
     pub numbers: &'a [f32],
@@ -23,8 +23,8 @@ pub(super) struct Sample<'a> {
 }
 
 impl Amount {
-    /// Minimises the sum of squared errors and penalties. The error is that of the logarithm of the amount,
-    /// so a panorama that hides no light counts as much as one that hides a sun.
+    /// Minimises the sum of squared errors and penalties. Errors are differences of the logarithm of the amount, so
+    /// a panorama that hides no light counts as much as a panorama that hides a sun.
     pub fn fit(samples: &[Sample<'_>]) -> Self {
         let columns = samples.first().map_or(0, |sample| sample.numbers.len());
         let total: f64 = samples.iter().map(|s| s.weight).sum::<f64>().max(f64::MIN_POSITIVE);
@@ -84,8 +84,8 @@ mod tests {
     use super::*;
     use crate::geometry::sampling::{hash, unit};
 
-    // At the minimum, the derivatives by every weight and the bias are 0. Mutation: `PENALTY` not added, or a sign
-    // changed in `solve`.
+    // At the minimum, the derivatives by every weight and the bias are 0. This test fails if `PENALTY` is not
+    // added, or if a sign is changed in `solve`.
     #[test]
     fn a_fit_is_the_least_of_its_cost() {
         let rows: Vec<Vec<f32>> =

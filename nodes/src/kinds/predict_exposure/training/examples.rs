@@ -1,4 +1,4 @@
-//! Training examples, and the selection for each network.
+//! Training examples, and the selection of examples for each network.
 
 use engine::Digest;
 use learned::exposure::{Examples, Scale};
@@ -15,15 +15,18 @@ use crate::types::{Image, Linear};
 
 /// Number of photographs per panorama; the first is unmodified, at EV 0.
 const SHOTS: u32 = 8;
-/// Largest exposure away from EV 0, in stops.
+/// Maximum deviation of the exposure from EV 0, in stops.
 const STOPS: f64 = 1.2;
-/// Number of clipped cells that an example keeps. If there are more, it keeps those with the most light and a
-/// random choice of the others.
+/// Maximum number of clipped cells that an example keeps. If there are more, it keeps the [`BRIGHTEST`] cells with
+/// the most hidden light, and a random choice of the others.
 const CELLS: usize = 1400;
+/// Number of the kept cells that are chosen by their hidden light.
 const BRIGHTEST: usize = 250;
-/// Shares of the photographs that are taken from the finer panorama, and that have glints. Both are 0 until a
-/// cross-validation of a whole training has tested them; 0.5 and 0.3 are candidates.
+/// Share of the photographs that are taken from the finer panorama. It is 0 until a cross-validation of a whole training
+/// has tested other values; 0.5 is a candidate.
 const FINER: f64 = 0.0;
+/// Share of the photographs that have glints. It is 0 until a cross-validation of a whole training has tested other
+/// values; 0.3 is a candidate.
 const GLINTS: f64 = 0.0;
 /// Weight of a procedural panorama relative to a photograph of a real one.
 const PROCEDURAL: f32 = 0.6;
@@ -32,7 +35,7 @@ const PROCEDURAL: f32 = 0.6;
 pub(super) struct Course {
     /// Real panoramas, for evaluation.
     held: Vec<HeldOut>,
-    /// Place of each example; `None` for procedural ones.
+    /// Place of each example; `None` for procedural examples.
     places: Vec<Option<usize>>,
     /// Index of each example among the photographs of its panorama. The first one is unmodified.
     shots: Vec<u32>,
@@ -45,8 +48,9 @@ pub(super) struct Course {
 pub(super) struct HeldOut {
     pub name: String,
     place: usize,
-    /// Unmodified photograph, and that of the finer panorama if there is one.
+    /// Unmodified photograph.
     pub plain: Example,
+    /// Unmodified photograph of the finer panorama, if there is one.
     pub fine: Option<Example>,
 }
 
@@ -260,7 +264,7 @@ impl Course {
         scaled
     }
 
-    /// Unmodified photographs of the places of one fold, by name of the panorama.
+    /// Held-out panoramas whose places belong to a fold.
     pub fn held_out(&self, fold: usize, folds: usize) -> impl Iterator<Item = &HeldOut> {
         self.held.iter().filter(move |held| Self::fold(held.place, folds) == fold)
     }

@@ -20,15 +20,16 @@ struct Region {
     sun: f64,
     visible: f64,
     hidden: f64,
-    /// Hidden flux predicted by the networks alone, and with the rule for suns applied.
+    /// Hidden flux predicted by the networks alone.
     predicted: f64,
+    /// Hidden flux predicted by the networks, with the rule for suns applied.
     given: f64,
     /// Disagreement of the networks, in stops.
     disagreement: f64,
 }
 
 impl Region {
-    /// Squared error of the networks, in stops, minus that of their disagreement.
+    /// Squared error of the networks, in stops, minus the square of their disagreement.
     fn square(&self) -> f64 {
         let error = num::f64::log2(self.predicted.max(1e-12) / self.hidden);
         let error = error.clamp(-LARGEST_ERROR, LARGEST_ERROR);
@@ -93,7 +94,7 @@ pub(super) fn judged(name: &str, example: &Example, network: &Forward) -> Score 
     score(name, example, &hidden(network, scene, scene.suns.len()).with_suns(scene).cells)
 }
 
-/// Errors of the photograph itself, and of the photograph with this light in clipped cells.
+/// Errors of the photograph itself, and of the photograph with the light `cells` added to its clipped cells.
 fn score(name: &str, example: &Example, cells: &[f64]) -> Score {
     let none = vec![0.0; cells.len()];
     let [before, after] = [none.as_slice(), cells].map(|cells| errors(example, cells));
@@ -106,7 +107,8 @@ pub(super) fn residual(held: &[Judged]) -> f64 {
     (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt()
 }
 
-/// log2 of predicted over true mean irradiance and contrast, with this light in clipped cells.
+/// log2 of predicted over true mean irradiance, and of predicted over true contrast, with the light `cells` added
+/// to the clipped cells.
 fn errors(example: &Example, cells: &[f64]) -> [f64; 2] {
     let mut sums = example.visible;
     for (hidden, toward) in cells.iter().zip(&example.toward) {
@@ -119,7 +121,7 @@ fn errors(example: &Example, cells: &[f64]) -> [f64; 2] {
     [log(sums[0], example.truth[0]), log(contrast(sums), contrast(example.truth))]
 }
 
-/// Encodes the unmodified photograph with this light in clipped cells as EXR.
+/// Encodes the unmodified photograph as EXR, with the light `cells` added to its clipped cells.
 fn recovered(example: &Example, cells: &[f64]) -> Result<Vec<u8>, Error> {
     let mut samples: Vec<f32> = example.rgb.iter().flat_map(|rgb| rgb.map(|v| v as f32)).collect();
     for (cell, hidden) in example.scene.cells.iter().zip(cells) {

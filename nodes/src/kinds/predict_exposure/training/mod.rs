@@ -1,4 +1,4 @@
-//! Training of the learned prediction, on HDR panoramas and procedural ones.
+//! Training of the learned prediction, on HDR panoramas and procedural panoramas.
 
 mod amount;
 mod examples;
@@ -74,7 +74,7 @@ pub struct Score {
 
 /// Result of a training run.
 pub struct Trained {
-    /// Bytes of the file of weights.
+    /// Bytes of the weights file.
     pub weights: Vec<u8>,
     /// Scores of the cross-validation, in order of name.
     pub scores: Vec<Score>,
@@ -83,13 +83,14 @@ pub struct Trained {
     /// Light recovered from each panorama by networks trained without its place, as EXR, with the name of the
     /// panorama.
     pub recovered: Vec<(String, Vec<u8>)>,
-    /// Predicted and true fluxes of each clipped region of those panoramas, as comma-separated values.
+    /// Predicted and true fluxes of each clipped region of the panoramas in `recovered`, as comma-separated values.
     pub regions: String,
     /// Data that the amount was fitted to, as comma-separated values, one line per photograph.
     pub numbers: String,
 }
 
-/// Reads an HDR panorama, `.hdr` or `.exr`, and shrinks it to [`FINE`] columns, or to [`WIDTH`] where it has fewer.
+/// Reads an HDR panorama, `.hdr` or `.exr`, and shrinks it to [`FINE`] columns, or to [`WIDTH`] columns if it has
+/// fewer than [`FINE`].
 pub fn read(name: &str, bytes: &[u8]) -> Result<Image<Linear>, Error> {
     let (width, height, mut rgb) = light(name, bytes, &mut Notes::none())?;
     if width < WIDTH || height < WIDTH / 2 || width != 2 * height {

@@ -1,6 +1,6 @@
 //! Procedural panoramas: skies with sun, clouds or overcast, nights with a moon or lamps, rooms with windows and
-//! lamps, studios. The energy of their lights is consistent with the brightness of the lit surfaces, from which the
-//! amount of hidden light is learned.
+//! lamps, studios. The energy of their lights is consistent with the brightness of the surfaces that they light,
+//! since the amount of hidden light is learned from these surfaces.
 
 use std::f64::consts::{PI, TAU};
 
@@ -74,7 +74,8 @@ fn paint(colour: impl Fn(DVec3) -> DVec3) -> Image<Linear> {
     Image::from_samples(width, height, 3, (0..width * height).flat_map(pixel).collect())
 }
 
-/// Adds a disc with the given irradiance of a plane that faces it, spread over about a pixel.
+/// Adds a light with a Gaussian profile of the given angular radius. `irradiance` is what a plane that faces it
+/// receives.
 fn add_disc(image: &mut Image<Linear>, toward: DVec3, radius: f64, irradiance: DVec3) {
     let (width, height) = (image.width, image.height);
     let fall = |x: usize, y: usize| {

@@ -39,8 +39,8 @@ fn a_training_repeats_and_resumes() {
     assert!(fresh.regions.lines().all(|line| line.split(',').count() == 9), "{}", fresh.regions);
 }
 
-// If one fold has all the places, the others leave nothing to learn from, which is reported before training.
-// Mutation: `chosen.is_empty()` not checked (candle then ends in a message of its own).
+// If one fold has all the places, the others leave nothing to learn from, which is reported before training. This
+// test fails if `chosen.is_empty()` is not checked (candle then reports an error of its own).
 #[test]
 fn too_few_places_to_part_are_reported() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -64,8 +64,8 @@ fn an_example_keeps_the_books() {
 }
 
 // Repeating each pixel four times is the same light: a finer photograph hides as much, and the sums are those of
-// cells. With glints a cell is clipped in part, and hides no more than the glints hold. Mutation: `of_cell` of the
-// last pixel of a cell alone, or glints left out of `real`.
+// cells. With glints a cell is clipped in part, and hides no more than the glints hold. This test fails if
+// `of_cell` counts only the last pixel of a cell, or if `real` leaves out the glints.
 #[test]
 fn a_finer_photograph_of_the_same_light_hides_as_much() {
     for index in 0..4 {

@@ -46,7 +46,7 @@ pub struct Shot {
     pub hole: f64,
     /// True if the finer panorama is used, so that cells of the grid can be clipped in part.
     pub fine: bool,
-    /// Number of pixels below the horizon that are glints: white, and hardly brighter.
+    /// Number of pixels below the horizon that are glints: clipped to white, but hardly brighter than white.
     pub glints: u32,
 }
 
@@ -65,18 +65,18 @@ pub struct Example {
     pub scene: Scene,
     /// Light hidden in each clipped cell: true minus visible luminance, times solid angle.
     pub hidden: Vec<f64>,
-    /// Cosine of each clipped cell to the normal of the plane on which contrast is measured. It is the first
-    /// entry if the cell is within 15 degrees of the dominant light, and the second otherwise. The other
-    /// entry is 0.
+    /// Cosine of the angle between each clipped cell and the normal of the plane on which contrast is measured. It
+    /// is the first entry if the cell is within 15 degrees of the dominant light, and the second entry otherwise.
+    /// The other entry is 0.
     pub toward: Vec<[f64; 2]>,
-    /// Flux of the visible panorama: in total, and on that plane from near the dominant light and from
-    /// elsewhere.
+    /// Flux of the visible panorama: in total, on the plane of `toward` from within 15 degrees of the dominant
+    /// light, and on this plane from all other directions.
     pub visible: [f64; 3],
-    /// Flux of the ground truth, split in the same way.
+    /// Flux of the ground truth, split like `visible`.
     pub truth: [f64; 3],
 }
 
-/// Averages linear RGB of any size down to `columns`, by solid angle.
+/// Reduces linear RGB of any size to `columns` columns. Means are weighted by solid angle.
 pub fn shrink((width, height): (usize, usize), rgb: &[f32], columns: usize) -> Image<Linear> {
     let mut sums = vec![[0.0_f64; 4]; columns * columns / 2];
     for y in 0..height {

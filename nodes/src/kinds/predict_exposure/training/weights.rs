@@ -1,4 +1,4 @@
-//! Reading and writing of files of weights.
+//! Reading and writing of weights files.
 
 use std::path::Path;
 
@@ -24,7 +24,7 @@ fn write(tensors: &[(String, Vec<usize>, Vec<u8>)], dtype: Dtype) -> Result<Vec<
     serialize(views, None).map_err(fail)
 }
 
-/// Bytes of the file of an amount and a set of networks, in f16.
+/// Bytes of a weights file with an amount and a set of networks, in f16.
 pub(super) fn file(
     scales: &[Scale; 2],
     amount: &Amount,
