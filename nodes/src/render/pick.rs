@@ -7,16 +7,16 @@ use super::splat::{DepthMode, Settings, render};
 use crate::geometry::support::median;
 use crate::types::{Camera, Mesh, Splats};
 
-/// Resolution of the rendered window around a pixel of splats, in pixels per pixel of the view. Blended
-/// depths lie in front of ground seen at a grazing angle by about the extent of one rendered pixel.
+/// Resolution of the window that is rendered around a pixel for splats, in pixels per pixel of the view. It is high
+/// because blended depths of ground seen at a grazing angle are too near by about the extent of one rendered pixel.
 const ZOOM: usize = 8;
-/// Half the side of the window whose normals are averaged, in rendered pixels.
+/// Half the side of the window over which normals are averaged, in rendered pixels.
 const WINDOW: usize = 3 * ZOOM;
-/// Half the side of the square whose median depth is taken, in rendered pixels.
+/// Half the side of the square over which the median depth is computed, in rendered pixels.
 const SQUARE: usize = 3;
-/// Minimum mean coverage of a pixel that shows a surface.
+/// Minimum mean coverage at which a pixel counts as showing a surface.
 const COVERED: f64 = 0.5;
-/// Distance from the camera below which splats are left out, as a share of the distance of the scene.
+/// Distance from the camera below which splats are left out, as a fraction of the median distance of the splats.
 const NEAR: f64 = 1e-3;
 
 /// Point that a pixel shows.
@@ -45,8 +45,8 @@ fn check(camera: &Camera, pixel: [f64; 2]) -> Result<(), NodeError> {
     inside.then_some(()).ok_or_else(outside)
 }
 
-/// Point of a mesh that a pixel shows: the nearest hit of a triangle from either side, and of two at the same
-/// distance the earlier triangle. `pixel` is counted from the upper left and may have fractions.
+/// Point of a mesh that a pixel shows: the nearest hit of a triangle from either side. If two triangles are hit at
+/// the same distance, the first one is used. `pixel` is a position from the upper left corner, possibly fractional.
 pub fn on_mesh(mesh: &Mesh, camera: &Camera, pixel: [f64; 2]) -> Result<Picked, NodeError> {
     check(camera, pixel)?;
     let (eye, way) = (camera.eye(), camera.direction(pixel[0], pixel[1]));
@@ -128,7 +128,7 @@ pub fn on_splats(
     };
     let ray = DVec3::new((pixel[0] - camera.cx) / camera.fx, (pixel[1] - camera.cy) / camera.fy, 1.0);
     let position = world.transform_point3(ray * depth);
-    // The mean normal of all pairs of steps across and down by two pixels of the view.
+    // The mean of the normals given by steps of two pixels of the view to the right and down.
     let step = 2 * ZOOM;
     let mut sum = DVec3::ZERO;
     for y in 0..side - step {

@@ -27,15 +27,18 @@ const THINNEST: f64 = 1e-3;
 pub(super) struct Peak {
     /// Reciprocal of the depth of the centre.
     pub inverse: f64,
-    /// Change of `e` per pixel to the right and per pixel down.
+    /// Change of `e` per pixel to the right.
     pub across: f64,
+    /// Change of `e` per pixel down.
     pub down: f64,
-    /// Coefficients of `q` for pixels to the right and down: `xx dx^2 + 2 xy dx dy + yy dy^2`.
+    /// First coefficient of `q = xx dx^2 + 2 xy dx dy + yy dy^2`, where `dx` and `dy` are pixels to the right
+    /// and down.
     xx: f64,
     xy: f64,
     yy: f64,
-    /// Reciprocals of the largest and the smallest depth.
+    /// Reciprocal of the largest depth.
     pub least: f64,
+    /// Reciprocal of the smallest depth.
     pub most: f64,
 }
 
