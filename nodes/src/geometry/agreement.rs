@@ -92,13 +92,13 @@ impl Agreement {
         let (known, seen) = (share(self.both, self.solid), share(self.agree, self.both));
         if self.solid >= PIXELS && known < SHARE_BOTH {
             let text = "the mesh of the place is not visible where the splats are: check that both have the same origin, \
-                        unit and up axis; `matrix` of `LoadMesh` or `LoadSplats` transforms one of them";
+                        unit and up axis; if not, transform one of them by `matrix` of `LoadMesh` or `LoadSplats`";
             list.push((ELSEWHERE, text.to_owned()));
         } else if self.both >= PIXELS && seen < SHARE_AGREE {
             let text = format!(
                 "the depths of the mesh of the place and of the splats differ at {:.0} % of the pixels that show both \
-                 (median ratio {:.3}): they differ in unit, up axis or origin; `matrix` of `LoadMesh` or `LoadSplats` \
-                 transforms one of them",
+                 (median ratio {:.3}): they have different units, up axes or origins; transform one of them by `matrix` \
+                 of `LoadMesh` or `LoadSplats`",
                 100.0 * (1.0 - seen),
                 self.ratio
             );
@@ -107,9 +107,9 @@ impl Agreement {
         let before = share(self.before_objects, self.objects);
         if list.is_empty() && self.objects >= PIXELS && before >= SHARE_BEFORE {
             let text = format!(
-                "splats are in front of the object at {:.0} % of its pixels, where the mesh of the place has nothing: the \
-                 object is drawn over them. To draw them over the object, wire `path-trace.nearest` to `limit` of a second \
-                 `SplatRender`, and that to `front` of `Composite`",
+                "splats are in front of the object at {:.0} % of its pixels, but the object is drawn over them, because \
+                 the mesh of the place has no surface there. To draw these splats over the object, wire \
+                 `path-trace.nearest` to `limit` of a second `SplatRender`, and its picture to `front` of `Composite`",
                 100.0 * before
             );
             list.push(("splats-before-object", text));

@@ -38,7 +38,7 @@ fn check(camera: &Camera, pixel: [f64; 2]) -> Result<(), NodeError> {
     let inside = (0.0..w).contains(&pixel[0]) && (0.0..h).contains(&pixel[1]);
     let outside = || {
         NodeError::new(format!(
-            "pixel ({}, {}) lies outside of `{}`, which has {w} by {h} pixels",
+            "pixel ({}, {}) lies outside the picture of `{}`, which has {w} by {h} pixels",
             pixel[0], pixel[1], camera.name
         ))
     };
@@ -68,7 +68,9 @@ pub fn on_mesh(mesh: &Mesh, camera: &Camera, pixel: [f64; 2]) -> Result<Picked, 
         }
     }
     let Some((distance, cross)) = best else {
-        return Err(nothing(camera, pixel, "nothing of the mesh").hint("take a pixel of the ground"));
+        return Err(
+            nothing(camera, pixel, "no part of the mesh").hint("choose a pixel that shows the ground")
+        );
     };
     let normal = cross.normalize();
     let normal = if normal.dot(way) > 0.0 { -normal } else { normal };
@@ -111,7 +113,7 @@ pub fn on_splats(
         own.clone().flat_map(|y| own.clone().map(move |x| (x, y))).map(|(x, y)| alpha(x, y)).sum();
     if covered < COVERED * (own.clone().count() * own.count()) as f64 {
         let what = "the background: less than half of it is covered by splats";
-        return Err(nothing(camera, pixel, what).hint("take a pixel of the ground"));
+        return Err(nothing(camera, pixel, what).hint("choose a pixel that shows the ground"));
     }
     let world = camera.world_from_camera();
     let point = |x: usize, y: usize| {
@@ -124,7 +126,7 @@ pub fn on_splats(
     let depths = square.clone().flat_map(|y| square.clone().map(move |x| y * side + x));
     let depth = median(depths.map(|i| f64::from(seen.depth[i])).filter(|d| d.is_finite()).collect());
     let Some(depth) = depth else {
-        return Err(nothing(camera, pixel, "no surface").hint("take a pixel of the ground"));
+        return Err(nothing(camera, pixel, "no surface").hint("choose a pixel that shows the ground"));
     };
     let ray = DVec3::new((pixel[0] - camera.cx) / camera.fx, (pixel[1] - camera.cy) / camera.fy, 1.0);
     let position = world.transform_point3(ray * depth);

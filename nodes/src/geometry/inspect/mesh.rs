@@ -69,21 +69,24 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
         findings: Vec::new(),
     };
     for (id, holds, text) in [
-        ("no-triangles", found.triangles == 0, "no surface".to_owned()),
+        ("no-triangles", found.triangles == 0, "the mesh has no surface".to_owned()),
         (
             "no-colours",
             found.triangles > 0 && !found.coloured,
-            "no vertex colours: reflected light will be grey".to_owned(),
+            "the mesh has no vertex colours, so reflected light will be grey".to_owned(),
         ),
         (
             "odd-edges",
             found.odd_edges > 0,
-            format!("{} edges between triangles of opposite orientation", found.odd_edges),
+            format!(
+                "{} edges belong to triangles with opposite orientations or to more than two triangles",
+                found.odd_edges
+            ),
         ),
         (
             "floor-unclear",
             found.triangles > 0 && found.floor.as_ref().is_none_or(|floor| !floor.is_clear()),
-            "the up axis cannot be determined from the surface".to_owned(),
+            "the up axis cannot be determined from the mesh".to_owned(),
         ),
     ] {
         if holds {

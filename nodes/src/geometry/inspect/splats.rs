@@ -100,7 +100,7 @@ pub fn inspect(splats: &Splats, cx: &Context) -> Result<Inspection, NodeError> {
         findings: Vec::new(),
     };
     if splats.is_empty() {
-        found.findings.push(Finding { id: "no-splats", text: "nothing that can be drawn".to_owned() });
+        found.findings.push(Finding { id: "no-splats", text: "no splats can be drawn".to_owned() });
         return Ok(found);
     }
     let columns = cx.for_each_tile(3, |axis| {
@@ -194,19 +194,19 @@ fn findings(
             "scales-tiny",
             middle > 0.0 && relative < 1e-6,
             format!(
-                "half of the splats are smaller than {relative:.1e} of the scene: nothing would be visible"
+                "half of the splats are smaller than {relative:.1e} of the scene, so nothing would be visible"
             ),
         ),
         (
             "needles",
             sizes.needles > 0.05,
-            format!("{:.0} % of the splats are needles, which show as streaks", sizes.needles * 100.0),
+            format!("{:.0} % of the splats are needles, which appear as streaks", sizes.needles * 100.0),
         ),
         (
             "transparent",
             opacities.median < 0.08,
             format!(
-                "half of the splats have an opacity below {:.3}; training may have failed, or these may be logits",
+                "half of the splats have an opacity below {:.3}; training may have failed, or the values may be logits",
                 opacities.median
             ),
         ),
@@ -223,7 +223,10 @@ fn findings(
         (
             "far-splats",
             middle > 0.0 && all > 30.0 * middle,
-            format!("the farthest splats are {:.0} times the width of the core away from it", all / middle),
+            format!(
+                "the box around all splats is {:.0} times as large as the box around most of them",
+                all / middle
+            ),
         ),
         (
             "heavy-overdraw",
@@ -233,7 +236,8 @@ fn findings(
         (
             "floor-unclear",
             found.level.as_ref().is_none_or(|level| !level.is_sure()),
-            "the up axis cannot be determined from the splats; look at `inspect --picture`".to_owned(),
+            "the up axis cannot be determined from the splats; look at the scene with `inspect --picture`"
+                .to_owned(),
         ),
     ];
     list.into_iter().filter(|(_, holds, _)| *holds).map(|(id, _, text)| Finding { id, text }).collect()

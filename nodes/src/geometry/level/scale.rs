@@ -20,7 +20,7 @@ pub struct Scale {
     pub metres_per_unit: Option<f64>,
     /// Estimated probability that `metres_per_unit` is correct within 20 %, 0 to 1.
     pub confidence: f64,
-    /// The evidence in words, such as "the ceiling lies 2.69 units over the floor".
+    /// The evidence in words, such as "the ceiling is 2.69 units above the floor".
     pub reason: String,
 }
 
@@ -40,7 +40,7 @@ pub(super) fn scale(stand: &Stand, patches: &Patches, cameras: Option<&Rig>) -> 
         Scale {
             metres_per_unit: Some(metres),
             confidence,
-            reason: format!("{what} {length:.3} units over the floor"),
+            reason: format!("{what} {length:.3} units above the floor"),
         }
     };
     let heights =
@@ -48,8 +48,8 @@ pub(super) fn scale(stand: &Stand, patches: &Patches, cameras: Option<&Rig>) -> 
     let held = heights.and_then(median).filter(|h| *h > 1e-3 * patches.radius);
     let room = stand.ceiling.map(|ceiling| ceiling - stand.floor);
     match (room, held) {
-        (Some(room), _) => of(room, ROOM, "the ceiling lies", [0.5, 0.8]),
-        (None, Some(held)) => of(held, HELD, "the cameras were held", [0.3, 0.6]),
-        (None, None) => Scale::unknown("no ceiling and no cameras to measure by"),
+        (Some(room), _) => of(room, ROOM, "the ceiling is", [0.5, 0.8]),
+        (None, Some(held)) => of(held, HELD, "the cameras are", [0.3, 0.6]),
+        (None, None) => Scale::unknown("no ceiling and no cameras were found"),
     }
 }

@@ -54,8 +54,8 @@ pub(crate) fn cut_by_panorama(splats: &Splats, eye: DVec3, near: f64) -> f64 {
 pub(crate) fn warning(share: f64, near_m: f64, near: f64, view: &str) -> Option<String> {
     (share >= REPORTED).then(|| {
         format!(
-            "`near` of {near_m} m, {near} world units, cuts {:.0} % of the solid splats before the eye{view}: lower it, \
-             or set `metres_per_unit` if a unit of the scene is not a metre",
+            "`near`, which is {near_m} m ({near} world units), cuts away {:.0} % of the solid splats in front of the \
+             eye{view}: lower it, or set `metres_per_unit` if a unit of the scene is not a metre",
             100.0 * share
         )
     })
@@ -91,7 +91,7 @@ mod tests {
         assert_eq!(cut_by_panorama(&scene(&[-0.1, -3.0, 1.0, 5.0], 0.9), DVec3::ZERO, 0.2), 0.25);
         let mut aside = scene(&[0.1, 1.0], 0.9);
         aside.means[0] = [0.3, 0.0, 0.1];
-        assert_eq!(cut_by_camera(&aside, &camera, 0.2), 0.0, "outside of the picture");
+        assert_eq!(cut_by_camera(&aside, &camera, 0.2), 0.0, "outside the picture");
         assert!(warning(0.01, 0.2, 0.2, "").is_none());
         assert!(
             warning(0.5, 0.2, 4.0, " of `v`").is_some_and(|text| text.contains("50 % of the solid splats"))

@@ -112,9 +112,9 @@ impl Drawing {
         };
         if compensate != splats.antialiased {
             let text = if compensate {
-                "compensation is on, but the file does not say that it was trained with it; thin detail may vanish"
+                "`compensation` is on, but the file does not say that it was trained with it; thin details may vanish"
             } else {
-                "compensation is off, but the file says it was trained with it"
+                "`compensation` is off, but the file says that it was trained with it"
             };
             notes.warning("compensation-mismatch", text);
         }
@@ -145,8 +145,8 @@ impl Drawing {
         if self.alpha_cap >= self.alpha_cut {
             return Ok(());
         }
-        let what = format!("alpha_cap {} is less than alpha_cut {}", self.alpha_cap, self.alpha_cut);
-        Err(NodeError::new(what).at("alpha_cap").hint("no splat could be visible"))
+        let what = format!("`alpha_cap` ({}) is less than `alpha_cut` ({})", self.alpha_cap, self.alpha_cut);
+        Err(NodeError::new(what).at("alpha_cap").hint("with these values, no splat could be visible"))
     }
 }
 
