@@ -77,7 +77,8 @@ pub fn on_mesh(mesh: &Mesh, camera: &Camera, pixel: [f64; 2]) -> Result<Picked, 
     Ok(Picked { position: eye + way * distance, normal })
 }
 
-/// Point of splats that a pixel shows: the median depth of the pixels around it, and the plane through them.
+/// Point of splats that a pixel shows. Its position is given by the median depth around the pixel, and its normal
+/// by the surface around it.
 pub fn on_splats(
     splats: &Splats,
     camera: &Camera,

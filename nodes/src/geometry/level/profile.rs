@@ -14,8 +14,8 @@ const CELLS: usize = 40;
 /// Number of layers in each column of the plan.
 const STOREYS: usize = 24;
 
-/// Distribution of surface along a direction, as evidence that the direction is up. The fields called a balance are
-/// from -1, which suggests that the opposite direction is up, to 1, which suggests that this direction is up.
+/// Distribution of surface along a direction, as evidence that the direction is up. Fields that are described as a
+/// balance range from -1 (the opposite direction is probably up) to 1 (this direction is probably up).
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Profile {
     /// The direction.
@@ -24,7 +24,7 @@ pub(super) struct Profile {
     pub floor: f64,
     /// Height of the highest large layer, or of the highest surface, in world units.
     pub top: f64,
-    /// Score of the floor: the share of all surface that lies flat in it, less what is expected by chance. The
+    /// Score of the floor: the share of all surface that lies flat in it, minus the share expected by chance. The
     /// score is reduced if there is surface below the floor.
     pub ground: f64,
     /// The same score for the highest large layer, called the lid. It is reduced if there is surface above the lid.
@@ -37,13 +37,13 @@ pub(super) struct Profile {
     pub lid_cover: f64,
     /// Balance between the surface above the floor and the surface below it, including the background.
     pub side: f64,
-    /// Balance between the lower and the upper half of the space between floor and lid: surfaces other than walls.
+    /// Balance of surfaces other than walls between the lower and the upper half of the space from floor to lid.
     pub things: f64,
-    /// Share of the surfaces counted in `things` in all surface.
+    /// Surfaces counted in `things`, as a share of all surface.
     pub things_share: f64,
-    /// Balance between the lower and the upper half of the space between floor and lid: level surfaces.
+    /// Balance of level surfaces between the lower and the upper half of the space from floor to lid.
     pub levels: f64,
-    /// Share of the surfaces counted in `levels` in all surface.
+    /// Surfaces counted in `levels`, as a share of all surface.
     pub levels_share: f64,
     /// Mean luma of the upper fifth of the scene minus the mean luma of the floor.
     pub light: f64,

@@ -10,8 +10,7 @@ use crate::types::Rig;
 
 /// Minimum number of cameras.
 const FEWEST: usize = 3;
-/// Cosine of 20 degrees, the largest angle between the vertical of the cameras and that of the surfaces at which
-/// the two agree.
+/// Cosine of 20 degrees. The cameras and the surfaces agree if their verticals are within this angle.
 const AGREE: f64 = 0.94;
 /// Evidence from cameras that are exactly level, as a logarithm of odds.
 const COUNT: f64 = 5.0;
@@ -34,8 +33,9 @@ impl Held {
     }
 }
 
-/// Finds the direction that is most nearly perpendicular to all axes, and of those perpendicular to it, the next
-/// best. Returns the first direction, and for both directions the root mean square of their cosines with the axes.
+/// Finds the direction that is most nearly perpendicular to all axes, and the second-best direction, which is
+/// perpendicular to it. Returns the first direction, and for each of the two the root mean square of its cosines
+/// with the axes.
 fn least(axes: &[DVec3]) -> (DVec3, f64, f64) {
     let mut m = DMat3::ZERO;
     for &a in axes {

@@ -10,7 +10,7 @@ use crate::geometry::level::LevelEstimate;
 use crate::geometry::support::median;
 use crate::types::{Object, Rig, Splats};
 
-/// Minimum confidence of a scale that is used for the size of the object.
+/// Minimum confidence at which an estimated scale is used for the size of the object.
 const KNOWN: f64 = 0.5;
 /// Range of heights above the floor at which objects are placed, in metres, if the scale is known.
 const HEIGHTS: [f64; 2] = [-0.1, 1.15];
@@ -54,7 +54,7 @@ impl Extents {
     }
 }
 
-/// Placement of the object and the camera in a scene that is upright.
+/// Placement of the object and the camera in an upright scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arrangement {
     /// Surface that the object stands on. `None` if no level surface was found; the object then stands at the

@@ -33,9 +33,9 @@ fn glyph(c: char) -> [u8; 5] {
 /// Picture of display colours.
 #[derive(Debug, Clone)]
 pub struct Canvas {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
     /// RGB from 0 to 1, row by row.
     pub rgb: Vec<[f32; 3]>,

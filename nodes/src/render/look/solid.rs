@@ -9,7 +9,7 @@ use crate::types::{Mesh, Object, Splats};
 /// Approximate number of splats of a surface.
 const COUNT: f64 = 200_000.0;
 
-/// A triangle with its colour, linear.
+/// A triangle with its colour in linear light.
 struct Face {
     corners: [DVec3; 3],
     linear: [f32; 3],
@@ -25,7 +25,7 @@ pub fn of_mesh(mesh: &Mesh) -> Splats {
     splats(&faces.collect::<Vec<_>>())
 }
 
-/// Converts an object under a transform to splats, with the colours of its materials without textures.
+/// Converts an object, placed by a transform, to splats with the colours of its materials, but without textures.
 pub fn of_object(object: &Object, world_from_object: &DMat4) -> Splats {
     let mut faces = Vec::new();
     for part in &object.primitives {

@@ -1,10 +1,10 @@
 //! EWA splatting on the CPU, in four stages: project, sort, bin, blend.
 //!
-//! Pictures are rendered one at a time. `project` computes a `Footprint` for every splat that can be visible
-//! (in f64, so that needles and distant worlds keep their digits), `bin` sorts the footprints once (stable;
-//! equal keys stay in file order) and lists them by tile, and `blend32` or `blend64` composites each tile
-//! front to back. If the lists would be too long, the last two stages process one group of tiles after the
-//! other. Every stage gives the same bits for any number of threads and any instruction set.
+//! Pictures are rendered one at a time. `project` computes a `Footprint` for every splat that can be visible, in
+//! f64, so that needles and worlds far from the origin are exact. `bin` sorts the footprints once, by a stable
+//! sort, and lists them by tile. `blend32` or `blend64` composites each tile front to back. If the lists would be
+//! too long, the last two stages process one group of tiles after the other. Every stage gives the same bits for
+//! any number of threads and any instruction set.
 
 mod bin;
 mod blend32;
@@ -133,7 +133,7 @@ impl Work {
 
 /// View of one camera.
 pub struct Rendered {
-    /// RGB premultiplied, and alpha; row by row.
+    /// Premultiplied RGB and alpha of each pixel, row by row.
     pub rgba: Vec<f32>,
     /// Planar depth in world units (distance for a panorama); +inf where nothing is visible.
     pub depth: Vec<f32>,

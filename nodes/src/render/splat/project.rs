@@ -78,7 +78,7 @@ pub(crate) struct Projected {
     faint: u64,
     /// Same as `behind` of [`Work`].
     behind: u64,
-    /// log2 of the smallest alpha blended.
+    /// Base-2 logarithm of the smallest alpha that is blended.
     pub log2_cut: f64,
     /// Number of columns after which the picture repeats, for a panorama.
     pub period: Option<u32>,

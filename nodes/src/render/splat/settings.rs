@@ -9,7 +9,8 @@ engine::choices! {
     pub enum Bounds {
         /// Pixels inside the exact ellipse where the alpha of the splat reaches `alpha_cut`.
         Exact,
-        /// Tiles that a square of 3 standard deviations touches, as in the INRIA rasterizer.
+        /// All pixels of the tiles that a square of 3 standard deviations around the splat touches, as in the INRIA
+        /// rasterizer.
         Inria,
         /// All pixels.
         None,
@@ -70,10 +71,10 @@ engine::params! {
         precision: Precision = Precision::F32, other("F64"), knob(Precision, "F32", "F32", "F32", "F64");
         /// Highest degree of spherical harmonics that is used.
         sh_degree: u32 = 4, range(0, 4), other("0"), knob(Depth, "", "", "", "4");
-        /// Near plane: splats at or below this planar depth (in a panorama, this distance) are left out.
-        /// Trainers use 0.2 or less; within this distance a capture has haze around the eye. The value is in
-        /// metres, by `metres_per_unit` of the scene. A warning reports the share of the scene that the near
-        /// plane cuts away if it is large.
+        /// Near plane: splats at or below this planar depth (in a panorama, this distance) are left out. Trainers
+        /// use 0.2 or less; within this distance a capture has haze around the eye. The value is in metres and is
+        /// converted to world units by `metres_per_unit` of the scene. If the near plane cuts away a large share of
+        /// the scene, a warning reports it.
         near: f64 = 0.2, range(1e-12, 1e12), unit("m"), other("1.5");
         /// Variance of the low-pass filter added to every footprint, in square pixels (in a panorama, square samples).
         low_pass_px2: f64 = 0.3, range(0.0, 100.0), unit("px^2"), other("1.0");

@@ -14,7 +14,7 @@ use nodes::types::Splats;
 
 use super::data;
 
-/// A scene. Its true up direction and the true height of its floor are known, in its own frame.
+/// A scene, with its true up direction and the true height of its floor, in its own frame, if they are known.
 struct Known {
     name: &'static str,
     splats: Arc<Splats>,
