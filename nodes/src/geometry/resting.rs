@@ -151,9 +151,9 @@ fn centroid(triangles: &[[DVec3; 3]]) -> DVec3 {
     if area > 0.0 { sum / area } else { triangles.first().map_or(DVec3::ZERO, |t| t[0]) }
 }
 
-/// Of all planes that no contact lies above, finds the one that is lowest at a position. It rests on three contacts
-/// around the position. Returns its height at (0, 0) and its slopes along both axes. `None` if there are no such
-/// contacts.
+/// Finds the plane that is lowest at a position, among all planes that no contact lies above. It rests on three
+/// contacts around the position. Returns its height at (0, 0) and its slopes along both axes. `None` if there are
+/// no such contacts.
 fn lowest_plane(contacts: &[[f64; 3]], at: DVec2) -> Option<[f64; 3]> {
     let span = contacts.iter().flatten().fold(at.length(), |most, v| most.max(v.abs()));
     // Starting points that are far away and far below. Contacts replace them.

@@ -37,7 +37,7 @@ impl Collapse {
             let (own, shares) = (&mut least[at as usize], &mut shares[at as usize]);
             let divided = |places: usize| {
                 let each = (1..places).map(|share| (left[share] + right[places - share], share as u8));
-                // Of equal values, the first is used.
+                // The first of equal values is used.
                 each.fold((f32::INFINITY, 1), |best, next| if next.0 < best.0 { next } else { best })
             };
             // If the branch becomes a node, it has all slots.

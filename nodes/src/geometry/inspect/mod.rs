@@ -176,7 +176,7 @@ fn floor_of(patches: impl Iterator<Item = Patch>, core: &Extent) -> Option<Floor
             guesses.push(best);
         }
     }
-    // Of equal scores, the earlier direction is used.
+    // If scores are equal, the earlier direction is used.
     guesses.sort_by(|a, b| b.0.total_cmp(&a.0));
     let [first, second, ..] = &guesses[..] else { return None };
     let confidence = 1.0 - second.0 / first.0;

@@ -11,7 +11,7 @@ use testkit::{process_seconds, thread_seconds};
 
 use crate::{Bench, millions};
 
-/// Number of runs, of which the shortest counts.
+/// Number of runs. Only the shortest one counts.
 const RUNS: u32 = 15;
 
 /// The `count` splats nearest to a point, in file order.

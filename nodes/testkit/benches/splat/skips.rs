@@ -11,7 +11,7 @@ use engine::{Kind, Up};
 
 use crate::{Bench, EYE, timed};
 
-/// Number of runs, of which the shortest counts.
+/// Number of runs. Only the shortest one counts.
 const RUNS: usize = 9;
 
 pub fn table(bench: &Bench) {

@@ -8,7 +8,7 @@ use testkit::thread_seconds;
 
 use crate::{Bench, millions};
 
-/// Number of runs, of which the shortest counts, since other programs may use the machine.
+/// Number of runs. Only the shortest one counts, since other programs may use the machine.
 const RUNS: usize = 9;
 
 fn levels() -> Vec<(&'static str, Level)> {
