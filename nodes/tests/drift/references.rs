@@ -121,8 +121,9 @@ pub fn grey(without: &[f64], with: &[f64], strength: f64) -> Vec<f64> {
 }
 
 /// Fuses a panorama with its exposures, from the darkest to the brightest. Where an exposure is not clipped, it
-/// replaces the result of the darker ones: its weight falls from 1 to 0 as its brightest channel rises from 0.9 to
-/// 1. Where it is brighter than this result, its weight is 1, so no pixel becomes darker than in the panorama.
+/// replaces the result of the darker exposures: its weight is 1 until its brightest channel reaches 0.9, and falls
+/// to 0 at white. Where the exposure is brighter than this result, its weight is 1, so no pixel becomes darker than
+/// in the panorama.
 pub fn fuse(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     let linear = |samples: &[f32], at: usize| [0, 1, 2].map(|c| decoded(f64::from(samples[3 * at + c])));
     let base = base.image.samples();
