@@ -3,8 +3,8 @@
 use engine::{Context, Scene, Up};
 use nodes::io::splats::{Frame, from_bytes};
 
-/// Reads `head` followed by `data` as one file. The result must be an error, or a scene of finite numbers that the
-/// bytes can hold.
+/// Reads `head` followed by `data` as one file. The result must be an error, or a scene of finite numbers with no
+/// more splats than the bytes can hold.
 pub fn read(head: &[u8], data: &[u8]) {
     let bytes = [head, data].concat();
     let cx = Context::detached(Scene { up: Up::MinusY, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
@@ -13,7 +13,8 @@ pub fn read(head: &[u8], data: &[u8]) {
         let others = [splats.sh.as_flattened(), splats.opacities.as_slice()];
         assert!(numbers.iter().chain(&others).copied().flatten().all(|v| v.is_finite()));
         assert_eq!(splats.sh.len(), splats.len() * splats.sh_len());
-        // No format packs a splat below a bit and a half; deflate and zstd reach 1024 to 1 over 19 bytes.
+        // Formats without compression use at least 1.5 bits per splat. In the others a splat has at least 19 bytes,
+        // which deflate and zstd compress by at most 1024 to 1.
         assert!(splats.len() <= bytes.len() * 64);
     }
 }

@@ -1,5 +1,5 @@
-//! Tests that nodes stay within their memory estimates: every allocation is counted, each case in a separate
-//! process.
+//! Tests that nodes stay within their memory estimates. Every allocation is counted, and each case runs in a
+//! separate process.
 #![allow(clippy::print_stdout, reason = "a process reports its memory to another one")]
 
 use std::alloc::System;
@@ -18,7 +18,7 @@ use nodes::io::{exr, jpeg, png};
 static COUNTED: Cap<System> = Cap::new(System, usize::MAX);
 
 const MIB: u64 = 1 << 20;
-/// Other memory of the program: threads, names, and a store in memory.
+/// Memory that the program uses in addition to that of the nodes, in bytes.
 const REST: f64 = 2.0 * MIB as f64;
 
 /// Writes the test files: pictures of one size, a mesh and splats.
@@ -93,7 +93,7 @@ fn files(folder: &Path) {
     put("splats.ply", ply);
 }
 
-/// Nodes, and the largest permitted ratio of the estimate to the actual memory.
+/// Nodes of a graph, and the maximum permitted ratio of the estimated memory to the actual memory.
 const CASES: [(&str, f64); 22] = [
     (r#"a: LoadImage(path: "noise.png")"#, 1.2),
     (r#"a: LoadImage(path: "flat.png")"#, 1.2),
@@ -119,7 +119,8 @@ const CASES: [(&str, f64); 22] = [
     (r#"a: LoadImage(path: "noise.png"), b: WriteAnimation(frames: ["a", "a", "a"], path: "a.png")"#, 1.5),
 ];
 
-/// Runs a case with a budget. Returns the peak of allocations, or `None` if a node needs more memory.
+/// Runs a case with a memory budget. Returns the peak of the allocated memory, or `None` if a node needs more
+/// memory.
 fn run(folder: &Path, nodes: &str, memory: u64) -> Option<u64> {
     let text = format!("Graph(version: 1, scene: (up: \"+z\"), nodes: ({nodes}))");
     let graph = Graph::parse(Source::new("g.ron", text), &nodes::registry(), SourceRoot::new(folder));
@@ -164,7 +165,8 @@ fn in_a_process(folder: &Path, case: usize, budget: u64) -> Option<u64> {
     reported.parse().ok()
 }
 
-/// `--memory` is accurate within 20 %: nodes that need more are refused before they run, and no others are.
+/// A memory budget is accurate within 20 %: nodes that need more are refused before they run, and no other nodes
+/// are.
 #[test]
 #[ignore = "on demand: it starts some seventy processes"]
 fn a_budget_holds_within_a_fifth() {

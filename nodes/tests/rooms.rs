@@ -1,4 +1,4 @@
-//! Tests the order of the modules of the crate, and that no kind imports another.
+//! Tests that modules of the crate import only lower modules, and that no kind imports another.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use std::path::Path;
 #[allow(clippy::unwrap_used, reason = "a test")]
 mod arrows;
 
-/// Modules from the lowest to the highest. A file imports only its own module and those below.
+/// Modules from the lowest to the highest. A file imports only from its own module and lower ones.
 const ROOMS: [&str; 8] = ["error", "math", "types", "io", "light", "geometry", "render", "kinds"];
 
 fn folder() -> &'static Path {
@@ -20,8 +20,8 @@ fn imports() -> arrows::Imports {
     imports
 }
 
-/// Imports refer only to lower modules. Mutation: `use crate::kinds::pose::PoseNode;` in `types/pose.rs`,
-/// seen red.
+/// Imports refer only to lower modules. This test fails if `use crate::kinds::pose::PoseNode;` is added to
+/// `types/pose.rs`.
 #[test]
 fn imports_lead_down_and_in_no_circle() {
     let imports = imports();
@@ -36,8 +36,8 @@ fn imports_lead_down_and_in_no_circle() {
 /// Modules of light transport from the lowest to the highest.
 const TRANSPORT: [&str; 6] = ["bsdf", "sky", "scene", "ground", "path", "picture"];
 
-/// Imports within light transport refer only to lower modules. Mutation: `use
-/// crate::render::transport::path::rays::Rays;` in `scene/receiver.rs`, seen red.
+/// Imports within light transport refer only to lower modules. This test fails if `use
+/// crate::render::transport::path::rays::Rays;` is added to `scene/receiver.rs`.
 #[test]
 fn imports_of_light_transport_lead_down() {
     let mut inner = arrows::Imports::new();
@@ -51,7 +51,8 @@ fn imports_of_light_transport_lead_down() {
     assert_eq!(arrows::upward(&inner, &TRANSPORT), [""; 0]);
 }
 
-/// Kinds do not import each other. Mutation: `use crate::kinds::pose::PoseNode;` in `kinds/place.rs`, seen red.
+/// Kinds do not import each other. This test fails if `use crate::kinds::pose::PoseNode;` is added to
+/// `kinds/place.rs`.
 #[test]
 fn no_kind_imports_another() {
     let kind = |path: &str| path.split(['/', ':']).filter(|part| !part.is_empty()).nth(1).map(str::to_owned);

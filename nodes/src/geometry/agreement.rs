@@ -1,16 +1,17 @@
 //! Checks whether the splats and the mesh of a place agree, by their depths in a rendered view.
 
-/// Id of the finding that splats and mesh are in different frames.
+/// Id of the finding that the splats and the mesh are in different frames.
 pub const ELSEWHERE: &str = "mesh-elsewhere";
 
-/// The depths of one view, pixel by pixel.
+/// The depths of one view. All lists have one number per pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Depths<'a> {
-    /// Planar depth of the splats in world units, +inf where there are none.
+    /// Planar depth of the splats, in world units; +inf where there are no splats.
     pub splats: &'a [f32],
     /// Coverage of the splats, 0 to 1.
     pub coverage: &'a [f32],
-    /// Planar depth of the nearest surface, object or mesh; +inf without a surface.
+    /// Planar depth of the nearest surface of an object or the mesh, in world units; +inf where there is no
+    /// surface.
     pub surface: &'a [f32],
     /// Coverage of the inserted objects, 0 to 1.
     pub objects: &'a [f32],
@@ -29,31 +30,34 @@ pub struct Agreement {
     pub both: u64,
     /// Number of pixels counted in `both` at which the depths agree.
     pub agree: u64,
-    /// Median ratio of the depth of the mesh to that of the splats, over pixels that show both; 1 without such
-    /// pixels.
+    /// Median ratio of the depth of the mesh to the depth of the splats, over the pixels counted in `both`; 1 if
+    /// there are none.
     pub ratio: f64,
 }
 
-/// Minimum coverage at which splats count as solid, and objects as visible.
+/// Minimum coverage of a pixel whose splats count as solid.
 const SOLID: f32 = 0.9;
+/// Minimum coverage of a pixel at which an object counts as visible.
 const DRAWN: f32 = 0.5;
-/// Ratio of depths below which splats count as in front of an object. It is less than 1, since an object touches
-/// the ground that it stands on.
+/// Ratio of the depth of the splats to the depth of an object below which the splats count as in front of the
+/// object. It is less than 1 because an object touches the ground that it stands on.
 const BEFORE: f32 = 0.85;
-/// Largest logarithm of the ratio of depths that agree: a proxy mesh may be off by a tenth.
+/// Largest absolute value of the logarithm of the ratio of two depths that agree. A proxy mesh may be off by a
+/// tenth.
 const AGREE: f64 = 0.2;
-/// Minimum share of the pixels of an object at which splats in front of it are reported. Splats are wider than the
-/// mesh that they agree with: along the edge of a post before an object they covered 11 % of it.
+/// Splats in front of an object are reported if they cover at least this share of its pixels. A smaller share is
+/// normal, because splats are wider than the mesh that they agree with: along the edge of a post in front of an
+/// object, they covered 11 % of the object.
 const SHARE_BEFORE: f64 = 0.2;
-/// Share of agreeing pixels below which splats and mesh are in different frames.
+/// If the depths agree at less than this share of the pixels, the splats and the mesh are in different frames.
 const SHARE_AGREE: f64 = 0.1;
-/// Share of the pixels with solid splats below which the mesh counts as not visible at all.
+/// If the mesh is visible at less than this share of the pixels with solid splats, it counts as not visible.
 const SHARE_BOTH: f64 = 0.01;
 /// Minimum number of pixels for a finding.
 const PIXELS: u64 = 40;
 
 impl Agreement {
-    /// Compares the depths; the lists have one number per pixel.
+    /// Compares the depths and counts pixels.
     pub fn of(depths: &Depths<'_>) -> Self {
         let mut found = Self { ratio: 1.0, ..Self::default() };
         let mut logs = Vec::new();
@@ -81,20 +85,20 @@ impl Agreement {
         found
     }
 
-    /// Findings by these counts: id and text.
+    /// Findings that follow from the counts, each as an id and a text.
     pub fn findings(&self) -> Vec<(&'static str, String)> {
         let share = |part: u64, whole: u64| part as f64 / whole.max(1) as f64;
         let mut list = Vec::new();
         let (known, seen) = (share(self.both, self.solid), share(self.agree, self.both));
         if self.solid >= PIXELS && known < SHARE_BOTH {
             let text = "the mesh of the place is not visible where the splats are: check that both have the same origin, \
-                        unit and up axis; `matrix` of `LoadMesh` or `LoadSplats` transforms one of them";
+                        unit and up axis; if not, transform one of them by `matrix` of `LoadMesh` or `LoadSplats`";
             list.push((ELSEWHERE, text.to_owned()));
         } else if self.both >= PIXELS && seen < SHARE_AGREE {
             let text = format!(
                 "the depths of the mesh of the place and of the splats differ at {:.0} % of the pixels that show both \
-                 (median ratio {:.3}): they differ in unit, up axis or origin; `matrix` of `LoadMesh` or `LoadSplats` \
-                 transforms one of them",
+                 (median ratio {:.3}): they have different units, up axes or origins; transform one of them by `matrix` \
+                 of `LoadMesh` or `LoadSplats`",
                 100.0 * (1.0 - seen),
                 self.ratio
             );
@@ -103,9 +107,9 @@ impl Agreement {
         let before = share(self.before_objects, self.objects);
         if list.is_empty() && self.objects >= PIXELS && before >= SHARE_BEFORE {
             let text = format!(
-                "splats are in front of the object at {:.0} % of its pixels, where the mesh of the place has nothing: the \
-                 object is drawn over them. To draw them over the object, wire `path-trace.nearest` to `limit` of a second \
-                 `SplatRender`, and that to `front` of `Composite`",
+                "splats are in front of the object at {:.0} % of its pixels, but the object is drawn over them, because \
+                 the mesh of the place has no surface there. To draw these splats over the object, wire \
+                 `path-trace.nearest` to `limit` of a second `SplatRender`, and its picture to `front` of `Composite`",
                 100.0 * before
             );
             list.push(("splats-before-object", text));
@@ -128,7 +132,7 @@ mod tests {
         Agreement::of(&depths).findings().into_iter().map(|(id, _)| id).collect()
     }
 
-    /// Depth of a floor and a wall at a pixel.
+    /// Depth, at pixel `i`, of a scene that consists of a floor and a wall.
     fn place(i: usize) -> f32 {
         2.0 + (i % N) as f32 * 0.03 + (i / N) as f32 * 0.05
     }
@@ -137,7 +141,8 @@ mod tests {
         (40..60).contains(&(i % N)) && (40..60).contains(&(i / N))
     }
 
-    /// A pixel without a mistake: depth and coverage of the splats, depth of the surface, coverage of the objects.
+    /// Values of pixel `i` if everything agrees: depth and coverage of the splats, depth of the surface, coverage
+    /// of the objects.
     fn right(i: usize) -> [f32; 4] {
         if is_object(i) {
             [place(i), 1.0, place(i) * 0.9, 1.0]
@@ -146,11 +151,11 @@ mod tests {
         }
     }
 
-    /// Mutation: `splat < BEFORE * surface` to `splat > BEFORE * surface`, seen red.
+    /// This test fails if `splat < BEFORE * surface` is replaced by `splat > BEFORE * surface`.
     #[test]
     fn a_place_that_agrees_raises_no_alarm() {
         assert_eq!(ids(right), [""; 0]);
-        // A plane as receiver: furniture stands before it, and much has no mesh behind.
+        // If the receiver is a plane, furniture is in front of it, and many pixels show no mesh.
         assert_eq!(ids(|i| if i % 3 == 0 { right(i) } else { [1.0, 1.0, f32::INFINITY, 0.0] }), [""; 0]);
         assert_eq!(
             ids(|i| if i % 4 == 0 { right(i) } else { [0.7 * place(i), 1.0, place(i), 0.0] }),

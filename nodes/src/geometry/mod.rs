@@ -1,4 +1,4 @@
-//! Geometry: ray casting, objects resting on surfaces, sampling of directions, and summaries of scenes.
+//! Geometry: ray casting, objects resting on surfaces, sampling, and summaries of scenes.
 
 pub mod agreement;
 pub mod bvh;

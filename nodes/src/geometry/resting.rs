@@ -5,26 +5,28 @@ use glam::{DQuat, DVec2, DVec3, Vec3};
 use crate::geometry::bvh::{Bvh, Ray};
 use crate::geometry::support::Level;
 
-/// Number of columns and of rows in which an object and the ground are sampled.
+/// Number of columns, and number of rows, of the grid in which an object and the ground are sampled.
 const GRID: usize = 24;
-/// Number of standard deviations of the ground's height that count as noise when contacts are searched: about one
-/// of a few hundred positions is higher.
+/// Number of standard deviations of noise by which the ground is lowered when contacts are searched. About one in a
+/// few hundred positions exceeds the mean by more than this.
 const DEVIATIONS: f64 = 2.5;
-/// Number of rotations to make an object lie on its contacts; each is much smaller than the one before.
+/// Number of rotation steps that make an object lie on its contacts. Each rotation is much smaller than the
+/// previous one.
 const TURNS: u32 = 4;
-/// Largest number of exchanges of a contact; each raises the object.
+/// Maximum number of times that a contact is exchanged for a higher one.
 const EXCHANGES: u32 = 1000;
 
-/// A mesh below an object, in coordinates across, along and up from a point at the object's foot, in world units.
+/// A mesh below an object. The origin of its coordinates is a point at the foot of the object; they are in world
+/// units.
 #[derive(Debug)]
 pub struct Relief<'a> {
-    /// Tree of its triangles, in axes of the world, relative to that point.
+    /// Tree of its triangles, along the axes of the world.
     pub bvh: &'a Bvh,
-    /// The triangles of the tree.
+    /// The corners of the triangles of the tree.
     pub corners: &'a [[Vec3; 3]],
-    /// Unit vectors of the world: across, along, up.
+    /// Unit vectors in the world: two horizontal ones, across and along, and up.
     pub axes: [DVec3; 3],
-    /// Maximum distance up and down that is searched, in world units.
+    /// Maximum vertical distance at which ground is searched, up and down, in world units.
     pub reach: f64,
     /// The plane fitted to the ground.
     pub plane: Level,
@@ -33,14 +35,15 @@ pub struct Relief<'a> {
 /// Motion that brings an object to rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rest {
-    /// Rotation about the point at its foot, before the translation.
+    /// Rotation about the origin of [`Relief`], applied before the translation.
     pub turn: DQuat,
-    /// Translation upwards.
+    /// Translation upwards, in world units.
     pub lift: f64,
 }
 
 impl Relief<'_> {
-    /// Returns the height of the ground at a position; of several levels, the one nearest to the plane.
+    /// Returns the height of the ground at a position. If there are several surfaces, this is the one nearest to
+    /// the plane.
     fn height(&self, x: f64, y: f64) -> Option<f64> {
         let [across, along, up] = self.axes;
         let start = across * x + along * y + up * self.reach;
@@ -59,8 +62,9 @@ impl Relief<'_> {
         best
     }
 
-    /// The deviation of the ground from the plane within half a side of the foot's middle (its 98th percentile
-    /// minus the noise of the mesh), and that noise as a standard deviation.
+    /// Measures the ground in a rectangle around the middle of the foot; `half` is half of its sides. First result:
+    /// the 98th percentile of the deviation of the ground from the plane, minus the noise of the mesh. Second: the
+    /// standard deviation of this noise.
     pub fn departure(&self, half: [f64; 2]) -> (f64, f64) {
         let place = |i: usize| (2 * i + 1) as f64 / GRID as f64 - 1.0;
         let row = |j: usize| {
@@ -68,7 +72,7 @@ impl Relief<'_> {
             (0..GRID).map(at).map(move |(x, y)| Some([x, y, self.height(x, y)?]))
         };
         let rows: Vec<Vec<Option<[f64; 3]>>> = (0..GRID).map(|j| row(j).collect()).collect();
-        // The third difference of four columns nearly removes smooth shapes, and leaves 20 times the variance of
+        // The third difference of four columns nearly removes smooth shapes. Its variance is 20 times that of the
         // noise.
         let third = |four: &[Option<[f64; 3]>]| match four {
             [Some(a), Some(b), Some(c), Some(d)] => Some((a[2] - 3.0 * b[2] + 3.0 * c[2] - d[2]).abs()),
@@ -84,8 +88,9 @@ impl Relief<'_> {
         ((most - DEVIATIONS * noise).max(0.0), noise)
     }
 
-    /// Positions where object and ground may touch, and the translation upwards at which they do. Uses the lowest
-    /// corner of the object in each column, and its underside above each position of the ground.
+    /// Positions where the object and the ground may touch, each with the translation upwards at which they touch.
+    /// These are the lowest corner of the object in each cell of a grid, and its underside at the centre of each
+    /// cell.
     fn contacts(&self, object: &[[DVec3; 3]], noise: f64) -> Vec<[f64; 3]> {
         let [across, along, up] = self.axes;
         let local = |p: DVec3| DVec3::new(p.dot(across), p.dot(along), p.dot(up));
@@ -112,9 +117,10 @@ impl Relief<'_> {
         lowest.into_iter().flatten().chain((0..GRID * GRID).filter_map(underside)).filter_map(touch).collect()
     }
 
-    /// Finds the resting pose of an object, given by its triangles: translated vertically until it touches the
-    /// ground, and with `turned` also rotated until it lies on three contacts around its middle. That pose is the
-    /// lowest of all that touch. `None` if there is no ground below it.
+    /// Finds the resting pose of an object, given by its triangles. The object is translated vertically until it
+    /// touches the ground. If `turned`, it is first rotated until it lies on three contacts around its middle. The
+    /// result is the lowest pose in which the object does not penetrate the ground. `None` if there is no ground
+    /// below the object.
     pub fn rest(&self, object: &[[DVec3; 3]], noise: f64, turned: bool) -> Option<Rest> {
         let mut turn = DQuat::IDENTITY;
         let mut object = object.to_vec();
@@ -123,7 +129,7 @@ impl Relief<'_> {
             let middle = centroid(&object);
             let contacts = self.contacts(&object, noise);
             let middle = DVec2::new(middle.dot(across), middle.dot(along));
-            // If the plane is steeper than ground may be, the middle of the object is not supported.
+            // If the plane is too steep, the middle of the object is not supported.
             let plane = lowest_plane(&contacts, middle).filter(|[_, x, y]| x * x + y * y <= 1.0);
             let Some([_, x, y]) = plane else { break };
             let normal = (up - across * x - along * y).normalize();
@@ -145,11 +151,12 @@ fn centroid(triangles: &[[DVec3; 3]]) -> DVec3 {
     if area > 0.0 { sum / area } else { triangles.first().map_or(DVec3::ZERO, |t| t[0]) }
 }
 
-/// The lowest plane at a position that has no contact above it: height over (0, 0) and slope along both axes. It
-/// rests on three contacts around the position; `None` if there are no such contacts.
+/// Finds the plane that is lowest at a position, among all planes that no contact lies above. It rests on three
+/// contacts around the position. Returns its height at (0, 0) and its slopes along both axes. `None` if there are
+/// no such contacts.
 fn lowest_plane(contacts: &[[f64; 3]], at: DVec2) -> Option<[f64; 3]> {
     let span = contacts.iter().flatten().fold(at.length(), |most, v| most.max(v.abs()));
-    // Starting points far out and deep down, which contacts replace.
+    // Starting points that are far away and far below. Contacts replace them.
     let far = |x: f64, y: f64| [at.x + 1e3 * span * x, at.y + 1e3 * span * y, -1e6 * span];
     let mut held = [far(0.0, 1.0), far(-0.866, -0.5), far(0.866, -0.5)];
     for _ in 0..EXCHANGES {
@@ -191,14 +198,13 @@ mod tests {
 
     #[test]
     fn the_lowest_plane_rests_on_three_contacts() {
-        // A table with four legs, one over a stone: it stands on the leg on the stone and two others, or tips about
-        // them.
+        // A table with four legs, one of them on a stone. It stands on this leg and two others.
         let legs = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.1], [-1.0, 1.0, 0.0]];
         let plane = lowest_plane(&legs, DVec2::new(-0.1, -0.2)).expect("a rest");
         let over = |p: &[f64; 3]| plane[0] + plane[1] * p[0] + plane[2] * p[1] - p[2];
         assert!(legs.iter().all(|leg| over(leg) > -1e-9), "{plane:?}");
         assert_eq!(legs.iter().filter(|leg| over(leg).abs() < 1e-9).count(), 3, "{plane:?}");
-        // The plane of a slope is the slope itself, wherever the middle.
+        // The plane of a slope is the slope itself, wherever the middle of the object is.
         let slope: Vec<_> = (0..100)
             .map(|i| [f64::from(i % 10) - 4.5, f64::from(i / 10) - 4.5])
             .map(|[x, y]| [x, y, 0.3 + 0.1 * x - 0.2 * y])
@@ -207,7 +213,7 @@ mod tests {
         for (found, expected) in plane.into_iter().zip([0.3, 0.1, -0.2]) {
             assert!((found - expected).abs() < 1e-9, "{plane:?}");
         }
-        // An object whose middle is outside of all contacts falls.
+        // An object whose middle is outside all contacts is not supported.
         assert_eq!(lowest_plane(&slope, DVec2::new(9.0, 0.0)), None);
         assert_eq!(lowest_plane(&[], DVec2::ZERO), None);
     }

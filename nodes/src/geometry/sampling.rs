@@ -1,13 +1,13 @@
 //! Counter-based random numbers and distributions.
 //!
 //! Every number is a function of (seed, pixel, sample, dimension), so it does not depend on the order of work.
-//! Points come in pairs, each pair of dimensions a (0, 2)-sequence of its own: Sobol' points with hash-based Owen
+//! Dimensions are used in pairs, and each pair has its own (0, 2)-sequence: Sobol' points with hash-based Owen
 //! scrambling and shuffling (Burley 2020, Practical Hash-based Owen Scrambling), padded as in Kollig and Keller
 //! 2002. Any aligned block of 2^k samples is stratified in every pair.
 
 use fearless_simd::{prelude::*, u32x8};
 
-/// Mixes 32 bits (Wellons, hash prospector, lowbias32).
+/// Mixes the bits of a word (`lowbias32` of Wellons' hash prospector).
 #[inline]
 pub fn mix(mut x: u32) -> u32 {
     x ^= x >> 16;
@@ -17,7 +17,7 @@ pub fn mix(mut x: u32) -> u32 {
     x ^ (x >> 16)
 }
 
-/// Hashes two words.
+/// Hashes two words to one.
 #[inline]
 pub fn hash(a: u32, b: u32) -> u32 {
     mix(a.wrapping_mul(0x9e37_79b9) ^ mix(b.wrapping_add(0x85eb_ca6b)))
@@ -57,7 +57,7 @@ pub fn fraction(bits: u32) -> f64 {
     f64::from(bits) * (1.0 / 4_294_967_296.0)
 }
 
-/// The sample points of one sample of one pixel.
+/// The random numbers of one sample of one pixel, as points of the unit square.
 #[derive(Debug, Clone, Copy)]
 pub struct Points {
     stream: u32,
@@ -65,26 +65,27 @@ pub struct Points {
 }
 
 impl Points {
-    /// The points of `sample` in the given stream (see [`stream`]).
+    /// Returns the points of `sample` in the given stream (see [`stream`]).
     #[inline]
     pub fn new(stream: u32, sample: u32) -> Self {
         Self { stream, index: sample }
     }
 
-    /// The points of one of `count` sub-samples of this sample. Together, the sub-samples of any aligned block of
-    /// 2^k samples are stratified like `count` times as many samples, if `count` is a power of 2.
+    /// Returns the points of sub-sample `number` of `count` sub-samples of this sample. If `count` is a power of 2,
+    /// the sub-samples of any aligned block of 2^k samples are together stratified like `count` times as many
+    /// samples.
     #[inline]
     pub fn twig(&self, number: u32, count: u32) -> Self {
         Self { stream: self.stream, index: self.index.wrapping_mul(count).wrapping_add(number) }
     }
 
-    /// The points of this sample in another stream, whose numbers are independent of these.
+    /// Returns the points of this sample in another stream. They are independent of the points of this stream.
     #[inline]
     pub fn branch(&self, number: u32) -> Self {
         Self { stream: hash(self.stream, number), index: self.index }
     }
 
-    /// Returns a point of the unit square, as 32-bit fractions, for a pair of dimensions.
+    /// Returns the point for a pair of dimensions, as 32-bit fractions.
     #[inline]
     pub fn bits(&self, pair: u32) -> [u32; 2] {
         let seed = hash(self.stream, pair);
@@ -116,14 +117,14 @@ impl Points {
         [store(wide_reversed(x)), store(wide_reversed(y))]
     }
 
-    /// A point of the unit square for a pair of dimensions.
+    /// Returns the point for a pair of dimensions.
     #[inline]
     pub fn pair(&self, pair: u32) -> [f32; 2] {
         self.bits(pair).map(unit)
     }
 }
 
-/// [`mix`] of eight words.
+/// Computes [`mix`] of eight words.
 #[inline(always)]
 fn wide_mix<S: Simd>(x: u32x8<S>) -> u32x8<S> {
     let x = (x ^ (x >> 16)) * 0x7feb_352d;
@@ -131,13 +132,13 @@ fn wide_mix<S: Simd>(x: u32x8<S>) -> u32x8<S> {
     x ^ (x >> 16)
 }
 
-/// [`hash`] of eight pairs of words.
+/// Computes [`hash`] of eight pairs of words.
 #[inline(always)]
 fn wide_hash<S: Simd>(a: u32x8<S>, b: u32x8<S>) -> u32x8<S> {
     wide_mix((a * 0x9e37_79b9) ^ wide_mix(b + 0x85eb_ca6b))
 }
 
-/// [`scramble_reversed`] of eight values.
+/// Computes [`scramble_reversed`] of eight values.
 #[inline(always)]
 fn wide_scramble<S: Simd>(x: u32x8<S>, seed: u32x8<S>) -> u32x8<S> {
     let x = (x ^ (x * 0x3d20_adea)) + seed;
@@ -146,7 +147,7 @@ fn wide_scramble<S: Simd>(x: u32x8<S>, seed: u32x8<S>) -> u32x8<S> {
     x ^ (x * 0x53a2_2864)
 }
 
-/// [`pascal`] of eight values.
+/// Computes [`pascal`] of eight values.
 #[inline(always)]
 fn wide_pascal<S: Simd>(x: u32x8<S>) -> u32x8<S> {
     let x = x ^ (x >> 16);
@@ -156,7 +157,7 @@ fn wide_pascal<S: Simd>(x: u32x8<S>) -> u32x8<S> {
     x ^ ((x >> 1) & 0x5555_5555)
 }
 
-/// Eight values, the bits of each in reverse.
+/// Reverses the bits of each of eight values.
 #[inline(always)]
 fn wide_reversed<S: Simd>(x: u32x8<S>) -> u32x8<S> {
     let x = ((x >> 1) & 0x5555_5555) | ((x & 0x5555_5555) << 1);
@@ -166,14 +167,14 @@ fn wide_reversed<S: Simd>(x: u32x8<S>) -> u32x8<S> {
     (x >> 16) | (x << 16)
 }
 
-/// Stream of a pixel, whose scrambles differ from those of every other pixel and seed.
+/// Stream of a pixel. Its points are scrambled in another way than those of other pixels and seeds.
 #[inline]
 pub fn stream(seed: u64, x: u32, y: u32) -> u32 {
     hash(hash(seed as u32, (seed >> 32) as u32), hash(x, y))
 }
 
-/// Sine and cosine of `turns` full turns, for turns in [0, 1]; the Taylor series on an eighth of a turn,
-/// accurate to the last bit or two of f32.
+/// Sine and cosine of `turns` full turns, for `turns` in [0, 1]. Uses Taylor series within an eighth of a turn,
+/// which are accurate to the last one or two bits of f32.
 #[inline]
 pub fn circle(turns: f32) -> (f32, f32) {
     let quarter = (turns * 4.0 + 0.5).floor();
@@ -192,15 +193,15 @@ pub fn circle(turns: f32) -> (f32, f32) {
 /// A discrete distribution over indices, sampled by inversion in O(1) expected time.
 #[derive(Debug, Clone)]
 pub struct Discrete {
-    /// The cumulative probability before each index, from 0. In addition, for an equal number of equal steps of
-    /// probability, the index that contains the start of the step. The last entry holds 1. Both are stored
-    /// together, since every sample reads both.
+    /// Entry `i` of `n` holds the cumulative probability before index `i`, and the index whose interval contains
+    /// the probability `i / n`, where the search for a sample starts. One more entry holds the probability 1. Both
+    /// values are stored together, since every sample reads both.
     cells: Vec<(f64, u32)>,
 }
 
 impl Discrete {
-    /// The distribution in proportion to `weights`, finite and not negative, and their sum. If all are 0, the
-    /// distribution is uniform and the sum is 0.
+    /// Builds the distribution in proportion to `weights`, which must be finite and not negative, and returns it
+    /// with their sum. If all weights are 0, the distribution is uniform.
     pub fn new(weights: &[f64]) -> (Self, f64) {
         let n = weights.len().max(1);
         let mut cumulative = Vec::with_capacity(n + 1);
@@ -229,7 +230,8 @@ impl Discrete {
         (Self { cells: cumulative.into_iter().zip(guide).collect() }, sum)
     }
 
-    /// The index at a point of [0, 1), and the position of the point in its interval, in [0, 1).
+    /// Returns the index for a random number `u` in [0, 1), and the position of `u` within the interval of this
+    /// index, in [0, 1).
     #[inline]
     pub fn sample(&self, u: f64) -> (usize, f64) {
         let n = self.cells.len() - 1;
@@ -243,7 +245,7 @@ impl Discrete {
         (index, within.clamp(0.0, 1.0 - f64::EPSILON))
     }
 
-    /// Probability of an index.
+    /// Returns the probability of an index.
     #[inline]
     pub fn probability(&self, index: usize) -> f64 {
         self.cells[index + 1].0 - self.cells[index].0
@@ -276,8 +278,8 @@ mod tests {
         }
     }
 
-    /// Eight points at once equal the single ones, with every set of vector instructions. Mutation: a shift of
-    /// `wide_reversed`, or a constant of `wide_scramble`.
+    /// Eight points computed at once equal the points computed one by one, with every set of vector instructions.
+    /// This test fails if a shift in `wide_reversed` or a constant in `wide_scramble` is changed.
     #[test]
     fn eight_points_at_once_are_the_same() {
         for level in crate::testing::levels() {
@@ -331,7 +333,8 @@ mod tests {
         assert_eq!(unit(0), 0.0);
     }
 
-    /// Seeds that are equal in their lower 32 bits, and pixels with equal row-major numbers in 32 bits.
+    /// Streams differ for seeds that are equal in their lower 32 bits, and for pixels whose row-major indices are
+    /// equal modulo 2^32.
     #[test]
     fn nothing_wraps_at_32_bits() {
         let near =
@@ -352,7 +355,7 @@ mod tests {
         assert_eq!(streams.len(), all);
     }
 
-    /// Sampling by inversion follows the weights in one dimension.
+    /// Indices are sampled in proportion to their weights.
     #[test]
     fn inversion_follows_the_weights() {
         let weights = [1e-9, 1e9, 0.0, 3e8, 1e-9];

@@ -1,25 +1,26 @@
-//! Feet of objects, and the level of the points below a foot.
+//! Feet of objects, and planes through the points of the ground below a foot.
 
 use glam::{DMat3, DVec3};
 
 use crate::types::{Placed, Primitive};
 
-/// The box around an object and around its foot, the part near the ground, in world units.
+/// The bounding box of an object, and the position and size of its foot, which is the part near the ground. All are
+/// in world units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Foot {
-    /// Least coordinates of the object.
+    /// Smallest coordinates of the object.
     pub low: DVec3,
-    /// Greatest coordinates of the object.
+    /// Largest coordinates of the object.
     pub high: DVec3,
-    /// Height of the lowest point of the object along up.
+    /// Height of the lowest point of the object, along the up direction.
     pub base: f64,
     /// Middle of the foot.
     pub middle: DVec3,
-    /// Half the size of the region in which the ground is searched, which is the foot with a margin.
+    /// Half the size of the region in which ground is searched: the foot and a margin around it.
     pub half: DVec3,
 }
 
-/// Corners of an object's triangles in the world.
+/// Corners of the triangles of an object, in the world. Those that are not finite are left out.
 pub fn corners(placed: &Placed) -> impl Iterator<Item = DVec3> {
     let used = placed.object.primitives.iter().flat_map(|primitive| {
         primitive.triangles.iter().flatten().filter_map(|&i| primitive.positions.get(i as usize))
@@ -28,7 +29,7 @@ pub fn corners(placed: &Placed) -> impl Iterator<Item = DVec3> {
     used.map(place).filter(|p| p.is_finite())
 }
 
-/// The finite triangles of an object in the world.
+/// Triangles of an object, in the world. Those with a corner that is not finite are left out.
 pub fn triangles(placed: &Placed) -> Vec<[DVec3; 3]> {
     let of = |primitive: &Primitive| {
         let place = |i: u32| {
@@ -41,14 +42,14 @@ pub fn triangles(placed: &Placed) -> Vec<[DVec3; 3]> {
     placed.object.primitives.iter().flat_map(of).collect()
 }
 
-/// The box around some points.
+/// Smallest and largest coordinates of some points. `None` if there are no points.
 fn around(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
     points.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
 }
 
 impl Foot {
-    /// The foot of an object: the part in the lowest fiftieth of its height, enlarged around the middle if that is
-    /// a point. `None` without triangles.
+    /// Finds the foot of an object, which is the part in the lowest fiftieth of its height. If this part is small,
+    /// the region around it is a quarter of the size of the object. `None` if the object has no triangles.
     pub fn of(placed: &Placed, up: DVec3) -> Option<Self> {
         let (low, high) = around(corners(placed))?;
         let (base, top) = (low.dot(up).min(high.dot(up)), low.dot(up).max(high.dot(up)));
@@ -58,31 +59,32 @@ impl Foot {
         Some(Self { low, high, base, middle: (a + b) * 0.5, half })
     }
 
-    /// Two horizontal axes of the world, given one that points up.
+    /// Two horizontal axes, given the up direction.
     pub fn axes(up: DVec3) -> [DVec3; 2] {
         let across = if up.x.abs() > 0.5 { DVec3::Y } else { DVec3::X };
         [across, up.cross(across)]
     }
 }
 
-/// The plane through some points, which may be rough.
+/// A plane fitted to points of the ground, and the roughness of the ground.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Level {
-    /// Height of the plane at (0, 0): the median of the residual heights of the points.
+    /// Height of the plane at (0, 0). It is chosen so that half of the points lie above the plane.
     pub height: f64,
-    /// Slope of the plane along both axes by least squares; 0 if the points do not determine it.
+    /// Slope of the plane along both axes, fitted by least squares; 0 if the points do not determine it.
     pub slope: [f64; 2],
-    /// Standard deviation of heights from the plane, computed from their median deviation.
+    /// Standard deviation of the heights of the points above the plane, estimated from the median absolute
+    /// deviation.
     pub roughness: f64,
 }
 
 impl Level {
-    /// Height of the plane at a position.
+    /// Returns the height of the plane at a position.
     pub fn at(&self, x: f64, y: f64) -> f64 {
         self.height + self.slope[0] * x + self.slope[1] * y
     }
 
-    /// The level of points given by two horizontal coordinates and a height; `None` without points.
+    /// Fits a plane to points, given by two horizontal coordinates and a height. `None` if there are no points.
     pub fn of(points: &[[f64; 3]]) -> Option<Self> {
         let first = points.first()?[2];
         let (mut moments, mut right) = (DMat3::ZERO, DVec3::ZERO);
@@ -103,7 +105,8 @@ impl Level {
     }
 }
 
-/// The upper median of some finite numbers.
+/// The median of some numbers, without averaging: of an even count, the upper one of the two in the middle. `None`
+/// if there are no numbers.
 pub fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()

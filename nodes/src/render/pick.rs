@@ -7,16 +7,16 @@ use super::splat::{DepthMode, Settings, render};
 use crate::geometry::support::median;
 use crate::types::{Camera, Mesh, Splats};
 
-/// Resolution of the rendered window around a pixel of splats, in pixels per pixel of the view. Blended
-/// depths lie in front of ground seen at a grazing angle by about the extent of one rendered pixel.
+/// Resolution of the window that is rendered around a pixel for splats, in pixels per pixel of the view. It is high
+/// because blended depths of ground seen at a grazing angle are too near by about the extent of one rendered pixel.
 const ZOOM: usize = 8;
-/// Half the side of the window whose normals are averaged, in rendered pixels.
+/// Half the side of the window over which normals are averaged, in rendered pixels.
 const WINDOW: usize = 3 * ZOOM;
-/// Half the side of the square whose median depth is taken, in rendered pixels.
+/// Half the side of the square over which the median depth is computed, in rendered pixels.
 const SQUARE: usize = 3;
-/// Minimum mean coverage of a pixel that shows a surface.
+/// Minimum mean coverage at which a pixel counts as showing a surface.
 const COVERED: f64 = 0.5;
-/// Distance from the camera below which splats are left out, as a share of the distance of the scene.
+/// Distance from the camera below which splats are left out, as a fraction of the median distance of the splats.
 const NEAR: f64 = 1e-3;
 
 /// Point that a pixel shows.
@@ -38,15 +38,15 @@ fn check(camera: &Camera, pixel: [f64; 2]) -> Result<(), NodeError> {
     let inside = (0.0..w).contains(&pixel[0]) && (0.0..h).contains(&pixel[1]);
     let outside = || {
         NodeError::new(format!(
-            "pixel ({}, {}) lies outside of `{}`, which has {w} by {h} pixels",
+            "pixel ({}, {}) lies outside the picture of `{}`, which has {w} by {h} pixels",
             pixel[0], pixel[1], camera.name
         ))
     };
     inside.then_some(()).ok_or_else(outside)
 }
 
-/// Point of a mesh that a pixel shows: the nearest hit of a triangle from either side, and of two at the same
-/// distance the earlier triangle. `pixel` is counted from the upper left and may have fractions.
+/// Point of a mesh that a pixel shows: the nearest hit of a triangle from either side. If two triangles are hit at
+/// the same distance, the first one is used. `pixel` is a position from the upper left corner, possibly fractional.
 pub fn on_mesh(mesh: &Mesh, camera: &Camera, pixel: [f64; 2]) -> Result<Picked, NodeError> {
     check(camera, pixel)?;
     let (eye, way) = (camera.eye(), camera.direction(pixel[0], pixel[1]));
@@ -68,14 +68,17 @@ pub fn on_mesh(mesh: &Mesh, camera: &Camera, pixel: [f64; 2]) -> Result<Picked, 
         }
     }
     let Some((distance, cross)) = best else {
-        return Err(nothing(camera, pixel, "nothing of the mesh").hint("take a pixel of the ground"));
+        return Err(
+            nothing(camera, pixel, "no part of the mesh").hint("choose a pixel that shows the ground")
+        );
     };
     let normal = cross.normalize();
     let normal = if normal.dot(way) > 0.0 { -normal } else { normal };
     Ok(Picked { position: eye + way * distance, normal })
 }
 
-/// Point of splats that a pixel shows: the median depth of the pixels around it, and the plane through them.
+/// Point of splats that a pixel shows. Its position is given by the median depth around the pixel, and its normal
+/// by the surface around it.
 pub fn on_splats(
     splats: &Splats,
     camera: &Camera,
@@ -111,7 +114,7 @@ pub fn on_splats(
         own.clone().flat_map(|y| own.clone().map(move |x| (x, y))).map(|(x, y)| alpha(x, y)).sum();
     if covered < COVERED * (own.clone().count() * own.count()) as f64 {
         let what = "the background: less than half of it is covered by splats";
-        return Err(nothing(camera, pixel, what).hint("take a pixel of the ground"));
+        return Err(nothing(camera, pixel, what).hint("choose a pixel that shows the ground"));
     }
     let world = camera.world_from_camera();
     let point = |x: usize, y: usize| {
@@ -124,11 +127,11 @@ pub fn on_splats(
     let depths = square.clone().flat_map(|y| square.clone().map(move |x| y * side + x));
     let depth = median(depths.map(|i| f64::from(seen.depth[i])).filter(|d| d.is_finite()).collect());
     let Some(depth) = depth else {
-        return Err(nothing(camera, pixel, "no surface").hint("take a pixel of the ground"));
+        return Err(nothing(camera, pixel, "no surface").hint("choose a pixel that shows the ground"));
     };
     let ray = DVec3::new((pixel[0] - camera.cx) / camera.fx, (pixel[1] - camera.cy) / camera.fy, 1.0);
     let position = world.transform_point3(ray * depth);
-    // The mean normal of all pairs of steps across and down by two pixels of the view.
+    // The mean of the normals given by steps of two pixels of the view to the right and down.
     let step = 2 * ZOOM;
     let mut sum = DVec3::ZERO;
     for y in 0..side - step {

@@ -1,7 +1,7 @@
-//! Share of true values that lie within the reported standard errors, over twenty seeds: of the ratio `with /
-//! without` by `path-trace`, and of the finished picture by `composite`. Prints the tables of
-//! `docs/evidence/trade.md`. `cargo bench -p lightharmony-testkit --bench coverage`, in a checkout next to
-//! `shared`; `-- small` only checks that it runs.
+//! Measures how often true values lie within the reported standard errors, over twenty seeds. This is done for the
+//! ratio `with / without` of `path-trace`, and for the finished picture of `composite`. Prints the tables of
+//! `docs/evidence/trade.md`. Run it as `cargo bench -p lightharmony-testkit --bench coverage` in a checkout next to
+//! `shared`; with `-- small`, it only checks that the benchmark runs.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
 use std::path::Path;
@@ -20,20 +20,21 @@ use nodes::types::{Environment, Images, Mesh, Placed, Rig};
 /// Amount of tracing.
 struct Effort {
     seeds: u64,
-    /// Seeds and number of samples of the truth, different from those above.
+    /// Number of seeds and number of samples of the truth. Its seeds differ from those of the measurements.
     truth: (u64, u32),
-    /// Maximum number of samples if an error bound is set.
+    /// Maximum number of samples of the measurement with an error bound.
     most: u32,
 }
 
 const WHOLE: Effort = Effort { seeds: 20, truth: (8, 256), most: 256 };
-/// Small amount, to check that the benchmark runs.
+/// A small amount, to check that the benchmark runs.
 const SMALL: Effort = Effort { seeds: 2, truth: (2, 8), most: 8 };
-/// An error bound, and the side of the tiles that it applies to.
+/// Error bound of the measurement with `max_error`.
 const ASKED: f64 = 0.03;
+/// Side of the tiles to which the error bound applies, in pixels.
 const TILE: usize = 8;
 
-/// Inputs of `trace` in a graph of `tests/tables`, and the background of its picture.
+/// Inputs of the node `trace` in a graph of `tests/tables`, and the background of its picture.
 struct Place {
     receiver: Arc<Mesh>,
     objects: Vec<Arc<Placed>>,
@@ -42,11 +43,11 @@ struct Place {
     background: Arc<Images>,
 }
 
-/// Values of pixels with their reported standard errors, which are 0 where there is no noise.
+/// Values of pixels, each with its reported standard error, which is 0 if the pixel has no noise.
 type Told = Vec<[f64; 2]>;
 
 impl Place {
-    /// Loads a graph after replacing one part of its text, which sets the size of its pictures.
+    /// Loads a graph after replacing `before` in its text by `after`, to change the size of its pictures.
     fn load(name: &str, (before, after): (&str, &str)) -> Self {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/tables");
         let text = std::fs::read_to_string(folder.join(name)).unwrap();
@@ -77,7 +78,7 @@ impl Place {
         }
     }
 
-    /// Ratio and picture of all views, for a seed.
+    /// Renders all views with a seed, and returns the ratio and the picture.
     fn traced(&self, params: &PathTrace, seed: u64) -> [Told; 2] {
         let cx =
             Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed, exhaustive: false }, ".");
@@ -114,7 +115,7 @@ impl Place {
 }
 
 impl Place {
-    /// Ratios and pictures for several seeds, in order, on two threads.
+    /// Same as [`traced`](Self::traced) for several seeds, in order, on two threads.
     fn all_traced(&self, params: &PathTrace, seeds: std::ops::Range<u64>) -> Vec<[Told; 2]> {
         let half = |first| move |seed: &u64| seed % 2 == first;
         let traced = |first: u64| -> Vec<[Told; 2]> {
@@ -128,8 +129,8 @@ impl Place {
         seeds.filter_map(|seed| if seed % 2 == 0 { even.next() } else { odd.next() }).collect()
     }
 
-    /// True error of the ratio in each tile with noise, as `max_error` defines it: the root mean square over
-    /// the noisy pixels, relative to the ratio where that is above 1.
+    /// True error of the ratio in each tile with noise, as `max_error` defines it: the root mean square error over
+    /// the noisy pixels. The error of a pixel is relative to the ratio if the ratio is above 1.
     fn tiles(&self, told: &Told, truth: &[f64]) -> Vec<f64> {
         let (mut errors, mut first) = (Vec::new(), 0);
         for camera in &self.rig.cameras {
@@ -159,13 +160,13 @@ fn light(images: &Images) -> Vec<f64> {
     pixels.map(|p| f64::from(luminance([p[0], p[1], p[2]]))).collect()
 }
 
-/// A channel of each pixel of all views.
+/// Values of one channel for each pixel of all views.
 fn plane(images: &Images, channel: usize) -> Vec<f64> {
     let pixels = images.0.iter().flat_map(|view| view.picture.samples().chunks_exact(view.picture.size().2));
     pixels.map(|p| f64::from(p[channel])).collect()
 }
 
-/// Numbers of true values within 1, 2 and 3 standard errors, and the mean deviation.
+/// Number of true values within 1, 2 and 3 standard errors, and sums for the mean errors.
 #[derive(Default)]
 struct Tally {
     within: [u64; 3],

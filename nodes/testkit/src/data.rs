@@ -1,4 +1,4 @@
-//! Folder of files for tests and benches, and functions that load them.
+//! A folder with files for tests and benches, and functions that load them.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,17 +20,17 @@ pub struct Data {
 }
 
 impl Data {
-    /// Files of a folder, in a scene with metres as units.
+    /// Uses the files of a folder, in a scene whose unit is the metre.
     pub fn of(folder: &Path, up: Up, seed: u64) -> Self {
         Self { folder: folder.to_owned(), up, seed }
     }
 
-    /// Shared data next to the checkout.
+    /// Uses the shared data next to the checkout.
     pub fn shared(up: Up, seed: u64) -> Self {
         Self::of(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), up, seed)
     }
 
-    /// The same files with another seed.
+    /// Returns the same files with another seed.
     pub fn with_seed(&self, seed: u64) -> Self {
         Self { seed, ..self.clone() }
     }
@@ -38,7 +38,7 @@ impl Data {
     /// Path of a file or folder.
     ///
     /// # Panics
-    /// If it is missing, so that no test is skipped.
+    /// If it does not exist, so that no test is skipped.
     pub fn path(&self, path: &str) -> PathBuf {
         let path = self.folder.join(path);
         assert!(path.exists(), "{} is missing", path.display());
@@ -55,7 +55,7 @@ impl Data {
         serde_json::from_slice(&self.bytes(path)).unwrap()
     }
 
-    /// Context outside of any run, in which paths are relative to the folder.
+    /// Context that belongs to no run. Paths are relative to the folder.
     pub fn context(&self) -> Context {
         let scene = Scene { up: self.up, metres_per_unit: 1.0, seed: self.seed, exhaustive: false };
         Context::detached(scene, &self.folder)
@@ -91,7 +91,7 @@ impl Data {
         (out.object, notes)
     }
 
-    /// Environment of a file, unchanged.
+    /// The environment in a file, without rotation or other changes.
     pub fn environment(&self, path: &str) -> (Arc<Environment>, Notes) {
         let params = LoadEnvironment {
             path: InputFile(path.to_owned()),
@@ -104,7 +104,7 @@ impl Data {
         (out.env, notes)
     }
 
-    /// Cameras of a list of a file: all, or those with names that match `pick`.
+    /// Cameras from a list in a file: all of them, or those whose names match `pick`.
     pub fn cameras(&self, path: &str, list: &str, pick: &[&str]) -> Arc<Rig> {
         let params = LoadCameras {
             path: InputFile(path.to_owned()),

@@ -1,5 +1,5 @@
 //! Code shared by the benches of the kinds and their tests on real data: the data, its reference renders, scores of
-//! pictures, and the clock. A crate of its own, so that no program and no unit test is built with it.
+//! pictures, and clocks. It is a separate crate, so that programs and unit tests are built without it.
 #![allow(clippy::unwrap_used, reason = "tests and benches may stop at the first surprise")]
 
 mod data;
@@ -19,12 +19,12 @@ fn clock(id: ClockId) -> f64 {
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
-/// CPU seconds of all threads of this process, by a clock of the kernel that does not count other processes.
+/// CPU seconds used by all threads of this process, by a clock of the kernel that does not count other processes.
 pub fn process_seconds() -> f64 {
     clock(ClockId::ProcessCPUTime)
 }
 
-/// CPU seconds of this thread.
+/// CPU seconds used by this thread.
 pub fn thread_seconds() -> f64 {
     clock(ClockId::ThreadCPUTime)
 }

@@ -18,7 +18,7 @@ use crate::{Data, thread_seconds};
 /// Scene prepared for tracing.
 pub struct Case {
     data: Data,
-    /// Folder of the scene within the data.
+    /// Folder of the scene, relative to that of the data.
     folder: String,
     /// The mesh that receives shadows, with baked colours.
     pub receiver: Arc<Mesh>,
@@ -84,12 +84,12 @@ impl Case {
         }
     }
 
-    /// The scene with the camera at `times` its distance, and a receiver that is larger by the same factor.
+    /// Returns the scene with the distance of the camera and the size of the receiver multiplied by `times`.
     pub fn with_camera_at(&self, times: f32) -> Self {
         let mut receiver = Mesh::clone(&self.receiver);
         receiver.positions.iter_mut().flatten().for_each(|v| *v *= times);
         let mut camera = self.rig.cameras[0].clone();
-        // The last column is where it stands.
+        // The last column is the position of the camera.
         camera.world_from_camera[12..15].iter_mut().for_each(|v| *v *= f64::from(times));
         Self {
             data: self.data.clone(),
@@ -106,13 +106,13 @@ impl Case {
         self.cropped(seed, samples, with, surroundings, 0.001)
     }
 
-    /// Traces only the change by the object.
+    /// Traces with the object and with `shadow_only`, and measures the CPU seconds.
     pub fn shadow(&self, seed: u64, samples: u32, surroundings: Surroundings) -> Traced {
         let params = PathTrace { shadow_only: true, ..params(samples, surroundings, 0.001) };
         self.traced(&params, seed, true)
     }
 
-    /// Same as [`shadow`](Self::shadow), with another `crop`.
+    /// Same as [`trace`](Self::trace), with another `crop`.
     pub fn cropped(
         &self,
         seed: u64,
@@ -137,7 +137,8 @@ impl Case {
             let (out, notes) = PathTrace::run(params, inputs, &cx).unwrap();
             (thread_seconds() - start, cx.counts(), out, notes)
         };
-        // A picture of one pixel costs what stands before the rays: trees and the table of the sky.
+        // The cost of a picture of one pixel is that of setting up: the trees of the meshes and the table of the
+        // sky.
         let mut dot = self.rig.cameras[0].clone();
         (dot.width_px, dot.height_px) = (1, 1);
         let (setup, ..) = run(Arc::new(Rig { cameras: vec![dot] }));
@@ -167,8 +168,7 @@ pub struct Traced {
     pub notes: Notes,
 }
 
-/// Layers of a trace denoised with default parameters, and the CPU seconds of this thread that denoising
-/// took.
+/// Denoises the layers of a trace with default parameters. Also returns the CPU seconds of this thread.
 pub fn denoised(out: &path_trace::Out, data: &Data) -> (denoise::Out, f64) {
     let inputs = denoise::In {
         without: Arc::clone(&out.without),

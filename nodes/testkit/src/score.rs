@@ -1,4 +1,4 @@
-//! Scores of pictures against others.
+//! Scores that compare pictures.
 
 use nodes::math::color::luminance;
 use nodes::math::num;
@@ -15,16 +15,17 @@ pub fn mean(samples: &[f32]) -> f64 {
     samples.iter().map(|x| f64::from(*x)).sum::<f64>() / samples.len() as f64
 }
 
-/// Mean of the squared error over (reference squared + 0.01), as the notes of `render-refs` define it.
+/// Mean of `error^2 / (reference^2 + 0.01)`, which is the measure defined by the notes of `render-refs`.
 pub fn relative_mse(ours: &[f32], reference: &[f32]) -> f64 {
     let pairs = ours.iter().zip(reference).map(|(a, r)| (f64::from(*a), f64::from(*r)));
     pairs.map(|(a, r)| (a - r) * (a - r) / (r * r + 0.01)).sum::<f64>() / ours.len() as f64
 }
 
-/// PSNR in dB with peak 1, and the largest deviation, of the first three of `channels` and `others` samples per pixel.
+/// PSNR in dB for a peak of 1, and the largest deviation, over the first three channels. The pictures have
+/// `channels` and `others` channels.
 ///
 /// # Panics
-/// If the pictures differ in their numbers of pixels.
+/// If the pictures have different numbers of pixels.
 pub fn psnr(seen: &[f32], channels: usize, truth: &[f32], others: usize) -> (f64, f64) {
     let (pixels, expected) = (seen.chunks_exact(channels), truth.chunks_exact(others));
     assert_eq!(pixels.len(), expected.len());
@@ -39,9 +40,10 @@ pub fn psnr(seen: &[f32], channels: usize, truth: &[f32], others: usize) -> (f64
     (-10.0 * num::f64::log10(squares / (truth.len() / others * 3) as f64), largest)
 }
 
-/// Difference of the luminance of two pictures with independent errors per pixel, over blocks of 8 by 8
-/// pixels, in standard errors computed from the spread within a block: the mean over the blocks, and the
-/// share of blocks above 3 (0.0039 for Student's distribution). Blocks without light are left out.
+/// Compares the luminance of two pictures whose errors are independent from pixel to pixel. For each block of 8 by
+/// 8 pixels, the mean difference is divided by its standard error, which is computed from the spread within the
+/// block. Returns the mean of this score over the blocks, and the share of blocks above 3 (0.0039 is expected from
+/// Student's distribution). Blocks without light are left out.
 pub fn block_scores(ours: &[f32], other: &[f32], width: usize) -> (f64, f64) {
     let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
     let apart: Vec<f64> = ours.chunks(3).map(y).zip(other.chunks(3).map(y)).map(|(a, b)| a - b).collect();

@@ -22,7 +22,7 @@ impl Reference {
         views.as_array().unwrap().iter().map(Self::read).collect()
     }
 
-    /// View with a given name.
+    /// The view with a given name.
     pub fn named(data: &Data, name: &str) -> Self {
         Self::all(data).into_iter().find(|view| view.name == name).unwrap()
     }
@@ -52,7 +52,7 @@ impl Reference {
         }
     }
 
-    /// Samples of a layer: `rgb`, `alpha` or `depth`, which is the depth times alpha.
+    /// Samples of a layer: `rgb`, `alpha`, or `depth`, which holds the depth multiplied by alpha.
     pub fn layer(&self, data: &Data, layer: &str) -> Vec<f32> {
         // A `.npy` file of little-endian float32: its header, whose length is in bytes 8 and 9, and the samples.
         let bytes = data.bytes(&format!("splat-refs/{}.{layer}.npy", self.name));

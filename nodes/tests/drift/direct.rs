@@ -1,5 +1,5 @@
-//! Direct light of `path-trace` compared with the sum over all directions in float64: a matte floor under a small
-//! sky, a box on it, and the top of the box.
+//! Compares the direct light of `path-trace` with the sum over all directions in float64. The scene is a matte
+//! floor under a sky with few texels, with a box on the floor. The floor and the top of the box are compared.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -15,16 +15,17 @@ const WIDTH: u32 = 16;
 const HEIGHT: u32 = 12;
 const FLOOR: [f32; 3] = [0.5, 0.3, 0.7];
 const BOX: f32 = 0.6;
-/// Lower and upper corner of the box, which stands on the floor.
+/// Lower corner of the box, which stands on the floor.
 const LOW: DVec3 = DVec3::new(-0.3, -0.3, 0.0);
+/// Upper corner of the box.
 const HIGH: DVec3 = DVec3::new(0.3, 0.3, 0.6);
 
-/// Values of a picture, pixel after pixel, as traced and as summed.
+/// Values of each layer, pixel after pixel: first as traced, then as summed.
 pub struct Direct {
     pub without: [Vec<f64>; 2],
     pub with: [Vec<f64>; 2],
     pub object: [Vec<f64>; 2],
-    /// The reported variance of the luminance of `without` and `with`, pixel after pixel.
+    /// The reported variance of the luminance of each pixel: first of `without`, then of `with`.
     pub variance: [Vec<f64>; 2],
 }
 
@@ -79,7 +80,7 @@ fn camera() -> Camera {
     Camera { name, width_px: WIDTH, height_px: HEIGHT, fx: f, fy: f, cx, cy, world_from_camera }
 }
 
-/// Bright patch in a coloured sky, with texels so large that no lobe is narrower than one.
+/// A coloured sky with a bright patch. Its texels are so large that no lobe is narrower than a texel.
 fn sky() -> Environment {
     let texel = |i: usize| {
         let bright = if i % 16 == 5 && (1..3).contains(&(i / 16)) { 8.0 } else { 0.4 };
@@ -117,8 +118,8 @@ fn block() -> Placed {
     Placed { object: Arc::new(object), world_from_object: DMat4::IDENTITY }
 }
 
-/// Directions above the horizon with the light of each, times its cosine. There are 24 by 24 per texel, of
-/// equal solid angle within a texel.
+/// Directions above the horizon, each with its light multiplied by cosine and solid angle. There are 24 by 24
+/// directions per texel, with equal solid angles within a texel.
 fn directions(sky: &Environment) -> Vec<(DVec3, [f64; 3])> {
     const ACROSS: usize = 24;
     let (width, height) = (sky.image.width, sky.image.height);
@@ -144,8 +145,9 @@ fn meets(from: DVec3, direction: DVec3) -> bool {
     a.max(b).min_element() > a.min(b).max_element().max(0.0)
 }
 
-/// Positions along a row or column of pixels, 3 in each piece, with the share of the pixel that each
-/// represents. A pixel is split at an edge of the box's base, where the light changes abruptly.
+/// Positions within a pixel along one axis, each with the share of the pixel that it represents. The pixel is split
+/// at the edges of the base of the box, where the light changes abruptly, and there are three positions in each
+/// piece.
 fn places(pixel: u32, edges: [f64; 2]) -> Vec<(f64, f64)> {
     let (first, last) = (f64::from(pixel), f64::from(pixel + 1));
     let mut cuts = vec![first, last];
@@ -158,7 +160,8 @@ fn places(pixel: u32, edges: [f64; 2]) -> Vec<(f64, f64)> {
     cuts.windows(2).flat_map(piece).collect()
 }
 
-/// Light of a matte level surface at a height, as the mean over 3 by 3 positions in each piece of a pixel.
+/// Light reflected by a matte level surface at a height, as the mean over 3 by 3 positions in each piece of a
+/// pixel.
 fn summed(
     camera: &Camera,
     directions: &[(DVec3, [f64; 3])],
@@ -191,7 +194,7 @@ fn summed(
     picture
 }
 
-/// Pixels that show only the top of the box, as traced and as summed.
+/// Values of the pixels that show only the top of the box: first as traced, then as summed.
 fn on_top(camera: &Camera, traced: &[f64], directions: &[(DVec3, [f64; 3])]) -> [Vec<f64>; 2] {
     let expected = summed(camera, directions, [BOX; 3], HIGH.z, false);
     let on_top = |pixel: u32| {

@@ -1,22 +1,23 @@
-//! Reference in float64 for the ground under an object: every triangle is tested against every line, and the
-//! plane with most points is found by trying many more planes than the node does.
+//! Reference in float64 for the ground under an object. Every triangle is tested against every vertical line, and
+//! the plane with the most points is found by trying many more planes than the node does.
 
 use glam::{DMat3, DVec3};
 use nodes::types::{Cell, Mesh, Placed, Report};
 
-/// Number of lines along each side of the region under the foot.
+/// Number of vertical lines along each side of the region under the foot.
 const GRID: u32 = 24;
-/// Largest distance of points from a plane that belong to it: 2 cm.
+/// Maximum distance from a plane of the points that belong to it, in metres.
 const NEAR: f64 = 0.02;
 
-/// Distance by which the object was moved, and the normal, from the report.
+/// Values in the report: the distance by which the object was moved, and the normal.
 pub fn reported(report: &Report) -> Vec<f64> {
     let number = |cell: &Cell| if let Cell::Number(n) = cell { *n } else { f64::NAN };
     let row: Vec<f64> = report.tables[0].rows[0].iter().map(number).collect();
     vec![row[0], row[2], row[3], row[4]]
 }
 
-/// Reference result for an object at most `reach` above or below the ground, in a world of metres with z up.
+/// Reference for [`reported`], for an object at most `reach` above or below the ground. The world is in metres with
+/// z up.
 pub fn found(mesh: &Mesh, placed: &Placed, reach: f64) -> Vec<f64> {
     let corners: Vec<DVec3> = placed
         .object
@@ -70,8 +71,8 @@ fn over(plane: DVec3, p: DVec3) -> f64 {
     p.z - plane.x - plane.y * p.x - plane.z * p.y
 }
 
-/// Plane with most points, among all horizontal planes and those through three points of a subset (every 23rd
-/// point).
+/// The plane with the most points. Candidates are the horizontal planes through each point, and the planes through
+/// any three of every 23rd point.
 fn densest(points: &[DVec3]) -> DVec3 {
     let some: Vec<DVec3> = points.iter().copied().step_by(23).collect();
     let mut planes: Vec<DVec3> = points.iter().map(|p| DVec3::new(p.z, 0.0, 0.0)).collect();
@@ -91,7 +92,7 @@ fn densest(points: &[DVec3]) -> DVec3 {
     planes.into_iter().max_by(|a, b| held(a).cmp(&held(b)).then_with(|| nearer(a, b))).unwrap()
 }
 
-/// Rise along both axes of the plane with the smallest squared differences in height from all points.
+/// Rise along both axes of the plane fitted to points by least squares of the differences in height.
 fn least_squares(points: &[DVec3]) -> DVec3 {
     let mean = points.iter().sum::<DVec3>() / points.len() as f64;
     let (mut moments, mut right) = (DMat3::ZERO, DVec3::ZERO);

@@ -1,4 +1,4 @@
-//! Reference for `score-env`: its scores computed from texels instead of cells.
+//! Reference for the scores of `score-env`, computed from texels instead of the grid cells that the node uses.
 
 use std::f64::consts::PI;
 
@@ -13,7 +13,7 @@ use super::references::luminance;
 /// Direction, solid angle and radiance of a texel.
 type Texel = (DVec3, f64, [f64; 3]);
 
-/// Texels of an environment with z up, each split into this many columns and rows, with their solid angles.
+/// Texels of an environment with z up, each split into a number of columns and rows.
 fn texels(environment: &Environment, [across, down]: [usize; 2]) -> Vec<Texel> {
     let (width, height) = (environment.image.width * across, environment.image.height * down);
     let texel = |i: usize| {
@@ -35,8 +35,8 @@ fn irradiance(texels: &[Texel], normal: DVec3) -> [f64; 3] {
     [0, 1, 2].map(each)
 }
 
-/// Scores in the order of [`reported`], for environments of at most 128 columns. The truth is the coarser of
-/// the two.
+/// Scores in the order of [`reported`], for environments of at most 128 columns. `truth` must not have more columns
+/// than `found`.
 pub fn scores(found: &Environment, truth: &Environment) -> Vec<f64> {
     // Large texels are cut so that there are at least half as many columns as the program's grid has.
     let fine = |of: &Environment| texels(of, [128 / of.image.width, 64 / of.image.height].map(|n| n.max(1)));
@@ -64,7 +64,7 @@ pub fn scores(found: &Environment, truth: &Environment) -> Vec<f64> {
         let [found, want] = [&all, &all_truth].map(|of| luminance(&irradiance(of, normal)));
         scores.push(stops(found, want));
     }
-    // By texel of the truth, each with the mean of the found texels there.
+    // Compare each texel of `truth` with the mean of the texels of `found` there.
     let across = found.image.width / truth.image.width;
     let [whole_found, whole_truth] = [found, truth].map(|of| texels(of, [1, 1]));
     let (mut off, mut energies) = (0.0, [0.0; 2]);
@@ -93,7 +93,7 @@ fn matte(texels: &[Texel], normal: DVec3) -> [f64; 3] {
     irradiance(texels, normal).map(|e| e / PI)
 }
 
-/// Direction that a mirror seen along +y reflects to the viewer.
+/// Direction of the light that a mirror with this normal reflects to a viewer who looks along +y.
 fn reflected(normal: DVec3) -> DVec3 {
     DVec3::Y - 2.0 * DVec3::Y.dot(normal) * normal
 }
@@ -104,7 +104,8 @@ fn glossy(texels: &[Texel], normal: DVec3) -> [f64; 3] {
     [0, 1, 2].map(|c| texels.iter().map(|(d, size, rgb)| lobe(d) * size * rgb[c]).sum::<f64>() / whole)
 }
 
-/// Root mean square error over the pixels of a sphere 32 pixels across, seen along +y, relative to the truth.
+/// Root mean square error, relative to the truth, over the pixels of a sphere that is 32 pixels wide and seen along
+/// +y.
 fn sphere(shade: fn(&[Texel], DVec3) -> [f64; 3], found: &[Texel], truth: &[Texel]) -> f64 {
     let (mut off, mut square) = (0.0, 0.0);
     for i in 0..32 * 32 {

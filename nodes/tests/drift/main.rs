@@ -1,9 +1,9 @@
-//! Errors of every node: the largest error and the 99.9th percentile, compared with a slow float64 reference
-//! written from the node's definition, or, for nodes that sample, with the same node at a finer setting.
-//! `docs/evidence/README.md` lists the nodes that need no such test.
+//! Measures the error of every node: the largest error and the 99.9th percentile. The reference is a slow float64
+//! implementation that follows the definition of the node. For nodes that sample, it is the same node with a finer
+//! setting. `docs/evidence/README.md` lists the nodes that need no such test.
 //!
-//! All results are deterministic, so `errors.tsv` contains them to the last digit, for any machine. A change
-//! in the file is a change of a picture: look at the picture, then update the file with `UPDATE_GOLDEN=1`.
+//! All results are deterministic, so `errors.tsv` is the same on every machine. If a line changes, a picture has
+//! changed: look at the picture, then update the file with `UPDATE_GOLDEN=1`.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod direct;
@@ -20,21 +20,21 @@ use std::path::Path;
 use engine::{Artifact, Engine, Graph, RunOptions, Source, SourceRoot, Store, Wire};
 use nodes::types::{Brackets, Environment, Images, Mesh, Panorama, Placed, Report, Rig, Splats, Views};
 
-/// Permitted difference of metrics from the publications, because this crate uses the rounded matrices, white
-/// points and curves of published tools.
+/// Permitted difference of metrics from their publications. This crate uses the rounded matrices, white points and
+/// curves of published tools.
 const CONSTANTS: f64 = 1e-4;
 
 /// Errors of one output.
 struct Case {
     name: &'static str,
     against: &'static str,
-    /// Largest permitted error, independent of `errors.tsv`: the rounding of the format and of the order of
-    /// sums.
+    /// Maximum permitted error, independent of `errors.tsv`. It allows for the rounding of the format and for
+    /// another order of sums.
     bound: f64,
     errors: Vec<f64>,
 }
 
-/// Graph after its run.
+/// A graph after it was run, and its engine.
 struct Run {
     engine: Engine,
     graph: Graph,
@@ -50,7 +50,7 @@ impl Run {
         Self { engine, graph }
     }
 
-    /// The value at `node.port`.
+    /// The value at the output `name`, as `node.port`.
     fn value<A: Artifact>(&self, name: &str) -> A {
         let (node, port) = name.split_once('.').unwrap();
         let node = self.graph.find(node).unwrap();
@@ -69,7 +69,8 @@ fn apart(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).collect()
 }
 
-/// |a - b| over |b|, or over a share of the mean where b is smaller.
+/// Absolute differences of `a` and `b`, each divided by the absolute value of `b`, or by `share` of the mean if
+/// that is larger.
 fn relative(a: &[f64], b: &[f64], share: f64) -> Vec<f64> {
     let least = share * b.iter().map(|b| b.abs()).sum::<f64>() / b.len() as f64;
     a.iter().zip(b).map(|(a, b)| (a - b).abs() / b.abs().max(least)).collect()
@@ -157,7 +158,7 @@ fn cases(run: &Run) -> Vec<Case> {
             1e-5,
             apart(&ground::reported(&run.value("stands.report")), &stands),
         ),
-        // Where no surface is hit both are infinite.
+        // If no surface is hit, both are infinite.
         exact(
             "path-trace depth, relative",
             1e-5,
@@ -220,8 +221,8 @@ fn summary(errors: &[f64]) -> [f64; 2] {
     [sorted[last], sorted[last - last / 1000]]
 }
 
-/// Formats an error with four digits. An error below 1e-12 is only the rounding of sums in float64, and is
-/// shown as `<1e-12`.
+/// Formats an error with four digits. An error below 1e-12, which is only the rounding of sums in float64, is shown
+/// as `<1e-12`.
 fn digits(error: f64) -> String {
     match error {
         0.0 => "0".to_owned(),
@@ -253,8 +254,8 @@ fn no_error_drifts() {
     assert_eq!(text.lines().count(), known.lines().count());
 }
 
-/// The mean light equals that of the sum over all directions, and pixels lie on both sides of it, within
-/// their reported variance.
+/// The light of each pixel agrees with the sum over all directions within its reported variance, and the mean
+/// difference is 0 within its standard error.
 #[test]
 fn direct_light_is_that_of_all_directions() {
     let direct = direct::Direct::new(64);

@@ -21,9 +21,9 @@ pub struct Layers {
 struct Pixel {
     signal: [f64; 3],
     variance: f64,
-    /// Reported variance of the pixel, and the variance up to which it is averaged at full weight.
+    /// Reported variance of the pixel, and the variance up to which a neighbour is averaged with full weight.
     doubt: [f64; 2],
-    /// The averaged values.
+    /// The values that are averaged.
     values: [f64; 6],
     there: bool,
     normal: DVec3,
@@ -39,7 +39,7 @@ impl Layers {
         if self.depth[i] > 0.0 { 1.0 / self.depth[i] } else { 0.0 }
     }
 
-    /// R0, R1 and the object with less noise.
+    /// Denoises `without`, `with` and `object`, and returns them one after another.
     pub fn averaged(&self) -> Vec<f64> {
         let lit = self.receiver();
         let [mut without, mut with, mut object] = [&self.without, &self.with, &self.object].map(Clone::clone);
@@ -59,7 +59,7 @@ impl Layers {
         [without, with, object].concat()
     }
 
-    /// Field of the receiver, compared by the ratio and its variance, without fireflies.
+    /// Pixels of the receiver without fireflies. They are compared by the ratio with / without and its variance.
     fn receiver(&self) -> Field<'_> {
         let pixel = |i: usize| {
             let (r0, r1) = (&self.without[3 * i..3 * i + 3], &self.with[3 * i..3 * i + 3]);
@@ -91,7 +91,8 @@ impl Layers {
         field.smoothed(3)
     }
 
-    /// Field of the object, compared by its colour, with the mean scaled to between 1 and 2.
+    /// Pixels of the object. They are compared by colour, scaled by a power of 2 so that the mean is between 1 and
+    /// 2.
     fn inserted(&self) -> Field<'_> {
         let pixels = self.object.chunks_exact(4);
         let [light, cover] = pixels
@@ -120,7 +121,7 @@ impl Layers {
 }
 
 impl Field<'_> {
-    /// Indices of the pixels at most `reach` columns and rows away, row by row.
+    /// Indices of the pixels at most `reach` columns and rows away from a pixel, row by row.
     fn around(&self, i: usize, reach: usize) -> impl Iterator<Item = usize> {
         let (width, height) = (self.layers.width, self.pixels.len() / self.layers.width);
         let (x, y) = (i % width, i / width);
@@ -129,8 +130,8 @@ impl Field<'_> {
             .flat_map(move |row| columns.clone().map(move |column| row * width + column))
     }
 
-    /// Computes the variances up to which pixels are averaged at full weight: 16 times the mean variance of the
-    /// nine pixels around each, without the largest of them.
+    /// Computes the variance up to which the neighbours of each pixel are averaged with full weight. It is 16 times
+    /// the mean variance of the pixel and its eight neighbours, without the largest of these variances.
     fn doubted(mut self) -> Self {
         for i in 0..self.pixels.len() {
             let near = self.around(i, 1).filter(|j| self.pixels[*j].there);
@@ -143,7 +144,8 @@ impl Field<'_> {
         self
     }
 
-    /// Replaces each variance by the mean of the variances around it, but at least a tenth of its own value.
+    /// Replaces the variance of each pixel by the mean of the variances around it, or by a tenth of its own
+    /// variance if that is larger.
     fn smoothed(mut self, reach: usize) -> Self {
         let mean = |i: usize| {
             let near: Vec<f64> = self
@@ -160,8 +162,8 @@ impl Field<'_> {
         self
     }
 
-    /// Change of inverse depth from column to column, or from row to row: the smaller of the steps on the two
-    /// sides if they have the same sign, otherwise 0.
+    /// Change of the inverse depth per column or per row at a pixel. If the changes on both sides have the same
+    /// sign, it is the smaller of them, otherwise 0.
     fn slope(&self, i: usize, step: usize, before: bool, after: bool) -> f64 {
         if !(before && after) {
             return 0.0;
@@ -177,7 +179,7 @@ impl Field<'_> {
         }
     }
 
-    /// Squared distance of two pixels minus the distance expected from noise, in units of the noise.
+    /// Squared difference of two pixels minus the difference expected from noise, divided by the noise.
     fn apart(&self, p: &Pixel, q: &Pixel, strength: f64) -> f64 {
         let square =
             (0..3).map(|k| (p.signal[k] - q.signal[k]) * (p.signal[k] - q.signal[k])).sum::<f64>() / 3.0;

@@ -1,4 +1,4 @@
-//! Test that a whole insertion gives the same pictures in a world that is moved, enlarged or reduced.
+//! Tests that a whole insertion gives the same pictures in a world that is moved, enlarged or reduced.
 
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ mod row;
 /// Name of a step, and the samples of its picture.
 type Step = (&'static str, Vec<f32>);
 
-/// Inputs of a graph.
+/// Inputs of an insertion.
 struct World {
     splats: Splats,
     mesh: Mesh,
@@ -39,7 +39,7 @@ struct World {
     origin: DVec3,
 }
 
-/// Each coordinate as f32, and the remainder.
+/// Splits each coordinate into an f32 and the remainder that f32 cannot hold.
 fn halves(place: DVec3) -> [[f32; 3]; 2] {
     let high = place.to_array().map(|v| v as f32);
     let low = place - DVec3::from(high.map(f64::from));
@@ -47,7 +47,7 @@ fn halves(place: DVec3) -> [[f32; 3]; 2] {
 }
 
 impl World {
-    /// The world scaled about its origin and then moved.
+    /// Returns the world scaled about its origin and then moved.
     fn moved(&self, scale: f64, by: DVec3) -> Self {
         let to = |place: DVec3| place * scale + by;
         let (mut splats, mut mesh, mut rig) = (self.splats.clone(), self.mesh.clone(), self.rig.clone());
@@ -76,7 +76,7 @@ impl World {
         }
     }
 
-    /// Pictures of every step, with their names.
+    /// Runs the insertion, and returns the result of every step.
     fn inserted(&self) -> Vec<Step> {
         let cx = Context::detached(
             Scene { up: Up::PlusZ, metres_per_unit: self.metres_per_unit, seed: 3, exhaustive: false },
@@ -140,7 +140,8 @@ impl World {
     }
 }
 
-/// Largest difference of a sample of each step, relative to the sample if it is above 1.
+/// Runs the insertion in `world`, and returns the largest difference from `here` in each step. The difference of a
+/// sample is relative to the sample if that is above 1.
 fn off(world: &World, here: &[Step]) -> Vec<(&'static str, f64)> {
     let worst = |((step, a), (_, b)): (&Step, &Step)| {
         assert_eq!(a.len(), b.len());
@@ -150,8 +151,8 @@ fn off(world: &World, here: &[Step]) -> Vec<(&'static str, f64)> {
     world.inserted().iter().zip(here).map(worst).collect()
 }
 
-/// No step gives a different picture if splats, mesh, cameras, probe and object are moved by a million units,
-/// or scaled by a million up or down, with all parameters in world units. Mutation: the mesh rounded to f32.
+/// No step gives a different picture if splats, mesh, cameras, probe, object and all parameters in world units are
+/// moved by a million units, or scaled up or down by a million. This test fails if the mesh is rounded to f32.
 #[test]
 fn the_whole_insertion_does_not_depend_on_where_or_how_large_the_world_is() {
     let run = Run::new();

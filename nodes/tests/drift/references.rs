@@ -8,7 +8,7 @@ use nodes::math::equirect;
 use nodes::math::num;
 use nodes::types::{Brackets, Cell, Panorama, Picture, Report, Views};
 
-/// Converts sRGB to linear light, by IEC 61966-2-1.
+/// Converts sRGB to linear light, according to IEC 61966-2-1.
 fn decoded(v: f64) -> f64 {
     if v <= 0.04045 { v / 12.92 } else { num::pow((v + 0.055) / 1.055, 2.4) }
 }
@@ -28,8 +28,8 @@ pub fn light(pixel: &[f64]) -> [f64; 4] {
     [linear(0), linear(1), linear(2), alpha]
 }
 
-/// Mean of the views over each pixel of a panorama with z up, with 12x12 samples per pixel by solid angle, in
-/// display values; and the visible share of each pixel.
+/// Panorama with z up of some views: the display values and the visible share of each pixel. Each pixel is the mean
+/// of 12x12 samples, weighted by solid angle.
 pub fn stitch(views: &Views, width: usize) -> (Vec<f64>, Vec<f64>) {
     const ACROSS: usize = 12;
     let height = width / 2;
@@ -60,8 +60,8 @@ pub fn stitch(views: &Views, width: usize) -> (Vec<f64>, Vec<f64>) {
     (colours, seen)
 }
 
-/// Mean of all views in a direction, each weighted by the distance from its border: a smooth step over the
-/// outer 8 % of its shorter side.
+/// Mean of all views in a direction. The weight of a view increases with the distance from its border, by a smooth
+/// step over 8 % of its shorter side.
 fn around(views: &Views, faces: &[Vec<[f64; 4]>], direction: DVec3) -> [f64; 4] {
     let (mut sum, mut total) = ([0.0; 4], 0.0);
     for (view, pixels) in views.0.iter().zip(faces) {
@@ -96,7 +96,7 @@ pub fn taken(brackets: &Brackets) -> Vec<f64> {
     brackets.exposures.iter().flat_map(|image| image.samples.iter().map(|v| f64::from(*v))).collect()
 }
 
-/// Photographs of a panorama at each exposure, by the predicted gain, limited to white.
+/// Computes the photographs of a panorama at each exposure from the predicted gain, clamped to white.
 pub fn exposed(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     let gains = &brackets.log2_gain.samples;
     let at = |ev: f64| {
@@ -109,8 +109,8 @@ pub fn exposed(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     brackets.evs.iter().flat_map(|ev| at(*ev)).collect()
 }
 
-/// Factor in linear light of a grey mask over display values, which composites the blocked share of luminance
-/// as black.
+/// Factor in linear light that corresponds to a grey mask: black is composited over display values, with the
+/// blocked share of luminance as its opacity.
 pub fn grey(without: &[f64], with: &[f64], strength: f64) -> Vec<f64> {
     let pairs = without.chunks_exact(3).zip(with.chunks_exact(3));
     let factor = |(a, b): (&[f64], &[f64])| {
@@ -120,8 +120,10 @@ pub fn grey(without: &[f64], with: &[f64], strength: f64) -> Vec<f64> {
     pairs.flat_map(factor).collect()
 }
 
-/// Fusion of a panorama and its exposures, starting with the darkest. Each brighter one replaces the darker
-/// ones where it is not clipped, by a ramp of its brightest channel from 0.9 to 1. No pixel becomes darker.
+/// Fuses a panorama with its exposures, from the darkest to the brightest. Where an exposure is not clipped, it
+/// replaces the result of the darker exposures: its weight is 1 until its brightest channel reaches 0.9, and falls
+/// to 0 at white. Where the exposure is brighter than this result, its weight is 1, so no pixel becomes darker than
+/// in the panorama.
 pub fn fuse(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     let linear = |samples: &[f32], at: usize| [0, 1, 2].map(|c| decoded(f64::from(samples[3 * at + c])));
     let base = base.image.samples();
@@ -143,7 +145,7 @@ pub fn fuse(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     fused
 }
 
-/// The stable form of the ratio, for each channel.
+/// Parameters of the ratio with / without, in a form that is stable in the dark.
 pub struct Ratio {
     pub epsilon: f64,
     pub min_energy: f64,
@@ -153,8 +155,8 @@ pub struct Ratio {
 }
 
 impl Ratio {
-    /// Factor of the background, from R0 and R1 of three channels. It is 1 where the mean of R0 around a
-    /// pixel is less than `min_energy` of the median of lit pixels, with a ramp up to twice that.
+    /// Factor of the background for each of three channels. It is 1 where the mean of `without` around a pixel is
+    /// less than `min_energy` times the median of the lit pixels, with a ramp up to twice this value.
     pub fn of(&self, without: &[f64], with: &[f64], width: usize) -> Vec<f64> {
         let mut sorted: Vec<f64> = without.iter().copied().filter(|v| *v > 0.0).collect();
         sorted.sort_by(f64::total_cmp);
@@ -178,8 +180,8 @@ impl Ratio {
     }
 }
 
-/// Composites the object over the shaded background on black, in linear light, from a premultiplied display
-/// background.
+/// Composites the object over the shaded background and black, in linear light. The background is in premultiplied
+/// display values.
 pub fn composite(background: &[f64], object: &[f64], shadow: &[f64]) -> Vec<f64> {
     let pixels = background.chunks_exact(4).zip(object.chunks_exact(4)).zip(shadow.chunks_exact(3));
     let over = |((b, o), s): ((&[f64], &[f64]), &[f64])| {
@@ -189,7 +191,7 @@ pub fn composite(background: &[f64], object: &[f64], shadow: &[f64]) -> Vec<f64>
     pixels.flat_map(over).collect()
 }
 
-/// Masks of object, shadow, rest and contact band, one after another.
+/// Masks of the object, the shadow, the rest and the contact band, one after another.
 pub fn masks(object: &[f64], shadow: &[f64], width: usize) -> Vec<f64> {
     let alpha: Vec<f64> = object.chunks_exact(4).map(|pixel| pixel[3]).collect();
     let inside = |i: usize| alpha[i] > 0.5;
@@ -197,7 +199,7 @@ pub fn masks(object: &[f64], shadow: &[f64], width: usize) -> Vec<f64> {
     let rows: Vec<usize> = (0..alpha.len()).filter(|&i| inside(i)).map(|i| i / width).collect();
     let tall = rows.last().zip(rows.first()).map_or(0, |(last, first)| last - first + 1);
     let deep = (0.05 * tall as f64).round() as usize;
-    // The lowest pixel of the object in the column is at most this many rows above.
+    // The lowest pixel of the object in the same column is at most `deep` rows above.
     let touches = |i: usize| {
         let lowest = (0..alpha.len() / width).rev().find(|row| inside(row * width + i % width));
         lowest.is_some_and(|row| i / width > row && i / width - row <= deep)
@@ -224,7 +226,7 @@ const SCORES: [&str; 7] = [
     "ciede2000 mean",
 ];
 
-/// Scores of the whole picture by `compare`, in the order of [`scores`].
+/// Scores of the whole picture in a report of `compare`, in the order of [`scores`].
 pub fn scores_of(report: &Report) -> Vec<f64> {
     let table = &report.tables[0];
     let whole = &table.rows[0];
@@ -235,15 +237,16 @@ pub fn scores_of(report: &Report) -> Vec<f64> {
     SCORES.iter().map(number).collect()
 }
 
-/// Display values of linear light, and of premultiplied display values.
+/// Display values of `image`, which is in linear light, and of `reference`, which is in premultiplied display
+/// values.
 pub fn shown(image: &[f64], reference: &[f64]) -> [Vec<f64>; 2] {
     let encode = |pixel: &[f64]| [0, 1, 2].map(|c| f64::from(encoded(pixel[c]) as f32).clamp(0.0, 1.0));
     let cut = |pixel: &[f64]| [pixel[0], pixel[1], pixel[2]].map(|v| v.clamp(0.0, 1.0));
     [image.chunks_exact(3).flat_map(encode).collect(), reference.chunks_exact(4).flat_map(cut).collect()]
 }
 
-/// Scores of display values: mean absolute error, PSNR, SSIM with zeros beyond the border and SSIM without
-/// the border (with a two-dimensional window), mean and 95th percentile of FLIP, and the mean of CIEDE2000.
+/// Scores of display values: mean absolute error, PSNR, SSIM with zeros outside the picture, SSIM without the
+/// border (both with a two-dimensional window), mean and 95th percentile of FLIP, and mean of CIEDE2000.
 pub fn scores([a, b]: &[Vec<f64>; 2], width: usize) -> Vec<f64> {
     let apart: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
     let count = apart.len() as f64;
@@ -298,7 +301,8 @@ fn similarity(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
     (0..width * height).map(|pixel| (0..3).map(|c| at_pixel(pixel, c)).sum::<f64>() / 3.0).collect()
 }
 
-/// Applies a filter to the square of pixels around each pixel, with the border repeated outside.
+/// Applies a filter to the square of pixels around each pixel. Outside the picture, the pixels of its border are
+/// repeated.
 fn filtered(channel: &[f64], width: usize, reach: i64, kernel: &dyn Fn(i64, i64) -> f64) -> Vec<f64> {
     let height = channel.len() / width;
     let offsets: Vec<(i64, i64)> =
@@ -313,7 +317,8 @@ fn filtered(channel: &[f64], width: usize, reach: i64, kernel: &dyn Fn(i64, i64)
     (0..channel.len()).map(at).collect()
 }
 
-/// Kernel whose positive values are scaled to sum to 1, and its negative ones, if any, to -1.
+/// Normalizes a kernel: the positive values are scaled to a sum of 1, and the negative values, if any, to a sum of
+/// -1.
 fn balanced(reach: i64, kernel: impl Fn(f64, f64) -> f64) -> impl Fn(i64, i64) -> f64 {
     let all = (-reach..=reach).flat_map(|j| (-reach..=reach).map(move |i| (i as f64, j as f64)));
     let (mut above, mut below) = (0.0, 0.0);
@@ -349,7 +354,7 @@ pub fn flip(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
     let [a, b] = [a, b].map(|picture| seen(picture, width, density));
     let largest = hyab(hunt([0.0, 1.0, 0.0]), hunt([0.0, 0.0, 1.0]));
     let pixel = |((colour, edge, point), (other, other_edge, other_point)): (&Seen, &Seen)| {
-        // Distances below 0.4 of the largest take 0.95 of the scale.
+        // Differences below 0.4 of the largest are mapped to the range up to 0.95.
         let share = hyab(*colour, *other) / largest;
         let colour = if share < 0.4 { share / 0.4 * 0.95 } else { 0.95 + (share - 0.4) / 0.6 * 0.05 };
         let feature = ((edge - other_edge).abs().max((point - other_point).abs()) / 2.0_f64.sqrt()).sqrt();
@@ -440,7 +445,7 @@ fn ciede2000(a: &[f64], b: &[f64]) -> f64 {
     let (a1, a2) = ((1.0 + g) * a1, (1.0 + g) * a2);
     let (c1, c2) = (chroma(a1, b1), chroma(a2, b2));
     let grey = c1 * c2 == 0.0;
-    // The shorter turn from one hue to the other; the mean hue is half of it further.
+    // The shorter rotation from one hue to the other. The mean hue is half of this rotation from the first.
     let (h1, h2) = (num::atan2(b1, a1), num::atan2(b2, a2));
     let turn = if grey { 0.0 } else { (h2 - h1 + 3.0 * PI).rem_euclid(2.0 * PI) - PI };
     let hue = if grey { h1 + h2 } else { h1 + 0.5 * turn }.to_degrees().rem_euclid(360.0);

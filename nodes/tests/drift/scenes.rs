@@ -1,4 +1,4 @@
-//! References for pictures of splats and of triangles, in float64, which test all of them for each pixel.
+//! References in float64 for pictures of splats and of triangles. They test all splats or triangles for each pixel.
 
 use std::f64::consts::PI;
 
@@ -9,11 +9,11 @@ use nodes::types::{Camera, Mesh, Placed, Splats};
 
 use super::references::{encoded, light};
 
-/// Real spherical harmonics in a unit direction, ordered by degree and within a degree from -l to l, by the
+/// Real spherical harmonics in a unit direction, ordered by degree and within a degree from -l to l. Uses the
 /// recurrence of the associated Legendre functions, with the sign (-1)^m of Condon and Shortley.
 fn harmonics(degree: u32, d: DVec3) -> Vec<f64> {
     let factorial = |n: i32| (1..=n).map(f64::from).product::<f64>();
-    // sin(theta)^m cos(m phi) and the same with the sine.
+    // sin(theta)^m cos(m phi) and sin(theta)^m sin(m phi).
     let turns: Vec<(f64, f64)> =
         std::iter::successors(Some((1.0, 0.0)), |(c, s)| Some((c * d.x - s * d.y, c * d.y + s * d.x)))
             .take(degree as usize + 1)
@@ -48,7 +48,8 @@ struct Footprint {
 }
 
 impl Footprint {
-    /// Footprint of a splat with this centre and these projected axes. The variance of the filter is 0.3.
+    /// Footprint of a splat with this projected centre and these projected axes. The variance of the low-pass
+    /// filter is 0.3.
     fn new(splats: &Splats, i: usize, eye: DVec3, depth: f64, centre: [f64; 2], rows: [DVec3; 2]) -> Self {
         let [xx, xy, yy] = [rows[0].dot(rows[0]) + 0.3, rows[0].dot(rows[1]), rows[1].dot(rows[1]) + 0.3];
         let determinant = xx * yy - xy * xy;
@@ -65,7 +66,7 @@ impl Footprint {
     }
 }
 
-/// Axes of a splat in the world, with its standard deviations as lengths.
+/// Axes of a splat in the world. Their lengths are the standard deviations.
 fn axes(splats: &Splats, i: usize) -> DMat3 {
     let [w, x, y, z] = splats.quats[i].map(f64::from);
     let turn = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
@@ -80,7 +81,7 @@ fn blended(footprints: &[Footprint], at: [f64; 2], period: Option<f64>) -> [f64;
         let [dx, dy] = [at[0] - centre[0], at[1] - centre[1]];
         let dx = period.map_or(dx, |period| dx - period * (dx / period).round());
         let power = -0.5 * (xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy);
-        // No exponential for a splat below the cut.
+        // Splats far below the alpha cutoff need no exponential.
         let alpha = if power < -6.0 { 0.0 } else { (opacity * num::f64::exp(power)).min(0.99) };
         if alpha < 1.0 / 255.0 {
             continue;
@@ -109,7 +110,7 @@ pub fn splatted(splats: &Splats, camera: &Camera) -> Vec<f64> {
             return None;
         }
         let axes = turn * axes(splats, i);
-        // Far outside of the picture the slope of the projection is clamped.
+        // Far outside the picture, the slope of the projection is clamped.
         let held = |k: usize| (p[k] / p.z).clamp(-0.65 * size[k] / focal[k], 0.65 * size[k] / focal[k]);
         let rows = [0, 1].map(|k| {
             let mut row = DVec3::ZERO;
@@ -127,9 +128,9 @@ pub fn splatted(splats: &Splats, camera: &Camera) -> Vec<f64> {
     places.flat_map(|at| blended(&footprints, at, None)).collect()
 }
 
-/// Display values of the belt of a panorama with z up, more than 30 degrees from either pole, and the visible
-/// share of each pixel. They are the mean light of 2 by 2 samples per pixel, each blended as in [`blended`]
-/// in the plane of both angles, nearest first. The derivatives of the angles are finite differences.
+/// Display values and the visible share of each pixel of a panorama with z up, for its belt: the rows more than 30
+/// degrees from both poles. A pixel is the mean light of 2 by 2 samples. Each sample is blended by [`blended`] in
+/// the plane of the two angles, nearest splats first. The derivatives of the angles are finite differences.
 pub fn belt(splats: &Splats, eye: DVec3, width: usize) -> (Vec<f64>, Vec<f64>) {
     let fine = 2.0 * width as f64;
     let angles = |p: DVec3| {
@@ -173,7 +174,7 @@ pub fn belt(splats: &Splats, eye: DVec3, width: usize) -> (Vec<f64>, Vec<f64>) {
     (colours, seen)
 }
 
-/// Planar depth of the nearest triangle at the centre of each pixel, +inf where there is none.
+/// Planar depth of the nearest triangle at the centre of each pixel; +inf where there is none.
 pub fn nearest(mesh: &Mesh, placed: &Placed, camera: &Camera) -> Vec<f64> {
     let of_mesh = mesh.triangles.iter().map(|t| t.map(|i| mesh.position(i)));
     let of_object = placed.object.primitives.iter().flat_map(|primitive| {

@@ -22,7 +22,7 @@ end_header
 4 0 1 2 3
 ";
 
-/// Two cameras in our own JSON, in two lists.
+/// Two cameras in two lists, in the JSON format of this program.
 pub const CAMERAS_JSON: &str = r#"{
   "views": [
     {"name": "a", "w": 24, "h": 16, "fx": 20, "fy": 20, "cx": 12, "cy": 8,
@@ -39,7 +39,7 @@ pub const CAMERAS_JSON: &str = r#"{
 /// Transform of nerfstudio's data parser.
 pub const DATAPARSER_JSON: &str = r#"{"transform": [[0,-1,0,1],[1,0,0,0],[0,0,1,0]], "scale": 0.5}"#;
 
-/// INRIA PLY of `n` splats along a line, the last one large, degree 1.
+/// INRIA PLY file with `n` splats of degree 1 along a line. The last splat is large.
 pub fn splats_ply(n: usize) -> Vec<u8> {
     let mut names: Vec<String> =
         ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(String::from).into();
@@ -66,7 +66,7 @@ pub fn splats_ply(n: usize) -> Vec<u8> {
     bytes
 }
 
-/// GLB of two scenes with a triangle in each, of different size.
+/// GLB file with two scenes. Each contains one triangle, and the triangles have different sizes.
 pub fn object_glb() -> Vec<u8> {
     let mut buffer = Vec::new();
     for size in [0.5_f32, 0.3] {
@@ -107,7 +107,7 @@ pub fn object_glb() -> Vec<u8> {
     glb
 }
 
-/// Weights of LPIPS with AlexNet, with two channels per layer.
+/// Weights file of LPIPS with AlexNet, with two channels per layer.
 pub fn lpips_safetensors() -> Vec<u8> {
     let value = |i: usize| ((i * 7919) % 31) as f32 / 64.0;
     let bytes = |n: usize| (0..n).flat_map(|i| (value(i) - 0.2).to_le_bytes()).collect::<Vec<u8>>();
@@ -124,7 +124,7 @@ pub fn lpips_safetensors() -> Vec<u8> {
     serialize(views, None).expect("names differ")
 }
 
-/// Shipped weights, changed so that they predict another amount of hidden light.
+/// The shipped weights file, changed so that it predicts another amount of hidden light.
 pub fn exposure_safetensors() -> Vec<u8> {
     let shipped = include_bytes!("../../weights/exposure.safetensors");
     let shipped = safetensors::SafeTensors::deserialize(shipped).expect("is sound");

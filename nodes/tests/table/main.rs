@@ -1,5 +1,5 @@
-//! Tests that use the table of kinds: every kind, every parameter, every output, without a list of names
-//! here. A new kind is covered once `table/fixture.ron` contains a node of it.
+//! Tests of every kind, every parameter and every output. They use the registry of kinds and contain no list of
+//! names. A new kind is tested as soon as `table/fixture.ron` contains a node of this kind.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod files;
@@ -12,7 +12,7 @@ use engine::{
     Digest, Engine, Event, Graph, ParamSpec, Registry, Role, RunOptions, Setting, Source, SourceRoot, State,
 };
 
-/// Result of a run of the fixture for each node: its key and the digests of its outputs.
+/// Results of a run of the fixture. For each node: its key, and the digests of its outputs.
 type Results = BTreeMap<String, (Digest, Vec<Digest>)>;
 
 struct Fixture {
@@ -21,8 +21,8 @@ struct Fixture {
     folder: PathBuf,
 }
 
-/// Fixture that all tests share, because its first run is expensive. Tests use it one at a time, since the
-/// digests of a node are those of its last run, by any test.
+/// Fixture that all tests share, because its first run is expensive. Tests use it one at a time, since the engine
+/// keeps only the digests of the last run.
 static SHARED: LazyLock<Mutex<Fixture>> = LazyLock::new(|| Mutex::new(Fixture::new()));
 
 fn shared() -> MutexGuard<'static, Fixture> {
@@ -39,7 +39,7 @@ impl Fixture {
         fixture
     }
 
-    /// Writes the files that the loaders of the fixture read, by the sinks of the crate.
+    /// Writes the files that the loaders of the fixture read, using the sinks of the crate.
     fn make_files(&self) {
         let text = include_str!("files.ron");
         let graph = self.parse(text, &[]).unwrap_or_else(|e| panic!("{e}"));
@@ -58,7 +58,7 @@ impl Fixture {
     }
 
     fn run(&self, graph: &Graph) -> (Results, String) {
-        // Every node, not only those that a sink needs.
+        // Run every node, not only those that a sink needs.
         let only = (0..graph.nodes.len()).collect();
         let options = RunOptions { out: self.folder.clone(), only, ..RunOptions::default() };
         let mut results = Results::new();
@@ -142,7 +142,8 @@ fn values_outside_their_range_are_refused() {
                 continue;
             }
             for wrong in [low - 1.0 - low.abs(), high + 1.0 + high.abs(), f64::NAN, f64::INFINITY] {
-                // Whole numbers outside of the range are refused for the range, others for their form.
+                // Whole numbers are refused because they are outside the range, and other numbers because of their
+                // form.
                 let text = if wrong.fract() == 0.0 && wrong.abs() < 1e18 {
                     format!("{wrong:.0}")
                 } else {
@@ -156,7 +157,7 @@ fn values_outside_their_range_are_refused() {
     }
 }
 
-/// Every value of every knob is valid for its node, and the presets are valid graphs.
+/// Every value of every quality setting is valid for its node, and the presets are valid graphs.
 #[test]
 fn every_value_of_a_knob_is_one_that_its_node_takes() {
     let fixture = shared();
@@ -261,10 +262,10 @@ fn decoding_then_encoding_gives_the_same_bytes() {
     assert!(types.len() >= 6, "only {types:?} are stored");
 }
 
-/// Compares one line per node with `golden.txt`: its kind, key and the digests of its outputs. A key contains
-/// the kind's VERSION and the content of all inputs of the node, so equal keys with unequal outputs mean that
-/// VERSION was not raised. A key that is not in the file is not an error: an upstream node, or the VERSION of
-/// this one, has changed.
+/// Compares each node with `golden.txt`, which has one line per node: its kind, its key and the digests of its
+/// outputs. A key depends on the VERSION of the kind and the content of all inputs of the node. If the outputs
+/// differ for an equal key, the VERSION should have been increased. A key that is not in the file is not an error:
+/// an upstream node or the VERSION has changed.
 #[test]
 fn equal_keys_give_the_outputs_they_have_always_given() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/table/golden.txt");

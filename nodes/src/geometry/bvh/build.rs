@@ -1,4 +1,4 @@
-//! Builds the folded tree from triangles.
+//! Builds the eight-wide tree from triangles.
 
 use glam::Vec3;
 use obvhs::aabb::Aabb;
@@ -9,12 +9,12 @@ use super::collapse::{Branch, Collapse};
 use super::triangles::Packet;
 use super::{Bvh, LEAF, LEAF_SHIFT, Node, STACK, WIDE};
 
-/// Largest number of triangles with the same centre. The builder joins one pair of such triangles per pass, so its
-/// time is quadratic in their number.
+/// Maximum number of triangles with the same centre for which `obvhs` is used. It joins one pair of such triangles
+/// per pass, so its time is quadratic in their number.
 const CROWD: usize = 1024;
 
 impl Bvh {
-    /// Builds a tree over triangles given by their corners.
+    /// Builds a tree of triangles, given by their corners.
     pub fn build(corners: &[[Vec3; 3]]) -> Self {
         let mut bvh = Self::default();
         let mut kept = Vec::with_capacity(corners.len());
@@ -64,12 +64,13 @@ fn most_in_one_place(boxes: &[(Vec3, Vec3)]) -> usize {
     centres.chunk_by(|a, b| a == b).map(<[_]>::len).max().unwrap_or(0)
 }
 
-/// The rule by which children are folded into a node.
+/// The rule that selects the branches of a binary tree that become children of an eight-wide node.
 #[derive(Clone, Copy)]
 pub(super) enum Opens {
-    /// The set with the fewest nodes for rays: see [`Collapse`].
+    /// Selects the branches for which rays visit the fewest nodes: see [`Collapse`].
     Fewest,
-    /// The child with the most triangles first, which makes the folded tree a third as deep.
+    /// Opens the child with the most triangles first, so that the depth of the tree is a third of that of the
+    /// binary tree.
     Fullest,
 }
 
@@ -81,11 +82,11 @@ pub(super) struct Fold<'a> {
 }
 
 impl Fold<'_> {
-    /// Depth of the folded tree.
+    /// Builds the tree and returns its depth.
     fn build_tree(&mut self) -> usize {
         let large = self.kept.len() > 200_000;
-        // "Very slow" without splits; large meshes get the cheaper reinsertion. A search depth of 1 keeps rays fast
-        // in meshes of mixed triangle sizes.
+        // The parameters of the preset "very slow", without splits and with cheaper reinsertion for large meshes. A
+        // search depth of 1 keeps rays fast in meshes of mixed triangle sizes.
         let params = BvhBuildParams {
             pre_split: false,
             ploc_search_distance: PlocSearchDistance::Medium,
@@ -109,9 +110,10 @@ impl Fold<'_> {
         self.fold(&branches, &tree.primitive_indices, Opens::Fewest)
     }
 
-    /// Folds a binary tree whose root is its first branch; returns the depth.
+    /// Converts a binary tree, whose root is its first branch, to an eight-wide tree. Returns the depth of the
+    /// result.
     pub(super) fn fold(&mut self, tree: &[Branch], order: &[u32], opens: Opens) -> usize {
-        // Boxes and triangles of every branch, children before parents by an explicit walk.
+        // Boxes and numbers of triangles of every branch, children before parents, by an explicit stack.
         let mut bounds = vec![(Vec3::INFINITY, Vec3::NEG_INFINITY); tree.len()];
         let mut counts = vec![0; tree.len()];
         let mut visit = vec![(0_u32, false)];
@@ -195,8 +197,8 @@ impl Fold<'_> {
     }
 }
 
-/// The children of a node: starting with the branch, the inner child with the most triangles is opened until there
-/// are eight.
+/// Selects the children of a node by [`Opens::Fullest`]: beginning with the branch itself, the inner branch with
+/// the most triangles is replaced by its two children until there are eight children.
 fn fullest(tree: &[Branch], counts: &[u32], node: u32) -> Vec<u32> {
     let mut children = vec![node];
     while children.len() < WIDE {
@@ -210,8 +212,8 @@ fn fullest(tree: &[Branch], counts: &[u32], node: u32) -> Vec<u32> {
     children
 }
 
-/// Builds a tree by splitting at the median of the widest axis. It is not the fastest tree, but its depth is
-/// logarithmic for any triangles.
+/// Builds a binary tree by splitting at the median along the widest axis. It is not the fastest tree to trace, but
+/// its depth is logarithmic in the number of triangles. Returns the index of its root.
 pub(super) fn balanced(boxes: &[(Vec3, Vec3)], order: &mut [u32], first: u32, tree: &mut Vec<Branch>) -> u32 {
     let at = tree.len() as u32;
     if order.len() <= 4 {

@@ -2,27 +2,28 @@
 
 use super::WIDE;
 
-/// A branch of a binary tree before folding. Only the topology is stored, since boxes are computed from the leaves.
+/// A branch of a binary tree. Only the topology is stored, since boxes are computed from the leaves.
 #[derive(Clone, Copy)]
 pub(super) enum Branch {
     Inner(u32, u32),
     Leaf { first: u32, count: u32 },
 }
 
-/// The division of places among the children of a node. For each number of places that a branch may occupy, from
-/// none to all: the number given to its left side; 0 if the branch occupies one place itself.
+/// Division of the child slots of a node among the branches below it. For each number of slots that a branch may
+/// receive: the number that its left child receives, or 0 if the branch itself becomes the child in one slot.
 type Shares = [u8; WIDE + 1];
 
-/// The selection with the fewest nodes visited by rays: of all ways to leave out inner branches of a binary tree,
-/// the one with the smallest surface of the remaining ones (Ylitie, Karras and Laine 2017, Efficient Incoherent Ray
-/// Traversal on GPUs Through Compressed Wide BVHs, section 3.1). With the usual greedy choice, which opens the
-/// largest child first, rays in a room visited a quarter more nodes.
+/// Selection of the inner branches that become nodes, such that rays visit the fewest nodes: the total surface area
+/// of the selected branches is minimal (Ylitie, Karras and Laine 2017, Efficient Incoherent Ray Traversal on GPUs
+/// Through Compressed Wide BVHs, section 3.1). With the usual greedy selection, which opens the largest child
+/// first, rays in a room visited a quarter more nodes.
 pub(super) struct Collapse(Vec<Shares>);
 
 impl Collapse {
-    /// Computes the selection for a tree whose root is its first branch, with the surfaces of its branches.
+    /// Computes the selection for a tree whose root is its first branch. `surface` returns the surface area of a
+    /// branch.
     pub(super) fn of(tree: &[Branch], surface: impl Fn(u32) -> f32) -> Self {
-        // The smallest surface of nodes in each branch for each number of places; 0 for leaves.
+        // The smallest total surface of the nodes in each branch, for each number of slots; 0 for leaves.
         let mut least = vec![[0.0_f32; WIDE + 1]; tree.len()];
         let mut shares = vec![[0; WIDE + 1]; tree.len()];
         let mut visit = vec![(0_u32, false)];
@@ -36,10 +37,10 @@ impl Collapse {
             let (own, shares) = (&mut least[at as usize], &mut shares[at as usize]);
             let divided = |places: usize| {
                 let each = (1..places).map(|share| (left[share] + right[places - share], share as u8));
-                // The first among equals.
+                // The first of equal values is used.
                 each.fold((f32::INFINITY, 1), |best, next| if next.0 < best.0 { next } else { best })
             };
-            // As a node it has all the places.
+            // If the branch becomes a node, it has all slots.
             let (within, share) = divided(WIDE);
             shares[WIDE] = share;
             own[1] = surface(at) + within;
@@ -53,7 +54,7 @@ impl Collapse {
         Self(shares)
     }
 
-    /// The children of an inner branch that becomes a node.
+    /// Returns the children of an inner branch that becomes a node.
     pub(super) fn children(&self, tree: &[Branch], node: u32) -> Vec<u32> {
         let (mut children, mut open) = (Vec::with_capacity(WIDE), vec![(node, WIDE)]);
         while let Some((at, places)) = open.pop() {

@@ -1,9 +1,9 @@
 //! Ray casting against triangles.
 //!
-//! `obvhs` builds the tree. It is folded to eight children per node, traversed with conservative box tests, and
-//! intersected with a watertight test, so that a hit does not depend on the shape of the tree: the nearest t wins,
-//! then the smallest triangle index. Vectors use lane-wise arithmetic only, which gives the same bits on every
-//! platform with any instruction set.
+//! `obvhs` builds a binary tree, which is converted to a tree with eight children per node. Box tests are
+//! conservative and the triangle test is watertight, so a hit does not depend on the shape of the tree. Of several
+//! hits the one with the smallest `t` counts, and of equal ones the one with the smallest triangle index. Vector
+//! code uses lane-wise arithmetic only, so the bits are the same on every platform with any instruction set.
 
 mod build;
 mod collapse;
@@ -21,16 +21,16 @@ use triangles::{Packet, Sheared};
 /// A half-line from `origin`, up to `t_max` lengths of `direction`.
 #[derive(Debug, Clone, Copy)]
 pub struct Ray {
-    /// Start point; hits at the start point itself do not count.
+    /// Start point. A hit at the start point itself does not count.
     pub origin: Vec3,
     /// Direction; distances are in units of its length.
     pub direction: Vec3,
-    /// Greatest distance, may be infinite.
+    /// Maximum distance, which may be infinite.
     pub t_max: f32,
 }
 
 impl Ray {
-    /// An unbounded ray.
+    /// Creates a ray without a maximum distance.
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
         Self { origin, direction, t_max: f32::INFINITY }
     }
@@ -47,26 +47,29 @@ pub struct Hit {
     pub b1: f32,
     /// Barycentric weight of vertex 2.
     pub b2: f32,
-    /// True when the ray meets the back: the side from which the vertices run clockwise.
+    /// True if the ray hits the back of the triangle, which is the side from which the vertices run clockwise.
     pub back: bool,
 }
 
 /// Number of children of a node.
 const WIDE: usize = 8;
 
-/// A node with eight boxes: `bounds[axis][0]` has the lower faces, `bounds[axis][1]` the upper ones.
+/// A node with the boxes of its eight children. `bounds[axis][0]` holds the lower faces of the boxes, and
+/// `bounds[axis][1]` the upper faces.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(32))]
 struct Node {
     bounds: [[[f32; WIDE]; 2]; 3],
-    /// The children: the index of a node, or [`LEAF`] + packets in bits 26 to 30 + index of the first packet.
+    /// Each child is the index of a node or a leaf. A leaf has the bit [`LEAF`], the number of packets in bits 26
+    /// to 30, and the index of the first packet in the lower bits.
     children: [u32; WIDE],
 }
 
 const LEAF: u32 = 1 << 31;
 const LEAF_SHIFT: u32 = 26;
 const LEAF_FIRST: u32 = (1 << LEAF_SHIFT) - 1;
-/// Factor on the distance of the nearest hit up to which boxes are entered. It covers the rounding of both distances.
+/// Boxes are entered if their distance is at most this multiple of the distance of the nearest hit. The factor
+/// covers the rounding of both distances.
 const SLACK: f32 = 1.0 + 1.0 / 65_536.0;
 
 /// Runs a traversal with wide vector registers if the machine has them. Products are not fused with sums, so all
@@ -94,7 +97,7 @@ macro_rules! at_best {
 pub struct Bvh {
     nodes: Vec<Node>,
     packets: Vec<Packet>,
-    /// The set of vector instructions in use; all sets give the same bits.
+    /// The set of vector instructions that is used. All sets give the same bits.
     level: Level,
     /// Number of triangles left out because a corner is not finite.
     pub broken: u64,
@@ -104,7 +107,7 @@ pub struct Bvh {
 }
 
 impl Default for Bvh {
-    /// A tree without triangles.
+    /// Returns a tree without triangles.
     fn default() -> Self {
         let (nodes, packets) = (Vec::new(), Vec::new());
         Self { nodes, packets, level: Level::new(), broken: 0, degenerate: 0, bounds: None }
@@ -112,18 +115,19 @@ impl Default for Bvh {
 }
 
 impl Bvh {
-    /// Memory in bytes.
+    /// Memory of the tree, in bytes.
     pub fn bytes(&self) -> u64 {
         (size_of_val(&*self.nodes) + size_of_val(&*self.packets)) as u64
     }
 
-    /// Box around all triangles.
+    /// Box around all triangles. `None` if there are no triangles.
     pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
         self.bounds
     }
 
-    /// Traverses the tree from its root: `look` receives the corners of a box and returns whether to descend into
-    /// it, or the corners of a triangle.
+    /// Traverses the tree from its root. `look` is called with the eight corners of each box, and returns whether
+    /// to descend into it. It is also called with the three corners of each triangle in the leaves that are
+    /// reached.
     pub fn visit(&self, mut look: impl FnMut(&[Vec3]) -> bool) {
         let corners = |bounds: &[[[f32; WIDE]; 2]; 3], lane: usize| -> [Vec3; 8] {
             std::array::from_fn(|i| Vec3::from_array([0, 1, 2].map(|axis| bounds[axis][i >> axis & 1][lane])))
@@ -168,8 +172,8 @@ impl Bvh {
         }
     }
 
-    /// The reciprocal of the direction of a ray, if it may hit the box around all triangles. A component of 0
-    /// becomes a slope so steep that the ray never leaves its slab.
+    /// Returns the reciprocal of the direction of a ray. `None` if the ray misses the box around all triangles. For
+    /// a component of 0 the reciprocal is finite but so large that the ray never leaves its slab.
     #[inline(always)]
     fn enter(&self, ray: &Ray) -> Option<[f32; 3]> {
         let (low, high) = self.bounds?;
@@ -263,7 +267,8 @@ impl Bvh {
         )
     }
 
-    /// Visits leaves, nearest first with `NEAR`, until `leaf` returns false; then returns false.
+    /// Visits leaves until `leaf` returns false. If `NEAR`, the nearest leaves come first. Returns false if `leaf`
+    /// returned false.
     #[inline(always)]
     fn walk<S: Simd, const NEAR: bool, const COUNTED: bool>(
         &self,
@@ -328,8 +333,8 @@ impl Bvh {
                             let mut entries = [0.0; WIDE];
                             enter.store_slice(&mut entries);
                             let base = depth;
-                            // The nearest child is next; the others wait with nearer ones on top, equal ones in
-                            // order of lanes.
+                            // The nearest child is next. The others wait on the stack, nearer ones on top, and
+                            // equal ones in the order of lanes.
                             let lane = hits.trailing_zeros() as usize % WIDE;
                             hits &= hits - 1;
                             let mut next = (children[lane], entries[lane]);

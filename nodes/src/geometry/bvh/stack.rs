@@ -1,12 +1,12 @@
-//! The stack of a traversal. There is one per thread, since clearing one per ray took a fortieth of the time of
-//! tracing.
+//! The stack of a traversal. There is one per thread, because creating a stack for every ray took a fortieth of the
+//! time of tracing.
 
 use std::cell::Cell;
 
-/// Maximum number of waiting children. A tree that needs more is replaced by a balanced one.
+/// Maximum number of waiting children. A tree that needs more is replaced by a balanced tree.
 pub(super) const STACK: usize = 256;
 
-/// Children, and the distances at which the ray enters them.
+/// Waiting children, each with the distance at which the ray enters it.
 pub(super) type Stack = [(u32, f32); STACK];
 
 thread_local! {
@@ -14,7 +14,7 @@ thread_local! {
     static SPARE: Cell<Option<Box<Stack>>> = const { Cell::new(None) };
 }
 
-/// Runs a traversal with a stack, whose content is undefined.
+/// Runs a traversal with a stack. The initial content of the stack is unspecified.
 #[inline(always)]
 pub(super) fn with_stack<R>(walk: impl FnOnce(&mut Stack) -> R) -> R {
     let mut stack = SPARE.take().unwrap_or_else(|| Box::new([(0, 0.0); STACK]));

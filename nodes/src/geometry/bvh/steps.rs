@@ -1,23 +1,23 @@
-//! Step counts of traversals, on request, since counting always would take a tenth of the time of rays.
+//! Step counts of traversals. They are optional, because counting takes a tenth of the time of tracing.
 
 use std::cell::Cell;
 
-/// Step counts of traversals: the same for the same rays on any thread.
+/// Step counts of traversals. They depend only on the rays, not on the thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Steps {
-    /// Number of nodes, each with up to eight boxes.
+    /// Number of nodes visited, each with up to eight boxes.
     pub nodes: u64,
-    /// Number of packets of up to four triangles, tested at once.
+    /// Number of packets tested, each with up to four triangles.
     pub packets: u64,
 }
 
 thread_local! {
-    /// Counts of this thread; `None` unless counting is on.
+    /// Counts of this thread. `None` if counting is off.
     static COUNTED: Cell<Option<Steps>> = const { Cell::new(None) };
 }
 
 impl Steps {
-    /// The result of `work`, and the steps of its traversals, which must all run on this thread.
+    /// Runs `work`, and returns its result and the steps of its traversals. All traversals must run on this thread.
     pub fn of<R>(work: impl FnOnce() -> R) -> (R, Self) {
         let around = COUNTED.replace(Some(Self::default()));
         let done = work();

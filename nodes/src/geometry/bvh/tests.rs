@@ -1,4 +1,4 @@
-//! Compares hits with a reference, at edges and for extreme values.
+//! Tests that compare hits with a reference, including hits at edges and extreme values.
 
 use super::build::{Fold, Opens, balanced};
 use super::*;
@@ -16,7 +16,7 @@ impl Random {
     }
 }
 
-/// Nearest hit in f64 by testing every triangle: the reference.
+/// Reference: the nearest hit in f64, found by testing every triangle.
 fn brute(corners: &[[Vec3; 3]], ray: Ray) -> Option<(f64, usize)> {
     let mut best: Option<(f64, usize)> = None;
     for (i, t) in corners.iter().enumerate() {
@@ -50,8 +50,8 @@ fn crossed(corners: &[[Vec3; 3]], ray: Ray) -> u32 {
     corners.iter().filter(inside).count() as u32
 }
 
-/// Every set of vector instructions gives the same bits with the same number of steps. Mutation: `mul_add` for the
-/// difference and product of boxes or corners, with AVX2 alone.
+/// Every set of vector instructions gives the same bits with the same number of steps. This test fails if the box
+/// test or the triangle test uses `mul_add` with AVX2 only.
 #[test]
 fn every_set_of_instructions_finds_the_same() {
     let corners = soup(3_000, 0.2, 5);
@@ -82,12 +82,12 @@ fn soup(n: usize, size: f32, seed: u32) -> Vec<[Vec3; 3]> {
         .collect()
 }
 
-/// Rays in the planes of boxes and triangles, from points of them: a ray within a slab gives 0 times infinity. All
-/// triangles crossed away from their edges are hit; an edge on the side of a box may belong to its neighbour.
-/// Mutation: `1e30_f32.copysign(d)` to `0.0` in `Bvh::enter`.
+/// Rays that start in a plane of boxes and triangles and run within it hit all triangles that they cross away from
+/// their edges. For such rays the box test could compute 0 times infinity. This test fails if
+/// `1e30_f32.copysign(d)` is replaced by `0.0` in `Bvh::enter`.
 #[test]
 fn rays_in_the_planes_of_boxes_find_what_stands_across() {
-    // Unit squares across each axis on a lattice, so that all boxes share their planes.
+    // Unit squares perpendicular to each axis on a lattice, so that all boxes share their planes.
     let mut corners = Vec::new();
     for i in 0..6 * 6 * 6_u32 {
         let at = Vec3::new((i % 6) as f32, (i / 6 % 6) as f32, (i / 36) as f32);
@@ -211,8 +211,9 @@ fn broken_triangles_are_left_out_and_counted() {
     assert_eq!(behind.map(|h| (h.triangle, h.back)), Some((3, true)));
 }
 
-/// Trees stay shallow for no triangle, for one, for half a million with equal centroids, and for many of which each
-/// is half as large as the one before, whose best tree may be too deep for the stack.
+/// Trees stay shallow for any input: no triangle, a single triangle, half a million triangles with the same
+/// centroid, and a sequence of triangles each half as large as the previous one, whose best tree may be too deep
+/// for the stack.
 #[test]
 fn identical_triangles_stay_shallow() {
     let one = Bvh::build(&[[Vec3::ZERO, Vec3::X, Vec3::Y]]);
@@ -227,8 +228,8 @@ fn identical_triangles_stay_shallow() {
     let mut tree = Vec::new();
     balanced(&boxes, &mut order, 0, &mut tree);
     assert!(tree.len() < 5_000);
-    // At one position, of one size or of many, as many as in a large mesh: the traversal does not overflow its
-    // stack, and building is not quadratic.
+    // As many triangles as in a large mesh, all at one position, of equal or different sizes: the traversal does
+    // not overflow its stack, and building is not quadratic.
     for grows in [0.0, 1e-6] {
         let n = 1 << 19;
         let around = |k: u32| [Vec3::X, Vec3::Y, -Vec3::X - Vec3::Y].map(|p| p * (1.0 + grows * k as f32));

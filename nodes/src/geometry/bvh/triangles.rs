@@ -1,4 +1,4 @@
-//! The ray and triangle test, four triangles at once.
+//! The intersection test of a ray with four triangles at once.
 
 use glam::Vec4;
 
@@ -11,9 +11,9 @@ pub(super) struct Packet {
     pub(super) ids: [u32; 4],
 }
 
-/// A ray prepared for the triangle test: axes permuted so that the last one is the longest of the direction, and
-/// the shear that maps the direction to that axis (Woop, Benthin and Wald 2013, Watertight Ray/Triangle
-/// Intersection).
+/// A ray prepared for the triangle test: a permutation of the axes, such that the direction is largest along the
+/// last axis, and the shear that maps the direction to that axis (Woop, Benthin and Wald 2013, Watertight
+/// Ray/Triangle Intersection).
 pub(super) struct Sheared {
     axes: [usize; 3],
     origin: [Vec4; 3],
@@ -35,8 +35,8 @@ impl Sheared {
         Self { axes: [x, y, z], origin: [Vec4::splat(o[x]), Vec4::splat(o[y]), Vec4::splat(o[z])], shear }
     }
 
-    /// Projects a corner of four triangles along the ray: two coordinates across, and the distance. (Mapping all
-    /// corners in one call would pass them through memory.)
+    /// Projects one corner of each of four triangles along the ray. Returns two coordinates across the ray, and the
+    /// distance. There is one call per corner, because a call with all corners would pass them through memory.
     #[inline(always)]
     fn project(&self, corner: &[Vec4; 3]) -> [Vec4; 3] {
         let [kx, ky, kz] = self.axes;
@@ -50,14 +50,13 @@ impl Sheared {
 }
 
 impl Packet {
-    /// A packet without triangles. Its lanes are NaN, which no test accepts as inside or as an edge. With points
-    /// instead, every packet with an empty lane would pass all tests up to the last one, since a point lies on its
-    /// own edges.
+    /// A packet without triangles. Its corners are NaN, which fail the first test. Triangles that are points would
+    /// pass all tests up to the last one, since a point lies on its own edges.
     pub(super) const EMPTY: Self = Self { corners: [[Vec4::NAN; 3]; 3], ids: [u32::MAX; 4] };
 
-    /// Tests four triangles. Corners are projected along the ray one by one, so neighbours have the same projected
-    /// corners. The sign of an edge function of two corners is exact, because rounding is monotone and 0 is
-    /// resolved in f64. So a ray cannot pass between neighbours, even at corners.
+    /// Tests four triangles. Each corner is projected by itself, so neighbouring triangles have the same projected
+    /// corners. The sign of an edge function of two corners is exact, because rounding is monotonic and results of
+    /// 0 are computed again in f64. So a ray cannot pass between neighbouring triangles, even at corners.
     #[inline(always)]
     pub(super) fn intersect(&self, ray: &Sheared, limit: f32, mut hit: impl FnMut(Hit) -> bool) -> bool {
         let [a, b, c] = &self.corners;

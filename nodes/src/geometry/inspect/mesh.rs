@@ -1,4 +1,4 @@
-//! Summary of a triangle mesh: its size, up axis, floor, and whether it is closed.
+//! Summary of a triangle mesh: its size, up axis and floor, and whether it is closed.
 
 use glam::DVec3;
 use serde::Serialize;
@@ -13,24 +13,25 @@ pub struct Inspection {
     pub vertices: usize,
     /// Number of triangles that have an area.
     pub triangles: usize,
-    /// True when the vertices have colours.
+    /// True if the vertices have colours.
     pub coloured: bool,
-    /// Box around all vertices; `None` for a mesh without vertices.
+    /// Box around all vertices. `None` if there are no vertices.
     pub bounds: Option<Extent>,
     /// Total area of the triangles, in square world units.
     pub area: f64,
-    /// Number of edges with a single triangle (after merging vertices at the same point): the rims of holes.
+    /// Number of edges that belong to a single triangle, such as the rims of holes. Vertices at the same point
+    /// count as one vertex.
     pub open_edges: usize,
-    /// Number of edges with three triangles or more, or with two that disagree on which side is outside.
+    /// Number of edges that belong to three or more triangles, or to two triangles with opposite orientations.
     pub odd_edges: usize,
-    /// The estimated floor, if any.
+    /// The estimated floor. `None` if there is no estimate.
     pub floor: Option<FloorGuess>,
     /// Warnings.
     pub findings: Vec<Finding>,
 }
 
 impl Inspection {
-    /// True if every edge has two triangles with consistent orientation.
+    /// True if every edge belongs to two triangles with the same orientation.
     pub fn is_closed(&self) -> bool {
         self.triangles > 0 && self.open_edges == 0 && self.odd_edges == 0
     }
@@ -44,12 +45,12 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
         };
         Extent { min: [0, 1, 2].map(|k| axis(k, f32::min)), max: [0, 1, 2].map(|k| axis(k, f32::max)) }
     });
-    // The middle 96 % of the vertices: a few far away must not extend the search for the floor.
+    // The middle 96 % of the vertices, so that a few distant vertices do not extend the search for the floor.
     let core = bounds.map(|_| {
         let at = |share| {
             [0, 1, 2].map(|k| percentile(&mut mesh.positions.iter().map(|p| p[k]).collect::<Vec<_>>(), share))
         };
-        // A floor is flat: all of its vertices may lie at the lowest percentile.
+        // The box is enlarged, because all vertices of a floor may lie at the lowest percentile.
         Extent { min: at(0.02), max: at(0.98) }
     });
     let corners = |of: &[u32; 3]| of.map(|v| mesh.position(v));
@@ -68,21 +69,24 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
         findings: Vec::new(),
     };
     for (id, holds, text) in [
-        ("no-triangles", found.triangles == 0, "no surface".to_owned()),
+        ("no-triangles", found.triangles == 0, "the mesh has no surface".to_owned()),
         (
             "no-colours",
             found.triangles > 0 && !found.coloured,
-            "no vertex colours: reflected light will be grey".to_owned(),
+            "the mesh has no vertex colours, so reflected light will be grey".to_owned(),
         ),
         (
             "odd-edges",
             found.odd_edges > 0,
-            format!("{} edges between triangles of opposite orientation", found.odd_edges),
+            format!(
+                "{} edges belong to triangles with opposite orientations or to more than two triangles",
+                found.odd_edges
+            ),
         ),
         (
             "floor-unclear",
             found.triangles > 0 && found.floor.as_ref().is_none_or(|floor| !floor.is_clear()),
-            "the up axis cannot be determined from the surface".to_owned(),
+            "the up axis cannot be determined from the mesh".to_owned(),
         ),
     ] {
         if holds {
@@ -92,13 +96,13 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
     found
 }
 
-/// Normal of a triangle, twice as long as its area.
+/// Normal of a triangle. Its length is twice the area of the triangle.
 fn cross([a, b, c]: [DVec3; 3]) -> DVec3 {
     (b - a).cross(c - a)
 }
 
-/// Converts a triangle to a patch of surface with this area. A triangle is not a random sample, so each
-/// ten-thousandth of the whole area counts as one observation.
+/// Converts a triangle to a patch of surface with the same area. `whole` is the area of the mesh. A triangle is not
+/// a random sample, so each ten-thousandth of `whole` counts as one observation.
 fn patch(corners: [DVec3; 3], whole: f64) -> Patch {
     let cross = cross(corners);
     let length = cross.length();
@@ -111,9 +115,9 @@ fn patch(corners: [DVec3; 3], whole: f64) -> Patch {
     }
 }
 
-/// Number of open edges, and of odd ones.
+/// Number of open edges, and number of odd edges (see [`Inspection`]).
 fn edges(mesh: &Mesh) -> (usize, usize) {
-    // Exporters repeat a vertex wherever its normal or colour changes: equal points are the same vertex.
+    // Exporters repeat a vertex wherever its normal or colour changes, so equal points count as one vertex.
     let mut order: Vec<u32> = (0..mesh.positions.len() as u32).collect();
     // -0 is 0.
     let point = |v: u32| mesh.position(v).to_array().map(|c| (c + 0.0).to_bits());
@@ -146,7 +150,7 @@ fn edges(mesh: &Mesh) -> (usize, usize) {
 mod tests {
     use super::*;
 
-    /// A box of 8 by 8 by 2, each of its faces with vertices of its own.
+    /// A box of 8 by 8 by 2. Its faces share no vertices.
     fn slab() -> Mesh {
         let mut mesh = Mesh::default();
         for axis in 0..3 {
@@ -187,7 +191,7 @@ mod tests {
         assert!(!none.is_closed() && none.bounds.is_none() && none.findings[0].id == "no-triangles");
     }
 
-    // Without its lid and with taller walls: the floor is the remaining face.
+    // The box without its lid and with taller walls. The floor is the remaining horizontal face.
     #[test]
     fn the_floor_of_a_tray_is_found() {
         let mut tray = slab();

@@ -5,7 +5,7 @@ pub mod splats;
 
 use serde::Serialize;
 
-/// A box along the axes, in world units.
+/// An axis-aligned box, in world units.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Extent {
     /// Smallest coordinates.
@@ -22,21 +22,21 @@ impl Extent {
     }
 }
 
-/// The estimated floor. There is no estimate if the distribution of flat pieces of surface can be explained by
+/// The estimated floor. There is no estimate if the distribution of the flat patches of surface can be explained by
 /// chance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FloorGuess {
-    /// The axis that seems to point up: `+z`.
+    /// The axis that probably points up, such as `+z`.
     pub up: &'static str,
-    /// Coordinate of the floor along that axis (so -1.2 along `-y` is y = 1.2), in world units.
+    /// Height of the floor along that axis, in world units. For example, a height of -1.2 along `-y` means y = 1.2.
     pub height: f64,
     /// Fraction of the surface area that lies flat in the floor, 0 to 1.
     pub share: f64,
-    /// Number of standard deviations by which the flat area exceeds chance.
+    /// Number of standard deviations by which the flat area in the floor exceeds the area expected by chance.
     pub significance: f64,
-    /// Margin to the runner-up, from 0 (equally likely) to 1.
+    /// Margin between this axis and the second-best one, from 0 (equally likely) to 1.
     pub confidence: f64,
-    /// The axis of the runner-up.
+    /// The second-best axis.
     pub second: &'static str,
 }
 
@@ -44,7 +44,7 @@ impl FloorGuess {
     const NONE: Self =
         Self { up: "", height: 0.0, share: 0.0, significance: 0.0, confidence: 0.0, second: "" };
 
-    /// True if the margin to the runner-up is large enough to rely on the estimate.
+    /// True if the margin to the second-best axis is large enough to rely on the estimate.
     pub fn is_clear(&self) -> bool {
         self.confidence >= 0.25
     }
@@ -53,13 +53,13 @@ impl FloorGuess {
 /// A warning for the user.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
-    /// Stable name in kebab-case.
+    /// Id, in kebab-case, which does not change between versions.
     pub id: &'static str,
-    /// Text in one line.
+    /// Text, as a single line.
     pub text: String,
 }
 
-/// The percentile of `values` at `share`, a fraction from 0 to 1.
+/// Returns the value that a fraction `share` (0 to 1) of `values` does not exceed.
 fn percentile(values: &mut [f32], share: f64) -> f64 {
     let at = ((values.len().saturating_sub(1)) as f64 * share).round() as usize;
     if values.is_empty() {
@@ -68,7 +68,7 @@ fn percentile(values: &mut [f32], share: f64) -> f64 {
     f64::from(*values.select_nth_unstable_by(at, f32::total_cmp).1)
 }
 
-/// Number of slabs of the core along an axis.
+/// Number of slabs into which the core of a scene is divided along an axis.
 const SLABS: usize = 128;
 const AXES: [[&str; 2]; 3] = [["-x", "+x"], ["-y", "+y"], ["-z", "+z"]];
 
@@ -78,12 +78,14 @@ struct Patch {
     /// Unit normal, if the piece is flat.
     normal: Option<[f64; 3]>,
     weight: f64,
-    /// Contribution to the variance of a sum of weights: the square of the weight, for one observation.
+    /// Contribution of the piece to the variance of a sum of weights. For one observation this is the square of the
+    /// weight.
     variance: f64,
 }
 
-/// Number of standard deviations by which the flat area in a slab must exceed chance. The threshold applies to the
-/// maximum over 384 slabs, and weights differ strongly: for noise, the maximum reached 4 in 200 tries.
+/// Number of standard deviations by which the flat area in a slab must exceed chance. The threshold is high because
+/// it applies to the maximum over 384 slabs with very different weights. For noise, the maximum reached 4 in 200
+/// tries.
 const SIGNIFICANT: f64 = 8.0;
 
 /// Sums over the patches in a slab, or over all patches.
@@ -93,8 +95,9 @@ struct Slab {
     all: f64,
     /// Weight of the patches that lie flat in the slab.
     flat: f64,
-    /// Variance of the weights of all patches, and of the weights of the flat ones.
+    /// Variance of `all`.
     variance: f64,
+    /// Variance of `flat`.
     flat_variance: f64,
 }
 
@@ -106,9 +109,10 @@ impl Slab {
         self.flat_variance += other.flat_variance;
     }
 
-    /// Flat area in excess of what the flat fraction elsewhere predicts, and this excess in standard deviations.
-    /// The null hypothesis is that a patch is flat with the same probability everywhere. The larger of its deviation
-    /// and that of the observed flat area is used; the latter is larger if few patches are flat.
+    /// Returns the flat area minus the area that the flat fraction elsewhere predicts, and this excess in standard
+    /// deviations. The null hypothesis is that a patch is flat with the same probability everywhere. The standard
+    /// deviation is either that of the null hypothesis or that of the observed flat area, whichever is larger. The
+    /// second is larger if few patches are flat.
     fn excess(&self, total: &Self) -> (f64, f64) {
         let elsewhere = total.all - self.all;
         if elsewhere <= 0.0 {
@@ -123,8 +127,9 @@ impl Slab {
     }
 }
 
-/// Searches the slab, in the lower half along one of the six directions, whose flat area exceeds chance by the
-/// most, weighted by the part of the scene above it.
+/// Finds the floor. Of the slabs in the lower half of the scene along each of the six directions, it is the one
+/// whose flat area exceeds chance by the most. The excess is multiplied by a factor that decreases with the share
+/// of the scene below the slab.
 fn floor_of(patches: impl Iterator<Item = Patch>, core: &Extent) -> Option<FloorGuess> {
     let mut slabs = [[Slab::default(); SLABS]; 3];
     for Patch { middle, normal, weight, variance } in patches {
@@ -171,7 +176,7 @@ fn floor_of(patches: impl Iterator<Item = Patch>, core: &Extent) -> Option<Floor
             guesses.push(best);
         }
     }
-    // Ties: the earlier direction.
+    // If scores are equal, the earlier direction is used.
     guesses.sort_by(|a, b| b.0.total_cmp(&a.0));
     let [first, second, ..] = &guesses[..] else { return None };
     let confidence = 1.0 - second.0 / first.0;

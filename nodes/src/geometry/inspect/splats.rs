@@ -8,7 +8,7 @@ use crate::geometry::level::{self, LevelEstimate};
 use crate::math::num;
 use crate::types::{SplatEncoding, Splats};
 
-/// Sizes of splats: standard deviations, in world units.
+/// Sizes of splats. Lengths are standard deviations, in world units.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Sizes {
     /// Median of the longest axes.
@@ -17,9 +17,9 @@ pub struct Sizes {
     pub p99_longest: f64,
     /// The longest axis of all.
     pub longest: f64,
-    /// Fraction of needles: longest axis over 30 times the middle one.
+    /// Fraction of splats that are needles: their longest axis is more than 30 times as long as the middle axis.
     pub needles: f64,
-    /// Fraction of flat splats: shortest axis under a third of the middle one.
+    /// Fraction of splats that are flat: their shortest axis is less than a third of the middle axis.
     pub flat: f64,
 }
 
@@ -34,13 +34,13 @@ pub struct Opacities {
     pub opaque: f64,
 }
 
-/// Number of splats per pixel without occlusion: an estimate from sizes and opacities, with the cut at an alpha of
-/// 1/255.
+/// Number of splats per pixel without occlusion, estimated from sizes and opacities. Splats end where their alpha
+/// is 1/255.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Overdraw {
-    /// Mean over a panorama from the median of the centres.
+    /// Mean over a panorama around the median of the centres.
     pub from_inside: f64,
-    /// Mean over the disc of the core seen from far away.
+    /// Mean over the disc that the core covers if seen from far away.
     pub from_outside: f64,
 }
 
@@ -53,11 +53,11 @@ pub struct Inspection {
     pub sh_degree: u32,
     /// `srgb` or `linear`.
     pub encoding: &'static str,
-    /// True when trained with a screen-space filter.
+    /// True if the file says that the splats were trained with compensation for a screen-space filter.
     pub antialiased: bool,
-    /// Box of all centres; `None` without splats, like the following fields.
+    /// Box around all centres. This field and the following ones are `None` if there are no splats.
     pub bounds: Option<Extent>,
-    /// Box of the middle 96 % of the centres along each axis.
+    /// Box around the middle 96 % of the centres along each axis.
     pub core: Option<Extent>,
     /// Median of the centres.
     pub centre: Option<[f64; 3]>,
@@ -73,7 +73,7 @@ pub struct Inspection {
     pub findings: Vec<Finding>,
 }
 
-/// (shortest, middle, longest) standard deviation.
+/// Returns the shortest, middle and longest standard deviation.
 fn sorted(scale: [f32; 3]) -> [f64; 3] {
     let mut scale = scale.map(f64::from);
     scale.sort_by(f64::total_cmp);
@@ -100,7 +100,7 @@ pub fn inspect(splats: &Splats, cx: &Context) -> Result<Inspection, NodeError> {
         findings: Vec::new(),
     };
     if splats.is_empty() {
-        found.findings.push(Finding { id: "no-splats", text: "nothing that can be drawn".to_owned() });
+        found.findings.push(Finding { id: "no-splats", text: "no splats can be drawn".to_owned() });
         return Ok(found);
     }
     let columns = cx.for_each_tile(3, |axis| {
@@ -141,7 +141,7 @@ fn sizes(splats: &Splats) -> Sizes {
     }
 }
 
-/// The radius at which a splat is cut, in standard deviations: where its alpha is 1/255.
+/// Radius at which the alpha of a splat is 1/255, in standard deviations; 0 if its alpha is lower everywhere.
 fn reach(opacity: f32) -> f64 {
     let ratio = f64::from(opacity) * 255.0;
     if ratio > 1.0 { (2.0 * num::f64::ln(ratio)).sqrt() } else { 0.0 }
@@ -194,19 +194,19 @@ fn findings(
             "scales-tiny",
             middle > 0.0 && relative < 1e-6,
             format!(
-                "half of the splats are smaller than {relative:.1e} of the scene: nothing would be visible"
+                "half of the splats are smaller than {relative:.1e} of the scene, so nothing would be visible"
             ),
         ),
         (
             "needles",
             sizes.needles > 0.05,
-            format!("{:.0} % of the splats are needles, which show as streaks", sizes.needles * 100.0),
+            format!("{:.0} % of the splats are needles, which appear as streaks", sizes.needles * 100.0),
         ),
         (
             "transparent",
             opacities.median < 0.08,
             format!(
-                "half of the splats have an opacity below {:.3}; training may have failed, or these may be logits",
+                "half of the splats have an opacity below {:.3}; training may have failed, or the values may be logits",
                 opacities.median
             ),
         ),
@@ -223,7 +223,10 @@ fn findings(
         (
             "far-splats",
             middle > 0.0 && all > 30.0 * middle,
-            format!("the farthest splats are {:.0} times the width of the core away from it", all / middle),
+            format!(
+                "the box around all splats is {:.0} times as large as the box around most of them",
+                all / middle
+            ),
         ),
         (
             "heavy-overdraw",
@@ -233,7 +236,8 @@ fn findings(
         (
             "floor-unclear",
             found.level.as_ref().is_none_or(|level| !level.is_sure()),
-            "the up axis cannot be determined from the splats; look at `inspect --picture`".to_owned(),
+            "the up axis cannot be determined from the splats; look at the scene with `inspect --picture`"
+                .to_owned(),
         ),
     ];
     list.into_iter().filter(|(_, holds, _)| *holds).map(|(id, _, text)| Finding { id, text }).collect()
@@ -246,7 +250,8 @@ mod tests {
     use crate::geometry::inspect::AXES;
     use crate::testing::context;
 
-    /// A floor of flat splats at -1 along `up`, walls around it and some dust above.
+    /// A floor of flat splats with walls around it and some dust above. Up is the direction `sign` along `axis`, and
+    /// the height of the floor is -1.
     fn room(axis: usize, sign: f32) -> Splats {
         let mut splats = Splats::empty();
         let unit = |i: usize, k: usize| ((i * 7919 + k * 104_729) % 1009) as f32 / 1008.0 * 2.0 - 1.0;
@@ -281,7 +286,7 @@ mod tests {
         }
     }
 
-    // With any number of splats: in noise of any shape, the flat area in a plane does not exceed chance.
+    // In noise of any shape and any number of splats, the flat area in a plane does not exceed chance.
     #[test]
     fn no_floor_is_found_in_noise() {
         let mut state = 1_u64;
@@ -330,8 +335,8 @@ mod tests {
         assert!((overdraw.from_inside / expected - 1.0).abs() < 1e-3, "{overdraw:?} {expected}");
     }
 
-    /// Sizes are not reported relative to a scene without extent. Seen red without `middle > 0.0` before `relative
-    /// > 0.05`.
+    /// Sizes are not reported relative to a scene without extent. This test fails without `middle > 0.0` in front
+    /// of `relative > 0.05`.
     #[test]
     fn scenes_without_extent_give_no_infinite_figures() {
         let reported = |change: fn(&mut Splats)| {

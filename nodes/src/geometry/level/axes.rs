@@ -1,17 +1,18 @@
-//! Axes along which surfaces of a scene lie: candidates for the vertical.
+//! Search for candidates for the vertical of a scene: axes such that much surface lies in layers perpendicular to
+//! them.
 
 use glam::DVec3;
 
 use super::patch::Patch;
 use crate::math::num;
 
-/// Number of directions over half a sphere that are tested; they are about 2.5 degrees apart.
+/// Number of directions that are tested. They cover half a sphere and are about 2.5 degrees apart.
 const DIRECTIONS: usize = 3000;
-/// Number of patches with which a direction is tested.
+/// Number of patches that are used to test a direction.
 const SAMPLED: usize = 20_000;
 /// Number of layers that the scene is divided into.
 const LAYERS: usize = 64;
-/// Cosine of 15 degrees: two axes that are nearer to each other count as one.
+/// Cosine of 15 degrees. Two axes at a smaller angle count as one.
 const APART: f64 = 0.966;
 
 /// Unit vectors spread evenly over half a sphere (a Fibonacci lattice).
@@ -25,13 +26,13 @@ pub(super) fn half_sphere(count: usize) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// A regular subset of at most `most` patches, so that sums over them are fast.
+/// Selects every n-th patch, at most `most` in total, so that sums over them are fast.
 fn sample(patches: &[Patch], most: usize) -> Vec<Patch> {
     patches.iter().step_by(patches.len().div_ceil(most).max(1)).copied().collect()
 }
 
-/// Concentration of surface in few layers perpendicular to an axis: the root of
-/// the sum, over layers, of the squared share of the patches that lie flat in the layer.
+/// Measures how much the surface is concentrated in few layers perpendicular to an axis. The share of a layer is
+/// the part of all surface that lies flat in it. The result is the square root of the sum of the squared shares.
 fn layering(patches: &[Patch], axis: DVec3, centre: DVec3, radius: f64) -> f64 {
     let mut layers = [0.0; LAYERS + 2];
     let (mut total, per) = (0.0, LAYERS as f64 / (2.0 * radius));
@@ -57,14 +58,14 @@ fn layering(patches: &[Patch], axis: DVec3, centre: DVec3, radius: f64) -> f64 {
     if total > 0.0 { layers.iter().map(|v| v * v).sum::<f64>().sqrt() / total } else { 0.0 }
 }
 
-/// An axis, of either sign, and the amount of surface in layers perpendicular to it.
+/// An axis, whose sign is arbitrary, and the concentration of surface in layers perpendicular to it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Axis {
     pub axis: DVec3,
     pub layering: f64,
 }
 
-/// The axes with most surface in layers perpendicular to them, the strongest first.
+/// Finds the axes with the highest concentration of surface in layers perpendicular to them, in descending order.
 pub(super) fn candidates(patches: &[Patch], centre: DVec3, radius: f64, most: usize) -> Vec<Axis> {
     let few = sample(patches, SAMPLED);
     let score = |axis: DVec3| layering(&few, axis, centre, radius);
@@ -80,7 +81,7 @@ pub(super) fn candidates(patches: &[Patch], centre: DVec3, radius: f64, most: us
             chosen.push(one);
         }
     }
-    // Up the hill, in smaller and smaller steps.
+    // Move each axis uphill in smaller and smaller steps.
     for one in &mut chosen {
         let mut step = 0.03;
         while step > 5e-4 {
@@ -97,7 +98,7 @@ pub(super) fn candidates(patches: &[Patch], centre: DVec3, radius: f64, most: us
             }
         }
     }
-    // Hills that met.
+    // Axes may have moved to the same maximum.
     let mut apart: Vec<Axis> = Vec::new();
     for one in chosen {
         if apart.iter().all(|other| other.axis.dot(one.axis).abs() < APART) {

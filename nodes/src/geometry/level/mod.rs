@@ -23,13 +23,14 @@ pub use scale::Scale;
 
 /// Number of axes that are examined.
 const AXES: usize = 6;
-/// Weight of the layers perpendicular to an axis as evidence that it is the vertical.
+/// Weight of the logarithm of the concentration in layers (see [`axes`]) as evidence that an axis is the vertical.
 const LAYERED: f64 = 6.0;
-/// Concentration below which layers are noise: evenly spread splats of random orientation reach 0.01.
+/// Concentration in layers below which an estimate is less reliable. Evenly spread splats with random orientations
+/// reach 0.01.
 const LEAST_LAYERING: f64 = 0.045;
-/// Minimum number of patches of ground for a reliable estimate.
+/// Number of patches of ground below which an estimate is less reliable.
 const LEAST_OBSERVATIONS: f64 = 150.0;
-/// Minimum confidence for a direction to be reliable.
+/// Minimum confidence of a reliable direction.
 pub const SURE: f64 = 0.95;
 /// Largest confidence of an estimate from splats alone.
 const MOST: f64 = 0.99;
@@ -39,17 +40,17 @@ const MOST: f64 = 0.99;
 pub struct LevelEstimate {
     /// Unit vector that points up, in the frame of the scene.
     pub up: [f64; 3],
-    /// Probability that `up` is correct within 5 degrees, 0 to 1, according to the evidence.
+    /// Estimated probability that `up` is correct within 5 degrees, 0 to 1.
     pub confidence: f64,
     /// Height of the floor along `up`, in world units.
     pub floor: f64,
-    /// Probability that this is the floor, 0 to 1.
+    /// Estimated probability that `floor` is the height of the floor, 0 to 1.
     pub floor_confidence: f64,
-    /// Height of the ceiling along `up`, in world units; `None` without a ceiling.
+    /// Height of the ceiling along `up`, in world units. `None` if there is no ceiling.
     pub ceiling: Option<f64>,
     /// Centre of the scene, in world units.
     pub centre: [f64; 3],
-    /// Radius of the scene around its centre, without background, in world units.
+    /// Radius of the scene around its centre, without the background, in world units.
     pub radius: f64,
     /// The evidence for `up` and against the opposite direction.
     pub evidence: Evidence,
@@ -60,7 +61,7 @@ pub struct LevelEstimate {
 }
 
 impl LevelEstimate {
-    /// The axis that `up` is within 2.5 degrees of, such as `+z`.
+    /// The axis, such as `+z`, that is within 2.5 degrees of `up`. `None` if there is no such axis.
     pub fn axis(&self) -> Option<&'static str> {
         const NAMES: [[&str; 2]; 3] = [["-x", "+x"], ["-y", "+y"], ["-z", "+z"]];
         (0..3).find(|&k| self.up[k].abs() > 0.999).map(|k| NAMES[k][usize::from(self.up[k] > 0.0)])
@@ -96,9 +97,9 @@ fn turn(from: DVec3, to: DVec3) -> DMat3 {
     DMat3::IDENTITY + cross + cross * cross * (1.0 / (1.0 + cosine))
 }
 
-/// Estimates the orientation, floor and scale of a scene of splats, using the cameras of its capture if they are
-/// known in the same frame. `None` for a scene without visible splats. The same bytes give the same
-/// estimate on every machine.
+/// Estimates the orientation, floor and scale of a scene of splats. `cameras` are the cameras of its capture, if
+/// they are known in the same frame. `None` if there are too few visible splats. The result is the same on every
+/// machine.
 pub fn of_splats(splats: &Splats, cameras: Option<&Rig>) -> Option<LevelEstimate> {
     estimate(&Patches::of_splats(splats), cameras)
 }
@@ -109,7 +110,8 @@ pub fn of_mesh(mesh: &Mesh, cameras: Option<&Rig>) -> Option<LevelEstimate> {
 }
 
 /// Estimates floor, ceiling and scale of a scene of splats whose up direction is given, for example by the format
-/// of its file. The confidence is that of the measurement if it agrees within 5 degrees, and 0 otherwise.
+/// of its file. The up direction is also measured: if it agrees within 5 degrees, the result has the confidence of
+/// this measurement, and otherwise 0.
 pub fn upright(splats: &Splats, up: DVec3, cameras: Option<&Rig>) -> Option<LevelEstimate> {
     let patches = Patches::of_splats(splats);
     let measured = estimate(&patches, cameras)?;
@@ -133,7 +135,7 @@ pub fn upright(splats: &Splats, up: DVec3, cameras: Option<&Rig>) -> Option<Leve
     })
 }
 
-/// A direction with the logarithm of its odds.
+/// A direction that may be up, with the logarithm of its odds.
 struct Candidate {
     odds: f64,
     layering: f64,
@@ -148,7 +150,7 @@ fn estimate(patches: &Patches, cameras: Option<&Rig>) -> Option<LevelEstimate> {
     let strongest = axes.first()?.layering;
     let mut candidates: Vec<Candidate> = Vec::new();
     for one in &axes {
-        // The layers are coarse; the plane of the largest one is not.
+        // The normal of the plane fitted to the largest layer is more exact than the axis.
         let [a, b] = [one.axis, -one.axis].map(|up| profile(patches, up));
         let first = if a.ground >= b.ground { a } else { b };
         let axis = refine::refine(patches, &first).up;
@@ -171,7 +173,7 @@ fn estimate(patches: &Patches, cameras: Option<&Rig>) -> Option<LevelEstimate> {
     let sum: f64 = candidates.iter().map(|c| num::f64::exp((c.odds - best.odds).max(-700.0))).sum();
     let mut confidence = (1.0 / sum).min(MOST);
     let seen = held.as_ref().is_some_and(|held| held.agrees(best.profile.up));
-    // The balance of odds says nothing where there is nothing to weigh.
+    // Odds are not reliable if there is little evidence.
     if !seen {
         confidence *= (best.layering / LEAST_LAYERING).min(1.0);
         confidence *= (best.profile.observations / LEAST_OBSERVATIONS).min(1.0);

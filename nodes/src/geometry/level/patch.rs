@@ -1,4 +1,4 @@
-//! Pieces of surface, from which up and level surfaces are estimated.
+//! Pieces of surface, from which the up direction and level surfaces are estimated.
 
 use glam::{DMat3, DVec3};
 
@@ -7,11 +7,11 @@ use crate::types::{Mesh, SplatEncoding, Splats};
 
 /// Opacity below which splats count as fog.
 const FAINT: f32 = 0.1;
-/// Maximum number of patches that are examined; if there are more, every n-th one is used.
+/// Maximum number of patches that are examined. If there are more, every n-th patch is used.
 const MOST: usize = 300_000;
-/// Radius of the core of a scene, as a multiple of the median distance of the centres from their median.
+/// Radius of the core of a scene, as a multiple of the median distance of the patches from its centre.
 const CORE: f64 = 2.2;
-/// Largest standard deviation of a splat that counts, in radii of the core.
+/// Maximum standard deviation of a splat, in radii of the core. Larger splats count as if they had this size.
 const WIDEST: f64 = 0.02;
 
 /// A piece of surface.
@@ -19,7 +19,7 @@ const WIDEST: f64 = 0.02;
 pub(super) struct Patch {
     /// Position of the centre, in world units.
     pub middle: DVec3,
-    /// Unit normal of either sign, if it is flat.
+    /// Unit normal with an arbitrary sign. `None` if the piece is not flat.
     pub normal: Option<DVec3>,
     /// Area times opacity, in square units.
     pub weight: f64,
@@ -36,14 +36,15 @@ impl Patch {
     }
 }
 
-/// The patches of a scene within its core, and those outside of it.
+/// The patches of a scene, inside and outside its core.
 #[derive(Debug)]
 pub(super) struct Patches {
     /// Patches within the core.
     pub core: Vec<Patch>,
-    /// Patches outside of the core: sky and background.
+    /// Patches outside the core: sky and background.
     pub far: Vec<Patch>,
-    /// Median of all middles (the point of least mean distance).
+    /// Geometric median of the centres of all patches, which is the point with the smallest mean distance from
+    /// them.
     pub centre: DVec3,
     /// Radius of the core, in world units.
     pub radius: f64,
@@ -102,8 +103,8 @@ impl Patches {
     }
 }
 
-/// The point of least mean distance from the middles, by Weiszfeld's iteration; independent of the orientation of
-/// the axes.
+/// Geometric median of the centres of the patches, by Weiszfeld's iteration. Unlike a median of each coordinate, it
+/// does not depend on the orientation of the axes.
 fn middle(all: &[Patch]) -> DVec3 {
     let mean = |weight: &dyn Fn(DVec3) -> f64| {
         let (mut sum, mut total) = (DVec3::ZERO, 0.0);
@@ -121,14 +122,14 @@ fn middle(all: &[Patch]) -> DVec3 {
     at
 }
 
-/// Area of the flat side of a splat, up to a factor.
+/// Area of the flat side of a splat, up to a constant factor.
 fn area(scale: [f32; 3]) -> f64 {
     let mut scale = scale.map(f64::from);
     scale.sort_by(f64::total_cmp);
     scale[1] * scale[2]
 }
 
-/// The direction of the shortest axis, if it is much shorter than the others.
+/// The direction of the shortest axis. `None` if this axis is not much shorter than the others.
 fn normal(scale: [f32; 3], quat: [f32; 4]) -> Option<DVec3> {
     let axis = (1..3).fold(0, |best, i| if scale[i] < scale[best] { i } else { best });
     let middle = scale[(axis + 1) % 3].min(scale[(axis + 2) % 3]);

@@ -1,4 +1,5 @@
-//! A scene along an axis: the evidence for either direction of the axis being up.
+//! The distribution of surface along a direction, and the evidence that the direction is up. Surface is counted in
+//! layers perpendicular to the direction, and in cells of a plan (a view along the direction).
 
 use glam::DVec3;
 use serde::Serialize;
@@ -10,11 +11,11 @@ use super::patch::{Patch, Patches};
 const LAYERS: usize = 96;
 /// Number of cells along each side of the plan.
 const CELLS: usize = 40;
-/// Number of layers of the plan's columns.
+/// Number of layers in each column of the plan.
 const STOREYS: usize = 24;
 
-/// Evidence for a direction being up. A balance compares it with the opposite direction, from -1 (the opposite) to
-/// 1 (this one).
+/// Distribution of surface along a direction, as evidence that the direction is up. Fields that are described as a
+/// balance range from -1 (the opposite direction is probably up) to 1 (this direction is probably up).
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Profile {
     /// The direction.
@@ -23,41 +24,42 @@ pub(super) struct Profile {
     pub floor: f64,
     /// Height of the highest large layer, or of the highest surface, in world units.
     pub top: f64,
-    /// Share of all surface that lies flat in the lowest layer beyond chance, minus the share below it.
+    /// Score of the floor: the share of all surface that lies flat in it, minus the share expected by chance. The
+    /// score is reduced if there is surface below the floor.
     pub ground: f64,
-    /// The same share for the highest layer.
+    /// The same score for the highest large layer, called the lid. It is reduced if there is surface above the lid.
     pub lid: f64,
-    /// Effective number of patches of the ground.
+    /// Effective number of patches of the floor.
     pub observations: f64,
     /// Share of the plan that the floor covers, 0 to 1.
     pub cover: f64,
     /// Share of the plan that the lid covers, 0 to 1.
     pub lid_cover: f64,
-    /// Balance of the surface above the floor against that below it, including the background.
+    /// Balance between the surface above the floor and the surface below it, including the background.
     pub side: f64,
-    /// Balance of surfaces other than walls between both layers: the lower half against the upper half.
+    /// Balance of surfaces other than walls between the lower and the upper half of the space from floor to lid.
     pub things: f64,
-    /// Share of these surfaces in all surface.
+    /// Surfaces counted in `things`, as a share of all surface.
     pub things_share: f64,
-    /// Balance of level surfaces between both layers.
+    /// Balance of level surfaces between the lower and the upper half of the space from floor to lid.
     pub levels: f64,
-    /// Share of level surfaces in all surface.
+    /// Surfaces counted in `levels`, as a share of all surface.
     pub levels_share: f64,
-    /// Luma of the upper fifth minus that of the floor.
+    /// Mean luma of the upper fifth of the scene minus the mean luma of the floor.
     pub light: f64,
-    /// Balance of the background: above against below.
+    /// Balance between the background above the centre of the scene and the background below it.
     pub sky: f64,
-    /// Weight of the background relative to that of the core.
+    /// Amount of the background relative to the surface of the core.
     pub sky_share: f64,
 }
 
 impl Profile {
-    /// Height between floor and top, in world units.
+    /// Distance from the floor to the top, in world units.
     pub fn height(&self) -> f64 {
         self.top - self.floor
     }
 
-    /// Evidence for this direction and against the opposite one, as a logarithm of odds.
+    /// Evidence that this direction and not the opposite one is up, as logarithms of odds.
     pub fn evidence(&self) -> Evidence {
         Evidence {
             ground: 3.0 * (self.ground - self.lid) / (self.ground + self.lid + 0.01) + 1.5 * self.side,
@@ -69,14 +71,14 @@ impl Profile {
     }
 }
 
-/// Evidence for a direction being up, by source, as logarithms of odds.
+/// Evidence that a direction is up, by source, as logarithms of odds.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Evidence {
-    /// Evidence of one large level surface with everything above it.
+    /// Evidence from a large level surface that has everything else above it.
     pub ground: f64,
-    /// Evidence of furniture, which is low, and of table tops and seats, which face up.
+    /// Evidence from furniture, which is low, and from table tops and seats, which face up.
     pub things: f64,
-    /// Evidence of light: ceilings and sky are brighter than floors, and the background is above the floor.
+    /// Evidence from light: ceilings and sky are brighter than floors, and the background is above the floor.
     pub light: f64,
 }
 
@@ -91,7 +93,7 @@ fn flat(patch: &Patch, up: DVec3) -> bool {
     patch.normal.is_some_and(|n| n.dot(up).abs() > 0.94)
 }
 
-/// The profile of a scene along a direction.
+/// Computes the profile of a scene along a direction.
 pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
     let core = &patches.core;
     let total: f64 = core.iter().map(|p| p.weight).sum();
@@ -107,7 +109,8 @@ pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
         }
         heights.last().map_or(0.0, |h| h.0)
     };
-    // A thing on a bare floor is little of the surface, and dust far below is few splats.
+    // An object on a bare floor is a small share of the surface, and dust far below the floor is a small share of
+    // the splats.
     let ends = [heights.len() / 200, heights.len() - 1 - heights.len() / 200];
     let [first, last] = ends.map(|i| heights[i].0);
     let (low, high) = (at(0.004).min(first), at(0.996).max(last));
@@ -147,7 +150,7 @@ pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
     let (ground, floor_layer) = search(true);
     let (lid, lid_layer) = search(false);
     let mut found = Profile { up, ground, lid, ..Profile::default() };
-    // Where most of what lies in a layer lies.
+    // Median height of the surface that lies flat in a layer.
     let middle_of = |k: usize| {
         let height = |p: &Patch| p.middle.dot(up);
         let inside = |p: &&Patch| flat(p, up) && layer(p).abs_diff(k) <= 1;
@@ -247,7 +250,7 @@ pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
     found.levels_share = (levels[0] + levels[1]) / total;
     found.sky = balance([sky[1], sky[0]]);
     found.sky_share = (sky[0] + sky[1]) / total;
-    // Little that lies on one side of the floor says little.
+    // The balance counts less if there is little surface on both sides of the floor.
     found.side = balance(around) * ((around[0] + around[1]) / total / 0.02).min(1.0);
     let mean = |[sum, weight]: [f64; 2]| if weight > 0.0 { sum / weight } else { 0.5 };
     found.light = mean(lid_light) - mean(floor_light);

@@ -1,4 +1,4 @@
-//! Refinement of the floor to a plane, whose normal is the up direction.
+//! Fit of a plane to the floor. The normal of the plane is the up direction.
 
 use glam::DVec3;
 
@@ -7,14 +7,14 @@ use super::patch::{Patch, Patches};
 use super::profile::Profile;
 use crate::geometry::support::Level;
 
-/// Number of rounds of the fit; each uses half the height around the plane of the one before.
+/// Number of rounds of the fit. Each round uses points closer to the plane than the previous one.
 const ROUNDS: usize = 4;
 /// Maximum slope of a floor whose normal is used as `up`, as rise over run: 8 degrees.
 const STEEP: f64 = 0.14;
-/// Minimum share of the plan that a ceiling covers.
+/// Share of the plan of a scene that a layer must cover to count as a ceiling.
 const CEILING_COVER: f64 = 0.3;
 
-/// The orientation of a scene, up to the noise of its floor.
+/// The orientation of a scene, with its floor and ceiling.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stand {
     pub up: DVec3,
@@ -51,7 +51,7 @@ pub(super) fn refine(patches: &Patches, profile: &Profile) -> Stand {
     }
     let up = (profile.up - x * plane.slope[0] - y * plane.slope[1]).normalize();
     let floor = patches.centre.dot(up) + plane.height * profile.up.dot(up);
-    // A floor is wide, or all that there is.
+    // A floor is wide compared with the plan.
     let wide = (profile.cover / 0.25).min(1.0);
     let thick = (profile.ground / 0.02).min(1.0);
     let floor_confidence = if count == 0 { 0.0 } else { 0.99 * wide * thick };

@@ -10,15 +10,15 @@ use crate::types::Rig;
 
 /// Minimum number of cameras.
 const FEWEST: usize = 3;
-/// Cosine of 20 degrees, the maximum angle at which cameras and surfaces agree.
+/// Cosine of 20 degrees. The cameras and the surfaces agree if their verticals are within this angle.
 const AGREE: f64 = 0.94;
-/// Weight of level cameras, as a logarithm of odds.
+/// Evidence from cameras that are exactly level, as a logarithm of odds.
 const COUNT: f64 = 5.0;
 
 /// The vertical as estimated from the cameras.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Held {
-    /// The up direction; it may point down if `signed` is false.
+    /// The up direction. It may point down if `signed` is false.
     pub up: DVec3,
     /// False if all cameras were held on their side, so that the sign of the direction is unknown.
     pub signed: bool,
@@ -33,14 +33,17 @@ impl Held {
     }
 }
 
-/// The direction to which the axes are nearest to perpendicular, and the root mean square of their cosines to it and to the second such direction.
+/// Finds the direction that is most nearly perpendicular to all axes, and the second-best direction, which is
+/// perpendicular to it. Returns the first direction, and for each of the two the root mean square of its cosines
+/// with the axes.
 fn least(axes: &[DVec3]) -> (DVec3, f64, f64) {
     let mut m = DMat3::ZERO;
     for &a in axes {
         m += DMat3::from_cols(a * a.x, a * a.y, a * a.z);
     }
     let m = m * (1.0 / axes.len() as f64);
-    // The least axis is the greatest one of what is left of the identity; the next one by deflation.
+    // The eigenvector of `m` with the smallest eigenvalue is that of the identity minus `m` with the largest; the
+    // next one follows by deflation.
     let power = |m: DMat3| {
         let mut v = DVec3::new(0.577, 0.578, 0.576).normalize();
         for _ in 0..200 {
@@ -60,7 +63,8 @@ fn least(axes: &[DVec3]) -> (DVec3, f64, f64) {
     (first, value.max(0.0).sqrt(), second.dot(m * second).max(0.0).sqrt())
 }
 
-/// The vertical by the cameras of a rig; `None` if there are too few, or if they were not held level.
+/// Estimates the vertical from the cameras of a rig. `None` if there are too few cameras, or if they were not held
+/// level.
 pub(super) fn held(rig: &Rig) -> Option<Held> {
     if rig.cameras.len() < FEWEST {
         return None;
@@ -70,11 +74,12 @@ pub(super) fn held(rig: &Rig) -> Option<Held> {
     };
     let (rights, downs) = (axis(0), axis(1));
     let mean = |of: &[DVec3]| of.iter().fold(DVec3::ZERO, |sum, v| sum + *v) / of.len() as f64;
-    // Held upright, right axes are level; held on the side, down axes are.
+    // If cameras are held upright, their right axes are level. If they are held on their side, their down axes are.
     let (upright, sideways) = (least(&rights), least(&downs));
     let up = -mean(&downs);
     let side = mean(&rights);
-    // The level axes leave one direction open; where they all point the same way it is only found by the mean.
+    // The vertical is perpendicular to all level axes. If all of these point the same way, it is found by the mean
+    // only.
     let found = |(axis, least, next): (DVec3, f64, f64), towards: DVec3| {
         let axis = if next > 3.0 * least && next > 0.2 { axis } else { towards.normalize() };
         let axis = if axis.dot(towards) < 0.0 { -axis } else { axis };
@@ -83,7 +88,7 @@ pub(super) fn held(rig: &Rig) -> Option<Held> {
     let (a, level_a) = found(upright, up);
     let (b, level_b) = found(sideways, side);
     if upright.2 <= 0.2 && sideways.2 <= 0.2 {
-        // All look the same way: only how they were held is known.
+        // All cameras look the same way, so the only evidence is how they were held.
         return Some(Held { up: up.normalize(), signed: true, level: 0.5 * level_a.max(0.0) });
     }
     let held = if level_a >= level_b {
@@ -94,7 +99,8 @@ pub(super) fn held(rig: &Rig) -> Option<Held> {
     (held.level > 0.1 && held.up.is_finite()).then_some(held)
 }
 
-/// Adds the vertical of the cameras to the candidates, and their evidence to each candidate.
+/// Adds the evidence of the cameras to each candidate. If no candidate agrees with the vertical of the cameras,
+/// this vertical is added as a candidate.
 pub(super) fn weigh(held: &Held, patches: &Patches, candidates: &mut Vec<Candidate>) {
     if candidates.iter().all(|c| c.profile.up.dot(held.up) < AGREE) {
         let least = candidates.iter().map(|c| c.layering).fold(f64::INFINITY, f64::min);

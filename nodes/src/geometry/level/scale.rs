@@ -7,9 +7,10 @@ use super::refine::Stand;
 use crate::geometry::support::median;
 use crate::types::Rig;
 
-/// Range of the height at which people hold a camera, in metres; its middle is used.
+/// Range of heights at which people hold a camera, in metres. A height outside the range is assumed to be its
+/// middle.
 const HELD: [f64; 2] = [1.1, 1.9];
-/// Range of the height of rooms, in metres.
+/// Range of heights of rooms, in metres. A height outside the range is assumed to be its middle.
 const ROOM: [f64; 2] = [2.2, 3.4];
 
 /// The length of a unit.
@@ -17,9 +18,9 @@ const ROOM: [f64; 2] = [2.2, 3.4];
 pub struct Scale {
     /// Metres per world unit; `None` if unknown.
     pub metres_per_unit: Option<f64>,
-    /// Probability that it is correct within a fifth, 0 to 1.
+    /// Estimated probability that `metres_per_unit` is correct within 20 %, 0 to 1.
     pub confidence: f64,
-    /// The evidence in words: "the ceiling is 2.69 units over the floor".
+    /// The evidence in words, such as "the ceiling is 2.69 units above the floor".
     pub reason: String,
 }
 
@@ -29,8 +30,8 @@ impl Scale {
     }
 }
 
-/// Estimates the scale from features of known size. If a height is plausible in metres, the unit is taken to be a
-/// metre.
+/// Estimates the scale from the height of the ceiling, or else from the height of the cameras. If this height is
+/// plausible in metres, the unit is assumed to be a metre.
 pub(super) fn scale(stand: &Stand, patches: &Patches, cameras: Option<&Rig>) -> Scale {
     let of = |length: f64, [least, most]: [f64; 2], what: &str, chances: [f64; 2]| {
         let fits = (least..=most).contains(&length);
@@ -39,7 +40,7 @@ pub(super) fn scale(stand: &Stand, patches: &Patches, cameras: Option<&Rig>) -> 
         Scale {
             metres_per_unit: Some(metres),
             confidence,
-            reason: format!("{what} {length:.3} units over the floor"),
+            reason: format!("{what} {length:.3} units above the floor"),
         }
     };
     let heights =
@@ -47,8 +48,8 @@ pub(super) fn scale(stand: &Stand, patches: &Patches, cameras: Option<&Rig>) -> 
     let held = heights.and_then(median).filter(|h| *h > 1e-3 * patches.radius);
     let room = stand.ceiling.map(|ceiling| ceiling - stand.floor);
     match (room, held) {
-        (Some(room), _) => of(room, ROOM, "the ceiling lies", [0.5, 0.8]),
-        (None, Some(held)) => of(held, HELD, "the cameras were held", [0.3, 0.6]),
-        (None, None) => Scale::unknown("no ceiling and no cameras to measure by"),
+        (Some(room), _) => of(room, ROOM, "the ceiling is", [0.5, 0.8]),
+        (None, Some(held)) => of(held, HELD, "the cameras are", [0.3, 0.6]),
+        (None, None) => Scale::unknown("no ceiling and no cameras were found"),
     }
 }

@@ -1,4 +1,4 @@
-//! Tests on synthetic scenes: rooms with and without a ceiling, a yard, noise.
+//! Tests on synthetic scenes: rooms with and without a ceiling, a yard, and noise.
 
 use glam::{DMat3, DVec3};
 
@@ -6,7 +6,7 @@ use super::*;
 use crate::math::num;
 use crate::types::Camera;
 
-/// A pseudo-random number from 0 to 1 for index `i` and purpose `of`.
+/// A pseudo-random number from 0 to 1 that depends on the index `i` and the sequence `of`.
 fn unit(i: usize, of: usize) -> f64 {
     let mut x = (i as u64 * 61 + of as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -24,7 +24,7 @@ fn about(axis: DVec3, angle: f64) -> DMat3 {
     to * from.transpose()
 }
 
-/// Ten arbitrary rotations, and the six that map up to an axis.
+/// Ten arbitrary rotations, and the six rotations that map up to an axis.
 fn rotations() -> Vec<DMat3> {
     let arbitrary = (0..10).map(|i| {
         let axis = DVec3::new(unit(i, 0) - 0.5, unit(i, 1) - 0.5, unit(i, 2) - 0.5);
@@ -75,7 +75,7 @@ impl Made {
         }
     }
 
-    /// A closed room of 5 by 4 by 2.6 with a table, a cupboard and two seats.
+    /// A room of 5 by 4 by 2.6 with a table, a cupboard and two seats.
     fn room(ceiling: bool) -> Self {
         let mut room = Self::new();
         let (i, j, k) = (DVec3::X * 2.5, DVec3::Y * 2.0, DVec3::Z * 1.3);
@@ -156,7 +156,7 @@ fn noise_has_no_up() {
     }
 }
 
-/// Cameras at eye height that look around, each turned about its line of sight by `roll`.
+/// Cameras at eye height that look around, each rotated about its viewing direction by `roll`.
 fn cameras(turn: DMat3, roll: f64, count: usize) -> Rig {
     let camera = |i: usize| {
         let (s, c) = num::sin_cos(i as f64 * 0.7);
@@ -188,7 +188,7 @@ fn cameras_say_what_surfaces_do_not() {
         let side = of_splats(&splats, Some(&cameras(turn, 1.57, 20))).expect("a scene");
         assert!(!side.is_sure(), "{side:?}");
     }
-    // Cameras of another frame do not overturn a room, and are not believed either.
+    // Cameras of another frame do not change the estimate for a room, and do not count as agreeing.
     let room = Made::room(true);
     let other = of_splats(&room.0, Some(&cameras(about(DVec3::X, 1.2), 0.0, 20))).expect("a scene");
     assert!(degrees(DVec3::from_array(other.up), DVec3::Z) < 1.0 || !other.is_sure(), "{other:?}");

@@ -10,7 +10,7 @@ use crate::geometry::level::LevelEstimate;
 use crate::geometry::support::median;
 use crate::types::{Object, Rig, Splats};
 
-/// Minimum confidence of a scale that is used for the size of the object.
+/// Minimum confidence at which an estimated scale is used for the size of the object.
 const KNOWN: f64 = 0.5;
 /// Range of heights above the floor at which objects are placed, in metres, if the scale is known.
 const HEIGHTS: [f64; 2] = [-0.1, 1.15];
@@ -54,7 +54,7 @@ impl Extents {
     }
 }
 
-/// Placement of the object and the camera in a scene that is upright.
+/// Placement of the object and the camera in an upright scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arrangement {
     /// Surface that the object stands on. `None` if no level surface was found; the object then stands at the
@@ -85,7 +85,7 @@ pub fn arrange(
     let known = stand.scale.metres_per_unit.is_some() && stand.scale.confidence >= KNOWN;
     let tall = stand.ceiling.map_or(0.6 * stand.radius, |ceiling| ceiling - stand.floor);
     let reach = (object.reach() / metres_per_unit).max(1e-9);
-    // Where the scale is not known, the object's own size counts within what looks right in the scene.
+    // If the scale is not known, the object's own size is clamped to a range that looks right in the scene.
     let enough =
         if known { reach / ROOM } else { (reach / ROOM).clamp(0.008 * stand.radius, 0.08 * stand.radius) };
     let heights =
@@ -104,10 +104,10 @@ pub fn arrange(
     let found = surfaces(&grid, stand.floor, &wish);
     cx.check()?;
     let size = object.size();
-    // Without a floor, what is level on a thing is as good as its size.
+    // If there is no reliable floor, a level surface counts only if it is large.
     let worth = |surface: &&Surface| stand.floor_confidence >= 0.3 || surface.radius > SMALL * stand.radius;
     let surface = found.first().filter(worth).map(|surface| settled(splats, &grid, surface, stand.floor));
-    // Next to a thing that stands alone, level with its lowest point.
+    // Next to a captured object without ground, level with its lowest point.
     let alone = || {
         let lowest = lowest(splats, stand, up);
         centre + grid.axes.x_axis * (ASIDE * stand.radius) + up * (lowest - centre.dot(up))
@@ -116,7 +116,7 @@ pub fn arrange(
     let (room, clearance) =
         surface.map_or((0.2 * stand.radius, f64::INFINITY), |s| (ROOM * s.radius, 0.9 * s.clearance));
     let largest = (room / reach).min(clearance / (size.y / metres_per_unit)).max(1e-9);
-    // Its own size where that fits; else as large as looks right there.
+    // Its own size if that fits; otherwise a size that looks right there.
     let wanted = ROOM * wish.enough / reach;
     let fits = largest >= 1.0 && (known || (0.99..1.01).contains(&wanted));
     let scale = if fits { 1.0 } else { rounded(largest.min(wanted)) };
@@ -129,7 +129,7 @@ pub fn arrange(
     Ok(Arrangement { surface, place, scale, fitted: !fits, view })
 }
 
-/// Height along up above which all but a thousandth of the splats of a scene lie.
+/// Height along `up` below which a thousandth of the splats of a scene lie: the lowest point without outliers.
 fn lowest(splats: &Splats, stand: &LevelEstimate, up: DVec3) -> f64 {
     let centre = DVec3::from_array(stand.centre);
     let inside = |i: &usize| splats.opacities[*i] > 0.3 && (splats.mean(*i) - centre).length() < stand.radius;
@@ -138,7 +138,7 @@ fn lowest(splats: &Splats, stand: &LevelEstimate, up: DVec3) -> f64 {
     heights.get(heights.len() / 1000).copied().unwrap_or(stand.floor)
 }
 
-/// The surface at the median height of the splats around its place, which is more exact than the height of
+/// Moves a surface to the median height of the splats around its place, which is more exact than the height of the
 /// cells.
 fn settled(splats: &Splats, grid: &Grid, surface: &Surface, floor: f64) -> Surface {
     let up = grid.axes.z_axis;
@@ -170,7 +170,7 @@ mod tests {
     use crate::render::look::of_mesh;
     use crate::types::Mesh;
 
-    /// Adds a level square of half side `half` to a mesh, centred at a point.
+    /// Adds a level square to a mesh, centred at a point. `half` is half the length of a side.
     fn square(mesh: &mut Mesh, [x, y, z]: [f32; 3], half: f32) {
         let first = mesh.positions.len() as u32;
         mesh.positions.extend(
@@ -180,8 +180,8 @@ mod tests {
         mesh.triangles.extend([[0, 1, 2], [0, 2, 3]].map(|t: [u32; 3]| t.map(|v| v + first)));
     }
 
-    /// An object is placed on the ground and not under a roof, even if the roof is in the middle of the
-    /// scene. Mutation: `COVERED` of 0, seen red.
+    /// An object is placed on the ground and not under a roof, even if the roof is in the middle of the scene. This
+    /// test fails if `COVERED` is 0.
     #[test]
     fn an_object_stands_under_the_open_sky() {
         let mut mesh = Mesh::default();

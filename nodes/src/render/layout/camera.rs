@@ -14,7 +14,7 @@ const AROUND: usize = 24;
 const RISES: [f64; 4] = [9.0, 15.0, 23.0, 35.0];
 /// Distances of the camera, in sizes of the object.
 const AWAY: [f64; 3] = [2.5, 3.3, 4.6];
-/// Number of cameras that are tried by rendering a small picture.
+/// Number of candidate cameras for which a small picture is rendered.
 const TRIED: usize = 28;
 /// Width and height of these pictures, in pixels.
 const SMALL: [u32; 2] = [96, 72];
@@ -70,7 +70,7 @@ fn judge(
     let foot = m.transform_point3(subject.place);
     let at = |p: DVec3| [p.x / p.z * camera.fx + camera.cx, p.y / p.z * camera.fy + camera.cy];
     let [fx, fy] = at(foot);
-    // The ground around the foot is where it should be.
+    // Share of the pixels around the foot whose depth is that of the ground there.
     let (mut right, mut asked) = (0.0, 0.0);
     for dy in -2..=2_i32 {
         for dx in -3..=3_i32 {
@@ -85,7 +85,7 @@ fn judge(
     let ground = if asked > 0.0 { right / asked } else { 0.0 };
     let pixels = (w * h) as f64;
     let alpha = seen.rgba.chunks_exact(4).map(|p| f64::from(p[3].min(1.0))).sum::<f64>() / pixels;
-    // Things right before the lens, and a picture that is dark, white or without detail.
+    // The score is lower if something is close to the lens, or if the picture is dark, white or without detail.
     let close = seen.depth.iter().filter(|d| f64::from(**d) < 0.3 * foot.z).count() as f64 / pixels;
     let luma = |p: &[f32]| 0.2126 * f64::from(p[0]) + 0.7152 * f64::from(p[1]) + 0.0722 * f64::from(p[2]);
     let lumas: Vec<f64> = seen.rgba.chunks_exact(4).map(|p| luma(p).clamp(0.0, 1.0)).collect();
@@ -96,8 +96,9 @@ fn judge(
     Ok(ground * alpha * alpha * (1.0 - close) * (1.0 - close) * (0.4 + 0.3 * exposed + 0.3 * detail))
 }
 
-/// Finds the camera that sees a subject best, among those in free space, by rendering small pictures. `hint`
-/// lists cameras of the capture, in world units, near which the scene is known to look right.
+/// Finds the camera that sees a subject best. Candidates are in free space, and are compared by rendering small
+/// pictures. `hint` lists the positions of the cameras of the capture, in world units, because the scene is known
+/// to look right from there.
 pub fn best_view(
     splats: &Splats,
     grid: &Grid,
@@ -113,7 +114,7 @@ pub fn best_view(
         let way = target - eye;
         let distance = way.length();
         let free = grid.free(local(eye), local(way / distance), distance);
-        // What is free behind the subject is seen, too: a picture of a wall at arm's length shows little.
+        // Free space behind the subject is better, because a picture of a wall at arm's length shows little.
         let behind = grid.free(local(target), local(way / distance), 3.0 * distance) / distance;
         let clear = grid.is_clear(local(eye), (0.12 * distance).max(2.0 * grid.cell).min(0.5 * distance));
         if free + 2.0 * subject.extent.max(grid.cell) < distance || !clear {
@@ -142,7 +143,7 @@ pub fn best_view(
             add(*eye, 1.0);
         }
     }
-    // Not all from one side: the best of each eighth first.
+    // The best camera of each eighth of the circle comes first, so that not all are on one side.
     list.sort_by(|a, b| b.0.total_cmp(&a.0));
     let sector = |view: &View| {
         let way = local(view.eye - target);

@@ -11,7 +11,7 @@ const SIDE: usize = 320;
 const STOREYS: usize = 160;
 /// Number of cells per radius of the scene, if its splats are fine enough.
 const FINE: f64 = 160.0;
-/// Opacity of a cell, relative to the area of one of its sides, from which it is solid.
+/// Minimum sum of opacity times area of the splats in a solid cell, relative to the area of one side of the cell.
 const SOLID: f32 = 0.25;
 /// Minimum opacity of a splat; more transparent ones are ignored as fog.
 const FAINT: f32 = 0.15;
@@ -55,7 +55,7 @@ impl Grid {
         let median = f64::from(sizes.get(sizes.len() / 2).copied().unwrap_or_default());
         let cell = (2.0 * median).max(stand.radius / FINE).max(1e-9);
         let side = ((2.0 * stand.radius / cell).ceil() as usize).clamp(8, SIDE);
-        // From a little under the floor up.
+        // The grid begins slightly below the floor.
         let storeys = ((1.2 * stand.radius / cell).ceil() as usize).clamp(8, STOREYS);
         let half = 0.5 * side as f64 * cell;
         let low = DVec3::new(centre.x - half, centre.y - half, stand.floor - 8.0 * cell);
@@ -100,7 +100,7 @@ impl Grid {
         }
     }
 
-    /// Cell that contains a point in the frame of `axes`. `None` outside of the grid.
+    /// Cell that contains a point in the frame of `axes`. `None` if the point lies outside the grid.
     pub fn at(&self, p: DVec3) -> Option<[usize; 3]> {
         let v = (p - self.low) / self.cell;
         let inside = |v: f64, n: usize| v >= 0.0 && v < n as f64;
@@ -118,7 +118,7 @@ impl Grid {
         self.low + DVec3::new(x as f64 + 0.5, y as f64 + 0.5, z as f64 + 1.0) * self.cell
     }
 
-    /// Mean size of the splats around a column, in world units. `None` if no splats are there.
+    /// Mean size of the splats around a column, in world units. `None` if there are no splats.
     pub fn detail(&self, x: usize, y: usize) -> Option<f64> {
         let (mut sum, mut count) = (0.0, 0.0);
         for v in y.saturating_sub(2)..(y + 3).min(self.size[1]) {
@@ -130,8 +130,8 @@ impl Grid {
         (count > 0.0).then(|| sum / count)
     }
 
-    /// Distance from `from` to the first solid cell along a ray, at most `most`, in world units; `from` is in
-    /// the frame of `axes`.
+    /// Distance from `from` to the first solid cell along a ray, in world units and at most `most`. `from` and
+    /// `direction` are in the frame of `axes`.
     pub fn free(&self, from: DVec3, direction: DVec3, most: f64) -> f64 {
         let step = 0.5 * self.cell;
         let count = (most / step).floor() as usize;
@@ -144,7 +144,7 @@ impl Grid {
         most
     }
 
-    /// True if all cells within a distance of a point are free. Space outside of the grid is free.
+    /// True if all cells within a distance of a point are free. Space outside the grid is free.
     pub fn is_clear(&self, at: DVec3, radius: f64) -> bool {
         let n = (radius / self.cell).ceil() as i32;
         let around = |k: i32| f64::from(k) * self.cell;

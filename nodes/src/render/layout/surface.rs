@@ -8,8 +8,8 @@ use super::grid::Grid;
 const CLEAR: usize = 5;
 /// Maximum number of surfaces in a column that are examined.
 const STACKED: usize = 4;
-/// Free space above a place, in multiples of `Wish::enough`, that halves its value compared with the open
-/// sky, because objects below something are dark and badly visible.
+/// Free space above a place at which its score is half of that under the open sky, in multiples of `Wish::enough`.
+/// Objects under a cover are dark and hard to see.
 const COVERED: f64 = 10.0;
 /// Minimum number of cells of a surface.
 const FEWEST: usize = 30;
@@ -19,7 +19,7 @@ const FEWEST: usize = 30;
 pub struct Surface {
     /// Position of the place, in world units.
     pub place: DVec3,
-    /// Distance from the place to the edge or to an object on the surface, in world units.
+    /// Distance from the place to the edge of the surface or to the nearest object on it, in world units.
     pub radius: f64,
     /// Height above the floor, in world units.
     pub height: f64,
@@ -38,14 +38,15 @@ pub struct Wish {
     pub heights: [f64; 2],
     /// Distance from the edge, in world units, beyond which more distance does not improve a place.
     pub enough: f64,
-    /// Point that the place should be near to, and the distance that counts as near, in world units.
+    /// Point that the place should be near, and the distance that counts as near, in world units.
     pub near: (DVec3, f64),
 }
 
-/// Level surfaces of a grid, each with its best place, best first. Equal ones are in the order of the grid.
+/// Level surfaces of a grid, each with its best place, best first. Surfaces with equal scores are in the order of
+/// the grid.
 pub fn surfaces(grid: &Grid, floor: f64, wish: &Wish) -> Vec<Surface> {
     let [nx, ny, nz] = grid.size;
-    // Tops of each column, from below.
+    // Tops of the solid cells of each column, from the lowest.
     let mut tops: Vec<Vec<(u16, u16)>> = vec![Vec::new(); nx * ny];
     let allowed = |z: usize| {
         let height = grid.low.z + (z as f64 + 1.0) * grid.cell - floor;
@@ -58,7 +59,7 @@ pub fn surfaces(grid: &Grid, floor: f64, wish: &Wish) -> Vec<Surface> {
             if grid.is_solid([x, y, z]) && allowed(z) {
                 let free = (z + 1..nz).take_while(|&above| !grid.is_solid([x, y, above])).count();
                 if free >= CLEAR.min(nz - z - 1) && free > 0 {
-                    // Nothing over it up to the end of the grid is open sky.
+                    // If nothing is above it up to the end of the grid, it is under the open sky.
                     let open = z + 1 + free == nz;
                     list.push((z as u16, if open { u16::MAX } else { free as u16 }));
                 }
@@ -115,7 +116,7 @@ fn best(
     cells: &[(usize, usize)],
 ) -> Option<Surface> {
     let [nx, ny, _] = grid.size;
-    // Distance to the nearest cell that is not of it, by two sweeps (chamfer 3-4).
+    // Distance to the nearest cell outside the surface, by two sweeps (chamfer 3-4).
     let mut far = vec![0_u32; nx * ny];
     cells.iter().for_each(|&(c, _)| far[c] = u32::MAX / 2);
     let get = |far: &[u32], x: isize, y: isize| {
@@ -134,7 +135,7 @@ fn best(
             far[c] = near.into_iter().fold(far[c], |least, (x, y, by)| least.min(get(&far, x, y) + by));
         }
     }
-    // Detail of the middle of all surfaces is the measure of what is seen well.
+    // Score each cell of the surface; the best becomes its place.
     let mut best: Option<Surface> = None;
     for &(c, k) in cells {
         let (x, y) = (c % nx, c / nx);

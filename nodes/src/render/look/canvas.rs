@@ -33,9 +33,9 @@ fn glyph(c: char) -> [u8; 5] {
 /// Picture of display colours.
 #[derive(Debug, Clone)]
 pub struct Canvas {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
     /// RGB from 0 to 1, row by row.
     pub rgb: Vec<[f32; 3]>,
@@ -47,14 +47,14 @@ impl Canvas {
         Self { width, height, rgb: vec![rgb; width * height] }
     }
 
-    /// Creates a picture of the view of a camera over a dark grey.
+    /// Creates a picture of a rendered view over a dark grey background.
     pub fn of(seen: &Rendered, width: usize, height: usize) -> Self {
         let over =
             |p: &[f32]| [0, 1, 2].map(|k| (p[k] + 0.12 * (1.0 - p[3].clamp(0.0, 1.0))).clamp(0.0, 1.0));
         Self { width, height, rgb: seen.rgba.chunks_exact(4).map(over).collect() }
     }
 
-    /// Mixes a colour into a pixel. Positions outside of the picture are ignored.
+    /// Mixes a colour into a pixel. Positions outside the picture are ignored.
     pub fn mix(&mut self, x: i64, y: i64, colour: [f32; 3], share: f32) {
         if x >= 0 && y >= 0 && (x as usize) < self.width && (y as usize) < self.height {
             let pixel = &mut self.rgb[y as usize * self.width + x as usize];

@@ -8,7 +8,8 @@ use crate::geometry::level::LevelEstimate;
 use crate::render::splat::{Settings, render};
 use crate::types::{Camera, Splats};
 
-/// Height of the camera above the plan, in half sides of the plan, so that its rays are nearly parallel.
+/// Height of the camera above the floor, in half sides of the plan. It is large, so that the rays are nearly
+/// parallel.
 const HIGH: f64 = 40.0;
 /// Approximate number of lines of the grid.
 const LINES: f64 = 12.0;
@@ -26,7 +27,7 @@ pub struct Plan {
     half: f64,
 }
 
-/// Splats below a height along up; all splats if the height is not finite.
+/// Splats below a height along `up`; all splats if the height is +inf.
 pub fn below(splats: &Splats, up: DVec3, height: f64) -> Splats {
     let mut kept = Splats {
         means: Vec::new(),
@@ -50,7 +51,7 @@ pub fn below(splats: &Splats, up: DVec3, height: f64) -> Splats {
     kept
 }
 
-/// Rounds a step to 1, 2 or 5 times a power of ten.
+/// Distance between grid lines for a plan of side `span`: 1, 2 or 5 times a power of ten.
 fn round_step(span: f64) -> f64 {
     let mut unit = 1e-9;
     while unit * 10.0 <= span / LINES {
@@ -60,8 +61,8 @@ fn round_step(span: f64) -> f64 {
 }
 
 impl Plan {
-    /// Renders the scene up to `cut` above the floor from above. `axes` are right, forward and up of the
-    /// world.
+    /// Renders the part of the scene up to `cut` above the floor, as seen from above. `axes` are the right, forward
+    /// and up directions in the world.
     pub fn new(
         splats: &Splats,
         stand: &LevelEstimate,
@@ -116,7 +117,8 @@ impl Plan {
                 let share = if k == 0 { 0.6 } else { 0.28 };
                 self.canvas.line(from, to, [1.0, 1.0, 1.0], share);
                 let value = k as f64 * self.step;
-                // What a label says is the coordinate, also where the axis points the other way.
+                // Labels show the world coordinate, which decreases to the right or upwards if the axis points the
+                // other way.
                 let sign = if axis == 0 { self.right } else { self.forward };
                 let value = value * (sign.x + sign.y + sign.z).signum() + 0.0;
                 let (mut digits, mut step) = (0, self.step);
@@ -141,7 +143,7 @@ impl Plan {
         self.canvas.text([18, 6], name(self.forward), 3, [0.5, 1.0, 0.5]);
     }
 
-    /// Draws an arrow from a place towards another, with a number.
+    /// Draws an arrow with a number from one point towards another.
     pub fn mark(&mut self, from: DVec3, to: DVec3, number: usize) {
         let (a, b) = (self.at(from), self.at(to));
         let way = DVec2::new(b[0] - a[0], b[1] - a[1]).normalize_or_zero() * 34.0;

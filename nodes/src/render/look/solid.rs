@@ -9,7 +9,7 @@ use crate::types::{Mesh, Object, Splats};
 /// Approximate number of splats of a surface.
 const COUNT: f64 = 200_000.0;
 
-/// A triangle with its colour, linear.
+/// A triangle with its colour in linear light.
 struct Face {
     corners: [DVec3; 3],
     linear: [f32; 3],
@@ -25,7 +25,7 @@ pub fn of_mesh(mesh: &Mesh) -> Splats {
     splats(&faces.collect::<Vec<_>>())
 }
 
-/// Converts an object under a transform to splats, with the colours of its materials without textures.
+/// Converts an object, placed by a transform, to splats with the colours of its materials, but without textures.
 pub fn of_object(object: &Object, world_from_object: &DMat4) -> Splats {
     let mut faces = Vec::new();
     for part in &object.primitives {
@@ -47,7 +47,8 @@ fn splats(faces: &[Face]) -> Splats {
     let area: f64 = faces.iter().map(|face| 0.5 * cross(face.corners).length()).sum();
     let each = (area / COUNT).max(1e-300);
     let mut out = Splats::empty();
-    // Light from over the left shoulder of one who looks along -x -y -z; both sides alike.
+    // Light from behind and to the left of a viewer who looks along (-1, -1, -1); both sides of a face are lit
+    // alike.
     let light = DVec3::new(0.45, 0.35, 0.82);
     for face in faces {
         let [a, b, c] = face.corners;
@@ -66,7 +67,7 @@ fn splats(faces: &[Face]) -> Splats {
         let size = (0.5 * double / (n * n) as f64).sqrt() * 0.75;
         for i in 0..n {
             for j in 0..2 * (n - i) - 1 {
-                // Middles of the small triangles, upright and upside down.
+                // Centres of the small triangles, which alternate between upright and upside down.
                 let (u, v) = (i as f64, (j / 2) as f64);
                 let third = if j % 2 == 0 { 1.0 / 3.0 } else { 2.0 / 3.0 };
                 let (u, v) = ((u + third) / n as f64, (v + third) / n as f64);

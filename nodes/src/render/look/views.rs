@@ -1,4 +1,4 @@
-//! Views of a scene from positions where a person would stand, or from around it.
+//! Views of a scene, either from positions where a person would stand or from around it.
 
 use engine::{Context, NodeError};
 use glam::DVec3;
@@ -15,8 +15,8 @@ const AROUND: usize = 8;
 const PLACES: usize = 4;
 /// Vertical field of view, in degrees.
 const FOV_Y_DEG: f64 = 60.0;
-/// Score of the best view from the floor below which a scene counts as a single object, which is viewed from
-/// around it.
+/// Minimum score of the best view from the floor. If no view reaches it, the scene counts as a single object and is
+/// viewed from around it.
 const INSIDE: f64 = 0.6;
 /// Width and height of the small pictures, in pixels.
 const SMALL: [u32; 2] = [80, 60];
@@ -38,8 +38,8 @@ fn judge(splats: &Splats, view: &View, up: DVec3, radius: f64, cx: &Context) -> 
     Ok(alpha * (1.0 - close) * (1.0 - close) * (0.3 + 0.3 * exposed + 0.4 * (detail / 0.04).min(1.0)))
 }
 
-/// Views that show most, best first and no two alike. They are taken at eye height from free places of the
-/// floor, from around the scene if it is a single object, and from the cameras of the capture.
+/// Views that show most of the scene, best first and no two alike. They are taken at eye height above free places
+/// of the floor, from around the scene if it is a single object, and from the cameras of the capture.
 pub fn views(
     splats: &Splats,
     stand: &LevelEstimate,

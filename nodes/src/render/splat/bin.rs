@@ -1,5 +1,5 @@
-//! Groups of tiles whose lists are in memory together. Each group needs a stable sort of the footprints of
-//! each row of tiles, then their lists by tile.
+//! Groups of tiles whose lists are in memory together. For each group, the footprints of each row of tiles are
+//! sorted by a stable sort and then listed by tile.
 
 use std::ops::Range;
 
@@ -19,26 +19,27 @@ pub(super) struct Group {
     columns: Range<usize>,
 }
 
-/// Maximum memory per footprint in the lists of a row of tiles, in bytes. While sorting, there are three
-/// copies of it.
+/// Maximum memory per footprint in the lists of a row of tiles, in bytes. There are three copies of each entry
+/// during sorting.
 const ENTRY_BYTES: u64 = 3 * size_of::<Entry>() as u64;
 /// Memory per footprint in the list of a tile, in bytes.
 const PAIR_BYTES: u64 = size_of::<u32>() as u64;
 
-/// Largest memory for rendering a picture of this size with this number of splats, in addition to the pictures:
-/// footprints, keys and ranges, and the lists of one group.
+/// Maximum memory for rendering a picture of this size with this number of splats, in bytes: footprints, keys and
+/// ranges, and the lists of one group. The picture itself is not included.
 pub(crate) fn most_bytes(splats: u64, (width, height): (u64, u64)) -> u64 {
     let tile = TILE as u64;
     let (columns, rows) = (width.div_ceil(tile), height.div_ceil(tile));
     let held = (size_of::<Footprint>() + size_of::<(u64, TileRange)>()) as u64;
-    // A group of one row, or of one tile, may contain each splat once.
+    // A group of one row or one tile contains each splat at most once.
     let lists = (rows * (ENTRY_BYTES + columns * PAIR_BYTES)).saturating_mul(splats);
     let bounded = (ENTRY_BYTES + PAIR_BYTES).saturating_mul(splats).saturating_add(LIST_BYTES);
     lists.min(bounded).saturating_add(held.saturating_mul(splats))
 }
 
-/// Divides a picture with this number of columns and rows of tiles into groups: as many rows as the limit of
-/// the lists allows, or as many columns of one row, at least one. An ordinary picture is one group.
+/// Divides a picture with this number of columns and rows of tiles into groups. A group has as many rows as the
+/// memory limit of the lists allows. If one row exceeds the limit, a group has as many of its columns as the limit
+/// allows, but at least one. An ordinary picture is one group.
 pub(super) fn groups(
     projected: &Projected,
     (columns, rows): (usize, usize),
@@ -53,7 +54,7 @@ pub(super) fn groups(
     for (row, [entries, pairs]) in projected.in_rows(rows).into_iter().enumerate() {
         let bytes = entries * ENTRY_BYTES + pairs * PAIR_BYTES;
         if pairs * PAIR_BYTES > most {
-            // As if each of them touched every column: so no part exceeds the limit, wherever they lie.
+            // Computed as if each footprint touched every column, so that no part exceeds the limit.
             let each = (most / (entries * PAIR_BYTES)).max(1) as usize;
             let part = |first: usize| first..(first + each).min(columns);
             let parts = (0..columns).step_by(each).map(part);
@@ -73,8 +74,8 @@ pub(super) fn groups(
 /// Largest number of bits per digit of the sort.
 const DIGIT_BITS: u32 = 12;
 
-/// Sorts by ascending keys; equal keys keep the order of the file. A radix sort from the lowest digit, which ends
-/// early when the run is cancelled.
+/// Sorts by ascending keys; entries with equal keys stay in file order. This is a radix sort from the lowest digit,
+/// and it stops early if the run is cancelled.
 fn sorted(mut from: Vec<Entry>, cx: &Context) -> Vec<Entry> {
     let least = from.iter().fold(u64::MAX, |least, entry| least.min(entry.key));
     let most = from.iter().fold(least, |most, entry| most.max(entry.key));
@@ -105,8 +106,8 @@ fn sorted(mut from: Vec<Entry>, cx: &Context) -> Vec<Entry> {
     from
 }
 
-/// Footprints that touch each row of a group, front to back. Without bounds, the single row contains all of
-/// them.
+/// Footprints that touch each row of a group, front to back. If the settings have no bounds, there is a single row
+/// that contains all footprints.
 pub(super) fn sort(
     projected: &Projected,
     group: &Group,
@@ -162,7 +163,7 @@ impl Lists<'_> {
     }
 }
 
-/// Lists the footprints of a group by tile, in their order in each row.
+/// Lists the footprints of a group by tile, in the order of `sorted`.
 pub(super) fn bin<'a>(
     projected: &Projected,
     sorted: &[Vec<Entry>],
@@ -180,7 +181,7 @@ pub(super) fn bin<'a>(
         let mut entries = Vec::with_capacity(sorted[row].len());
         for &Entry { index, x0, x1, .. } in &sorted[row] {
             let mut span = (x0, x1);
-            // Below four columns, the row test of the blend is as cheap as this one.
+            // For fewer than four columns, the test per row in the blend stage is as cheap as this one.
             if exact && x1 - x0 > 3 {
                 let (left, right) =
                     projected.footprint(index).extent_in((group.rows.start + row) * TILE, projected.log2_cut);

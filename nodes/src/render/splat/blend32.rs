@@ -1,6 +1,6 @@
-//! Blending in f32, eight pixels of a row at once. Every lane does the same IEEE operations whatever the
-//! width of the machine's vectors, and a row is skipped only if no pixel of it can reach the cut, so every
-//! instruction set gives the same bits.
+//! Blending in f32, eight pixels of a row at once. Every instruction set gives the same bits: every lane does the
+//! same IEEE operations for any vector width, and a row is skipped only if none of its pixels can reach
+//! `alpha_cut`.
 
 use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*, u32x8};
 
@@ -17,12 +17,12 @@ const HALVES: usize = TILE / LANES;
 /// Number of footprints copied ahead of their use, so that their cache misses overlap.
 const BATCH: usize = 32;
 
-/// 2^f for f in [-1/2, 1/2], the polynomial of degree 5 with the smallest relative error (Remez): 7.5e-8 before
-/// rounding, 2e-7 measured with it.
+/// Coefficients of the polynomial of degree 5 with the smallest relative error for 2^f with f in [-1/2, 1/2]
+/// (Remez). The error is 7.5e-8 without rounding; 2e-7 was measured with rounding.
 const EXP2: [f32; 6] = [1.000_000_1, 0.693_146_97, 0.240_221_2, 0.055_507_13, 0.009_675_541, 0.001_327_647_2];
-/// 1.5 * 2^23: adding it leaves the nearest integer in the low bits of the mantissa.
+/// 1.5 * 2^23. After this is added to a number, the low bits of the mantissa hold the nearest integer.
 const ROUND: f32 = 12_582_912.0;
-/// 2^-126 is the smallest normal f32; nothing below it is blended.
+/// Base-2 logarithm of the smallest normal f32. Smaller alphas are not blended.
 const LOG2_SMALLEST: f32 = -126.0;
 
 /// 2^x for x in [-126, 1].
@@ -41,7 +41,7 @@ fn exp2<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
     (bits + (whole << 23)).bitcast()
 }
 
-/// Indices of [`DepthMode`], so that one loop is compiled for each.
+/// Indices of the variants of [`DepthMode`] as constants, so that one loop is compiled for each variant.
 const EXPECTED: u8 = 0;
 const MEDIAN: u8 = 1;
 const TRANSMITTANCE: u8 = 2;
@@ -57,7 +57,7 @@ pub(super) fn blend(level: Level, task: &Task<'_, '_>) -> Blended {
     }
 }
 
-/// Sums of a tile, one array per channel. A finished pixel has a negative transmittance with unchanged magnitude.
+/// Sums for the pixels of a tile, one array per channel. If a pixel is finished, its transmittance is negated.
 #[derive(Clone, Copy)]
 struct Pixels {
     transmittance: [[f32; LANES]; TILE * HALVES],
@@ -65,7 +65,7 @@ struct Pixels {
     green: [[f32; LANES]; TILE * HALVES],
     blue: [[f32; LANES]; TILE * HALVES],
     depth: [[f32; LANES]; TILE * HALVES],
-    /// Divisor of `depth` with `Transmittance`; the weighted sum of inverse depths with `RayMedian`.
+    /// For `Transmittance`: the divisor of `depth`. For `RayMedian`: the weighted sum of inverse depths.
     depth_weight: [[f32; LANES]; TILE * HALVES],
     /// Number of blends, if they are counted.
     count: [[f32; LANES]; TILE * HALVES],
@@ -73,8 +73,8 @@ struct Pixels {
     limit: [[f32; LANES]; TILE * HALVES],
 }
 
-/// Factor by which the limit must be closer than a splat for the pixel to end at once. Splats with equal sort
-/// keys stay in file order, and their depths may differ by 2^-32.
+/// A pixel is finished when the depth of a splat exceeds this multiple of the limit. It is above 1 because splats
+/// with equal sort keys stay in file order although their depths may differ by a factor of 1 + 2^-32.
 const BEHIND: f32 = 1.000_001;
 
 #[inline(always)]

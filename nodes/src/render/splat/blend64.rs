@@ -1,4 +1,4 @@
-//! Blending in f64, one pixel after another: the reference for the fast version.
+//! Blending in f64, one pixel after another. This is the reference for the fast version.
 
 use super::DepthMode;
 use super::settings::TILE;

@@ -1,5 +1,5 @@
-//! Blocks of consecutive splats in the file, with bounds. Most captures are stored along a space-filling
-//! curve, so that blocks are small. In other orders the blocks are large and save no time.
+//! Blocks of consecutive splats in the file, with bounds. Most captures are stored along a space-filling curve, so
+//! their blocks are small. In other orders the blocks are large and save no time.
 
 use std::ops::Range;
 
@@ -14,8 +14,8 @@ pub(super) const BLOCK: usize = 64;
 /// Number of blocks per job.
 const CHUNK: usize = 256;
 
-/// Blocks of a scene in file order, for rendering several pictures. For a single picture, computing them
-/// takes as long as they save.
+/// Blocks of a scene in file order, for rendering several pictures. For a single picture, computing the blocks
+/// takes as much time as they save.
 pub struct Blocks(Vec<Block>);
 
 impl Blocks {
@@ -29,29 +29,30 @@ impl Blocks {
         Ok(Self(chunks.concat()))
     }
 
-    /// The block that contains a splat, relative to an eye.
+    /// Returns the block that contains a splat, relative to an eye.
     #[inline(always)]
     pub(super) fn around(&self, splat: usize, eye: DVec3) -> Block {
         self.0[splat / BLOCK].seen_from(eye)
     }
 }
 
-/// Bounding box of the centres of some splats, and the longest of their axes.
+/// Bounding box of the centres of some splats, and the length of their longest axis.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Block {
-    /// Middle of the box, and half of its sides.
+    /// Middle of the box.
     middle: DVec3,
+    /// Half of the sides of the box.
     half: DVec3,
     /// Longest standard deviation, in world units.
     pub longest: f64,
 }
 
-/// Relative margin of bounds: far more than the rounding of a dozen f64 operations, far less than the benefit of a
-/// block.
+/// Relative margin of bounds. It is far larger than the rounding error of a dozen f64 operations, and far too small
+/// to reduce the benefit of blocks.
 const SLACK: f64 = 1e-12;
 
 impl Block {
-    /// Block of these splats. There must be at least one.
+    /// Computes the block of the splats in `range`, which must not be empty.
     pub(super) fn of(splats: &Splats, range: Range<usize>) -> Self {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let mut longest = 0.0_f32;
@@ -68,7 +69,7 @@ impl Block {
         }
     }
 
-    /// The block relative to an eye.
+    /// Returns the block relative to an eye.
     #[inline(always)]
     pub(super) fn seen_from(&self, eye: DVec3) -> Self {
         Self { middle: self.middle - eye, half: self.half + eye.abs() * SLACK, ..*self }

@@ -12,19 +12,20 @@ use crate::math::{equirect, num};
 use crate::types::Camera;
 
 /// Distance beyond the edges of the image, as a fraction of half the image, up to which the derivative of the
-/// projection is evaluated at the splat. Beyond it, the linear approximation diverges (INRIA forward.cu: 1.3
-/// times the tangent).
+/// projection is evaluated at the centre of the splat. For splats farther out it is evaluated at this distance,
+/// because the linear approximation diverges (INRIA forward.cu: 1.3 times the tangent).
 const GUARD: f64 = 0.3;
 
-/// Margin of bounds in pixels, so that no pixel whose alpha reaches the cut is lost by rounding.
+/// Margin of bounds in pixels, so that no pixel whose alpha reaches `alpha_cut` is lost to rounding.
 pub(super) const SLACK_PX: f64 = 0.01;
 
-/// Smallest distance from the axis through the poles, as a fraction of the distance from the eye, at which
-/// the derivative of a panorama is evaluated. At a pole it is infinite (splat-transform #247 does the same).
+/// Minimum distance from the axis through the poles at which the derivative of a panorama is evaluated, as a
+/// fraction of the distance from the eye. The derivative is infinite at a pole (splat-transform #247 has the same
+/// limit).
 const POLE: f64 = 0.005;
 
-/// Range of the tiles of a footprint, half open. In a panorama `x1` may exceed the last column: those columns
-/// wrap around, and no tile occurs twice.
+/// Half-open range of the tiles of a footprint. In a panorama `x1` may exceed the number of columns. The excess
+/// columns wrap around, and no tile occurs twice.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TileRange {
     pub x0: u16,
@@ -35,13 +36,15 @@ pub(super) struct TileRange {
 
 /// Centre of a splat in the picture.
 pub(super) struct ProjectedCentre {
-    /// Position in pixels.
+    /// Horizontal position, in pixels.
     pub u: f64,
+    /// Vertical position, in pixels.
     pub v: f64,
-    /// Derivatives of u and v by world coordinates.
+    /// Derivative of `u` with respect to world coordinates.
     pub row_x: DVec3,
+    /// Derivative of `v` with respect to world coordinates.
     pub row_y: DVec3,
-    /// Depth in world units, as the type of picture defines it.
+    /// Depth in world units: planar depth, or distance for a panorama.
     pub depth: f64,
 }
 
@@ -51,7 +54,7 @@ pub(super) trait CameraModel: Sync {
     fn eye(&self) -> DVec3;
     /// Columns and rows, in pixels.
     fn size(&self) -> (usize, usize);
-    /// Number of columns after which the picture repeats.
+    /// Number of pixel columns after which the picture repeats; `None` if it does not repeat.
     fn period(&self) -> Option<u32>;
     /// True if a point at `d` from the eye is at or below the near depth.
     fn is_behind(&self, d: DVec3, near: f64) -> bool;
@@ -68,8 +71,9 @@ pub(super) trait CameraModel: Sync {
     fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool;
     /// Tiles with a pixel centre inside a box, including its edge.
     fn exact_reach(&self, u: f64, v: f64, half_x: f64, half_y: f64) -> Option<TileRange>;
-    /// Tiles that the INRIA rasterizer assigns to a covariance and its determinant: a square of 3 standard
-    /// deviations of the longer axis (auxiliary.h, `getRect`; forward.cu, `preprocessCUDA`).
+    /// Tiles that the INRIA rasterizer assigns to a splat with this covariance and its determinant: those of a
+    /// square that extends 3 standard deviations of the longer axis to each side (auxiliary.h, `getRect`;
+    /// forward.cu, `preprocessCUDA`).
     fn inria_reach(&self, u: f64, v: f64, xx: f64, yy: f64, det: f64) -> Option<TileRange>;
     /// All tiles.
     fn everywhere(&self) -> TileRange;
@@ -90,7 +94,7 @@ fn pixels(left: f64, right: f64) -> (i32, i32) {
     (ceil(left - 0.5), ceil(right + 0.5) - 2)
 }
 
-/// Tiles with a pixel centre in an interval, of tiles that together have `size` pixels.
+/// Range of tiles with a pixel centre in an interval, in a row of `size` pixels.
 #[inline(always)]
 fn tiles(left: f64, right: f64, size: f64) -> Option<(u16, u16)> {
     let (first, last) = pixels(left, right);
@@ -98,7 +102,8 @@ fn tiles(left: f64, right: f64, size: f64) -> Option<(u16, u16)> {
     (first <= last).then(|| ((first as usize / TILE) as u16, (last as usize / TILE) as u16 + 1))
 }
 
-/// Same as [`tiles`] for a picture that repeats after `period` pixels, as in [`TileRange`].
+/// Same as [`tiles`] for a picture that repeats after `period` pixels. The end may exceed the number of columns, as
+/// described for [`TileRange`].
 #[inline(always)]
 fn tiles_around(left: f64, right: f64, period: u32) -> Option<(u16, u16)> {
     let (first, last) = pixels(left, right);
@@ -115,8 +120,8 @@ fn tiles_around(left: f64, right: f64, period: u32) -> Option<(u16, u16)> {
     Some((x0, if wraps { (columns + x1).min(x0 + columns) } else { x1 }))
 }
 
-/// Tiles of an interval of columns, within `span` or wrapped by `period`. The range is empty if the interval
-/// contains no tile.
+/// Range of tiles with a pixel centre in an interval: within `span`, or wrapped around if there is a `period`. The
+/// range is empty if there are no such tiles.
 pub(super) fn columns(left: f64, right: f64, span: (u16, u16), period: Option<u32>) -> (u16, u16) {
     let found = match period {
         None => tiles(left, right, (usize::from(span.1) * TILE) as f64).map(|(a, b)| (a.max(span.0), b)),
@@ -125,8 +130,8 @@ pub(super) fn columns(left: f64, right: f64, span: (u16, u16), period: Option<u3
     found.filter(|(first, end)| first < end).unwrap_or((span.0, span.0))
 }
 
-/// Same as [`CameraModel::ray_slopes`] if depth is distance: steps along the sphere through `d` that move the
-/// projection by a pixel.
+/// Same as [`CameraModel::ray_slopes`] for cameras whose depth is the distance. The derivatives are steps on the
+/// sphere through `d` that move the projection by one pixel.
 fn ray_slopes_by_distance(d: DVec3, centre: &ProjectedCentre) -> ([DVec3; 2], DVec3) {
     let (distance, row_x, row_y) = (d.length(), centre.row_x, centre.row_y);
     let outwards = d / distance;
@@ -147,24 +152,25 @@ pub(super) struct Pinhole {
     cy: f64,
     width: f64,
     height: f64,
-    /// Slopes x/z and y/z to which the derivative of the projection is clamped.
+    /// Range of slopes x/z to which the derivative of the projection is clamped.
     slope_x: [f64; 2],
+    /// Range of slopes y/z to which the derivative of the projection is clamped.
     slope_y: [f64; 2],
     /// Largest number of pixels per world unit at a depth of 1.
     steepest: f64,
     columns: u16,
     rows: u16,
-    /// True if the picture is part of a panorama: near and depth are then distances from the eye, and splats
-    /// more than [`ASIDE`] from the viewing direction are left out.
+    /// True if the picture is part of a panorama. Then `near` and depths are distances from the eye, and splats too
+    /// far from the viewing direction are left out (see [`ASIDE`]).
     by_distance: bool,
 }
 
-/// Cosine of the angle between the viewing direction of a cap and the outermost splat that is drawn. The near
-/// plane does not apply to caps, and the projection diverges near the plane of the camera.
+/// Cosine of the largest angle between the viewing direction of a cap and a splat that is drawn. It is needed
+/// because the near plane does not apply to caps, and the projection diverges near the plane of the camera.
 const ASIDE: f64 = 0.1;
 
 impl Pinhole {
-    /// A camera for a part of a panorama.
+    /// Creates a camera for a part of a panorama.
     pub(super) fn by_distance(camera: &Camera) -> Self {
         Self { by_distance: true, ..Self::new(camera) }
     }
@@ -220,9 +226,8 @@ impl CameraModel for Pinhole {
         z <= near
     }
 
-    /// Tests all four edges multiplied by z, so that most splats outside of the picture need no division. A
-    /// splat extends over at most the first term divided by z plus the second. There are no branches, so that
-    /// several splats are tested together.
+    /// Tests all four edges multiplied by z, so that most splats outside the picture need no division. There are no
+    /// branches, so that the compiler can test several splats at once.
     #[inline(always)]
     fn is_aside(&self, d: DVec3, world: f64, pixels: f64) -> bool {
         let (x, y, z) = (self.right.dot(d), self.down.dot(d), self.forward.dot(d));
@@ -259,11 +264,11 @@ impl CameraModel for Pinhole {
         ([self.right / self.fx, self.down / self.fy], self.forward)
     }
 
-    /// Tests a block by the corners of its box: the tests of one splat are linear in its centre, so their
-    /// maximum over a box is at a corner.
+    /// Tests the corners of the box of a block. The tests of one splat are linear in its centre, so their maximum
+    /// over a box is at a corner.
     #[inline(always)]
     fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool {
-        // With distances, points behind the plane of the camera may be at or below any near depth.
+        // If depth is distance, points behind the plane of the camera count as behind at any distance.
         let nearest = if self.by_distance { 0.0 } else { near };
         if block.most(self.forward, -nearest) < 0.0 {
             return true;
@@ -288,7 +293,7 @@ impl CameraModel for Pinhole {
         let middle = 0.5 * (xx + yy);
         let radius = (3.0 * (middle + (middle * middle - det).max(0.1).sqrt()).sqrt()).ceil();
         let tile = TILE as f64;
-        // Its pixel centres are integers; ours are half a pixel further.
+        // In the INRIA rasterizer, pixel centres are integers; here they are half a pixel farther.
         let tiles = |centre: f64, count: u16| {
             let clamp = |t: f64| t.clamp(0.0, f64::from(count)) as u16;
             let (first, end) =
@@ -316,7 +321,7 @@ pub(super) struct Sphere {
 }
 
 impl Sphere {
-    /// Camera for these rows of the layout.
+    /// Creates a camera for some rows of the layout.
     pub(super) fn new(eye: DVec3, up: Up, width_px: u32, rows: Range<u32>) -> Self {
         let [right, forward, above] = equirect::axes(up);
         Self { eye, right, forward, above, width: width_px, rows }
@@ -351,10 +356,10 @@ impl CameraModel for Sphere {
         false
     }
 
-    /// Projects a centre. With x, y, z along right, forward and up, the angle from forward is atan2(x, y) and
-    /// the angle from up is atan2(rho, z), where rho is the distance from the axis. Their derivatives are the
-    /// unit vectors along growing angles, divided by rho and by the distance. Depth is the distance from the
-    /// eye.
+    /// Projects a centre. With x, y and z along right, forward and up, the angle from forward is atan2(x, y) and
+    /// the angle from up is atan2(rho, z), where rho is the distance from the axis. The derivative of each angle is
+    /// the unit vector along which the angle increases, divided by rho for the first angle and by the distance for
+    /// the second. Depth is the distance from the eye.
     #[inline(always)]
     fn project_centre(&self, d: DVec3) -> ProjectedCentre {
         let (x, y, z) = (self.right.dot(d), self.forward.dot(d), self.above.dot(d));
@@ -393,8 +398,8 @@ impl CameraModel for Sphere {
         Some(TileRange { x0, x1, y0, y1 })
     }
 
-    /// Tiles of a square as in the INRIA rasterizer, which has pinhole pictures only. Here the square is
-    /// clamped at the poles and wraps around.
+    /// Tiles of the same square as for a pinhole camera, clamped at the poles and wrapped around. The INRIA
+    /// rasterizer itself renders no panoramas.
     fn inria_reach(&self, u: f64, v: f64, xx: f64, yy: f64, det: f64) -> Option<TileRange> {
         let middle = 0.5 * (xx + yy);
         let radius = (3.0 * (middle + (middle * middle - det).max(0.1).sqrt()).sqrt()).ceil();

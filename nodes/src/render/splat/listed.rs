@@ -1,23 +1,23 @@
-//! Values sorted by counting into slots, such as rows or columns of tiles.
+//! Lists of values for each of a number of slots (such as rows or columns of tiles), built by a counting sort.
 
 use std::ops::Range;
 
-/// Values listed by slot, such as rows or columns of tiles. The values of slot `i` are at
-/// `starts[i]..starts[i + 1]`.
+/// Values listed by slot. The values of slot `i` are at `starts[i]..starts[i + 1]`.
 pub(super) struct Listed<T> {
     starts: Vec<u32>,
     values: Vec<T>,
 }
 
 impl<T: Copy + Default> Listed<T> {
-    /// Builds the lists. `of` returns the value of an entry, given its index, and two ranges of slots; the
-    /// value is listed in each slot of both, in the order of the entries.
+    /// Builds the lists. `of` receives the index of an entry and the entry, and returns a value and two ranges of
+    /// slots. The value is listed in each slot of both ranges. The values of a slot are in the order of the
+    /// entries.
     #[inline(always)]
     pub(super) fn by<E>(slots: usize, entries: &[E], of: impl Fn(usize, &E) -> (T, [Range<u16>; 2])) -> Self {
         let within =
             |range: Range<u16>, off: usize| usize::from(range.start) + off..usize::from(range.end) + off;
-        // Counted two further on, so that the next element holds the position of a slot's next value, and finally
-        // its end.
+        // The values of slot `i` are counted in `starts[i + 2]`. Then `starts[i + 1]` holds the position of the
+        // next value of the slot, and finally the end of the slot.
         let mut starts = vec![0_u32; slots + 2];
         for (number, entry) in entries.iter().enumerate() {
             for range in of(number, entry).1 {
@@ -54,7 +54,7 @@ impl<T: Copy + Default> Listed<T> {
     }
 }
 
-/// Intersection of a range with another one, relative to the start of the other.
+/// Intersection of two ranges, relative to the start of `within`.
 #[inline(always)]
 pub(super) fn clip(range: Range<u16>, within: &Range<usize>) -> Range<u16> {
     let (first, end) = (within.start as u16, within.end as u16);
@@ -66,8 +66,8 @@ pub(super) fn clip(range: Range<u16>, within: &Range<usize>) -> Range<u16> {
 mod tests {
     use super::*;
 
-    /// Slots list their entries in order, for ranges that are empty, that touch the last slot, and for two
-    /// ranges of one entry.
+    /// Slots list their entries in order, including for empty ranges, for ranges that reach the last slot, and for
+    /// entries with two ranges.
     #[test]
     fn every_slot_lists_its_entries_in_order() {
         let entries = [(0..3, 0..0), (2..2, 0..0), (4..5, 0..2), (1..2, 0..0)];

@@ -1,10 +1,10 @@
 //! EWA splatting on the CPU, in four stages: project, sort, bin, blend.
 //!
-//! Pictures are rendered one at a time. `project` computes a `Footprint` for every splat that can be visible
-//! (in f64, so that needles and distant worlds keep their digits), `bin` sorts the footprints once (stable;
-//! equal keys stay in file order) and lists them by tile, and `blend32` or `blend64` composites each tile
-//! front to back. If the lists would be too long, the last two stages process one group of tiles after the
-//! other. Every stage gives the same bits for any number of threads and any instruction set.
+//! Pictures are rendered one at a time. `project` computes a `Footprint` for every splat that can be visible, in
+//! f64, so that needles and worlds far from the origin are exact. `bin` sorts the footprints once, by a stable
+//! sort, and lists them by tile. `blend32` or `blend64` composites each tile front to back. If the lists would be
+//! too long, the last two stages process one group of tiles after the other. Every stage gives the same bits for
+//! any number of threads and any instruction set.
 
 mod bin;
 mod blend32;
@@ -52,9 +52,10 @@ pub struct Work {
     pub projected: u64,
     /// Number of projected splats whose harmonics were evaluated in a direction; 0 for a scene of degree 0.
     pub directed: u64,
-    /// Number of splats with an opacity below the cut; counted only if almost nothing is visible.
+    /// Number of splats with an opacity of 0 or below `alpha_cut`; counted only if almost nothing is visible.
     pub faint: u64,
-    /// Number of other splats at or below the near plane; counted only if almost nothing is visible.
+    /// Number of the remaining splats that are at or below the near plane; counted only if almost nothing is
+    /// visible.
     pub behind: u64,
     /// Number of splats whose footprint is not a finite ellipse.
     pub degenerate: u64,
@@ -132,19 +133,19 @@ impl Work {
 
 /// View of one camera.
 pub struct Rendered {
-    /// RGB premultiplied, and alpha; row by row.
+    /// Premultiplied RGB and alpha of each pixel, row by row.
     pub rgba: Vec<f32>,
-    /// Planar depth in world units (for a panorama the distance), +inf where nothing is seen.
+    /// Planar depth in world units (distance for a panorama); +inf where nothing is visible.
     pub depth: Vec<f32>,
     /// Number of splats blended into each pixel; empty unless they are counted.
     pub blends: Vec<f32>,
-    /// Relative difference between the mean depth of the blended splats and `depth`: near 0 where one surface
-    /// is visible, large where several are. Computed for `RayMedian` only; otherwise empty, as for panoramas.
+    /// Relative difference between the mean depth of the blended splats and `depth`: near 0 where one surface is
+    /// visible, large where several are. Empty for panoramas and for depth modes other than `RayMedian`.
     pub spread: Vec<f32>,
     /// Work counts.
     pub work: Work,
-    /// Seconds spent in project, sort, bin and blend by the given clock, or 0 without a clock. Used by
-    /// benches, never part of a result.
+    /// Seconds spent in the stages project, sort, bin and blend, measured by the given clock; 0 if there is no
+    /// clock. Used by benches, never part of a result.
     pub seconds: [f64; 4],
 }
 
@@ -160,11 +161,12 @@ const MAX_SIDE: u32 = 1 << 19;
 /// Surface in front of a camera. Splats at or beyond it are left out of a pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Limit<'a> {
-    /// Planar depth in world units, one channel, of the size of the picture; 0 or +inf means no surface.
+    /// Planar depth in world units: an image with one channel and the size of the picture. 0 or +inf means that
+    /// there is no surface.
     pub depth: &'a Image<Data>,
-    /// Distance by which the centre of a splat must lie in front of the surface, in standard deviations along
-    /// its middle axis, at least 0. The centres of the splats of a surface scatter around it by less than
-    /// their width.
+    /// Distance by which the centre of a splat must lie in front of the surface, at least 0, in standard deviations
+    /// along the middle axis of the splat. The splats that represent a surface have centres that scatter around it
+    /// by less than their width.
     pub sigmas: f64,
 }
 
@@ -184,7 +186,7 @@ pub fn render(
     render_with(splats, None, camera, limit, settings, cx)
 }
 
-/// Same as [`render`], but skips blocks that are not visible. Used for several pictures of a scene.
+/// Same as [`render`], but skips blocks that are not visible. Used to render several pictures of a scene.
 pub fn render_with(
     splats: &Splats,
     blocks: Option<&Blocks>,
@@ -197,8 +199,8 @@ pub fn render_with(
     draw(splats, blocks, &Pinhole::new(camera), limit, settings, cx, (Level::new(), &|| 0.0))
 }
 
-/// Same as [`render`] with a given instruction set, which never changes the result, and a clock for the time
-/// of each stage. Used by tests and benches.
+/// Same as [`render`] with a given instruction set, which never changes the result, and a clock that measures the
+/// time of each stage. Used by tests and benches.
 #[doc(hidden)]
 pub fn render_at(
     splats: &Splats,
@@ -212,7 +214,7 @@ pub fn render_at(
     draw(splats, None, &Pinhole::new(camera), limit, settings, cx, how)
 }
 
-/// Checks the size of the picture, and of the limit.
+/// Checks the sizes of the picture and of the limit.
 fn check(camera: &Camera, limit: Option<Limit<'_>>) -> Result<(), NodeError> {
     checked(camera)?;
     let size = (camera.width_px as usize, camera.height_px as usize, 1);
@@ -227,8 +229,9 @@ fn check(camera: &Camera, limit: Option<Limit<'_>>) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Evaluations per second of the arithmetic of blending, for comparison in benches. Measured for one tile
-/// that stays in the first-level cache, where every splat covers the tile and no pixel is ever finished.
+/// Measures the speed of the arithmetic of blending, in evaluations per second, as a reference for benches. It
+/// blends one tile that stays in the first-level cache, where every splat covers the tile and no pixel is ever
+/// finished.
 #[doc(hidden)]
 pub fn calibrate(splats: usize, level: Level, clock: Clock<'_>, cx: &Context) -> f64 {
     let wide = Footprint {

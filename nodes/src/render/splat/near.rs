@@ -1,4 +1,4 @@
-//! Share of the splats before the eye that the near plane cuts away.
+//! Share of the splats in front of the eye that the near plane cuts away.
 
 use glam::DVec3;
 
@@ -6,20 +6,20 @@ use crate::types::{Camera, Splats};
 
 /// Maximum number of splats that are examined. If there are more, they are sampled evenly.
 const EXAMINED: usize = 1 << 16;
-/// Minimum opacity of splats that count. Fainter ones are haze, which may be cut away.
+/// Minimum opacity of splats that count as solid. Fainter splats are haze, which may be cut away.
 const SOLID: f32 = 0.5;
-/// Share of the solid splats before the eye from which a cut is reported.
+/// Minimum share of the solid splats in front of the eye that must be cut away for a warning.
 pub(crate) const REPORTED: f64 = 0.02;
 
-/// Number of solid splats before the eye that are cut away, and number of those that are kept.
+/// Numbers of solid splats in front of the eye that are cut away and that are kept.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Count {
     cut: u64,
     kept: u64,
 }
 
-/// Share of the solid splats whose depth `depth(mean)` is at or below `near`. `depth` is `None` for splats
-/// outside of the picture or behind the eye.
+/// Share of the solid splats whose depth `depth(mean)` is at or below `near`. Splats outside the picture or behind
+/// the eye, for which `depth` returns `None`, do not count.
 fn share(splats: &Splats, near: f64, depth: impl Fn(DVec3) -> Option<f64>) -> f64 {
     let step = splats.len().div_ceil(EXAMINED).max(1);
     let mut count = Count::default();
@@ -34,7 +34,7 @@ fn share(splats: &Splats, near: f64, depth: impl Fn(DVec3) -> Option<f64>) -> f6
     if all == 0 { 0.0 } else { count.cut as f64 / all as f64 }
 }
 
-/// Share for a camera, whose depth is planar.
+/// Share of the solid splats that `near` cuts away in the view of a camera, by planar depth.
 pub(crate) fn cut_by_camera(splats: &Splats, camera: &Camera, near: f64) -> f64 {
     let view = camera.camera_from_world();
     let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
@@ -45,17 +45,17 @@ pub(crate) fn cut_by_camera(splats: &Splats, camera: &Camera, near: f64) -> f64 
     })
 }
 
-/// Share for a panorama, whose depth is the distance.
+/// Share of the solid splats that `near` cuts away in a panorama, by distance.
 pub(crate) fn cut_by_panorama(splats: &Splats, eye: DVec3, near: f64) -> f64 {
     share(splats, near, |mean| Some((mean - eye).length()))
 }
 
-/// Warning about the share, if it is large enough.
+/// Warning about the share of splats that is cut away. `None` if the share is small.
 pub(crate) fn warning(share: f64, near_m: f64, near: f64, view: &str) -> Option<String> {
     (share >= REPORTED).then(|| {
         format!(
-            "`near` of {near_m} m, {near} world units, cuts {:.0} % of the solid splats before the eye{view}: lower it, \
-             or set `metres_per_unit` if a unit of the scene is not a metre",
+            "`near`, which is {near_m} m ({near} world units), cuts away {:.0} % of the solid splats in front of the \
+             eye{view}: lower it, or set `metres_per_unit` if a unit of the scene is not a metre",
             100.0 * share
         )
     })
@@ -77,8 +77,8 @@ mod tests {
         splats
     }
 
-    /// The share counts only solid splats before the eye. Mutation: `depth <= near` to `depth < 0.0`, seen
-    /// red.
+    /// The share counts only solid splats in front of the eye. This test fails if `depth <= near` is replaced by
+    /// `depth < 0.0`.
     #[test]
     fn only_solid_splats_before_the_eye_count() {
         let axes = [DVec3::X, DVec3::Y, DVec3::Z];
@@ -91,7 +91,7 @@ mod tests {
         assert_eq!(cut_by_panorama(&scene(&[-0.1, -3.0, 1.0, 5.0], 0.9), DVec3::ZERO, 0.2), 0.25);
         let mut aside = scene(&[0.1, 1.0], 0.9);
         aside.means[0] = [0.3, 0.0, 0.1];
-        assert_eq!(cut_by_camera(&aside, &camera, 0.2), 0.0, "outside of the picture");
+        assert_eq!(cut_by_camera(&aside, &camera, 0.2), 0.0, "outside the picture");
         assert!(warning(0.01, 0.2, 0.2, "").is_none());
         assert!(
             warning(0.5, 0.2, 4.0, " of `v`").is_some_and(|text| text.contains("50 % of the solid splats"))

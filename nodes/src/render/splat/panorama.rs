@@ -1,11 +1,11 @@
 //! Panoramas: splats drawn directly into the equirectangular layout, except for the two caps around the
 //! poles, which are drawn as pinhole pictures.
 //!
-//! A footprint can be drawn only where the layout is approximately linear over it. Near a pole it is not: a
-//! splat there covers a ring or a disc across all columns and not an ellipse. So directions within [`CAP`] of
-//! a pole are drawn by a camera that looks at the pole, and resampled. Between [`FADE`] and [`CAP`] the two
-//! are blended. A third of the samples of the layout would be in the caps, and the pinhole pictures have
-//! slightly fewer pixels although they are finer, so this costs no additional work.
+//! A footprint can be drawn only where the layout is approximately linear over it. Near a pole it is not: a splat
+//! there covers a ring or a disc across all columns and not an ellipse. So directions within [`CAP`] of a pole are
+//! drawn by a camera that looks at the pole, and are then resampled. Between [`FADE`] and [`CAP`] the pinhole
+//! picture and the layout are blended. The caps cost no additional work: they cover a third of the pixels of the
+//! layout, and the pinhole pictures have slightly fewer pixels, although these are finer.
 
 use std::f64::consts::{FRAC_PI_6, TAU};
 
@@ -23,7 +23,7 @@ const CAP: f64 = FRAC_PI_6;
 /// Angle from the pole up to which only the cap is used, in radians.
 const FADE: f64 = 5.0 / 6.0 * CAP;
 
-/// Resolution at the centre of a cap's picture, in pixels per pixel of the layout along a great circle. It is
+/// Resolution at the centre of the picture of a cap, in pixels per pixel of the layout along a great circle. It is
 /// above 1 because resampling between pixel centres blurs by about a pixel.
 const DENSITY: f64 = 1.5;
 
@@ -32,9 +32,9 @@ const DENSITY: f64 = 1.5;
 pub struct PanoramaCamera {
     /// Position, in world units.
     pub eye: DVec3,
-    /// Axis whose end is row 0.
+    /// Up direction, shown at the top edge of the picture.
     pub up: Up,
-    /// Number of columns, even; there are half as many rows.
+    /// Number of columns, which must be even. There are half as many rows.
     pub width_px: u32,
 }
 
@@ -173,9 +173,9 @@ struct Cap<'a> {
 }
 
 impl Cap<'_> {
-    /// Adds a share of the picture in a direction to a pixel. Colours are interpolated between four pixel
-    /// centres; depth and count are those of the nearest pixel, since the mean of two depths may be in empty
-    /// space.
+    /// Adds to `pixel` the colour of the cap in a direction, multiplied by `share`. Colours are interpolated
+    /// between four pixel centres. Depth and count are those of the nearest pixel, since the mean of two depths may
+    /// be in empty space.
     fn add(&self, direction: DVec3, share: f64, pixel: &mut PanoramaPixel) {
         let m = self.camera.world_from_camera();
         let along = |axis: glam::DVec4| axis.truncate().dot(direction);

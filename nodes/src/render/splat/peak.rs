@@ -1,7 +1,8 @@
 //! Peaks: the depths at which splats are densest along the rays of a picture.
 //!
-//! The depth of a splat's centre is not that of the surface at a pixel off the centre: the near half of each
-//! splat of a floor seen at a slant is nearer than its centre. Along the ray `r` through a pixel, scaled to
+//! The depth of the centre of a splat is not the depth of the surface at other pixels: if a floor is seen at a
+//! slant, the near half of each of its splats is nearer than the centre. Along the ray `r` through a pixel, scaled
+//! to
 //! depth 1, a Gaussian of centre `c` and inverse covariance `A` has its greatest density at the depth `(r.A
 //! c) / (r.A r)` (RaDe-GS, arXiv 2406.01467, eq. 10 to 15, which linearizes it; PGSR, arXiv 2406.06521, for
 //! flat splats). With `r = r0 + dr`, where `r0` is the ray through the centre at depth `z`, the inverse of
@@ -13,8 +14,8 @@ use glam::DVec3;
 use super::camera_model::CameraModel;
 use super::shape::axes;
 
-/// Limit of the distance of a peak from the centre of its splat, in standard deviations of the depth of the
-/// splat. Far from the centre along a splat seen edge-on, the peak may lie anywhere.
+/// Maximum difference in depth between a peak and the centre of its splat, in standard deviations of the depth of
+/// the splat. If a splat is seen edge-on, peaks far from its centre may lie anywhere.
 const HELD_SIGMAS: f64 = 2.0;
 
 /// Minimum standard deviation along an axis, as a share of the longest, so that a flat splat has an inverse
@@ -27,15 +28,18 @@ const THINNEST: f64 = 1e-3;
 pub(super) struct Peak {
     /// Reciprocal of the depth of the centre.
     pub inverse: f64,
-    /// Change of `e` per pixel to the right and per pixel down.
+    /// Change of `e` per pixel to the right.
     pub across: f64,
+    /// Change of `e` per pixel down.
     pub down: f64,
-    /// Coefficients of `q` for pixels to the right and down: `xx dx^2 + 2 xy dx dy + yy dy^2`.
+    /// First coefficient of `q = xx dx^2 + 2 xy dx dy + yy dy^2`, where `dx` and `dy` are pixels to the right
+    /// and down.
     xx: f64,
     xy: f64,
     yy: f64,
-    /// Reciprocals of the largest and the smallest depth.
+    /// Reciprocal of the largest depth.
     pub least: f64,
+    /// Reciprocal of the smallest depth.
     pub most: f64,
 }
 
@@ -93,8 +97,8 @@ impl Peak {
         }
     }
 
-    /// Reciprocal of the depth of the peak along the ray of a pixel at an offset from the centre, without
-    /// linearization.
+    /// Reciprocal of the depth of the peak along the ray of a pixel, without linearization. `dx` and `dy` are the
+    /// offset of the pixel from the centre.
     pub(super) fn inverse_at(&self, dx: f64, dy: f64) -> f64 {
         let e = self.across * dx + self.down * dy;
         let q = self.xx * dx * dx + 2.0 * self.xy * dx * dy + self.yy * dy * dy;

@@ -17,15 +17,15 @@ use super::{Bounds, DepthMode, Precision, Settings, Sort, Work, sh};
 use crate::math::num;
 use crate::types::Splats;
 
-/// Number of splats per job, as a power of two; fixed, so that the order of footprints does not depend on the
-/// number of threads.
+/// Base-2 logarithm of the number of splats per job. It is fixed, so that the order of footprints does not depend
+/// on the number of threads.
 const CHUNK_BITS: u32 = 13;
 const CHUNK: usize = 1 << CHUNK_BITS;
 
 /// A splat projected to the image plane. Its alpha at the pixel centre (x, y) is `opacity * 2^-(t^2 + s^2)`
-/// with `t = l11 (x - u) + l21 (y - v)` and `s = l22 (y - v)`: the Cholesky factor of the inverse covariance,
-/// which keeps needles exact where `a dx^2 + 2 b dx dy + c dy^2` cancels. Fits one cache line, since tiles
-/// access footprints in random order.
+/// with `t = l11 (x - u) + l21 (y - v)` and `s = l22 (y - v)`. These are the elements of the Cholesky factor of the
+/// inverse covariance, which is exact for needles, where `a dx^2 + 2 b dx dy + c dy^2` cancels. A footprint fits
+/// one cache line, since tiles access footprints in random order.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(crate) struct Footprint {
@@ -46,8 +46,9 @@ pub(super) struct Entry {
     /// Sort key, which increases from front to back.
     pub key: u64,
     pub index: u32,
-    /// Columns of tiles, as in [`TileRange`].
+    /// First column of tiles.
     pub x0: u16,
+    /// End of the columns of tiles, with the same meaning as in [`TileRange`].
     pub x1: u16,
 }
 
@@ -55,8 +56,8 @@ pub(super) struct Entry {
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,
-    /// Minimum distance of each centre in front of a limit, in world units. Empty if there is no limit, or if
-    /// it is 0 deviations.
+    /// Minimum distance of each centre in front of a limit, in world units. Empty if there is no limit or this
+    /// distance is 0.
     margins: Vec<f32>,
     /// Peak of each footprint along rays, for `RayMedian`.
     peaks: Vec<Peak>,
@@ -67,30 +68,30 @@ struct Chunk {
     held: u64,
 }
 
-/// Footprints of a view in file order. They stay in the chunks of their jobs, because joining them would take
-/// longer than all lookups.
+/// Footprints of a view in file order. They stay in separate chunks, one per job, because joining the chunks would
+/// take longer than all lookups in them.
 pub(crate) struct Projected {
     chunks: Vec<Chunk>,
     /// Number of splats of the scene.
     splats: u64,
-    /// Number of splats with an opacity below the cut, and of others at or below the near plane; 0 unless
-    /// almost nothing is visible.
+    /// Same as `faint` of [`Work`].
     faint: u64,
+    /// Same as `behind` of [`Work`].
     behind: u64,
-    /// log2 of the smallest alpha blended.
+    /// Base-2 logarithm of the smallest alpha that is blended.
     pub log2_cut: f64,
     /// Number of columns after which the picture repeats, for a panorama.
     pub period: Option<u32>,
 }
 
 impl Projected {
-    /// Makes a single chunk, for calibration.
+    /// Creates a view with a single chunk, for calibration.
     pub(super) fn of(footprints: Vec<Footprint>) -> Self {
         let chunks = vec![Chunk { footprints, ..Chunk::default() }];
         Self { chunks, splats: 0, faint: 0, behind: 0, log2_cut: 0.0, period: None }
     }
 
-    /// Footprints that touch each of these rows of tiles, in file order, chunk by chunk.
+    /// For each chunk, lists the footprints that touch each of these rows of tiles, in file order.
     pub(super) fn listed(&self, rows: &Range<usize>, cx: &Context) -> Result<Vec<Listed<Entry>>, NodeError> {
         cx.for_each_tile(self.chunks.len(), |chunk| {
             let number = (chunk << CHUNK_BITS) as u32;
@@ -100,10 +101,10 @@ impl Projected {
         })
     }
 
-    /// Number of footprints that touch each of this number of rows of tiles, and an upper bound of the number
-    /// of pairs with a tile.
+    /// For each of the first `rows` rows of tiles: the number of footprints that touch it, and an upper bound of
+    /// the number of pairs of a footprint and a tile in it.
     pub(super) fn in_rows(&self, rows: usize) -> Vec<[u64; 2]> {
-        // Differences from row to row; a negative one wraps around.
+        // Differences between consecutive rows; negative differences wrap around.
         let mut sums = vec![[0_u64; 2]; rows + 1];
         for (_, reach) in self.chunks.iter().flat_map(|chunk| &chunk.reaches) {
             let both = [1, u64::from(reach.x1 - reach.x0)];
@@ -125,7 +126,7 @@ impl Projected {
         &self.chunks[(index >> CHUNK_BITS) as usize].footprints[index as usize % CHUNK]
     }
 
-    /// Minimum distance of this centre in front of a limit, in world units.
+    /// Minimum distance of the centre of a footprint in front of a limit, in world units.
     #[inline(always)]
     pub(super) fn margin(&self, index: u32) -> f32 {
         let margins = &self.chunks[(index >> CHUNK_BITS) as usize].margins;
@@ -167,8 +168,8 @@ impl Footprint {
         z: 0.0,
     };
 
-    /// Horizontal extent of the ellipse `alpha >= cut` in the row of tiles whose first pixel row is `y`, in
-    /// pixels, with a margin.
+    /// Horizontal extent, in pixels, of the region where alpha reaches the cutoff, in the row of tiles whose first
+    /// pixel row is `y`. Includes a margin.
     pub(super) fn extent_in(&self, y: usize, log2_cut: f64) -> (f64, f64) {
         let reach = f64::from(self.log2_opacity) - log2_cut;
         let (low, high) = (y as f64 + 0.5 - self.v - SLACK_PX, (y + TILE) as f64 - 0.5 - self.v + SLACK_PX);
@@ -185,8 +186,8 @@ impl Footprint {
     }
 }
 
-/// Projects a chunk by scalar code that is compiled once per instruction set: the compiler vectorises its
-/// loops where it can.
+/// Projects a chunk. The code is scalar and compiled once per instruction set; the compiler vectorises its loops
+/// where it can.
 #[inline(always)]
 fn chunk<S: Simd, L: CameraModel>(_simd: S, projection: &Projection<'_, L>, range: Range<usize>) -> Chunk {
     projection.chunk(range)
@@ -215,7 +216,7 @@ pub(super) fn project<L: CameraModel>(
         log2_cut,
         period: camera_model.period(),
     };
-    // Only then are the reasons counted.
+    // The reasons are counted only if almost nothing is visible.
     if projected.work().projected * 100 < projected.splats {
         let causes = cx.for_each_tile(splats.len().div_ceil(CHUNK), |job| {
             let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
@@ -233,13 +234,13 @@ pub(super) fn project<L: CameraModel>(
     Ok(projected)
 }
 
-/// True if the opacity reaches the cut.
+/// True if the opacity is above 0 and reaches `alpha_cut`.
 #[inline(always)]
 fn is_drawn(opacity: f32, settings: &Settings) -> bool {
     (f64::from(opacity) >= settings.alpha_cut) & (opacity > 0.0)
 }
 
-/// Parameters of the projection of a splat.
+/// Parameters of the projection, common to all splats.
 struct Projection<'a, L> {
     splats: &'a Splats,
     blocks: Option<&'a Blocks>,
@@ -253,8 +254,9 @@ struct Projection<'a, L> {
     limit_sigmas: f64,
     /// False if every splat is drawn everywhere.
     bounded: bool,
-    /// Largest extent of a splat, in standard deviations in the world plus a number of pixels.
+    /// Largest extent of a splat in standard deviations, to which `beyond` is added.
     sigmas: f64,
+    /// Additional extent of a splat for the low-pass filter and rounding, in pixels.
     beyond: f64,
 }
 
@@ -300,7 +302,7 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         })
     }
 
-    /// Vectors from the eye to the centres of some splats, coordinate by coordinate.
+    /// Vectors from the eye to the centres of some splats, as one array per coordinate.
     #[inline(always)]
     fn offsets(&self, range: Range<usize>) -> [[f64; BLOCK]; 3] {
         let mut offsets = [[0.0; BLOCK]; 3];
@@ -320,9 +322,9 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         offsets
     }
 
-    /// Adds to `places` the positions in the chunk of those splats that reach the cut and for which
-    /// `is_behind` and `is_aside` are false. `first` is the position of the first splat of the range. There
-    /// are no branches, so that several splats are tested at once.
+    /// Adds to `places` the positions in the chunk of those splats that reach `alpha_cut` and for which `is_behind`
+    /// and `is_aside` are false. `first` is the position of the first splat of the range. There are no branches, so
+    /// that the compiler can test several splats at once.
     #[inline(always)]
     fn find(&self, range: Range<usize>, first: usize, places: &mut Vec<u16>) {
         let Self { splats, camera_model, settings, .. } = *self;
@@ -396,8 +398,8 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         };
         // The bits of positive floats are ordered like the floats.
         let key = match settings.precision {
-            // 32 bits of the key: two digits of the sort fewer, and finer than the f32 of other renderers, whose
-            // false ties cost 10 dB on `playbot`.
+            // A key of 44 bits saves two digits of the sort. It is still finer than the f32 keys of other
+            // renderers, which cause false ties that cost 10 dB on `playbot`.
             Precision::F32 => by.to_bits() >> 20,
             Precision::F64 => by.to_bits(),
         };

@@ -7,9 +7,10 @@ use crate::types::Splats;
 engine::choices! {
     /// Pixels at which a splat is evaluated.
     pub enum Bounds {
-        /// Pixels where the alpha of the splat reaches the cut: the exact ellipse.
+        /// Pixels inside the exact ellipse where the alpha of the splat reaches `alpha_cut`.
         Exact,
-        /// Tiles that a square of 3 standard deviations touches, as in the INRIA rasterizer.
+        /// All pixels of the tiles that a square of 3 standard deviations around the splat touches, as in the INRIA
+        /// rasterizer.
         Inria,
         /// All pixels.
         None,
@@ -47,16 +48,16 @@ engine::choices! {
 engine::choices! {
     /// Depth of a pixel.
     pub enum DepthMode {
-        /// Mean depth of the blended splats by their weights.
+        /// Mean depth of the blended splats, weighted by their contributions.
         Expected,
         /// Depth of the splat at which transmittance falls to one half or below; +inf if it does not.
         Median,
-        /// As `Expected`, with each weight multiplied again by the transmittance in front. Splats seen
-        /// through others count less, so the depth is closer to the first surface.
+        /// Same as `Expected`, but each weight is multiplied again by the transmittance in front of the splat.
+        /// Splats seen through others count less, so the depth is closer to the first surface.
         Transmittance,
-        /// As `Median`, but with the depth at which that splat is densest along the ray of the pixel, limited
-        /// to two standard deviations of its depth from its centre. This estimates the surface that the
-        /// splats represent. Depths of centres are too small by 0.8 % for flat splats, and these by 0.02 %.
+        /// Same as `Median`, but uses the depth at which the splat is densest along the ray of the pixel, at most
+        /// two standard deviations in depth from its centre. This estimates the surface that the splats represent.
+        /// For flat splats these depths are too small by 0.02 %, while depths of centres are too small by 0.8 %.
         RayMedian,
     }
 }
@@ -70,10 +71,10 @@ engine::params! {
         precision: Precision = Precision::F32, other("F64"), knob(Precision, "F32", "F32", "F32", "F64");
         /// Highest degree of spherical harmonics that is used.
         sh_degree: u32 = 4, range(0, 4), other("0"), knob(Depth, "", "", "", "4");
-        /// Near plane: splats at or below this planar depth (in a panorama, this distance) are left out.
-        /// Trainers use 0.2 or less; within this distance a capture has haze around the eye. The value is in
-        /// metres, by `metres_per_unit` of the scene. A warning reports the share of the scene that the near
-        /// plane cuts away if it is large.
+        /// Near plane: splats at or below this planar depth (in a panorama, this distance) are left out. Trainers
+        /// use 0.2 or less; within this distance a capture has haze around the eye. The value is in metres and is
+        /// converted to world units by `metres_per_unit` of the scene. If the near plane cuts away a large share of
+        /// the scene, a warning reports it.
         near: f64 = 0.2, range(1e-12, 1e12), unit("m"), other("1.5");
         /// Variance of the low-pass filter added to every footprint, in square pixels (in a panorama, square samples).
         low_pass_px2: f64 = 0.3, range(0.0, 100.0), unit("px^2"), other("1.0");
@@ -94,15 +95,15 @@ engine::params! {
     }
 }
 
-/// Replacement of parameters that earlier versions of the splat kinds had.
+/// Replacement of parameters that only earlier versions of the splat kinds have.
 pub(crate) fn former(name: &str, last: u32) -> Option<Former> {
     let fields: &[&str] = &["skip_unseen", "skip_harmonics"];
     fields.contains(&name).then(|| Former::exhaustive(fields, last))
 }
 
 impl Drawing {
-    /// Settings for a scene. Checks that skip work are turned off if the run is `exhaustive`. Warns if the
-    /// file of the scene says that it was trained with other settings.
+    /// Settings for a scene. Shortcuts that skip work are turned off if the run is `exhaustive`. Adds a warning if
+    /// the file of the scene says that it was trained with other settings.
     pub(crate) fn settings(&self, sort: Sort, splats: &Splats, cx: &Context, notes: &mut Notes) -> Settings {
         let exhaustive = cx.exhaustive();
         let compensate = match self.compensation {
@@ -112,9 +113,9 @@ impl Drawing {
         };
         if compensate != splats.antialiased {
             let text = if compensate {
-                "compensation is on, but the file does not say that it was trained with it; thin detail may vanish"
+                "`compensation` is on, but the file does not say that it was trained with it; thin details may vanish"
             } else {
-                "compensation is off, but the file says it was trained with it"
+                "`compensation` is off, but the file says that it was trained with it"
             };
             notes.warning("compensation-mismatch", text);
         }
@@ -140,17 +141,17 @@ impl Drawing {
     /// Checks that the numbers are consistent.
     ///
     /// # Errors
-    /// If `alpha_cap` is below `alpha_cut`: no splat could be visible.
+    /// If `alpha_cap` is below `alpha_cut`, since then no splat could be visible.
     pub(crate) fn check(&self) -> Result<(), NodeError> {
         if self.alpha_cap >= self.alpha_cut {
             return Ok(());
         }
-        let what = format!("alpha_cap {} is less than alpha_cut {}", self.alpha_cap, self.alpha_cut);
-        Err(NodeError::new(what).at("alpha_cap").hint("no splat could be visible"))
+        let what = format!("`alpha_cap` ({}) is less than `alpha_cut` ({})", self.alpha_cap, self.alpha_cut);
+        Err(NodeError::new(what).at("alpha_cap").hint("with these values, no splat could be visible"))
     }
 }
 
-/// Settings of the renderer: [`Drawing`] after applying the flag of the file, and the sort key.
+/// Settings of the renderer: those of [`Drawing`], resolved for a scene and a run, and the sort key.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// Pixels at which a splat is evaluated.
@@ -161,17 +162,19 @@ pub struct Settings {
     pub sort: Sort,
     /// Highest degree of spherical harmonics that is used.
     pub sh_degree: u32,
-    /// Splats at or below this planar depth are left out, in world units.
+    /// Planar depth at or below which splats are left out, in world units.
     pub near: f64,
     /// Variance added to both axes of the footprint, in square pixels.
     pub low_pass_px2: f64,
-    /// True if opacity is scaled by the square root of the ratio of the footprint's areas.
+    /// True if the opacity of a splat is multiplied by the ratio of the areas of its footprint without and with the
+    /// low-pass filter.
     pub compensate: bool,
     /// Smallest alpha that is blended.
     pub alpha_cut: f64,
     /// Largest alpha of one splat.
     pub alpha_cap: f64,
-    /// Transmittance below which a pixel is finished, without the splat that would bring it below.
+    /// Transmittance below which a pixel is finished. A splat that would reduce the transmittance below this value
+    /// is not blended.
     pub stop: f64,
     /// Depth of a pixel.
     pub depth: DepthMode,
@@ -181,16 +184,16 @@ pub struct Settings {
     pub skip_unseen: bool,
     /// True to skip harmonics above the available degree.
     pub skip_harmonics: bool,
-    /// Maximum memory of the lists of tiles in bytes, beyond one row that lists each splat once. Never
+    /// Maximum memory of the lists of tiles, in bytes. One row that lists each splat once is always allowed. Never
     /// changes a bit of the result.
     pub list_bytes: u64,
 }
 
-/// Side of a tile in pixels. It is that of the INRIA rasterizer, whose bounds depend on it.
+/// Side of a tile, in pixels. It is the same as in the INRIA rasterizer, whose bounds depend on it.
 pub const TILE: usize = 16;
 
-/// Maximum memory of the lists of tiles in bytes. It is enough for an ordinary view, and far less than all
-/// lists of a view whose splats cover it many times.
+/// Maximum memory of the lists of tiles, in bytes. This is enough for all lists of an ordinary view, but far too
+/// little for all lists of a view that its splats cover many times.
 pub(crate) const LIST_BYTES: u64 = 1 << 26;
 
 impl Settings {
@@ -201,7 +204,7 @@ impl Settings {
 }
 
 impl Default for Settings {
-    /// Constants of the INRIA rasterizer (diff-gaussian-rasterization 59f5f77) with exact bounds.
+    /// Returns the constants of the INRIA rasterizer (diff-gaussian-rasterization 59f5f77) with exact bounds.
     fn default() -> Self {
         Self {
             bounds: Bounds::Exact,

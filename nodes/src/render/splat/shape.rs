@@ -1,6 +1,6 @@
-//! Shapes of splats in the picture, computed in batches. Their numbers are in arrays, and the single loop
-//! over these has no branches, so that the compiler vectorises it. Every lane does the same IEEE operations
-//! for any number of lanes, so a splat has the same bits in any batch.
+//! Shapes of splats in the picture, computed in batches. The values of a batch are in arrays, and there is a single
+//! loop over the arrays without branches, so that the compiler vectorises it. Every lane does the same IEEE
+//! operations for any number of lanes, so the result for a splat has the same bits in any batch.
 
 use glam::DVec3;
 
@@ -16,18 +16,23 @@ type Lanes = [f64; BATCH];
 pub(super) struct Batch {
     /// Vector from the eye to the centre, in world units.
     offset: [Lanes; 3],
-    /// Rotation (w, x, y, z), and standard deviations along the axes, in world units.
+    /// Rotation as a unit quaternion (w, x, y, z).
     quat: [Lanes; 4],
+    /// Standard deviations along the axes, in world units.
     scale: [Lanes; 3],
-    /// The centre on the picture, in pixels, and its depth.
+    /// Horizontal position of the centre on the picture, in pixels.
     u: Lanes,
+    /// Vertical position of the centre on the picture, in pixels.
     v: Lanes,
+    /// Depth of the centre, in world units.
     depth: Lanes,
-    /// Covariance in square pixels, with the filter.
+    /// Horizontal variance with the low-pass filter, in square pixels.
     xx: Lanes,
+    /// Vertical variance with the low-pass filter, in square pixels.
     yy: Lanes,
+    /// Determinant of the covariance with the low-pass filter.
     det: Lanes,
-    /// Determinant of the covariance without the filter.
+    /// Determinant of the covariance without the low-pass filter.
     raw_det: Lanes,
     root_xx: Lanes,
     root_yy: Lanes,
@@ -55,13 +60,13 @@ pub(super) struct Shape {
     pub l22: f64,
 }
 
-/// The numbers of a lane.
+/// Returns the numbers of a lane.
 #[inline(always)]
 fn at<const N: usize>(lanes: &[Lanes; N], lane: usize) -> [f64; N] {
     std::array::from_fn(|k| lanes[k][lane])
 }
 
-/// The principal axes of a splat, each as long as the standard deviation.
+/// The principal axes of a splat. The length of each is the standard deviation along it.
 #[inline(always)]
 pub(super) fn axes([w, x, y, z]: [f64; 4], scale: [f64; 3]) -> [DVec3; 3] {
     [
@@ -93,7 +98,7 @@ impl Batch {
         }
     }
 
-    /// Sets a lane: vector from the eye to the centre, rotation and standard deviations.
+    /// Sets the vector from the eye to the centre, the rotation and the standard deviations of a lane.
     #[inline(always)]
     pub(super) fn set(&mut self, lane: usize, offset: DVec3, quat: [f32; 4], scale: [f32; 3]) {
         for (to, value) in self.offset.iter_mut().zip(offset.to_array()) {

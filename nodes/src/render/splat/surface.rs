@@ -1,4 +1,4 @@
-//! A surface in front of the splats of a panorama, seen from its eye.
+//! A surface that limits the splats of a panorama: only splats in front of it are drawn.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 use crate::geometry::bvh::{Bvh, Ray};
 use crate::types::{Data, Image, Mesh};
 
-/// Triangles of a surface, relative to an eye.
+/// Triangles of a surface, in coordinates relative to the eye of a panorama.
 pub struct Surface(Bvh);
 
 impl Surface {
@@ -17,8 +17,8 @@ impl Surface {
         Self(Bvh::build(&corners))
     }
 
-    /// Distance to the surface, from either side, in the direction of each pixel, in world units; +inf if
-    /// there is no surface.
+    /// Distance to the surface in the direction of each pixel, in world units; +inf if there is no surface. Both
+    /// sides of a triangle count.
     pub(super) fn distances(
         &self,
         width: usize,

@@ -28,7 +28,7 @@ fn empty(sh_degree: u32) -> Splats {
     Splats { sh_degree, ..Splats::empty() }
 }
 
-/// Splats of all sizes and shapes in front of and around a camera at the origin that looks along z.
+/// Splats of all sizes and shapes, in front of and around a camera that is at the origin and looks along z.
 fn cloud(count: usize, seed: u64) -> Splats {
     let mut random = Random(seed);
     let mut splats = empty(3);
@@ -160,8 +160,8 @@ fn covariance(splats: &Splats, i: usize) -> DMat3 {
     r * s * s * r.transpose()
 }
 
-/// Textbook implementation for one splat and one pixel: covariance, its inverse, the exponential. It shares
-/// only the harmonics with the renderer.
+/// Textbook implementation of one pixel, with explicit covariance matrices, their inverses and the exponential. It
+/// shares only the harmonics with the renderer.
 fn brute_force(splats: &Splats, camera: &Camera, x: usize, y: usize) -> [f64; 4] {
     let mut order: Vec<usize> = (0..splats.len()).collect();
     order.sort_by(|a, b| splats.means[*a][2].total_cmp(&splats.means[*b][2]));
@@ -250,8 +250,8 @@ fn every_instruction_set_and_thread_count_gives_the_same_bytes() {
     }
 }
 
-/// Results of several jobs of the projection are joined in the order of the file for any number of threads; without
-/// bounds there is only one row.
+/// Results of several jobs of the projection are joined in file order for any number of threads, and equal the
+/// result without bounds, which sorts all footprints in a single row.
 #[test]
 fn scenes_of_several_jobs_are_one_picture() {
     let splats = cloud(20_000, 6);

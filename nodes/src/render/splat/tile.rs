@@ -1,4 +1,4 @@
-//! Blending of one tile: its input and output.
+//! Input and output of the blending of one tile.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -17,7 +17,7 @@ pub(super) struct Strip<'a> {
     depth: &'a mut [f32],
     /// Number of blends of each pixel; empty unless they are counted.
     blends: &'a mut [f32],
-    /// Spread of the depth of each pixel; empty unless the depth mode has one.
+    /// Spread of the depth of each pixel (see `Rendered`); empty unless the depth mode has a spread.
     spread: &'a mut [f32],
 }
 
@@ -53,7 +53,7 @@ pub(super) struct Task<'a, 'p> {
     pub strip: &'a Mutex<Strip<'p>>,
 }
 
-/// Result of a pixel.
+/// Result of blending one pixel.
 pub(super) struct Pixel {
     pub rgba: [f32; 4],
     pub depth: f32,
@@ -83,7 +83,8 @@ impl Task<'_, '_> {
         }
     }
 
-    /// Depth at which blending of each pixel ends, in rows of [`TILE`]; +inf outside of the picture.
+    /// Depth at which blending ends for each pixel of the tile, in rows of [`TILE`] values; +inf outside the
+    /// picture.
     pub(super) fn limits(&self) -> Option<Vec<f32>> {
         let image = self.limit?;
         let [x0, y0, width, height] = self.area;

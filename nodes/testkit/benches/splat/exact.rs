@@ -1,4 +1,5 @@
-//! Compares every mode with the float64 references of `splat-refs`, and with the exact sum of this renderer.
+//! Compares every mode with the float64 references of `splat-refs`, and with this renderer in float64 without
+//! bounds.
 
 use nodes::render::splat::{Bounds, Precision, Settings, render};
 
@@ -6,7 +7,7 @@ use testkit::psnr;
 
 use crate::{Bench, millions, timed};
 
-/// Columns and rows of the part of a view on which every splat is evaluated everywhere.
+/// Size of the part of a view for which every splat is evaluated at every pixel, in pixels.
 const PART: (u32, u32) = (32, 24);
 
 pub fn table(bench: &Bench) {

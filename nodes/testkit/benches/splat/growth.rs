@@ -1,4 +1,4 @@
-//! Measures how the time grows with the scene, and the cost and gain of a second thread.
+//! Measures how the time grows with the size of the scene, and what a second thread costs and saves.
 
 use std::sync::Mutex;
 
@@ -11,7 +11,7 @@ use testkit::{process_seconds, thread_seconds};
 
 use crate::{Bench, millions};
 
-/// Number of runs. The shortest counts.
+/// Number of runs. Only the shortest one counts.
 const RUNS: u32 = 15;
 
 /// The `count` splats nearest to a point, in file order.
@@ -75,10 +75,10 @@ pub fn table(bench: &Bench) {
     }
 }
 
-/// CPU milliseconds of each stage of a picture: project, sort, bin, blend, and freeing memory.
+/// CPU time of each stage of a picture, in milliseconds: project, sort, bin, blend, and freeing memory.
 #[derive(Clone, Copy)]
 struct Run {
-    /// Times of the drawing thread, and of all threads.
+    /// For each stage: time of the drawing thread, and time of all threads.
     stages: [[f64; 2]; 5],
 }
 
@@ -109,7 +109,7 @@ impl Run {
         Self::with_sum(self.stages.map(|[_, all]| all))
     }
 
-    /// Time of the busier of two threads in each stage: the time on two free cores.
+    /// Time of the busier of two threads in each stage, which is the elapsed time on two free cores.
     fn busier(&self) -> [f64; 6] {
         Self::with_sum(self.stages.map(|[own, all]| own.max(all - own)))
     }

@@ -1,8 +1,8 @@
-//! Prints every table of `docs/evidence/splats.md`: speed of loading and drawing splats, exactness, cost of
-//! each knob, savings of each skip, growth of time and memory, and the two ways to render a panorama. `cargo
-//! bench -p lightharmony-testkit --bench splat -- DATA [section ..]`, where DATA holds `splats/garden_sog`,
-//! `splats/playbot_sog` and `splat-refs`. Without DATA, only the speed is measured, for a cloud made from a
-//! seed.
+//! Prints every table of `docs/evidence/splats.md`: speed of loading and drawing splats, exactness, effect of each
+//! setting, time saved by each shortcut, growth of time and memory, and the two ways to render a panorama. Run it
+//! as `cargo bench -p lightharmony-testkit --bench splat -- DATA [section ..]`, where DATA is a folder with
+//! `splats/garden_sog`, `splats/playbot_sog` and `splat-refs`. Without DATA, only the speed is measured, for a
+//! generated cloud of splats.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
 mod exact;
@@ -23,9 +23,9 @@ use glam::DVec3;
 use nodes::types::{Camera, SplatEncoding, Splats};
 use testkit::{Data, Reference, process_seconds};
 
-/// Data if there are any, a context to work in, and one thread.
+/// Data, context and thread pool of the benchmarks.
 struct Bench {
-    /// Folder of the data.
+    /// Folder of the data. `None` if there are no data.
     folder: Option<PathBuf>,
     data: Option<Data>,
     cx: Context,
@@ -34,7 +34,7 @@ struct Bench {
 }
 
 impl Bench {
-    /// Splats of the garden, or of the cloud if there are no data.
+    /// Splats of `garden_sog`, or of [`cloud`] if there are no data.
     fn garden(&self) -> Arc<Splats> {
         let load = || match &self.data {
             Some(data) => data.splats("splats/garden_sog", &[], false),
@@ -47,7 +47,7 @@ impl Bench {
         self.data.as_ref().unwrap().splats("splats/playbot_sog", &[], false)
     }
 
-    /// Camera of a view of `splat-refs`.
+    /// Camera of a view of `splat-refs`, or of [`cloud`] if there are no data.
     fn camera(&self, name: &str) -> Camera {
         match &self.data {
             Some(data) => Camera { name: name.to_owned(), ..Reference::named(data, name).camera },
@@ -65,7 +65,7 @@ impl Bench {
 /// Point of the garden around which panoramas are made.
 const EYE: DVec3 = DVec3::new(4.02, -31.3, 0.2);
 
-/// 800 thousand splats, uniform in a slab before the camera.
+/// 800 thousand splats, distributed uniformly in a slab in front of the camera.
 fn cloud() -> Splats {
     let mut state = 1_u64;
     let mut next = || {
@@ -87,7 +87,7 @@ fn cloud() -> Splats {
     }
 }
 
-/// View of 640x480 pixels along -y, rotated off the axes if its name says so.
+/// View of 640x480 pixels along -y, or in a direction off the axes if its name contains `tilted`.
 fn before_the_cloud(name: &str) -> Camera {
     let tilted = DVec3::new(-0.121_572, -0.990_128, -0.069_756);
     let forward = if name.contains("tilted") { tilted.normalize() } else { DVec3::NEG_Y };
@@ -107,13 +107,13 @@ fn before_the_cloud(name: &str) -> Camera {
     }
 }
 
-/// Transform of a camera from its axes and position.
+/// Matrix of a camera with these axes and this position.
 fn look(right: DVec3, down: DVec3, forward: DVec3, eye: DVec3) -> [f64; 16] {
     let columns = [right.extend(0.0), down.extend(0.0), forward.extend(0.0), eye.extend(1.0)];
     glam::DMat4::from_cols(columns[0], columns[1], columns[2], columns[3]).to_cols_array()
 }
 
-/// Result of `work`, and the least CPU seconds of several runs of it.
+/// Runs `work` several times. Returns the result and the CPU seconds of the fastest run.
 fn timed<T>(runs: usize, mut work: impl FnMut() -> T) -> (T, f64) {
     let mut best: Option<(T, f64)> = None;
     for _ in 0..runs {
@@ -131,13 +131,13 @@ fn millions(n: u64) -> f64 {
     n as f64 / 1e6
 }
 
-/// First line that a command prints.
+/// First line that a command prints. `None` if the command fails.
 fn told(command: &mut Command) -> Option<String> {
     let output = command.output().ok().filter(|output| output.status.success())?;
     Some(String::from_utf8_lossy(&output.stdout).lines().next().unwrap_or_default().to_owned())
 }
 
-/// Commit and scenes of the tables, as text.
+/// Commit and processor of the measurements, as text.
 fn origin() -> String {
     let commit = told(Command::new("git").args(["rev-parse", "--short", "HEAD"]));
     let changed = told(Command::new("git").args(["status", "--porcelain", "--untracked-files=no"]));
@@ -181,7 +181,7 @@ fn main() {
         ("memory", memory::table),
         ("panorama", panorama::table),
     ];
-    // What needs no data.
+    // The first sections need no data.
     let free = 2;
     let most = if bench.data.is_some() { sections.len() } else { free };
     for (name, table) in &sections[..most] {

@@ -14,8 +14,8 @@ use nodes::types::{Pose, Rig};
 
 use crate::{Bench, EYE, load};
 
-/// Environment variable that makes the allocator of the C library return freed memory at once, because memory
-/// that it keeps would hide a peak.
+/// Environment variable, with its value, that makes the allocator of the C library return freed memory at once.
+/// Otherwise memory that the allocator keeps would hide a peak.
 const GIVE_BACK: (&str, &str) = ("MALLOC_MMAP_THRESHOLD_", "65536");
 
 /// A value of `/proc/self/status`, in MiB.

@@ -1,5 +1,5 @@
-//! Compares the two ways to render a panorama with a float64 panorama from narrow cameras, with three samples
-//! per pixel along each axis.
+//! Compares the two ways to render a panorama with a reference: a panorama in float64, made of views from cameras
+//! with a narrow angle, with three samples per pixel along each axis.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -57,7 +57,7 @@ fn direct(scene: &Arc<Splats>, supersample: u32, precision: Precision, bench: &B
     SplatPanorama::run(&params, input, &bench.cx).unwrap().0.pano
 }
 
-/// Rig of 16 by 8 cameras, each covering 22.5 degrees in both directions and a margin.
+/// Rig of 16 by 8 cameras. Each covers 22.5 degrees in both directions, and a margin.
 fn narrow() -> Arc<Rig> {
     let focal = 3.0 * WIDTH as f64 / (2.0 * PI);
     let size = (2.0 * focal * num::f64::tan(18.5_f64.to_radians())).ceil();
@@ -79,7 +79,7 @@ fn narrow() -> Arc<Rig> {
     Arc::new(Rig { cameras: cameras.collect() })
 }
 
-/// PSNR over rows between two angles from the horizon, weighted by solid angle, in dB.
+/// PSNR over the rows between two angles from the horizon, weighted by solid angle, in dB.
 fn psnr(seen: &[f32], truth: &[f32], from_deg: f64, to_deg: f64) -> f64 {
     let (mut squares, mut weights) = (0.0, 0.0);
     for y in 0..WIDTH / 2 {
@@ -101,8 +101,8 @@ fn square(x: f64) -> f64 {
     x * x
 }
 
-/// Change of the error across the borders of a rig's faces, relative to that between other neighbours in a row: 1
-/// means that there is no seam.
+/// Measures the seams between the faces of a rig: the change of the error between neighbouring pixels on two faces,
+/// divided by the change between other neighbouring pixels of a row. A result of 1 means that there is no seam.
 fn seam(seen: &[f32], truth: &[f32], rig: &Rig) -> f64 {
     let face = |x: usize, y: usize| {
         let d = equirect::direction(
@@ -114,7 +114,7 @@ fn seam(seen: &[f32], truth: &[f32], rig: &Rig) -> f64 {
         (0..rig.cameras.len()).max_by(|a, b| along(&rig.cameras[*a]).total_cmp(&along(&rig.cameras[*b])))
     };
     let mut sums = [[0.0_f64; 2]; 2];
-    // Between the poles, where both kinds of neighbours are as far apart.
+    // Far from the poles, where the distances of both kinds of neighbours are equal.
     for y in WIDTH / 8..WIDTH * 3 / 8 {
         for x in 0..WIDTH {
             let next = (x + 1) % WIDTH;
@@ -129,7 +129,7 @@ fn seam(seen: &[f32], truth: &[f32], rig: &Rig) -> f64 {
     (sums[1][0] / sums[1][1] / (sums[0][0] / sums[0][1])).sqrt()
 }
 
-/// Same ratio as [`seam`] across the wrap-around, between columns `WIDTH - 1` and 0.
+/// Same as [`seam`], but for the seam between columns `WIDTH - 1` and 0, where the panorama wraps around.
 fn wrap(seen: &[f32], truth: &[f32]) -> f64 {
     let mut sums = [[0.0_f64; 2]; 2];
     for y in 0..WIDTH / 2 {
@@ -189,7 +189,8 @@ pub fn table(bench: &Bench) {
     }
 }
 
-/// Writes a PNG for inspection, if `SPLAT_TABLES_OUT` names a folder.
+/// Writes a picture as PNG to the folder `SPLAT_TABLES_OUT`, for inspection. Does nothing if this variable is not
+/// set.
 fn save(name: &str, samples: &[f32]) {
     let Some(folder) = std::env::var_os("SPLAT_TABLES_OUT") else { return };
     let name = name.replace([' ', ','], "_");

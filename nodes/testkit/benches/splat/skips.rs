@@ -1,4 +1,4 @@
-//! Savings of skipped work: blocks of splats outside of all views, and harmonics of a scene of degree 0.
+//! Time saved by skipping work: blocks of splats outside all views, and harmonics of a scene of degree 0.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use engine::{Kind, Up};
 
 use crate::{Bench, EYE, timed};
 
-/// Number of runs. The shortest counts.
+/// Number of runs. Only the shortest one counts.
 const RUNS: usize = 9;
 
 pub fn table(bench: &Bench) {

@@ -1,5 +1,5 @@
-//! CPU time of a view on one thread, stage by stage, for every instruction set of this machine, and the rate of the
-//! blending arithmetic alone, on one tile that stays in the L1 cache.
+//! CPU time of each stage of a view on one thread, for every instruction set of this machine. For comparison, the
+//! speed of the blending arithmetic alone is measured on one tile that stays in the L1 cache.
 
 use fearless_simd::Level;
 use nodes::render::splat::{Clock, Rendered, Settings, calibrate, render_at};
@@ -8,7 +8,7 @@ use testkit::thread_seconds;
 
 use crate::{Bench, millions};
 
-/// Number of runs. The shortest counts, since other load shares the machine.
+/// Number of runs. Only the shortest one counts, since other programs may use the machine.
 const RUNS: usize = 9;
 
 fn levels() -> Vec<(&'static str, Level)> {
@@ -45,7 +45,7 @@ pub fn table(bench: &Bench) {
                 render_at(&scene, &camera, None, &settings, &bench.cx, how).unwrap()
             };
             let total = |seen: &Rendered| seen.seconds.iter().sum::<f64>();
-            // Turn by turn, so that both see the same neighbours.
+            // In turns, so that other programs on the machine affect both alike.
             let (mut peak, mut best) = (0.0_f64, None);
             for _ in 0..RUNS {
                 peak = peak.max(calibrate(20_000, level, &thread_seconds, &bench.cx));

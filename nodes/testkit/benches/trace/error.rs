@@ -1,9 +1,9 @@
-//! Prints the error of each output by samples and seconds.
+//! Prints the error of each output for several numbers of samples, with the CPU seconds.
 
 use nodes::kinds::path_trace::surroundings::Surroundings;
 use testkit::{Case, Data, Traced, block_scores, relative_mse, rgb};
 
-/// Root of the mean squared error of S over the receiver.
+/// Root mean square error of the ratio S = with / without over the receiver.
 fn ratio_error(r0: &[f32], r1: &[f32], b0: &[f32], b1: &[f32]) -> f64 {
     let s = |r1: f32, r0: f32| f64::from((r1 / r0).clamp(0.0, 1.0));
     let (mut sum, mut n) = (0.0, 0.0);
@@ -15,7 +15,7 @@ fn ratio_error(r0: &[f32], r1: &[f32], b0: &[f32], b1: &[f32]) -> f64 {
     (sum / f64::max(n, 1.0)).sqrt()
 }
 
-/// Numbers of samples of the rows of a table, and of their reference.
+/// Number of samples of each row of a table, and number of samples of the reference.
 struct Effort {
     rows: &'static [u32],
     reference: u32,
@@ -43,8 +43,8 @@ pub fn rooms(data: &Data) {
 
 fn table(name: &str, case: &Case, how: Surroundings, outside: &[f32], effort: &Effort) {
     println!("{name} {how:?}\n");
-    // The same estimator with other random numbers: errors common to both would show in the tests against other
-    // programs.
+    // The reference is the same estimator with other random numbers. Systematic errors, which it shares, are
+    // covered by the tests against other programs.
     let own = case.trace(99, effort.reference, true, how);
     let [b0, b1, bo] = [&own.out.without, &own.out.with, &own.out.object].map(|i| rgb(i));
     println!(
@@ -78,7 +78,7 @@ fn table(name: &str, case: &Case, how: Surroundings, outside: &[f32], effort: &E
     println!("\n{}\n", more.join("\n"));
 }
 
-/// Prints the savings of `crop`, and its error, for the open scene from afar.
+/// Prints the time that `crop` saves and the error that it causes, for the open scene seen from several distances.
 pub fn crop(data: &Data) {
     let (near, how) = (Case::load(data, "sunny_plane"), Surroundings::OPEN);
     println!("| seen from | `crop` | rays of `with` and `object` | CPU-s | largest error of S in a tile |");
@@ -98,7 +98,7 @@ pub fn crop(data: &Data) {
                 sums[tile(i)][0] += f64::from(b1[i] / b0[i]) - 1.0;
                 sums[tile(i)][1] += 1.0;
             }
-            // Tiles that nothing asked, whole.
+            // Complete tiles that the object does not affect.
             let off = sums.iter().filter(|sum| sum[1] == 192.0).map(|sum| (sum[0] / sum[1]).abs());
             println!(
                 "| {times} times as far | {crop} | {:.0} k | {:.3} | {:.5} |",

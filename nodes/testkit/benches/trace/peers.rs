@@ -1,5 +1,5 @@
-//! One round of the comparison of `tests/tables/peers.py` with other programs: prints seconds as a line of JSON and
-//! writes pictures to files.
+//! One round of the comparison with other programs by `tests/tables/peers.py`: prints the CPU seconds as a line of
+//! JSON, and writes pictures to files.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -13,9 +13,9 @@ fn write(path: &Path, images: &Images) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Measures, for each number of samples, the CPU seconds of one thread, after loading: setting up, the
-/// receiver alone, the additional cost of the object, that of its shadow alone, and the filter. `without`,
-/// `with` and the denoised `with` are written to a folder as RGB in little-endian f32.
+/// For each number of samples, measures the CPU seconds of one thread, without loading, for setting up, for the
+/// receiver alone, for adding the object, for adding only its shadow, and for the denoising filter. Writes
+/// `without`, `with` and the denoised `with` to `folder`, as RGB in little-endian f32.
 pub fn once(data: &Data, folder: &Path, numbers: &[u32]) {
     let case = Case::load(data, "sunny_plane");
     std::fs::create_dir_all(folder).unwrap();

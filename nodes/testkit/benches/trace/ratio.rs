@@ -1,4 +1,4 @@
-//! Error of the ratio S = with / without by seconds, as traced and denoised.
+//! Error of the ratio S = with / without, as traced and after denoising, with the CPU seconds.
 
 use std::collections::BTreeMap;
 
@@ -9,8 +9,8 @@ use testkit::{Case, Data, Traced, denoised, relative_mse, rgb};
 /// Number of seeds. Errors are means over the seeds, and seconds are medians.
 const SEEDS: u64 = 3;
 
-/// Root mean square errors of S, limited to at most 1: over pixels that the object does not cover, and over
-/// those that it covers in part.
+/// Root mean square errors of S, where S is clamped to at most 1. First over the pixels that the object does not
+/// cover, then over the pixels that it partly covers.
 fn errors(alpha: &Images, [r0, r1]: [&Images; 2], [b0, b1]: &[Vec<f32>; 2]) -> [f64; 2] {
     let (r0, r1, alpha) = (rgb(r0), rgb(r1), alpha.0[0].picture.samples());
     let (mut sums, mut counts) = ([0.0; 2], [0.0; 2]);
@@ -26,8 +26,8 @@ fn errors(alpha: &Images, [r0, r1]: [&Images; 2], [b0, b1]: &[Vec<f32>; 2]) -> [
     [0, 1].map(|k| (sums[k] / f64::max(counts[k], 1.0)).sqrt())
 }
 
-/// Prints the table. If `small`, only checks that it runs. Rotating the object keeps `without`, so its cost
-/// is that of the objects and the filter; moving the object costs all of it.
+/// Prints the table. If `small`, only checks that it runs. After a rotation of the object, `without` is still
+/// valid, so only the columns of the objects and the filter count; after a move, all columns count.
 pub fn table(data: &Data, numbers: &[u32], small: bool) {
     let (seeds, most) = if small { (1, 8) } else { (SEEDS, 128) };
     let case = Case::load(data, "sunny_plane");

@@ -11,7 +11,7 @@ use testkit::{Case, Data, thread_seconds};
 
 /// Number of rays in a set.
 const RAYS: u32 = 196_608;
-/// Number of passes over a set per time measurement, which then takes at least a tenth of a second.
+/// Number of passes over a set per measurement. With fewer, a measurement would take less than a tenth of a second.
 const PASSES: usize = 4;
 /// Number of alternating rounds of this tracer and Embree.
 const ROUNDS: usize = 7;
@@ -25,7 +25,7 @@ fn helmet(data: &Data) -> Vec<[Vec3; 3]> {
     corners.collect()
 }
 
-/// Rays of a pinhole camera at `eye` that looks along -z, and incoherent rays.
+/// Two sets of rays: those of a pinhole camera at `eye` that looks along -z, and incoherent rays from `origins`.
 fn rays(eye: Vec3, tangent: f32, origins: impl Fn(Points) -> Vec3) -> [Vec<Ray>; 2] {
     let (width, height) = (512, RAYS / 512);
     let coherent = (0..RAYS).map(|i| {
@@ -43,7 +43,8 @@ fn rays(eye: Vec3, tangent: f32, origins: impl Fn(Points) -> Vec3) -> [Vec<Ray>;
     [coherent.collect(), random.collect()]
 }
 
-/// CPU seconds of [`PASSES`] passes over a set, for closest hits and for any hit, and the number of hits.
+/// Measures the CPU seconds of [`PASSES`] passes over a set, for closest hits and for any hit. Also returns the
+/// number of hits.
 fn pass(bvh: &Bvh, rays: &[Ray]) -> ([f64; 2], usize) {
     let start = thread_seconds();
     let mut hits = [0; 2];
@@ -64,7 +65,7 @@ fn write(path: &Path, vectors: impl Iterator<Item = Vec3>) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Embree on the same triangles and rays: a separate process that waits for the name of a set of rays.
+/// Embree with the same triangles and rays, in a separate process that waits for the number of a set of rays.
 struct Embree {
     program: Child,
     folder: PathBuf,
@@ -73,7 +74,7 @@ struct Embree {
 }
 
 impl Embree {
-    /// Compiles and starts the process; `None` unless a C++ compiler and Embree 3 are installed.
+    /// Compiles and starts the process. `None` if no C++ compiler or Embree 3 is installed.
     fn start(triangles: &[[Vec3; 3]], sets: &[Vec<Ray>; 2]) -> Option<Self> {
         let folder = std::env::temp_dir().join(format!("lightharmony-rays-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
@@ -97,13 +98,13 @@ impl Embree {
         Some(Self { program, folder, said })
     }
 
-    /// Numbers in the next line of the output of the process.
+    /// Reads the numbers in the next line of the output of the process.
     fn numbers(&mut self) -> Vec<f64> {
         let line = self.said.next().expect("a line").unwrap();
         line.split(' ').map(|word| word.parse().unwrap()).collect()
     }
 
-    /// Result of [`pass`] by Embree, for a set of rays.
+    /// Same as [`pass`], by Embree.
     fn pass(&mut self, set: usize) -> ([f64; 2], usize) {
         writeln!(self.program.stdin.as_mut().unwrap(), "{set}").unwrap();
         let told = self.numbers();
@@ -176,7 +177,7 @@ pub fn table(data: &Data) {
             line += &format!("; {order}: {} hits, Embree {}", hits[0], hits[1]);
             for (kind, word) in ["closest", "any"].into_iter().enumerate() {
                 let [ours, theirs] = [0, 1].map(|who| &seconds[who][kind]);
-                // Both took turns, so the seconds of a round are of one state of the machine.
+                // Both took turns, so the times of a round were measured in the same state of the machine.
                 let [least, median, most] =
                     spread(theirs.iter().zip(ours).map(|(theirs, ours)| theirs / ours).collect());
                 let rate =

@@ -1,10 +1,10 @@
-//! Cost of repeatedly rotating the object at two samples: prints the seconds and a digest of the pictures,
-//! which shows whether only the speed has changed.
+//! Cost of repeatedly rotating the object with two samples per pixel. Prints the CPU seconds, and a digest of the
+//! pictures, which shows whether a change of the program affects only its speed.
 
 use nodes::kinds::path_trace::surroundings::Surroundings;
 use testkit::{Case, Data, denoised};
 
-/// Prints the least and the median CPU seconds of `rounds` rounds, and a digest of all samples of the last
+/// Prints the minimum and the median CPU seconds of `rounds` rounds, and a digest of the pictures of the last
 /// round.
 pub fn seconds(data: &Data, rounds: u32) {
     let case = Case::load(data, "sunny_plane");

@@ -1,4 +1,4 @@
-//! Tests of every format of splats on real files and on the fixtures of other programs.
+//! Tests of every splat format on real files and on test files of other programs.
 
 use std::sync::Arc;
 
@@ -29,7 +29,7 @@ fn off(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).fold(0.0, |m, (a, b)| m.max((a - b).abs()))
 }
 
-/// Angle between two Gaussians, in degrees. Half turns about an axis of the Gaussian do not count.
+/// Angle between the rotations of two Gaussians, in degrees. Half turns about an axis of the Gaussian do not count.
 fn turned(a: [f32; 4], [w, x, y, z]: [f32; 4]) -> f64 {
     let same = [[w, x, y, z], [-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]];
     let dot = |b: [f32; 4]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(b)).sum::<f64>().abs();
@@ -122,7 +122,7 @@ fn captures_have_the_counts_of_their_makers() {
     }
 }
 
-// Written and read again, a real capture stays what it was.
+// A real capture is the same after it has been written and read again.
 #[test]
 fn captures_survive_writing() {
     for name in ["train-1000.inria.ply", "playbot_sog", "biker.spz"] {

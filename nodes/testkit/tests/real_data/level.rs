@@ -1,5 +1,5 @@
-//! Tests of the estimated up direction and floor height, for every scene of the shared data, rotated to all
-//! six axes and by ten arbitrary rotations. `tests/tables/level.py` makes a table from the output.
+//! Tests of the estimated up direction and floor height. Every scene of the shared data is rotated to all six axes
+//! and by ten arbitrary rotations. `tests/tables/level.py` makes a table from the output.
 
 use std::sync::Arc;
 
@@ -14,12 +14,12 @@ use nodes::types::Splats;
 
 use super::data;
 
-/// A scene with its known up direction and the known height of its floor along up, in its own frame.
+/// A scene, with its true up direction and the true height of its floor, in its own frame, if they are known.
 struct Known {
     name: &'static str,
     splats: Arc<Splats>,
     truth: Option<(DVec3, f64)>,
-    /// Largest permitted error of up, in degrees, and of the floor, in world units.
+    /// Maximum permitted error of the up direction, in degrees, and of the floor, in world units.
     bounds: (f64, f64),
 }
 
@@ -52,10 +52,10 @@ fn demo(name: &'static str, place: Setting, floor: (f64, f64)) -> Known {
     Known { name, splats, truth: Some((DVec3::Z, floor.0)), bounds: (1.0, floor.1) }
 }
 
-/// Scenes with their truth, from `README.md` of the data. The truth of the garden is the floor under the
-/// middle of the capture, since the ground rises and falls there by 0.3. Six have no truth, so no estimate
-/// for them may be confident: a man without ground, a failed training, a failed phone capture, 1000 splats of
-/// one scene, and a chart.
+/// Scenes with their true values, from `README.md` of the data. The true floor of the garden is that under the
+/// middle of the capture, since the ground rises and falls there by 0.3. Four scenes have no true values, so no
+/// estimate for them may be confident: a failed phone capture, a failed training, 1000 splats of a scene, and a
+/// chart.
 fn scenes() -> Vec<Known> {
     let (y, z) = (DVec3::Y, DVec3::Z);
     vec![
@@ -75,7 +75,7 @@ fn scenes() -> Vec<Known> {
     ]
 }
 
-/// The six rotations that bring z to an axis, and ten arbitrary ones.
+/// The six rotations that map z to an axis, and ten arbitrary rotations.
 fn rotations() -> Vec<DMat3> {
     let axes = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
     let mut all: Vec<DMat3> = axes.map(|a| DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, a))).into();
@@ -114,7 +114,7 @@ fn degrees(a: DVec3, b: DVec3) -> f64 {
     num::atan2(a.cross(b).length(), a.dot(b)).to_degrees()
 }
 
-/// Error of the height of the floor above the middle of the scene, along the true up.
+/// Error of the height of the floor under the middle of the scene, along the true up direction.
 fn floor_off(found: &LevelEstimate, up: DVec3, floor: f64) -> f64 {
     let (own, centre) = (DVec3::from_array(found.up), DVec3::from_array(found.centre));
     (centre.dot(up) - floor) - (centre.dot(own) - found.floor)

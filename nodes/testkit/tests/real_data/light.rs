@@ -12,7 +12,7 @@ use nodes::types::{Brackets, Cell, Image, Panorama, Srgb};
 
 use super::data;
 
-/// Display picture of the probe of the bench case.
+/// A picture of the probe of the bench case, in display values.
 fn picture(name: &str) -> Image<Srgb> {
     let bytes = data().bytes(&format!("bench-case/probe/{name}"));
     let raster = nodes::io::png::read(name, &bytes).unwrap();
@@ -63,8 +63,8 @@ fn the_sun_of_the_bench_case_is_the_strongest_light() {
     assert!((elevation - want_elevation).abs() < 5.0, "{elevation} {want_elevation}");
 }
 
-// With the true bracket all but the sun comes back to the step of an 8-bit code; the sun (radiance 1500) is above
-// the 64 that EV -6 can hold, which must be reported.
+// With the true exposures, all light except the sun is recovered to one step of an 8-bit code. The sun (radiance
+// 1500) is above the maximum of 64 that EV -6 can represent, which must be reported.
 #[test]
 fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
     let exposures = vec![picture("truth_equirect_ev-6.png"), picture("truth_equirect_ev-3.png")];
@@ -94,8 +94,9 @@ fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
     assert!(judged > 290_000 && off * 100 < judged, "{off} of {judged} pixels are off");
 }
 
-/// Mean errors of irradiance and of contrast over every second panorama that the weights were trained on,
-/// photographed at EV 0: as photographed, and with the light that a method recovers. In stops.
+/// Mean errors of irradiance and of contrast, in stops, over every second panorama that the weights were trained
+/// on, photographed at EV 0. First those of the photographs themselves, then those with the light that a method
+/// recovers.
 fn errors(method: &Method) -> [[f64; 2]; 2] {
     let mut files: Vec<_> =
         std::fs::read_dir(data().path("hdri-train")).unwrap().map(|entry| entry.unwrap().path()).collect();
@@ -134,9 +135,9 @@ fn errors(method: &Method) -> [[f64; 2]; 2] {
     sums
 }
 
-// As docs/light.md states for places that the shipped weights were trained on: 0.51 and 1.08 stops over all 74,
-// 0.48 and 1.04 over these 37. Reading one number wrongly costs more than the margin of the bounds.
-// Mutation: two numbers of `OVERVIEW` exchanged, or of `CELL`.
+// docs/light.md states 0.51 and 1.08 stops for all 74 places that the shipped weights were trained on; for these
+// 37, the errors are 0.48 and 1.04. Reading one number wrongly increases them by more than the margin of the
+// bounds. This test fails if two numbers of `OVERVIEW` or of `CELL` are exchanged.
 #[test]
 fn learned_light_is_as_good_as_the_docs_say() {
     let [plain, learned] = errors(&Method::Learned);

@@ -1,5 +1,5 @@
-//! Tests of `extract-mesh` on the courtyard of the bench case, against the depths rendered by Cycles, and on
-//! a real capture.
+//! Tests of `extract-mesh` on a real capture, and on the courtyard of the bench case, where the mesh is compared
+//! with depths rendered by Cycles.
 
 use std::sync::Arc;
 
@@ -22,13 +22,13 @@ fn views() -> Arc<Rig> {
     data().cameras("bench-case/case.json", "views", &[])
 }
 
-/// Planar depth of a view without the object, by Cycles; 1e6 where no surface is visible.
+/// Planar depth of a view without the object, rendered by Cycles; 1e6 where no surface is visible.
 fn truth(view: &str) -> Vec<f32> {
     let bytes = data().bytes(&format!("bench-case/gt/{view}_without.exr"));
     nodes::io::exr::read(view, &bytes).unwrap().find("Z").unwrap().to_vec()
 }
 
-/// Normally distributed random numbers, the same on every machine.
+/// Normally distributed random numbers that are the same on every machine.
 struct Normal(u64);
 
 impl Normal {
@@ -42,7 +42,7 @@ impl Normal {
         radius * num::f64::cos(turn)
     }
 
-    /// Random number of a gamma distribution with a shape above 1 (Marsaglia and Tsang 2000).
+    /// A random number from a gamma distribution with a shape above 1 (Marsaglia and Tsang 2000).
     fn gamma(&mut self, shape: f64) -> f64 {
         let d = shape - 1.0 / 3.0;
         let c = 1.0 / (9.0 * d).sqrt();
@@ -56,9 +56,9 @@ impl Normal {
     }
 }
 
-/// Splats with errors like those of a training: normals rotated by N(0, tilt), centres moved by N(0, jitter)
-/// along the normal and half of that across, axes multiplied by exp N(0, 0.35), and opacities of Beta(4,
-/// 1.2).
+/// Adds errors to splats like those of a trained scene. Normals are rotated by N(0, tilt). Centres are moved by
+/// N(0, jitter) along the normal and by N(0, jitter / 2) across it. Axes are multiplied by exp N(0, 0.35).
+/// Opacities are drawn from Beta(4, 1.2).
 fn degraded(splats: &Splats, tilt_deg: f64, jitter: f64) -> Splats {
     let (mut random, mut out) = (Normal(12_345), splats.clone());
     out.means_low.clear();
@@ -88,12 +88,13 @@ fn degraded(splats: &Splats, tilt_deg: f64, jitter: f64) -> Splats {
 
 /// Deviation of a mesh from the ground truth in a view.
 struct Score {
-    /// Deviation along the ray within 1 m of the foot, in millimetres: median and 90th percentile.
+    /// Median deviation along the ray within 1 m of the foot, in millimetres.
     median: f64,
+    /// 90th percentile of this deviation, in millimetres.
     most: f64,
-    /// Percentages of the pixels where the ground truth has a surface and the mesh has none, and where the
-    /// mesh shows its back.
+    /// Percentage of the pixels with a surface in the ground truth at which the mesh has no surface.
     holes: f64,
+    /// Percentage of the pixels with a surface in the ground truth at which the mesh shows its back.
     backs: f64,
 }
 
@@ -124,7 +125,7 @@ fn score(mesh: &Mesh, camera: &Camera) -> Score {
     Score { median: at(0.5), most: at(0.9), holes: percent(holes), backs: percent(backs) }
 }
 
-/// Scores in the three views, printed as a row of docs/extract-mesh.md.
+/// Scores in the three views, which are also printed as a row of `docs/evidence/extract-mesh.md`.
 fn scores(name: &str, mesh: &Mesh) -> Vec<Score> {
     let scores: Vec<Score> = views().cameras.iter().map(|camera| score(mesh, camera)).collect();
     let of = |number: &dyn Fn(&Score) -> String| scores.iter().map(number).collect::<Vec<_>>().join(" / ");
@@ -148,7 +149,8 @@ fn given() -> Arc<Mesh> {
     data().mesh("bench-case/mesh_proxy.ply", ColourEncoding::Auto).0
 }
 
-// The depths of centres lie 0.7 % of the distance too near, those of peaks 0.02 %. Mutation: `RayMedian` without its slope.
+// Depths of centres are too small by 0.7 %, and depths of peaks by 0.02 %. This test fails if `RayMedian` ignores
+// the slope of a splat.
 #[test]
 fn the_depth_of_peaks_is_that_of_the_surface() {
     let splats = load("bench-case/point_cloud.ply", &[]);

@@ -107,8 +107,8 @@ fn relative_mse_agrees_on_linear_light() {
     }
 }
 
-/// Compares the panorama error of `score-env` (relative to the mean of the truth, by solid angle) with the
-/// reference on the same pictures.
+/// Compares the panorama error of `score-env`, which is weighted by solid angle and relative to the mean of the
+/// truth, with a reference for the same pictures.
 #[test]
 fn panoramas_are_weighed_as_the_reference_does() {
     for (name, wanted) in refs()["hdr"].as_object().unwrap() {

@@ -17,13 +17,13 @@ pub fn load(path: &str, more: &[&str]) -> Arc<Splats> {
     data().splats(path, more, true)
 }
 
-/// PSNR and largest deviation of the colours.
+/// PSNR and largest deviation of the colours from a reference.
 fn against(seen: &Rendered, reference: &[f32]) -> (f64, f64) {
     psnr(&seen.rgba, 4, reference, 3)
 }
 
-// The bounds are those of `notes/splats.md`, section 4: rounding of the positions to f32 in a SOG file's decoding,
-// and pairs that fall on the other side of the alpha cut, cause the rest.
+// The bounds are those of `notes/splats.md`, section 4. The remaining differences are caused by the rounding of
+// positions to f32 when a SOG file is decoded, and by pairs that fall on the other side of the alpha cutoff.
 #[test]
 fn references_are_met() {
     let garden = load("splats/garden_sog/2_0/meta.json", &["splats/garden_sog/2_1/meta.json"]);
@@ -154,8 +154,8 @@ fn inria_files_are_read() {
     }
 }
 
-// The bench case's README gives 23.4 / 24.4 / 31.0 dB for its own splatter against the true background:
-// a wrong axis, activation or colour convention would lose more than the half decibel allowed here.
+// The README of the bench case gives 23.4 / 24.4 / 31.0 dB for its own renderer against the true background. A
+// wrong axis, activation or colour convention would lose more than the half decibel that is allowed here.
 #[test]
 fn the_bench_case_looks_as_its_splatter_says() {
     let splats = load("bench-case/point_cloud.ply", &[]);

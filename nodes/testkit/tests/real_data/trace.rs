@@ -1,4 +1,4 @@
-//! Tests of path tracing against the renders of independent programs.
+//! Tests that compare path tracing with renders by independent programs.
 
 use engine::Up;
 use nodes::kinds::path_trace;
@@ -21,7 +21,7 @@ fn trace(case: &Case, samples: u32, surroundings: Surroundings) -> path_trace::O
     traced.out
 }
 
-/// Ratio of the means, and relative mean squared error.
+/// Ratio of the means of two pictures, and their relative mean squared error.
 fn compare(name: &str, ours: &[f32], reference: &[f32]) -> (f64, f64) {
     let (ratio, relmse) = (mean(ours) / mean(reference), relative_mse(ours, reference));
     println!(
@@ -32,9 +32,9 @@ fn compare(name: &str, ours: &[f32], reference: &[f32]) -> (f64, f64) {
     (ratio, relmse)
 }
 
-/// Difference between the luminance of `without` and that of another program, in standard errors of both: the
-/// mean over the pixels, and the share of pixels above 3. The variance of the other program is assumed to be
-/// `noise` times its squared luminance plus 0.01, as stated in its notes.
+/// Compares the luminance of `without` with that of another program. The difference of each pixel is divided by its
+/// standard error. Returns the mean of this score over the pixels, and the share of pixels above 3. The variance of
+/// the other program is assumed to be `noise` times (its squared luminance + 0.01), as stated in its notes.
 fn z_scores(out: &path_trace::Out, outside: &[f32], noise: f64) -> (f64, f64) {
     let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
     let variance = out.variance.0[0].picture.samples().chunks(4).map(|v| f64::from(v[0]));
@@ -121,8 +121,8 @@ fn closed_room_agrees_with_the_prototype_in_every_mode() {
     }
 }
 
-/// RMSE of the ratio compared with that of two renders with shared random numbers: of pixels that no object
-/// covers, and of partly covered ones.
+/// Root mean square error of the ratio with / without, for a reference of two renders with shared random numbers.
+/// First over the pixels that no object covers, then over the pixels that are partly covered.
 fn ratio_error(out: &path_trace::Out, pair: [&Images; 2], reference: [&[f32]; 2]) -> [f64; 2] {
     let ratio = |without: &[f32], with: &[f32], i: usize| f64::from(with[i] / without[i]).min(1.0);
     let alpha: Vec<f32> = out.object.0[0].picture.samples().chunks(4).map(|p| p[3]).collect();
@@ -138,8 +138,9 @@ fn ratio_error(out: &path_trace::Out, pair: [&Images; 2], reference: [&[f32]; 2]
     })
 }
 
-// Bounds: RMSE(S) 0.0103 (Cycles' catcher with a denoiser, at 4 samples) and 0.02 at the object's rim at 16 (0.119
-// there); both are met at 4.
+// The first bound is the error of the shadow catcher of Cycles with a denoiser at 4 samples, 0.0103. The second,
+// 0.02, is the aim at the rim of the object at 16 samples, where Cycles has 0.119. Both are already met at 4
+// samples.
 #[test]
 fn the_ratio_raw_and_denoised_is_within_its_bars() {
     let case = case("sunny_plane");
@@ -156,8 +157,8 @@ fn the_ratio_raw_and_denoised_is_within_its_bars() {
     }
 }
 
-/// Ten million triangles are built and traced: all in one place, and as rough ground. Mutation:
-/// `most_in_one_place` of 0 in `Bvh::build`.
+/// Trees of ten million triangles are built and traced, for triangles that are all in one place and for rough
+/// ground. This test fails if `most_in_one_place` always returns 0.
 #[test]
 fn ten_million_triangles_are_built_and_met() {
     use glam::Vec3;
@@ -177,7 +178,7 @@ fn ten_million_triangles_are_built_and_met() {
     };
     let ground = Bvh::build(&squares.flat_map(halves).collect::<Vec<_>>());
     for k in 0..10_000 {
-        // Off the edges of squares, where either neighbour may be met.
+        // Away from the edges of the squares, where either neighbour may be hit.
         let [x, y] =
             [2 * k, 2 * k + 1].map(|k| (unit(mix(k)) * side as f32).floor() + 0.1 + 0.8 * unit(mix(!k)));
         let hit = ground.closest(down(x, y), |_| true).expect("ground");

@@ -1,4 +1,4 @@
-//! Tests of small inputs of other tools with their correct values, described in the README of
+//! Tests with small files of other tools. The expected values are described in the README of
 //! `../shared/data/trials`.
 
 use std::sync::Arc;
@@ -46,7 +46,7 @@ fn object(path: &str) -> Result<(Arc<Object>, Notes), NodeError> {
     LoadObject::run(&p, load_object::In {}, &cx(1.0)).map(|(out, notes)| (out.object, notes))
 }
 
-/// Camera of `view.ron`, or that of `insert.ron`.
+/// A camera, such as that of `view.ron` or `insert.ron`.
 fn rig(eye: [f64; 3], target: [f64; 3], size: [u32; 2], fov_y_deg: f64) -> Arc<Rig> {
     let [width_px, height_px] = size;
     let name = "camera".to_owned();
@@ -54,7 +54,7 @@ fn rig(eye: [f64; 3], target: [f64; 3], size: [u32; 2], fov_y_deg: f64) -> Arc<R
     camera::Camera::run(&p, camera::In {}, &cx(1.0)).unwrap().0.rig
 }
 
-/// Mean of the rendered picture of splats, and its notes.
+/// Renders splats. Returns the mean colour of the picture, and the notes.
 fn mean(splats: &Arc<Splats>, rig: &Arc<Rig>, drawing: Drawing, metres: f64) -> ([f64; 3], Notes) {
     let params = (SplatRender { sort: Sort::Depth, limit_sigmas: 5.0 }, drawing);
     let inputs = splat_render::In { splats: splats.clone(), rig: rig.clone(), limit: None };
@@ -94,8 +94,8 @@ fn splats_of_other_tools_give_their_picture() {
     assert_eq!(splats("ascii.ply").unwrap().0.len(), 64);
 }
 
-/// A place at a twentieth of its size shows the same picture if the scale of the scene is set. Without the
-/// scale, the cut by the near plane is reported.
+/// A place at a twentieth of its size gives the same picture if the scale of the scene is set. If the scale is not
+/// set, a warning reports that the near plane cuts away splats.
 #[test]
 fn a_place_in_a_unit_cube_is_whole_or_reported() {
     let eye = |s: f64| rig([0.6 * s, -3.2 * s, 1.6 * s], [0.0, 0.0, 0.45 * s], [160, 120], 40.0);

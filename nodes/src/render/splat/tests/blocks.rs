@@ -27,7 +27,8 @@ fn draw_by_blocks(splats: &Splats, camera: &Camera, settings: Settings) -> Rende
     render_with(splats, blocks.as_ref(), camera, None, &settings, &cx).expect("renders")
 }
 
-/// Work counts of the same picture with and without blocks; both must have the same bits.
+/// Draws the same picture with and without blocks, checks that both have the same bits, and returns the work counts
+/// with blocks.
 fn both(draw: impl Fn(bool) -> Rendered) -> Work {
     let (with, without) = (draw(true), draw(false));
     assert_eq!(bits(&with), bits(&without));
@@ -37,8 +38,8 @@ fn both(draw: impl Fn(bool) -> Rendered) -> Work {
     with.work
 }
 
-/// Skipped blocks change no bit. Mutation: `* self.steepest` dropped in `Pinhole::misses`, `size.dot(half)`
-/// halved in `Block::most` (each seen red).
+/// Skipped blocks change no bit. This test fails if `* self.steepest` is removed from `Pinhole::misses`, or if
+/// `size.dot(half)` is halved in `Block::most`.
 #[test]
 fn blocks_that_are_left_out_change_no_bit() {
     let mut random = Random(5);
@@ -89,7 +90,7 @@ fn without_bounds_only_what_is_behind_is_left_out() {
     assert!(work.skipped > 0 && work.skipped <= 640 - ahead, "{work:?}");
 }
 
-/// A bound is at least the bounded value, for centres of any size and any direction.
+/// A bound is never below the value that it bounds, for coordinates of any magnitude and any direction.
 #[test]
 fn a_block_bounds_its_splats() {
     let mut random = Random(11);
@@ -119,9 +120,9 @@ fn a_block_bounds_its_splats() {
     }
 }
 
-/// For a scene of degree 0, no direction and no harmonics are evaluated. If their evaluation is forced, for
-/// this and any other degree, they change no bit. Mutation: 1e-3 for the zeros of `sh::colour_of_all` (seen
-/// red).
+/// For a scene of degree 0, no direction and no harmonics are evaluated. If their evaluation is forced, for this
+/// and any other degree, they change no bit. This test fails if the zeros in `sh::colour_of_all` are replaced by
+/// 1e-3.
 #[test]
 fn harmonics_that_are_left_out_change_no_bit() {
     let colourful = cloud(400, 2);

@@ -1,6 +1,6 @@
-//! Tests of the rows of the table of numerical extremes, each against the textbook in float64, a formula or
-//! an invariant. Rows about files are tested with their loaders, and those about panoramas with `stitch` and
-//! in `panorama`.
+//! Tests of the rows of the table of numerical extremes. Each compares with the textbook implementation in f64,
+//! with a formula or with an invariant. Rows about files are tested with their loaders. Rows about panoramas are
+//! tested with `stitch` and in `panorama`.
 
 use engine::Up;
 
@@ -35,7 +35,7 @@ fn off_the_formula(sigma: f32, opacity: f32) -> f64 {
     largest
 }
 
-/// Splats that are kept but invisible change no bit, like rows that a loader drops.
+/// Splats that are in the scene but invisible change no bit.
 #[test]
 fn what_cannot_be_seen_changes_no_bit() {
     let splats = cloud(200, 51);
@@ -93,7 +93,7 @@ fn scales_of_nothing_show_the_filter() {
     }
 }
 
-/// Opacity 1 is capped at 0.99 exactly, and splats with an opacity below the cut are not drawn.
+/// Opacity 1 is capped at exactly 0.99, and splats with an opacity below `alpha_cut` are not drawn.
 #[test]
 fn opacities_at_both_ends() {
     row(6, "alpha off the capped formula", off_the_formula(0.2, 1.0), 1e-6);
@@ -112,14 +112,14 @@ fn opacities_at_both_ends() {
     }
 }
 
-/// A file without rows is an empty scene.
+/// A scene without splats is an empty picture.
 #[test]
 fn an_empty_scene_is_background() {
     let seen = draw(&empty(0), &camera(8, 8, 60.0), F64);
     assert!(seen.rgba == [0.0; 256] && seen.depth == [f32::INFINITY; 64]);
 }
 
-/// Splats at the eye and behind the near plane are not drawn, and all values are finite.
+/// Splats at the eye, behind it or not beyond the near plane are not drawn, and all values are finite.
 #[test]
 fn the_near_plane_culls() {
     let at = |z: f32| one([0.0, 0.0, z], [0.5; 3], 0.9, [1.0; 3]);
@@ -139,8 +139,8 @@ fn the_near_plane_culls() {
     }
 }
 
-/// A needle a million times longer than wide, across the picture, into it and end-on, agrees with the
-/// textbook in f64.
+/// A needle a million times longer than wide agrees with the textbook implementation in f64, whether it lies across
+/// the picture, points into it or is seen end-on.
 #[test]
 fn needles_are_exact() {
     let camera = camera(200, 150, 60.0);
@@ -160,8 +160,8 @@ fn needles_are_exact() {
     }
 }
 
-/// Stopping early changes a deep pile by less than the remaining transmittance. As in the renderers that
-/// captures are trained with, the splat that would bring a pixel from above `stop` to below it is left out.
+/// Stopping early changes a deep pile by less than the remaining transmittance. The splat that would reduce the
+/// transmittance of a pixel below `stop` is left out, as in the renderers that captures are trained with.
 #[test]
 fn stopping_early_costs_what_it_says() {
     let mut random = Random(4);
@@ -185,7 +185,8 @@ fn stopping_early_costs_what_it_says() {
     row(11, "with a cap of 0.5 (stop / (1 - cap))", largest_difference(&stopped, &all), 2.1e-4);
 }
 
-/// Splats of equal depths are drawn in file order, and others by depth, in any order of the file.
+/// Splats with equal depths are drawn in file order. Other splats are drawn by depth, whatever their order in the
+/// file.
 #[test]
 fn ties_follow_the_file_and_nothing_else_does() {
     let red = one([0.0, 0.0, 2.0], [0.3; 3], 0.9, [1.7, -1.7, -1.7]);
@@ -213,8 +214,8 @@ fn ties_follow_the_file_and_nothing_else_does() {
     }
 }
 
-/// An offset of the world changes the picture only by its rounding in f64, because the camera position is
-/// subtracted before any other rounding.
+/// An offset of the world changes the picture only by the rounding of coordinates in f64, because the position of
+/// the camera is subtracted before anything is rounded to f32.
 #[test]
 fn pictures_do_not_depend_on_where_the_world_is() {
     let splats = cloud(300, 6);
@@ -294,7 +295,8 @@ fn colours_that_overflow_are_capped_and_reported() {
     }
 }
 
-/// The widest and the narrowest angle, one pixel and a strip agree with the textbook.
+/// Cameras with the widest and the narrowest angle, with one pixel, or with one row of pixels agree with the
+/// textbook implementation.
 #[test]
 fn odd_cameras_are_the_textbook() {
     let splats = cloud(200, 61);
@@ -328,8 +330,8 @@ fn odd_cameras_are_finite_and_match_f64() {
     assert!(render(&splats, &huge, None, &F64, &context()).is_err());
 }
 
-/// Coverage lies between 0 and 1, no colour exceeds that of a splat times coverage, and farther splats only add to
-/// it.
+/// Coverage lies between 0 and 1, no pixel exceeds the largest colour of a splat times its coverage, and farther
+/// splats only increase coverage.
 #[test]
 fn coverage_grows_and_colours_are_convex_sums() {
     for seed in 0..4 {

@@ -1,4 +1,4 @@
-//! Tests of groups of tiles, with which not all lists of a picture are in memory at once.
+//! Tests of groups of tiles, which are used when the lists of all tiles together need too much memory.
 
 use super::*;
 
@@ -17,8 +17,8 @@ fn projected(splats: &Splats, settings: &Settings) -> Projected {
         .expect("projects")
 }
 
-// Mutations seen red: `clip` without its shift; columns of a part not clipped; a row's strip by its index in the
-// group.
+// This test fails if `clip` does not shift its result, if the columns of a group are not clipped, or if the strip
+// of a row is looked up by its index in the group.
 #[test]
 fn groups_change_no_bit() {
     let splats = wide(300);
@@ -38,7 +38,7 @@ fn groups_change_no_bit() {
     }
 }
 
-// Mutation seen red: a row that exceeds the limit by itself not divided.
+// This test fails if a row that alone exceeds the limit is not divided.
 #[test]
 fn lists_held_together_are_bounded() {
     let splats = wide(300);

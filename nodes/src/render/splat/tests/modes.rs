@@ -4,7 +4,7 @@ use super::*;
 
 const MIDDLE: usize = 16 * 33 + 16;
 
-/// Two discs in front of the camera: near, with opacity 0.4 at depth 2, and far, with 0.9 at 6.
+/// Two splats in front of the camera: one at depth 2 with opacity 0.4, and one at depth 6 with opacity 0.9.
 fn pair() -> Splats {
     let near = one([0.0, 0.0, 2.0], [0.8; 3], 0.4, [1.0; 3]);
     join(&[&one([0.0, 0.0, 6.0], [2.0; 3], 0.9, [-1.0; 3]), &near])
@@ -94,8 +94,9 @@ fn a_surface_in_front_ends_the_blend() {
     assert!(render(&splats, &camera, Some(limit), &F64, &context()).is_err());
 }
 
-// The splats of a floor scatter around its mesh and are not in front of it; a post in front of them is. Mutation:
-// `margin` left out of either blend; the largest axis in place of the middle one.
+// The splats of a floor scatter around its mesh and do not count as in front of it; a splat farther in front does.
+// This test fails if `margin` is left out of either blend, or if it uses the longest axis instead of the middle
+// one.
 #[test]
 fn the_splats_of_a_surface_are_not_in_front_of_it() {
     let noise =
@@ -125,8 +126,8 @@ fn the_splats_of_a_surface_are_not_in_front_of_it() {
     }
 }
 
-// A mesh below its splats by a third of their size, seen at 20 degrees, has none of them in front of it by default.
-// Mutation: the default 3.
+// A mesh that lies below its splats by a third of their size, seen at 20 degrees, has none of them in front of it
+// by default. This test fails if the default of `limit_sigmas` is 3.
 #[test]
 fn a_mesh_a_little_under_its_splats_keeps_them() {
     let turned = |degrees: f64| {

@@ -37,7 +37,7 @@ fn origin(up: Up, width_px: u32) -> PanoramaCamera {
     PanoramaCamera { eye: DVec3::ZERO, up, width_px }
 }
 
-/// True for rows that are drawn directly, outside the caps.
+/// True for rows outside the caps, which are drawn directly into the layout.
 fn in_the_belt(y: usize, width: u32) -> bool {
     let theta = (y as f64 + 0.5) * TAU / f64::from(width);
     (PI / 6.0..=5.0 * PI / 6.0).contains(&theta)
@@ -48,7 +48,8 @@ fn angles(up: Up, p: DVec3, width: f64) -> [f64; 2] {
     [u * width, v * 0.5 * width]
 }
 
-/// Textbook implementation for one pixel: numerical derivative, covariance, its inverse, the exponential.
+/// Textbook implementation of one pixel, with numerical derivatives, explicit covariance matrices, their inverses
+/// and the exponential.
 fn brute_force(splats: &Splats, up: Up, width: u32, x: usize, y: usize) -> [f64; 4] {
     let width = f64::from(width);
     let mut order: Vec<usize> = (0..splats.len()).collect();
@@ -180,7 +181,7 @@ fn turning_the_world_rolls_the_picture() {
     }
 }
 
-/// View of a camera with one pixel in a direction, with the resolution of the picture of a cap.
+/// View of a camera with a single pixel that looks in a direction, with the resolution of the picture of a cap.
 fn single(splats: &Splats, direction: DVec3, width: u32) -> [f32; 4] {
     let right = direction.cross(direction.any_orthonormal_vector()).normalize();
     let axes = [right, direction.cross(right), direction].map(|axis| axis.extend(0.0));
@@ -232,7 +233,7 @@ fn poles_show_what_a_camera_sees() {
     }
 }
 
-/// A splat on the axis through the poles, one next to it, and one on the seam.
+/// Splats on the axis through the poles, next to it and on the seam appear in the right direction.
 #[test]
 fn poles_and_the_seam_are_where_they_belong() {
     for up in UPS {

@@ -7,10 +7,10 @@ use crate::math::equirect;
 
 const RAY: Settings = Settings { depth: DepthMode::RayMedian, ..F64 };
 
-/// Reference values from the inverse covariance of one opaque splat. First: reciprocal of the depth of greatest
-/// density along a ray, clamped to two standard deviations of depth around the centre. Second: expected error of
-/// its linear approximation, which is the squared distance of the ray from the centre, divided by the squared
-/// distance of the eye from it, both in standard deviations.
+/// Reference values from the inverse covariance of one opaque splat. First: the reciprocal of the depth of greatest
+/// density along a ray, clamped to two standard deviations of depth around the centre. Second: the expected error
+/// of its linear approximation. This error is the squared distance of the ray from the centre divided by the
+/// squared distance of the eye from the centre, both in standard deviations.
 fn textbook(splats: &Splats, ray: DVec3) -> (f64, f64) {
     let (sigma, centre) = (covariance(splats, 0), splats.mean(0));
     let a = sigma.inverse();
@@ -22,7 +22,7 @@ fn textbook(splats: &Splats, ray: DVec3) -> (f64, f64) {
     (inverse, (own - across * across / along) / own)
 }
 
-// Mutation: `q` left out, the bounds left out.
+// This test fails if `q` or the bounds are left out of `Peak`.
 #[test]
 fn depth_is_where_the_splat_is_densest_along_the_ray() {
     let (mut random, camera) = (Random(5), camera(40, 40, 70.0));
@@ -80,7 +80,7 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-// What the depth of centres is off, and that of peaks is not, seen at 10 to 45 degrees.
+// At angles of 10 to 45 degrees, depths of centres are wrong and depths of peaks are right.
 #[test]
 fn a_slanting_floor_is_where_it_is() {
     let cos = num::f64::cos(20.0_f64.to_radians());
