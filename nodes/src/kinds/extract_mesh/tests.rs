@@ -207,6 +207,7 @@ fn a_box_on_the_ground_is_a_box_on_the_ground() {
     let corners = corners(&out.mesh);
     let tree = Bvh::build(&corners);
     let top = tree.closest(Ray::new(Vec3::new(0.9, 0.2, 2.0), -Vec3::Z), |_| true).expect("a top");
+    // This test fails if `MOST_CELLS` is 100 in `flatten`.
     assert!((top.t - 1.6).abs() < 0.005 && !top.back, "{}", top.t);
     let side = tree.closest(Ray::new(Vec3::new(-1.0, 0.2, 0.2), Vec3::X), |_| true).expect("a side");
     assert!((side.t - 1.7).abs() < 0.005 && !side.back, "{}", side.t);

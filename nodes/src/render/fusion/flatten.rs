@@ -14,6 +14,9 @@ use super::levels::{Cube, Levels, SIDE};
 
 /// Maximum distance of a flat surface from its plane, in standard deviations of the distances that views report.
 const SIGMAS: f64 = 3.0;
+/// Maximum noise of a flat surface, in cells. A surface that leaves its plane by more has a shape, which the mesh can
+/// represent. Without this limit, views at grazing angles, which disagree by centimetres, tilt the top of a box.
+const MOST_CELLS: f64 = 0.25;
 /// Minimum number of points that determine a plane: a quarter of those of a plane through one cube layer.
 const FEWEST: f64 = 64.0;
 /// Minimum length of the mean normal of a surface that faces one direction.
@@ -174,7 +177,8 @@ impl Field<'_> {
                 .map(|(index, _)| blocks[*index].deviation)
                 .collect();
             noise.sort_unstable_by(f32::total_cmp);
-            let noise = SIGMAS * f64::from(*noise.get(noise.len() / 2)?);
+            let deviation = f64::from(*noise.get(noise.len() / 2)?);
+            let noise = (SIGMAS * deviation).min(MOST_CELLS * f64::from(levels.cell_of(lattice[i].level)));
             let (first, is_flat) = all.plane(noise)?;
             if is_flat {
                 return Some(first);
