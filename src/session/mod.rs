@@ -7,6 +7,7 @@ mod engine;
 mod error;
 mod graph;
 pub mod locked;
+pub mod mesh;
 mod names;
 pub mod origin;
 pub mod splats;

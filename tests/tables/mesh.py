@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """`extract-mesh` on the courtyard of the bench case: insertions on the given mesh and on one from the splats, and what meshes cost.
 
-usage: mesh.py LIGHTHARMONY DATA WORK [SAMPLES | small]    prints tables of docs/extract-mesh.md; WORK is a folder to fill; SAMPLES
+usage: mesh.py LIGHTHARMONY DATA WORK [SAMPLES | small]    prints tables of docs/evidence/extract-mesh.md; WORK is a folder to fill; SAMPLES
 are those of the traces, 256 by default; `small` only tries it: one sample
 
 How far the meshes are off in millimetres is printed by a test:

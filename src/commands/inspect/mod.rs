@@ -5,16 +5,17 @@ mod other;
 mod person;
 mod picture;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
-use engine::{Context, InputFile, Kind, NodeError, Notes, Up};
+use engine::{NodeError, Notes, Up};
 use nodes::geometry::inspect::{mesh, splats::Inspection};
 use nodes::io::splats::{Format, Frame};
-use nodes::kinds::load_mesh::{self, LoadMesh};
+use nodes::kinds::load_mesh::MeshFrame;
 use serde::Serialize;
 
 use crate::session::Error;
+use crate::session::mesh as mesh_file;
 use crate::session::splats::{self, MemoryArgs};
 use crate::terminal;
 
@@ -95,8 +96,8 @@ impl Inspect {
             Err(failed) => failed,
         };
         // PLY, glTF and GLB hold splats or a mesh; the error for another file is that of the more likely one.
-        let is_mesh = other::is_mesh(&bytes);
-        match load_mesh(&self.file, &cx) {
+        let is_mesh = mesh_file::is_mesh(&self.file);
+        match mesh_file::load(&self.file, MeshFrame::World, &cx) {
             Ok((found, notes)) if !found.triangles.is_empty() => {
                 let inspected = mesh::inspect(&found);
                 (answer.holds, answer.mesh, answer.notes) = ("mesh", Some(&inspected), &notes);
@@ -140,16 +141,4 @@ impl Inspect {
         terminal::print(&text)?;
         Ok(0)
     }
-}
-
-/// Reads a mesh of any format, with its coordinates as stored.
-fn load_mesh(path: &Path, cx: &Context) -> Result<(nodes::types::Mesh, Notes), NodeError> {
-    let params = LoadMesh {
-        path: InputFile(path.display().to_string()),
-        colours: load_mesh::ColourEncoding::Auto,
-        frame: load_mesh::MeshFrame::World,
-        matrix: None,
-    };
-    let (out, notes) = LoadMesh::run(&params, load_mesh::In {}, cx)?;
-    Ok((std::sync::Arc::unwrap_or_clone(out.mesh), notes))
 }

@@ -37,19 +37,6 @@ pub(super) fn other(path: &Path, bytes: &[u8]) -> Option<String> {
     None
 }
 
-/// True if a file, by its header, contains a mesh and no splats.
-pub(super) fn is_mesh(bytes: &[u8]) -> bool {
-    let holds = |what: &[u8]| bytes.windows(what.len()).any(|at| at == what);
-    if bytes.starts_with(b"ply") {
-        let end = bytes.windows(10).position(|at| at == b"end_header").unwrap_or(bytes.len());
-        let head = String::from_utf8_lossy(&bytes[..end]);
-        return head.contains("element face") && !head.contains("scale_0");
-    }
-    // The metadata in a `.sog` has an asset as well.
-    let is_text = bytes.trim_ascii_start().starts_with(b"{");
-    (bytes.starts_with(b"glTF") || (is_text && holds(b"\"asset\""))) && !holds(b"KHR_gaussian_splatting")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -65,14 +52,5 @@ mod tests {
         assert!(found("transforms.json", br#"{"fl_x": 1, "frames": []}"#).starts_with("a file of cameras"));
         assert_eq!(found("a.gltf", br#"{"asset": {}, "frames": 1, "rotation": 2}"#), "");
         assert_eq!(found("a.ply", b"ply\n"), "");
-    }
-
-    #[test]
-    fn headers_distinguish_meshes_from_splats() {
-        assert!(is_mesh(b"ply\nformat ascii 1.0\nelement vertex 3\nelement face 0\nend_header\n"));
-        assert!(!is_mesh(b"ply\nelement vertex 3\nproperty float scale_0\nelement face 0\nend_header\n"));
-        assert!(!is_mesh(b"ply\nelement vertex 3\nend_header\nelement face"));
-        assert!(!is_mesh(b"\0\0{\"asset\": {}}"), "a damaged archive");
-        assert!(is_mesh(br#"{"asset": {}}"#) && !is_mesh(br#"{"asset": {}, "x": "KHR_gaussian_splatting"}"#));
     }
 }

@@ -83,7 +83,7 @@ const MOST_CUBES: usize = 1 << 16;
 
 impl Kind for ExtractMesh {
     const NAME: &'static str = "extract-mesh";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     type Params = Self;
     type In = In;
@@ -139,8 +139,16 @@ impl Kind for ExtractMesh {
         };
         let focus = at.map(local);
         let progress = |done: f32| cx.progress(0.5 * done);
-        let places = Places::grown(&ground, &seeds, focus, params.places as usize, &progress, cx)?;
+        let mut places = Places::grown(&ground, &seeds, focus, params.places as usize, &progress, cx)?;
 
+        if places.blocked > 0 {
+            let text = format!(
+                "{} of the given places are inside something and were left out: check that `around` is above the ground and \
+                 that the cameras are in empty space",
+                places.blocked
+            );
+            notes.warning("place-blocked", text);
+        }
         let [cell, radius, reach] = [params.voxel_metres, params.radius_metres, params.reach_metres]
             .map(|metres| (metres * metre) as f32);
         let levels = match focus {
@@ -169,6 +177,8 @@ impl Kind for ExtractMesh {
                 * side.max(4.0 * f64::from(levels.cell_of(level)))
         });
         let seen = tint::seen(&surface, &places.views, &levels, cx)?;
+        let view_count = places.views.len();
+        places.views = Vec::new();
         cx.progress(0.85);
         let bounds = |level: u8| {
             let cell = f64::from(levels.cell_of(level));
@@ -192,7 +202,7 @@ impl Kind for ExtractMesh {
             colours: seen.iter().map(|seen| seen.colour).collect(),
             triangles: surface.triangles.clone(),
         };
-        cx.count("mesh_views", places.views.len() as u64);
+        cx.count("mesh_views", view_count as u64);
         cx.count("mesh_cubes", held as u64);
         cx.count("mesh_triangles", mesh.triangles.len() as u64);
         let mut tables = vec![report::counts(&[

@@ -15,6 +15,9 @@ const TRUSTED_SPREAD: f32 = 0.03;
 /// pixels of 0.0116 rad, those of a face of 192 pixels, differs by so much.
 pub const EDGE: f32 = 0.1;
 
+/// Side of a square of [`DepthView::hides`], in pixels.
+const SQUARE: usize = 8;
+
 /// A camera's view. Positions are relative to an origin in the scene, in world units.
 pub struct DepthView {
     /// Where it stands.
@@ -35,6 +38,8 @@ pub struct DepthView {
     pub marks: Vec<[u8; 2]>,
     /// Colour of each pixel in the display encoding.
     pub colours: Vec<[u8; 3]>,
+    /// Minimum inverse depth of each square of [`SQUARE`] by [`SQUARE`] pixels, row by row.
+    farthest: Vec<f32>,
 }
 
 /// A point on a picture.
@@ -75,10 +80,15 @@ impl DepthView {
             middle: [camera.cx as f32, camera.cy as f32],
             width,
             height,
-            inverse: seen.depth.iter().map(|depth| 1.0 / depth).collect(),
+            inverse: seen.front.iter().map(|depth| 1.0 / depth).collect(),
             marks: Vec::with_capacity(width * height),
             colours: Vec::with_capacity(width * height),
+            farthest: vec![f32::INFINITY; width.div_ceil(SQUARE) * height.div_ceil(SQUARE)],
         };
+        for (i, inverse) in view.inverse.iter().enumerate() {
+            let square = &mut view.farthest[i / width / SQUARE * width.div_ceil(SQUARE) + i % width / SQUARE];
+            *square = square.min(*inverse);
+        }
         for (i, pixel) in seen.rgba.as_chunks::<4>().0.iter().enumerate() {
             let alpha = pixel[3];
             let trust = if view.inverse[i] > 0.0 {
@@ -174,6 +184,29 @@ impl DepthView {
         }
         let (top, bottom) = (a + (b - a) * fx, c + (d - c) * fx);
         (top + (bottom - top) * fy, true, nearest)
+    }
+
+    /// True if a ball, at an offset from the eye, is more than `behind` behind the surface in every pixel that it covers.
+    pub fn hides(&self, offset: Vec3, radius: f32, behind: f32) -> bool {
+        let depth = offset.dot(self.forward);
+        let nearest = depth - radius;
+        if nearest <= radius {
+            return false;
+        }
+        // A bound of the pixels that the ball covers: a third and one pixel more than its box.
+        let span = |side: Vec3, k: usize, pixels: usize| {
+            let at = self.focal[k] * offset.dot(side) / depth + self.middle[k];
+            let half = 1.34 * self.focal[k] * radius * (offset.length() / depth) / nearest + 1.5;
+            let last = (pixels - 1) as f32;
+            ((at - half).clamp(0.0, last) as usize / SQUARE, (at + half).clamp(0.0, last) as usize / SQUARE)
+        };
+        let ((left, right), (top, bottom)) =
+            (span(self.right, 0, self.width), span(self.down, 1, self.height));
+        // In depth; for rays at the edge of a face, which are longer, the bound is looser than necessary.
+        let least = 1.0 / (nearest - behind).max(1e-6);
+        let columns = self.width.div_ceil(SQUARE);
+        nearest > behind
+            && (top..=bottom).all(|y| (left..=right).all(|x| self.farthest[y * columns + x] > least))
     }
 
     /// Memory of a view of `pixels` pixels, in bytes.

@@ -2,6 +2,7 @@
 //! made by one thread from the views in their order, so the field has the same bits for any number of threads.
 
 use engine::{Context, NodeError};
+use fearless_simd::{Level, Simd, dispatch};
 use glam::Vec3;
 
 use super::depth_view::DepthView;
@@ -10,7 +11,7 @@ use super::levels::{Cube, Levels, SIDE};
 /// Corners along the side of a cube. Those on its sides belong to its neighbours as well, which hold the same numbers.
 pub const CORNERS: usize = SIDE as usize + 1;
 /// Corners of a cube.
-const ALL: usize = CORNERS * CORNERS * CORNERS;
+pub(super) const ALL: usize = CORNERS * CORNERS * CORNERS;
 
 /// How far from the surface distances are reported apart, in cells.
 const BAND: f32 = 3.0;
@@ -29,7 +30,9 @@ const VIEWS: u8 = 2;
 pub struct Block {
     pub cube: Cube,
     /// Distance to the surface in world units, negative behind it; 0 where no view says.
-    distance: Box<[f32; ALL]>,
+    pub(super) distance: Box<[f32; ALL]>,
+    /// Standard deviation of the distances that views report at the surface, in world units.
+    pub(super) deviation: f32,
     /// Views that see the surface near each corner, or through it; 0 where none does.
     views: Box<[u8; ALL]>,
     /// Bits of the cells all of whose corners have a distance.
@@ -85,7 +88,38 @@ pub struct Field<'a> {
     pub blocks: Vec<Block>,
 }
 
+/// A row of corners, projected into the picture of a view.
+#[derive(Default)]
+struct Row {
+    /// True for each corner that lies between the centres of four pixels.
+    inside: [bool; CORNERS],
+    x: [f32; CORNERS],
+    y: [f32; CORNERS],
+    depth: [f32; CORNERS],
+    /// Distance over depth.
+    stretch: [f32; CORNERS],
+}
+
+impl Row {
+    /// Projects a row without branches, so that the compiler can vectorise it.
+    #[inline(always)]
+    fn project(&mut self, view: &DepthView, places: &[Vec3; CORNERS]) {
+        let [right, bottom] = [view.width, view.height].map(|side| (side - 1) as f32);
+        for i in 0..CORNERS {
+            let offset = places[i] - view.eye;
+            let depth = offset.dot(view.forward);
+            let inverse = 1.0 / depth;
+            let x = view.focal[0] * (offset.dot(view.right) * inverse) + view.middle[0] - 0.5;
+            let y = view.focal[1] * (offset.dot(view.down) * inverse) + view.middle[1] - 0.5;
+            (self.x[i], self.y[i], self.depth[i]) = (x, y, depth);
+            self.stretch[i] = offset.length() * inverse;
+            self.inside[i] = (depth > 1e-6) & (x >= 0.0) & (y >= 0.0) & (x < right) & (y < bottom);
+        }
+    }
+}
+
 /// One block.
+#[inline(always)]
 fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
     let cell = levels.cell_of(cube.level);
     let first = cube.corner();
@@ -97,19 +131,26 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
     let half = 0.5 * SIDE as f32 * cell;
     let (middle, radius) = (place(0, 0, 0) + Vec3::splat(half), half * 1.7321);
     let (mut sums, mut weights, mut counts) = ([0.0_f32; ALL], [0.0_f32; ALL], [0_u8; ALL]);
-    for view in views.iter().filter(|view| view.may_see(middle, radius)) {
+    // Sums over the views that see a surface here: weights, distances and their squares.
+    let mut at_surface = [[0.0_f32; 3]; ALL];
+    let mut row = Row::default();
+    for view in views.iter().filter(|view| view.may_see(middle, radius, BEHIND * band)) {
         for z in 0..CORNERS {
             for y in 0..CORNERS {
-                for x in 0..CORNERS {
-                    let Some(on) = view.project(place(x, y, z)) else { continue };
-                    let (inverse, one_surface, nearest) = view.surface(on.at);
+                let places: [Vec3; CORNERS] = std::array::from_fn(|x| place(x, y, z));
+                row.project(view, &places);
+                for x in (0..CORNERS).filter(|x| row.inside[*x]) {
+                    let (inverse, one_surface, nearest) = view.surface([row.x[x], row.y[x]]);
                     let [trust, cosine] = view.marks[nearest].map(|mark| f32::from(mark) * (1.0 / 255.0));
                     let at = corner(x, y, z);
-                    let near = 1.0 / (1.0 + on.depth * on.depth * far);
+                    let near = 1.0 / (1.0 + row.depth[x] * row.depth[x] * far);
                     let mut weight = trust * near * if one_surface { 1.0 } else { AT_EDGE };
                     // How far it lies before the surface, along the ray and at a right angle to the surface.
-                    let before =
-                        if inverse > 0.0 { (1.0 / inverse - on.depth) * on.stretch } else { f32::INFINITY };
+                    let before = if inverse > 0.0 {
+                        (1.0 / inverse - row.depth[x]) * row.stretch[x]
+                    } else {
+                        f32::INFINITY
+                    };
                     let mut distance = before * cosine;
                     if distance >= band || cosine < FLATTEST && before > BEHIND * band {
                         weight *= THROUGH;
@@ -119,6 +160,10 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
                     } else {
                         weight *= cosine * cosine;
                         counts[at] = counts[at].saturating_add(u8::from(weight > 0.0));
+                        let by_weight = weight * distance;
+                        let [all, sum, squares] = &mut at_surface[at];
+                        (*all, *sum) = (*all + weight, *sum + by_weight);
+                        *squares += by_weight * distance;
                     }
                     sums[at] += weight * distance;
                     weights[at] += weight;
@@ -126,21 +171,35 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
             }
         }
     }
-    let mut block =
-        Block { cube, distance: Box::new([0.0; ALL]), views: Box::new([0; ALL]), whole: [0; SIDE as usize] };
+    let mut block = Block {
+        cube,
+        distance: Box::new([0.0; ALL]),
+        deviation: 0.0,
+        views: Box::new([0; ALL]),
+        whole: [0; SIDE as usize],
+    };
+    let mut deviations: Vec<f32> = Vec::new();
     for at in 0..ALL {
         if weights[at] > 0.0 {
             block.distance[at] = sums[at] / weights[at];
             block.views[at] = counts[at].max(1);
+            let [all, sum, squares] = at_surface[at];
+            if counts[at] >= VIEWS && block.distance[at].abs() < cell {
+                let mean = sum / all;
+                deviations.push((squares / all - mean * mean).max(0.0).sqrt());
+            }
         }
     }
+    // The median, because at edges, where views see other surfaces, the deviation is not noise.
+    deviations.sort_unstable_by(f32::total_cmp);
+    block.deviation = deviations.get(deviations.len() / 2).copied().unwrap_or(0.0);
     block.mark_whole();
     block
 }
 
 impl DepthView {
-    /// Whether a ball may be on the picture.
-    fn may_see(&self, middle: Vec3, radius: f32) -> bool {
+    /// True if a ball may be on the picture, and is not entirely more than `behind` behind the visible surface.
+    fn may_see(&self, middle: Vec3, radius: f32, behind: f32) -> bool {
         let offset = middle - self.eye;
         let depth = offset.dot(self.forward);
         if depth < -radius {
@@ -156,7 +215,14 @@ impl DepthView {
             && edge(-self.right, self.focal[0], self.middle[0])
             && edge(self.down, self.focal[1], height - self.middle[1])
             && edge(-self.down, self.focal[1], self.middle[1])
+            && !self.hides(offset, radius, behind)
     }
+}
+
+/// [`fused`], compiled for each set of instructions.
+#[inline(always)]
+fn fused_at<S: Simd>(_simd: S, cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
+    fused(cube, views, levels, far)
 }
 
 impl<'a> Field<'a> {
@@ -173,11 +239,13 @@ impl<'a> Field<'a> {
         let far = 1.0 / (half_at * half_at);
         let groups = cx.for_each_tile(cubes.len().div_ceil(GROUP), |group| {
             let cubes = &cubes[group * GROUP..((group + 1) * GROUP).min(cubes.len())];
-            let kept =
-                cubes.iter().map(|cube| fused(*cube, views, levels, far)).filter(|block| block.is_of_use());
+            let level = Level::new();
+            let one = |cube: &Cube| dispatch!(level, simd => fused_at(simd, *cube, views, levels, far));
+            let kept = cubes.iter().map(one).filter(Block::is_of_use);
             kept.collect::<Vec<_>>()
         })?;
         let mut field = Self { levels, blocks: groups.into_iter().flatten().collect() };
+        field.flatten(cx)?;
         field.join_levels(cx)?;
         Ok(field)
     }

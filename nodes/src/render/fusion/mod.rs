@@ -5,6 +5,7 @@ pub mod cubes;
 pub mod depth_view;
 pub mod field;
 pub mod fit;
+mod flatten;
 pub mod levels;
 pub mod pieces;
 pub mod places;

@@ -23,6 +23,8 @@ const AZIMUTHS: usize = 12;
 const RISES: [f32; 3] = [-1.2, 0.0, 1.6];
 /// Share of the pixels seen from a place that may be nearer than the clearance.
 const NEARER: f64 = 0.02;
+/// Minimum distance from a given place to the nearest surface, in metres; a nearer place is inside something.
+const BLOCKED_METRES: f64 = 0.02;
 /// Field of view of the views from above, in degrees.
 const STEEP_DEG: f64 = 70.0;
 /// Positions of the views from above: metres above the ground and sideways, tried in this order.
@@ -50,6 +52,8 @@ pub struct Places {
     pub eyes: Vec<Vec3>,
     /// Number of given places, which come first in the list.
     pub given: usize,
+    /// Number of given places that are inside something and were left out.
+    pub blocked: usize,
     /// Minimum distance between a place and a surface, in world units.
     pub clearance: f32,
     /// Number of places that turned out too near to a surface.
@@ -141,6 +145,7 @@ impl Places {
             views: Vec::new(),
             eyes: Vec::new(),
             given: 0,
+            blocked: 0,
             clearance: 0.0,
             failed: 0,
             steep: 0,
@@ -152,7 +157,12 @@ impl Places {
             cx.check()?;
             let faces = ground.around(seed, places.eyes.len(), cx)?;
             let distances = distances(&faces);
-            nearest.push(distances[(NEARER * distances.len() as f64) as usize]);
+            let room = distances[(NEARER * distances.len() as f64) as usize];
+            if f64::from(room) < BLOCKED_METRES * ground.metre {
+                places.blocked += 1;
+                continue;
+            }
+            nearest.push(room);
             all.extend(distances.iter().filter(|d| d.is_finite()));
             places.eyes.push(seed);
             places.views.extend(faces);
@@ -165,6 +175,9 @@ impl Places {
         // Half of what is nearest to the given place in the middle: where one can stand, one can stand again.
         let roomy = nearest.get(nearest.len() / 2).copied().unwrap_or(f32::INFINITY);
         places.clearance = ((0.35 * ground.metre) as f32).min(0.5 * roomy);
+        if places.given == 0 {
+            return Ok(places);
+        }
         if places.clearance.is_finite() && places.clearance > 0.0 {
             places.grow(ground, focus, most, up, progress, cx)?;
         }

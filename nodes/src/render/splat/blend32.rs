@@ -4,7 +4,7 @@
 
 use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*, u32x8};
 
-use super::peak::Peak;
+use super::peak::{COUNTS_DOWN_TO, HELD_COUNTS, Peak, SHEET};
 use super::project::Footprint;
 use super::settings::TILE;
 use super::tile::{Blended, Pixel, Task};
@@ -67,6 +67,9 @@ struct Pixels {
     depth: [[f32; LANES]; TILE * HALVES],
     /// For `Transmittance`: the divisor of `depth`. For `RayMedian`: the weighted sum of inverse depths.
     depth_weight: [[f32; LANES]; TILE * HALVES],
+    /// Sums over the front sheet, for `RayMedian`: weighted inverse depths, and weights.
+    sheet: [[f32; LANES]; TILE * HALVES],
+    sheet_weight: [[f32; LANES]; TILE * HALVES],
     /// Number of blends, if they are counted.
     count: [[f32; LANES]; TILE * HALVES],
     /// Depth at which blending ends, if there is a limit.
@@ -88,6 +91,8 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
         blue: ZERO,
         depth: ZERO,
         depth_weight: ZERO,
+        sheet: ZERO,
+        sheet_weight: ZERO,
         count: ZERO,
         limit: ZERO,
     };
@@ -246,10 +251,25 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
                     }
                     RAY_MEDIAN => {
                         let inverse = columns[vector / TILE] * inverse_step + inverse_of[vector % TILE];
-                        let inverse = inverse.max(peak.least as f32).min(peak.most as f32);
+                        let (least, most) = (peak.least as f32, peak.most as f32);
+                        let held = inverse.simd_lt(least) | inverse.simd_gt(most);
+                        let inverse = inverse.max(least).min(most);
                         let sum = &mut pixels.depth_weight[vector];
                         (f32x8::from_slice(simd, sum) + weight * inverse).store_slice(sum);
-                        let crossing = going & before.simd_gt(half_seen) & after.simd_le(half_seen);
+                        // A sheet that hides less than half is replaced by the next one.
+                        let open = before.simd_gt(half_seen);
+                        let counted = (before * (1.0 / COUNTS_DOWN_TO) as f32).min(1.0) * alpha;
+                        let counted = held.select(counted * HELD_COUNTS as f32, counted);
+                        let counted = going.select(counted, zero);
+                        let sum = f32x8::from_slice(simd, &pixels.sheet[vector]);
+                        let all = f32x8::from_slice(simd, &pixels.sheet_weight[vector]);
+                        let near = (sum * SHEET as f32).simd_ge((inverse * all - sum).abs());
+                        let begun = going & drawn & open & !near;
+                        let (old_sum, old_all) = (begun.select(zero, sum), begun.select(zero, all));
+                        let counted = (near | begun).select(counted, zero);
+                        (old_sum + counted * inverse).store_slice(&mut pixels.sheet[vector]);
+                        (old_all + counted).store_slice(&mut pixels.sheet_weight[vector]);
+                        let crossing = going & open & after.simd_le(half_seen);
                         if !crossing.any_true() {
                             depth
                         } else {
@@ -290,7 +310,9 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
         };
         let inverse = pixels.depth_weight[vector][lane] / alpha;
         let spread = if depth.is_finite() { (inverse * depth - 1.0).abs() } else { 0.0 };
-        Pixel { rgba: [r, g, b, alpha], depth, blends: pixels.count[vector][lane], spread }
+        let mean = pixels.sheet_weight[vector][lane] / pixels.sheet[vector][lane];
+        let front = if depth.is_finite() { mean } else { depth };
+        Pixel { rgba: [r, g, b, alpha], depth, blends: pixels.count[vector][lane], front, spread }
     });
     Blended { evaluations, blends }
 }

@@ -1,6 +1,7 @@
 //! Blending in f64, one pixel after another. This is the reference for the fast version.
 
 use super::DepthMode;
+use super::peak::{COUNTS_DOWN_TO, HELD_COUNTS, SHEET};
 use super::settings::TILE;
 use super::tile::{Blended, Pixel, Task};
 use crate::math::num;
@@ -13,6 +14,8 @@ pub(super) fn blend(task: &Task<'_, '_>) -> Blended {
     let mut rgb = vec![[0.0_f64; 3]; TILE * TILE];
     let mut depth = vec![0.0_f64; TILE * TILE];
     let mut depth_weight = vec![0.0_f64; TILE * TILE];
+    // Of `RayMedian`: sum of inverse depths of the front sheet by weight, and of weights.
+    let mut sheet = vec![[0.0_f64; 2]; TILE * TILE];
     let mut counts = vec![0.0_f32; if settings.count_blends { TILE * TILE } else { 0 }];
     let mut transmittance = vec![1.0_f64; TILE * TILE];
     let mut live = vec![true; TILE * TILE];
@@ -81,6 +84,18 @@ pub(super) fn blend(task: &Task<'_, '_>) -> Blended {
                             depth[at] = 1.0 / inverse;
                         }
                         depth_weight[at] += weight * inverse;
+                        let held = inverse <= peak.least || inverse >= peak.most;
+                        let counted = alpha
+                            * (transmittance[at] * (1.0 / COUNTS_DOWN_TO)).min(1.0)
+                            * if held { HELD_COUNTS } else { 1.0 };
+                        let [sum, all] = &mut sheet[at];
+                        let (near, open) =
+                            ((inverse * *all - *sum).abs() <= SHEET * *sum, transmittance[at] > 0.5);
+                        if near {
+                            (*sum, *all) = (*sum + counted * inverse, *all + counted);
+                        } else if open {
+                            (*sum, *all) = (counted * inverse, counted);
+                        }
                     }
                     DepthMode::Transmittance => {
                         depth[at] += weight * transmittance[at] * f64::from(f.z);
@@ -107,7 +122,8 @@ pub(super) fn blend(task: &Task<'_, '_>) -> Blended {
         let spread = (depth_weight[at] / (1.0 - t) * f64::from(depth) - 1.0).abs() as f32;
         let spread = if depth.is_finite() { spread } else { 0.0 };
         let blends = counts.get(at).copied().unwrap_or(0.0);
-        Pixel { rgba: [r, g, b, (1.0 - t) as f32], depth, blends, spread }
+        let front = if depth.is_finite() { (sheet[at][1] / sheet[at][0]) as f32 } else { depth };
+        Pixel { rgba: [r, g, b, (1.0 - t) as f32], depth, blends, front, spread }
     });
     Blended { evaluations, blends }
 }

@@ -139,6 +139,9 @@ pub struct Rendered {
     pub depth: Vec<f32>,
     /// Number of splats blended into each pixel; empty unless they are counted.
     pub blends: Vec<f32>,
+    /// Mean depth of the front sheet of splats: less noisy than the depth of one splat, and not nearer than the sheet.
+    /// Empty for panoramas and for depth modes other than `RayMedian`.
+    pub front: Vec<f32>,
     /// Relative difference between the mean depth of the blended splats and `depth`: near 0 where one surface is
     /// visible, large where several are. Empty for panoramas and for depth modes other than `RayMedian`.
     pub spread: Vec<f32>,
@@ -249,7 +252,7 @@ pub fn calibrate(splats: usize, level: Level, clock: Clock<'_>, cx: &Context) ->
     let settings = Settings { stop: 0.0, ..Settings::default() };
     let projected = Projected::of(vec![wide]);
     let (mut rgba, mut depth) = ([[0.0; 4]; TILE * TILE], [0.0; TILE * TILE]);
-    let strips = Strip::of(TILE, &mut rgba, &mut depth, [&mut [], &mut []]);
+    let strips = Strip::of(TILE, &mut rgba, &mut depth, [&mut [], &mut [], &mut []]);
     let task = Task {
         projected: &projected,
         list: &list,
@@ -302,8 +305,9 @@ fn draw<L: CameraModel>(
     let pixels = width * height;
     let (mut rgba, mut depth) = (vec![0.0_f32; pixels * 4], vec![0.0_f32; pixels]);
     let mut blends = vec![0.0_f32; if settings.count_blends { pixels } else { 0 }];
-    let mut spread = vec![0.0_f32; if settings.depth == DepthMode::RayMedian { pixels } else { 0 }];
-    let strips = Strip::of(width, rgba.as_chunks_mut().0, &mut depth, [&mut blends, &mut spread]);
+    let of_rays = if settings.depth == DepthMode::RayMedian { pixels } else { 0 };
+    let (mut front, mut spread) = (vec![0.0_f32; of_rays], vec![0.0_f32; of_rays]);
+    let strips = Strip::of(width, rgba.as_chunks_mut().0, &mut depth, [&mut blends, &mut front, &mut spread]);
     for group in bin::groups(&projected, (columns, rows), settings) {
         let sorted = bin::sort(&projected, &group, settings, cx)?;
         seconds[1] += lap();
@@ -332,5 +336,5 @@ fn draw<L: CameraModel>(
         seconds[3] += lap();
     }
     drop(strips);
-    Ok(Rendered { rgba, depth, blends, spread, work, seconds })
+    Ok(Rendered { rgba, depth, blends, front, spread, work, seconds })
 }

@@ -129,6 +129,7 @@ pub fn panorama_at(
         rgba: Vec::with_capacity(width * height as usize * 4),
         depth: Vec::with_capacity(width * height as usize),
         blends: Vec::new(),
+        front: Vec::new(),
         spread: Vec::new(),
         work: Work::default(),
         seconds: [0.0; 4],

@@ -17,6 +17,8 @@ pub(super) struct Strip<'a> {
     depth: &'a mut [f32],
     /// Number of blends of each pixel; empty unless they are counted.
     blends: &'a mut [f32],
+    /// Depth of the front sheet of each pixel (see `Rendered`); empty unless the depth mode is `RayMedian`.
+    front: &'a mut [f32],
     /// Spread of the depth of each pixel (see `Rendered`); empty unless the depth mode has a spread.
     spread: &'a mut [f32],
 }
@@ -27,14 +29,14 @@ impl<'a> Strip<'a> {
         width: usize,
         rgba: &'a mut [[f32; 4]],
         depth: &'a mut [f32],
-        [blends, spread]: [&'a mut [f32]; 2],
+        [blends, front, spread]: [&'a mut [f32]; 3],
     ) -> Vec<Mutex<Self>> {
         let pixels = (width * TILE).max(1);
-        let (mut blends, mut spread) = (blends.chunks_mut(pixels), spread.chunks_mut(pixels));
+        let mut more = [blends, front, spread].map(|values| values.chunks_mut(pixels));
         let both = rgba.chunks_mut(pixels).zip(depth.chunks_mut(pixels));
         let strip = |(rgba, depth)| {
-            let (blends, spread) = (blends.next().unwrap_or_default(), spread.next().unwrap_or_default());
-            Self { width, rgba, depth, blends, spread }
+            let [blends, front, spread] = more.each_mut().map(|chunks| chunks.next().unwrap_or_default());
+            Self { width, rgba, depth, blends, front, spread }
         };
         both.map(strip).map(Mutex::new).collect()
     }
@@ -58,6 +60,7 @@ pub(super) struct Pixel {
     pub rgba: [f32; 4],
     pub depth: f32,
     pub blends: f32,
+    pub front: f32,
     pub spread: f32,
 }
 
@@ -70,13 +73,14 @@ impl Task<'_, '_> {
         for row in 0..height {
             let at = row * strip.width + x0;
             for column in 0..width {
-                let Pixel { rgba, depth, blends, spread } = pixel(row, column);
+                let Pixel { rgba, depth, blends, front, spread } = pixel(row, column);
                 strip.rgba[at + column] = rgba;
                 strip.depth[at + column] = depth;
                 if self.settings.count_blends {
                     strip.blends[at + column] = blends;
                 }
                 if self.settings.depth == DepthMode::RayMedian {
+                    strip.front[at + column] = front;
                     strip.spread[at + column] = spread;
                 }
             }

@@ -212,7 +212,7 @@ fn a_stopped_run_ends_within_a_tile() {
             .expect("projects");
         let evaluations = || {
             let (mut rgba, mut depth) = ([[0.0; 4]; TILE * TILE], [0.0; TILE * TILE]);
-            let strips = Strip::of(TILE, &mut rgba, &mut depth, [&mut [], &mut []]);
+            let strips = Strip::of(TILE, &mut rgba, &mut depth, [&mut [], &mut [], &mut []]);
             let task = Task {
                 projected: &projected,
                 list: &list,

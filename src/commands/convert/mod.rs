@@ -1,4 +1,6 @@
-//! `convert`: writes a scene of splats in another format.
+//! `convert`: writes a scene of splats, or a mesh, in another format.
+
+mod mesh;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -10,15 +12,16 @@ use nodes::io::splats::save::{SaveFormat, encode};
 use nodes::types::Splats;
 
 use crate::session::Error;
+use crate::session::mesh::is_mesh;
 use crate::session::splats::{self, MemoryArgs, UpArg};
 use crate::terminal;
 
-/// Writes a scene of splats in another format.
+/// Writes a scene of splats, or a mesh, in another format.
 #[derive(Debug, Args)]
 pub struct Convert {
-    /// A file or folder of splats: PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF
+    /// A file or folder of splats: PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF; or a mesh: PLY, glTF, GLB
     input: PathBuf,
-    /// The file to write; its ending names the format: .ply (INRIA) or .spz
+    /// The file to write; its ending names the format: .ply (INRIA) or .spz of splats, .ply, .glb or .obj of a mesh
     output: PathBuf,
     /// The up axis of formats that do not define one, such as PLY: SPZ and glTF have +y up and are turned between
     /// it and this axis [default: -y, as INRIA's files mostly have]
@@ -38,6 +41,10 @@ pub struct Convert {
 impl Convert {
     /// Converts the scene. Returns exit code 0, or 1 if a file cannot be read or written.
     pub fn run(self) -> Result<u8, Error> {
+        let memory = self.memory.bytes()?;
+        if is_mesh(&self.input) {
+            return self.write_mesh(memory);
+        }
         let Some(format) = SaveFormat::of_path(&self.output.to_string_lossy()) else {
             terminal::error(&format!("`{}`: the ending must be .ply or .spz", self.output.display()));
             return Ok(2);
@@ -53,15 +60,10 @@ impl Convert {
         let up = self.up.unwrap_or(UpArg::MinusY).into();
         let cx = splats::context(up);
         let frame = if self.as_stored { Frame::AsStored } else { Frame::ByFormat };
-        let memory = self.memory.bytes()?;
         let convert = || {
             splats::check(&self.input)?;
             splats::check_memory(&self.input, memory)?;
-            if ReadFiles::new([self.input.clone()]).has(&self.output) {
-                return Err(NodeError::new(format!("`{}` is the input file", self.output.display()))
-                    .hint("name another output file"));
-            }
-            check_folder(&self.output)?;
+            check_output(&self.input, &self.output)?;
             let (scene, notes) = splats::load(&self.input, frame, &cx)?;
             if scene.is_empty() {
                 let what = format!("`{}` has no splat that can be drawn", self.input.display());
@@ -91,8 +93,13 @@ impl Convert {
     }
 }
 
-/// Rejects an output whose folder does not exist, as `cp` does, since a typing mistake should not create a folder.
-fn check_folder(output: &Path) -> Result<(), NodeError> {
+/// Rejects an output that is the input, and one whose folder does not exist, as `cp` does: a typing mistake should
+/// not create a folder.
+fn check_output(input: &Path, output: &Path) -> Result<(), NodeError> {
+    if ReadFiles::new([input.to_owned()]).has(output) {
+        return Err(NodeError::new(format!("`{}` is the input file", output.display()))
+            .hint("name another output file"));
+    }
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
     let Some(folder) = folder.filter(|folder| !folder.is_dir()) else { return Ok(()) };
     let what = format!("cannot write `{}`: there is no folder `{}`", output.display(), folder.display());

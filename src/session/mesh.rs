@@ -1,0 +1,66 @@
+//! Reading of a mesh from a file, outside of a graph, for `convert` and `inspect`.
+
+use std::io::Read;
+use std::path::Path;
+use std::sync::Arc;
+
+use engine::{Context, InputFile, Kind, NodeError, Notes};
+use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
+use nodes::types::Mesh;
+
+/// Maximum length of the header of a PLY file, in bytes.
+const PLY_HEADER: u64 = 1 << 16;
+
+/// Reads a mesh of any format that `load-mesh` reads.
+pub fn load(path: &Path, frame: MeshFrame, cx: &Context) -> Result<(Mesh, Notes), NodeError> {
+    let path = InputFile(path.display().to_string());
+    let params = LoadMesh { path, colours: ColourEncoding::Auto, frame, matrix: None };
+    let (out, notes) = LoadMesh::run(&params, load_mesh::In {}, cx)?;
+    Ok((Arc::unwrap_or_clone(out.mesh), notes))
+}
+
+/// True if a file contains a mesh and no splats, by its name and header; false also for a file that cannot be read.
+pub fn is_mesh(path: &Path) -> bool {
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+    let most = match ending.as_deref() {
+        // Neither has a header that identifies it.
+        Some("obj" | "stl") => return path.is_file(),
+        Some("ply") => PLY_HEADER,
+        // The extensions in use are named anywhere in the JSON.
+        Some("glb" | "gltf") => u64::MAX,
+        _ => return false,
+    };
+    let read = || -> std::io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        std::fs::File::open(path)?.take(most).read_to_end(&mut bytes)?;
+        Ok(bytes)
+    };
+    path.is_file() && read().is_ok_and(|bytes| is_mesh_header(&bytes))
+}
+
+/// True if a PLY or glTF file contains a mesh and no splats, by its header.
+pub fn is_mesh_header(bytes: &[u8]) -> bool {
+    let holds = |what: &[u8]| bytes.windows(what.len()).any(|at| at == what);
+    if bytes.starts_with(b"ply") {
+        let end = bytes.windows(10).position(|at| at == b"end_header").unwrap_or(bytes.len());
+        let head = String::from_utf8_lossy(&bytes[..end]);
+        return head.contains("element face") && !head.contains("scale_0");
+    }
+    // The metadata in a `.sog` has an asset as well.
+    let is_text = bytes.trim_ascii_start().starts_with(b"{");
+    (bytes.starts_with(b"glTF") || (is_text && holds(b"\"asset\""))) && !holds(b"KHR_gaussian_splatting")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_mesh_header as is_mesh;
+
+    #[test]
+    fn meshes_are_distinguished_from_splats() {
+        assert!(is_mesh(b"ply\nformat ascii 1.0\nelement vertex 3\nelement face 0\nend_header\n"));
+        assert!(!is_mesh(b"ply\nelement vertex 3\nproperty float scale_0\nelement face 0\nend_header\n"));
+        assert!(!is_mesh(b"ply\nelement vertex 3\nend_header\nelement face"));
+        assert!(!is_mesh(b"\0\0{\"asset\": {}}"), "a damaged archive");
+        assert!(is_mesh(br#"{"asset": {}}"#) && !is_mesh(br#"{"asset": {}, "x": "KHR_gaussian_splatting"}"#));
+    }
+}
