@@ -105,8 +105,8 @@ impl Row {
     #[inline(always)]
     fn project(&mut self, view: &DepthView, places: &[Vec3; CORNERS]) {
         let [right, bottom] = [view.width, view.height].map(|side| (side - 1) as f32);
-        for i in 0..CORNERS {
-            let offset = places[i] - view.eye;
+        for (i, place) in places.iter().enumerate() {
+            let offset = *place - view.eye;
             let depth = offset.dot(view.forward);
             let inverse = 1.0 / depth;
             let x = view.focal[0] * (offset.dot(view.right) * inverse) + view.middle[0] - 0.5;

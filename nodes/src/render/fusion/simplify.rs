@@ -263,8 +263,7 @@ pub fn simplified(
     }
     drop(edges);
     let (mut around_a, mut around_b) = (Vec::new(), Vec::new());
-    let mut more = SHARES.iter().copied().chain(std::iter::repeat_n(1.0, LAST_PASSES));
-    while let Some(share) = more.next() {
+    for share in SHARES.iter().copied().chain(std::iter::repeat_n(1.0, LAST_PASSES)) {
         let (mut contracted, mut left) = (0, 0);
         for t in 0..mesh.triangles.len() {
             if t % CHECKED == 0 {

@@ -174,9 +174,9 @@ fn a_lamp_in_a_globe_lights_every_pixel_of_an_object() {
     assert!(off.abs() < 4.0 * spread / f64::from(24 * 24).sqrt(), "{off}, pixels by {spread}");
 }
 
-/// A panel of 256 by 256 texels that is dark except for a lamp of 8 by 8 texels lights a floor with the radiance `L
-/// * area * cos^2 / d^2 / pi * albedo`. There is little noise, because light samples are taken on the lamp and not
-/// on the rest of the panel. An earlier version took no light samples on the lamp.
+/// A panel of 256 by 256 texels that is dark except for a lamp of 8 by 8 texels lights a floor with the radiance
+/// `L * area * cos^2 / d^2 / pi * albedo`. There is little noise, because light samples are taken on the lamp and
+/// not on the rest of the panel. An earlier version took no light samples on the lamp.
 #[test]
 fn a_small_lamp_of_a_picture_is_a_lamp() {
     use crate::types::{Sampler, Texture, TextureRef, Wrap};
