@@ -185,7 +185,7 @@ impl Document {
         while let Some((index, above)) = open.pop() {
             visits += 1;
             if visits > self.nodes.len() {
-                return Err(wrong("a node is reached twice; nodes must form trees"));
+                return Err(wrong("a node appears twice in the hierarchy; nodes must form trees"));
             }
             let node = self.nodes.get(index).ok_or_else(|| wrong("a node does not exist"))?;
             let matrix = above * node.matrix();

@@ -1,5 +1,5 @@
-//! Positions of the views: points in space that was seen to be empty, grown from points where an object is to
-//! stand or a camera stood.
+//! Finds places for the views in empty space. The search starts at the position of the object and at the cameras,
+//! and adds places in space that earlier views have seen to be empty.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -11,7 +11,7 @@ use crate::types::{Camera, Splats};
 
 /// Angle by which a face extends beyond 45 degrees, so that no point lies between the pixels of two faces.
 const GUARD_DEG: f64 = 3.0;
-/// Number of consecutive places too near to a surface after which no more are tried.
+/// Number of consecutive places found too near to a surface after which the search ends.
 const FAILURES: usize = 8;
 /// Minimum distance between two places, in clearances.
 const APART: f32 = 1.8;
@@ -110,8 +110,8 @@ fn distances(views: &[DepthView]) -> Vec<f32> {
     all
 }
 
-/// Distance that one can move from a place towards the point `ahead`, with the clearance free on all sides,
-/// according to the face that shows it.
+/// Distance that one can move from a place towards the point `ahead` while the clearance on all sides stays empty,
+/// according to the face that shows the point.
 fn room(faces: &[DepthView], ahead: Vec3, clearance: f32) -> f32 {
     let length = ahead.length();
     for view in faces {
@@ -172,7 +172,7 @@ impl Places {
         all.sort_unstable_by(f32::total_cmp);
         places.median = all.get(all.len() / 2).copied().unwrap_or(f32::INFINITY);
         nearest.sort_unstable_by(f32::total_cmp);
-        // Half of what is nearest to the given place in the middle: where one can stand, one can stand again.
+        // The median of the distances from the given places to their nearest surfaces.
         let roomy = nearest.get(nearest.len() / 2).copied().unwrap_or(f32::INFINITY);
         places.clearance = ((0.35 * ground.metre) as f32).min(0.5 * roomy);
         if places.given == 0 {
@@ -267,8 +267,8 @@ impl Places {
         })
     }
 
-    /// Adds views of a focus from above, from all sides, because depth is biased for surfaces seen at a
-    /// slant, whatever is blended.
+    /// Adds views of a focus from above and from all sides, because the depth of surfaces seen at grazing angles is
+    /// biased.
     fn look_down(
         &mut self,
         ground: &Ground<'_>,
