@@ -87,7 +87,7 @@ pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
     causes
 }
 
-/// The file of a change of `sources`.
+/// The name of the file, if the change is in `sources`.
 fn source(change: &Change) -> Option<&str> {
     let (name, rest) = change.path.split_once(['[', '.'])?;
     (name == "sources").then(|| rest.split_once("].").map_or(rest, |(_, file)| file).trim_matches('"'))

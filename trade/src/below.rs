@@ -21,7 +21,7 @@ pub struct Below {
     /// True if `all` contains every setting below the bound, provided that raising knobs saves no more than
     /// `margin`. False if there were more settings than may be measured, or measuring ended early.
     pub complete: bool,
-    /// The share of a position's cost that raising its knobs is assumed to save at most. An unmeasured position can
+    /// Maximum share of a position's cost that raising its knobs is assumed to save. An unmeasured position can
     /// cost less than the bound only if more is saved.
     pub margin: f64,
     /// Savings measured when knobs were raised.

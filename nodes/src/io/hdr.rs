@@ -100,7 +100,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
             let values: Option<Vec<f32>> =
                 values.split_ascii_whitespace().map(|value| value.parse().ok()).collect();
             let Some([rx, ry, gx, gy, bx, by, wx, wy]) = values.as_deref() else {
-                return Err(bad("PRIMARIES is not eight numbers"));
+                return Err(bad("PRIMARIES must be eight numbers"));
             };
             primaries = Some([[*rx, *ry], [*gx, *gy], [*bx, *by], [*wx, *wy]]);
         }

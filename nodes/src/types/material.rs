@@ -97,7 +97,7 @@ impl ColourMap {
 pub struct NormalMap {
     /// The texture, linear.
     pub texture: TextureRef,
-    /// Scale of its x and y.
+    /// Factor of the x and y components.
     pub scale: f32,
 }
 

@@ -335,7 +335,7 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
     }
     match (&s.photo, s.arranged.view) {
         (Some(photo), _) => {
-            line("camera", format!("that of the photograph, `{}`", photo.camera), None, "camera:");
+            line("camera", format!("the camera of the photograph, `{}`", photo.camera), None, "camera:");
         }
         (None, Some(view)) => {
             let shows =

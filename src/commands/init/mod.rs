@@ -27,7 +27,7 @@ pub struct Init {
     /// The object to insert: glTF or GLB
     #[arg(long, requires = "splats")]
     object: Option<PathBuf>,
-    /// A mesh of the place, in the frame of the splats; without it one is made from the splats
+    /// A mesh of the place, in the frame of the splats; by default, it is extracted from the splats
     #[arg(long, requires = "splats")]
     mesh: Option<PathBuf>,
     /// The cameras of the capture (COLMAP, nerfstudio, INRIA, lightharmony JSON), in the frame of the splats

@@ -37,11 +37,12 @@ pub(super) struct Profile {
     pub lid_cover: f64,
     /// Balance between the surface above the floor and the surface below it, including the background.
     pub side: f64,
-    /// Balance of surfaces other than walls between the lower and the upper half of the space from floor to lid.
+    /// Balance between the surfaces, except walls, in the lower half of the space from floor to lid and those in the
+    /// upper half.
     pub things: f64,
     /// Surfaces counted in `things`, as a share of all surface.
     pub things_share: f64,
-    /// Balance of level surfaces between the lower and the upper half of the space from floor to lid.
+    /// Balance between the level surfaces in the lower half of the space from floor to lid and those in the upper half.
     pub levels: f64,
     /// Surfaces counted in `levels`, as a share of all surface.
     pub levels_share: f64,

@@ -213,14 +213,14 @@ impl Kind for ExtractMesh {
         let mut tables = vec![report::counts(&[
             ("places", places.eyes.len()),
             ("places given", places.given),
-            ("places too near to something", places.failed),
+            ("places too near to a surface", places.failed),
             ("views from above", places.steep),
             ("cubes of cells", held),
-            ("triangles before they were joined", raw),
+            ("triangles before simplification", raw),
             ("triangles", mesh.triangles.len()),
             ("vertices", mesh.positions.len()),
             ("pieces", pieces.kept),
-            ("pieces left out", pieces.dropped),
+            ("pieces removed", pieces.dropped),
         ])];
         tables.extend(focus.map(|focus| report::ground(&surface, &seen, focus, axes, metre)));
         if let Some(rig) = &cameras {

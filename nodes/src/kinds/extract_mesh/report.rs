@@ -107,11 +107,11 @@ pub(super) fn views(
     let rows = rig.cameras.iter().step_by(every).map(row).collect::<Result<Vec<_>, NodeError>>()?;
     let columns = [
         "view",
-        "off the splats, median (mm)",
-        "off the splats, 95 of 100 (mm)",
+        "distance to the splats, median (mm)",
+        "distance to the splats, 95th percentile (mm)",
         "splats without mesh (%)",
         "mesh without splats (%)",
-        "mesh from behind (%)",
+        "mesh seen from behind (%)",
     ];
     Ok(Table::new("views", columns, rows))
 }

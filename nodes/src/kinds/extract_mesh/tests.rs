@@ -176,7 +176,7 @@ fn a_room_is_closed_and_faces_inwards() {
         assert!(!hit.back && to_sides(eye + ray * hit.t, MIDDLE, HALF) < 0.065);
     }
     // Walls are flat, so at most one in ten triangles remains.
-    assert!(counted(&out, "triangles") * 10 < counted(&out, "triangles before they were joined"));
+    assert!(counted(&out, "triangles") * 10 < counted(&out, "triangles before simplification"));
     // The colour of the walls, in linear light.
     let expected = [0.6, 0.5, 0.4].map(crate::math::color::linear_from_srgb);
     for colour in &out.mesh.colours {

@@ -23,7 +23,8 @@ const AZIMUTHS: usize = 12;
 const RISES: [f32; 3] = [-1.2, 0.0, 1.6];
 /// Share of the pixels seen from a place that may be nearer than the clearance.
 const NEARER: f64 = 0.02;
-/// Minimum distance from a given place to the nearest surface, in metres; a nearer place is inside something.
+/// Minimum distance from a given place to the nearest surface, in metres. A place that is nearer counts as inside a
+/// surface.
 const BLOCKED_METRES: f64 = 0.02;
 /// Field of view of the views from above, in degrees.
 const STEEP_DEG: f64 = 70.0;
@@ -52,7 +53,7 @@ pub struct Places {
     pub eyes: Vec<Vec3>,
     /// Number of given places, which come first in the list.
     pub given: usize,
-    /// Number of given places that are inside something and were left out.
+    /// Number of given places that are inside a surface and were left out.
     pub blocked: usize,
     /// Minimum distance between a place and a surface, in world units.
     pub clearance: f32,

@@ -8,7 +8,7 @@ use crate::math::equirect::pixel_solid_angle;
 
 /// Radiance of the true sky. The upper rows of half of the columns are unseen.
 const SKY: f64 = 0.6;
-/// Albedo of the ground under it.
+/// Albedo of the ground under the sky.
 const ALBEDO: f64 = 0.3;
 
 fn hole(at: usize) -> bool {
