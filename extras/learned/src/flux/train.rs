@@ -263,7 +263,7 @@ impl Trainer {
             )));
         }
         if source.metadata().get("from").map(String::as_str) != Some(learned_from) {
-            return Err(source.wrong("the file belongs to a training with other panoramas or another width, prompt or model; remove it to begin again"));
+            return Err(source.wrong("the file belongs to a training run with other panoramas or another width, prompt or model; remove it to start again"));
         }
         let done = source.metadata().get("done").and_then(|text| text.parse().ok());
         self.done =
