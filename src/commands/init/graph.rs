@@ -331,7 +331,7 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
         let text = format!("scaled by {} to {units} units, to fit", number(s.arranged.scale));
         line("size", text, None, "pose:");
     } else {
-        line("size", format!("as in its file, {size:.2} m, which is {units} units"), None, "pose:");
+        line("size", format!("unchanged from its file: {size:.2} m, which is {units} units"), None, "pose:");
     }
     match (&s.photo, s.arranged.view) {
         (Some(photo), _) => {
