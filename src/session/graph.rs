@@ -70,7 +70,7 @@ impl Loaded {
     pub fn check_output(&self, path: &Path) -> Result<(), Error> {
         let read = ReadFiles::new(self.texts.iter().cloned().chain(self.graph.files()));
         if read.has(path) {
-            let why = "is the graph or a file that it reads; name another one to write";
+            let why = "is the graph or a file that it reads; name another file to write";
             return Err(Error::usage(format!("`{}` {why}", path.display())));
         }
         Ok(())

@@ -252,7 +252,7 @@ fn attribute<'a>(scan: &mut Scan<'a>, first: &'a str, prim: Option<&mut Prim>) -
         } else if name == "radiance:sphericalHarmonicsDegree" {
             prim.degree = scan.numbers()?.first().filter(|d| (0.0..=4.0).contains(*d)).map(|d| *d as u32);
             if prim.degree.is_none() {
-                return Err(scan.bad("the degree of the spherical harmonics is not 0 to 4"));
+                return Err(scan.bad("the degree of the spherical harmonics must be 0 to 4"));
             }
         } else if name.ends_with(".timeSamples") && known.iter().any(|known| name.starts_with(known)) {
             return Err(Error::unsupported(scan.file, "USD splats that move in time; save one moment"));

@@ -65,7 +65,7 @@ engine::params! {
         /// only the memory for one. The default is all cameras.
         pick: Vec<Pick> = Vec::new(), other("[\"0..1\"]");
         /// Name of the list in our own JSON format.
-        list: String = "views".to_owned(), other("\"cube_faces\""), inert("only our own JSON has lists");
+        list: String = "views".to_owned(), other("\"cube_faces\""), inert("only lightharmony's own JSON has lists");
         /// Factor applied to width and height of the pictures.
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
         /// Treatment of lens distortion.
