@@ -92,7 +92,7 @@ impl Init {
         };
         let made_up = if assumed.is_empty() { MADE_UP } else { "" };
         let readme = format!("{README}{made_up}{HAND_ON}");
-        let ignored = "# What runs write.\n/out/\n";
+        let ignored = "# Files that runs write.\n/out/\n";
         for (name, text) in [(GRAPH, text.as_str()), (".gitignore", ignored), ("README.md", &readme)] {
             if is_there(name) {
                 terminal::remark(&format!("{} exists already and is kept", path(name).display()));

@@ -70,8 +70,7 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Erro
         open.extend(node.children.iter().rev());
         let mut own = BTreeMap::new();
         for (name, span) in &node.lods {
-            let level: u32 =
-                name.parse().map_err(|_| wrong(format!("`{name}` is not a number of a level")))?;
+            let level: u32 = name.parse().map_err(|_| wrong(format!("`{name}` is not a level number")))?;
             levels.insert(level);
             own.insert(level, span);
         }

@@ -64,7 +64,7 @@ engine::params! {
         /// index. `pick: [Axis("v")]` with `axes: (v: Range(0, 300))` renders one camera after the other, and needs
         /// only the memory for one. The default is all cameras.
         pick: Vec<Pick> = Vec::new(), other("[\"0..1\"]");
-        /// Name of the list in our own JSON format.
+        /// Name of the list in lightharmony's own JSON format.
         list: String = "views".to_owned(), other("\"cube_faces\""), inert("only lightharmony's own JSON has lists");
         /// Factor applied to width and height of the pictures.
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
