@@ -167,7 +167,7 @@ mod tests {
             ),
             ("\"offset\": 10", "\"offset\": 9", "share splats"),
             ("\"offset\": 10", "\"offset\": 18446744073709551615", "too long"),
-            ("\"0\":", "\"x\":", "is not a number of a level"),
+            ("\"0\":", "\"x\":", "is not a level number"),
             ("\"tree\"", "\"bush\"", "not the `lod-meta.json`"),
         ] {
             let text = SCENE.replace(from, to);

@@ -41,7 +41,7 @@ engine::params! {
     ///
     /// The format is detected by content:
     ///
-    /// - Our own JSON: `{"views": [{"name": "view_0", "w": 512, "h": 384, "fx": 491.8, "fy": 491.8, "cx": 256.0,
+    /// - Lightharmony's own JSON: `{"views": [{"name": "view_0", "w": 512, "h": 384, "fx": 491.8, "fy": 491.8, "cx": 256.0,
     ///   "cy": 192.0, "c2w_opencv": [[..4], [..4], [..4], [..4]]}]}`. `c2w_opencv` has the rows of the matrix from
     ///   camera to world, for a camera with x right, y down and z forward. With `c2w_opengl` instead, y is up and z
     ///   backward.

@@ -17,7 +17,7 @@ const SIGMAS: f64 = 3.0;
 /// Maximum noise of a flat surface, in cells. A surface that leaves its plane by more has a shape, which the mesh can
 /// represent. Without this limit, views at grazing angles, which disagree by centimetres, tilt the top of a box.
 const MOST_CELLS: f64 = 0.25;
-/// Minimum number of points that determine a plane: a quarter of those of a plane through one cube layer.
+/// Minimum number of points that determine a plane: a quarter of the points of a plane that crosses one layer of cubes.
 const FEWEST: f64 = 64.0;
 /// Minimum length of the mean normal of a surface that faces one direction.
 const COHERENT: f64 = 0.5;

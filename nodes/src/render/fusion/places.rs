@@ -132,7 +132,8 @@ fn room(faces: &[DepthView], ahead: Vec3, clearance: f32) -> f32 {
 }
 
 impl Places {
-    /// Finds up to `most` places, starting from given ones. The views of a focus from above are included.
+    /// Finds up to `most` places, starting from the given places `seeds`. If there is a focus, views of it from above
+    /// are added.
     pub fn grown(
         ground: &Ground<'_>,
         seeds: &[Vec3],
