@@ -55,7 +55,7 @@ impl Saved {
 
 /// Finds all positions that cost less than a bound. The search starts with every knob at its minimum and raises the
 /// knobs. For knobs whose values have no order, all values are tried. The search does not continue from a position
-/// whose cost exceeds the bound by so much that raising its knobs would have to save more than the margin. The
+/// if raising its knobs would have to save more than the margin to bring its cost below the bound. The
 /// margin is derived from the savings between `known` positions and positions measured on the way. At most `most`
 /// positions are measured, first those next to the positions with the smallest error. Returns `None` if measuring
 /// ended before the first position.

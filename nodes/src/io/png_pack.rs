@@ -15,7 +15,8 @@ use crate::error::Error;
 /// Compression effort.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Packing {
-    /// Makes small files: each row uses the filter whose bytes have the smallest sum of magnitudes. Deflate has level 6.
+    /// Makes small files: each row uses the filter whose bytes have the smallest sum of magnitudes. The deflate
+    /// level is 6.
     Small,
     /// Takes a tenth of the time and makes larger files: stores differences from the row above, deflated with a fixed
     /// code.

@@ -27,7 +27,8 @@ pub(super) struct Profile {
     /// Score of the floor: the share of all surface that lies flat in it, minus the share expected by chance. The
     /// score is reduced if there is surface below the floor.
     pub ground: f64,
-    /// The same score for the highest large layer, called the lid. It is reduced if there is surface above the lid.
+    /// Score of the highest large layer, called the lid, computed like the score of the floor. It is reduced if there is
+    /// surface above the lid.
     pub lid: f64,
     /// Effective number of patches of the floor.
     pub observations: f64,

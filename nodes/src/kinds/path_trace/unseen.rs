@@ -15,7 +15,7 @@ use crate::render::transport::picture::first_hit::is_before;
 pub(crate) enum Unseen {
     /// The receiver hides it from every camera.
     Hidden,
-    /// It is outside every view, or only back faces are visible.
+    /// The object is outside every view, or only its back faces are visible.
     Outside,
 }
 

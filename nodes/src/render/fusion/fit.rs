@@ -17,9 +17,9 @@ pub struct Fit {
     pub median: Option<f64>,
     /// 95th percentile of the difference.
     pub most: Option<f64>,
-    /// Share of the pixels that show splats within reach but no mesh. `extra` is the share of the pixels that show
-    /// the mesh but no splats.
+    /// Share of the pixels that show splats within reach but no mesh.
     pub holes: f64,
+    /// Share of the pixels that show the mesh but no splats.
     pub extra: f64,
     /// Share of the pixels that see the mesh from behind.
     pub backs: f64,
