@@ -84,7 +84,7 @@ pub enum Event {
         id: String,
         /// Kind of the node.
         kind: &'static str,
-        /// State in which it ended.
+        /// State in which the node ended.
         state: State,
         /// Key of the node; absent if a node that it depends on failed.
         #[serde(serialize_with = "hex_option")]
