@@ -52,9 +52,9 @@ pub struct GraphArgs {
 pub struct Loaded {
     pub graph: Arc<Graph>,
     pub only: Vec<usize>,
-    /// The files that it was read from.
+    /// The files that the graph was read from.
     pub texts: Vec<PathBuf>,
-    /// Path of its lock, whether or not it exists.
+    /// Path of the lock of the graph, whether or not it exists.
     pub lock: Option<PathBuf>,
     /// Temporary folder of an unpacked bundle.
     pub unpacked: Option<TempFolder>,

@@ -50,7 +50,7 @@ pub enum Event {
         id: String,
         /// Name of the part.
         part: String,
-        /// State in which it ended: ran or cached.
+        /// State in which the part ended: ran or cached.
         state: State,
         /// Key of the part.
         #[serde(serialize_with = "hex")]

@@ -13,7 +13,7 @@ use crate::render::transport::picture::first_hit::is_before;
 /// Reason why no view shows an object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unseen {
-    /// The receiver hides it from every camera.
+    /// The receiver hides the object from every camera.
     Hidden,
     /// The object is outside every view, or only its back faces are visible.
     Outside,
