@@ -171,7 +171,7 @@ pub struct Iridescence {
 pub struct DiffuseTransmission {
     /// Fraction of the diffuse light that leaves on the other side, 0 to 1; alpha channel.
     pub strength: Map,
-    /// The colour of that light.
+    /// Colour of the light that leaves on the other side.
     pub colour: ColourMap,
 }
 
