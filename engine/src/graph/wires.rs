@@ -208,7 +208,7 @@ impl<'t, 'a> Check<'t, 'a> {
             if !fitting.is_empty() {
                 diagnostic = diagnostic.hint(format!("use {}", fitting.join(" or ")));
             } else if let Some(makers) = self.makers(given, wanted) {
-                diagnostic = diagnostic.hint(format!("{makers} makes a {wanted}"));
+                diagnostic = diagnostic.hint(format!("{makers} makes values of type `{wanted}`"));
             }
             self.report(diagnostic);
             return None;
