@@ -242,7 +242,7 @@ fn last_used(records: &mut Log) -> Result<BTreeMap<Digest, u64>> {
     Ok(used)
 }
 
-/// Returns the digest and metadata of every blob that is a file.
+/// Returns the digest and metadata of every blob that is stored as a separate file.
 pub(crate) fn blob_files(root: &Path) -> Vec<(Digest, fs::Metadata)> {
     let folders = fs::read_dir(root.join("blobs")).into_iter().flatten().flatten();
     let files = folders.flat_map(|folder| fs::read_dir(folder.path()).into_iter().flatten().flatten());

@@ -175,7 +175,7 @@ impl Index {
     }
 }
 
-/// Pads the last page and appends its checksum, which starts from the salt of the log xor the number of the page.
+/// Pads the last page and appends its checksum, whose initial value is the salt of the log XOR the number of the page.
 fn seal(bytes: &mut Vec<u8>, salt: u32) {
     let start = bytes.len().saturating_sub(1) / PAGE * PAGE;
     bytes.resize(start + PAGE - 4, 0);

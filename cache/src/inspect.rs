@@ -21,7 +21,7 @@ pub struct Stat {
     pub memos: usize,
     /// The number of blobs in the log of small blobs.
     pub small_blobs: usize,
-    /// The number of blobs that are files.
+    /// The number of blobs that are stored as separate files.
     pub large_blobs: usize,
     /// The total size of the large blobs.
     pub large_bytes: u64,

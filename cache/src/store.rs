@@ -161,7 +161,7 @@ impl Store {
         &self.blobs
     }
 
-    /// The lock that runs share and a collection holds exclusively; `None` if nothing can be written.
+    /// The lock that runs hold as shared and a collection holds as exclusive. `None` if the store cannot be written.
     pub(crate) fn runs(&self) -> Result<Option<FileLock>> {
         match &self.folder {
             Some(folder) if !self.is_read_only() => FileLock::open(&folder.join("runs.lock")).map(Some),

@@ -29,12 +29,12 @@ pub enum Error {
 }
 
 impl Error {
-    /// A [`Error::Format`].
+    /// Creates an [`Error::Format`].
     pub fn format(file: impl Into<String>, what: impl Into<String>) -> Self {
         Self::Format { file: file.into(), what: what.into() }
     }
 
-    /// A [`Error::Unsupported`].
+    /// Creates an [`Error::Unsupported`].
     pub fn unsupported(file: impl Into<String>, feature: impl Into<String>) -> Self {
         Self::Unsupported { file: file.into(), feature: feature.into() }
     }

@@ -109,7 +109,7 @@ enum Verb {
     Verify(verify::Verify),
     /// Write a scene of splats in another format
     Convert(convert::Convert),
-    /// Print the properties of splats or a mesh: size, up axis, floor, what looks wrong
+    /// Print the properties of splats or a mesh: size, up axis, floor, probable mistakes
     Inspect(inspect::Inspect),
     /// Train the learned exposure prediction on HDR panoramas (in builds with the feature `learned`)
     TrainExposure(train_exposure::TrainExposure),

@@ -12,7 +12,7 @@ use engine::{Bundle, Verdict, VerifyOptions, verify};
 use crate::session::{EngineArgs, Error, on_interrupt};
 use crate::terminal::{self, Report};
 
-/// Recomputes some nodes of a bundle from its inputs and reports whether the results are equal to the bit.
+/// Recomputes some nodes of a bundle from its inputs and reports whether the results are bit-identical.
 #[derive(Debug, Args)]
 pub struct Verify {
     /// The bundle
@@ -83,7 +83,7 @@ impl Verify {
         let (tried, known) = (verified.nodes.len(), verified.known);
         let word = if stopped { "interrupted: " } else { "" };
         text.push_str(&format!(
-            "{word}{equal} of {tried} recomputed nodes are equal to the bit; the bundle has results of {known} nodes\n"
+            "{word}{equal} of {tried} recomputed nodes have bit-identical results; the bundle has results of {known} nodes\n"
         ));
         terminal::print(&text)?;
         Ok(if stopped { 130 } else { u8::from(!verified.is_good()) })

@@ -52,9 +52,9 @@ pub struct GraphArgs {
 pub struct Loaded {
     pub graph: Arc<Graph>,
     pub only: Vec<usize>,
-    /// The files that it was read from.
+    /// The files that the graph was read from.
     pub texts: Vec<PathBuf>,
-    /// Path of its lock, whether or not it exists.
+    /// Path of the lock of the graph, whether or not it exists.
     pub lock: Option<PathBuf>,
     /// Temporary folder of an unpacked bundle.
     pub unpacked: Option<TempFolder>,
@@ -70,7 +70,7 @@ impl Loaded {
     pub fn check_output(&self, path: &Path) -> Result<(), Error> {
         let read = ReadFiles::new(self.texts.iter().cloned().chain(self.graph.files()));
         if read.has(path) {
-            let why = "is the graph or a file that it reads; name another one to write";
+            let why = "is the graph or a file that it reads; name another file to write";
             return Err(Error::usage(format!("`{}` {why}", path.display())));
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! Reading of a mesh from a file, outside of a graph, for `convert` and `inspect`.
+//! Reads a mesh from a file without a graph, for `convert` and `inspect`.
 
 use std::io::Read;
 use std::path::Path;
@@ -19,14 +19,15 @@ pub fn load(path: &Path, frame: MeshFrame, cx: &Context) -> Result<(Mesh, Notes)
     Ok((Arc::unwrap_or_clone(out.mesh), notes))
 }
 
-/// True if a file contains a mesh and no splats, by its name and header; false also for a file that cannot be read.
+/// True if a file contains a mesh and no splats, judging by its name and header. Returns false if the file cannot
+/// be read.
 pub fn is_mesh(path: &Path) -> bool {
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
     let most = match ending.as_deref() {
         // Neither has a header that identifies it.
         Some("obj" | "stl") => return path.is_file(),
         Some("ply") => PLY_HEADER,
-        // The extensions in use are named anywhere in the JSON.
+        // The JSON may name the extensions at any position.
         Some("glb" | "gltf") => u64::MAX,
         _ => return false,
     };
@@ -38,7 +39,7 @@ pub fn is_mesh(path: &Path) -> bool {
     path.is_file() && read().is_ok_and(|bytes| is_mesh_header(&bytes))
 }
 
-/// True if a PLY or glTF file contains a mesh and no splats, by its header.
+/// True if a PLY or glTF file contains a mesh and no splats, judging by its header.
 pub fn is_mesh_header(bytes: &[u8]) -> bool {
     let holds = |what: &[u8]| bytes.windows(what.len()).any(|at| at == what);
     if bytes.starts_with(b"ply") {
@@ -46,7 +47,7 @@ pub fn is_mesh_header(bytes: &[u8]) -> bool {
         let head = String::from_utf8_lossy(&bytes[..end]);
         return head.contains("element face") && !head.contains("scale_0");
     }
-    // The metadata in a `.sog` has an asset as well.
+    // The metadata in a `.sog` archive contains the key `asset` as well.
     let is_text = bytes.trim_ascii_start().starts_with(b"{");
     (bytes.starts_with(b"glTF") || (is_text && holds(b"\"asset\""))) && !holds(b"KHR_gaussian_splatting")
 }

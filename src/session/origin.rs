@@ -13,7 +13,7 @@ use super::error::Error;
 pub struct Origin {
     pub source: Source,
     pub root: SourceRoot,
-    /// Path of its lock, for a graph file or bundle.
+    /// Path of the lock of the graph, for a graph file or bundle.
     pub lock: Option<PathBuf>,
     /// The recipe, for a graph from a picture.
     pub recipe: Option<Recipe>,

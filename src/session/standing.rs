@@ -39,9 +39,9 @@ pub struct Standing {
     pub cameras: Option<Arc<Rig>>,
     /// The axis of the world that points up.
     pub up: Up,
-    /// The basis on which it was determined.
+    /// The basis on which `up` was determined.
     pub by: UpBy,
-    /// Probability that it is correct, 0 to 1.
+    /// Probability that `up` is correct, 0 to 1.
     pub confidence: f64,
     /// Transform of the splats to the world, row by row, applied after that of their format; `None` for the
     /// identity.

@@ -31,7 +31,7 @@ pub struct Cause {
     pub above: Option<usize>,
 }
 
-/// Converts the changes of a node's key to causes. The several fields of a wire in a key give one cause.
+/// Converts the changes of a node's key to causes. A wire has several fields in a key, which give only one cause.
 pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
     let node = &graph.nodes[index];
     let mut causes = Vec::new();
@@ -87,7 +87,7 @@ pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
     causes
 }
 
-/// The file of a change of `sources`.
+/// The name of the file, if the change is in `sources`.
 fn source(change: &Change) -> Option<&str> {
     let (name, rest) = change.path.split_once(['[', '.'])?;
     (name == "sources").then(|| rest.split_once("].").map_or(rest, |(_, file)| file).trim_matches('"'))

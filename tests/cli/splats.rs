@@ -84,7 +84,7 @@ fn converting_makes_no_folder_and_no_empty_scene() {
     let whole = room(1.0, 0.0);
     std::fs::write(place.path("room.ply"), &whole).unwrap();
     let (code, text) = printed(&place.call(&["convert", "room.ply", "new/room.spz"]));
-    assert!(code == Some(1) && text.contains("there is no folder `new`"), "{text}");
+    assert!(code == Some(1) && text.contains("the folder `new` does not exist"), "{text}");
     assert!(!place.path("new").exists());
     // Every number is NaN.
     let head = whole.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;

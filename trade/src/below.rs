@@ -21,7 +21,7 @@ pub struct Below {
     /// True if `all` contains every setting below the bound, provided that raising knobs saves no more than
     /// `margin`. False if there were more settings than may be measured, or measuring ended early.
     pub complete: bool,
-    /// The share of a position's cost that raising its knobs is assumed to save at most. An unmeasured position can
+    /// Maximum share of a position's cost that raising its knobs is assumed to save. An unmeasured position can
     /// cost less than the bound only if more is saved.
     pub margin: f64,
     /// Savings measured when knobs were raised.
@@ -55,7 +55,7 @@ impl Saved {
 
 /// Finds all positions that cost less than a bound. The search starts with every knob at its minimum and raises the
 /// knobs. For knobs whose values have no order, all values are tried. The search does not continue from a position
-/// whose cost exceeds the bound by so much that raising its knobs would have to save more than the margin. The
+/// if raising its knobs would have to save more than the margin to bring its cost below the bound. The
 /// margin is derived from the savings between `known` positions and positions measured on the way. At most `most`
 /// positions are measured, first those next to the positions with the smallest error. Returns `None` if measuring
 /// ended before the first position.

@@ -21,7 +21,7 @@ enum Of {
     Column(&'static str),
     /// Root mean square error of display values.
     Rmse,
-    /// The same error, given as PSNR in decibels.
+    /// Root mean square error of display values, given as PSNR in decibels.
     Psnr,
 }
 

@@ -174,9 +174,11 @@ impl<'t, 'a> Check<'t, 'a> {
                 let message = format!("`{}` has no field `{}`", kind.camel_name(), shown(field.name));
                 let mistake = Diagnostic::of(Code::UnknownField, field.name_span.clone(), message)
                     .suggest(field.name, names());
-                let node =
-                    field.text.starts_with(|c: char| c.is_ascii_uppercase()) && field.text.ends_with(')');
-                self.report(if node {
+                // The text of a node is the name of a kind and its fields; `Param("x")` and `Axis("x")` are values.
+                let called = field.text.split_once('(').map(|(name, _)| name.trim_end());
+                let is_node = field.text.ends_with(')')
+                    && called.is_some_and(|name| name == GATHER || self.registry.get(name).is_some());
+                self.report(if is_node {
                     mistake.hint("if this is a separate node, a `)` is missing before it")
                 } else {
                     mistake.hint(format!("`lightharmony nodes {}` describes the kind", kind.name))

@@ -90,7 +90,7 @@ pub(crate) fn over_text(path: &Path) -> String {
     format!("would write over {}, which the graph reads", path.display())
 }
 
-/// The hint for such a sink.
+/// The hint for a sink that would overwrite a file of the graph.
 pub(crate) const OTHER_FILE: &str = "name another file, or another folder with `--out`";
 
 #[cfg(test)]

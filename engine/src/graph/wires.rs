@@ -180,10 +180,15 @@ impl<'t, 'a> Check<'t, 'a> {
                 None => format!("`{id}` has no output"),
             };
             let list: Vec<&str> = names().collect();
+            let hint = if list.is_empty() {
+                format!("`{}` has no outputs", kinds[node].as_ref()?.camel_name())
+            } else {
+                format!("its outputs are {}", list.join(", "))
+            };
             self.report(
                 Diagnostic::of(Code::UnknownOutput, span.clone(), message)
                     .suggest(output.unwrap_or_default(), names())
-                    .hint(format!("its outputs are {}", list.join(", "))),
+                    .hint(hint),
             );
             return None;
         };
@@ -203,7 +208,7 @@ impl<'t, 'a> Check<'t, 'a> {
             if !fitting.is_empty() {
                 diagnostic = diagnostic.hint(format!("use {}", fitting.join(" or ")));
             } else if let Some(makers) = self.makers(given, wanted) {
-                diagnostic = diagnostic.hint(format!("{makers} makes a {wanted}"));
+                diagnostic = diagnostic.hint(format!("{makers} makes values of type `{wanted}`"));
             }
             self.report(diagnostic);
             return None;

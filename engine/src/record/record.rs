@@ -29,9 +29,9 @@ pub(crate) struct FileRecord {
 /// Time, memory and counts of a node's code, for forecasts and for display. They are not part of any key.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Spent {
-    /// Wall time in seconds, including that of parts from the cache.
+    /// Wall time in seconds, including the time that cached parts took when they were computed.
     pub seconds: f64,
-    /// CPU time in seconds on all threads, including that of parts from the cache.
+    /// CPU time in seconds on all threads, including the time that cached parts took when they were computed.
     pub cpu_seconds: f64,
     /// [`crate::Kind::work`].
     pub work: f64,

@@ -50,7 +50,7 @@ pub enum Event {
         id: String,
         /// Name of the part.
         part: String,
-        /// State in which it ended: ran or cached.
+        /// State in which the part ended: ran or cached.
         state: State,
         /// Key of the part.
         #[serde(serialize_with = "hex")]
@@ -84,7 +84,7 @@ pub enum Event {
         id: String,
         /// Kind of the node.
         kind: &'static str,
-        /// State in which it ended.
+        /// State in which the node ended.
         state: State,
         /// Key of the node; absent if a node that it depends on failed.
         #[serde(serialize_with = "hex_option")]

@@ -83,7 +83,7 @@ pub(crate) struct Slot {
     pub reserved: u64,
     /// Estimated memory in bytes; `None` before the first estimate.
     pub cost: Option<u64>,
-    /// State in which it ended; reported once its files are up to date.
+    /// State in which the node ended; reported once its files are up to date.
     pub end: Option<State>,
     /// Work done for its result. While there is no result, the work done before the node was parked.
     pub effort: Effort,

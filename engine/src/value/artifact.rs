@@ -53,7 +53,7 @@ impl Difference {
     }
 }
 
-/// Bytes that do not decode to the type they were stored under.
+/// Error for bytes that cannot be decoded as a value of the stored type.
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("the stored value cannot be decoded: {0}")]
 pub struct Corrupt(pub String);

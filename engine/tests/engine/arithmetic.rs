@@ -218,7 +218,7 @@ simple!(Number = "number", Nothing, |params, _inputs, _cx| give(params.value), c
 engine::params! {
     /// Adds its inputs, in order.
     pub struct Add {
-        /// Added to the sum.
+        /// Number to add to the sum.
         bias: f64 = 0.0, other("1.0");
     }
 }
@@ -378,7 +378,7 @@ simple!(Prepared = "prepared", One, |params, inputs, cx| {
 engine::params! {
     /// Outputs consecutive numbers, starting with the input.
     pub struct Ramp {
-        /// Number of numbers.
+        /// Length of the list.
         count: u32 = 2000, range(1, 100000000), other("3000");
     }
 }

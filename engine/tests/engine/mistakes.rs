@@ -4,8 +4,30 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use engine::{Context, Kind, KindEntry, NodeError, Notes};
+
+use crate::arithmetic::{Nothing, registry_with};
 use crate::lab::{Lab, graph_text};
 use crate::shapes::spent;
+
+engine::params! {
+    /// A kind without outputs.
+    pub struct Consume {
+        /// A parameter that changes only the key.
+        by: f64 = 1.0, other("2.0");
+    }
+}
+engine::outputs! { /** No values. */ pub struct NoOutputs {} }
+impl Kind for Consume {
+    const NAME: &'static str = "consume";
+    const VERSION: u32 = 1;
+    type Params = Self;
+    type In = Nothing;
+    type Out = NoOutputs;
+    fn run(_params: &Self, _inputs: Nothing, _cx: &Context) -> Result<(NoOutputs, Notes), NodeError> {
+        Ok((NoOutputs {}, Notes::none()))
+    }
+}
 
 /// Compares a text with a file in the folder `mistakes`, or writes the file if `UPDATE_SNAPSHOTS` is set.
 fn assert_snapshot(name: &str, expected: &str, found: &str) {
@@ -116,6 +138,24 @@ fn one_slip_gives_one_mistake() {
         let count = wrong.matches("error: ").count();
         // A missing parenthesis is reported more than once: at the next token, and at the end.
         assert!(count <= 3, "{from} -> {to}: {count}\n{wrong}");
+    }
+}
+
+#[test]
+fn a_hint_fits_the_value_and_the_kind() {
+    let lab = Lab::on_disk();
+    let hints = |nodes: &str| lab.mistakes(&graph_text(nodes));
+    let separate = "if this is a separate node";
+    assert!(hints("a: Number(value: 1.0, b: Number())").contains(separate));
+    for value in ["Param(\"x\")", "Axis(\"x\")", "Track(\"x\", [(0, 1.0)])"] {
+        let wrong = hints(&format!("a: Number(valeu: {value})"));
+        assert!(wrong.contains("`lightharmony nodes number`") && !wrong.contains(separate), "{wrong}");
+    }
+    let mut lab = Lab::on_disk();
+    lab.registry = registry_with(KindEntry::of::<Consume>());
+    for wire in ["a", "a.number"] {
+        let wrong = lab.mistakes(&graph_text(&format!("a: Consume(), b: Scale(value: \"{wire}\")")));
+        assert!(wrong.contains("`a` has no output") && wrong.contains("`Consume` has no outputs"), "{wrong}");
     }
 }
 

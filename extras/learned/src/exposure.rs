@@ -24,7 +24,7 @@ pub struct Examples {
     /// For cells near the dominant light: cosine of the angle between the cell's direction and the normal of the
     /// plane on which contrast is measured. 0 for other cells.
     pub near: Vec<f32>,
-    /// The same cosine for cells far from the dominant light; 0 for cells near it.
+    /// For cells far from the dominant light: the same cosine as in `near`. 0 for cells near the dominant light.
     pub far: Vec<f32>,
     /// Eight fluxes of each panorama, in this order: the total visible flux; the visible flux that the plane
     /// receives from cells near the dominant light, and from all other cells; the same three of the ground truth;

@@ -105,8 +105,8 @@ impl Level {
     }
 }
 
-/// The median of some numbers, without averaging: of an even count, the upper one of the two in the middle. `None`
-/// if there are no numbers.
+/// The median of some numbers. If their count is even, this is the larger of the two middle numbers, not their mean.
+/// `None` if there are no numbers.
 pub fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()

@@ -1,4 +1,4 @@
-//! Files of another format than their name suggests, and bytes that other programs add around text.
+//! Files whose format is not the one that their name suggests, and bytes that other programs add around text.
 
 use crate::error::Error;
 

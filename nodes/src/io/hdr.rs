@@ -68,11 +68,8 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
     let (mut rest, mut scale) = (bytes, [1.0_f64; 3]);
     let (mut primaries, mut ignored) = (None, Vec::new());
     let line = |rest: &mut &[u8]| -> Result<String, Error> {
-        let end = rest
-            .iter()
-            .take(65_536)
-            .position(|&b| b == b'\n')
-            .ok_or_else(|| bad("the header does not end"))?;
+        let end =
+            rest.iter().take(65_536).position(|&b| b == b'\n').ok_or_else(|| bad("the header has no end"))?;
         let text = String::from_utf8_lossy(&rest[..end]).trim_end().to_owned();
         *rest = &rest[end + 1..];
         Ok(text)
@@ -100,7 +97,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
             let values: Option<Vec<f32>> =
                 values.split_ascii_whitespace().map(|value| value.parse().ok()).collect();
             let Some([rx, ry, gx, gy, bx, by, wx, wy]) = values.as_deref() else {
-                return Err(bad("PRIMARIES is not eight numbers"));
+                return Err(bad("PRIMARIES must be eight numbers"));
             };
             primaries = Some([[*rx, *ry], [*gx, *gy], [*bx, *by], [*wx, *wy]]);
         }
@@ -108,7 +105,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
             let values: Option<Vec<f64>> =
                 values.split_ascii_whitespace().map(|value| value.parse().ok()).collect();
             let Some([r, g, b]) = values.as_deref() else {
-                return Err(bad("COLORCORR is not three numbers"));
+                return Err(bad("COLORCORR must be three numbers"));
             };
             scale.iter_mut().zip([r, g, b]).for_each(|(scale, value)| *scale *= value);
         }

@@ -15,9 +15,11 @@ use crate::error::Error;
 /// Compression effort.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Packing {
-    /// Small files: for each row, the filter whose bytes have the smallest sum of magnitudes; deflate with level 6.
+    /// Makes small files: each row uses the filter whose bytes have the smallest sum of magnitudes. The deflate
+    /// level is 6.
     Small,
-    /// A tenth of the time, and larger files: differences to the row above; deflate with a fixed code.
+    /// Takes a tenth of the time and makes larger files: stores differences from the row above, deflated with a fixed
+    /// code.
     Fast,
 }
 

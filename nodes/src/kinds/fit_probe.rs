@@ -17,7 +17,7 @@ engine::params! {
     /// enlarged. Set `as_views: true` on `stitch` so that the panorama gets the number of columns that its views
     /// support.
     pub struct FitProbe {
-        /// True to reduce the views; `false` keeps the rig and only reports the resolution that would be enough.
+        /// True to reduce the views to the resolution that is enough; `false` keeps the rig and only reports that resolution.
         skip_fine: bool = true, other("false");
     }
 }

@@ -196,7 +196,7 @@ fn other_up(splats: &Splats, cx: &Context) -> Option<String> {
     let [x, y, z] = found.up;
     let found = found.axis().map_or_else(|| format!("({x:.3}, {y:.3}, {z:.3})"), str::to_owned);
     Some(format!(
-        "by its floor, the up axis of the scene is {found}, but the graph has {}: set `up` of the scene, or `frame` or \
+        "judging by its floor, the up axis of the scene is {found}, but the graph has {}: set `up` of the scene, or `frame` or \
          `matrix` here (`lightharmony inspect` shows the scene)",
         cx.up().name()
     ))

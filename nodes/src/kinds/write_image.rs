@@ -15,9 +15,9 @@ pub use crate::io::quantise::AlphaOutput;
 engine::choices! {
     /// Compression effort of a PNG.
     pub enum Effort {
-        /// Small files.
+        /// Makes small files.
         Balanced,
-        /// A tenth of the time and larger files; used by `watch` for previews.
+        /// Takes a tenth of the time and makes larger files; used by `watch` for previews.
         Fast,
     }
 }

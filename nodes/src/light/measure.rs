@@ -36,7 +36,7 @@ struct Texel {
     direction: DVec3,
     solid_angle: f64,
     rgb: [f64; 3],
-    /// Column and row among parts.
+    /// Column and row, counted in parts if texels are divided.
     place: [usize; 2],
 }
 

@@ -24,7 +24,7 @@ pub enum Sphere {
 pub struct SphereError {
     /// Root of the mean square error over pixels and channels, relative to the reference.
     pub relative: f64,
-    /// The same after scaling by the factor that minimises it.
+    /// Same as `relative`, after scaling by the factor that minimises the error.
     pub scaled: f64,
     /// Mean angle between colours as vectors, in degrees.
     pub angle_deg: f64,

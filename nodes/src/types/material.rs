@@ -97,7 +97,7 @@ impl ColourMap {
 pub struct NormalMap {
     /// The texture, linear.
     pub texture: TextureRef,
-    /// Scale of its x and y.
+    /// Factor of the x and y components.
     pub scale: f32,
 }
 
@@ -171,7 +171,7 @@ pub struct Iridescence {
 pub struct DiffuseTransmission {
     /// Fraction of the diffuse light that leaves on the other side, 0 to 1; alpha channel.
     pub strength: Map,
-    /// The colour of that light.
+    /// Colour of the light that leaves on the other side.
     pub colour: ColourMap,
 }
 

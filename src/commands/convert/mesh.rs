@@ -1,4 +1,4 @@
-//! `convert` of a mesh.
+//! The part of `convert` that writes meshes.
 
 use std::io::Write;
 use std::path::Path;
@@ -13,16 +13,16 @@ use crate::session::{Error, mesh, splats};
 use crate::terminal;
 
 impl Convert {
-    /// Writes the mesh of the input. Returns exit code 0, 1 if a file cannot be read or written, or 2 if the output
-    /// is not a format of meshes.
+    /// Writes the mesh of the input. Returns exit code 0, 1 if a file cannot be read or written, or 2 if the
+    /// arguments do not fit a mesh.
     pub(super) fn write_mesh(&self, memory: u64) -> Result<u8, Error> {
         let Some(format) = MeshFormat::of_path(&self.output.to_string_lossy()) else {
             let output = self.output.display();
-            terminal::error(&format!("`{output}`: the ending must be .ply, .glb or .obj for a mesh"));
+            terminal::error(&format!("`{output}`: the extension for a mesh must be .ply, .glb or .obj"));
             return Ok(2);
         };
         if self.spz4 {
-            terminal::error("`--spz4` is for files that end in .spz");
+            terminal::error("`--spz4` requires an output file that ends in .spz");
             return Ok(2);
         }
         let (bytes, mesh, notes) = match self.encoded(format, memory) {
@@ -42,13 +42,13 @@ impl Convert {
     fn encoded(&self, format: MeshFormat, memory: u64) -> Result<(Vec<u8>, Mesh, Notes), NodeError> {
         splats::check_memory(&self.input, memory)?;
         check_output(&self.input, &self.output)?;
-        // glTF has +y up. Other formats do not define an axis, so the mesh is turned only where one was given.
+        // glTF has +y up. Other formats do not define an up axis, so the mesh is rotated only if `--up` was given.
         let up: Option<Up> = self.up.map(Into::into).filter(|_| !self.as_stored);
         let frame = if up.is_some() && is_gltf(&self.input) { MeshFrame::Gltf } else { MeshFrame::World };
         let cx = splats::context(up.unwrap_or(Up::PlusY));
         let (mesh, notes) = mesh::load(&self.input, frame, &cx)?;
         if mesh.triangles.is_empty() {
-            let what = format!("`{}` is a mesh without faces", self.input.display());
+            let what = format!("`{}` is a mesh that has no faces", self.input.display());
             return Err(NodeError::new(format!("{what}\n{}", splats::lines(&notes).trim_end())));
         }
         Ok((encode(&mesh, format, up.map(|up| (up, 1.0))), mesh, notes))

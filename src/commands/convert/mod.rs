@@ -19,19 +19,21 @@ use crate::terminal;
 /// Writes a scene of splats, or a mesh, in another format.
 #[derive(Debug, Args)]
 pub struct Convert {
-    /// A file or folder of splats: PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF; or a mesh: PLY, glTF, GLB
+    /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF), or a mesh (PLY, glTF,
+    /// GLB)
     input: PathBuf,
-    /// The file to write; its ending names the format: .ply (INRIA) or .spz of splats, .ply, .glb or .obj of a mesh
+    /// The file to write. Its extension selects the format: .ply (INRIA) or .spz for splats; .ply, .glb or .obj for
+    /// a mesh
     output: PathBuf,
-    /// The up axis of formats that do not define one, such as PLY: SPZ and glTF have +y up and are turned between
-    /// it and this axis [default: -y, as INRIA's files mostly have]
+    /// The up axis of files whose format does not define one, such as PLY. SPZ and glTF have +y up, so a scene is
+    /// rotated when it is converted from or to them [default: -y, which most INRIA files have]
     #[arg(long, value_enum, allow_hyphen_values = true)]
     up: Option<UpArg>,
-    /// Keep the coordinates as stored, whatever the formats define
+    /// Keep the coordinates as stored, even if the formats define different up axes
     #[arg(long, conflicts_with = "up")]
     as_stored: bool,
-    /// Write SPZ version 4; the default is version 3, which every reader supports, unless harmonics of degree 4
-    /// need version 4
+    /// Write SPZ version 4. The default is version 3, which every reader supports, or version 4 if the scene has
+    /// harmonics of degree 4
     #[arg(long)]
     spz4: bool,
     #[command(flatten)]
@@ -46,12 +48,15 @@ impl Convert {
             return self.write_mesh(memory);
         }
         let Some(format) = SaveFormat::of_path(&self.output.to_string_lossy()) else {
-            terminal::error(&format!("`{}`: the ending must be .ply or .spz", self.output.display()));
+            terminal::error(&format!(
+                "`{}`: the extension for splats must be .ply or .spz",
+                self.output.display()
+            ));
             return Ok(2);
         };
         let format = match (format, self.spz4) {
             (SaveFormat::Ply, true) => {
-                terminal::error("`--spz4` is for files that end in .spz");
+                terminal::error("`--spz4` requires an output file that ends in .spz");
                 return Ok(2);
             }
             (_, true) => SaveFormat::Spz4,
@@ -70,7 +75,7 @@ impl Convert {
                 return Err(NodeError::new(format!("{what}\n{}", splats::lines(&notes).trim_end())));
             }
             let (bytes, mut lost) = encode(&scene, format, (!self.as_stored).then_some(up), &cx)?;
-            // The up axis was our default, and it changed the output.
+            // The up axis is the default, and it changes the output.
             let ours = self.up.is_none() && !notes.iter().any(|note| note.id == "frame");
             if ours && lost.iter().any(|note| note.id == "frame") {
                 warn_of_floor(&scene, up, &mut lost, &cx)?;
@@ -93,8 +98,8 @@ impl Convert {
     }
 }
 
-/// Rejects an output that is the input, and one whose folder does not exist, as `cp` does: a typing mistake should
-/// not create a folder.
+/// Returns an error if the output is the input, or if its folder does not exist. As with `cp`, a typing mistake
+/// must not create a folder.
 fn check_output(input: &Path, output: &Path) -> Result<(), NodeError> {
     if ReadFiles::new([input.to_owned()]).has(output) {
         return Err(NodeError::new(format!("`{}` is the input file", output.display()))
@@ -102,16 +107,17 @@ fn check_output(input: &Path, output: &Path) -> Result<(), NodeError> {
     }
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
     let Some(folder) = folder.filter(|folder| !folder.is_dir()) else { return Ok(()) };
-    let what = format!("cannot write `{}`: there is no folder `{}`", output.display(), folder.display());
+    let what =
+        format!("cannot write `{}`: the folder `{}` does not exist", output.display(), folder.display());
     Err(NodeError::new(what).hint("create it first"))
 }
 
-/// Warns if the floor of a scene indicates another up axis than the assumed one.
+/// Warns if the floor of a scene indicates an up axis different from the assumed one.
 fn warn_of_floor(scene: &Splats, up: Up, notes: &mut Notes, cx: &Context) -> Result<(), NodeError> {
     cx.check()?;
     let level = nodes::geometry::level::of_splats(scene, None).filter(|level| level.is_sure());
     let [_, _, axis] = nodes::math::equirect::axes(up);
-    // 20 degrees: a capture may lie a little aslant.
+    // 20 degrees, because a capture may be tilted a little.
     if let Some(level) = level.filter(|level| glam::DVec3::from_array(level.up).dot(axis) < 0.94) {
         let measured = level.axis().map_or_else(
             || {

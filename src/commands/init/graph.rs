@@ -331,11 +331,11 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
         let text = format!("scaled by {} to {units} units, to fit", number(s.arranged.scale));
         line("size", text, None, "pose:");
     } else {
-        line("size", format!("as in its file, {size:.2} m, which is {units} units"), None, "pose:");
+        line("size", format!("unchanged from its file: {size:.2} m, which is {units} units"), None, "pose:");
     }
     match (&s.photo, s.arranged.view) {
         (Some(photo), _) => {
-            line("camera", format!("that of the photograph, `{}`", photo.camera), None, "camera:");
+            line("camera", format!("the camera of the photograph, `{}`", photo.camera), None, "camera:");
         }
         (None, Some(view)) => {
             let shows =

@@ -27,7 +27,7 @@ pub struct Init {
     /// The object to insert: glTF or GLB
     #[arg(long, requires = "splats")]
     object: Option<PathBuf>,
-    /// A mesh of the place, in the frame of the splats; without it one is made from the splats
+    /// A mesh of the place, in the frame of the splats; by default, it is extracted from the splats
     #[arg(long, requires = "splats")]
     mesh: Option<PathBuf>,
     /// The cameras of the capture (COLMAP, nerfstudio, INRIA, lightharmony JSON), in the frame of the splats
@@ -92,7 +92,7 @@ impl Init {
         };
         let made_up = if assumed.is_empty() { MADE_UP } else { "" };
         let readme = format!("{README}{made_up}{HAND_ON}");
-        let ignored = "# What runs write.\n/out/\n";
+        let ignored = "# Files that runs write.\n/out/\n";
         for (name, text) in [(GRAPH, text.as_str()), (".gitignore", ignored), ("README.md", &readme)] {
             if is_there(name) {
                 terminal::remark(&format!("{} exists already and is kept", path(name).display()));

@@ -19,16 +19,17 @@ use crate::session::mesh as mesh_file;
 use crate::session::splats::{self, MemoryArgs};
 use crate::terminal;
 
-/// Prints the properties of a scene of splats, a mesh or a picture: size, up axis, floor, brightness, what looks wrong.
+/// Prints the properties of a scene of splats, a mesh or a picture: size, up axis, floor, brightness, and probable
+/// mistakes.
 #[derive(Debug, Args)]
 pub struct Inspect {
     /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF), a mesh (PLY, glTF), or a
     /// picture or panorama (PNG, JPEG, OpenEXR, Radiance HDR)
     file: PathBuf,
-    /// One JSON object on standard output
+    /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
-    /// Writes a picture (PNG): a plan from above with a grid, and views whose cameras are printed
+    /// Write a picture (PNG) with a plan of the scene, a grid, and views; their cameras are printed
     #[arg(long, value_name = "PNG")]
     picture: Option<PathBuf>,
     /// The cameras of the capture, which indicate the up direction and good views
@@ -95,7 +96,8 @@ impl Inspect {
             }
             Err(failed) => failed,
         };
-        // PLY, glTF and GLB hold splats or a mesh; the error for another file is that of the more likely one.
+        // PLY, glTF and GLB hold splats or a mesh; if a file can be read as neither, the error is for the more
+        // likely of the two.
         let is_mesh = mesh_file::is_mesh(&self.file);
         match mesh_file::load(&self.file, MeshFrame::World, &cx) {
             Ok((found, notes)) if !found.triangles.is_empty() => {
@@ -111,7 +113,7 @@ impl Inspect {
         let name = self.file.display();
         let failed = match other::other(&self.file, &bytes) {
             Some(what) => NodeError::new(format!("`{name}` holds neither splats nor a mesh; it is {what}")),
-            None if is_mesh => NodeError::new(format!("`{name}` is a mesh without faces")),
+            None if is_mesh => NodeError::new(format!("`{name}` is a mesh that has no faces")),
             None => failed,
         };
         Ok(splats::failed(&failed))

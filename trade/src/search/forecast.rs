@@ -49,7 +49,7 @@ struct Turn {
 }
 
 impl Turn {
-    /// The values that can be reached from a value by successive changes, each on the shortest way.
+    /// The values that can be reached from a value by successive changes. Each value is reached by the shortest sequence of changes.
     fn all_from(at: usize, turns: &[Self]) -> Vec<(usize, Effect)> {
         let mut known = vec![(at, Effect::NONE, 0)];
         let place = |known: &[(usize, Effect, usize)], value| known.iter().position(|(to, ..)| *to == value);

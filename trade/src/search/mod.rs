@@ -55,8 +55,8 @@ pub fn search(
 const FOLLOWED: usize = 5;
 /// Minimum saving, as a share of the cost or error, that a forecast must promise to be measured.
 const GAIN: f64 = 0.01;
-/// Maximum number of positions that miss the goal, one change away from the best one, from which the search
-/// continues.
+/// Maximum number of positions from which the search continues although they miss the goal. Each is one change away
+/// from the best position.
 const BEYOND: usize = 3;
 
 struct Search<'s, M> {

@@ -3,9 +3,9 @@
 /// The goal of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
-    /// Least work with at most this error.
+    /// Minimize the work, with at most this error.
     Error(f64),
-    /// Least error with at most this cost.
+    /// Minimize the error, with at most this cost.
     Cost(f64),
 }
 

@@ -18,7 +18,7 @@ use crate::value::units::bytes_text;
 
 /// First pause before the scheduler checks again whether a result is still being computed elsewhere.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
-/// Maximum pause between such checks.
+/// Maximum pause between two of these checks.
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
 /// Forecast in seconds below which a node is short, so that it does not wait for other nodes to end.
 const SHORT: f64 = 1.0;

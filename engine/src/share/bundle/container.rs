@@ -6,13 +6,13 @@
 //! 12  8  n, the length of the index, at most 64 MiB
 //! 20 32  BLAKE3 of the index
 //! 52  n  index
-//!        count, then for each content: 32 bytes BLAKE3, length      ascending by digest
-//!        count, then for each file: name, content                   ascending by name
-//!        count, then for each record: 32 bytes key, content         ascending by key
-//!        count, then for each value: content                        ascending
-//! ..  m  the contents in order, with nothing between, before or after
+//!        count, then for each blob: 32 bytes BLAKE3, length         ascending by digest
+//!        count, then for each file: name, blob                      ascending by name
+//!        count, then for each record: 32 bytes key, blob            ascending by key
+//!        count, then for each value: blob                           ascending
+//! ..  m  the blobs in order, with nothing between, before or after
 //! ```
-//! Counts and lengths have 8 bytes. A name is stored as its length and its UTF-8 bytes, and a content as its 4-byte
+//! Counts and lengths have 8 bytes. A name is stored as its length and its UTF-8 bytes, and a reference to a blob as its 4-byte
 //! index in the first list. Nothing is compressed, so nothing can be larger than the bundle itself, and every byte
 //! is covered by a digest. Equal parts give equal bytes.
 
@@ -70,7 +70,7 @@ impl From<Corrupt> for BundleError {
     }
 }
 
-/// Origin of the bytes of a content.
+/// Source of the bytes of a blob.
 pub(crate) enum Bytes {
     Memory(Vec<u8>),
     File(std::path::PathBuf),
@@ -207,12 +207,12 @@ fn copy(from: &mut impl Read, to: &mut impl Write, length: u64) -> io::Result<Di
     Ok(digest.finish())
 }
 
-/// A bundle open for reading. Its index is valid; its contents are verified when they are read.
+/// A bundle open for reading. Its index is valid; its blobs are verified when they are read.
 pub struct Bundle<R> {
     from: R,
-    /// Digest of the index. It covers the whole bundle, since the index contains the digests of all contents.
+    /// Digest of the index. It covers the whole bundle, since the index contains the digests of all blobs.
     digest: Digest,
-    /// (offset, length, digest) of each content.
+    /// (offset, length, digest) of each blob.
     contents: Vec<(u64, u64, Digest)>,
     files: Vec<(String, usize)>,
     records: Vec<(Digest, usize)>,
@@ -272,14 +272,14 @@ impl<R: Read + Seek> Bundle<R> {
             self.contents.push((offset, length, digest));
             offset = offset
                 .checked_add(length)
-                .ok_or_else(|| damaged("a content ends beyond the end of the bundle"))?;
+                .ok_or_else(|| damaged("a blob extends past the end of the bundle"))?;
         }
         if offset != whole {
-            return Err(damaged("it does not end after its last content"));
+            return Err(damaged("it has additional bytes after its last blob"));
         }
         let place = |from: &mut Decoder<'_>| -> Result<usize, BundleError> {
             let place = from.u32()? as usize;
-            if place < count { Ok(place) } else { Err(damaged("it refers to a content that is missing")) }
+            if place < count { Ok(place) } else { Err(damaged("it refers to a blob that is missing")) }
         };
         for _ in 0..from.length(12)? {
             let (name, content) = (from.str()?, place(&mut from)?);
@@ -340,29 +340,29 @@ impl<R: Read + Seek> Bundle<R> {
         self.files.iter().find(|(name, _)| name == file).map(|(_, content)| *content)
     }
 
-    /// Copies a content. Returns an error if its digest is wrong.
+    /// Copies a blob. Returns an error if its digest is wrong.
     pub(crate) fn copy(&mut self, content: usize, to: &mut impl Write) -> Result<(), BundleError> {
         let (offset, length, digest) = self.contents[content];
         let failed = |source| BundleError::Io { what: "cannot copy from the bundle".to_owned(), source };
         self.from.seek(SeekFrom::Start(offset)).map_err(failed)?;
         if copy(&mut self.from, to, length).map_err(failed)? != digest {
-            let what = format!("the digest of the content {} is wrong", digest.short());
+            let what = format!("the blob {} does not match its digest", digest.short());
             return Err(BundleError::Damaged(what));
         }
         Ok(())
     }
 
-    /// Reads a content into memory. It is at most as long as the bundle.
+    /// Reads a blob into memory. It is at most as long as the bundle.
     pub(crate) fn read(&mut self, content: usize) -> Result<Vec<u8>, BundleError> {
         let mut bytes = Vec::new();
         self.copy(content, &mut bytes)?;
         Ok(bytes)
     }
 
-    /// Verifies all contents.
+    /// Verifies all blobs.
     ///
     /// # Errors
-    /// The first content with a wrong digest.
+    /// The first blob that does not match its digest.
     pub fn check(&mut self) -> Result<(), BundleError> {
         (0..self.contents.len()).try_for_each(|content| self.copy(content, &mut io::sink()))
     }

@@ -41,12 +41,12 @@ fn unpack(bytes: &[u8]) -> Result<Vec<String>, BundleError> {
     result.map(|()| list(&target))
 }
 
-/// A bundle of this index and these contents, with a valid header.
+/// A bundle with this index and these blobs, and a valid header.
 fn sealed(index: &[u8], contents: &[u8]) -> Vec<u8> {
     [&head(index), index, contents].concat()
 }
 
-/// An index with one content, to which all `names` refer.
+/// An index with one blob, to which all `names` refer.
 fn index(names: &[&str], content: &[u8]) -> Vec<u8> {
     let mut to = Encoder::default();
     to.u64(1);

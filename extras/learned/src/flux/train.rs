@@ -259,11 +259,11 @@ impl Trainer {
         if said != Some(&settings) {
             let said = said.map_or("unknown settings", String::as_str);
             return Err(source.wrong(format!(
-                "the file belongs to a training with {said}, not {settings}; remove it to begin again"
+                "the file belongs to a training run with {said}, not {settings}; remove it to start again"
             )));
         }
         if source.metadata().get("from").map(String::as_str) != Some(learned_from) {
-            return Err(source.wrong("the file belongs to a training with other panoramas or another width, prompt or model; remove it to begin again"));
+            return Err(source.wrong("the file belongs to a training run with other panoramas or another width, prompt or model; remove it to start again"));
         }
         let done = source.metadata().get("done").and_then(|text| text.parse().ok());
         self.done =

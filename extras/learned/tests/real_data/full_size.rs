@@ -1,5 +1,5 @@
-//! Tests of the published model: that every key of its files is assigned, and the estimate of its memory. The files
-//! are sparse, with a header only, and no weight is read.
+//! Tests with the keys of the published model: every key of its files is used, and the memory estimate is correct. The
+//! files are sparse, with a header only, and no weight is read.
 
 use std::fs::File;
 use std::io::{Seek, Write};

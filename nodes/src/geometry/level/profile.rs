@@ -27,7 +27,8 @@ pub(super) struct Profile {
     /// Score of the floor: the share of all surface that lies flat in it, minus the share expected by chance. The
     /// score is reduced if there is surface below the floor.
     pub ground: f64,
-    /// The same score for the highest large layer, called the lid. It is reduced if there is surface above the lid.
+    /// Score of the highest large layer, called the lid, computed like the score of the floor. It is reduced if there is
+    /// surface above the lid.
     pub lid: f64,
     /// Effective number of patches of the floor.
     pub observations: f64,
@@ -37,11 +38,12 @@ pub(super) struct Profile {
     pub lid_cover: f64,
     /// Balance between the surface above the floor and the surface below it, including the background.
     pub side: f64,
-    /// Balance of surfaces other than walls between the lower and the upper half of the space from floor to lid.
+    /// Balance between the surfaces, except walls, in the lower half of the space from floor to lid and those in the
+    /// upper half.
     pub things: f64,
     /// Surfaces counted in `things`, as a share of all surface.
     pub things_share: f64,
-    /// Balance of level surfaces between the lower and the upper half of the space from floor to lid.
+    /// Balance between the level surfaces in the lower half of the space from floor to lid and those in the upper half.
     pub levels: f64,
     /// Surfaces counted in `levels`, as a share of all surface.
     pub levels_share: f64,

@@ -173,9 +173,12 @@ impl Document {
     fn uses(&self, file: &str) -> Result<Vec<Use<'_>>, Error> {
         let wrong = |what: &str| Error::format(file, what);
         let roots: Vec<usize> = match (self.scene, self.scenes.first()) {
-            (Some(scene), _) => {
-                self.scenes.get(scene).ok_or_else(|| wrong("the scene does not exist"))?.nodes.clone()
-            }
+            (Some(scene), _) => self
+                .scenes
+                .get(scene)
+                .ok_or_else(|| wrong("`scene` refers to a scene that does not exist"))?
+                .nodes
+                .clone(),
             (None, Some(first)) => first.nodes.clone(),
             (None, None) => (0..self.nodes.len()).collect(),
         };
@@ -185,12 +188,18 @@ impl Document {
         while let Some((index, above)) = open.pop() {
             visits += 1;
             if visits > self.nodes.len() {
-                return Err(wrong("a node is reached twice; nodes must form trees"));
+                return Err(wrong("a node appears twice in the hierarchy; nodes must form trees"));
             }
-            let node = self.nodes.get(index).ok_or_else(|| wrong("a node does not exist"))?;
+            let node = self
+                .nodes
+                .get(index)
+                .ok_or_else(|| wrong("the hierarchy refers to a node that does not exist"))?;
             let matrix = above * node.matrix();
             if let Some(mesh) = node.mesh {
-                let mesh = self.meshes.get(mesh).ok_or_else(|| wrong("a mesh does not exist"))?;
+                let mesh = self
+                    .meshes
+                    .get(mesh)
+                    .ok_or_else(|| wrong("a node refers to a mesh that does not exist"))?;
                 for primitive in &mesh.primitives {
                     let Some(splatting) = primitive.extensions.get(NAME) else { continue };
                     let splatting = Splatting::deserialize(splatting)

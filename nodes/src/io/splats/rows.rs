@@ -5,7 +5,7 @@ use crate::math::num;
 /// Reason why a row is dropped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RowFault {
-    /// A field is NaN, or infinite where this has no meaning.
+    /// A field is NaN, or is infinite although infinity has no meaning for it.
     NotFinite,
     /// The quaternion is zero, as in rows of incomplete exports.
     ZeroQuaternion,

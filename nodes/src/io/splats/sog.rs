@@ -316,7 +316,7 @@ pub(super) fn load_bundle(
     load(file, &meta, ranges, &|name| Ok(archive.get(&format!("{folder}{name}"))?), reading, notes)
 }
 
-/// Loads the pictures of a `meta.json`. Returns all rows, or those in ascending ranges.
+/// Loads the pictures of a `meta.json`. Returns all rows, or only the rows in `ranges`, which must be ascending.
 pub(super) fn load(
     file: &str,
     meta: &Meta,
@@ -404,8 +404,8 @@ pub(super) fn load(
     Ok(loaded)
 }
 
-/// Decodes a rotation: the three smaller components in 8 bits each; alpha, from 252 on, is the index of the omitted
-/// component (w, x, y, z).
+/// Decodes a rotation. Red, green and blue are the three smaller components. Alpha is 252 plus the index of the
+/// omitted component in the order w, x, y, z.
 fn quaternion([a, b, c, tag]: [u8; 4]) -> Result<[f64; 4], RowFault> {
     let which = tag.checked_sub(252).ok_or(RowFault::NoSuchEntry)?;
     let smaller = [a, b, c].map(|v| (f64::from(v) / 255.0 - 0.5) * std::f64::consts::SQRT_2);

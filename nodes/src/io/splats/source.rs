@@ -108,7 +108,7 @@ impl Format {
         let what = match named {
             _ if bytes.is_empty() => "the file is empty".to_owned(),
             Some(ending) => format!(
-                "its {} bytes begin neither like a `{ending}` file nor like another format of splats; is the file complete?",
+                "its {} bytes begin neither like a `{ending}` file nor like a file of another splat format; is the file complete?",
                 bytes.len()
             ),
             None => "not a known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF)"

@@ -70,8 +70,7 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Erro
         open.extend(node.children.iter().rev());
         let mut own = BTreeMap::new();
         for (name, span) in &node.lods {
-            let level: u32 =
-                name.parse().map_err(|_| wrong(format!("`{name}` is not a number of a level")))?;
+            let level: u32 = name.parse().map_err(|_| wrong(format!("`{name}` is not a level number")))?;
             levels.insert(level);
             own.insert(level, span);
         }
@@ -168,7 +167,7 @@ mod tests {
             ),
             ("\"offset\": 10", "\"offset\": 9", "share splats"),
             ("\"offset\": 10", "\"offset\": 18446744073709551615", "too long"),
-            ("\"0\":", "\"x\":", "is not a number of a level"),
+            ("\"0\":", "\"x\":", "is not a level number"),
             ("\"tree\"", "\"bush\"", "not the `lod-meta.json`"),
         ] {
             let text = SCENE.replace(from, to);

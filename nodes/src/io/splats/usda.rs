@@ -239,7 +239,7 @@ fn attribute<'a>(scan: &mut Scan<'a>, first: &'a str, prim: Option<&mut Prim>) -
         prim.order = inner.split('"').skip(1).step_by(2).map(str::to_owned).collect();
     } else if name.starts_with("xformOp:") {
         if name.ends_with(".timeSamples") {
-            return Err(Error::unsupported(scan.file, "USD splats that move in time; save one moment"));
+            return Err(Error::unsupported(scan.file, "animated USD splats; save a single frame"));
         }
         let values = scan.numbers()?;
         prim.operations.insert(name.to_owned(), values);
@@ -252,10 +252,10 @@ fn attribute<'a>(scan: &mut Scan<'a>, first: &'a str, prim: Option<&mut Prim>) -
         } else if name == "radiance:sphericalHarmonicsDegree" {
             prim.degree = scan.numbers()?.first().filter(|d| (0.0..=4.0).contains(*d)).map(|d| *d as u32);
             if prim.degree.is_none() {
-                return Err(scan.bad("the degree of the spherical harmonics is not 0 to 4"));
+                return Err(scan.bad("the degree of the spherical harmonics must be 0 to 4"));
             }
         } else if name.ends_with(".timeSamples") && known.iter().any(|known| name.starts_with(known)) {
-            return Err(Error::unsupported(scan.file, "USD splats that move in time; save one moment"));
+            return Err(Error::unsupported(scan.file, "animated USD splats; save a single frame"));
         }
     }
     Ok(())

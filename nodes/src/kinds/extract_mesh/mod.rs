@@ -20,29 +20,32 @@ use crate::render::splat::{Blocks, Settings};
 use crate::types::{Mesh, Pose, Report, Rig, Splats};
 
 engine::params! {
-    /// Makes the mesh of a scene from its splats: what objects stand on, throw shadows on and are hidden by.
+    /// Makes a mesh of a scene from its splats. Objects stand on the mesh, cast shadows on it, and are hidden by
+    /// it.
     ///
-    /// Looks at the splats from places that it grows through space which was seen to be empty, from `around` and `cameras` on, and
-    /// from above what lies around `around`. The depths of these views (`RayMedian` of `splat-render`) are fused into distances
-    /// to the surface, in cells that are fine around `around` and coarser farther off. The mesh is closed only where the scene
-    /// was seen, and holds nothing beyond `reach_metres`: neither sky nor backdrop. Its colours are those of the splats, without
-    /// what depends on the direction.
+    /// The splats are rendered from many places in empty space. The search for these places starts at `around` and
+    /// `cameras`, and adds places that earlier views have seen to be empty; further views show the surroundings of
+    /// `around` from above. The depths of all views (`RayMedian` of `splat-render`) are fused into distances to the
+    /// surface, in cells that are fine near `around` and coarser farther away. The mesh has holes where no view
+    /// sees the scene, and it ends at `reach_metres`, so it contains neither sky nor backdrop. Its colours are the
+    /// colours of the splats without the part that depends on the direction.
     pub struct ExtractMesh {
-        /// Side of the finest cells: those within `radius_metres` of `around`. They double in size in steps farther off.
+        /// Side of the finest cells, which are used within `radius_metres` of `around`. Farther away, the size
+        /// doubles in steps.
         voxel_metres: f64 = 0.015, range(1e-4, 10.0), unit("m"), other("0.2"),
             knob(Resolution, "0.04", "0.02", "0.015", "0.01");
-        /// Distance from `around` up to which cells are finest.
+        /// Distance from `around` up to which the finest cells are used.
         radius_metres: f64 = 1.5, range(0.01, 1000.0), unit("m"), other("0.4");
-        /// Distance from `around`, or where that is not wired from the cameras, up to which there is a mesh.
+        /// Maximum distance of the mesh from `around`, or from the cameras if `around` is not wired.
         reach_metres: f64 = 12.0, range(0.1, 10000.0), unit("m"), other("1.0");
-        /// Places to look from, those of `around` and of the cameras among them.
+        /// Maximum number of places from which the splats are rendered, including `around` and the cameras.
         places: u32 = 28, range(1, 1000), other("3"), knob(Samples, "8", "14", "28", "56");
-        /// Side of each of the six faces of what is seen from a place.
+        /// Side of each of the six cube faces that are rendered at a place.
         size_px: u32 = 192, range(16, 2048), unit("px"), other("40"), knob(Resolution, "96", "128", "192", "320");
-        /// Error up to which triangles are joined, in the root mean square: 0.05 takes 30 of 31 triangles of a room and moves
-        /// it by less than noise does.
+        /// Maximum root-mean-square error of merging triangles. A value of 0.05 removes 30 of 31 triangles of a
+        /// room, and moves its surfaces by less than the noise.
         error_cells: f64 = 0.05, range(0.0, 10.0), unit("cells"), other("0.0");
-        /// Pieces are left out that have less area than a square of this side.
+        /// Minimum area of a separate piece of the mesh, as the side of a square. Smaller pieces are removed.
         least_piece_metres: f64 = 0.15, range(0.0, 100.0), unit("m"), other("5.0");
     }
 }
@@ -52,9 +55,9 @@ engine::inputs! {
     pub struct In {
         /// The scene.
         splats: Arc<Splats>,
-        /// Cameras in empty space: those that the scene was captured with, or those that pictures are wanted from.
+        /// Cameras in empty space, such as the cameras of the capture or the cameras of the pictures to render.
         cameras: Option<Arc<Rig>>,
-        /// Where an object will stand.
+        /// Position where an object will stand.
         around: Option<Arc<Pose>>,
     }
 }
@@ -64,21 +67,21 @@ engine::outputs! {
     pub struct Out {
         /// The mesh.
         mesh: Arc<Mesh>,
-        /// Counts of its making, and how well it fits.
+        /// Counts from the extraction, and how well the mesh fits the splats.
         report: Arc<Report>,
     }
 }
 
-/// Height of a place above where an object stands.
+/// Height of the first place above the position where the object stands, in metres.
 const EYE_METRES: f64 = 0.45;
-/// Depth below which the views that are fused show nothing. A larger one would cut away the ground below a place, which
-/// would then count as seen through.
+/// Near plane of the views that are fused, in metres. A larger value would cut away the ground below a place, which
+/// would then count as empty space.
 const NEAR_METRES: f64 = 0.2;
-/// Depth at which a view counts half.
+/// Depth at which a view has half the weight, in metres.
 const HALF_METRES: f64 = 2.0;
-/// Longest edge, in cells.
+/// Maximum length of an edge of the mesh, in cells.
 const LONGEST_CELLS: f64 = 16.0;
-/// Cubes that are kept at most.
+/// Maximum number of cubes that are kept.
 const MOST_CUBES: usize = 1 << 16;
 
 impl Kind for ExtractMesh {
@@ -117,9 +120,11 @@ impl Kind for ExtractMesh {
             cameras.iter().flat_map(|rig| rig.cameras.iter().map(|camera| camera.eye())).collect();
         let at = around.as_deref().map(Pose::translation);
         let Some(origin) = at.or(eyes.first().copied()) else {
-            return Err(NodeError::new("nothing says where the scene is empty")
-                .at("around")
-                .hint("wire `around`, the pose of an object, or `cameras`, some of which stand in it"));
+            return Err(NodeError::new(
+                "there is no place to start in empty space: neither `around` nor `cameras` is wired",
+            )
+            .at("around")
+            .hint("wire the pose of an object to `around`, or cameras in empty space to `cameras`"));
         };
         let local = |point: DVec3| (point - origin).as_vec3();
         let above = at.map(|foot| local(foot + axes[2] * (EYE_METRES * metre)));
@@ -143,7 +148,7 @@ impl Kind for ExtractMesh {
 
         if places.blocked > 0 {
             let text = format!(
-                "{} of the given places are inside something and were left out: check that `around` is above the ground and \
+                "{} of the given places are inside a surface and were left out: check that `around` is above the ground and \
                  that the cameras are in empty space",
                 places.blocked
             );
@@ -159,7 +164,7 @@ impl Kind for ExtractMesh {
         if too_many {
             let farthest = cubes.iter().map(|cube| levels.distance_to(*cube)).fold(0.0, f32::max);
             let text = format!(
-                "{MOST_CUBES} cubes of cells are full at {:.2} m; raise `voxel_metres` for more",
+                "the mesh ends at {:.2} m, at the limit of {MOST_CUBES} cubes of cells; raise `voxel_metres` for a larger mesh",
                 f64::from(farthest) / metre
             );
             notes.degraded("mesh-cut", text);
@@ -186,13 +191,13 @@ impl Kind for ExtractMesh {
         };
         let (surface, seen) = simplify::simplified(surface, seen, &bounds, cx)?;
         if surface.triangles.is_empty() {
-            notes.degraded("empty", "no surface was seen");
+            notes.degraded("empty", "the mesh is empty: the views show no surface");
         }
 
         let far = surface.points.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
         let whole = |point: &Vec3| origin + point.as_dvec3();
         let high = |point: &Vec3| whole(point).as_vec3();
-        // Where f32 would move a point by a hundredth of a cell.
+        // True if rounding to f32 would move a point by a hundredth of a cell or more.
         let coarse =
             (origin.abs().max_element() + f64::from(far)) * f64::from(f32::EPSILON) > 0.01 * f64::from(cell);
         let low = |point: &Vec3| (whole(point) - high(point).as_dvec3()).as_vec3().to_array();
@@ -208,14 +213,14 @@ impl Kind for ExtractMesh {
         let mut tables = vec![report::counts(&[
             ("places", places.eyes.len()),
             ("places given", places.given),
-            ("places too near to something", places.failed),
+            ("places too near to a surface", places.failed),
             ("views from above", places.steep),
             ("cubes of cells", held),
-            ("triangles before they were joined", raw),
+            ("triangles before simplification", raw),
             ("triangles", mesh.triangles.len()),
             ("vertices", mesh.positions.len()),
             ("pieces", pieces.kept),
-            ("pieces left out", pieces.dropped),
+            ("pieces removed", pieces.dropped),
         ])];
         tables.extend(focus.map(|focus| report::ground(&surface, &seen, focus, axes, metre)));
         if let Some(rig) = &cameras {

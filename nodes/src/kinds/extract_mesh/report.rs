@@ -12,28 +12,29 @@ use crate::render::fusion::tint::Seen;
 use crate::render::splat::{Blocks, Settings};
 use crate::types::{Camera, Cell, Rig, Splats, Table};
 
-/// Cameras that are compared at most.
+/// Maximum number of cameras that are compared.
 const CAMERAS: usize = 16;
 /// Distance from the focus within which the ground is measured, in metres.
 const GROUND_METRES: f64 = 0.5;
-/// The same, up and down.
+/// Maximum height above or below the focus at which the ground is measured, in metres.
 const HEIGHT_METRES: f64 = 0.25;
 
 fn count(name: &str, value: usize) -> Vec<Cell> {
     vec![Cell::Text(name.to_owned()), Cell::Count(value as u64)]
 }
 
-/// Counts by name.
+/// Table of counts by name.
 pub(super) fn counts(rows: &[(&str, usize)]) -> Table {
     Table::new("counts", ["what", "number"], rows.iter().map(|(name, value)| count(name, *value)).collect())
 }
 
-/// Millimetres.
+/// Cell with a length in millimetres, converted from world units. `metre` is the length of a metre in world units.
 fn mm(units: Option<f64>, metre: f64) -> Cell {
     units.map_or(Cell::Missing, |units| Cell::Number(units / metre * 1000.0))
 }
 
-/// Height, slope and roughness of the surface around a focus, and how well it is known.
+/// Table with the height, slope and roughness of the surface around a focus, the number of views that see it, and
+/// the deviation between them.
 pub(super) fn ground(surface: &Surface, seen: &[Seen], focus: Vec3, axes: [DVec3; 3], metre: f64) -> Table {
     let (radius, height) = ((GROUND_METRES * metre) as f32, (HEIGHT_METRES * metre) as f32);
     let [right, forward, up] = axes.map(|axis| axis.as_vec3());
@@ -76,7 +77,7 @@ pub(super) fn ground(surface: &Surface, seen: &[Seen], focus: Vec3, axes: [DVec3
     Table::new("ground", columns, rows)
 }
 
-/// How the mesh fits what each camera sees of the splats.
+/// Table that compares the mesh with the splats in the view of each camera.
 pub(super) fn views(
     scene: (&Splats, &Blocks, &Settings),
     (surface, origin): (&Surface, DVec3),
@@ -106,11 +107,11 @@ pub(super) fn views(
     let rows = rig.cameras.iter().step_by(every).map(row).collect::<Result<Vec<_>, NodeError>>()?;
     let columns = [
         "view",
-        "off the splats, median (mm)",
-        "off the splats, 95 of 100 (mm)",
+        "distance to the splats, median (mm)",
+        "distance to the splats, 95th percentile (mm)",
         "splats without mesh (%)",
         "mesh without splats (%)",
-        "mesh from behind (%)",
+        "mesh seen from behind (%)",
     ];
     Ok(Table::new("views", columns, rows))
 }

@@ -1,4 +1,4 @@
-//! Meshes of made scenes, whose surfaces are known.
+//! Tests with synthetic scenes whose surfaces are known.
 
 use glam::{DMat4, Vec3};
 
@@ -8,20 +8,22 @@ use crate::geometry::sampling::{hash, unit};
 use crate::testing::{context, direction};
 use crate::types::Cell;
 
-/// Two numbers in [-1, 1] of a counter.
+/// Three pseudo-random numbers in [-1, 1], computed from a counter.
 fn noise(i: usize) -> [f32; 3] {
     [0, 1, 2].map(|axis| 2.0 * unit(hash(i as u32, axis)) - 1.0)
 }
 
-/// The room of [`Scene::room`].
+/// Centre of the room of [`Scene::room`].
 const MIDDLE: Vec3 = Vec3::new(0.0, 0.0, 1.3);
+/// Half the size of the room.
 const HALF: Vec3 = Vec3::new(2.0, 2.0, 1.3);
 
 /// A scene of flat splats.
 struct Scene {
     splats: Splats,
-    /// Uniform noise of places, and slope of normals, up to so much.
+    /// Amplitude of the uniform noise of the positions, in metres.
     jitter: f32,
+    /// Amplitude of the uniform noise of the normals, as a slope.
     tilt: f32,
 }
 
@@ -30,7 +32,8 @@ impl Scene {
         Self { splats: Splats::empty(), jitter: 0.0, tilt: 0.0 }
     }
 
-    /// A rectangle of splats every 5 cm, about a middle, along two half sides.
+    /// Adds a rectangle of splats with a spacing of 5 cm. `u` and `v` are the vectors from its centre to the
+    /// middles of two adjacent sides.
     fn wall(mut self, middle: Vec3, u: Vec3, v: Vec3, colour: [f32; 3]) -> Self {
         let (columns, rows) = ((u.length() / 0.025).round() as usize, (v.length() / 0.025).round() as usize);
         for y in 0..rows {
@@ -53,7 +56,7 @@ impl Scene {
         self
     }
 
-    /// The six sides of a box, from inside or outside alike.
+    /// Adds the six sides of a box, which look the same from inside and outside.
     fn sides(self, middle: Vec3, half: Vec3, colour: [f32; 3]) -> Self {
         let [x, y, z] = [Vec3::X * half.x, Vec3::Y * half.y, Vec3::Z * half.z];
         [(x, y, z), (y, z, x), (z, x, y)].into_iter().fold(self, |scene, (n, u, v)| {
@@ -70,7 +73,7 @@ impl Scene {
         self
     }
 
-    /// A room of 4 by 4 by 2.6 m on the ground.
+    /// A room of 4 by 4 by 2.6 m whose floor is at height 0.
     fn room() -> Self {
         Self::new().sides(MIDDLE, HALF, [0.6, 0.5, 0.4])
     }
@@ -79,7 +82,7 @@ impl Scene {
         self.mesh_in(params, 1.0)
     }
 
-    /// The mesh of the scene stored in units of that many metres.
+    /// Extracts the mesh of the scene, stored in units of `metres_per_unit` metres.
     fn mesh_in(mut self, params: &ExtractMesh, metres_per_unit: f32) -> (Out, Notes) {
         let scene = engine::Scene {
             up: engine::Up::PlusZ,
@@ -105,7 +108,7 @@ fn corners(mesh: &Mesh) -> Vec<[Vec3; 3]> {
     mesh.triangles.iter().map(|t| t.map(|i| Vec3::from(mesh.positions[i as usize]))).collect()
 }
 
-/// Points all over a mesh, one for each four square centimetres and one a triangle at least.
+/// Points distributed over a mesh: one per four square centimetres, and at least one per triangle.
 fn points(mesh: &Mesh) -> Vec<Vec3> {
     let mut points = Vec::new();
     for [a, b, c] in corners(mesh) {
@@ -119,15 +122,15 @@ fn points(mesh: &Mesh) -> Vec<Vec3> {
     points
 }
 
-/// Distances of points from a surface, from small to large, in millimetres.
+/// Sorted distances of points from a surface, in millimetres.
 fn off(points: &[Vec3], distance: impl Fn(Vec3) -> f32) -> Vec<f32> {
     let mut all: Vec<f32> = points.iter().map(|p| 1000.0 * distance(*p).abs()).collect();
     all.sort_unstable_by(f32::total_cmp);
     all
 }
 
-/// True for a point of a room that lies 10 cm or more from where two of its sides meet: within that, a vertex is the middle of
-/// where the surface crosses the edges of its cell, which cuts the corner.
+/// True if a point of a room is at least 10 cm from each edge where two of its sides meet. Nearer to an edge, the
+/// mesh cuts the corner, because each vertex is the mean of the crossings of a cell.
 fn on_a_side(p: Vec3) -> bool {
     let mut apart = ((p - MIDDLE).abs() - HALF).abs().to_array();
     apart.sort_unstable_by(f32::total_cmp);
@@ -138,7 +141,7 @@ fn at(sorted: &[f32], share: f32) -> f32 {
     sorted[((sorted.len() - 1) as f32 * share) as usize]
 }
 
-/// Distance from the sides of a box.
+/// Distance of a point from the nearest side of a box.
 fn to_sides(p: Vec3, middle: Vec3, half: Vec3) -> f32 {
     let q = (p - middle).abs() - half;
     (q.max(Vec3::ZERO).length() + q.max_element().min(0.0)).abs()
@@ -156,8 +159,8 @@ fn counted(out: &Out, name: &str) -> u64 {
 fn a_room_is_closed_and_faces_inwards() {
     let (out, notes) = Scene::room().mesh(&coarse());
     assert_eq!(notes.iter().count(), 0);
-    // Walls are where their splats are, which are 80 mm wide and seen by pixels of 10 to 50 mm. Where two sides meet, the mesh
-    // cuts the corner by half the diagonal of a cell at most: 52 mm of those of 60 mm.
+    // Walls are where their splats are. The splats are 80 mm wide, and pixels cover 10 to 50 mm. Where two sides
+    // meet, the mesh cuts the corner by at most half the diagonal of a cell: 52 mm for cells of 60 mm.
     let all = points(&out.mesh);
     let sides: Vec<Vec3> = all.iter().copied().filter(|p| on_a_side(*p)).collect();
     let far = off(&sides, |p| to_sides(p, MIDDLE, HALF));
@@ -172,8 +175,8 @@ fn a_room_is_closed_and_faces_inwards() {
         let hit = tree.closest(Ray::new(eye, ray), |_| true).expect("the room is closed");
         assert!(!hit.back && to_sides(eye + ray * hit.t, MIDDLE, HALF) < 0.065);
     }
-    // Walls are flat, so few triangles do: at most one in ten of those before.
-    assert!(counted(&out, "triangles") * 10 < counted(&out, "triangles before they were joined"));
+    // Walls are flat, so at most one in ten triangles remains.
+    assert!(counted(&out, "triangles") * 10 < counted(&out, "triangles before simplification"));
     // The colour of the walls, in linear light.
     let expected = [0.6, 0.5, 0.4].map(crate::math::color::linear_from_srgb);
     for colour in &out.mesh.colours {
@@ -181,8 +184,8 @@ fn a_room_is_closed_and_faces_inwards() {
     }
 }
 
-/// The near plane was 0.2 units once: in units of 16 m, the floor around `around` was cut away and became a hole.
-/// Mutation: `NEAR_METRES` without `* metre`, seen red.
+/// The near plane was 0.2 units in an earlier version. In units of 16 m, the floor around `around` was cut away and
+/// became a hole. This test fails if `NEAR_METRES` is used without `* metre`.
 #[test]
 fn units_do_not_matter() {
     let metres = Scene::room().mesh(&coarse()).0.mesh;
@@ -198,12 +201,13 @@ fn a_box_on_the_ground_is_a_box_on_the_ground() {
     let (middle, half) = (Vec3::new(0.9, 0.2, 0.2), Vec3::new(0.2, 0.2, 0.2));
     let ground = Scene::new().wall(Vec3::ZERO, Vec3::X * 2.5, Vec3::Y * 2.5, [0.5; 3]);
     let (out, _) = ground.sides(middle, half, [0.8, 0.2, 0.2]).mesh(&coarse());
-    // Away from the end of the ground, where what lies below it was neither seen nor seen through.
+    // Only points away from the border of the ground; below the border, space was seen neither as a surface nor as
+    // empty.
     let inner: Vec<Vec3> =
         points(&out.mesh).into_iter().filter(|p| p.abs().truncate().max_element() < 2.2).collect();
     let far = off(&inner, |p| p.z.abs().min(to_sides(p, middle, half)));
     assert!(at(&far, 0.5) < 3.0 && at(&far, 0.95) < 30.0, "{} {}", at(&far, 0.5), at(&far, 0.95));
-    // Its top and its sides are there: rays from above and from aside meet them.
+    // The mesh has the top and the sides of the box: rays from above and from the side hit them.
     let corners = corners(&out.mesh);
     let tree = Bvh::build(&corners);
     let top = tree.closest(Ray::new(Vec3::new(0.9, 0.2, 2.0), -Vec3::Z), |_| true).expect("a top");
@@ -226,7 +230,7 @@ fn what_is_seen_through_from_elsewhere_is_left_out() {
     assert!(at(&far, 1.0) < 65.0, "{}", at(&far, 1.0));
 }
 
-// Splats that are off by 5 mm and 6 degrees at most, 2.9 mm in the root mean square, make sides that are off by less.
+// Splats with errors of at most 5 mm and 6 degrees (2.9 mm root mean square) give sides with smaller errors.
 #[test]
 fn noise_is_averaged() {
     let noisy = Scene { jitter: 0.005, tilt: 0.1, ..Scene::new() };
@@ -266,7 +270,7 @@ fn neither_sky_nor_what_lies_beyond_the_reach_is_meshed() {
     }
     let (out, _) = scene.mesh(&ExtractMesh { reach_metres: 5.0, ..coarse() });
     assert!(!out.mesh.triangles.is_empty());
-    // A cell beyond at most, of 240 mm.
+    // At most one cell, of 240 mm, beyond the reach.
     let focus = Vec3::new(0.3, 0.2, 0.0);
     assert!(out.mesh.positions.iter().all(|p| (Vec3::from(*p) - focus).length() < 5.3 && p[2] < 0.1));
 }
@@ -281,7 +285,8 @@ fn any_number_of_threads_gives_the_same_mesh() {
     assert!(one == run(2) && one == run(5));
 }
 
-// The mesh of a scene a million metres from the origin is that of the scene at it, to a hundredth of a cell.
+// The mesh of a scene a million metres from the origin equals the mesh of the same scene at the origin, to within a
+// hundredth of a cell.
 #[test]
 fn a_scene_far_from_the_origin_keeps_its_digits() {
     let far = DVec3::new(1e6, -2e6, 300.0);

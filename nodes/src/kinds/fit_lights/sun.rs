@@ -37,7 +37,7 @@ const STEPS_DEG: [f64; 3] = [0.4, 0.15, 0.05];
 const GLOWS: [f64; 6] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 /// Irradiances of a candidate sun that the coarse search tries, relative to the median of all other light.
 const FEW: [f64; 3] = [0.5, 2.0, 8.0];
-/// Irradiances of a candidate sun that the fine search tries, relative to the same median.
+/// Irradiances of a candidate sun that the fine search tries, relative to the median of all other light.
 const MANY: [f64; 8] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
 /// The direction that explains the colours of the place best.
@@ -45,7 +45,7 @@ const MANY: [f64; 8] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 pub(super) struct Sun {
     /// Unit direction to the sun.
     pub direction: DVec3,
-    /// Linear irradiance of a surface that faces it.
+    /// Linear irradiance of a surface that faces the sun.
     pub irradiance: [f64; 3],
     /// Standard error of the irradiance, in stops, from four disjoint sets of pairs. Errors that all sets share,
     /// such as those of the mesh, are not included.

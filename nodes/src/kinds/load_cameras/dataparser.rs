@@ -48,8 +48,8 @@ impl Dataparser {
     }
 
     /// Adapts the transform to the cameras of a `transforms.json` with `applied_transform`. That transform is
-    /// already applied to the cameras, but the data parser maps from the coordinates before it (nerfstudio,
-    /// `nerfstudio_dataparser.py`).
+    /// already applied to the cameras, but the data parser expects coordinates to which it has not been applied
+    /// (nerfstudio, `nerfstudio_dataparser.py`).
     pub fn after_applied(self, file: &str, cameras: &[u8]) -> Result<Self, Error> {
         let Ok(json) = serde_json::from_slice::<Value>(json_text(cameras)) else { return Ok(self) };
         let mut own = self;

@@ -29,7 +29,7 @@ pub fn read(file: &str, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result
         if visits > document.nodes().len() {
             return Err(Error::format(
                 file,
-                "a node is reached twice; the nodes of a glTF scene must form trees",
+                "a node appears twice in the hierarchy; the nodes of a glTF scene must form trees",
             ));
         }
         let matrix = above * local(&node.transform());

@@ -1,4 +1,4 @@
-//! Cameras in JSON: our own format, nerfstudio's `transforms.json` and `camera_path.json`, and INRIA's
+//! Cameras in JSON: lightharmony's own format, nerfstudio's `transforms.json` and `camera_path.json`, and INRIA's
 //! `cameras.json`.
 
 use engine::Notes;

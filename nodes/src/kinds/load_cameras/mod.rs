@@ -41,7 +41,7 @@ engine::params! {
     ///
     /// The format is detected by content:
     ///
-    /// - Our own JSON: `{"views": [{"name": "view_0", "w": 512, "h": 384, "fx": 491.8, "fy": 491.8, "cx": 256.0,
+    /// - Lightharmony's own JSON: `{"views": [{"name": "view_0", "w": 512, "h": 384, "fx": 491.8, "fy": 491.8, "cx": 256.0,
     ///   "cy": 192.0, "c2w_opencv": [[..4], [..4], [..4], [..4]]}]}`. `c2w_opencv` has the rows of the matrix from
     ///   camera to world, for a camera with x right, y down and z forward. With `c2w_opengl` instead, y is up and z
     ///   backward.
@@ -64,8 +64,8 @@ engine::params! {
         /// index. `pick: [Axis("v")]` with `axes: (v: Range(0, 300))` renders one camera after the other, and needs
         /// only the memory for one. The default is all cameras.
         pick: Vec<Pick> = Vec::new(), other("[\"0..1\"]");
-        /// Name of the list in our own JSON format.
-        list: String = "views".to_owned(), other("\"cube_faces\""), inert("only our own JSON has lists");
+        /// Name of the list in lightharmony's own JSON format.
+        list: String = "views".to_owned(), other("\"cube_faces\""), inert("only lightharmony's own JSON has lists");
         /// Factor applied to width and height of the pictures.
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
         /// Treatment of lens distortion.

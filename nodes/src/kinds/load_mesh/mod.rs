@@ -274,8 +274,8 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
         }
     }
     for (id, count, what) in [
-        ("vertices-not-finite", lost, "vertices that are not finite numbers were dropped"),
-        ("faces-of-dropped-vertices", dangling, "triangles of such vertices were dropped"),
+        ("vertices-not-finite", lost, "vertices with coordinates that are not finite were dropped"),
+        ("faces-of-dropped-vertices", dangling, "triangles with dropped vertices were dropped"),
         ("triangles-without-area", flat, "triangles without area were dropped"),
         ("colours-clamped", clamped, "vertex colours outside 0 to 1 were clamped"),
         ("faces-fanned", raw.fanned, "faces of more than three corners were split into fans"),

@@ -13,9 +13,9 @@ use crate::render::transport::picture::first_hit::is_before;
 /// Reason why no view shows an object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unseen {
-    /// The receiver hides it from every camera.
+    /// The receiver hides the object from every camera.
     Hidden,
-    /// It is outside every view, or only back faces are visible.
+    /// The object is outside every view, or only its back faces are visible.
     Outside,
 }
 

@@ -21,7 +21,7 @@ use crate::math::equirect::pixel_solid_angle;
 pub struct LoraPlan {
     /// File of the Flux.1 Kontext transformer.
     pub transformer: PathBuf,
-    /// File of its autoencoder.
+    /// File of the model's autoencoder.
     pub vae: PathBuf,
     /// File of the encoded text prompt.
     pub prompt: PathBuf,

@@ -17,8 +17,8 @@ use crate::types::{Image, Panorama, Picture, Srgb, Taken};
 /// Number of stops by which a photograph must show more light at a pixel for the pixel to count as clipped. At ten
 /// stops below white, this is half an 8-bit code.
 const BRIGHTER: f32 = 0.25;
-/// Minimum luminance that a pixel should have in a photograph to be used for its check: that of the fourth 8-bit
-/// code.
+/// Luminance of the 8-bit code 4. Pixels darker than this in a photograph are not used to check the photograph, if
+/// there are enough others.
 const SHOWN: f64 = 1.2e-3;
 /// Minimum number of pixels that are needed to check a photograph.
 const FEWEST: usize = 16;

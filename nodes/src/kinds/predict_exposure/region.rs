@@ -98,7 +98,7 @@ fn features(grid: &Grid, up: Up, cells: &[usize], (total, rest): (f64, f64), cei
     [1.0, log, log * log / 10.0, sine / size, ring, compact, num::f64::log2(total), share, rest]
 }
 
-/// Mean of the channels of some cells; half of white if there is no cell, as when the regression was fitted.
+/// Mean of the channels of some cells; half of white if there are no cells. The regression was fitted with this default.
 fn mean_of(grid: &Grid, cells: impl Iterator<Item = usize>) -> f64 {
     let (mut sum, mut n) = (0.0, 0.0);
     for cell in cells {

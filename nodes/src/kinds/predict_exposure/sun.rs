@@ -38,8 +38,8 @@ const SEEN_SKY: [f64; 2] = [0.1, 0.25];
 /// Sine of the elevation above which the sky is searched for.
 const HORIZON: f64 = 0.1;
 
-/// Blueness (B over R) of the sky around a region above which the region may be the sun although the ground is as
-/// blue.
+/// Minimum blueness (B over R) of the sky around a region for the region to count as the sun even if the ground is
+/// equally blue.
 const BLUE: f64 = 1.25;
 
 /// Degree from 0 to 1 to which each region, given by its cells, is the sun of a clear sky. It is also the fraction

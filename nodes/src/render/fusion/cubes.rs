@@ -1,4 +1,4 @@
-//! Cubes that contain a surface: those with points that enough views see.
+//! Cubes that contain a surface, which means points that enough views see.
 
 use engine::{Context, NodeError};
 use glam::Vec3;
@@ -50,7 +50,7 @@ fn of_view(view: &DepthView, levels: &Levels) -> Vec<Cube> {
             let at = y * view.width + x;
             let Some(point) = view.point(x, y).filter(|_| view.marks[at][0] >= TRUST) else { continue };
             add(levels, view.eye + point, &mut found);
-            // Far off and at a slant, pixels lie farther apart than cubes.
+            // Far from the camera and at grazing angles, adjacent pixels show points farther apart than cubes.
             for (other, inside) in [((x + 1, y), x + 1 < view.width), ((x, y + 1), y + 1 < view.height)] {
                 let Some(next) = Some(other).filter(|_| inside).and_then(|(x, y)| view.point(x, y)) else {
                     continue;
@@ -81,8 +81,8 @@ fn of_view(view: &DepthView, levels: &Levels) -> Vec<Cube> {
     found
 }
 
-/// Cubes at points that at least two views see, in order. If there are more than `most`, those nearest to the
-/// foci are kept, and the second value is true.
+/// Sorted cubes that contain points seen by at least two views. If there are more than `most`, the cubes nearest to
+/// the foci are kept, and the second value is true.
 pub fn wanted(
     views: &[DepthView],
     levels: &Levels,

@@ -1,5 +1,5 @@
-//! A camera's view of a scene, packed for fusion: per pixel the inverse depth, its confidence, the slant of the
-//! surface, and its colour.
+//! A camera's view of a scene, packed for fusion. For each pixel it holds the inverse depth, the confidence in it,
+//! the slant of the surface, and the colour.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -7,34 +7,39 @@ use glam::{DVec3, Vec3};
 use crate::render::splat::{Blocks, DepthMode, Rendered, Settings, render_with};
 use crate::types::{Camera, SplatEncoding, Splats};
 
-/// The share of the depth that the mean of what was blended may lie off for a pixel to count a quarter. Pixels that see
-/// two surfaces at once lie farther off.
+/// Spread of the blended depths, as a share of the depth, at which a pixel has a confidence of 1/4. Pixels that see
+/// two surfaces at once have a larger spread.
 const TRUSTED_SPREAD: f32 = 0.03;
 
-/// Inverse depths of neighbours that differ by more than this share belong to two surfaces. A plane seen at 7 degrees with
-/// pixels of 0.0116 rad, those of a face of 192 pixels, differs by so much.
+/// Maximum relative difference between the inverse depths of adjacent pixels that show the same surface. A plane
+/// seen at 7 degrees in a face of 192 pixels, whose pixels are 0.0116 rad wide, has this difference.
 pub const EDGE: f32 = 0.1;
 
-/// Side of a square of [`DepthView::hides`], in pixels.
+/// Side of the squares of pixels that [`DepthView::hides`] tests, in pixels.
 const SQUARE: usize = 8;
 
 /// A camera's view. Positions are relative to an origin in the scene, in world units.
 pub struct DepthView {
-    /// Where it stands.
+    /// Position of the camera.
     pub eye: Vec3,
-    /// Its axes in the world.
+    /// Unit vector to the right, in the world.
     pub right: Vec3,
+    /// Unit vector down, in the world.
     pub down: Vec3,
+    /// Unit vector along the optical axis, in the world.
     pub forward: Vec3,
-    /// Focal lengths and principal point, in pixels.
+    /// Horizontal and vertical focal length, in pixels.
     pub focal: [f32; 2],
+    /// Principal point, in pixels.
     pub middle: [f32; 2],
-    /// Columns and rows.
+    /// Width in pixels.
     pub width: usize,
+    /// Height in pixels.
     pub height: usize,
-    /// One over the planar depth of each pixel; 0 where nothing hides what lies behind.
+    /// Reciprocal of the planar depth of each pixel; 0 where the pixel shows no surface.
     pub inverse: Vec<f32>,
-    /// Trust, and the cosine of the angle between the ray and the normal of the surface; 255 is 1.
+    /// For each pixel, the confidence, and the cosine of the angle between the ray and the normal of the surface.
+    /// Both are scaled so that 255 is 1.
     pub marks: Vec<[u8; 2]>,
     /// Colour of each pixel in the display encoding.
     pub colours: Vec<[u8; 3]>,
@@ -42,14 +47,14 @@ pub struct DepthView {
     farthest: Vec<f32>,
 }
 
-/// A point on a picture.
+/// A point projected into a view.
 #[derive(Debug, Clone, Copy)]
 pub struct OnPicture {
     /// Planar depth, in world units.
     pub depth: f32,
-    /// Distance from the eye over depth.
+    /// Distance from the eye divided by the depth.
     pub stretch: f32,
-    /// Column and row, counted from the centre of the first pixel.
+    /// Column and row, relative to the centre of the first pixel.
     pub at: [f32; 2],
 }
 
@@ -113,21 +118,22 @@ impl DepthView {
         view
     }
 
-    /// The direction through the centre of a pixel, of planar depth 1.
+    /// Direction through the centre of a pixel, scaled to a planar depth of 1.
     pub fn ray(&self, x: usize, y: usize) -> Vec3 {
         let slope_x = (x as f32 + 0.5 - self.middle[0]) / self.focal[0];
         let slope_y = (y as f32 + 0.5 - self.middle[1]) / self.focal[1];
         self.forward + self.right * slope_x + self.down * slope_y
     }
 
-    /// The point that a pixel shows, from the eye.
+    /// Position of the point that a pixel shows, relative to the eye. `None` if the pixel shows no surface.
     pub fn point(&self, x: usize, y: usize) -> Option<Vec3> {
         let inverse = self.inverse[y * self.width + x];
         (inverse > 0.0).then(|| self.ray(x, y) / inverse)
     }
 
-    /// The cosine between the ray of a pixel and the normal of what it shows, by the neighbours that lie nearest to it in
-    /// depth; 0 where it has none.
+    /// Cosine of the angle between the ray of a pixel and the normal of the surface that it shows. The normal is
+    /// estimated from the horizontal and the vertical neighbour closest in depth; the result is 0 if one of them is
+    /// missing.
     fn cosine(&self, x: usize, y: usize) -> f32 {
         let Some(here) = self.point(x, y) else { return 0.0 };
         let inverse = |x: usize, y: usize| self.inverse[y * self.width + x];
@@ -153,7 +159,8 @@ impl DepthView {
         if lengths > 0.0 { (normal.dot(here) / lengths).abs().min(1.0) } else { 0.0 }
     }
 
-    /// Where a point lies on the picture; `None` where it is behind, or not between the centres of four pixels.
+    /// Projects a point into the view. `None` if the point is behind the eye, or not between the centres of four
+    /// pixels.
     #[inline]
     pub fn project(&self, point: Vec3) -> Option<OnPicture> {
         let offset = point - self.eye;
@@ -168,8 +175,9 @@ impl DepthView {
         inside.then(|| OnPicture { depth, stretch: offset.length() * inverse, at: [x, y] })
     }
 
-    /// One over the depth of the surface at a place between four pixels, linear where they show one surface (which is exact
-    /// for a plane) and that of the nearest otherwise; whether they show one; and the nearest pixel.
+    /// Inverse depth of the surface at a position between four pixels, whether the four pixels show one surface,
+    /// and the index of the nearest pixel. If they show one surface, the inverse depth is interpolated linearly,
+    /// which is exact for a plane. Otherwise it is the inverse depth of the nearest pixel.
     #[inline]
     pub fn surface(&self, [x, y]: [f32; 2]) -> (f32, bool, usize) {
         let (column, row) = (x as usize, y as usize);
@@ -186,14 +194,15 @@ impl DepthView {
         (top + (bottom - top) * fy, true, nearest)
     }
 
-    /// True if a ball, at an offset from the eye, is more than `behind` behind the surface in every pixel that it covers.
+    /// True if a ball is hidden: in every pixel that it covers, it lies more than `behind` behind the surface.
+    /// `offset` is the centre of the ball relative to the eye.
     pub fn hides(&self, offset: Vec3, radius: f32, behind: f32) -> bool {
         let depth = offset.dot(self.forward);
         let nearest = depth - radius;
         if nearest <= radius {
             return false;
         }
-        // A bound of the pixels that the ball covers: a third and one pixel more than its box.
+        // A bound of the pixels that the ball covers: a third and one pixel larger than its bounding box.
         let span = |side: Vec3, k: usize, pixels: usize| {
             let at = self.focal[k] * offset.dot(side) / depth + self.middle[k];
             let half = 1.34 * self.focal[k] * radius * (offset.length() / depth) / nearest + 1.5;
@@ -215,7 +224,7 @@ impl DepthView {
     }
 }
 
-/// 0 to 1 as a byte.
+/// Converts a value from 0 to 1 to a byte.
 fn byte(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }

@@ -1,5 +1,6 @@
-//! Distances to the surface at the corners of cells, fused from what the views see (Curless and Levoy 1996). Each corner is
-//! made by one thread from the views in their order, so the field has the same bits for any number of threads.
+//! Distances to the surface at the corners of cells, fused from the depths of the views (Curless and Levoy 1996).
+//! One thread computes each corner, from the views in their order, so the field has the same bits for any number of
+//! threads.
 
 use engine::{Context, NodeError};
 use fearless_simd::{Level, Simd, dispatch};
@@ -8,49 +9,55 @@ use glam::Vec3;
 use super::depth_view::DepthView;
 use super::levels::{Cube, Levels, SIDE};
 
-/// Corners along the side of a cube. Those on its sides belong to its neighbours as well, which hold the same numbers.
+/// Number of corners of cells along the side of a cube. Corners on the faces of a cube are also stored in the
+/// adjacent cubes, with the same values.
 pub const CORNERS: usize = SIDE as usize + 1;
-/// Corners of a cube.
+/// Number of corners of cells in a cube.
 pub(super) const ALL: usize = CORNERS * CORNERS * CORNERS;
 
-/// How far from the surface distances are reported apart, in cells.
+/// Maximum distance in front of or behind the surface that is stored, in cells. Larger distances are clamped in
+/// front of the surface and ignored behind it.
 const BAND: f32 = 3.0;
-/// How far behind a surface along a slanting ray it is still taken to be, in bands.
+/// Maximum distance from the surface, along a ray at a grazing angle, at which the view still counts as seeing the
+/// surface, in units of [`BAND`].
 const BEHIND: f32 = 3.0;
-/// Least cosine between ray and normal of a surface that is taken for one.
+/// Minimum cosine of the angle between ray and normal for the depth of a pixel to count as a surface.
 const FLATTEST: f32 = 0.1;
-/// Weight of a view that sees through a corner, relative to one that sees a surface there head on.
+/// Weight of a view in which a corner is empty space, relative to a view that sees a surface there at a right
+/// angle.
 const THROUGH: f32 = 0.25;
-/// Weight of a pixel at the edge of two surfaces.
+/// Weight of a pixel at an edge between two surfaces.
 const AT_EDGE: f32 = 0.25;
-/// Views that must have seen the surface from a corner behind it.
+/// Minimum number of views that must see the surface at a corner behind it.
 const VIEWS: u8 = 2;
 
-/// The field in a cube.
+/// Part of the field in one cube.
 pub struct Block {
     pub cube: Cube,
-    /// Distance to the surface in world units, negative behind it; 0 where no view says.
+    /// Distance from each corner to the surface, in world units, negative behind the surface; 0 where no view shows
+    /// it.
     pub(super) distance: Box<[f32; ALL]>,
     /// Standard deviation of the distances that views report at the surface, in world units.
     pub(super) deviation: f32,
-    /// Views that see the surface near each corner, or through it; 0 where none does.
+    /// Number of views that see the surface near each corner. It is 1 if views see only empty space there, and 0 if
+    /// the corner is hidden in all views.
     views: Box<[u8; ALL]>,
-    /// Bits of the cells all of whose corners have a distance.
+    /// One bit per cell: 1 if all corners of the cell have a distance.
     whole: [u64; SIDE as usize],
 }
 
-/// The number of a corner.
+/// Index of a corner.
 pub fn corner(x: usize, y: usize, z: usize) -> usize {
     (z * CORNERS + y) * CORNERS + x
 }
 
 impl Block {
-    /// Distance to the surface at a corner, and the views that say so.
+    /// Distance to the surface at a corner, and the number of views that see the surface there.
     pub fn at(&self, corner: usize) -> (f32, u8) {
         (self.distance[corner], self.views[corner])
     }
 
-    /// Whether the surface passes between two of its corners, the one behind it having been seen often enough.
+    /// True if the surface passes between two corners, and enough views see the surface at the corner behind it.
     pub fn crosses(&self, from: usize, to: usize) -> bool {
         let ((a, a_views), (b, b_views)) = (self.at(from), self.at(to));
         a_views > 0
@@ -59,7 +66,7 @@ impl Block {
             && (if a < 0.0 { a_views } else { b_views }) >= VIEWS
     }
 
-    /// Whether all corners of a cell have a distance.
+    /// True if all corners of a cell have a distance.
     pub fn is_whole(&self, cell: usize) -> bool {
         self.whole[cell / 64] >> (cell % 64) & 1 == 1
     }
@@ -79,16 +86,16 @@ impl Block {
     }
 }
 
-/// Bytes of a block.
+/// Memory of a block, in bytes.
 pub const BLOCK_BYTES: u64 = (ALL * 5 + 128) as u64;
 
-/// The field: its blocks in the order of their cubes.
+/// The field: its blocks, sorted by cube.
 pub struct Field<'a> {
     pub levels: &'a Levels,
     pub blocks: Vec<Block>,
 }
 
-/// A row of corners, projected into the picture of a view.
+/// A row of corners, projected into a view.
 #[derive(Default)]
 struct Row {
     /// True for each corner that lies between the centres of four pixels.
@@ -96,7 +103,7 @@ struct Row {
     x: [f32; CORNERS],
     y: [f32; CORNERS],
     depth: [f32; CORNERS],
-    /// Distance over depth.
+    /// Distance from the eye divided by the depth.
     stretch: [f32; CORNERS],
 }
 
@@ -118,7 +125,7 @@ impl Row {
     }
 }
 
-/// One block.
+/// Computes one block. `far` is the reciprocal of the square of the depth at which a surface has half the weight.
 #[inline(always)]
 fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
     let cell = levels.cell_of(cube.level);
@@ -145,7 +152,8 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
                     let at = corner(x, y, z);
                     let near = 1.0 / (1.0 + row.depth[x] * row.depth[x] * far);
                     let mut weight = trust * near * if one_surface { 1.0 } else { AT_EDGE };
-                    // How far it lies before the surface, along the ray and at a right angle to the surface.
+                    // Distance of the corner in front of the surface: along the ray, and then perpendicular to the
+                    // surface.
                     let before = if inverse > 0.0 {
                         (1.0 / inverse - row.depth[x]) * row.stretch[x]
                     } else {
@@ -198,7 +206,7 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
 }
 
 impl DepthView {
-    /// True if a ball may be on the picture, and is not entirely more than `behind` behind the visible surface.
+    /// True if a ball may be in the view, and some of it may be at most `behind` behind the visible surface.
     fn may_see(&self, middle: Vec3, radius: f32, behind: f32) -> bool {
         let offset = middle - self.eye;
         let depth = offset.dot(self.forward);
@@ -219,15 +227,15 @@ impl DepthView {
     }
 }
 
-/// [`fused`], compiled for each set of instructions.
+/// Same as [`fused`], compiled for each instruction set.
 #[inline(always)]
 fn fused_at<S: Simd>(_simd: S, cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
     fused(cube, views, levels, far)
 }
 
 impl<'a> Field<'a> {
-    /// Fuses the views in these cubes, which are in order. A surface at a depth of `half_at` world units counts half of what one
-    /// near by does.
+    /// Fuses the views in the given cubes, which must be sorted. A surface at a depth of `half_at` world units has
+    /// half the weight of a surface at depth 0.
     pub fn fused(
         cubes: &[Cube],
         views: &[DepthView],
@@ -250,7 +258,8 @@ impl<'a> Field<'a> {
         Ok(field)
     }
 
-    /// The block whose space holds a finest cell, and the number of the cell of it that does.
+    /// Indices of the block, and of the cell in it, that contain the given finest cell. `None` if no block contains
+    /// it.
     pub fn locate(&self, at: [i32; 3]) -> Option<(usize, usize)> {
         for level in 0..self.levels.reach.len() as u8 {
             let cell = at.map(|v| v >> level);
@@ -263,7 +272,8 @@ impl<'a> Field<'a> {
         None
     }
 
-    /// Where cubes of two sizes meet, the corners of both have the distance that the finer one says.
+    /// Makes the distances equal where cubes of two sizes meet: corners that both share take the distance of the
+    /// smaller cube.
     fn join_levels(&mut self, cx: &Context) -> Result<(), NodeError> {
         for level in 1..self.levels.reach.len() as u8 {
             let blocks: Vec<usize> =
@@ -283,7 +293,8 @@ impl<'a> Field<'a> {
         Ok(())
     }
 
-    /// The corners of a block that finer ones share: number, distance and views.
+    /// Corners that a block shares with finer blocks. For each: its index, and the distance and number of views
+    /// that the finest of these blocks has there.
     fn inherited(&self, block: &Block) -> Vec<(usize, f32, u8)> {
         let level = block.cube.level;
         let side = self.levels.cell_of(level) * SIDE as f32;
@@ -325,7 +336,7 @@ impl<'a> Field<'a> {
 }
 
 impl Block {
-    /// Whether a surface may pass through it or along it.
+    /// True if the surface may pass through the block or along its faces.
     fn is_of_use(&self) -> bool {
         self.whole.iter().any(|bits| *bits != 0)
     }

@@ -10,21 +10,22 @@ use crate::types::{Camera, Splats};
 /// Longest side of the picture that is compared, in pixels.
 const SIDE_PX: u32 = 256;
 
-/// Difference between the depths of mesh and splats in a view.
+/// Difference between a mesh and splats in a view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fit {
-    /// Median difference along the ray, in world units. `None` if there are no pixels to compare.
+    /// Median difference of the distances along the ray, in world units. `None` if there are no pixels to compare.
     pub median: Option<f64>,
     /// 95th percentile of the difference.
     pub most: Option<f64>,
-    /// Shares of the pixels that show splats within reach but no mesh, and the reverse.
+    /// Share of the pixels that show splats within reach but no mesh.
     pub holes: f64,
+    /// Share of the pixels that show the mesh but no splats.
     pub extra: f64,
     /// Share of the pixels that see the mesh from behind.
     pub backs: f64,
 }
 
-/// The camera with the same view and at most [`SIDE_PX`] pixels per side.
+/// Same camera with a resolution of at most [`SIDE_PX`] pixels per side.
 fn small(camera: &Camera) -> Camera {
     let scale = (f64::from(SIDE_PX) / f64::from(camera.width_px.max(camera.height_px))).min(1.0);
     let pixels = |px: u32| ((f64::from(px) * scale).round() as u32).max(1);
@@ -44,8 +45,8 @@ fn small(camera: &Camera) -> Camera {
     }
 }
 
-/// Compares triangles, relative to an origin, with the splats in the view of a camera, up to a distance from
-/// `middle`.
+/// Compares triangles, relative to an origin, with the splats in the view of a camera. Only points for which
+/// `within` is true are compared.
 pub fn fit(
     (splats, blocks): (&Splats, &Blocks),
     (triangles, origin): (&Bvh, DVec3),

@@ -17,13 +17,13 @@ const SIGMAS: f64 = 3.0;
 /// Maximum noise of a flat surface, in cells. A surface that leaves its plane by more has a shape, which the mesh can
 /// represent. Without this limit, views at grazing angles, which disagree by centimetres, tilt the top of a box.
 const MOST_CELLS: f64 = 0.25;
-/// Minimum number of points that determine a plane: a quarter of those of a plane through one cube layer.
+/// Minimum number of points that determine a plane: a quarter of the points of a plane that crosses one layer of cubes.
 const FEWEST: f64 = 64.0;
 /// Minimum length of the mean normal of a surface that faces one direction.
 const COHERENT: f64 = 0.5;
 /// Minimum share of the points that lie on the plane to within its noise.
 const ON_PLANE: f64 = 0.7;
-/// Number of blocks whose distances are in memory twice.
+/// Number of blocks processed at once; their old and new distances are in memory together.
 const GROUP: usize = 1024;
 
 /// Sums over the surface in one or more cubes: number of points, positions, their products, and normals.
@@ -37,7 +37,7 @@ struct Patch {
 }
 
 impl Patch {
-    /// Sums over the surface in a cube; with a plane, over the part that lies on it.
+    /// Sums over the surface in a cube, or over the part of it that lies on the plane `on`, if one is given.
     fn of(block: &Block, levels: &Levels, on: Option<&Plane>) -> Self {
         let cell = levels.cell_of(block.cube.level);
         let first = block.cube.corner();
@@ -71,7 +71,7 @@ impl Patch {
         patch
     }
 
-    /// Adds another patch, with this weight for each of its points.
+    /// Adds another patch, with the weight `times` for each of its points.
     fn add(&mut self, other: &Self, times: f64) {
         self.points += times * other.points;
         self.sum += times * other.sum;
@@ -79,8 +79,8 @@ impl Patch {
         self.normal += times * other.normal;
     }
 
-    /// The plane of the surface, and whether the surface agrees with it to within the noise; `None` if there are too few
-    /// points or their normals disagree.
+    /// Fits a plane to the points. The second value is true if they lie on it to within the noise. `None` if there
+    /// are too few points or their normals disagree.
     fn plane(&self, noise: f64) -> Option<(Plane, bool)> {
         if self.points < FEWEST || self.normal.length() < COHERENT * self.points {
             return None;
@@ -92,7 +92,7 @@ impl Patch {
             DVec3::new(xy, yy, yz) - middle * middle.y,
             DVec3::new(xz, yz, zz) - middle * middle.z,
         );
-        // The direction of least spread, by inverse iteration from the mean normal.
+        // The direction of minimum spread, by inverse iteration from the mean normal.
         let size = spread.x_axis.x + spread.y_axis.y + spread.z_axis.z;
         let inverse = (spread + DMat3::from_diagonal(DVec3::splat(1e-9 * size))).inverse();
         let facing = self.normal.normalize();
@@ -108,7 +108,7 @@ impl Patch {
     }
 }
 
-/// Gradient of the distance at a corner; `None` where a neighbour is unknown.
+/// Gradient of the distance at a corner. `None` if the distance at an adjacent corner is unknown.
 fn gradient(block: &Block, at: [usize; 3], cell: f32) -> Option<DVec3> {
     let mut gradient = [0.0_f64; 3];
     for (k, slope) in gradient.iter_mut().enumerate() {
@@ -138,8 +138,8 @@ impl Plane {
         self.normal.dot(place) - self.offset
     }
 
-    /// The amount by which a distance is reduced: the whole difference from the plane if it is within the noise, falling
-    /// to nothing at twice the noise.
+    /// Amount by which a distance is reduced. This is the whole difference from the plane if it is within the
+    /// noise; above that it decreases, and is 0 from twice the noise on.
     fn excess(&self, place: Vec3, distance: f32) -> f32 {
         let off = distance - self.distance(place);
         off * (2.0 - off.abs() / self.noise.max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
@@ -208,8 +208,9 @@ impl Field<'_> {
 }
 
 impl Field<'_> {
-    /// The blocks around a corner of cubes, each with the weight of its points relative to those of the level of the corner,
-    /// by area. At a change of level these are larger or smaller cubes.
+    /// Blocks around a corner of cubes. Each has the weight of its points, by area, relative to points at the level
+    /// of the corner. Where the level changes, some of the blocks are larger or smaller than the cubes of that
+    /// level.
     fn around(&self, end: Cube) -> Vec<(usize, f64)> {
         let find = |cube: Cube| self.blocks.binary_search_by(|block| block.cube.cmp(&cube)).ok();
         let mut found: Vec<(usize, f64)> = Vec::with_capacity(8);

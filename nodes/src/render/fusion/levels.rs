@@ -6,7 +6,7 @@ use glam::Vec3;
 /// Number of cells along the side of a cube.
 pub const SIDE: i32 = 8;
 
-/// Ratio of the reach of a level to that of the one before.
+/// Ratio of the reach of a level to the reach of the previous level.
 const GROWTH: f32 = 2.5;
 
 /// Maximum number of levels.
@@ -15,7 +15,7 @@ pub const MOST: usize = 7;
 /// Cube of cells: its level, and its position in units of cubes of that level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Cube {
-    /// Level: cells have the side of the finest ones times two to this power.
+    /// Level of the cells: their side is `2^level` times the side of the finest cells.
     pub level: u8,
     /// Position along x, y and z, in cubes of the level.
     pub at: [i32; 3],
@@ -40,7 +40,8 @@ pub struct Levels {
     pub cell: f32,
     /// Points around which cells are finest.
     pub foci: Vec<Vec3>,
-    /// Reach of each level from the nearest focus, in world units. The last one is the end of the mesh.
+    /// For each level, the maximum distance from the nearest focus, in world units. The mesh ends at the reach of
+    /// the last level.
     pub reach: Vec<f32>,
 }
 

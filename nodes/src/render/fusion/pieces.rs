@@ -1,4 +1,4 @@
-//! Connected pieces of a surface, and removal of those that are too small.
+//! Connected pieces of a surface, and removal of pieces that are too small.
 
 use super::surface::Surface;
 
@@ -7,8 +7,9 @@ use super::surface::Surface;
 pub struct Pieces {
     /// Number of pieces that are kept.
     pub kept: usize,
-    /// Number of pieces that were removed, and their area in square world units.
+    /// Number of pieces that were removed.
     pub dropped: usize,
+    /// Total area of the removed pieces, in square world units.
     pub dropped_area: f64,
 }
 

@@ -1,5 +1,5 @@
-//! Positions of the views: points in space that was seen to be empty, grown from points where an object is to
-//! stand or a camera stood.
+//! Finds places for the views in empty space. The search starts at the position of the object and at the cameras,
+//! and adds places in space that earlier views have seen to be empty.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -11,7 +11,7 @@ use crate::types::{Camera, Splats};
 
 /// Angle by which a face extends beyond 45 degrees, so that no point lies between the pixels of two faces.
 const GUARD_DEG: f64 = 3.0;
-/// Number of consecutive places too near to a surface after which no more are tried.
+/// Number of consecutive places found too near to a surface after which the search ends.
 const FAILURES: usize = 8;
 /// Minimum distance between two places, in clearances.
 const APART: f32 = 1.8;
@@ -23,7 +23,8 @@ const AZIMUTHS: usize = 12;
 const RISES: [f32; 3] = [-1.2, 0.0, 1.6];
 /// Share of the pixels seen from a place that may be nearer than the clearance.
 const NEARER: f64 = 0.02;
-/// Minimum distance from a given place to the nearest surface, in metres; a nearer place is inside something.
+/// Minimum distance from a given place to the nearest surface, in metres. A place that is nearer counts as inside a
+/// surface.
 const BLOCKED_METRES: f64 = 0.02;
 /// Field of view of the views from above, in degrees.
 const STEEP_DEG: f64 = 70.0;
@@ -52,7 +53,7 @@ pub struct Places {
     pub eyes: Vec<Vec3>,
     /// Number of given places, which come first in the list.
     pub given: usize,
-    /// Number of given places that are inside something and were left out.
+    /// Number of given places that are inside a surface and were left out.
     pub blocked: usize,
     /// Minimum distance between a place and a surface, in world units.
     pub clearance: f32,
@@ -110,8 +111,8 @@ fn distances(views: &[DepthView]) -> Vec<f32> {
     all
 }
 
-/// Distance that one can move from a place towards the point `ahead`, with the clearance free on all sides,
-/// according to the face that shows it.
+/// Distance that one can move from a place towards the point `ahead` while the clearance on all sides stays empty,
+/// according to the face that shows the point.
 fn room(faces: &[DepthView], ahead: Vec3, clearance: f32) -> f32 {
     let length = ahead.length();
     for view in faces {
@@ -131,7 +132,8 @@ fn room(faces: &[DepthView], ahead: Vec3, clearance: f32) -> f32 {
 }
 
 impl Places {
-    /// Finds up to `most` places, starting from given ones. The views of a focus from above are included.
+    /// Finds up to `most` places, starting from the given places `seeds`. If there is a focus, views of it from above
+    /// are added.
     pub fn grown(
         ground: &Ground<'_>,
         seeds: &[Vec3],
@@ -172,7 +174,7 @@ impl Places {
         all.sort_unstable_by(f32::total_cmp);
         places.median = all.get(all.len() / 2).copied().unwrap_or(f32::INFINITY);
         nearest.sort_unstable_by(f32::total_cmp);
-        // Half of what is nearest to the given place in the middle: where one can stand, one can stand again.
+        // The median of the distances from the given places to their nearest surfaces.
         let roomy = nearest.get(nearest.len() / 2).copied().unwrap_or(f32::INFINITY);
         places.clearance = ((0.35 * ground.metre) as f32).min(0.5 * roomy);
         if places.given == 0 {
@@ -267,8 +269,8 @@ impl Places {
         })
     }
 
-    /// Adds views of a focus from above, from all sides, because depth is biased for surfaces seen at a
-    /// slant, whatever is blended.
+    /// Adds views of a focus from above and from all sides, because the depth of surfaces seen at grazing angles is
+    /// biased.
     fn look_down(
         &mut self,
         ground: &Ground<'_>,

@@ -1,8 +1,8 @@
-//! Reduces the number of triangles within an error. Edges are contracted where the cost is small (Garland and
-//! Heckbert 1997): the mean square distance from the planes of the triangles that a point replaces, weighted by
-//! area. Cheap edges are contracted first, in passes over all triangles with a bound that grows from pass to pass;
-//! a priority queue needs twice the time and twice the memory. The surface does not fold over, holes are not
-//! closed, and the order depends on indices alone, so the result is the same on every machine.
+//! Reduces the number of triangles within an error bound, by contracting edges (Garland and Heckbert 1997). The
+//! cost of an edge is the mean squared distance of the new point from the planes of the triangles that it replaces,
+//! weighted by area. Passes over all triangles contract edges up to a cost that grows from pass to pass; a priority
+//! queue needs twice the time and memory. The surface does not fold over, and holes are not closed. The order
+//! depends only on indices, so the result is the same on every machine.
 
 use engine::{Context, NodeError};
 use glam::{DMat3, DVec3};
@@ -16,7 +16,7 @@ const TIDY: f64 = 1e-3;
 const BORDER: f64 = 10.0;
 /// Minimum cosine between the normals of a triangle before and after a contraction.
 const TURNED: f64 = 0.3;
-/// Number of triangles between two checks whether the run was cancelled.
+/// Number of triangles after which the code checks again whether the run was cancelled.
 const CHECKED: usize = 1 << 12;
 /// Shares of the squared error that the first passes allow, in order.
 const SHARES: [f64; 5] = [0.0004, 0.004, 0.02, 0.1, 0.3];
@@ -104,7 +104,8 @@ impl Mesh<'_> {
         self.at[point as usize].iter().copied().filter(|t| !self.gone[*t as usize])
     }
 
-    /// Writes the neighbours of a point to `to`, in order, each as often as there are triangles with both.
+    /// Writes the neighbours of a point to `to`, sorted. A neighbour appears once for each triangle that contains
+    /// both points.
     fn around(&self, point: u32, to: &mut Vec<u32>) {
         to.clear();
         to.extend(
@@ -138,7 +139,7 @@ impl Mesh<'_> {
         if !(1..=2).contains(&shared) {
             return false;
         }
-        // Points of a border have a neighbour with which they share but one triangle.
+        // A point on the border has a neighbour with which it shares only one triangle.
         let on_border = |around: &[u32]| around.chunk_by(|x, y| x == y).any(|same| same.len() == 1);
         let manifold = |around: &[u32]| around.chunk_by(|x, y| x == y).all(|same| same.len() <= 2);
         if !manifold(around_a)
@@ -215,7 +216,7 @@ fn mixed(a: &Seen, b: &Seen, share: f32) -> Seen {
     }
 }
 
-/// Contracts edges in the order of their cost, as long as the surface stays within the bounds.
+/// Contracts edges, roughly in order of their cost, as long as the surface stays within the bounds.
 pub fn simplified(
     surface: Surface,
     seen: Vec<Seen>,

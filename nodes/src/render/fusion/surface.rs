@@ -1,7 +1,7 @@
-//! Surface where the field is 0: a point in each cell that it passes through, at the mean of the crossings of
-//! its edges, and a quadrangle around each edge that is crossed (surface nets, Gibson 1998), over cells of
-//! several sizes (Ju et al. 2002). Cells that were not completely seen have no point, so the mesh is open
-//! there.
+//! Surface where the field is 0, by surface nets (Gibson 1998) over cells of several sizes (Ju et al. 2002). Each
+//! cell that the surface passes through has a point, which is the mean of the crossings with its edges. Each
+//! crossed edge has a quadrangle around it. Cells with a corner that no view shows have no point, so the mesh is
+//! open there.
 
 use engine::{Context, NodeError};
 use glam::Vec3;
@@ -30,8 +30,8 @@ struct Crossing {
 /// Number of cells in a block.
 const CELLS: usize = (SIDE * SIDE * SIDE) as usize;
 
-/// Crossings of the edges that belong to a block: those not shared with a finer block, or with an earlier one
-/// of the same size.
+/// Crossings of the edges that belong to a block. An edge that several blocks share belongs to the finest of them,
+/// and among blocks of the same size to the first.
 fn crossings(field: &Field<'_>, index: usize) -> Vec<Crossing> {
     let block = &field.blocks[index];
     let (first, step, side) = (block.cube.corner(), block.cube.step(), SIDE as usize);
@@ -109,7 +109,7 @@ impl Surface {
         let mut cells: Vec<u32> = groups.iter().flatten().flat_map(|crossing| crossing.cells).collect();
         cells.sort_unstable();
         cells.dedup();
-        // Where the cells of each block begin, so that one is found among few.
+        // Where the cells of each block begin, which makes the search for a cell faster.
         let mut starts = vec![0_usize; field.blocks.len() + 1];
         for cell in &cells {
             starts[*cell as usize / CELLS + 1] += 1;

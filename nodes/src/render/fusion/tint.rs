@@ -1,4 +1,4 @@
-//! Colours of points: the mean of the colours that the views show there.
+//! Colours of points. Each is the mean of the colours that the views show there.
 
 use engine::{Context, NodeError};
 use glam::Vec3;

@@ -16,7 +16,7 @@ const RISES: [f64; 4] = [9.0, 15.0, 23.0, 35.0];
 const AWAY: [f64; 3] = [2.5, 3.3, 4.6];
 /// Number of candidate cameras for which a small picture is rendered.
 const TRIED: usize = 28;
-/// Width and height of these pictures, in pixels.
+/// Width and height of the small pictures, in pixels.
 const SMALL: [u32; 2] = [96, 72];
 
 /// Position and target of the camera, in world units, and its field of view.

@@ -8,8 +8,8 @@ use super::grid::Grid;
 const CLEAR: usize = 5;
 /// Maximum number of surfaces in a column that are examined.
 const STACKED: usize = 4;
-/// Free space above a place at which its score is half of that under the open sky, in multiples of `Wish::enough`.
-/// Objects under a cover are dark and hard to see.
+/// Height of the free space above a place, in multiples of `Wish::enough`, at which the place gets half the score that
+/// it would get under the open sky. Objects under a cover are dark and hard to see.
 const COVERED: f64 = 10.0;
 /// Minimum number of cells of a surface.
 const FEWEST: usize = 30;

@@ -224,7 +224,7 @@ fn check(camera: &Camera, limit: Option<Limit<'_>>) -> Result<(), NodeError> {
     let found = limit.map_or(size, |Limit { depth, .. }| (depth.width, depth.height, depth.channels));
     if found != size {
         let what = format!(
-            "the depth of view `{}` is {}x{} of {} channels, the view {}x{}",
+            "the depth for view `{}` is {}x{} with {} channels; it must be {}x{} with 1 channel",
             camera.name, found.0, found.1, found.2, size.0, size.1
         );
         return Err(NodeError::new(what).at("limit"));
@@ -275,7 +275,7 @@ fn checked(camera: &Camera) -> Result<(), NodeError> {
         return Ok(());
     }
     let what = format!("view `{}` has {width}x{height} pixels", camera.name);
-    let hint = format!("the limit is {MAX_PIXELS} pixels, and {MAX_SIDE} a side");
+    let hint = format!("the limit is {MAX_PIXELS} pixels, and {MAX_SIDE} pixels per side");
     Err(NodeError::new(what).at("rig").hint(hint))
 }
 

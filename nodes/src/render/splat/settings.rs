@@ -192,8 +192,8 @@ pub struct Settings {
 /// Side of a tile, in pixels. It is the same as in the INRIA rasterizer, whose bounds depend on it.
 pub const TILE: usize = 16;
 
-/// Maximum memory of the lists of tiles, in bytes. This is enough for all lists of an ordinary view, but far too
-/// little for all lists of a view that its splats cover many times.
+/// Maximum memory of the lists of tiles, in bytes. This is enough for all lists of an ordinary view, but not for
+/// those of a view in which many large splats overlap.
 pub(crate) const LIST_BYTES: u64 = 1 << 26;
 
 impl Settings {

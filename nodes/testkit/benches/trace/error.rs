@@ -21,7 +21,7 @@ struct Effort {
     reference: u32,
 }
 const WHOLE: Effort = Effort { rows: &[4, 8, 16, 64], reference: 256 };
-/// A small amount, to check that the benchmark runs.
+/// A small amount of work, to check that the benchmark runs.
 const SMALL: Effort = Effort { rows: &[4], reference: 8 };
 
 /// Prints the table of the open scene. If `small`, only checks that it runs.

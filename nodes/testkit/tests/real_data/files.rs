@@ -187,7 +187,7 @@ fn cut_and_flipped_objects_are_errors_or_objects() {
     }
 }
 
-// The case file is our own format; its cube faces stand at the probe, its views look at the object.
+// The case file is in lightharmony's own format. Its cube faces are at the probe, and its views look at the object.
 #[test]
 fn cameras_of_the_bench_case_load() {
     let views = &data().cameras("bench-case/case.json", "views", &[]).cameras;

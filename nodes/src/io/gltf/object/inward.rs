@@ -8,7 +8,7 @@ use crate::types::{Material, Primitive};
 
 /// Maximum length of the sum of the area vectors of a part, relative to its area, for it to count as closed.
 const CLOSED: f64 = 1e-3;
-/// Maximum length of the same sum, relative to the area, for an open part to be reported.
+/// Maximum length of the sum of the area vectors of an open part, relative to its area, for the part to be reported.
 const OPEN: f64 = 0.5;
 /// A part looks inwards if the mean cosine between its face normals and the directions from its middle, weighted by
 /// area and distance, is below this. Turned inside out, a sphere has -1, a cube -0.8, and a long box -0.5.

@@ -20,7 +20,7 @@ const FRACTION_BITS: u32 = 16;
 const MOST_FRACTION_BITS: u32 = 19;
 /// Largest signed 24-bit integer.
 const LARGEST: f64 = 8_388_607.0;
-/// Length of the header, which version 4 extends by the position of its table.
+/// Length of the header in bytes. In version 4, the position of the table of contents follows.
 const HEADER: usize = 16;
 const HEADER_4: usize = 32;
 
@@ -52,7 +52,7 @@ struct Part {
     cut: [Cut; 3],
 }
 
-/// Median of the longest axes, in world units; 0 without splats.
+/// Median of the longest axes, in world units; 0 if there are no splats.
 fn median_size(splats: &Splats) -> f64 {
     let mut longest: Vec<f32> = splats.scales.iter().map(|s| s[0].max(s[1]).max(s[2])).collect();
     let middle = longest.len() / 2;

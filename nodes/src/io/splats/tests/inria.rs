@@ -1,4 +1,4 @@
-//! INRIA PLY: activation, extremes, fields, several files.
+//! Tests of INRIA PLY: activation, extremes, fields, several files.
 
 use std::sync::Arc;
 

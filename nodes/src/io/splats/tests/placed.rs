@@ -1,4 +1,4 @@
-//! glTF, and the frames of the formats that define one.
+//! Tests of splats in glTF, and of the frames of formats that define one.
 
 use engine::Scene;
 

@@ -8,14 +8,14 @@ use crate::math::equirect::pixel_solid_angle;
 
 /// Radiance of the true sky. The upper rows of half of the columns are unseen.
 const SKY: f64 = 0.6;
-/// Albedo of the ground under it.
+/// Albedo of the ground under the sky.
 const ALBEDO: f64 = 0.3;
 
 fn hole(at: usize) -> bool {
     at / W < 9 && at % W < 32
 }
 
-/// Irradiance of the ground by a uniform sky of radiance 1, as in the report.
+/// Irradiance of the ground by a uniform sky of radiance 1, computed as for the report.
 fn whole_sky() -> f64 {
     Energy::of(Up::PlusZ, W, &[1.0; W * H]).ground
 }

@@ -1,5 +1,5 @@
-//! Tests of objects whose foot is below the floor of a closed room, within the error of its mesh. The light
-//! that the room lets in is the same as for an object that stands on the floor.
+//! Tests of objects whose foot is below the floor of a closed room, by no more than the error of its mesh. The
+//! light that the room lets in is the same as for an object that stands on the floor.
 
 use super::materials::clear;
 use super::*;

@@ -167,8 +167,8 @@ fn one_of_several_objects_that_is_not_seen_is_named() {
     }
 }
 
-/// Tests `nearest` for rods a third of a pixel wide, and for a pane with a coverage of a third. It is their depth
-/// wherever any of the first 16 samples of a pixel hits them, and equals `depth` otherwise. `depth` is the depth of
+/// Tests `nearest` for rods a third of a pixel wide, and for a pane with a coverage of a third. `nearest` is their
+/// depth wherever any of the first 16 samples of a pixel hits them, and equals `depth` otherwise. `depth` is the depth of
 /// the first surface at the centre of the pixel that covers more than half.
 #[test]
 fn nearest_is_what_shows_anywhere_in_a_pixel() {

@@ -144,7 +144,7 @@ fn a_lamp_in_a_globe_lights_every_pixel() {
     }
 }
 
-/// The same globe above a card, which is an object: rays from its visible points find the globe as well. This test
+/// With the globe above a card, which is an object, rays from the visible points of the card find the globe as well. This test
 /// fails if `shades` is not used: the relative spread of the pixels is then 2.1.
 #[test]
 fn a_lamp_in_a_globe_lights_every_pixel_of_an_object() {

@@ -56,7 +56,7 @@ fn near(samples: u32) -> PathTrace {
     params(samples, Surroundings::Projected)
 }
 
-/// Mean of a small view that looks perpendicularly at a point of the room.
+/// Mean light in a small view that faces a point of the room perpendicularly.
 fn at(p: &PathTrace, env: &Environment, point: DVec3, normal: DVec3) -> f64 {
     of(p, &room(), env, point, normal)
 }

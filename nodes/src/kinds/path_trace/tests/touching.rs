@@ -106,7 +106,7 @@ fn what_lies_on_the_receiver_looks_as_a_millimetre_over_it() {
     }
 }
 
-/// The same test for a sheet on a wall.
+/// A sheet on a wall looks the same exactly on the wall and a millimetre in front of it.
 #[test]
 fn what_hangs_on_a_wall_looks_as_a_millimetre_before_it() {
     let turned =

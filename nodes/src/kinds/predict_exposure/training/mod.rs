@@ -68,7 +68,7 @@ pub struct Score {
     pub name: String,
     /// log2 of predicted over true mean irradiance: for the unchanged panorama, and for the prediction.
     pub irradiance: [f64; 2],
-    /// log2 of predicted over true contrast of the dominant light, for the same two cases.
+    /// log2 of predicted over true contrast of the dominant light: for the unchanged panorama, and for the prediction.
     pub contrast: [f64; 2],
 }
 

@@ -74,8 +74,8 @@ fn paint(colour: impl Fn(DVec3) -> DVec3) -> Image<Linear> {
     Image::from_samples(width, height, 3, (0..width * height).flat_map(pixel).collect())
 }
 
-/// Adds a light with a Gaussian profile of the given angular radius. `irradiance` is what a plane that faces it
-/// receives.
+/// Adds a light with a Gaussian profile of the given angular radius. `irradiance` is the irradiance of a
+/// plane that faces the light.
 fn add_disc(image: &mut Image<Linear>, toward: DVec3, radius: f64, irradiance: DVec3) {
     let (width, height) = (image.width, image.height);
     let fall = |x: usize, y: usize| {

@@ -129,7 +129,7 @@ impl Facets {
         [once, (once * self.gain(f0 + (1.0 - f0) * self.rise)).min(1.0)]
     }
 
-    /// Ratio of total to single scattering for facets of mean reflectance `f`. Single scattering at white mirrors
+    /// Ratio of total to single scattering for facets of mean reflectance `f`. Single scattering by white facets
     /// reflects the share `all`.
     fn gain(&self, f: f32) -> f32 {
         1.0 + (1.0 - self.all) / self.all * again(f, self.mean)

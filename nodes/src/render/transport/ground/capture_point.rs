@@ -41,14 +41,14 @@ pub(crate) struct CapturePoint {
 /// A problem with a point of capture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum CaptureFault {
-    /// It lay on or under a surface and was moved up by this distance, in world units.
+    /// The point lay on or under a surface and was moved up by this distance, in world units.
     Raised(f32),
-    /// No part of the receiver is visible from it, but a camera sees the receiver with this share of its
+    /// No part of the receiver is visible from the point, but a camera sees the receiver with this share of its
     /// rays.
     SeesNothing(f64),
     /// This share of the visible surfaces are back faces, while a camera sees front faces.
     SeesBacks(f64),
-    /// It is nearer than [`NEAREST`] to a surface.
+    /// The point is nearer than [`NEAREST`] to a surface.
     TooNear,
 }
 

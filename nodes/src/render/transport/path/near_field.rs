@@ -23,7 +23,7 @@ use crate::render::transport::sky::environment::{EnvironmentLight, LightSample};
 /// surface may be in front where a lamp lies on its wall.
 const SAME: f32 = 0.01;
 /// Relative depth behind the first surface up to which a point still counts as visible from the point of capture,
-/// because captured meshes hide parts of themselves. Not used for points that are as bright as lamps, which light
+/// because a captured mesh can cover parts of itself. Not used for points that are as bright as lamps, which light
 /// samples would not find.
 const NEARLY: f32 = 0.05;
 

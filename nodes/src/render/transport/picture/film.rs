@@ -25,7 +25,7 @@ pub struct Area {
 }
 
 /// Number of sums per pixel of the part `r0`: RGB, and the root of the sum of squared luminance. The root is
-/// stored because squares can exceed the range of single precision where light does not.
+/// stored because the square of a luminance that fits into an f32 may not fit.
 pub(crate) const R0: usize = 4;
 /// Number of sums per pixel of the part `pair`: RGB of R1, and the root of the sum of squared luminance of `R1 -
 /// R0`; RGB and alpha of O, and the root of the sum of its squared luminance.

@@ -134,7 +134,8 @@ impl LightCells {
         line[0] + line[last.min(LINE)] + line[last.min(2 * LINE)]
     }
 
-    /// Makes the second half of a choice: column and row of a texel, and the position in it.
+    /// Completes a choice of a row: chooses a texel in it. Returns the column and row of the texel, and the position
+    /// in it.
     #[inline(always)]
     pub fn texel<S: Simd>(
         &self,

@@ -118,7 +118,9 @@ impl<'a> Geometry<'a> {
         while let Some((node, parent)) = stack.pop() {
             let index = node.index();
             if std::mem::replace(&mut seen[index], true) {
-                return Err(self.bad(format!("node {index} is reached twice; nodes must form trees")));
+                return Err(
+                    self.bad(format!("node {index} appears twice in the hierarchy; nodes must form trees"))
+                );
             }
             let world = self.world[index].unwrap_or_else(|| parent * local(&node.transform()));
             if !world.is_finite() {
