@@ -1,5 +1,7 @@
 //! The body of every fuzz target: reads a file and checks the guarantees of the reader.
 
+pub mod file;
+
 use engine::{Context, Scene, Up};
 use nodes::io::splats::{Frame, from_bytes};
 
@@ -15,5 +17,14 @@ pub fn read(head: &[u8], data: &[u8]) {
         assert_eq!(splats.sh.len(), splats.len() * splats.sh_len());
         // No format packs a splat below a bit and a half; deflate and zstd reach 1024 to 1 over 19 bytes.
         assert!(splats.len() <= bytes.len() * 64);
+    }
+}
+
+/// Decodes a picture of any format.
+pub fn picture(data: &[u8]) {
+    if let Ok(picture) = nodes::io::picture::of_bytes("fuzz", data) {
+        let (width, height, channels) = picture.size();
+        assert_eq!(picture.samples().len(), width * height * channels);
+        assert!(picture.samples().iter().all(|v| v.is_finite()));
     }
 }
