@@ -68,7 +68,10 @@ pub(crate) fn cameras_of<'t>(
         let Some(above) = above else { return Err(unknown("is not known before it runs")) };
         wanted = above;
     }
-    Err(wrong(Code::WrongValue, format!("the number of cameras of `{}` is not known before it runs", shown(name))))
+    Err(wrong(
+        Code::WrongValue,
+        format!("the number of cameras of `{}` is not known before it runs", shown(name)),
+    ))
 }
 
 /// The node with a name, or with a name and an output.

@@ -9,8 +9,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use engine::{Context, InputFile, Kind, NodeError, Notes, Up};
-use nodes::geometry::inspect::{mesh, splats::Inspection};
-use nodes::io::splats::{Format, Frame};
+use nodes::geometry::inspect::mesh;
+use nodes::geometry::inspect::splats::{Inspection, inspect as splats_of};
+use nodes::io::splats::Format;
 use nodes::kinds::load_mesh::{self, LoadMesh};
 use serde::Serialize;
 
@@ -82,8 +83,12 @@ impl Inspect {
             self.print(&answer)?;
             return self.draw(|| look::of_panorama(&self.file, &bytes));
         }
-        let inspected = splats::load(&self.file, Frame::AsStored, &cx)
-            .and_then(|(scene, notes)| Ok((nodes::geometry::inspect::splats::inspect(&scene, &cx)?, notes)));
+        // PLY, glTF and GLB hold splats or a mesh; the error for another file is that of the more likely one.
+        let is_mesh = other::is_mesh(&bytes);
+        // The loaders read the file themselves.
+        drop(bytes);
+        let inspected = splats::load_plain(&self.file, &cx)
+            .and_then(|(scene, degree, notes)| Ok((splats_of(&scene, degree, &cx)?, notes)));
         let failed = match inspected {
             Ok((scene, notes)) => {
                 // `inspect` reads coordinates as stored, so this note about graphs does not apply.
@@ -94,8 +99,6 @@ impl Inspect {
             }
             Err(failed) => failed,
         };
-        // PLY, glTF and GLB hold splats or a mesh; the error for another file is that of the more likely one.
-        let is_mesh = other::is_mesh(&bytes);
         match load_mesh(&self.file, &cx) {
             Ok((found, notes)) if !found.triangles.is_empty() => {
                 let inspected = mesh::inspect(&found);
@@ -108,6 +111,7 @@ impl Inspect {
             _ => {}
         }
         let name = self.file.display();
+        let bytes = std::fs::read(&self.file).unwrap_or_default();
         let failed = match other::other(&self.file, &bytes) {
             Some(what) => NodeError::new(format!("`{name}` holds neither splats nor a mesh; it is {what}")),
             None if is_mesh => NodeError::new(format!("`{name}` is a mesh without faces")),

@@ -351,5 +351,9 @@ const SCALE: f64 = 1.0 / 4_294_967_296.0;
 pub(crate) fn constant(up: engine::Up, radiance: [f32; 3], width: usize) -> Environment {
     let height = (width / 2).max(1);
     let samples = (0..width * height).flat_map(|_| radiance).collect();
-    Environment { image: crate::types::Image::from_samples(width, height, 3, samples), up, origin: None }
+    Environment {
+        image: crate::types::Image::from_samples(width, height, 3, samples).into(),
+        up,
+        origin: None,
+    }
 }
