@@ -27,6 +27,12 @@ impl From<Image<Linear>> for Light {
     }
 }
 
+impl From<Light> for Picture {
+    fn from(light: Light) -> Self {
+        Picture::Linear(Image::clone(&light))
+    }
+}
+
 impl Deref for Light {
     type Target = Image<Linear>;
 
