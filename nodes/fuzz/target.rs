@@ -1,5 +1,7 @@
 //! The body of every fuzz target: reads a file and checks the guarantees of the reader.
 
+pub mod file;
+
 use engine::{Context, Scene, Up};
 use nodes::io::splats::{Frame, from_bytes};
 
@@ -16,5 +18,14 @@ pub fn read(head: &[u8], data: &[u8]) {
         // Formats without compression use at least 1.5 bits per splat. In the others a splat has at least 19 bytes,
         // which deflate and zstd compress by at most 1024 to 1.
         assert!(splats.len() <= bytes.len() * 64);
+    }
+}
+
+/// Decodes a picture of any format.
+pub fn picture(data: &[u8]) {
+    if let Ok(picture) = nodes::io::picture::of_bytes("fuzz", data) {
+        let (width, height, channels) = picture.size();
+        assert_eq!(picture.samples().len(), width * height * channels);
+        assert!(picture.samples().iter().all(|v| v.is_finite()));
     }
 }

@@ -48,6 +48,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<load_splats::LoadSplats>(),
         KindEntry::of::<override_material::OverrideMaterial>(),
         KindEntry::of::<path_trace::PathTrace>(),
+        KindEntry::of::<pick_cameras::PickCameras>(),
         KindEntry::of::<place::Place>(),
         KindEntry::of::<plane::Plane>(),
         KindEntry::of::<pose::PoseNode>(),

@@ -24,7 +24,7 @@ pub struct Nodes {
 const STAGES: [(&str, &[&str]); 7] = [
     ("load", &["demo-scene"]),
     ("prepare", &["crop-mesh", "extract-mesh", "override-material", "plane"]),
-    ("place", &["camera", "cube-rig", "fit-probe", "place", "pose", "snap"]),
+    ("place", &["camera", "cube-rig", "fit-probe", "pick-cameras", "place", "pose", "snap"]),
     ("light", &["fit-lights", "fuse-hdr", "predict-exposure", "score-env", "splat-panorama", "stitch"]),
     (
         "render",

@@ -123,7 +123,14 @@ impl Standing {
         let measured = level::of_splats(&first, seen.as_deref());
         let (up, matrix, by, confidence) = upright(measured.as_ref(), declared);
         let cx = context(up);
-        let place = if matrix.is_some() { load(splats, matrix, &cx)? } else { first };
+        let place = match matrix {
+            None => first,
+            Some(_) => {
+                // Both at once would take twice the memory.
+                drop(first);
+                load(splats, matrix, &cx)?
+            }
+        };
         let turned = matrix.as_ref().map(Similarity::of_rows).transpose()?;
         let camera_matrix = match (by_format, turned) {
             (Some(first), Some(then)) => Some(then.after(&first).rows()),

@@ -17,32 +17,75 @@ fn ball() -> String {
     text
 }
 
-/// An axis of numbers selects the cameras of a file one after the other, and each gives a picture.
-#[test]
-fn an_axis_with_a_range_takes_one_camera_after_the_other() {
-    let place = Place::new(
-        r#"Graph(version: 1, axes: (v: Range(0, 3)), scene: (up: "+z", seed: 1), nodes: (
-            scene: LoadSplats(path: "ball.ply"),
-            cam:   LoadCameras(path: "ring.json", pick: [Axis("v")], resolution: 0.5),
-            view:  SplatRender(splats: "scene", rig: "cam"),
-            save:  WriteImage(image: "view.colour", path: "{v}.png"),
-        ))"#,
-    );
-    std::fs::write(place.path("ball.ply"), ball()).unwrap();
-    let frames: Vec<String> = (0..3)
+/// A file of `count` cameras side by side, as nerfstudio writes it on Windows.
+fn ring(count: usize, size: [u32; 2]) -> String {
+    let frames: Vec<String> = (0..count)
         .map(|i| {
             format!(
-                r#"{{"file_path": "images\\{i}.jpg", "transform_matrix":
-                [[1,0,0,{i}],[0,0,-1,-4],[0,1,0,0],[0,0,0,1]]}}"#
+                r#"{{"file_path": "images\\shot_{i}.jpg", "transform_matrix":
+                [[1,0,0,{}],[0,0,-1,-4],[0,1,0,0],[0,0,0,1]]}}"#,
+                i as f64 / 8.0
             )
         })
         .collect();
-    let text = format!(r#"{{"w": 40, "h": 30, "camera_angle_x": 0.8, "frames": [{}]}}"#, frames.join(","));
-    std::fs::write(place.path("ring.json"), format!("\u{feff}{text}")).unwrap();
+    let [w, h] = size;
+    format!("\u{feff}{{\"w\": {w}, \"h\": {h}, \"camera_angle_x\": 0.8, \"frames\": [{}]}}", frames.join(","))
+}
+
+/// The cameras of a file, one after the other.
+const VIEWS: &str = r#"Graph(version: 1, axes: (frame: Cameras("rig")), scene: (up: "+z", seed: 1), nodes: (
+    scene: LoadSplats(path: "ball.ply"),
+    rig:   LoadCameras(path: "ring.json"),
+    cam:   PickCameras(rig: "rig", pick: [Axis("frame")]),
+    view:  SplatRender(splats: "scene", rig: "cam"),
+    save:  WriteImage(image: "view.colour", path: "{frame}_{view}.png"),
+))"#;
+
+fn pictures(place: &Place) -> Vec<String> {
+    place.outputs().into_keys().collect()
+}
+
+/// An axis over the cameras of a file renders one after the other, by ranges, and an edit of one camera renders that
+/// one again and no other. A camera can be picked by an axis of numbers as well.
+#[test]
+fn the_cameras_of_a_file_are_an_axis() {
+    let place = Place::new(VIEWS);
+    std::fs::write(place.path("ball.ply"), ball()).unwrap();
+    std::fs::write(place.path("ring.json"), ring(12, [40, 30])).unwrap();
+    place.run(&["--frames", "1-2"]).good();
+    assert_eq!(pictures(&place), ["01_shot_1.png", "02_shot_2.png"]);
+    place.run(&["--only", "save/frame=2..4"]).good();
+    assert_eq!(pictures(&place).len(), 4);
     place.run(&[]).good();
-    let pictures: Vec<Vec<u8>> =
-        (0..3).map(|i| std::fs::read(place.path(&format!("out/{i}.png"))).unwrap()).collect();
-    assert!(pictures[0] != pictures[1] && pictures[1] != pictures[2]);
+    let bytes = |i: usize| std::fs::read(place.path(&format!("out/{i:02}_shot_{i}.png"))).unwrap();
+    assert_eq!(pictures(&place).len(), 12);
+    assert!((0..11).all(|i| bytes(i) != bytes(i + 1)));
+    // One camera moves, and one is added.
+    let moved = ring(13, [40, 30]).replace("[[1,0,0,0.375]", "[[1,0,0,0.4]");
+    std::fs::write(place.path("ring.json"), moved).unwrap();
+    let log = place.run(&[]).good();
+    let ran = log.nodes("ran").into_iter().filter(|id| id.starts_with("view/")).collect::<Vec<_>>();
+    assert_eq!(ran, ["view/frame=12", "view/frame=3"]);
+    assert_eq!(pictures(&place).len(), 13);
+    let numbers = VIEWS.replace("Cameras(\"rig\")", "Range(5, 7)");
+    place.write(&numbers.replace("PickCameras(rig: \"rig\", ", "LoadCameras(path: \"ring.json\", "));
+    place.run(&[]).good();
+}
+
+/// The plan of all views of a capture at once asks for the memory of a view, not of 300.
+#[test]
+fn three_hundred_views_do_not_ask_for_the_memory_of_all() {
+    let place = Place::new(VIEWS);
+    std::fs::write(place.path("ball.ply"), ball()).unwrap();
+    std::fs::write(place.path("ring.json"), ring(300, [1920, 1080])).unwrap();
+    place.run(&["--frames", "299-299", "--memory", "4G"]).good();
+    assert_eq!(pictures(&place), ["299_shot_299.png"]);
+    assert_eq!(place.call(&["plan", "graph.ron", "--memory", "4G"]).status.code(), Some(0));
+    // Without an axis they are one value.
+    let whole = VIEWS.replace("rig: \"cam\"", "rig: \"rig\"").replace("{frame}_", "");
+    place.write(&whole.replace("axes: (frame: Cameras(\"rig\")), ", "").replace("[Axis(\"frame\")]", "[0]"));
+    let failed = place.run(&["--memory", "4G"]);
+    assert!(failed.errors.contains("the budget is 4"), "{}", failed.errors);
 }
 
 /// A mesh in metres that is read in centimetres is reported; a mesh that agrees with the splats is not.

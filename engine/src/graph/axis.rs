@@ -38,14 +38,22 @@ enum Values<'t> {
     /// A list of values.
     #[serde(borrow)]
     List(Vec<&'t RawValue>),
+    /// The indices of the cameras of a node, from 0.
+    Cameras(#[serde(borrow)] Cow<'t, str>),
 }
 
 impl<'t> Axis<'t> {
-    /// Parses an entry of the `axes` block.
-    pub fn read(field: &RawField<'t>) -> Result<Self, Diagnostic> {
+    /// Parses an entry of the `axes` block. `cameras_of` returns the number of cameras of a node with a name, or
+    /// `None` if that node has a mistake, which is reported elsewhere.
+    pub fn read(
+        field: &RawField<'t>,
+        cameras_of: impl FnOnce(&str) -> Result<Option<usize>, Diagnostic>,
+    ) -> Result<Self, Diagnostic> {
         let wrong = |message: String| {
-            Diagnostic::new(field.span.clone(), message)
-                .hint("an axis is written `Range(0, 12)`, `Range(0.0, 360.0, 30.0)` or `List([0.0, 15.0])`")
+            Diagnostic::new(field.span.clone(), message).hint(
+                "an axis is written `Range(0, 12)`, `Range(0.0, 360.0, 30.0)`, `List([0.0, 15.0])` or \
+                 `Cameras(\"rig\")`",
+            )
         };
         if field.name == "view" {
             let clash = Diagnostic::new(field.name_span.clone(), "an axis cannot be named `view`");
@@ -57,6 +65,10 @@ impl<'t> Axis<'t> {
             }
             Ok(Values::Range(from, to, step)) => range(from, to, step.unwrap_or(1.0))
                 .map_err(|why| wrong(format!("`{}` {why}", field.name)))?,
+            Ok(Values::Cameras(node)) => match cameras_of(&node)? {
+                Some(count) => (0..count.min(MOST_VALUES + 1)).map(|index| index.to_string()).collect(),
+                None => return Ok(Self::broken(field.name)),
+            },
             Err(_) => return Err(wrong(format!("`{}` is not an axis: {}", field.name, shown(field.text)))),
         };
         let values: Vec<String> = values;
@@ -124,8 +136,13 @@ enum Call<'t> {
 /// The names of the calls.
 const CALLS: [&str; 2] = ["Axis", "Track"];
 
-/// The indices of the axes that the text of a field reads. Returns an error if one of its calls has a mistake.
-/// `span` is the place of the field.
+/// True if the text of a field reads an axis.
+pub(crate) fn reads_axis(text: &str) -> bool {
+    !calls(text, &CALLS).is_empty()
+}
+
+/// The axes that the text of a field reads, by index, or the mistake in one of its calls. `span` is the place of
+/// the field.
 pub(crate) fn axes_read(
     text: &str,
     span: &Range<usize>,
@@ -242,7 +259,7 @@ mod tests {
     }
 
     fn values(text: &str) -> Result<Vec<String>, String> {
-        Axis::read(&field(text)).map(|axis| axis.values).map_err(|mistake| mistake.message)
+        Axis::read(&field(text), |_| Ok(Some(3))).map(|axis| axis.values).map_err(|mistake| mistake.message)
     }
 
     #[test]
@@ -255,6 +272,7 @@ mod tests {
         );
         assert_eq!(values("Range(1, 0, -0.5)"), Ok(vec!["1.0".into(), "0.5".into()]));
         assert_eq!(values("List([ 0.0, \"a, b\", (1, 2) ])").map(|list| list.len()), Ok(3));
+        assert_eq!(values("Cameras(\"rig\")"), values("Range(0, 3)"));
     }
 
     #[test]

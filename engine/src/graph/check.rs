@@ -6,6 +6,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::graph::axis::{Axis, axes_read};
+use crate::graph::cameras::cameras_of;
 use crate::graph::check_values::places;
 use crate::graph::checker::{Check, GATHER, Template, at_each};
 use crate::graph::graph::{Graph, Parts};
@@ -41,7 +42,11 @@ impl<'t, 'a> Check<'t, 'a> {
                     .hint("begin it with `version: 1,`"),
             );
         }
-        let axes: Vec<_> = document.axes.iter().map(Axis::read).collect();
+        let (source, registry, root) = (self.source, self.registry, self.root);
+        let read = |field: &RawField<'t>| {
+            Axis::read(field, |node| cameras_of(node, field, (source, registry, root), document))
+        };
+        let axes: Vec<_> = document.axes.iter().map(read).collect();
         let named = |(axis, field): (Result<Axis<'t>, Diagnostic>, &RawField<'t>)| {
             axis.unwrap_or_else(|mistake| {
                 self.report(mistake);

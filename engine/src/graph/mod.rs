@@ -2,6 +2,7 @@
 
 pub(crate) mod axis;
 pub(crate) mod axis_names;
+pub(crate) mod cameras;
 pub(crate) mod check;
 pub(crate) mod check_values;
 pub(crate) mod checker;

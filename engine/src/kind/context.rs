@@ -294,20 +294,20 @@ impl Context {
     /// neither waits. `make` must not call [`count`](Self::count).
     ///
     /// # Errors
-    /// If `extra` has no canonical form.
+    /// Those of `make`, and if `extra` has no canonical form.
     pub fn in_memory<T: Send + Sync + 'static>(
         &self,
         part: Part<'_>,
         extra: &impl Serialize,
         bytes: fn(&T) -> u64,
-        make: impl FnOnce() -> T,
+        make: impl FnOnce() -> Result<T, NodeError>,
     ) -> Result<Arc<T>, NodeError> {
-        let Some(store) = &self.parts else { return Ok(Arc::new(make())) };
+        let Some(store) = &self.parts else { return make().map(Arc::new) };
         let extra = canonical(extra)?;
         if let Some(known) = store.recall(part, &extra).and_then(|known| known.downcast().ok()) {
             return Ok(known);
         }
-        let made = Arc::new(make());
+        let made = Arc::new(make()?);
         store.keep(part, &extra, made.clone(), bytes(&made));
         Ok(made)
     }

@@ -97,7 +97,8 @@ pub(crate) fn expand<'t>(
         open.extend(file.nodes.iter().rev().map(inside));
         // Axes of the file become axes of the graph, unless the graph has an axis of the same name.
         let known = |axis: &RawField<'t>| document.axes.iter().any(|own| own.name == axis.name);
-        let axes: Vec<RawField<'t>> = file.axes.iter().filter(|axis| !known(axis)).cloned().collect();
+        let own = |axis: &RawField<'t>| RawField { scope: number, ..axis.clone() };
+        let axes: Vec<RawField<'t>> = file.axes.iter().filter(|axis| !known(axis)).map(own).collect();
         document.axes.extend(axes);
         let broken = file.broken.iter().map(|name| format!("{}{name}", scope.prefix).into());
         document.broken.extend(broken);

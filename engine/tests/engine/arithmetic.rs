@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use engine::{
     Artifact, Context, ContextField, Corrupt, Cost, Decoder, Difference, Encoder, FileBytes, Files,
     InputFile, Keep, Kind, KindEntry, NodeError, Notes, OutputFile, Part, Registry, Sizes, SourceFile,
-    SourceRoot,
+    SourceRoot, ViewCount,
 };
 
 /// The table of all kinds in this file.
@@ -203,6 +203,9 @@ simple!(
     const FOLDERS: bool = true;,
     fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         Ok(params.files(|file| root.file(file).path).iter().map(|file| root.file(file)).collect())
+    },
+    fn views(params: &Self, root: &SourceRoot) -> ViewCount {
+        ViewCount::Known(params.files(|file| root.file(file).path).len())
     }
 );
 
@@ -238,7 +241,10 @@ simple!(
     Scale = "scale",
     One,
     |params, inputs, _cx| give(inputs.value.0 * params.by),
-    const INSTANT: bool = true;
+    const INSTANT: bool = true;,
+    fn views(_: &Self, _: &SourceRoot) -> ViewCount {
+        ViewCount::As(&["value"])
+    }
 );
 
 engine::choices! {
@@ -369,7 +375,7 @@ simple!(Prepared = "prepared", One, |params, inputs, cx| {
         |_| 8,
         || {
             MADE.lock().expect("no test panics with it").push(inputs.value.0);
-            inputs.value.0
+            Ok(inputs.value.0)
         },
     )?;
     give(*table + params.plus)

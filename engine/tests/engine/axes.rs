@@ -1,5 +1,7 @@
 //! Tests of axes: how often each node runs, and the mistakes that are reported.
 
+use engine::{Source, SourceRoot};
+
 use crate::lab::{Lab, Log};
 
 fn graph(axes: &str, nodes: &str) -> String {
@@ -182,6 +184,86 @@ fn mistakes_of_axes_have_their_place() {
         }
         assert!(text.contains("graph.ron:"), "{text}");
     }
+}
+
+/// The values of `Cameras` are the indices of the cameras of a node, as its files say now; a node that takes its
+/// cameras from another one has as many. Mutation: the number of the first parse kept in `cameras_of`.
+#[test]
+fn the_cameras_of_a_node_are_an_axis() {
+    let lab = Lab::on_disk();
+    for (name, digit) in [("a.txt", "3"), ("b.txt", "4")] {
+        lab.write(name, digit);
+    }
+    let with = |more: &str| {
+        let nodes = format!(
+            r#"rig: LoadDigits(path: "a.txt", more: [{more}]), same: Scale(value: "rig"),
+            one: Add(terms: ["same"], bias: Axis("frame")), save: WriteNumber(number: "one", path: "{{frame}}.txt"),"#
+        );
+        run(&lab, "frame: Cameras(\"same\")", &nodes)
+    };
+    assert_eq!(with("").ran(), "one/frame=0 rig same save/frame=0");
+    let two = with("\"b.txt\"");
+    assert_eq!(two.outcome.totals.ran, 2 + 2 * 2);
+    assert_eq!((lab.out("0.txt"), lab.out("1.txt")), ("68.0\n".to_owned(), "69.0\n".to_owned()));
+    // A range of them.
+    let text = graph(
+        "frame: Cameras(\"rig\")",
+        r#"rig: LoadDigits(path: "a.txt", more: ["b.txt", "a.txt", "b.txt"]),
+        one: Add(terms: ["rig"], bias: Axis("frame")),"#,
+    );
+    let found = lab.parse(&text).unwrap();
+    let names: Vec<&str> =
+        found.find_all("one/frame=1..2").iter().map(|&node| found.nodes[node].id.as_str()).collect();
+    assert_eq!(names, ["one/frame=1", "one/frame=2"]);
+}
+
+#[test]
+fn a_number_of_cameras_that_is_not_known_is_a_mistake() {
+    let lab = Lab::in_memory();
+    lab.write("a.txt", "3");
+    for (axes, nodes, wanted) in [
+        ("f: Cameras(\"rg\")", "rig: Number,", &["no node is named `rg`", "did you mean `rig`?"][..]),
+        ("f: Cameras(\"rig\")", "rig: Number,", &["of `rig` is not known before it runs", "Range(0, 300)"]),
+        (
+            "f: Cameras(\"rig\")",
+            r#"rig: LoadDigits(path: "a.txt", more: [Axis("f")]),"#,
+            &["of `rig` varies along an axis", "PickCameras(rig: \"rig\", pick: [Axis(\"frame\")])"],
+        ),
+        ("f: Cameras(\"rig\")", r#"rig: Scale(value: "rig"),"#, &["a cycle"]),
+        ("f: Cameras(\"rig\")", r#"rig: LoadDigits(path: "b.txt"),"#, &["`b.txt` does not exist"]),
+        (
+            "f: Cameras(\"rig\")",
+            r#"rig: LoadDigit(path: "a.txt"),"#,
+            &["no kind of node is named `LoadDigit`"],
+        ),
+        ("f: Cameras(rig)", "rig: Number,", &["`f` is not an axis", "or `Cameras(\"rig\")`"]),
+        (
+            "f: Cameras(\"all\")",
+            r#"rig: Number, all: Gather(input: "rig", over: "f"),"#,
+            &["of `all` varies along an axis"],
+        ),
+    ] {
+        let text = lab.mistakes(&graph(axes, nodes));
+        for part in wanted {
+            assert!(text.contains(part), "{part} is missing in\n{text}");
+        }
+    }
+}
+
+/// An axis of a subgraph counts the cameras of a node in that file.
+#[test]
+fn a_subgraph_may_count_its_own_cameras() {
+    let lab = Lab::on_disk();
+    lab.write("a.txt", "3");
+    lab.write("part.ron", &graph(
+        "frame: Cameras(\"rig\")",
+        r#"rig: LoadDigits(path: "a.txt", more: ["a.txt"]), one: Add(terms: ["rig"], bias: Axis("frame")),"#,
+    ));
+    let text = r#"Graph(version: 1, scene: (up: "+z"), nodes: (
+        part: Subgraph(graph: "part.ron"), save: WriteNumber(number: "part.one", path: "{frame}.txt"),
+    ))"#;
+    let joined = Source::new("graph.ron", text).including(&SourceRoot::new(lab.path(""))).0.text.to_string();
+    assert_eq!(lab.run_text(&joined).outcome.totals.ran, 1 + 2 * 2);
 }
 
 #[test]

@@ -3,11 +3,13 @@
 
 use std::io::Cursor;
 
+use exr::block::chunk::TileCoordinates;
 use exr::block::writer::ChunksWriter;
 use exr::block::{UncompressedBlock, enumerate_ordered_header_block_indices};
 use exr::compression::Compression;
-use exr::image::read::layers::ReadChannels;
+use exr::image::read::layers::{ChannelsReader, ReadChannels};
 use exr::image::write::layers::{LayersWriter, WritableLayers};
+use exr::meta::attribute::SampleType;
 use exr::meta::header::Header;
 use exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, MetaData, ReadLayers,
@@ -137,37 +139,23 @@ pub fn choose_part<'a>(headers: &'a [Header], layer: &str) -> Option<(&'a Header
     Some((first, layer.to_owned()))
 }
 
-/// Reader that reads the channels of one part only.
-struct Only<'a, R> {
-    part: &'a Header,
-    read: R,
+/// A file whose header was read.
+pub struct Opened<'a> {
+    file: &'a str,
+    bytes: &'a [u8],
+    meta: MetaData,
+    /// Index of the part that holds the layer.
+    index: usize,
+    /// The layer within the part.
+    pub layer: String,
 }
 
-impl<'s, R: ReadChannels<'s>> ReadChannels<'s> for Only<'_, R> {
-    type Reader = R::Reader;
-
-    fn create_channels_reader(&'s self, header: &Header) -> exr::error::Result<Self::Reader> {
-        // The names of parts are unique. Headers cannot be compared, since chromaticities may be NaN.
-        let same = header.own_attributes.layer_name == self.part.own_attributes.layer_name
-            && header.layer_size == self.part.layer_size
-            && header.channels == self.part.channels;
-        if same && !header.deep {
-            return self.read.create_channels_reader(header);
-        }
-        Err(exr::error::Error::NotSupported("another part".into()))
-    }
-}
-
-/// Reads the part that holds a layer; see [`choose_part`].
+/// Opens a file at the part that holds a layer; see [`choose_part`].
 ///
 /// # Errors
-/// [`Error::Stopped`], and errors about the file.
-pub fn read_layer(file: &str, bytes: &[u8], layer: &str, progress: Progress<'_>) -> Result<Planes, Error> {
-    let bad = |e: exr::error::Error| match e {
-        exr::error::Error::NotSupported(what) => Error::unsupported(file, what.into_owned()),
-        other => Error::format(file, format!("not a complete EXR: {other}")),
-    };
-    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(bad)?;
+/// Errors about the header.
+pub fn open<'a>(file: &'a str, bytes: &'a [u8], layer: &str) -> Result<Opened<'a>, Error> {
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| broken(file, e))?;
     let Some((header, layer)) = choose_part(&meta.headers, layer) else {
         return Err(Error::unsupported(file, "deep data"));
     };
@@ -182,75 +170,218 @@ pub fn read_layer(file: &str, bytes: &[u8], layer: &str, progress: Progress<'_>)
     if header.channels.list.iter().any(|channel| channel.sampling.0 != 1 || channel.sampling.1 != 1) {
         return Err(Error::unsupported(file, "subsampled channels (luminance and chroma)"));
     }
-    let window = header.shared_attributes.display_window;
-    let (width, height) = (window.size.0, window.size.1);
-    believable(file, width as u64, height as u64, 1, bytes.len(), 1 << 16)?;
-
-    let all = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels();
-    let image = Only { part: header, read: all }
-        .first_valid_layer()
-        .all_attributes()
-        .non_parallel()
-        .from_buffered(TrackedReader::new(bytes, progress))
-        .map_err(bad)?;
-    let read = image.layer_data;
-    let (size, position) = (read.size, read.attributes.layer_position);
-    let shift = [
-        i64::from(position.0) - i64::from(window.position.0),
-        i64::from(position.1) - i64::from(window.position.1),
-    ];
-    let cropped = shift != [0, 0] || (size.0, size.1) != (width, height);
-    let mut channels = Vec::with_capacity(read.channel_data.list.len());
-    for channel in read.channel_data.list {
-        // Floats are moved; others are freed once they are converted to floats.
-        let data: Vec<f32> = match channel.sample_data {
-            FlatSamples::F32(samples) => samples,
-            other => other.values_as_f32().collect(),
-        };
-        if data.len() != size.0 * size.1 {
-            return Err(Error::format(file, "a channel differs in size from its part"));
-        }
-        let samples = if cropped { place(&data, size.0, shift, width, height) } else { data };
-        channels.push(Channel { name: channel.name.to_string(), samples });
-    }
-    let primaries = header
-        .shared_attributes
-        .chromaticities
-        .map(|found| [found.red, found.green, found.blue, found.white].map(|exr::math::Vec2(x, y)| [x, y]));
-    let flat = meta.headers.iter().filter(|header| !header.deep);
-    let part_names = flat.map(part_name).filter(|name| !name.is_empty()).collect();
-    let (parts, part) = (meta.headers.len(), part_name(header));
-    Ok(Planes { width, height, channels, parts, part, part_names, layer, cropped, primaries })
+    let window = header.shared_attributes.display_window.size;
+    believable(file, window.0 as u64, window.1 as u64, 1, bytes.len(), 1 << 16)?;
+    let index = meta.headers.iter().position(|other| std::ptr::eq(other, header)).unwrap_or(0);
+    Ok(Opened { file, bytes, meta, index, layer })
 }
 
-/// Copies rows of `data` to their position in the display window.
-fn place(data: &[f32], columns: usize, [dx, dy]: [i64; 2], width: usize, height: usize) -> Vec<f32> {
-    let mut out = vec![0.0; width * height];
-    for (y, row) in data.chunks_exact(columns.max(1)).enumerate() {
-        let Some(y) = usize::try_from(y as i64 + dy).ok().filter(|y| *y < height) else { continue };
-        for (x, value) in row.iter().enumerate() {
-            if let Some(x) = usize::try_from(x as i64 + dx).ok().filter(|x| *x < width) {
-                out[y * width + x] = *value;
+/// The error about a file that the decoder rejects.
+fn broken(file: &str, error: exr::error::Error) -> Error {
+    match error {
+        exr::error::Error::NotSupported(what) => Error::unsupported(file, what.into_owned()),
+        other => Error::format(file, format!("not a complete EXR: {other}")),
+    }
+}
+
+impl Opened<'_> {
+    fn header(&self) -> &Header {
+        &self.meta.headers[self.index]
+    }
+
+    /// Columns and rows of the display window.
+    pub fn size(&self) -> (usize, usize) {
+        let window = self.header().shared_attributes.display_window.size;
+        (window.0, window.1)
+    }
+
+    /// Position of the data in the display window.
+    fn shift(&self) -> [i64; 2] {
+        let header = self.header();
+        let (data, window) =
+            (header.own_attributes.layer_position, header.shared_attributes.display_window.position);
+        [i64::from(data.0) - i64::from(window.0), i64::from(data.1) - i64::from(window.1)]
+    }
+
+    /// True when the data window is not the display window.
+    pub fn cropped(&self) -> bool {
+        let size = self.header().layer_size;
+        self.shift() != [0, 0] || (size.0, size.1) != self.size()
+    }
+
+    /// Full names of the channels of the part, sorted.
+    pub fn names(&self) -> Vec<String> {
+        self.header().channels.list.iter().map(|channel| channel.name.to_string()).collect()
+    }
+
+    /// Number of parts in the file.
+    pub fn parts(&self) -> usize {
+        self.meta.headers.len()
+    }
+
+    /// Name of the part; empty if it has no name.
+    pub fn part(&self) -> String {
+        part_name(self.header())
+    }
+
+    /// Names of all flat parts that have one.
+    pub fn part_names(&self) -> Vec<String> {
+        let flat = self.meta.headers.iter().filter(|header| !header.deep);
+        flat.map(part_name).filter(|name| !name.is_empty()).collect()
+    }
+
+    /// The chromaticities: x and y of red, green, blue and white; `None` if the file has none.
+    pub fn primaries(&self) -> Option<[[f32; 2]; 4]> {
+        let found = self.header().shared_attributes.chromaticities;
+        found.map(|c| [c.red, c.green, c.blue, c.white].map(|exr::math::Vec2(x, y)| [x, y]))
+    }
+
+    /// Samples of channels of the part, in the given order within each pixel; other channels are not kept in memory.
+    ///
+    /// # Errors
+    /// [`Error::Stopped`], errors about the file, and a channel that does not exist.
+    pub fn interleaved(&self, names: &[String], progress: Progress<'_>) -> Result<Vec<f32>, Error> {
+        let mut starts = vec![None; self.header().channels.list.len()];
+        for (start, name) in names.iter().enumerate() {
+            let index = self.header().channels.list.iter().position(|channel| channel.name.eq(&**name));
+            match index.and_then(|index| starts.get_mut(index)) {
+                Some(of_channel) => *of_channel = Some(start),
+                None => return Err(Error::format(self.file, format!("has no channel `{name}`"))),
             }
         }
+        self.read(&Rows { opened: self, starts, stride: names.len() }, progress)
     }
-    out
+
+    /// All channels of the part.
+    ///
+    /// # Errors
+    /// [`Error::Stopped`], and errors about the file.
+    pub fn planes(&self, progress: Progress<'_>) -> Result<Planes, Error> {
+        let ((width, height), names) = (self.size(), self.names());
+        let starts = (0..names.len()).map(|plane| Some(plane * width * height)).collect();
+        let samples = self.read(&Rows { opened: self, starts, stride: 1 }, progress)?;
+        let each = samples.chunks_exact((width * height).max(1)).map(<[f32]>::to_vec);
+        let channels = names.into_iter().zip(each).map(|(name, samples)| Channel { name, samples }).collect();
+        Ok(Planes {
+            width,
+            height,
+            channels,
+            parts: self.parts(),
+            part: self.part(),
+            part_names: self.part_names(),
+            layer: self.layer.clone(),
+            cropped: self.cropped(),
+            primaries: self.primaries(),
+        })
+    }
+
+    fn read(&self, rows: &Rows<'_>, progress: Progress<'_>) -> Result<Vec<f32>, Error> {
+        let image = rows
+            .clone()
+            .first_valid_layer()
+            .all_attributes()
+            .non_parallel()
+            .from_buffered(TrackedReader::new(self.bytes, progress))
+            .map_err(|e| broken(self.file, e))?;
+        Ok(image.layer_data.channel_data)
+    }
 }
 
-/// Interleaves planes of equal size, in their order.
+/// Reader of channels of one part, which puts each line of a block where it belongs in the result.
+#[derive(Clone)]
+struct Rows<'a> {
+    opened: &'a Opened<'a>,
+    /// Index of the first sample of each channel; `None` for channels that are not read.
+    starts: Vec<Option<usize>>,
+    /// Number of samples between those of two pixels.
+    stride: usize,
+}
+
+impl<'a> ReadChannels<'a> for Rows<'_> {
+    type Reader = RowsReader;
+
+    fn create_channels_reader(&'a self, header: &Header) -> exr::error::Result<RowsReader> {
+        // Parts have names of their own. Chromaticities may be NaN, so headers are not equal to themselves.
+        let part = self.opened.header();
+        let same = header.own_attributes.layer_name == part.own_attributes.layer_name
+            && header.layer_size == part.layer_size
+            && header.channels == part.channels;
+        if !same || header.deep {
+            return Err(exr::error::Error::NotSupported("another part".into()));
+        }
+        let (size, count) = (self.opened.size(), self.starts.iter().flatten().count());
+        let samples = vec![0.0; size.0 * size.1 * count];
+        let (starts, stride) = (self.starts.clone(), self.stride);
+        Ok(RowsReader { samples, size, shift: self.opened.shift(), starts, stride })
+    }
+}
+
+/// The samples of [`Rows`] while they are read.
+struct RowsReader {
+    samples: Vec<f32>,
+    /// Columns and rows of the display window.
+    size: (usize, usize),
+    shift: [i64; 2],
+    starts: Vec<Option<usize>>,
+    stride: usize,
+}
+
+impl RowsReader {
+    /// Puts a line of a channel, at `x` and `y` of the data window. Samples outside of the display window are left out.
+    fn put<T>(
+        &mut self,
+        start: usize,
+        [x, y]: [usize; 2],
+        line: impl Iterator<Item = exr::error::Result<T>>,
+        number: impl Fn(T) -> f32,
+    ) -> exr::error::UnitResult {
+        let ((width, height), [dx, dy]) = (self.size, self.shift);
+        let row = usize::try_from(y as i64 + dy).ok().filter(|row| *row < height);
+        for (column, value) in (x as i64 + dx..).zip(line) {
+            let value = number(value?);
+            let column = usize::try_from(column).ok().filter(|column| *column < width);
+            if let (Some(row), Some(column)) = (row, column)
+                && let Some(sample) = self.samples.get_mut(start + (row * width + column) * self.stride)
+            {
+                *sample = value;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl ChannelsReader for RowsReader {
+    type Channels = Vec<f32>;
+
+    fn filter_block(&self, tile: TileCoordinates) -> bool {
+        tile.level_index == exr::math::Vec2(0, 0)
+    }
+
+    fn read_block(&mut self, header: &Header, block: UncompressedBlock) -> exr::error::UnitResult {
+        for line in block.lines(&header.channels) {
+            let (channel, exr::math::Vec2(x, y)) = (line.location.channel, line.location.position);
+            let Some(start) = self.starts.get(channel).copied().flatten() else { continue };
+            let Some(of) = header.channels.list.get(channel) else { continue };
+            match of.sample_type {
+                SampleType::F32 => self.put(start, [x, y], line.read_samples::<f32>(), |v| v)?,
+                SampleType::F16 => self.put(start, [x, y], line.read_samples::<f16>(), f16::to_f32)?,
+                SampleType::U32 => self.put(start, [x, y], line.read_samples::<u32>(), |v| v as f32)?,
+            }
+        }
+        Ok(())
+    }
+
+    fn into_channels(self) -> Vec<f32> {
+        self.samples
+    }
+}
+
+/// Reads the part that holds a layer; see [`choose_part`].
 ///
 /// # Errors
-/// [`Error::Stopped`].
-pub fn interleaved(planes: &[&[f32]], progress: Progress<'_>) -> Result<Vec<f32>, Error> {
-    let pixels = planes.first().map_or(0, |plane| plane.len());
-    let mut samples = Vec::with_capacity(pixels * planes.len());
-    for start in (0..pixels).step_by(1 << 18) {
-        progress.report(1.0)?;
-        for i in start..pixels.min(start + (1 << 18)) {
-            samples.extend(planes.iter().map(|plane| plane[i]));
-        }
-    }
-    Ok(samples)
+/// [`Error::Stopped`], and errors about the file.
+pub fn read_layer(file: &str, bytes: &[u8], layer: &str, progress: Progress<'_>) -> Result<Planes, Error> {
+    open(file, bytes, layer)?.planes(progress)
 }
 
 /// Number format of a stored channel.
@@ -539,11 +670,45 @@ mod tests {
         assert_eq!(read("a.exr", &none).map(|read| read.part).expect("reads"), "id");
     }
 
+    /// Data windows within, around and across the display window, read as planes and as pixels of some channels.
+    /// Mutation: `x as i64 + dx` to `x as i64` in `put`; `start +` left out.
     #[test]
     fn a_cropped_data_window_lands_in_its_place() {
-        let data = [1.0, 2.0, 3.0, 4.0];
-        assert_eq!(place(&data, 2, [1, 0], 3, 2), [0.0, 1.0, 2.0, 0.0, 3.0, 4.0]);
-        assert_eq!(place(&data, 2, [-1, -1], 2, 2), [4.0, 0.0, 0.0, 0.0]);
+        let file = |position: (i32, i32), window: (usize, usize)| {
+            let plane = |name: &str, k: f32| {
+                AnyChannel::new(name, FlatSamples::F32([1.0, 2.0, 3.0, 4.0].map(|v| v * k).to_vec()))
+            };
+            let list = [plane("B", 1.0), plane("G", 10.0), plane("Z", 100.0)];
+            let attributes = LayerAttributes {
+                layer_position: exr::math::Vec2(position.0, position.1),
+                ..LayerAttributes::named("a")
+            };
+            let channels = AnyChannels::sort(list.into_iter().collect());
+            let layer = Layer::new((2, 2), attributes, Encoding::SMALL_LOSSLESS, channels);
+            let window = exr::prelude::IntegerBounds::from_dimensions(window);
+            let image = Image::new(exr::prelude::ImageAttributes::new(window), layer);
+            let mut bytes = Cursor::new(Vec::new());
+            image.write().non_parallel().to_buffered(&mut bytes).unwrap_or_else(|e| panic!("{e}"));
+            bytes.into_inner()
+        };
+        for (position, window, wanted) in [
+            ((0, 0), (2, 2), vec![1.0, 2.0, 3.0, 4.0]),
+            ((1, 0), (3, 2), vec![0.0, 1.0, 2.0, 0.0, 3.0, 4.0]),
+            ((-1, -1), (2, 2), vec![4.0, 0.0, 0.0, 0.0]),
+            ((5, 0), (2, 2), vec![0.0; 4]),
+        ] {
+            let bytes = file(position, window);
+            let opened = open("a.exr", &bytes, "").unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(opened.cropped(), position != (0, 0));
+            let planes = opened.planes(Progress::UNTRACKED).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(planes.find("B"), Some(&wanted[..]));
+            let pixels = opened
+                .interleaved(&["Z".to_owned(), "B".to_owned()], Progress::UNTRACKED)
+                .unwrap_or_else(|e| panic!("{e}"));
+            let both: Vec<f32> = wanted.iter().flat_map(|v| [100.0 * v, *v]).collect();
+            assert_eq!(pixels, both);
+            assert!(opened.interleaved(&["A".to_owned()], Progress::UNTRACKED).is_err());
+        }
     }
 
     #[test]

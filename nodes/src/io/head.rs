@@ -2,7 +2,6 @@
 
 use std::io::{BufRead, Read, Seek, SeekFrom};
 
-use exr::meta::attribute::SampleType;
 use exr::meta::header::Header;
 use exr::prelude::MetaData;
 
@@ -57,7 +56,7 @@ impl Head {
     pub fn as_floats(&self) -> [u64; 2] {
         let samples = self.pixels().saturating_mul(self.channels);
         if self.floats {
-            // All channels, then the interleaved channels of one picture.
+            // The channels of one picture, in its pixels.
             let floats = self.pixels().saturating_mul(4 * self.channels.min(4));
             return [self.pixels().saturating_mul(self.decoded).saturating_add(floats), floats];
         }
@@ -144,27 +143,20 @@ fn webp(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     Some(Head { size: [u64::from(width), u64::from(height)], channels: 4, decoded: 4, floats: false })
 }
 
-/// Reads the head of the part that is used when no layer is named. `decoded` is for the largest flat part, since
-/// another part may be named.
+/// Reads the head of the part that is used when no layer is named. Since another part may be named, `decoded` is
+/// what the largest flat part takes beyond that one.
 fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     let meta = MetaData::read_from_buffered(reader, false).ok()?;
     let (header, _) = choose_part(&meta.headers, "")?;
     let area = |header: &Header| (header.layer_size.0 as u64).saturating_mul(header.layer_size.1 as u64);
-    let bytes = |header: &Header| {
-        let list = &header.channels.list;
-        // Halves are converted to floats one channel at a time.
-        let largest = list.iter().map(|c| if c.sample_type == SampleType::F32 { 0 } else { 4 }).max();
-        (4 * list.len() as u64).saturating_add(largest.unwrap_or(0))
-    };
+    // The channels of one picture are read into its pixels.
+    let floats =
+        |header: &Header| area(header).saturating_mul(4 * (header.channels.list.len() as u64).min(4));
     let (width, height) = (header.layer_size.0 as u64, header.layer_size.1 as u64);
     let channels = header.channels.list.len() as u64;
-    // True if a part has more bytes of floats than this one.
-    let more = |other: &Header| {
-        let all = |h: &Header| area(h).saturating_mul(bytes(h) + 4 * (h.channels.list.len() as u64).min(4));
-        all(other).saturating_sub(all(header)).div_ceil(area(header).max(1))
-    };
+    let more = |other: &Header| floats(other).saturating_sub(floats(header)).div_ceil(area(header).max(1));
     let flat = meta.headers.iter().filter(|header| !header.deep);
-    let decoded = bytes(header).saturating_add(flat.map(more).max().unwrap_or(0));
+    let decoded = flat.map(more).max().unwrap_or(0);
     Some(Head { size: [width, height], channels, decoded, floats: true })
 }
 

@@ -30,10 +30,14 @@ engine::choices! {
     }
 }
 
-/// Peak memory for reading a picture, including its file, and the size of its floats, both in bytes.
+/// The head of a picture; `None` for other files.
+pub(crate) fn head_of(file: &FileHead<'_>) -> Option<Head> {
+    file.open().and_then(|mut reader| Head::read(&mut reader))
+}
+
+/// Largest memory for reading a picture including its file, and the bytes of its floats.
 pub(crate) fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
-    let head = file.open().and_then(|mut reader| Head::read(&mut reader));
-    let [reading, floats] = head.map_or([0; 2], |head| head.as_floats());
+    let [reading, floats] = head_of(file).map_or([0; 2], |head| head.as_floats());
     [reading.saturating_add(file.bytes), floats]
 }
 
@@ -78,11 +82,11 @@ pub(crate) fn decode(
             (picture.width, picture.height, 3, picture.rgb, true)
         }
         [0x76, 0x2f, 0x31, 0x01, ..] => {
-            let planes = exr::read_layer(name, bytes, of_layer, progress)?;
-            tell(&planes, of_layer.is_empty(), notes);
-            let found = layer(name, &planes, &planes.layer)?;
-            let samples = exr::interleaved(&found, progress)?;
-            (planes.width, planes.height, found.len(), samples, true)
+            let opened = exr::open(name, bytes, of_layer)?;
+            tell(&opened, of_layer.is_empty(), notes);
+            let found = layer(name, &opened)?;
+            let (width, height) = opened.size();
+            (width, height, found.len(), opened.interleaved(&found, progress)?, true)
         }
         _ => {
             refuse_foreign(name, bytes)?;
@@ -133,22 +137,22 @@ const OTHER_PRIMARIES: &str =
     "the chromaticities of the file differ from sRGB and are ignored; convert it to linear Rec. 709";
 
 /// Adds notes about parts of an EXR file that are ignored.
-fn tell(planes: &exr::Planes, by_default: bool, notes: &mut Notes) {
-    if planes.parts > 1 && by_default {
+fn tell(file: &exr::Opened<'_>, by_default: bool, notes: &mut Notes) {
+    if file.parts() > 1 && by_default {
         notes.warning(
             "one-part-only",
             format!(
                 "the file has {} parts; `{}` is read, and `layer` may name another: {}",
-                planes.parts,
-                planes.part,
-                planes.part_names.join(", ")
+                file.parts(),
+                file.part(),
+                file.part_names().join(", ")
             ),
         );
     }
-    if planes.other_primaries() {
+    if exr::differ_from_srgb(file.primaries().as_ref()) {
         notes.warning("profile-ignored", OTHER_PRIMARIES);
     }
-    if planes.cropped {
+    if file.cropped() {
         notes.decision(
             "data-window",
             "the data window differs from the display window; pixels outside the data window are 0",
@@ -156,18 +160,20 @@ fn tell(planes: &exr::Planes, by_default: bool, notes: &mut Notes) {
     }
 }
 
-/// Selects the planes of a layer: colour with optional alpha, a vector, or a single plane.
-fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a [f32]>, Error> {
+/// Selects the channels of a layer by name: colour with optional alpha, a vector, or a single channel.
+fn layer(name: &str, file: &exr::Opened<'_>) -> Result<Vec<String>, Error> {
+    let (layer, names) = (file.layer.as_str(), file.names());
     let prefix = if layer.is_empty() { String::new() } else { format!("{layer}.") };
     let all = |letters: &[&str]| {
-        letters.iter().map(|letter| planes.find(&format!("{prefix}{letter}"))).collect::<Option<Vec<_>>>()
+        let full: Vec<String> = letters.iter().map(|letter| format!("{prefix}{letter}")).collect();
+        full.iter().all(|name| names.contains(name)).then_some(full)
     };
     // Its Y alone would be a grey picture.
     let chroma = all(&["RY", "BY"]).is_some();
     let single = || match layer {
         "" if chroma => None,
-        "" => planes.find("Y").map(|plane| vec![plane]),
-        name => planes.find(name).map(|plane| vec![plane]),
+        "" => names.iter().find(|name| *name == "Y").map(|name| vec![name.clone()]),
+        wanted => names.iter().find(|name| *name == wanted).map(|name| vec![name.clone()]),
     };
     let found = all(&["R", "G", "B", "A"])
         .or_else(|| all(&["R", "G", "B"]))
@@ -176,28 +182,26 @@ fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a
         .or_else(|| all(&["X", "Y", "Z"]))
         .or_else(|| if chroma { None } else { all(&["Y", "A"]) })
         .or_else(single);
-    found.ok_or_else(|| no_layer(name, planes, layer, chroma))
+    found.ok_or_else(|| no_layer(name, file, &names, chroma))
 }
 
 /// The error about a missing layer, which lists the layers of the file.
-fn no_layer(name: &str, planes: &exr::Planes, layer: &str, chroma: bool) -> Error {
-    let what = match layer {
+fn no_layer(name: &str, file: &exr::Opened<'_>, names: &[String], chroma: bool) -> Error {
+    let what = match file.layer.as_str() {
         _ if chroma => {
             "the picture has luminance and chroma (Y, RY, BY), which are not read as colour".to_owned()
         }
         "" => "the picture has neither channels R, G and B nor a channel Y".to_owned(),
         layer => format!("the picture has no layer `{layer}`"),
     };
-    let names = planes.channels.iter().map(|channel| channel.name.as_str());
     let layers: BTreeSet<&str> =
-        names.map(|name| name.rsplit_once('.').map_or(name, |(layer, _)| layer)).collect();
+        names.iter().map(|name| name.rsplit_once('.').map_or(name.as_str(), |(layer, _)| layer)).collect();
     let layers: Vec<String> = layers.into_iter().take(20).map(|layer| format!("`{layer}`")).collect();
-    let channels: Vec<&str> = planes.channels.iter().map(|channel| channel.name.as_str()).collect();
     let mut text = format!("{what}; `layer` may be one of {}", layers.join(", "));
-    if planes.parts > 1 {
-        text.push_str(&format!(", or a part: {}", planes.part_names.join(", ")));
+    if file.parts() > 1 {
+        text.push_str(&format!(", or a part: {}", file.part_names().join(", ")));
     }
-    Error::format(name, format!("{text}; its channels are {}", channels.join(", ")))
+    Error::format(name, format!("{text}; its channels are {}", names.join(", ")))
 }
 
 /// Replaces NaN by 0 and, unless the picture is data, infinite samples by the largest 16-bit float.

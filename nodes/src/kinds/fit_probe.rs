@@ -115,7 +115,7 @@ mod tests {
         };
         let image =
             Image::from_samples(width, width / 2, 3, (0..width * width / 2).flat_map(light).collect());
-        Arc::new(Environment { image, up: Up::PlusZ, origin: None })
+        Arc::new(Environment { image: image.into(), up: Up::PlusZ, origin: None })
     }
 
     fn of(roughness: f32) -> Arc<Placed> {
@@ -175,7 +175,7 @@ mod tests {
             [block.sum::<f32>() / (times * times) as f32; 3]
         };
         let image = Image::from_samples(width, height, 3, (0..width * height).flat_map(mean).collect());
-        Arc::new(Environment { image, up: environment.up, origin: None })
+        Arc::new(Environment { image: image.into(), up: environment.up, origin: None })
     }
 
     // A coarse `look` leads to the same number of columns as the full image, or up to twice as many. This test

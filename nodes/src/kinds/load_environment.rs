@@ -7,9 +7,9 @@ use engine::{
 };
 use glam::DVec3;
 
-use crate::io::picture::floats_of;
-use crate::light::whole_sphere::{self, turn};
-use crate::types::{Environment, Image, Images};
+use crate::io::picture::{floats_of, head_of};
+use crate::light::whole_sphere::{self, turn_in_place};
+use crate::types::{Environment, Image, Images, Light};
 
 engine::params! {
     /// Loads an equirectangular panorama of linear light: OpenEXR or Radiance HDR.
@@ -59,12 +59,12 @@ impl Kind for LoadEnvironment {
         Ok(vec![root.file(&p.path)])
     }
 
-    fn estimate_files(p: &Self, files: &[FileHead<'_>]) -> Cost {
-        // The picture, the rotated copy, and the rows while they are rotated; at the end the light and its picture.
-        let copies = if p.rotation_deg == 0.0 { 2 } else { 3 };
+    fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
+        // The file and the picture, which becomes the light in its own memory; grey pictures become larger.
         let of = |file: &FileHead<'_>| {
             let [reading, floats] = floats_of(file);
-            reading.max(floats.saturating_mul(copies).saturating_add(file.bytes))
+            let wider = head_of(file).filter(|head| head.channels < 3);
+            reading.max(wider.map_or(0, |head| floats.saturating_add(head.pixels().saturating_mul(12))))
         };
         Cost { bytes: files.iter().map(of).max().unwrap_or(0) }
     }
@@ -72,14 +72,12 @@ impl Kind for LoadEnvironment {
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
         let picture = whole_sphere::open(&p.path, &p.layer, &mut notes, cx)?;
-        let mut rgb = whole_sphere::linear(&p.path.0, &picture).map_err(|e| NodeError::from(e).at("path"))?;
         let (width, height, _) = picture.size();
-        drop(picture);
+        let mut rgb = whole_sphere::linear(&p.path.0, picture).map_err(|e| NodeError::from(e).at("path"))?;
         scale(&mut rgb, p.scale, &mut notes);
-        let turned = turn::<3>(rgb.as_chunks().0, width, p.rotation_deg, cx)?;
-        drop(rgb);
-        let image = Image::from_samples(width, height, 3, turned.into_flattened());
-        let picture = Arc::new(Images::single("env", image.clone()));
+        turn_in_place(rgb.as_chunks_mut::<3>().0, width, p.rotation_deg, cx)?;
+        let image = Light::from(Image::from_samples(width, height, 3, rgb));
+        let picture = image.pictures();
         let env = Arc::new(Environment { image, up: cx.up(), origin: p.origin.map(DVec3::from_array) });
         Ok((Out { env, image: picture }, notes))
     }

@@ -139,7 +139,7 @@ impl Kind for LoadPanorama {
                 origin,
                 turned_deg: turned,
             }),
-            env: Arc::new(Environment { image: light, up: cx.up(), origin }),
+            env: Arc::new(Environment { image: light.into(), up: cx.up(), origin }),
         };
         Ok((out, notes))
     }

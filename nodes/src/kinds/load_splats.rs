@@ -8,7 +8,7 @@ use engine::{
 use glam::DVec3;
 
 use crate::geometry::level::{self, LevelEstimate};
-use crate::io::splats::{Placing, Reading, assemble, load, load_ranges, report, size, source};
+use crate::io::splats::{Loaded, Placing, Reading, assemble, load, load_ranges, report, size, source};
 use crate::math::equirect;
 use crate::types::Splats;
 use crate::types::frame::Similarity;
@@ -109,16 +109,32 @@ impl Kind for LoadSplats {
     }
 
     fn run(params: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let (files, mut notes) = params.read(false, cx)?;
+        let splats = assemble(files, cx)?;
+        cx.count("splats", splats.len() as u64);
+        if splats.is_empty() {
+            notes.degraded("no-splats", "the scene contains no splat that can be drawn");
+        }
+        if let Some(text) = other_up(&splats, cx) {
+            notes.warning("up-differs", text);
+        }
+        Ok((Out { splats: Arc::new(splats) }, notes))
+    }
+}
+
+impl LoadSplats {
+    /// Reads the files; with `plain`, only the mean of each colour over all directions.
+    fn read(&self, plain: bool, cx: &Context) -> Result<(Vec<Loaded>, Notes), NodeError> {
         let mut notes = Notes::none();
-        let matrix = Similarity::of_parameter(params.matrix.as_ref())?;
-        let placing = Placing { frame: params.frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
-        let reading = Reading { cx, placing, max_extent: params.max_extent, matrix };
+        let matrix = Similarity::of_parameter(self.matrix.as_ref())?;
+        let placing = Placing { frame: self.frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
+        let reading = Reading { cx, placing, max_extent: self.max_extent, matrix, plain };
         let (mut names, mut sources) = (Vec::new(), Vec::new());
         for (field, named) in
-            std::iter::once(("path", &params.path)).chain(params.more.iter().map(|file| ("more", file)))
+            std::iter::once(("path", &self.path)).chain(self.more.iter().map(|file| ("more", file)))
         {
             let expanded =
-                source::expand(named, &cx.source(named).path, params.level).map_err(|e| e.at(field))?;
+                source::expand(named, &cx.source(named).path, self.level).map_err(|e| e.at(field))?;
             sources.extend(expanded.listing.iter().map(|file| cx.source(file)));
             for (id, text, warning) in expanded.notes {
                 if warning {
@@ -149,21 +165,24 @@ impl Kind for LoadSplats {
                     Some(ranges) => load_ranges(&name, &bytes, ranges, &fetch, &reading, &mut notes)?,
                     None => load(&name, &bytes, &fetch, &reading, &mut notes)?,
                 };
-                report(&name, &loaded, params.strict, &mut notes)?;
+                report(&name, &loaded, self.strict, &mut notes)?;
                 Ok(loaded)
             };
             let mut read = read;
             files.push(read().map_err(|e: NodeError| e.at(field))?);
         }
-        let splats = assemble(files, cx)?;
-        cx.count("splats", splats.len() as u64);
-        if splats.is_empty() {
-            notes.degraded("no-splats", "the scene contains no splat that can be drawn");
-        }
-        if let Some(text) = other_up(&splats, cx) {
-            notes.warning("up-differs", text);
-        }
-        Ok((Out { splats: Arc::new(splats) }, notes))
+        Ok((files, notes))
+    }
+
+    /// Reads the scene without the harmonics above degree 0, in a third of the memory. Also returns the degree of the
+    /// files. The remarks are those of [`run`](Kind::run) about the files.
+    ///
+    /// # Errors
+    /// Those of [`run`](Kind::run).
+    pub fn plain(&self, cx: &Context) -> Result<(Splats, u32, Notes), NodeError> {
+        let (files, notes) = self.read(true, cx)?;
+        let degree = files.iter().map(|file| file.stored_degree).max().unwrap_or(0);
+        Ok((assemble(files, cx)?, degree, notes))
     }
 }
 
@@ -245,8 +264,53 @@ mod tests {
         assert_eq!(of(engine::Up::PlusZ).is_some_and(|text| text.contains("is -y, but")), sure);
     }
 
-    /// A scene of degree 3 that is loaded with a matrix gives the same picture for a camera that is transformed by
-    /// the same matrix. This test fails without `self.sh.apply(sh)` in `Turn::apply`.
+    /// A scene read without its harmonics has the same splats otherwise, also with a matrix and among several files.
+    /// Mutation: `part.sh.truncate(start + 1)` to `start + 2`, and `stored_degree` left out of `join`.
+    #[test]
+    fn a_plain_scene_has_all_but_the_harmonics() {
+        let mut scene = Splats::empty();
+        scene.sh_degree = 2;
+        for i in 0..40_000 {
+            let unit = |k: usize| ((i * 7919 + k * 104_729) % 1009) as f32 / 504.0 - 1.0;
+            scene.means.push([unit(0), unit(1), unit(2)]);
+            scene.scales.push([0.01, 0.02, 0.03]);
+            scene.quats.push([1.0, 0.0, 0.0, 0.0]);
+            // The scene has rows that are dropped.
+            scene.opacities.push(0.5);
+            scene.sh.extend((0..9).map(|k| [unit(3), unit(4 + k), unit(5)]));
+        }
+        scene.means[7] = [f32::NAN; 3];
+        let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+        let block = engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+        let cx = Context::detached(block, folder.path().display().to_string());
+        let bytes = encode(&scene, SaveFormat::Ply, None, &cx).unwrap_or_else(|e| panic!("{e}")).0;
+        for name in ["a.ply", "b.ply"] {
+            std::fs::write(folder.path().join(name), &bytes).unwrap_or_else(|e| panic!("{e}"));
+        }
+        let turned = Similarity { offset: DVec3::X, scale: 2.0, ..Similarity::IDENTITY };
+        let params = LoadSplats {
+            path: InputFile("a.ply".to_owned()),
+            more: vec![InputFile("b.ply".to_owned())],
+            strict: false,
+            max_extent: 1e6,
+            level: 0,
+            frame: Frame::ByFormat,
+            matrix: Some(turned.rows()),
+        };
+        let (whole, notes) = LoadSplats::run(&params, In {}, &cx).unwrap_or_else(|e| panic!("{e}"));
+        let (plain, degree, remarks) = params.plain(&cx).unwrap_or_else(|e| panic!("{e}"));
+        let whole = &whole.splats;
+        assert_eq!((degree, plain.sh_degree, whole.sh_degree), (2, 0, 2));
+        assert_eq!((plain.len(), plain.sh.len()), (79_998, 79_998));
+        assert_eq!((&plain.means, &plain.scales), (&whole.means, &whole.scales));
+        assert_eq!((&plain.quats, &plain.opacities), (&whole.quats, &whole.opacities));
+        assert!(plain.sh.iter().zip(whole.sh.chunks_exact(9)).all(|(one, all)| *one == all[0]));
+        let dropped = |notes: &Notes| notes.iter().filter(|note| note.text.contains("dropped")).count();
+        assert_eq!((dropped(&notes), dropped(&remarks)), (2, 2));
+    }
+
+    /// A scene of degree 3 loaded with a matrix gives the same picture to a camera that was transformed by
+    /// the same matrix. Mutation: `self.sh.apply(sh)` left out of `Turn::apply`, seen red.
     #[test]
     fn turned_scene_and_turned_camera_give_the_same_picture() {
         let mut scene = Splats::empty();

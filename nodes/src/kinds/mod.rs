@@ -26,6 +26,7 @@ pub mod load_panorama;
 pub mod load_splats;
 pub mod override_material;
 pub mod path_trace;
+pub mod pick_cameras;
 pub mod place;
 pub mod plane;
 pub mod pose;

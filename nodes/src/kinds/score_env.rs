@@ -245,7 +245,7 @@ mod tests {
                 image.pixel_mut(x, y).fill(if d.dot(sun) > 0.998 { power } else { 0.3 });
             }
         }
-        Environment { image, up: Up::PlusY, origin: None }
+        Environment { image: image.into(), up: Up::PlusY, origin: None }
     }
 
     fn scores(a: Environment, b: Environment) -> Vec<f64> {
@@ -333,7 +333,7 @@ mod tests {
 
     #[test]
     fn darkness_has_no_scores_and_no_nan() {
-        let dark = Environment { image: Image::new(16, 8, 3), up: Up::PlusY, origin: None };
+        let dark = Environment { image: Image::new(16, 8, 3).into(), up: Up::PlusY, origin: None };
         let found = scores(dark.clone(), dark);
         assert!(found.iter().all(|s| s.is_nan()), "every score is missing: {found:?}");
     }

@@ -195,7 +195,7 @@ mod tests {
                 image.pixel_mut(x, y).fill(f(d));
             }
         }
-        Environment { image, up: Up::PlusZ, origin: None }
+        Environment { image: image.into(), up: Up::PlusZ, origin: None }
     }
 
     #[test]

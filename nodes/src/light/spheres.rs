@@ -113,7 +113,7 @@ mod tests {
         for y in 0..64 {
             (0..128).for_each(|x| image.pixel_mut(x, y).copy_from_slice(if y < 32 { &top } else { &bottom }));
         }
-        cells(&Environment { image, up: Up::PlusZ, origin: None }, 128)
+        cells(&Environment { image: image.into(), up: Up::PlusZ, origin: None }, 128)
     }
 
     fn error(sphere: Sphere, found: &[Cell], truth: &[Cell]) -> SphereError {

@@ -1,6 +1,7 @@
 //! Pictures of the whole sphere from files, for the loaders of panoramas and of light.
 
 use std::io::Read;
+use std::sync::{Mutex, PoisonError};
 
 use engine::{Context, FileHead, InputFile, NodeError, Notes};
 
@@ -101,31 +102,30 @@ fn laid(picture: &Picture, placement: Placement) -> Picture {
 pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usize, usize, Vec<f32>), Error> {
     let picture = decode(FileEncoding::Auto, "", name, bytes, notes, Progress::UNTRACKED)?;
     let (width, height, _) = picture.size();
-    Ok((width, height, linear(name, &picture)?))
+    Ok((width, height, linear(name, picture)?))
 }
 
-/// Linear RGB of a picture that stores linear light. Colours stay premultiplied by alpha, which is left out.
-pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
-    let Picture::Linear(image) = picture else {
+/// Linear RGB of a picture of light, in the memory of the picture. Partly transparent pixels count by their alpha.
+pub(crate) fn linear(name: &str, picture: Picture) -> Result<Vec<f32>, Error> {
+    let Picture::Linear(Image { width, height, channels, mut samples, .. }) = picture else {
         return Err(Error::format(
             name,
             "the file contains display colours; light must be stored as OpenEXR or Radiance HDR",
         ));
     };
-    let mut rgb = Vec::with_capacity(image.width * image.height * 3);
-    for pixel in image.samples.chunks_exact(image.channels) {
-        match *pixel {
-            [y] | [y, _] => rgb.extend([y; 3]),
-            [r, g, b] | [r, g, b, _] => rgb.extend([r, g, b]),
-            _ => {
-                return Err(Error::Mismatch(format!(
-                    "the picture has {} channels; colour has 1 to 4",
-                    image.channels
-                )));
+    match channels {
+        1 | 2 => Ok(samples.chunks_exact(channels).flat_map(|pixel| [pixel[0]; 3]).collect()),
+        3 => Ok(samples),
+        4 => {
+            for pixel in 0..width * height {
+                samples.copy_within(4 * pixel..4 * pixel + 3, 3 * pixel);
             }
+            samples.truncate(width * height * 3);
+            samples.shrink_to_fit();
+            Ok(samples)
         }
+        _ => Err(Error::Mismatch(format!("the picture has {channels} channels; colour has 1 to 4"))),
     }
-    Ok(rgb)
 }
 
 /// Premultiplied colours, clamped to at least 0, with alpha from 0 to 1.
@@ -160,35 +160,49 @@ pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
     (pixels.into_iter().flat_map(colour).collect(), alpha)
 }
 
-/// Rotates a panorama of pixels with `N` samples by shifting every row to the left. Light in front moves to the
-/// left.
+/// Number of rows that are rotated by one job.
+const ROWS: usize = 32;
+
+/// Rotates the pixels of `N` samples by shifting every row to the left: light in front moves to the left.
 pub(crate) fn turn<const N: usize>(
     pixels: &[[f32; N]],
     width: usize,
     degrees: f64,
     cx: &Context,
 ) -> Result<Vec<[f32; N]>, NodeError> {
+    let mut turned = pixels.to_vec();
+    turn_in_place(&mut turned, width, degrees, cx)?;
+    Ok(turned)
+}
+
+/// The same as [`turn`], in the memory of the pixels.
+pub(crate) fn turn_in_place<const N: usize>(
+    pixels: &mut [[f32; N]],
+    width: usize,
+    degrees: f64,
+    cx: &Context,
+) -> Result<(), NodeError> {
     let shift = (degrees / 360.0).rem_euclid(1.0) * width as f64;
     // A whole number of columns, except for rounding, is not interpolated.
     let shift = if (shift - shift.round()).abs() < 1e-9 * width as f64 { shift.round() } else { shift };
     let (whole, part) = (shift.floor() as usize % width, (shift - shift.floor()) as f32);
     if whole == 0 && part == 0.0 {
-        return Ok(pixels.to_vec());
+        return Ok(());
     }
-    let rows = cx.for_each_tile(pixels.len() / width, |y| {
-        let row = &pixels[y * width..(y + 1) * width];
-        let turned = |x: usize| {
-            let (near, far) = (row[(x + whole) % width], row[(x + whole + 1) % width]);
-            if part == 0.0 {
-                return near;
+    // Equal values stay exact, so that alpha stays 1.
+    let mix = |a: f32, b: f32| if a == b { a } else { a * (1.0 - part) + b * part };
+    let pieces: Vec<_> = pixels.chunks_mut(width * ROWS).map(Mutex::new).collect();
+    cx.for_each_tile(pieces.len(), |i| {
+        let mut rows = pieces[i].lock().unwrap_or_else(PoisonError::into_inner);
+        for row in rows.chunks_exact_mut(width) {
+            let old = row.to_vec();
+            for (x, pixel) in row.iter_mut().enumerate() {
+                let (near, far) = (old[(x + whole) % width], old[(x + whole + 1) % width]);
+                *pixel = if part == 0.0 { near } else { std::array::from_fn(|c| mix(near[c], far[c])) };
             }
-            // Equal values stay exact, so that alpha stays 1.
-            let mix = |a: f32, b: f32| if a == b { a } else { a * (1.0 - part) + b * part };
-            std::array::from_fn(|c| mix(near[c], far[c]))
-        };
-        (0..width).map(turned).collect::<Vec<_>>()
+        }
     })?;
-    Ok(rows.concat())
+    Ok(())
 }
 
 #[cfg(test)]
@@ -216,6 +230,26 @@ mod tests {
             let expected: DVec3 = yaw(equirect::axes(up), 25.0) * seen(36);
             assert!((seen(at % width) - expected).length() < 1e-9, "{up:?}");
         }
+    }
+
+    /// Colours with and without alpha, and grey, give RGB. Mutation: `3 * pixel` to `4 * pixel` in `linear`.
+    #[test]
+    fn light_is_rgb_whatever_channels_the_picture_has() {
+        let of = |channels: usize| {
+            let samples = (0..6 * channels).map(|i| i as f32).collect();
+            let image = Image::<Linear>::from_samples(3, 2, channels, samples);
+            linear("a", image.into())
+        };
+        for channels in 1..=4 {
+            let rgb = of(channels).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(rgb.len(), 18);
+            for (pixel, found) in rgb.as_chunks::<3>().0.iter().enumerate() {
+                let first = (pixel * channels) as f32;
+                let wanted = if channels < 3 { [first; 3] } else { [first, first + 1.0, first + 2.0] };
+                assert_eq!(*found, wanted, "{channels} channels");
+            }
+        }
+        assert!(of(5).is_err());
     }
 
     #[test]

@@ -1,17 +1,64 @@
 //! Environments: the light that arrives from every direction.
 
+use std::ops::{Deref, DerefMut};
+use std::sync::Arc;
+
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder, Up};
 use glam::DVec3;
 
 use super::image::{Image, Images, Linear, Picture, samples_difference};
 use super::panorama::{decode_point, decode_up, encode_point, encode_up};
 
+/// A linear picture that an environment can share with an output of type `image`, so that a large panorama is in memory
+/// once.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Light(Arc<Images>);
+
+impl Light {
+    /// The picture as a set of one, named `env`.
+    pub fn pictures(&self) -> Arc<Images> {
+        self.0.clone()
+    }
+}
+
+impl From<Image<Linear>> for Light {
+    fn from(image: Image<Linear>) -> Self {
+        Self(Arc::new(Images::single("env", image)))
+    }
+}
+
+impl From<Light> for Picture {
+    fn from(light: Light) -> Self {
+        Picture::Linear(Image::clone(&light))
+    }
+}
+
+impl Deref for Light {
+    type Target = Image<Linear>;
+
+    fn deref(&self) -> &Image<Linear> {
+        match self.0.0.first().map(|image| &image.picture) {
+            Some(Picture::Linear(image)) => image,
+            _ => unreachable!("it is made of one linear picture"),
+        }
+    }
+}
+
+impl DerefMut for Light {
+    fn deref_mut(&mut self) -> &mut Image<Linear> {
+        match Arc::make_mut(&mut self.0).0.first_mut().map(|image| &mut image.picture) {
+            Some(Picture::Linear(image)) => image,
+            _ => unreachable!("it is made of one linear picture"),
+        }
+    }
+}
+
 /// Linear radiance from every direction, as an equirectangular image of 3 channels in the same layout
 /// as a [`Panorama`](super::Panorama).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Environment {
     /// Radiance; white at EV 0 is 1.
-    pub image: Image<Linear>,
+    pub image: Light,
     /// The axis of the world that points up; determines the direction of every texel.
     pub up: Up,
     /// The point where it was captured, if known.
@@ -23,7 +70,7 @@ impl Artifact for Environment {
     const FORMAT: u32 = 1;
 
     fn encode(&self, to: &mut Encoder) {
-        Images::single("", self.image.clone()).encode(to);
+        Images::encode_single("", &self.image, to);
         encode_up(self.up, to);
         encode_point(self.origin, to);
     }
@@ -37,7 +84,7 @@ impl Artifact for Environment {
         }
         let up = decode_up(from)?;
         let origin = decode_point(from)?;
-        Ok(Self { image, up, origin })
+        Ok(Self { image: image.into(), up, origin })
     }
 
     fn bytes(&self) -> usize {

@@ -176,6 +176,14 @@ impl Images {
         Self(vec![NamedImage { name: name.into(), picture: picture.into() }])
     }
 
+    /// Writes the set of one picture, as [`single`](Self::single) followed by `encode` does.
+    pub(super) fn encode_single<E: Encoding>(name: &str, image: &Image<E>, to: &mut Encoder) {
+        to.u64(1);
+        to.str(name);
+        to.str(E::NAME);
+        image.encode(to);
+    }
+
     /// Returns the picture of a view: the one with that name, or the only one.
     pub fn view(&self, name: &str) -> Option<&Picture> {
         let named = self.0.iter().find(|image| image.name == name);

@@ -14,7 +14,7 @@ mod rig;
 mod splats;
 pub mod view;
 
-pub use environment::Environment;
+pub use environment::{Environment, Light};
 pub use image::{Data, Encoding, Image, Images, Linear, NamedImage, Picture, Srgb};
 pub use material::{
     AlphaMode, Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Map, Material, NormalMap,

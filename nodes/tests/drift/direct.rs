@@ -87,7 +87,7 @@ fn sky() -> Environment {
         [1.0, 0.7 + 0.3 * ((i % 5) as f32), 0.5 + 0.2 * ((i % 3) as f32)].map(|v| v * bright)
     };
     let image = Image::from_samples(16, 8, 3, (0..128).flat_map(texel).collect());
-    Environment { image, up: Up::PlusZ, origin: None }
+    Environment { image: image.into(), up: Up::PlusZ, origin: None }
 }
 
 fn floor() -> Mesh {

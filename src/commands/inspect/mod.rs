@@ -9,8 +9,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 use engine::{NodeError, Notes, Up};
-use nodes::geometry::inspect::{mesh, splats::Inspection};
-use nodes::io::splats::{Format, Frame};
+use nodes::geometry::inspect::mesh;
+use nodes::geometry::inspect::splats::{Inspection, inspect as splats_of};
+use nodes::io::splats::Format;
 use nodes::kinds::load_mesh::MeshFrame;
 use serde::Serialize;
 
@@ -84,8 +85,11 @@ impl Inspect {
             self.print(&answer)?;
             return self.draw(|| look::of_panorama(&self.file, &bytes));
         }
-        let inspected = splats::load(&self.file, Frame::AsStored, &cx)
-            .and_then(|(scene, notes)| Ok((nodes::geometry::inspect::splats::inspect(&scene, &cx)?, notes)));
+        // PLY, glTF and GLB hold splats or a mesh; the error for another file is that of the more likely one.
+        // The loaders read the file themselves.
+        drop(bytes);
+        let inspected = splats::load_plain(&self.file, &cx)
+            .and_then(|(scene, degree, notes)| Ok((splats_of(&scene, degree, &cx)?, notes)));
         let failed = match inspected {
             Ok((scene, notes)) => {
                 // `inspect` reads coordinates as stored, so this note about graphs does not apply.
@@ -111,6 +115,7 @@ impl Inspect {
             _ => {}
         }
         let name = self.file.display();
+        let bytes = std::fs::read(&self.file).unwrap_or_default();
         let failed = match other::other(&self.file, &bytes) {
             Some(what) => NodeError::new(format!("`{name}` holds neither splats nor a mesh; it is {what}")),
             None if is_mesh => NodeError::new(format!("`{name}` is a mesh that has no faces")),

@@ -1,11 +1,13 @@
 //! Builds the eight-wide tree from triangles.
 
+use engine::{Context, NodeError};
 use glam::Vec3;
 use obvhs::aabb::Aabb;
 use obvhs::ploc::{PlocSearchDistance, SortPrecision};
 use obvhs::{BvhBuildParams, bvh2::Bvh2, bvh2::builder::build_bvh2};
 
 use super::collapse::{Branch, Collapse};
+use super::divide::{Division, divide, each};
 use super::triangles::Packet;
 use super::{Bvh, LEAF, LEAF_SHIFT, Node, STACK, WIDE};
 
@@ -13,15 +15,118 @@ use super::{Bvh, LEAF, LEAF_SHIFT, Node, STACK, WIDE};
 /// per pass, so its time is quadratic in their number.
 const CROWD: usize = 1024;
 
+/// Number of triangles above which a tree is built in pieces, on several threads.
+const LARGE: usize = 200_000;
+/// Number of triangles that are prepared by one job.
+const PIECE: usize = 1 << 16;
+/// Greatest number of levels of the tree above the pieces.
+const UPPER: usize = 16;
+
 impl Bvh {
     /// Builds a tree of triangles, given by their corners.
     pub fn build(corners: &[[Vec3; 3]]) -> Self {
+        // Without a context nothing can fail.
+        Self::built(None, corners).unwrap_or_default()
+    }
+
+    /// The same tree as [`build`](Self::build), on the threads of a node. A large tree consists of pieces whose
+    /// number does not depend on the number of threads.
+    ///
+    /// # Errors
+    /// If the run is cancelled.
+    pub fn build_in(corners: &[[Vec3; 3]], cx: &Context) -> Result<Self, NodeError> {
+        Self::built(Some(cx), corners)
+    }
+
+    fn built(cx: Option<&Context>, corners: &[[Vec3; 3]]) -> Result<Self, NodeError> {
+        let sifted = each(cx, corners.len().div_ceil(PIECE), |piece| {
+            let first = piece * PIECE;
+            Sifted::of(&corners[first..corners.len().min(first + PIECE)], first)
+        })?;
         let mut bvh = Self::default();
-        let mut kept = Vec::with_capacity(corners.len());
-        let mut boxes = Vec::with_capacity(corners.len());
+        let count = sifted.iter().map(|sifted| sifted.kept.len()).sum();
+        let (mut kept, mut boxes) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        for sifted in sifted {
+            bvh.broken += sifted.broken;
+            bvh.degenerate += sifted.degenerate;
+            kept.extend(sifted.kept);
+            boxes.extend(sifted.boxes);
+        }
+        if kept.is_empty() {
+            return Ok(bvh);
+        }
+        if kept.len() <= LARGE {
+            let build = Fold { corners, kept: &kept, boxes: &boxes, out: bvh };
+            return Ok(build.built(STACK / (WIDE - 1), false));
+        }
+        let Division { pieces, tree } = divide(cx, &boxes)?;
+        let built = each(cx, pieces.len(), |index| {
+            let of = |at: &u32| (kept[*at as usize], boxes[*at as usize]);
+            let (kept, boxes): (Vec<_>, Vec<_>) = pieces[index].iter().map(of).unzip();
+            let build = Fold { corners, kept: &kept, boxes: &boxes, out: Self::default() };
+            build.built(STACK / (WIDE - 1) - UPPER, true)
+        })?;
+        drop((kept, boxes));
+        bvh.join(built, &tree);
+        Ok(bvh)
+    }
+
+    /// Puts built pieces below the nodes of a binary tree, whose leaves are their numbers.
+    fn join(&mut self, pieces: Vec<Self>, tree: &[Branch]) {
+        let boxes: Vec<_> = pieces.iter().map(|piece| piece.bounds.unwrap_or_default()).collect();
+        let order: Vec<u32> = (0..pieces.len() as u32).collect();
+        let counts: Vec<u32> = pieces.iter().map(|piece| piece.nodes.len() as u32).collect();
+        let mut top = Fold { corners: &[], kept: &[], boxes: &boxes, out: std::mem::take(self) };
+        // The number of nodes above the pieces is known only at the end; until then a child is the number of a piece.
+        top.fold_onto(tree, &order, Opens::Fewest, |_, piece| LEAF | piece[0]);
+        *self = top.out;
+        let above = self.nodes.len() as u32;
+        let mut starts = Vec::with_capacity(pieces.len());
+        let mut next = above;
+        for count in &counts {
+            starts.push(next);
+            next += count;
+        }
+        for node in &mut self.nodes {
+            for (lane, child) in node.children.iter_mut().enumerate() {
+                // Lanes without a child have empty bounds.
+                if *child & LEAF != 0 && node.bounds[0][0][lane] <= node.bounds[0][1][lane] {
+                    *child = starts[(*child & !LEAF) as usize];
+                }
+            }
+        }
+        self.nodes.reserve_exact(counts.iter().map(|count| *count as usize).sum());
+        self.packets.reserve_exact(pieces.iter().map(|piece| piece.packets.len()).sum());
+        for (piece, start) in pieces.into_iter().zip(starts) {
+            let packets = self.packets.len() as u32;
+            self.nodes.extend(piece.nodes.into_iter().map(|mut node| {
+                for child in &mut node.children {
+                    // The first packet stands in the lowest bits.
+                    *child += if *child & LEAF == 0 { start } else { packets };
+                }
+                node
+            }));
+            self.packets.extend(piece.packets);
+        }
+    }
+}
+
+/// The triangles of a piece that can be hit.
+struct Sifted {
+    kept: Vec<u32>,
+    boxes: Vec<(Vec3, Vec3)>,
+    broken: u64,
+    degenerate: u64,
+}
+
+impl Sifted {
+    /// Sifts the triangles from index `first` on.
+    fn of(corners: &[[Vec3; 3]], first: usize) -> Self {
+        let (kept, boxes) = (Vec::with_capacity(corners.len()), Vec::with_capacity(corners.len()));
+        let mut sifted = Self { kept, boxes, broken: 0, degenerate: 0 };
         for (index, [a, b, c]) in corners.iter().enumerate() {
             if !(a.is_finite() && b.is_finite() && c.is_finite()) {
-                bvh.broken += 1;
+                sifted.broken += 1;
                 continue;
             }
             let area = (*b - *a).cross(*c - *a);
@@ -29,27 +134,14 @@ impl Bvh {
                 // The square of a tiny area may underflow although the triangle has one: tested in f64.
                 let (ab, ac) = ((*b - *a).as_dvec3(), (*c - *a).as_dvec3());
                 if ab.cross(ac).length_squared() == 0.0 {
-                    bvh.degenerate += 1;
+                    sifted.degenerate += 1;
                     continue;
                 }
             }
-            kept.push(index as u32);
-            boxes.push((a.min(*b).min(*c), a.max(*b).max(*c)));
+            sifted.kept.push((first + index) as u32);
+            sifted.boxes.push((a.min(*b).min(*c), a.max(*b).max(*c)));
         }
-        if kept.is_empty() {
-            return bvh;
-        }
-        let mut build = Fold { corners, kept: &kept, boxes: &boxes, out: bvh };
-        // Each level except the last leaves all children but one waiting.
-        if most_in_one_place(&boxes) > CROWD || (WIDE - 1) * build.build_tree() >= STACK {
-            build.out.nodes.clear();
-            build.out.packets.clear();
-            let mut order: Vec<u32> = (0..kept.len() as u32).collect();
-            let mut tree = Vec::new();
-            balanced(&boxes, &mut order, 0, &mut tree);
-            build.fold(&tree, &order, Opens::Fullest);
-        }
-        build.out
+        sifted
     }
 }
 
@@ -82,11 +174,24 @@ pub(super) struct Fold<'a> {
 }
 
 impl Fold<'_> {
-    /// Builds the tree and returns its depth.
-    fn build_tree(&mut self) -> usize {
-        let large = self.kept.len() > 200_000;
-        // The parameters of the preset "very slow", without splits and with cheaper reinsertion for large meshes. A
-        // search depth of 1 keeps rays fast in meshes of mixed triangle sizes.
+    /// Builds the tree, of at most `deepest` levels. `is_piece` is true for a piece of a large tree.
+    pub(super) fn built(mut self, deepest: usize, is_piece: bool) -> Bvh {
+        // Each level except the last leaves all children but one waiting.
+        if most_in_one_place(self.boxes) > CROWD || self.build_tree(is_piece) > deepest {
+            self.out.nodes.clear();
+            self.out.packets.clear();
+            let mut order: Vec<u32> = (0..self.kept.len() as u32).collect();
+            let mut tree = Vec::new();
+            balanced(self.boxes, &mut order, 0, &mut tree);
+            self.fold(&tree, &order, Opens::Fullest);
+        }
+        self.out
+    }
+
+    /// Depth of the folded tree.
+    fn build_tree(&mut self, large: bool) -> usize {
+        // "Very slow" without splits; large meshes get the cheaper reinsertion. A search depth of 1 keeps rays fast
+        // in meshes of mixed triangle sizes.
         let params = BvhBuildParams {
             pre_split: false,
             ploc_search_distance: PlocSearchDistance::Medium,
@@ -113,7 +218,18 @@ impl Fold<'_> {
     /// Converts a binary tree, whose root is its first branch, to an eight-wide tree. Returns the depth of the
     /// result.
     pub(super) fn fold(&mut self, tree: &[Branch], order: &[u32], opens: Opens) -> usize {
-        // Boxes and numbers of triangles of every branch, children before parents, by an explicit stack.
+        self.fold_onto(tree, order, opens, Self::leaf)
+    }
+
+    /// Like [`fold`](Self::fold), with the children that stand for the items of a leaf.
+    fn fold_onto(
+        &mut self,
+        tree: &[Branch],
+        order: &[u32],
+        opens: Opens,
+        leaf: impl Fn(&mut Self, &[u32]) -> u32,
+    ) -> usize {
+        // Boxes and triangles of every branch, children before parents by an explicit walk.
         let mut bounds = vec![(Vec3::INFINITY, Vec3::NEG_INFINITY); tree.len()];
         let mut counts = vec![0; tree.len()];
         let mut visit = vec![(0_u32, false)];
@@ -151,7 +267,8 @@ impl Fold<'_> {
         while let Some((at, parent, lane, depth)) = todo.pop() {
             deepest = deepest.max(depth);
             if let (Branch::Leaf { first, count }, true) = (tree[at as usize], parent != usize::MAX) {
-                self.out.nodes[parent].children[lane] = self.leaf(order, first, count);
+                let child = leaf(self, &order[first as usize..(first + count) as usize]);
+                self.out.nodes[parent].children[lane] = child;
                 continue;
             }
             let children = match &collapse {
@@ -177,9 +294,9 @@ impl Fold<'_> {
         deepest
     }
 
-    fn leaf(&mut self, order: &[u32], first: u32, count: u32) -> u32 {
+    fn leaf(&mut self, items: &[u32]) -> u32 {
         let start = self.out.packets.len() as u32;
-        for chunk in order[first as usize..(first + count) as usize].chunks(4) {
+        for chunk in items.chunks(4) {
             let mut packet = Packet::EMPTY;
             for (lane, &i) in chunk.iter().enumerate() {
                 let id = self.kept[i as usize];

@@ -7,6 +7,7 @@
 
 mod build;
 mod collapse;
+mod divide;
 mod stack;
 mod steps;
 mod triangles;
@@ -14,6 +15,7 @@ mod triangles;
 use fearless_simd::{Level, f32x8, prelude::*};
 use glam::Vec3;
 
+pub(crate) use divide::each;
 use stack::{STACK, with_stack};
 pub use steps::Steps;
 use triangles::{Packet, Sheared};

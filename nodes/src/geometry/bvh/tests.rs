@@ -277,6 +277,61 @@ fn hits_do_not_depend_on_the_tree() {
     }
 }
 
+/// A large tree, which consists of pieces, gives the hits of a tree in one piece, is the same on any threads, and
+/// takes hardly more steps. Mutation: `start` left out of `join`, seen red; `right[at]` for `left` in `halved`.
+#[test]
+fn a_tree_of_pieces_gives_the_same_hits() {
+    // Triangles of mixed sizes, with some that are broken and some at one place.
+    let mut random = Random(31);
+    let mut corners = soup(240_000, 0.01, 17);
+    for (index, triangle) in corners.iter_mut().enumerate() {
+        match index % 1000 {
+            0 => *triangle = triangle.map(|p| p * 3.0),
+            1 => triangle[0].x = f32::NAN,
+            2..5 => *triangle = [Vec3::X, Vec3::Y, Vec3::Z],
+            _ => {}
+        }
+    }
+    let alone = Bvh::build(&corners);
+    let shared = Bvh::build_in(&corners, &crate::testing::context()).expect("nothing stops it");
+    let bytes = |bvh: &Bvh| {
+        let mut hash = blake3::Hasher::new();
+        for node in &bvh.nodes {
+            let bounds = node.bounds.iter().flatten().flatten().map(|v| v.to_bits());
+            bounds.chain(node.children).for_each(|word| _ = hash.update(&word.to_le_bytes()));
+        }
+        for packet in &bvh.packets {
+            let corners = packet.corners.iter().flatten().flat_map(|v| v.to_array()).map(f32::to_bits);
+            corners.chain(packet.ids).for_each(|word| _ = hash.update(&word.to_le_bytes()));
+        }
+        hash.finalize()
+    };
+    assert_eq!(bytes(&alone), bytes(&shared));
+    assert_eq!((alone.broken, alone.degenerate), (240, 0));
+    let kept: Vec<u32> = (0..corners.len() as u32).filter(|i| i % 1000 != 1).collect();
+    let boxes: Vec<_> = kept
+        .iter()
+        .map(|&i| corners[i as usize])
+        .map(|[a, b, c]| (a.min(b).min(c), a.max(b).max(c)))
+        .collect();
+    let whole = Fold { corners: &corners, kept: &kept, boxes: &boxes, out: Bvh::default() };
+    let whole = whole.built(STACK, true);
+    let rays: Vec<Ray> = (0..20_000).map(|_| Ray::new(random.point(), random.point())).collect();
+    let hits = |bvh: &Bvh| rays.iter().map(|ray| bvh.closest(*ray, |_| true)).collect::<Vec<_>>();
+    let ((some, steps), (all, most)) = (Steps::of(|| hits(&alone)), Steps::of(|| hits(&whole)));
+    assert_eq!(some, all);
+    assert!(some.iter().flatten().count() > 5_000);
+    assert!(steps.nodes * 20 <= most.nodes * 21, "{steps:?} {most:?}");
+}
+
+/// A cancelled run ends the build.
+#[test]
+fn a_build_can_be_cancelled() {
+    let cx = crate::testing::context();
+    cx.stop();
+    assert!(Bvh::build_in(&soup(210_000, 0.01, 3), &cx).is_err_and(|error| error.is_cancelled()));
+}
+
 // A ray that misses the box around all triangles takes no step; counting changes no hit and ends as requested.
 #[test]
 fn steps_are_counted_where_asked() {

@@ -80,11 +80,12 @@ fn sorted(scale: [f32; 3]) -> [f64; 3] {
     scale
 }
 
-/// Computes the summary of a scene.
-pub fn inspect(splats: &Splats, cx: &Context) -> Result<Inspection, NodeError> {
+/// Computes the summary of a scene. Harmonics above degree 0 are not read, so `sh_degree` is that of the scene that
+/// is summarised, which may be larger than that of `splats`.
+pub fn inspect(splats: &Splats, sh_degree: u32, cx: &Context) -> Result<Inspection, NodeError> {
     let mut found = Inspection {
         splats: splats.len(),
-        sh_degree: splats.sh_degree,
+        sh_degree,
         encoding: match splats.encoding {
             SplatEncoding::Srgb => "srgb",
             SplatEncoding::Linear => "linear",
@@ -278,7 +279,7 @@ mod tests {
     fn floors_are_found_along_every_axis() {
         for (axis, names) in AXES.iter().enumerate() {
             for (sign, name) in [(-1.0, names[0]), (1.0, names[1])] {
-                let found = inspect(&room(axis, sign), &context()).unwrap();
+                let found = inspect(&room(axis, sign), 0, &context()).unwrap();
                 let level = found.level.unwrap();
                 assert_eq!(level.axis(), Some(name));
                 assert!((level.floor + 1.0).abs() < 0.05 && level.is_floor_sure(), "{level:?}");
@@ -312,7 +313,7 @@ mod tests {
                     let length = quat.iter().map(|q| q * q).sum::<f32>().sqrt();
                     *quat = quat.map(|q| q / length);
                 }
-                let found = inspect(&splats, &context()).unwrap();
+                let found = inspect(&splats, 0, &context()).unwrap();
                 let sure = found.level.as_ref().is_some_and(LevelEstimate::is_sure);
                 assert!(!sure, "{count} splats, try {attempt}: {:?}", found.level);
                 assert!(found.findings.iter().any(|finding| finding.id == "floor-unclear"));
@@ -329,7 +330,7 @@ mod tests {
         });
         splats.scales = vec![[0.01; 3]; 4000];
         splats.opacities = vec![(num::f64::exp(0.5) / 255.0) as f32; 4000];
-        let overdraw = inspect(&splats, &context()).unwrap().overdraw.unwrap();
+        let overdraw = inspect(&splats, 0, &context()).unwrap().overdraw.unwrap();
         // Reach is 1 standard deviation.
         let expected = 4000.0 * 0.01 * 0.01 / (4.0 * 9.0);
         assert!((overdraw.from_inside / expected - 1.0).abs() < 1e-3, "{overdraw:?} {expected}");
@@ -342,7 +343,7 @@ mod tests {
         let reported = |change: fn(&mut Splats)| {
             let mut splats = room(2, 1.0);
             change(&mut splats);
-            let found = inspect(&splats, &context()).unwrap();
+            let found = inspect(&splats, 0, &context()).unwrap();
             found.findings.into_iter().map(|finding| finding.text).collect::<String>()
         };
         for text in [
@@ -366,7 +367,7 @@ mod tests {
         let ids = |change: fn(&mut Splats)| {
             let mut splats = room(2, 1.0);
             change(&mut splats);
-            inspect(&splats, &context()).unwrap().findings.iter().map(|f| f.id).collect::<Vec<_>>()
+            inspect(&splats, 0, &context()).unwrap().findings.iter().map(|f| f.id).collect::<Vec<_>>()
         };
         assert!(ids(|_| {}).is_empty());
         assert!(ids(|s| s.scales = vec![[2.0; 3]; 4000]).contains(&"scales-not-logarithms"));
@@ -377,6 +378,6 @@ mod tests {
         assert!(ids(|s| s.means[10..].fill([1.0; 3])).contains(&"one-point"));
         let mut none = room(0, 1.0);
         none.means.clear();
-        assert_eq!(inspect(&none, &context()).unwrap().findings[0].id, "no-splats");
+        assert_eq!(inspect(&none, 0, &context()).unwrap().findings[0].id, "no-splats");
     }
 }

@@ -55,6 +55,8 @@ pub(crate) struct Reading<'a> {
     pub(crate) max_extent: f64,
     /// The additional transform in the world that the user requested.
     pub(crate) matrix: Similarity,
+    /// True to keep only the mean of each colour over all directions, which takes a quarter of the memory.
+    pub(crate) plain: bool,
 }
 
 impl Reading<'_> {
@@ -65,7 +67,7 @@ impl Reading<'_> {
         turn: Option<&Turn>,
         read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
     ) -> Result<Vec<Part>, NodeError> {
-        parts::read_rows(0, count, turn, self.cx, read)
+        parts::read_rows(0, count, turn, (self.plain, self.cx), read)
     }
 
     /// Reads rows of a section that begins at row `first` of the file.
@@ -76,7 +78,7 @@ impl Reading<'_> {
         turn: Option<&Turn>,
         read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
     ) -> Result<Vec<Part>, NodeError> {
-        parts::read_rows(first, count, turn, self.cx, read)
+        parts::read_rows(first, count, turn, (self.plain, self.cx), read)
     }
 
     /// The transform into the world, according to the format of the file and the user's parameters. Adds a note
@@ -103,14 +105,19 @@ pub(crate) struct Loaded {
     parts: Vec<Part>,
     /// Number of rows of the file, including dropped ones.
     count: usize,
+    /// Degree of the harmonics that were kept.
     sh_degree: u32,
+    /// Degree of the harmonics of the file.
+    pub(crate) stored_degree: u32,
     antialiased: bool,
     encoding: SplatEncoding,
 }
 
 impl Loaded {
-    fn new(parts: Vec<Part>, count: usize, sh_degree: u32) -> Self {
-        Self { parts, count, sh_degree, antialiased: false, encoding: SplatEncoding::Srgb }
+    fn new(parts: Vec<Part>, count: usize, stored_degree: u32) -> Self {
+        let sh_degree = if parts.iter().any(|part| part.plain) { 0 } else { stored_degree };
+        let (antialiased, encoding) = (false, SplatEncoding::Srgb);
+        Self { parts, count, sh_degree, stored_degree, antialiased, encoding }
     }
 
     /// Appends another part of the same file.
@@ -123,6 +130,7 @@ impl Loaded {
         let mut other = other;
         other.widen(degree);
         self.count += other.count;
+        self.stored_degree = self.stored_degree.max(other.stored_degree);
         self.parts.append(&mut other.parts);
         Ok(self)
     }
@@ -207,7 +215,8 @@ pub fn from_bytes(
     cx: &Context,
 ) -> Result<(Splats, Notes), NodeError> {
     let placing = Placing { frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
-    let reading = Reading { cx, placing, max_extent: 1e6, matrix: Similarity::IDENTITY };
+    let matrix = Similarity::IDENTITY;
+    let reading = Reading { cx, placing, max_extent: 1e6, matrix, plain: false };
     let mut notes = Notes::none();
     let alone =
         |name: &str| Err(NodeError::new(format!("`{file}` needs the file `{name}` in the same folder")));

@@ -21,6 +21,8 @@ pub struct Part {
     pub first_fault: Option<(usize, RowFault)>,
     /// True if a centre has more digits than f32 holds.
     pub finer: bool,
+    /// True if only the first triple of each colour was kept: the mean over all directions.
+    pub plain: bool,
 }
 
 /// True if no value is NaN or infinite. Compares the bits of the largest magnitude, which can be vectorised,
@@ -30,17 +32,18 @@ fn all_finite(values: &[f32]) -> bool {
 }
 
 /// Reads `count` rows in parallel with `read(index, sh)`, which appends the colour of a row; for a row with an
-/// error it may leave a partial colour. `first` is the index of the first row in the file.
+/// error it may leave a partial colour. `first` is the index of the first row in the file. With `plain`, only the first
+/// triple of each colour is kept.
 pub fn read_rows(
     first: usize,
     count: usize,
     turn: Option<&Turn>,
-    cx: &Context,
+    (plain, cx): (bool, &Context),
     read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
 ) -> Result<Vec<Part>, NodeError> {
     cx.for_each_tile(count.div_ceil(CHUNK), |chunk| {
         let rows = chunk * CHUNK..((chunk + 1) * CHUNK).min(count);
-        let mut part = Part { rows: Vec::with_capacity(rows.len()), ..Part::default() };
+        let mut part = Part { rows: Vec::with_capacity(rows.len()), plain, ..Part::default() };
         let count = rows.len();
         for index in rows {
             let start = part.sh.len();
@@ -59,6 +62,9 @@ pub fn read_rows(
             });
             match row {
                 Ok(row) => {
+                    if plain {
+                        part.sh.truncate(start + 1);
+                    }
                     part.finer |= row.mean_low != [0.0; 3];
                     part.rows.push(row);
                 }

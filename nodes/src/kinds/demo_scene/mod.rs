@@ -236,7 +236,7 @@ fn truth(
     })?;
     let mut image = Image::from_samples(width, height, 3, rows.into_iter().flatten().collect());
     add_sun(lit, from, &mut image);
-    Ok(Environment { image, up: cx.up(), origin: Some(world.point(from)) })
+    Ok(Environment { image: image.into(), up: cx.up(), origin: Some(world.point(from)) })
 }
 
 /// Number of points along each side of a square over the disc of the sun.

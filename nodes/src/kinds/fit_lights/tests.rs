@@ -62,7 +62,7 @@ fn yard(sun: DVec3, irradiance: f64) -> Mesh {
 fn sky(middle: DVec3) -> Environment {
     let (width, height) = (256, 128);
     let mut env = Environment {
-        image: Image::new(width, height, 3),
+        image: Image::new(width, height, 3).into(),
         up: Up::PlusZ,
         origin: Some(DVec3::new(0.3, -1.0, 0.8)),
     };

@@ -207,8 +207,8 @@ impl Kind for FuseHdr {
             "lights are not listed individually in the report",
         );
         let report = lights.report(base.up, &pixels, &fused, &brackets.evs, params.gain);
-        let env = Environment { image, up: base.up, origin: base.origin };
-        let image = Arc::new(Images::single("env", env.image.clone()));
+        let env = Environment { image: image.into(), up: base.up, origin: base.origin };
+        let image = env.image.pictures();
         Ok((Out { env: Arc::new(env), report: Arc::new(report), image }, notes))
     }
 }

@@ -462,7 +462,7 @@ fn light_above_white_is_kept_to_the_bit() {
         {
             let (out, notes) =
                 run(&FuseHdr { gain, hue, blend, ..params() }, (pano.clone(), brackets.clone()));
-            assert_eq!(out.env.image, light);
+            assert_eq!(*out.env.image, light);
             // The prediction was made for the photograph, and cannot be used here.
             assert!(notes.iter().all(|n| n.id == "prediction-unused"));
         }

@@ -10,6 +10,7 @@ mod pick;
 mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::io::Read;
 use std::sync::Arc;
 
 use engine::{
@@ -59,10 +60,9 @@ engine::params! {
     pub struct LoadCameras {
         /// The file, or the folder of a COLMAP model.
         path: InputFile, other("\"b.json\"");
-        /// Cameras to load, in this order. An entry is the name or the path of a picture, with the wildcards `*`
-        /// and `?`; a range of indices from 0, such as `2..5`, or `0..400..8` for every eighth camera; or a single
-        /// index. `pick: [Axis("v")]` with `axes: (v: Range(0, 300))` renders one camera after the other, and needs
-        /// only the memory for one. The default is all cameras.
+        /// Cameras to load, in this order: names or paths of pictures, with wildcards `*` and `?`, or ranges of
+        /// indices from 0 such as `2..5`, or `0..400..8` for every eighth, or an index. The default is all cameras. For one
+        /// camera after the other, in the memory of one, load all of them and pick one in a node of `pick-cameras`.
         pick: Vec<Pick> = Vec::new(), other("[\"0..1\"]");
         /// Name of the list in lightharmony's own JSON format.
         list: String = "views".to_owned(), other("\"cube_faces\""), inert("only lightharmony's own JSON has lists");
@@ -136,6 +136,15 @@ impl Kind for LoadCameras {
     }
 
     fn views(p: &Self, root: &SourceRoot) -> ViewCount {
+        if let Some(count) = count_of(&p.pick) {
+            return ViewCount::Known(count);
+        }
+        // The images of a binary model may fill gigabytes, and their number comes first.
+        if p.pick.is_empty()
+            && let Some(count) = images_of(p, root)
+        {
+            return ViewCount::Known(count);
+        }
         // Reading a large model would take too long for a check of the graph.
         const MOST_BYTES: u64 = 4 << 20;
         let size = |file: &SourceFile| std::fs::metadata(&file.path).map_or(u64::MAX, |data| data.len());
@@ -228,7 +237,20 @@ fn is_gltf(path: &InputFile) -> bool {
     lower.ends_with(".glb") || lower.ends_with(".gltf")
 }
 
-/// Sets of files that a path may stand for if it is not a JSON file, in order of preference.
+/// Number of images of a binary COLMAP model, from its first bytes; `None` for other files and for a number beyond
+/// the limit of cameras.
+fn images_of(p: &LoadCameras, root: &SourceRoot) -> Option<usize> {
+    if is_json(&p.path) || is_gltf(&p.path) {
+        return None;
+    }
+    let named = files(&p.path, root).ok()?;
+    let images = named.iter().find(|file| file.0.ends_with("images.bin"))?;
+    let mut count = [0; 8];
+    std::fs::File::open(root.file(images).path).ok()?.read_exact(&mut count).ok()?;
+    usize::try_from(u64::from_le_bytes(count)).ok().filter(|count| (1..=CAMERA_LIMIT).contains(count))
+}
+
+/// Sets of files that a path other than `.json` may stand for, in order of preference.
 fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     let folder = match path.0.rsplit_once('/') {
         Some((folder, file)) if is_part(file) => folder,
@@ -362,8 +384,15 @@ fn view_name(picture: &str, folders: usize) -> String {
     if name.is_empty() || name == ".." { "camera".to_owned() } else { name }
 }
 
+/// Number of chosen cameras, if all are chosen by index, so that it does not depend on the file.
+pub(super) fn count_of(wishes: &[Pick]) -> Option<usize> {
+    let index = |Pick(wish): &Pick| range(wish).filter(|(start, end, _)| start.checked_add(1) == Some(*end));
+    let indices: BTreeSet<usize> = wishes.iter().map(|wish| Some(index(wish)?.0)).collect::<Option<_>>()?;
+    (!wishes.is_empty() && indices.len() == wishes.len()).then_some(wishes.len())
+}
+
 /// Indices of the chosen cameras, each once, in the order of the patterns.
-fn chosen(wishes: &[Pick], names: &[String], pictures: &[&str]) -> Result<Vec<usize>, NodeError> {
+pub(super) fn chosen(wishes: &[Pick], names: &[String], pictures: &[&str]) -> Result<Vec<usize>, NodeError> {
     if wishes.is_empty() {
         return Ok((0..names.len()).collect());
     }

@@ -258,7 +258,8 @@ impl Kind for PathTrace {
         Cost::of([
             (pixels, pixel_bytes),
             ((inputs.receiver.triangles.len() + triangles) as u64, 300),
-            (sky, 12),
+            // Texels with their densities, and a list of weights for each of two tiers: 25 bytes per texel.
+            (sky, 9),
         ])
     }
 

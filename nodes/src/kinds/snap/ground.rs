@@ -14,7 +14,11 @@ const GRID: u32 = 24;
 /// outwards, its floor faces down and its ceiling is the next surface that faces up.
 const SHELL: f64 = 2.0;
 
-/// Mesh and its tree, in coordinates relative to the middle of a foot at the height of its base.
+/// Number of triangles that are searched by one job.
+const PIECE: usize = 1 << 16;
+
+/// Triangles of a mesh above and below an object, with their tree, relative to the middle of a foot at the height of
+/// its base. All rays are vertical and within the width of the object, so no other triangle can be hit.
 pub(super) struct Ground {
     pub(super) around: DVec3,
     pub(super) corners: Vec<[Vec3; 3]>,
@@ -34,11 +38,34 @@ pub(super) struct Columns {
 }
 
 impl Ground {
-    pub(super) fn new(mesh: &Mesh, foot: &Foot, up: DVec3) -> Self {
+    pub(super) fn new(mesh: &Mesh, foot: &Foot, up: DVec3, cx: &Context) -> Result<Self, NodeError> {
         let around = foot.middle - up * (foot.middle.dot(up) - foot.base);
+        Self::within(mesh, around, Foot::axes(up), widest(foot, around), cx)
+    }
+
+    /// The triangles that come within `half` of the vertical line through `around`, along both horizontal axes.
+    fn within(
+        mesh: &Mesh,
+        around: DVec3,
+        axes: [DVec3; 2],
+        half: f64,
+        cx: &Context,
+    ) -> Result<Self, NodeError> {
         let corner = |i: u32| (mesh.position(i) - around).as_vec3();
-        let corners: Vec<_> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
-        Self { around, bvh: Bvh::build(&corners), corners }
+        let axes = axes.map(|axis| axis.as_vec3());
+        let half = half as f32;
+        let pieces: Vec<&[[u32; 3]]> = mesh.triangles.chunks(PIECE).collect();
+        let near = |triangle: &[Vec3; 3]| {
+            axes.iter().all(|axis| {
+                let along = triangle.map(|p| p.dot(*axis));
+                along.iter().any(|v| *v <= half) && along.iter().any(|v| *v >= -half)
+            })
+        };
+        let found = cx.for_each_tile(pieces.len(), |i| {
+            pieces[i].iter().map(|t| t.map(corner)).filter(near).collect::<Vec<_>>()
+        })?;
+        let corners = found.concat();
+        Ok(Self { around, bvh: Bvh::build_in(&corners, cx)?, corners })
     }
 
     /// Cosine of the angle between the normal of a triangle and up.
@@ -131,6 +158,14 @@ impl Ground {
     }
 }
 
+/// Half the width of the region of all rays: that of the foot, and of the object however it is rotated about the
+/// middle of its foot, with a margin for rounding.
+fn widest(foot: &Foot, around: DVec3) -> f64 {
+    let [low, high] = [foot.low - around, foot.high - around];
+    let reach = low.abs().max(high.abs()).length();
+    1.001 * reach.max(foot.half.max_element())
+}
+
 /// Error that only the underside of a shell is within reach. The arguments are the reach, the height of the
 /// underside above the foot, and the height of the upper side above the foot, in metres.
 fn under_a_shell([reach, under, upper]: [f64; 3]) -> NodeError {
@@ -144,4 +179,70 @@ fn under_a_shell([reach, under, upper]: [f64; 3]) -> NodeError {
     let enough = ((upper * 100.0).round() + 1.0) / 100.0;
     let hint = format!("move the pose up by {upper:.2} m, or raise `reach_metres` to {enough:.2}");
     NodeError::new(text).at("pose").hint(hint)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::context;
+
+    /// A rough ground of 40 by 40 units in squares of a quarter, with a step and a few needles across all of it.
+    fn ground() -> Mesh {
+        let side = 161_u32;
+        let height = |i: u32, j: u32| 0.02 * ((i * 7 + j * 13) % 11) as f32 + if i > 83 { 0.3 } else { 0.0 };
+        let mut mesh = Mesh::default();
+        for k in 0..side * side {
+            let (i, j) = (k % side, k / side);
+            mesh.positions.push([i as f32 * 0.25 - 20.0, j as f32 * 0.25 - 20.0, height(i, j)]);
+        }
+        for k in (0..side * (side - 1)).filter(|k| k % side != side - 1) {
+            mesh.triangles.extend([[k, k + 1, k + side], [k + 1, k + side + 1, k + side]]);
+        }
+        for k in 0..5 {
+            let first = mesh.positions.len() as u32;
+            let z = 0.5 + 0.1 * k as f32;
+            mesh.positions.extend([[-30.0, -30.0, z], [30.0, 30.0, z], [30.0, 30.5, z]]);
+            mesh.triangles.push([first, first + 1, first + 2]);
+        }
+        mesh
+    }
+
+    /// The triangles near an object give the same columns as all triangles, and are few. Mutation: `1.001` to `0.5`
+    /// in `widest`, and `half` to `0.9 * half` in `within`: seen red.
+    #[test]
+    fn triangles_that_no_ray_can_hit_are_left_out() {
+        let (mesh, cx, up) = (ground(), context(), DVec3::Z);
+        let corner = DVec3::new(0.9, 0.4, 1.5);
+        let middle = DVec3::new(1.03, -2.21, 0.4);
+        let foot = Foot {
+            low: middle - corner * DVec3::new(1.0, 1.0, 0.0),
+            high: middle + corner,
+            base: 0.4,
+            middle,
+            half: DVec3::new(0.675, 0.3, 1.1),
+        };
+        let some = Ground::new(&mesh, &foot, up, &cx).expect("nothing stops it");
+        let all = Ground::within(&mesh, some.around, Foot::axes(up), 1e6, &cx).expect("nothing stops it");
+        assert_eq!(all.corners.len(), mesh.triangles.len());
+        assert!(some.corners.len() < mesh.triangles.len() / 50, "{}", some.corners.len());
+        let columns = |ground: &Ground| {
+            let Columns { up, down, steep } =
+                ground.columns(&foot, up, 100.0, &cx).expect("nothing stops it");
+            (up, down, steep)
+        };
+        assert_eq!(columns(&some), columns(&all));
+        assert!(columns(&some).0.len() > 500);
+        // A ray at the farthest corner of the object, in whatever direction it was rotated.
+        let reach = corner.length();
+        for k in 0..64 {
+            let (sin, cos) = crate::math::num::sin_cos(f64::from(k) / 64.0 * std::f64::consts::TAU);
+            let start = DVec3::new(reach * cos, reach * sin, 50.0);
+            let ray = Ray::new(start.as_vec3(), -up.as_vec3());
+            let hit = |ground: &Ground| {
+                let hit = ground.bvh.closest(ray, |_| true).expect("there is ground");
+                (hit.t, ground.corners[hit.triangle as usize])
+            };
+            assert_eq!(hit(&some), hit(&all));
+        }
+    }
 }

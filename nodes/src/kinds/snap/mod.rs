@@ -92,7 +92,7 @@ impl Kind for Snap {
         };
         let reach = params.reach_metres * metre;
         let mut notes = Notes::none();
-        let felt = inputs.mesh.as_deref().map(|mesh| Ground::new(mesh, &foot, up));
+        let felt = inputs.mesh.as_deref().map(|mesh| Ground::new(mesh, &foot, up, cx)).transpose()?;
         let points = match (&felt, &inputs.splats) {
             (Some(felt), None) => felt.ground(&foot, up, reach, cx, &mut notes)?,
             (None, Some(splats)) => on_splats(splats, &foot, up, reach),

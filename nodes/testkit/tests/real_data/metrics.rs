@@ -115,7 +115,7 @@ fn panoramas_are_weighed_as_the_reference_does() {
         let file = |part: &str| {
             let images = image(&format!("metric-refs/{name}_{part}.exr"), FileEncoding::Auto);
             let Picture::Linear(image) = images.0[0].picture.clone() else { panic!("is linear") };
-            Arc::new(Environment { image, up: Up::PlusZ, origin: None })
+            Arc::new(Environment { image: image.into(), up: Up::PlusZ, origin: None })
         };
         let (env, truth) = (file("test"), file("ref"));
         let (mut mean, mut sphere) = (0.0, 0.0);

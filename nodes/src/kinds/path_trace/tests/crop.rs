@@ -134,7 +134,7 @@ fn no_scene_changes_more_than_the_bound() {
         // If the receiver emits the light, objects also dim its points.
         let near = scene % 3 == 1;
         let origin = near.then(|| DVec3::new(4.0 * random() - 2.0, 3.0 * random(), 1.0 + random()));
-        let env = Environment { image, up: Up::PlusZ, origin };
+        let env = Environment { image: image.into(), up: Up::PlusZ, origin };
         let base = [0.3 + 0.7 * random() as f32, 0.9, 1.0, 1.0];
         let material = match scene % 6 {
             0 => Material { base_colour: base, ..matte(1.0) },

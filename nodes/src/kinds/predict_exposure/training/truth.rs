@@ -108,7 +108,7 @@ impl Truth {
         expose(&mut image);
         let mut fine = fine.map(|image| shrink(size, &image.samples, FINE));
         fine.iter_mut().for_each(expose);
-        let env = Environment { image, up: Up::PlusZ, origin: None };
+        let env = Environment { image: image.into(), up: Up::PlusZ, origin: None };
         let light = measure::dominant(&measure::cells(&env, WIDTH / 2), &measure::cells(&env, WIDTH))?;
         Some(Self { image: env.image, fine, light })
     }

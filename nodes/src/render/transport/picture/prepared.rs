@@ -27,10 +27,10 @@ impl<'a> PreparedScene<'a> {
         cx: &'a Context,
     ) -> Result<Self, NodeError> {
         let part = Part { name: "receiver", version: 1, inputs: &["receiver"] };
-        let new = || Receiver::new(mesh, origin);
+        let new = || Receiver::new_in(mesh, origin, cx);
         let receiver = cx.in_memory(part, &origin.to_array(), Receiver::bytes, new)?;
         let part = Part { name: "sky", version: 1, inputs: &["env"] };
-        let new = || EnvironmentLight::new(env);
+        let new = || Ok(EnvironmentLight::new(env));
         let sky = cx.in_memory(part, &(), EnvironmentLight::bytes, new)?;
         Ok(Self { origin, cx, receiver, sky })
     }
@@ -46,7 +46,7 @@ impl<'a> PreparedScene<'a> {
     /// Virtual lights for a point of capture.
     pub(crate) fn light_points(&self, eye: [f32; 3]) -> Result<Arc<LightPoints>, NodeError> {
         let part = Part { name: "light-points", version: 1, inputs: &["receiver", "env"] };
-        let new = || LightPoints::new(&self.receiver, &self.sky, eye.into());
+        let new = || Ok(LightPoints::new(&self.receiver, &self.sky, eye.into()));
         self.cx.in_memory(part, &(self.origin.to_array(), eye), LightPoints::bytes, new)
     }
 }

@@ -1,11 +1,12 @@
 //! Receiver: the mesh of the captured place.
 
+use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
 
 use super::face::Face;
-use super::subdivide::{Corner, Subdivision};
+use super::subdivide::{Corner, Extent, Subdivision};
 use super::surface::Surface;
-use crate::geometry::bvh::{Bvh, Hit};
+use crate::geometry::bvh::{Bvh, Hit, each};
 use crate::render::transport::bsdf::Bsdf;
 use crate::types::Mesh;
 
@@ -15,6 +16,17 @@ pub const GREY: f32 = 0.5;
 /// ratio. Captured meshes have black vertices where no photograph shows the surface, and saturated colours with a
 /// channel of 0. The shadow, or one of its channels, would be lost there.
 pub const DARKEST: f32 = 0.01;
+
+/// Number of triangles that are prepared by one job.
+const PIECE: usize = 1 << 16;
+
+/// Triangles after subdivision.
+struct Cut {
+    corners: Vec<[Vec3; 3]>,
+    colours: Vec<[Vec3; 3]>,
+    /// Number of cuts that the limit still allows.
+    left: usize,
+}
 
 /// The mesh of the captured place.
 #[derive(Debug, Default)]
@@ -33,6 +45,19 @@ impl Receiver {
     /// Collects the triangles of a mesh relative to `origin`. Large triangles near the origin are subdivided;
     /// see `subdivide`.
     pub fn new(mesh: &Mesh, origin: DVec3) -> Self {
+        // Without a context nothing can fail.
+        Self::made(mesh, origin, None).unwrap_or_default()
+    }
+
+    /// The same receiver as [`new`](Self::new), on the threads of a node.
+    ///
+    /// # Errors
+    /// If the run is cancelled.
+    pub fn new_in(mesh: &Mesh, origin: DVec3, cx: &Context) -> Result<Self, NodeError> {
+        Self::made(mesh, origin, Some(cx))
+    }
+
+    fn made(mesh: &Mesh, origin: DVec3, cx: Option<&Context>) -> Result<Self, NodeError> {
         let place = |i: u32| mesh.position(i) - origin;
         let (mut clamped, mut raised) = (0, 0);
         let albedos: Vec<Vec3> = mesh
@@ -46,19 +71,45 @@ impl Receiver {
                 Vec3::from_array(good).max(Vec3::splat(DARKEST))
             })
             .collect();
-        let mut subdivision = Subdivision::of(mesh.triangles.iter().map(|t| t.map(place)));
-        let (mut corners, mut colours) = (Vec::with_capacity(mesh.triangles.len()), Vec::new());
-        for triangle in &mesh.triangles {
-            let albedo = |i: u32| albedos.get(i as usize).copied().unwrap_or_default();
-            subdivision.cut(triangle.map(|i| (place(i), albedo(i))), |piece: [Corner; 3]| {
-                corners.push(piece.map(|(p, _)| p.as_vec3()));
-                if !albedos.is_empty() {
-                    colours.push(piece.map(|(_, colour)| colour));
-                }
-            });
+        let pieces: Vec<&[[u32; 3]]> = mesh.triangles.chunks(PIECE).collect();
+        let extents =
+            each(cx, pieces.len(), |i| Extent::of(pieces[i].iter().map(|triangle| triangle.map(place))))?;
+        let none = Extent::of(std::iter::empty());
+        let rule = Subdivision::of(extents.into_iter().fold(none, Extent::with));
+        let cut = |rule: &mut Subdivision, triangles: &[[u32; 3]]| {
+            let mut cut = Cut { corners: Vec::with_capacity(triangles.len()), colours: Vec::new(), left: 0 };
+            for triangle in triangles {
+                let albedo = |i: u32| albedos.get(i as usize).copied().unwrap_or_default();
+                rule.cut(triangle.map(|i| (place(i), albedo(i))), |piece: [Corner; 3]| {
+                    cut.corners.push(piece.map(|(p, _)| p.as_vec3()));
+                    if !albedos.is_empty() {
+                        cut.colours.push(piece.map(|(_, colour)| colour));
+                    }
+                });
+            }
+            Cut { left: rule.room(), ..cut }
+        };
+        let mut parts = each(cx, pieces.len(), |i| cut(&mut rule.clone(), pieces[i]))?;
+        let cuts = parts.iter().fold(0, |sum: usize, part| sum.saturating_add(rule.room() - part.left));
+        if cuts >= rule.room() {
+            // The limit on all cuts applies in the order of the triangles.
+            parts = vec![cut(&mut rule.clone(), &mesh.triangles)];
         }
-        let bvh = Bvh::build(&corners);
-        Self { bvh, faces: corners.into_iter().map(Face::new).collect(), colours, clamped, raised }
+        let (mut corners, mut colours) = (Vec::new(), Vec::new());
+        corners.reserve_exact(parts.iter().map(|part| part.corners.len()).sum());
+        colours.reserve_exact(parts.iter().map(|part| part.colours.len()).sum());
+        for part in parts {
+            corners.extend(part.corners);
+            colours.extend(part.colours);
+        }
+        let bvh = match cx {
+            Some(cx) => Bvh::build_in(&corners, cx)?,
+            None => Bvh::build(&corners),
+        };
+        let pieces: Vec<&[[Vec3; 3]]> = corners.chunks(PIECE).collect();
+        let faces = each(cx, pieces.len(), |i| pieces[i].iter().copied().map(Face::new).collect::<Vec<_>>())?
+            .concat();
+        Ok(Self { bvh, faces, colours, clamped, raised })
     }
 
     /// Memory in bytes.

@@ -28,8 +28,16 @@ const MOST: usize = 1 << 17;
 /// Position of a corner relative to the origin, and its colour.
 pub type Corner = (DVec3, Vec3);
 
+/// Distances of the triangles of a mesh from the origin.
+#[derive(Debug, Clone, Copy)]
+pub struct Extent {
+    near: f64,
+    far: f64,
+    count: usize,
+}
+
 /// Rule by which edges are halved.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Subdivision {
     least: f64,
     room: usize,
@@ -62,8 +70,8 @@ fn is_real([a, b, c]: [DVec3; 3]) -> bool {
     square > 0.0 && square.is_finite()
 }
 
-impl Subdivision {
-    /// Computes the rule for the triangles of a mesh, relative to the origin.
+impl Extent {
+    /// Distances of some triangles, relative to the origin. Triangles without an area do not count.
     pub fn of(triangles: impl Iterator<Item = [DVec3; 3]>) -> Self {
         let (mut near, mut far, mut count) = (f64::INFINITY, 0.0_f64, 0_usize);
         for triangle in triangles.filter(|t| is_real(*t)) {
@@ -71,7 +79,26 @@ impl Subdivision {
             far = triangle.iter().fold(far, |far, p| far.max(p.length()));
             count += 1;
         }
+        Self { near, far, count }
+    }
+
+    /// Distances of these triangles and others.
+    pub fn with(self, other: Self) -> Self {
+        let (near, far) = (self.near.min(other.near), self.far.max(other.far));
+        Self { near, far, count: self.count + other.count }
+    }
+}
+
+impl Subdivision {
+    /// Computes the rule for the triangles of a mesh.
+    pub fn of(extent: Extent) -> Self {
+        let Extent { near, far, count } = extent;
         Self { least: (NEAREST * near).max(FINEST * far), room: 2 * count + MOST }
+    }
+
+    /// Number of cuts that remain; 0 if the limit was reached.
+    pub fn room(&self) -> usize {
+        self.room
     }
 
     fn is_long(&self, a: DVec3, b: DVec3) -> bool {
@@ -131,7 +158,7 @@ mod tests {
     use super::*;
 
     fn graded(triangles: &[[DVec3; 3]]) -> Vec<[Corner; 3]> {
-        let mut grade = Subdivision::of(triangles.iter().copied());
+        let mut grade = Subdivision::of(Extent::of(triangles.iter().copied()));
         let mut pieces = Vec::new();
         for triangle in triangles {
             grade.cut(triangle.map(|p| (p, p.as_vec3())), |piece| pieces.push(piece));

@@ -67,9 +67,14 @@ fn cut(weights: &[f64], pieces: usize) -> Vec<usize> {
 }
 
 impl LightCells {
-    /// Divides weights into at most `most` columns and rows of cells. The density of each texel within its cell is
-    /// written to `pdf`.
-    pub fn new(texel_grid: &TexelGrid, weights: Vec<f32>, most: [usize; 2], pdf: &mut [f32]) -> Self {
+    /// Divides weights into at most `most` columns and rows of cells. `pdf` receives the index of each texel and its
+    /// density within its cell.
+    pub fn new(
+        texel_grid: &TexelGrid,
+        weights: Vec<f32>,
+        most: [usize; 2],
+        pdf: &mut dyn FnMut(usize, f32),
+    ) -> Self {
         let TexelGrid { width, height, .. } = *texel_grid;
         let (mut of_rows, mut of_columns) = (vec![0.0; height], vec![0.0; width]);
         for (y, of_row) in of_rows.iter_mut().enumerate() {
@@ -161,7 +166,13 @@ impl LightCells {
     }
 
     /// Makes a cell, and computes the probabilities within it.
-    fn divide(&mut self, texel_grid: &TexelGrid, pdf: &mut [f32], row: usize, column: usize) -> LightCell {
+    fn divide(
+        &mut self,
+        texel_grid: &TexelGrid,
+        pdf: &mut dyn FnMut(usize, f32),
+        row: usize,
+        column: usize,
+    ) -> LightCell {
         let (rows, columns) = self.texels_of(row, column);
         let down = column * self.height..(column + 1) * self.height;
         let mut of_rows = Vec::with_capacity(rows.len());
@@ -197,7 +208,7 @@ impl LightCells {
             let of_row = of_row / pixel_solid_angle(self.width, self.height, y);
             for x in columns.clone() {
                 let of_texel = share(&self.across[y * self.width..][columns.clone()], x - columns.start);
-                pdf[y * self.width + x] = (of_row * of_texel) as f32;
+                pdf(y * self.width + x, (of_row * of_texel) as f32);
             }
         }
         let corner = |x, y| texel_grid.corner(x, y);

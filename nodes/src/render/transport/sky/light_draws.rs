@@ -154,7 +154,7 @@ mod tests {
         let lamp = |i: usize| if mix(i as u32 / 3).is_multiple_of(997) { 3e3 } else { unit(mix(i as u32)) };
         let samples = (0..width * height * 3).map(lamp).collect();
         let image = Image::from_samples(width, height, 3, samples);
-        EnvironmentLight::new(&Environment { image, up: Up::PlusY, origin: None })
+        EnvironmentLight::new(&Environment { image: image.into(), up: Up::PlusY, origin: None })
     }
 
     /// A batch gives the same samples of each vertex as if the vertex were alone, and every SIMD level gives the

@@ -100,21 +100,20 @@ impl EnvironmentLight {
         let weight = |t: &[f32; 4]| (0..3).map(|k| f64::from(t[k]) * scales[k]).sum::<f64>();
         let weights: Vec<f32> = texels.iter().map(|t| if black { 1.0 } else { weight(t) as f32 }).collect();
         let bright: Vec<bool> = weights.iter().map(|&w| f64::from(w) > 3.0 * BRIGHT).collect();
-        let mut pdf = vec![0.0; weights.len()];
-        let mut tier = |k: usize| {
-            let mine = |(w, bright): (&f32, &bool)| if *bright == (k == 0) { *w } else { 0.0 };
-            let weights: Vec<f32> = weights.iter().zip(&bright).map(mine).collect();
-            let mut of_tier = vec![0.0; weights.len()];
-            let cells = LightCells::new(&texel_grid, weights, CELLS[k], &mut of_tier);
-            for ((to, from), bright) in pdf.iter_mut().zip(of_tier).zip(&bright) {
-                *to = if *bright == (k == 0) { from } else { *to };
-            }
-            cells
+        // One list of weights for each tier, and densities in the texels themselves: a panorama may have 100 million.
+        let of_bright =
+            weights.iter().zip(&bright).map(|(weight, bright)| if *bright { *weight } else { 0.0 });
+        let high: Vec<f32> = of_bright.collect();
+        let mut low = weights;
+        low.iter_mut().zip(&bright).filter(|(_, bright)| **bright).for_each(|(weight, _)| *weight = 0.0);
+        let mut tier = |k: usize, weights: Vec<f32>| {
+            LightCells::new(&texel_grid, weights, CELLS[k], &mut |texel, pdf| {
+                if bright[texel] == (k == 0) {
+                    texels[texel][3] = pdf;
+                }
+            })
         };
-        let tiers = [tier(0), tier(1)];
-        for (texel, pdf) in texels.iter_mut().zip(pdf) {
-            texel[3] = pdf;
-        }
+        let tiers = [tier(0, high), tier(1, low)];
         let [high, low] = [0, 1].map(|k| tiers[k].grid.power());
         let share = (high / (high + low)) as f32;
         let lights = match share {
@@ -354,5 +353,9 @@ const SCALE: f64 = 1.0 / 4_294_967_296.0;
 pub(crate) fn constant(up: engine::Up, radiance: [f32; 3], width: usize) -> Environment {
     let height = (width / 2).max(1);
     let samples = (0..width * height).flat_map(|_| radiance).collect();
-    Environment { image: crate::types::Image::from_samples(width, height, 3, samples), up, origin: None }
+    Environment {
+        image: crate::types::Image::from_samples(width, height, 3, samples).into(),
+        up,
+        origin: None,
+    }
 }

@@ -24,7 +24,7 @@ fn noisy(width: usize, height: usize) -> Environment {
     let samples = (0..width * height * 3)
         .map(|i| crate::geometry::sampling::unit(crate::geometry::sampling::mix(i as u32)).powi_exact())
         .collect();
-    environment.image = crate::types::Image::from_samples(width, height, 3, samples);
+    environment.image = crate::types::Image::from_samples(width, height, 3, samples).into();
     environment
 }
 

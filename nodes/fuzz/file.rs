@@ -1,0 +1,98 @@
+//! Targets of readers that are reached through a kind, which reads files of a folder.
+
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use engine::{Context, InputFile, Kind, NodeError, Notes, Scene, SourceRoot, Up};
+use nodes::io::splats::Frame;
+use nodes::kinds::load_cameras::{self, Distortion, LoadCameras};
+use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
+use nodes::kinds::load_object::{self, LoadObject};
+use nodes::kinds::load_splats::{self, LoadSplats};
+
+/// The folder of this process, in memory where the system has such a folder.
+fn folder() -> &'static Path {
+    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let memory = Path::new("/dev/shm");
+        let base = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
+        let folder = base.join(format!("lightharmony-fuzz-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder for the files of a target");
+        folder
+    })
+}
+
+/// Writes files and runs a kind on them, as the engine does: `sources` first, then `run`.
+fn run<K: Kind>(params: &K::Params, inputs: K::In, files: &[(&str, &[u8])]) -> Result<(K::Out, Notes), NodeError> {
+    for (name, bytes) in files {
+        std::fs::write(folder().join(name), bytes).expect("a file of a target");
+    }
+    let root = SourceRoot::new(folder());
+    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+    K::sources(params, &root)?;
+    K::views(params, &root);
+    K::run(params, inputs, &Context::detached(scene, folder()))
+}
+
+/// Reads cameras from files of these names; `path` is the one that is named. All numbers must be finite.
+pub fn cameras(path: &str, files: &[(&str, &[u8])]) {
+    let params = LoadCameras {
+        path: InputFile(path.to_owned()),
+        pick: Vec::new(),
+        list: "views".to_owned(),
+        resolution: 1.0,
+        distortion: Distortion::Ignore,
+        dataparser: None,
+        matrix: None,
+    };
+    if let Ok((out, _)) = run::<LoadCameras>(&params, load_cameras::In {}, files) {
+        for camera in &out.rig.cameras {
+            let lens = [camera.fx, camera.fy, camera.cx, camera.cy];
+            assert!(lens.iter().chain(&camera.world_from_camera).all(|v| v.is_finite()));
+            assert!(camera.width_px > 0 && camera.height_px > 0);
+        }
+    }
+}
+
+/// Reads the file as the mesh of a place. All positions must be finite or dropped, and all indices valid.
+pub fn mesh(name: &str, data: &[u8]) {
+    let path = InputFile(name.to_owned());
+    let params = LoadMesh { path, colours: ColourEncoding::Auto, frame: MeshFrame::World, matrix: None };
+    if let Ok((out, _)) = run::<LoadMesh>(&params, load_mesh::In {}, &[(name, data)]) {
+        let vertices = out.mesh.positions.len();
+        assert!(out.mesh.triangles.as_flattened().iter().all(|&index| (index as usize) < vertices));
+    }
+}
+
+/// Reads the file as an object.
+pub fn object(name: &str, data: &[u8]) {
+    let params = LoadObject { path: InputFile(name.to_owned()), scene: None };
+    if let Ok((out, _)) = run::<LoadObject>(&params, load_object::In {}, &[(name, data)]) {
+        for primitive in &out.object.primitives {
+            let vertices = primitive.positions.len();
+            assert!(primitive.triangles.as_flattened().iter().all(|&index| (index as usize) < vertices));
+        }
+    }
+}
+
+/// Reads `lod-meta.json` next to the files of a small streamed scene, of which `files` may be damaged.
+pub fn streamed(level: u32, files: &[(&str, &[u8])]) {
+    let params = LoadSplats {
+        path: InputFile("lod-meta.json".to_owned()),
+        more: Vec::new(),
+        strict: false,
+        max_extent: 1e6,
+        level,
+        frame: Frame::ByFormat,
+        matrix: None,
+    };
+    if let Ok((out, _)) = run::<LoadSplats>(&params, load_splats::In {}, files) {
+        assert!(out.splats.means.as_flattened().iter().all(|v| v.is_finite()));
+    }
+}
+
+/// Splits data in two at a length in its first two bytes.
+pub fn halves(data: &[u8]) -> (&[u8], &[u8]) {
+    let Some((head, rest)) = data.split_first_chunk::<2>() else { return (data, &[]) };
+    rest.split_at(usize::from(u16::from_le_bytes(*head)).min(rest.len()))
+}

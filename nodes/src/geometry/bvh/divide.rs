@@ -1,0 +1,132 @@
+//! Division of the triangles of a large tree into pieces, by the surface area heuristic over bins.
+//!
+//! The pieces depend on the triangles alone, so a tree is the same for any number of threads.
+
+use engine::{Context, NodeError};
+use glam::Vec3;
+
+use super::collapse::Branch;
+
+/// Number of bins along each axis.
+const BINS: usize = 32;
+/// Number of pieces into which all triangles are divided, about.
+const PIECES: usize = 32;
+/// Smallest share of the items that a division leaves on a side, so that the number of levels is limited.
+const LEAST: usize = 5;
+/// Greatest number of levels of divisions: `0.8^16 < 1 / PIECES`.
+const MOST_LEVELS: usize = 16;
+
+/// The pieces of a large tree, and the binary tree above them.
+pub(super) struct Division {
+    /// Indices of boxes in each piece, ascending.
+    pub pieces: Vec<Vec<u32>>,
+    /// The tree, whose leaves are the numbers of pieces; the root is the first branch.
+    pub tree: Vec<Branch>,
+}
+
+type Box3 = (Vec3, Vec3);
+
+const EMPTY: Box3 = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+
+fn joined((a, b): Box3, (c, d): Box3) -> Box3 {
+    (a.min(c), b.max(d))
+}
+
+fn surface((low, high): Box3) -> f32 {
+    let size = high - low;
+    if size.min_element() < 0.0 { 0.0 } else { size.x * size.y + size.y * size.z + size.z * size.x }
+}
+
+/// Calls `f` for every index below `n`, on the threads of a node if there are any, with the results in order.
+pub(crate) fn each<T: Send>(
+    cx: Option<&Context>,
+    n: usize,
+    f: impl Fn(usize) -> T + Send + Sync,
+) -> Result<Vec<T>, NodeError> {
+    match cx {
+        Some(cx) => cx.for_each_tile(n, f),
+        None => Ok((0..n).map(f).collect()),
+    }
+}
+
+/// Divides boxes into pieces, level by level: the pieces of a level are divided on several threads.
+///
+/// # Errors
+/// If the run is cancelled.
+pub(super) fn divide(cx: Option<&Context>, boxes: &[Box3]) -> Result<Division, NodeError> {
+    let most = boxes.len().div_ceil(PIECES);
+    let mut tree = vec![Branch::Leaf { first: 0, count: 1 }];
+    let mut pieces = Vec::new();
+    // Branches of the current level, with their items.
+    let mut open = vec![(0_usize, (0..boxes.len() as u32).collect::<Vec<u32>>())];
+    for _ in 0..MOST_LEVELS {
+        let (large, small): (Vec<_>, Vec<_>) = open.into_iter().partition(|(_, items)| items.len() > most);
+        for (branch, items) in small {
+            close(branch, items, &mut tree, &mut pieces);
+        }
+        let halves = each(cx, large.len(), |index| halved(boxes, &large[index].1))?;
+        open = Vec::with_capacity(2 * halves.len());
+        for ((branch, _), [left, right]) in large.into_iter().zip(halves) {
+            let first = tree.len();
+            tree[branch] = Branch::Inner(first as u32, first as u32 + 1);
+            tree.extend([Branch::Leaf { first: 0, count: 1 }; 2]);
+            open.extend([(first, left), (first + 1, right)]);
+        }
+    }
+    for (branch, items) in open {
+        close(branch, items, &mut tree, &mut pieces);
+    }
+    Ok(Division { pieces, tree })
+}
+
+/// Makes a branch a leaf.
+fn close(branch: usize, items: Vec<u32>, tree: &mut [Branch], pieces: &mut Vec<Vec<u32>>) {
+    tree[branch] = Branch::Leaf { first: pieces.len() as u32, count: 1 };
+    pieces.push(items);
+}
+
+/// Two sides of some items, each with at least a fifth of them: the bins of the axis with the smallest sum of
+/// surface times number, or the halves along the widest axis if no such bins exist.
+fn halved(boxes: &[Box3], items: &[u32]) -> [Vec<u32>; 2] {
+    let centre = |item: u32| boxes[item as usize].0 + boxes[item as usize].1;
+    let (low, high) = items.iter().fold(EMPTY, |all, &item| joined(all, (centre(item), centre(item))));
+    let size = high - low;
+    let bin = |item: u32, axis: usize| {
+        // The conversion saturates.
+        (((centre(item)[axis] - low[axis]) / size[axis] * BINS as f32) as usize).min(BINS - 1)
+    };
+    let mut best: Option<(f32, usize, usize)> = None;
+    for axis in (0..3).filter(|&axis| size[axis] > 0.0 && size[axis].is_finite()) {
+        let mut bins = [(EMPTY, 0_usize); BINS];
+        for &item in items {
+            let (around, count) = &mut bins[bin(item, axis)];
+            (*around, *count) = (joined(*around, boxes[item as usize]), *count + 1);
+        }
+        let mut right = [(EMPTY, 0_usize); BINS + 1];
+        for at in (0..BINS).rev() {
+            right[at] = (joined(right[at + 1].0, bins[at].0), right[at + 1].1 + bins[at].1);
+        }
+        let mut left = (EMPTY, 0);
+        for at in 1..BINS {
+            left = (joined(left.0, bins[at - 1].0), left.1 + bins[at - 1].1);
+            let cost = surface(left.0) * left.1 as f32 + surface(right[at].0) * right[at].1 as f32;
+            // The first among equals.
+            let fewest = left.1.min(right[at].1);
+            if fewest * LEAST >= items.len() && best.is_none_or(|(least, ..)| cost < least) {
+                best = Some((cost, axis, at));
+            }
+        }
+    }
+    if let Some((_, axis, at)) = best {
+        let (left, right) = items.iter().partition(|&&item| bin(item, axis) < at);
+        return [left, right];
+    }
+    let axis = size.max_position();
+    let mut order = items.to_vec();
+    order.sort_by(|&a, &b| centre(a)[axis].total_cmp(&centre(b)[axis]).then(a.cmp(&b)));
+    let right = order.split_off(order.len() / 2);
+    [order, right].map(|mut side| {
+        side.sort_unstable();
+        side
+    })
+}
