@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use crate::geometry::sampling::{fraction, hash};
 use crate::types::Mesh;
+use crate::types::frame::Similarity;
 
 /// Number of points.
 const POINTS: usize = 24_000;
@@ -12,16 +13,25 @@ const LEAF: usize = 8;
 
 /// Points of a mesh with their normals, in a tree.
 pub(super) struct Cloud {
-    /// Points and unit normals, in the order of the tree: the middle one of a range divides it along its widest axis.
+    /// Points and unit normals, in the order of the tree: each range is divided at its middle, along its widest axis.
     pub points: Vec<(DVec3, DVec3)>,
-    /// Axis of each range, at its middle.
-    axes: Vec<u8>,
+    /// Axis and coordinate of the plane that divides each range, at its middle.
+    planes: Vec<(u8, f64)>,
+    /// Box around the points.
+    bounds: [DVec3; 2],
     /// Mean distance of neighbours, in the unit of the mesh.
     pub spacing: f64,
     /// Median of the points along each axis.
     pub middle: DVec3,
     /// Median distance of the points from the middle.
     pub radius: f64,
+}
+
+/// A placed cloud.
+pub(super) struct Placed<'a> {
+    pub cloud: &'a Cloud,
+    /// World from mesh.
+    pub at: Similarity,
 }
 
 impl Cloud {
@@ -63,9 +73,10 @@ impl Cloud {
         }
         let middle = DVec3::from_array([0, 1, 2].map(|axis| upper_median(points.iter().map(|(p, _)| p[axis]))));
         let radius = upper_median(points.iter().map(|(p, _)| (*p - middle).length()));
-        let mut axes = vec![0; points.len()];
-        divide(&mut points, &mut axes);
-        Some(Self { spacing: (area / points.len() as f64).sqrt(), points, axes, middle, radius })
+        let mut planes = vec![(0, 0.0); points.len()];
+        let bounds = bounds(&points);
+        divide(&mut points, &mut planes);
+        Some(Self { spacing: (area / points.len() as f64).sqrt(), points, planes, bounds, middle, radius })
     }
 
     /// Box that holds nearly all points: one of 2000 is beyond each side.
@@ -82,28 +93,32 @@ impl Cloud {
     /// The index of the nearest point within a distance.
     pub fn nearest(&self, to: DVec3, within: f64) -> Option<usize> {
         let (mut best, mut square) = (None, within * within);
-        // Ranges that wait, with the square of their least distance. Their number is below the depth of the tree.
-        let mut waiting = [(0_usize, 0_usize, 0.0_f64); 40];
+        let [low, high] = self.bounds;
+        // Ranges that wait, with the least distance along each axis. Their number is below the depth of the tree.
+        let mut waiting = [(0_usize, 0_usize, DVec3::ZERO); 40];
         let mut count = 1;
-        waiting[0] = (0, self.points.len(), 0.0);
+        waiting[0] = (0, self.points.len(), (low - to).max(to - high).max(DVec3::ZERO));
         while count > 0 {
             count -= 1;
             let (mut first, mut last, least) = waiting[count];
-            if least >= square {
+            if least.length_squared() >= square {
                 continue;
             }
             while last - first > LEAF {
                 let half = usize::midpoint(first, last);
-                let axis = self.axes[half] as usize;
-                let off = to[axis] - self.points[half].0[axis];
+                let (axis, plane) = self.planes[half];
+                let axis = axis as usize;
+                let off = to[axis] - plane;
                 let far;
                 if off < 0.0 {
                     (far, last) = ((half, last), half);
                 } else {
                     (far, first) = ((first, half), half);
                 }
-                if off * off < square {
-                    waiting[count] = (far.0, far.1, off * off);
+                let mut apart = least;
+                apart[axis] = apart[axis].max(off.abs());
+                if apart.length_squared() < square {
+                    waiting[count] = (far.0, far.1, apart);
                     count += 1;
                 }
             }
@@ -125,20 +140,26 @@ fn upper_median(values: impl Iterator<Item = f64>) -> f64 {
     *values.select_nth_unstable_by(half, f64::total_cmp).1
 }
 
+/// Box around some points, at least one.
+fn bounds(points: &[(DVec3, DVec3)]) -> [DVec3; 2] {
+    let first = points[0].0;
+    points.iter().fold([first, first], |[low, high], (p, _)| [low.min(*p), high.max(*p)])
+}
+
 /// Sorts points into the tree.
-fn divide(points: &mut [(DVec3, DVec3)], axes: &mut [u8]) {
+fn divide(points: &mut [(DVec3, DVec3)], planes: &mut [(u8, f64)]) {
     let mut waiting = vec![(0, points.len())];
     while let Some((first, last)) = waiting.pop() {
         if last - first <= LEAF {
             continue;
         }
         let part = &mut points[first..last];
-        let (low, high) = part.iter().fold((part[0].0, part[0].0), |(low, high), (p, _)| (low.min(*p), high.max(*p)));
+        let [low, high] = bounds(part);
         let size = high - low;
         let axis = if size.x >= size.y && size.x >= size.z { 0 } else { usize::from(size.y < size.z) + 1 };
         let half = usize::midpoint(first, last);
         part.select_nth_unstable_by(half - first, |(a, _), (b, _)| a[axis].total_cmp(&b[axis]));
-        axes[half] = axis as u8;
+        planes[half] = (axis as u8, points[half].0[axis]);
         waiting.extend([(first, half), (half, last)]);
     }
 }
@@ -147,7 +168,7 @@ fn divide(points: &mut [(DVec3, DVec3)], axes: &mut [u8]) {
 mod tests {
     use super::*;
 
-    /// The nearest point is that of a search through all. Mutation: `least >= square` to `least >= 0.5 * square`,
+    /// The nearest point is that of a search through all. Mutation: `max(off.abs())` to `max(2.0 * off.abs())`,
     /// seen red.
     #[test]
     fn the_nearest_point_is_found() {

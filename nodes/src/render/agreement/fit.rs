@@ -3,7 +3,7 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::cloud::Cloud;
+use super::cloud::Placed;
 use super::spots::{Spots, kernel};
 use crate::types::frame::Similarity;
 
@@ -15,12 +15,6 @@ const NEAR: usize = 5;
 const DAMPING: f64 = 2e-3;
 /// Minimum cosine between the normals of a pair.
 const ALIGNED: f64 = 0.7;
-
-/// A placed cloud.
-pub(super) struct Placed<'a> {
-    pub cloud: &'a Cloud,
-    pub at: Similarity,
-}
 
 impl Placed<'_> {
     /// The point of the cloud nearest to a point of the world and its normal, in the world, within a distance.

@@ -11,6 +11,8 @@ mod regions;
 mod search;
 mod sight;
 mod spots;
+#[cfg(test)]
+mod tests;
 
 
 use engine::{Context, NodeError};
@@ -20,7 +22,7 @@ use crate::geometry::level::{self, LevelEstimate};
 use crate::math::num;
 use crate::types::frame::Similarity;
 use crate::types::{Camera, Mesh, Splats};
-use cloud::Cloud;
+use cloud::{Cloud, Placed};
 pub use regions::Regions;
 use sight::Sight;
 use spots::Spots;
@@ -33,12 +35,15 @@ const AGREES: f64 = 0.8;
 /// Minimum agreement of another place of the mesh for it to be reported, and minimum gain.
 const FOUND: f64 = 0.4;
 const GAIN: f64 = 0.12;
+/// Share of the points from which the mesh is a part of the place, and agreement there from which it is in its place.
+const PART: f64 = 0.02;
+const PART_AGREES: f64 = 0.9;
 /// Agreement below which both disagree, though no transform is found.
 const DISAGREES: f64 = 0.12;
 /// Shift, relative to the median distance, relative change of size, and turn in degrees from which a transform is
 /// reported.
-const SHIFTED: f64 = 0.045;
-const SCALED: f64 = 0.045;
+const SHIFTED: f64 = 0.1;
+const SCALED: f64 = 0.06;
 const TURNED_DEG: f64 = 3.0;
 /// Share of the wanted views that shows less than this shows nothing.
 const UNSEEN: f64 = 0.02;
@@ -150,60 +155,105 @@ fn chosen(cameras: &[Camera]) -> Vec<Camera> {
     [0, count / 2, count - 1].map(|i| cameras[i].clone()).to_vec()
 }
 
-/// Compares splats and mesh. `None` if the splats show too few surfaces, or the mesh has no area.
+/// Compares splats and mesh. `None` if there is nothing to compare: the mesh has no area, or neither the splats nor the
+/// mesh show a surface.
 pub fn compare(place: &Place<'_>, cx: &Context) -> Result<Option<Comparison>, NodeError> {
     let around = &place.around[..place.around.len().min(AROUND)];
     let frame = (place.axes, place.metre);
     let sights = Sight::all(place.splats, &chosen(place.cameras), around, frame, cx)?;
-    let (Some(spots), Some(cloud)) = (Spots::of(&sights), Cloud::of(place.mesh)) else { return Ok(None) };
+    let Some(cloud) = Cloud::of(place.mesh) else { return Ok(None) };
     cx.check()?;
-    let depths = spots.depths(&sights, place.mesh, &DMat4::IDENTITY);
-    let agreement = spots.agreement(&sights, &depths);
-    let measured = |by: Similarity| {
-        let moved = spots.depths(&sights, place.mesh, &matrix(&by));
-        moved_by(by, spots.agreement(&sights, &moved), &spots)
-    };
-    let mut best: Option<Moved> = None;
-    if agreement < AGREES {
-        best = Some(measured(search::nearby(&cloud, &spots)));
+    match Spots::of(place.splats, &sights) {
+        Some(spots) => by_views(place, &sights, &spots, &cloud, cx).map(Some),
+        None => Ok(by_centres(place, &sights, &cloud)),
     }
-    if best.is_some_and(|found| found.agreement < AGREES) {
-        cx.check()?;
-        for found in search::anywhere(&cloud, &spots).into_iter().map(measured) {
-            best = best.filter(|known| known.agreement >= found.agreement).or(Some(found));
-        }
-    }
-    let visible = (!place.cameras.is_empty()).then(|| {
-        let wanted = || sights.iter().zip(&depths).filter(|(sight, _)| sight.wanted);
-        let all: usize = wanted().map(|(sight, _)| sight.depth.len()).sum();
-        let splats: usize = wanted().map(|(sight, _)| sight.empty.iter().filter(|empty| !**empty).count()).sum();
-        let mesh: usize = wanted().map(|(_, mesh)| mesh.iter().filter(|depth| depth.is_finite()).count()).sum();
-        [splats, mesh].map(|count| count as f64 / all.max(1) as f64)
-    });
-    let best = best.filter(|found| {
-        let far = found.shift >= SHIFTED * spots.distance
-            || (found.by.scale - 1.0).abs() >= SCALED
-            || found.turn_deg >= TURNED_DEG;
-        far && found.agreement >= FOUND && found.agreement >= agreement + GAIN
-    });
-    let best = best.map(|found| Moved { likely: likely(place, found.turn_deg, visible), ..found });
-    Ok(Some(Comparison {
-        points: spots.list.len(),
-        agreement,
-        best,
-        debris: regions::debris(&sights, &depths, &spots, TOLERANCE),
-        missing: regions::missing(&sights, &depths, &spots, cloud.extents(), TOLERANCE),
-        visible,
-    }))
 }
 
-/// A transform with its measures.
-fn moved_by(by: Similarity, agreement: f64, spots: &Spots) -> Moved {
-    let turn = by.rotation;
-    let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
-    let turn_deg = num::f64::acos(cosine.clamp(-1.0, 1.0)).to_degrees();
-    let shift = (by.point(spots.middle) - spots.middle).length();
-    Moved { by, agreement, turn_deg, shift, likely: Likely::Mesh }
+/// Compares by the depths in the views.
+fn by_views(
+    place: &Place<'_>,
+    sights: &[Sight],
+    spots: &Spots,
+    cloud: &Cloud,
+    cx: &Context,
+) -> Result<Comparison, NodeError> {
+    let depths = spots.depths(sights, place.mesh, &DMat4::IDENTITY);
+    let here = spots.agreement(sights, &depths, &depths);
+    let confirmed = |at: Similarity| spots.confirmed(sights, &Placed { cloud, at });
+    let here_confirmed = confirmed(Similarity::IDENTITY);
+    // A mesh of a part of the place, such as the ground near the object, agrees where it is, and fits larger parts.
+    let is_part = here.share >= PART && here.known.min(here_confirmed) >= PART_AGREES;
+    let measured = |by: Similarity| {
+        let moved = spots.depths(sights, place.mesh, &matrix(&by));
+        let there = spots.agreement(sights, &moved, &depths);
+        let gains = here.share < PART
+            || there.known >= here.known + GAIN
+            || confirmed(by) >= here_confirmed + GAIN;
+        (Moved::of(by, there.all, spots), gains)
+    };
+    let mut tried = Vec::new();
+    if here.all < AGREES && !is_part {
+        tried.push(measured(search::nearby(cloud, spots)));
+        if tried[0].0.agreement < AGREES {
+            cx.check()?;
+            tried.extend(search::anywhere(cloud, spots).into_iter().map(measured));
+        }
+    }
+    let is_better = |(found, gains): &(Moved, bool)| *gains && found.is_found(here.all, spots);
+    let better = tried.into_iter().filter(is_better).map(|(found, _)| found);
+    let best = better.reduce(|best, other| if other.agreement > best.agreement { other } else { best });
+    let visible = visible(sights, &depths);
+    Ok(Comparison {
+        points: spots.list.len(),
+        agreement: here.all,
+        best: best.map(|found| Moved { likely: likely(place, found.turn_deg, visible), ..found }),
+        debris: regions::debris(sights, &depths, spots, TOLERANCE),
+        missing: regions::missing(sights, &depths, spots, cloud.extents(), TOLERANCE),
+        visible,
+    })
+}
+
+/// Compares by the centres of the splats, if the views show the mesh and hardly any splats.
+fn by_centres(place: &Place<'_>, sights: &[Sight], cloud: &Cloud) -> Option<Comparison> {
+    let spots = Spots::of_centres(place.splats)?;
+    let depths = spots.depths(sights, place.mesh, &DMat4::IDENTITY);
+    let visible = visible(sights, &depths);
+    let fits = |at: Similarity| Placed { cloud, at }.agreement(&spots, 1, 1.0);
+    let agreement = fits(Similarity::IDENTITY);
+    let tried = search::anywhere(cloud, &spots).into_iter().map(|by| Moved::of(by, fits(by), &spots));
+    let better = tried.filter(|found| found.is_found(agreement, &spots));
+    let best = better.reduce(|best, other| if other.agreement > best.agreement { other } else { best });
+    let best = best.map(|found| Moved { likely: likely(place, found.turn_deg, visible), ..found });
+    let (debris, missing) = (Regions::default(), Regions::default());
+    Some(Comparison { points: spots.list.len(), agreement, best, debris, missing, visible })
+}
+
+/// Shares of the wanted views in which splats and mesh are visible.
+fn visible(sights: &[Sight], depths: &[Vec<f64>]) -> Option<[f64; 2]> {
+    let wanted = || sights.iter().zip(depths).filter(|(sight, _)| sight.wanted);
+    let all: usize = wanted().map(|(sight, _)| sight.depth.len()).sum();
+    let splats: usize = wanted().map(|(sight, _)| sight.empty.iter().filter(|empty| !**empty).count()).sum();
+    let mesh: usize = wanted().map(|(_, mesh)| mesh.iter().filter(|depth| depth.is_finite()).count()).sum();
+    (all > 0).then(|| [splats, mesh].map(|count| count as f64 / all as f64))
+}
+
+impl Moved {
+    /// A transform with its measures.
+    fn of(by: Similarity, agreement: f64, spots: &Spots) -> Self {
+        let turn = by.rotation;
+        let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
+        let turn_deg = num::f64::acos(cosine.clamp(-1.0, 1.0)).to_degrees();
+        let shift = (by.point(spots.middle) - spots.middle).length();
+        Self { by, agreement, turn_deg, shift, likely: Likely::Mesh }
+    }
+
+    /// True if this is another place than that of the mesh, at which it agrees better than `here`.
+    fn is_found(&self, here: f64, spots: &Spots) -> bool {
+        let far = self.shift >= SHIFTED * spots.distance
+            || (self.by.scale - 1.0).abs() >= SCALED
+            || self.turn_deg >= TURNED_DEG;
+        far && self.agreement >= FOUND && self.agreement >= here + GAIN
+    }
 }
 
 /// What is likely in a wrong frame, given the shares of the wanted views that show splats and mesh.

@@ -7,6 +7,8 @@ use super::spots::Spots;
 
 /// Relative difference of depths from which a surface is in front of another or behind it.
 const APART: f64 = 0.12;
+/// Distance beyond the extents of the mesh up to which a surface is missing, as a share of the distance.
+const MARGIN: f64 = 0.02;
 /// Share of the outline of a part along which the mesh ends in front of something, from which it floats.
 const FLOATS: f64 = 0.65;
 
@@ -109,7 +111,7 @@ pub(super) fn debris(sights: &[Sight], depths: &[Vec<f64>], spots: &Spots, toler
             let (own, splats) = (mesh[pixel], sight.depth[pixel]);
             let stretch = sight.ray(pixel).length();
             let far = (splats * stretch).max(spots.distance);
-            let before = || own < splats * (1.0 - APART) && (splats - own) * stretch > 2.0 * tolerance * far;
+            let before = || own < splats * (1.0 - APART) && (splats - own) * stretch > (2.0 * tolerance * far).max(1.5 * spots.grain);
             own.is_finite() && ((sight.clear[pixel] && before()) || sight.empty[pixel])
         };
         let marked: Vec<bool> = (0..mesh.len()).map(in_front).collect();
@@ -152,9 +154,10 @@ pub(super) fn missing(
             let far = (splats * ray.length()).max(spots.distance);
             // A surface seen at a slant is farther away along the ray than along its normal.
             let cosine = sight.normal(pixel).map_or(0.5, |normal| normal.dot(ray).abs() / ray.length());
-            let behind = own > splats * (1.0 + APART) && (own - splats) * ray.length() * cosine > 2.0 * tolerance * far;
+            let least = (2.0 * tolerance * far).max(1.5 * spots.grain);
+            let behind = own > splats * (1.0 + APART) && (own - splats) * ray.length() * cosine > least;
             let point = sight.point(pixel, splats);
-            let margin = 2.0 * tolerance * far;
+            let margin = MARGIN * far;
             usable[index][pixel]
                 && behind
                 && point.cmpge(low - DVec3::splat(margin)).all()

@@ -2,8 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::cloud::Cloud;
-use super::fit::Placed;
+use super::cloud::{Cloud, Placed};
 use super::spots::Spots;
 use crate::types::frame::Similarity;
 

@@ -133,6 +133,19 @@ impl Sight {
         self.camera.eye() + self.ray(pixel) * depth
     }
 
+    /// The pixel that shows a point in the frame of the camera, if the splats have a surface there.
+    pub fn pixel(&self, local: DVec3) -> Option<usize> {
+        let (width, height) = self.size();
+        if local.z <= 0.0 {
+            return None;
+        }
+        let x = self.camera.fx * local.x / local.z + self.camera.cx;
+        let y = self.camera.fy * local.y / local.z + self.camera.cy;
+        let inside = x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64;
+        let pixel = inside.then(|| y as usize * width + x as usize)?;
+        self.depth[pixel].is_finite().then_some(pixel)
+    }
+
     /// Unit normal of the splats' surface at a pixel, by its four neighbours; `None` at edges.
     pub fn normal(&self, pixel: usize) -> Option<DVec3> {
         let (width, height) = self.size();

@@ -118,7 +118,12 @@ fn without_wall(scene: &Scene) -> Mesh {
     let mut mesh = (*scene.mesh).clone();
     let (axis, at) = scene.wall;
     let middle = |t: &[u32; 3]| t.iter().map(|&i| scene.mesh.position(i)).sum::<DVec3>() / 3.0;
-    mesh.triangles.retain(|t| middle(t).dot(axis) > at);
+    // Floors and side walls stay: a wall faces along the axis.
+    let faces = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|i| scene.mesh.position(i));
+        (b - a).cross(c - a).normalize_or_zero().dot(axis).abs() > 0.5
+    };
+    mesh.triangles.retain(|t| middle(t).dot(axis) > at || !faces(t));
     mesh
 }
 
