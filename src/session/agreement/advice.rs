@@ -81,12 +81,15 @@ fn moved(graph: &Graph, pair: &Pair, best: &Moved) -> String {
     let loader = above(graph, wire.node, input).find(|&node| graph.nodes[node].kind.name == kind);
     let percent = 100.0 * best.agreement;
     let known = match loader {
-        Some(node) if kind == "load-mesh" => graph.nodes[node].params::<LoadMesh>().map(|p| (p.matrix, p.frame)),
+        Some(node) if kind == "load-mesh" => {
+            graph.nodes[node].params::<LoadMesh>().map(|p| (p.matrix, p.frame))
+        }
         Some(node) => graph.nodes[node].params::<LoadSplats>().map(|p| (p.matrix, MeshFrame::Gltf)),
         None => None,
     };
     let scene = graph.scene;
-    let of_gltf = Similarity::of_rows(&world_from_gltf(scene.up, scene.metres_per_unit).transpose().to_cols_array());
+    let of_gltf =
+        Similarity::of_rows(&world_from_gltf(scene.up, scene.metres_per_unit).transpose().to_cols_array());
     let advice = match (loader, known) {
         (Some(node), Some((None, MeshFrame::World))) if of_gltf.as_ref().is_ok_and(|m| near(m, &by)) => {
             format!("set `frame: Gltf` on `{}`", graph.nodes[node].id)
@@ -116,7 +119,8 @@ fn change(by: &Similarity, what: &str, best: &Moved) -> String {
     if best.turn_deg > 0.5 {
         let r = by.rotation;
         let axis = DVec3::new(r.y_axis.z - r.z_axis.y, r.z_axis.x - r.x_axis.z, r.x_axis.y - r.y_axis.x);
-        let about = if axis.length() > 1e-6 { format!(" about {}", vector(axis.normalize())) } else { String::new() };
+        let about =
+            if axis.length() > 1e-6 { format!(" about {}", vector(axis.normalize())) } else { String::new() };
         parts.push(format!("turned by {:.0} degrees{about}", best.turn_deg));
     }
     if by.offset != DVec3::ZERO {
@@ -133,7 +137,8 @@ fn rows(by: &Similarity) -> String {
 }
 
 fn vector(v: DVec3) -> String {
-    let [x, y, z] = v.to_array().map(|c| if c.abs() < 1e-6 * v.length() { "0.0".to_owned() } else { digits(c, 3) });
+    let [x, y, z] =
+        v.to_array().map(|c| if c.abs() < 1e-6 * v.length() { "0.0".to_owned() } else { digits(c, 3) });
     format!("({x}, {y}, {z})")
 }
 
@@ -150,7 +155,11 @@ fn digits(value: f64, count: usize) -> String {
     }
     let text = format!("{value:.decimals$}");
     let text = if text.contains('.') { text.trim_end_matches('0') } else { &text };
-    if text.ends_with('.') || !text.contains('.') { format!("{}.0", text.trim_end_matches('.')) } else { text.to_owned() }
+    if text.ends_with('.') || !text.contains('.') {
+        format!("{}.0", text.trim_end_matches('.'))
+    } else {
+        text.to_owned()
+    }
 }
 
 #[cfg(test)]
@@ -159,7 +168,10 @@ mod tests {
 
     #[test]
     fn numbers_are_those_of_graphs() {
-        assert_eq!([1.0, 0.01, -39.3701, 1234.5678].map(|v| digits(v, 4)), ["1.0", "0.01", "-39.37", "1235.0"]);
+        assert_eq!(
+            [1.0, 0.01, -39.3701, 1234.5678].map(|v| digits(v, 4)),
+            ["1.0", "0.01", "-39.37", "1235.0"]
+        );
         let half = Similarity { scale: 0.5, ..Similarity::IDENTITY };
         assert!(rows(&half).starts_with("Some((0.5, 0.0, 0.0, 0.0, 0.0, 0.5,"), "{}", rows(&half));
     }

@@ -39,9 +39,7 @@ struct Pair {
 pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<Finding> {
     let is_new = |wire: &Wire| ran.contains(graph.nodes[wire.node].id.as_str());
     let mut found = Vec::new();
-    let changed = |pair: &Pair| {
-        is_new(&pair.splats) || is_new(&pair.mesh) || pair.rigs.iter().any(is_new)
-    };
+    let changed = |pair: &Pair| is_new(&pair.splats) || is_new(&pair.mesh) || pair.rigs.iter().any(is_new);
     let compared = pairs(graph).into_iter().filter(changed).take(MOST_PLACES);
     for pair in compared.filter(|pair| !is_made_of_splats(graph, pair.mesh.node)) {
         if let Some(comparison) = of_pair(engine, graph, &pair) {

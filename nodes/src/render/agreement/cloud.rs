@@ -71,7 +71,8 @@ impl Cloud {
         if points.is_empty() {
             return None;
         }
-        let middle = DVec3::from_array([0, 1, 2].map(|axis| upper_median(points.iter().map(|(p, _)| p[axis]))));
+        let middle =
+            DVec3::from_array([0, 1, 2].map(|axis| upper_median(points.iter().map(|(p, _)| p[axis]))));
         let radius = upper_median(points.iter().map(|(p, _)| (*p - middle).length()));
         let mut planes = vec![(0, 0.0); points.len()];
         let bounds = bounds(&points);

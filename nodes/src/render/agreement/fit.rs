@@ -33,7 +33,8 @@ impl Placed<'_> {
             total += spot.weight;
             let tolerance = slack * spot.tolerance;
             // Coarse clouds have neighbours farther off than the tolerance; the distance to their plane counts.
-            let Some((point, normal)) = self.nearest(spot.point, tolerance.max(gap.min(3.0 * tolerance))) else {
+            let Some((point, normal)) = self.nearest(spot.point, tolerance.max(gap.min(3.0 * tolerance)))
+            else {
                 continue;
             };
             if spot.normal.is_none_or(|own| own.dot(normal).abs() >= ALIGNED) {

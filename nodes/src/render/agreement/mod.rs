@@ -14,7 +14,6 @@ mod spots;
 #[cfg(test)]
 mod tests;
 
-
 use engine::{Context, NodeError};
 use glam::{DMat4, DVec3};
 
@@ -186,9 +185,8 @@ fn by_views(
     let measured = |by: Similarity| {
         let moved = spots.depths(sights, place.mesh, &matrix(&by));
         let there = spots.agreement(sights, &moved, &depths);
-        let gains = here.share < PART
-            || there.known >= here.known + GAIN
-            || confirmed(by) >= here_confirmed + GAIN;
+        let gains =
+            here.share < PART || there.known >= here.known + GAIN || confirmed(by) >= here_confirmed + GAIN;
         (Moved::of(by, there.all, spots), gains)
     };
     let mut tried = Vec::new();

@@ -24,7 +24,11 @@ pub(super) fn depths(mesh: &Mesh, world_from_mesh: &DMat4, camera: &Camera, near
             }
         }
     }
-    picture.inverse.into_iter().map(|inverse| if inverse > 0.0 { 1.0 / inverse } else { f64::INFINITY }).collect()
+    picture
+        .inverse
+        .into_iter()
+        .map(|inverse| if inverse > 0.0 { 1.0 / inverse } else { f64::INFINITY })
+        .collect()
 }
 
 /// The polygon of a triangle beyond the near plane: three or four corners.
@@ -59,7 +63,11 @@ impl Picture<'_> {
         let camera = self.camera;
         let flat = corners.map(|p| {
             let inverse = 1.0 / p.z;
-            DVec3::new(camera.fx * (p.x * inverse) + camera.cx, camera.fy * (p.y * inverse) + camera.cy, inverse)
+            DVec3::new(
+                camera.fx * (p.x * inverse) + camera.cx,
+                camera.fy * (p.y * inverse) + camera.cy,
+                inverse,
+            )
         });
         let low = flat[0].min(flat[1]).min(flat[2]);
         let high = flat[0].max(flat[1]).max(flat[2]);
@@ -113,7 +121,8 @@ mod tests {
         let triangles: Vec<[u32; 3]> = (0..60).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         let mesh = Mesh { positions, triangles, ..Mesh::default() };
         let (right, down, forward) = (DVec3::X, DVec3::NEG_Z, DVec3::Y);
-        let camera = Camera::centred("view", [40, 30], 25.0, [right, down, forward], DVec3::new(0.1, -0.5, 0.2));
+        let camera =
+            Camera::centred("view", [40, 30], 25.0, [right, down, forward], DVec3::new(0.1, -0.5, 0.2));
         let own = depths(&mesh, &DMat4::IDENTITY, &camera, 1e-3);
         let eye = camera.eye();
         let corner = |i: u32| (mesh.position(i) - eye).as_vec3();

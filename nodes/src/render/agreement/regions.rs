@@ -111,7 +111,10 @@ pub(super) fn debris(sights: &[Sight], depths: &[Vec<f64>], spots: &Spots, toler
             let (own, splats) = (mesh[pixel], sight.depth[pixel]);
             let stretch = sight.ray(pixel).length();
             let far = (splats * stretch).max(spots.distance);
-            let before = || own < splats * (1.0 - APART) && (splats - own) * stretch > (2.0 * tolerance * far).max(1.5 * spots.grain);
+            let before = || {
+                own < splats * (1.0 - APART)
+                    && (splats - own) * stretch > (2.0 * tolerance * far).max(1.5 * spots.grain)
+            };
             own.is_finite() && ((sight.clear[pixel] && before()) || sight.empty[pixel])
         };
         let marked: Vec<bool> = (0..mesh.len()).map(in_front).collect();

@@ -96,7 +96,8 @@ pub(super) fn anywhere(cloud: &Cloud, spots: &Spots) -> Vec<Similarity> {
     }
     tried.sort_by(|a, b| b.0.total_cmp(&a.0));
     tried.truncate(REFINED);
-    let mut refined: Vec<(f64, Similarity)> = tried.into_iter().map(|(_, at)| climbed(cloud, spots, at)).collect();
+    let mut refined: Vec<(f64, Similarity)> =
+        tried.into_iter().map(|(_, at)| climbed(cloud, spots, at)).collect();
     refined.sort_by(|a, b| b.0.total_cmp(&a.0));
     refined.truncate(BEST);
     refined.into_iter().map(|(_, at)| simplest(cloud, spots, at)).collect()
@@ -108,7 +109,8 @@ fn climbed(cloud: &Cloud, spots: &Spots, start: Similarity) -> (f64, Similarity)
     let fits = |at: Similarity, slack: f64| Placed { cloud, at }.agreement(spots, step(spots, FITTED), slack);
     let fitted = |at: Similarity, near: bool| Placed { cloud, at }.fitted(spots, step(spots, FITTED), near);
     let first = [start, fitted(start, true), fitted(start, false)].map(|at| (fits(at, 1.0), at));
-    let mut best = first.into_iter().fold((0.0, start), |best, other| if other.0 > best.0 { other } else { best });
+    let mut best =
+        first.into_iter().fold((0.0, start), |best, other| if other.0 > best.0 { other } else { best });
     for _ in 0..CLIMBS {
         let mut changes = Vec::new();
         for factor in [0.85, 0.92, 1.0 / 0.92, 1.0 / 0.85] {
@@ -151,8 +153,10 @@ fn simplest(cloud: &Cloud, spots: &Spots, found: Similarity) -> Similarity {
     let unit = UNITS.into_iter().find(|unit| (found.scale / unit - 1.0).abs() < SAME_FACTOR);
     // The middle of the splats stays where it is.
     let centre = found.rotation.transpose() * (spots.middle - found.offset) / found.scale;
-    let with = |rotation: DMat3, scale: f64| {
-        Similarity { rotation, scale, offset: spots.middle - rotation * centre * scale }
+    let with = |rotation: DMat3, scale: f64| Similarity {
+        rotation,
+        scale,
+        offset: spots.middle - rotation * centre * scale,
     };
     let mut simpler = Vec::new();
     if let (Some(rotation), Some(scale)) = (straight, unit) {

@@ -57,12 +57,17 @@ fn smaller(camera: &Camera) -> Camera {
 /// The six faces of a cube around a point. They are turned off the axes, along which walls lie.
 fn faces(eye: DVec3, [right, forward, up]: [DVec3; 3]) -> Vec<Camera> {
     // Sine and cosine of 0.4 and of 0.25 radians.
-    let (right, forward) =
-        (right * 0.921_061 + forward * 0.389_418, forward * 0.921_061 - right * 0.389_418);
+    let (right, forward) = (right * 0.921_061 + forward * 0.389_418, forward * 0.921_061 - right * 0.389_418);
     let (forward, up) = (forward * 0.968_912 + up * 0.247_404, up * 0.968_912 - forward * 0.247_404);
     let focal = 0.5 * f64::from(FACE_PX);
-    let ways =
-        [(right, forward), (-forward, right), (-right, -forward), (forward, -right), (right, up), (right, -up)];
+    let ways = [
+        (right, forward),
+        (-forward, right),
+        (-right, -forward),
+        (forward, -right),
+        (right, up),
+        (right, -up),
+    ];
     let face = |(x, z): (DVec3, DVec3)| {
         Camera::centred("around the object", [FACE_PX; 2], focal, [x, z.cross(x), z], eye)
     };
@@ -82,7 +87,9 @@ impl Sight {
         let blocks = Blocks::of(splats, cx)?;
         let own = wanted.iter().map(|camera| (smaller(camera), true));
         let others = around.iter().flat_map(|eye| faces(*eye, axes)).map(|camera| (camera, false));
-        own.chain(others).map(|(camera, wanted)| Self::of(splats, &blocks, camera, wanted, metre, cx)).collect()
+        own.chain(others)
+            .map(|(camera, wanted)| Self::of(splats, &blocks, camera, wanted, metre, cx))
+            .collect()
     }
 
     fn of(
@@ -96,7 +103,8 @@ impl Sight {
         let eye = camera.eye();
         let step = (splats.len() / 1000).max(1);
         let far = (0..splats.len()).step_by(step).map(|i| (splats.mean(i) - eye).length());
-        let near = (NEAR_SHARE * median(far.collect()).unwrap_or_default()).min(NEAR_METRES * metre).max(1e-12);
+        let near =
+            (NEAR_SHARE * median(far.collect()).unwrap_or_default()).min(NEAR_METRES * metre).max(1e-12);
         let settings = Settings {
             near,
             depth: DepthMode::RayMedian,
@@ -110,8 +118,15 @@ impl Sight {
             if alpha >= SOLID && *depth > 0.0 { f64::from(*depth) } else { f64::INFINITY }
         };
         let depth: Vec<f64> = seen.depth.iter().zip(alphas()).map(surface).collect();
-        let clear = depth.iter().zip(&seen.spread).map(|(depth, spread)| depth.is_finite() && spread.abs() <= SPREAD);
-        Ok(Self { clear: clear.collect(), empty: alphas().map(|alpha| alpha <= EMPTY).collect(), depth, camera, wanted })
+        let clear =
+            depth.iter().zip(&seen.spread).map(|(depth, spread)| depth.is_finite() && spread.abs() <= SPREAD);
+        Ok(Self {
+            clear: clear.collect(),
+            empty: alphas().map(|alpha| alpha <= EMPTY).collect(),
+            depth,
+            camera,
+            wanted,
+        })
     }
 
     /// Columns and rows.

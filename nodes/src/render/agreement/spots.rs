@@ -138,7 +138,11 @@ impl Spots {
             }
         }
         let share = totals[1] / totals[0];
-        Agreement { all: sums[0] / totals[0], known: if totals[1] > 0.0 { sums[1] / totals[1] } else { 0.0 }, share }
+        Agreement {
+            all: sums[0] / totals[0],
+            known: if totals[1] > 0.0 { sums[1] / totals[1] } else { 0.0 },
+            share,
+        }
     }
 
     /// Share of the points of a placed cloud within the views that lie on the surface of the splats in one of them.

@@ -122,7 +122,10 @@ fn undone(fault: Similarity) {
     let best = result.best.unwrap_or_else(|| panic!("{fault:?}: {result:?}"));
     let rest = best.by.after(&fault);
     let middle = DVec3::new(0.0, 0.3, 0.5);
-    assert!((rest.scale - 1.0).abs() < 0.04 && (rest.point(middle) - middle).length() < 0.12, "{fault:?}: {best:?}");
+    assert!(
+        (rest.scale - 1.0).abs() < 0.04 && (rest.point(middle) - middle).length() < 0.12,
+        "{fault:?}: {best:?}"
+    );
     assert_eq!(best.likely, Likely::Mesh, "{fault:?}");
 }
 
@@ -157,7 +160,11 @@ fn shifts_of_half_a_metre_are_found() {
 fn debris_and_missing_walls_are_found() {
     let mut debris = mesh(None);
     for i in 0..6 {
-        let corner = DVec3::new(-1.2 + 0.4 * f64::from(i), -0.9 + 0.2 * f64::from(i % 3), 0.9 + 0.1 * f64::from(i % 2));
+        let corner = DVec3::new(
+            -1.2 + 0.4 * f64::from(i),
+            -0.9 + 0.2 * f64::from(i % 3),
+            0.9 + 0.1 * f64::from(i % 2),
+        );
         add(&mut debris, corner, DVec3::X * 0.15, DVec3::new(0.0, 0.05, 0.15));
     }
     let result = found(&debris);
