@@ -49,10 +49,15 @@ fn layers_of_the_own_capture_compose_to_its_picture() {
     let alpha = of("O.A");
     assert!(alpha.iter().any(|a| *a > 0.99) && alpha.contains(&0.0));
     let mut darkened = 0;
+    let front_alpha = of("F.A");
     for c in ["R", "G", "B"] {
-        let [background, shadow, object] = ["B", "S", "O"].map(|layer| of(&format!("{layer}.{c}")));
+        let [background, shadow, object, front] =
+            ["B", "S", "O", "F"].map(|layer| of(&format!("{layer}.{c}")));
         for (i, found) in picture.find(c).unwrap().iter().enumerate() {
-            let wanted = background[i] * shadow[i] * (1.0 - alpha[i]) + object[i];
+            let kept = front[i].min(background[i]);
+            let under = (background[i] - kept) * shadow[i] + kept;
+            let over = front[i] * alpha[i] + object[i] * (1.0 - front_alpha[i]);
+            let wanted = under * (1.0 - alpha[i]) + over;
             assert!((found - wanted).abs() <= 1e-5 * wanted.abs().max(1.0), "{c} of {i}: {found}, {wanted}");
             darkened += usize::from(shadow[i] < 0.9);
         }

@@ -1,6 +1,6 @@
 //! Geometry: ray casting, objects resting on surfaces, sampling, and summaries of scenes.
 
-pub mod agreement;
+pub mod before_object;
 pub mod bvh;
 pub mod inspect;
 pub mod level;

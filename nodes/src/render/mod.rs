@@ -1,6 +1,7 @@
 //! Renderers that kinds share: Gaussian splats, light transport, and the search for places where an object
 //! may stand.
 
+pub mod agreement;
 pub(crate) mod fusion;
 pub mod layout;
 pub mod look;

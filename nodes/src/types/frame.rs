@@ -73,6 +73,13 @@ impl Similarity {
         }
     }
 
+    /// The transform that undoes this one.
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        let (rotation, scale) = (self.rotation.transpose(), 1.0 / self.scale);
+        Self { rotation, scale, offset: -(rotation * self.offset) * scale }
+    }
+
     /// The 16 numbers of the matrix, row by row, as [`Self::of_rows`] reads them.
     pub fn rows(&self) -> [f64; 16] {
         let linear = self.rotation * self.scale;
@@ -111,6 +118,7 @@ mod tests {
         assert_eq!((read.rows(), read.scale), (rows, 2.0));
         let both = read.after(&read);
         assert_eq!(both.point(DVec3::X), read.point(read.point(DVec3::X)));
+        assert_eq!(read.inverse().after(&read).rows(), Similarity::IDENTITY.rows());
         let changed = |at: usize, value: f64| {
             let mut other = rows;
             other[at] = value;

@@ -236,7 +236,13 @@ pub fn text(survey: &Survey) -> String {
     line(
         "        shadow: ShadowRatio(without: \"clean.without\", with: \"clean.with\", gamma: 0.8, s_min: 0.05, lambda: 1.0),",
     );
-    line("        final:  Composite(background: \"view\", object: \"clean.object\", shadow: \"shadow\"),");
+    line("        // What stands before the object in the splats and not in the mesh covers it.");
+    line(&format!(
+        "        front:  SplatRender(splats: \"scene\", rig: \"camera\", limit: \"trace.nearest\"{near}),"
+    ));
+    line(
+        "        final:  Composite(background: \"view\", object: \"clean.object\", shadow: \"shadow\", front: \"front\"),",
+    );
     line("        save:   WriteImage(image: \"final\", path: \"picture.png\"),");
     line("    ),");
     line(")");

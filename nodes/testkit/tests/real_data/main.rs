@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 #![allow(clippy::print_stdout, reason = "figures are for those who run with --nocapture")]
 
+mod agreement;
 mod files;
 mod formats;
 mod level;

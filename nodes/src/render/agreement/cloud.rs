@@ -1,0 +1,190 @@
+//! Points of a mesh, spread evenly over its area, and the nearest of them.
+
+use glam::DVec3;
+
+use crate::geometry::sampling::{fraction, hash};
+use crate::types::Mesh;
+use crate::types::frame::Similarity;
+
+/// Number of points.
+const POINTS: usize = 24_000;
+/// Number of points of a leaf of the tree.
+const LEAF: usize = 8;
+
+/// Points of a mesh with their normals, in a tree.
+pub(super) struct Cloud {
+    /// Points and unit normals, in the order of the tree: each range is divided at its middle, along its widest axis.
+    pub points: Vec<(DVec3, DVec3)>,
+    /// Axis and coordinate of the plane that divides each range, at its middle.
+    planes: Vec<(u8, f64)>,
+    /// Box around the points.
+    bounds: [DVec3; 2],
+    /// Mean distance of neighbours, in the unit of the mesh.
+    pub spacing: f64,
+    /// Median of the points along each axis.
+    pub middle: DVec3,
+    /// Median distance of the points from the middle.
+    pub radius: f64,
+}
+
+/// A placed cloud.
+pub(super) struct Placed<'a> {
+    pub cloud: &'a Cloud,
+    /// World from mesh.
+    pub at: Similarity,
+}
+
+impl Cloud {
+    /// Points of a mesh; `None` if it has no area.
+    pub fn of(mesh: &Mesh) -> Option<Self> {
+        let corners = |triangle: &[u32; 3]| triangle.map(|i| mesh.position(i));
+        let cross = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a);
+        let mut sums = Vec::with_capacity(mesh.triangles.len());
+        let mut area = 0.0;
+        for triangle in &mesh.triangles {
+            let own = 0.5 * cross(corners(triangle)).length();
+            area += if own.is_finite() { own } else { 0.0 };
+            sums.push(area);
+        }
+        if !(area > 0.0 && area.is_finite()) {
+            return None;
+        }
+        let mut points = Vec::with_capacity(POINTS);
+        let mut at = 0;
+        for i in 0..POINTS {
+            let wanted = (i as f64 + 0.5) / POINTS as f64 * area;
+            while at + 1 < sums.len() && sums[at] < wanted {
+                at += 1;
+            }
+            let triangle = corners(&mesh.triangles[at]);
+            let normal = cross(triangle).normalize_or_zero();
+            let (mut u, mut v) = (fraction(hash(i as u32, 0)), fraction(hash(i as u32, 1)));
+            if u + v > 1.0 {
+                (u, v) = (1.0 - u, 1.0 - v);
+            }
+            let [a, b, c] = triangle;
+            let point = a + (b - a) * u + (c - a) * v;
+            if point.is_finite() && normal != DVec3::ZERO {
+                points.push((point, normal));
+            }
+        }
+        if points.is_empty() {
+            return None;
+        }
+        let middle =
+            DVec3::from_array([0, 1, 2].map(|axis| upper_median(points.iter().map(|(p, _)| p[axis]))));
+        let radius = upper_median(points.iter().map(|(p, _)| (*p - middle).length()));
+        let mut planes = vec![(0, 0.0); points.len()];
+        let bounds = bounds(&points);
+        divide(&mut points, &mut planes);
+        Some(Self { spacing: (area / points.len() as f64).sqrt(), points, planes, bounds, middle, radius })
+    }
+
+    /// Box that holds nearly all points: one of 2000 is beyond each side.
+    pub fn extents(&self) -> [DVec3; 2] {
+        let beyond = self.points.len() / 2000;
+        let bounds = [0, 1, 2].map(|axis| {
+            let mut along: Vec<f64> = self.points.iter().map(|(p, _)| p[axis]).collect();
+            along.sort_unstable_by(f64::total_cmp);
+            [along[beyond], along[along.len() - 1 - beyond]]
+        });
+        [0, 1].map(|side| DVec3::from_array(bounds.map(|bound| bound[side])))
+    }
+
+    /// The index of the nearest point within a distance.
+    pub fn nearest(&self, to: DVec3, within: f64) -> Option<usize> {
+        let (mut best, mut square) = (None, within * within);
+        let [low, high] = self.bounds;
+        // Ranges that wait, with the least distance along each axis. Their number is below the depth of the tree.
+        let mut waiting = [(0_usize, 0_usize, DVec3::ZERO); 40];
+        let mut count = 1;
+        waiting[0] = (0, self.points.len(), (low - to).max(to - high).max(DVec3::ZERO));
+        while count > 0 {
+            count -= 1;
+            let (mut first, mut last, least) = waiting[count];
+            if least.length_squared() >= square {
+                continue;
+            }
+            while last - first > LEAF {
+                let half = usize::midpoint(first, last);
+                let (axis, plane) = self.planes[half];
+                let axis = axis as usize;
+                let off = to[axis] - plane;
+                let far;
+                if off < 0.0 {
+                    (far, last) = ((half, last), half);
+                } else {
+                    (far, first) = ((first, half), half);
+                }
+                let mut apart = least;
+                apart[axis] = apart[axis].max(off.abs());
+                if apart.length_squared() < square {
+                    waiting[count] = (far.0, far.1, apart);
+                    count += 1;
+                }
+            }
+            for i in first..last {
+                let own = (self.points[i].0 - to).length_squared();
+                if own < square {
+                    (best, square) = (Some(i), own);
+                }
+            }
+        }
+        best
+    }
+}
+
+/// The upper median of some numbers, at least one.
+fn upper_median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    let half = values.len() / 2;
+    *values.select_nth_unstable_by(half, f64::total_cmp).1
+}
+
+/// Box around some points, at least one.
+fn bounds(points: &[(DVec3, DVec3)]) -> [DVec3; 2] {
+    let first = points[0].0;
+    points.iter().fold([first, first], |[low, high], (p, _)| [low.min(*p), high.max(*p)])
+}
+
+/// Sorts points into the tree.
+fn divide(points: &mut [(DVec3, DVec3)], planes: &mut [(u8, f64)]) {
+    let mut waiting = vec![(0, points.len())];
+    while let Some((first, last)) = waiting.pop() {
+        if last - first <= LEAF {
+            continue;
+        }
+        let part = &mut points[first..last];
+        let [low, high] = bounds(part);
+        let size = high - low;
+        let axis = if size.x >= size.y && size.x >= size.z { 0 } else { usize::from(size.y < size.z) + 1 };
+        let half = usize::midpoint(first, last);
+        part.select_nth_unstable_by(half - first, |(a, _), (b, _)| a[axis].total_cmp(&b[axis]));
+        planes[half] = (axis as u8, points[half].0[axis]);
+        waiting.extend([(first, half), (half, last)]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The nearest point is that of a search through all. Mutation: `max(off.abs())` to `max(2.0 * off.abs())`,
+    /// seen red.
+    #[test]
+    fn the_nearest_point_is_found() {
+        let random = |i: u32, k: u32| (fraction(hash(i, k)) * 3.0) as f32;
+        let positions: Vec<[f32; 3]> = (0..90).map(|i| [random(i, 0), random(i, 1), random(i, 2)]).collect();
+        let triangles = (0..30).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let cloud = Cloud::of(&Mesh { positions, triangles, ..Mesh::default() }).expect("area");
+        for i in 0..300 {
+            let to = DVec3::from_array([2, 3, 4].map(|k| fraction(hash(i, k)) * 4.0 - 0.5));
+            let least = cloud.points.iter().map(|(p, _)| (*p - to).length()).fold(f64::INFINITY, f64::min);
+            for within in [10.0, 0.1] {
+                let found = cloud.nearest(to, within).map(|i| (cloud.points[i].0 - to).length());
+                assert_eq!(found, (least < within).then_some(least), "{i}");
+            }
+        }
+        assert!(Cloud::of(&Mesh::default()).is_none());
+    }
+}

@@ -1,0 +1,276 @@
+//! Comparison of the splats and the mesh of a place by their depths, in the wanted views and around the object.
+//!
+//! Small pictures of the splats give points of their surface (the depth of peaks, `RayMedian`). The mesh is rasterized in
+//! the same views. Where it does not agree, a search for a turn, a factor and a shift finds out whether one transform
+//! explains the difference. Where it does, what remains are parts that only one of both has.
+
+mod cloud;
+mod fit;
+mod raster;
+mod regions;
+mod search;
+mod sight;
+mod spots;
+#[cfg(test)]
+mod tests;
+
+use engine::{Context, NodeError};
+use glam::{DMat4, DVec3};
+
+use crate::geometry::level::{self, LevelEstimate};
+use crate::math::num;
+use crate::types::frame::Similarity;
+use crate::types::{Camera, Mesh, Splats};
+use cloud::{Cloud, Placed};
+pub use regions::Regions;
+use sight::Sight;
+use spots::Spots;
+
+/// Number of wanted views and of points that are compared at most.
+const WANTED: usize = 3;
+const AROUND: usize = 2;
+/// Agreement from which a mesh is where the splats are, so that other places are not searched.
+const AGREES: f64 = 0.8;
+/// Minimum agreement of another place of the mesh for it to be reported, and minimum gain.
+const FOUND: f64 = 0.4;
+const GAIN: f64 = 0.12;
+/// Share of the points from which the mesh is a part of the place, and agreement there from which it is in its place.
+const PART: f64 = 0.02;
+const PART_AGREES: f64 = 0.9;
+/// Agreement below which both disagree, though no transform is found.
+const DISAGREES: f64 = 0.12;
+/// Shift, relative to the median distance, relative change of size, and turn in degrees from which a transform is
+/// reported.
+const SHIFTED: f64 = 0.1;
+const SCALED: f64 = 0.06;
+const TURNED_DEG: f64 = 3.0;
+/// Share of the wanted views that shows less than this shows nothing.
+const UNSEEN: f64 = 0.02;
+/// Minimum cosine between up of the scene and of what stands upright.
+const UPRIGHT: f64 = 0.94;
+/// Minimum share of pixels of debris and of missing surfaces that is reported.
+const DEBRIS: f64 = 0.006;
+const MISSING: f64 = 0.03;
+/// Distance from the splats at which a mesh does not agree, as a share of the distance.
+const TOLERANCE: f64 = 0.05;
+
+/// What is compared.
+#[derive(Debug, Clone, Copy)]
+pub struct Place<'a> {
+    /// The splats, in the world.
+    pub splats: &'a Splats,
+    /// The mesh, in the world.
+    pub mesh: &'a Mesh,
+    /// Cameras of the wanted views; the first, the middle and the last one are compared.
+    pub cameras: &'a [Camera],
+    /// Points in free space near the inserted objects, such as their middles; the first two are used.
+    pub around: &'a [DVec3],
+    /// Unit vectors to the right, forward and up.
+    pub axes: [DVec3; 3],
+    /// World units per metre.
+    pub metre: f64,
+}
+
+/// What is likely in a wrong frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Likely {
+    /// The mesh: the usual case, since splats and cameras come from one program.
+    Mesh,
+    /// The splats: the wanted views show the mesh only, or it stands upright and they do not.
+    Splats,
+}
+
+/// A place of the mesh at which it agrees with the splats.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Moved {
+    /// Transform of the mesh.
+    pub by: Similarity,
+    /// Agreement there, 0 to 1.
+    pub agreement: f64,
+    /// Angle of the rotation in degrees.
+    pub turn_deg: f64,
+    /// Distance by which the middle of the place moves, in world units; meaningful without a turn and a factor.
+    pub shift: f64,
+    /// What is likely in a wrong frame.
+    pub likely: Likely,
+}
+
+/// Result of a comparison.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    /// Number of points of the splats that were compared.
+    pub points: usize,
+    /// Mean agreement of the depths, 0 to 1; the directions in which surfaces face weigh about the same.
+    pub agreement: f64,
+    /// The place of the mesh at which it agrees best, if that is elsewhere.
+    pub best: Option<Moved>,
+    /// Parts of the mesh that float in front of what the splats show.
+    pub debris: Regions,
+    /// Surfaces of the splats that the mesh lacks, within its extents.
+    pub missing: Regions,
+    /// Shares of the wanted views in which the splats and the mesh are visible; `None` without wanted views.
+    pub visible: Option<[f64; 2]>,
+}
+
+/// A finding of a comparison.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Finding {
+    /// Splats and mesh are in different frames.
+    Elsewhere,
+    /// The wanted cameras see neither the splats nor the mesh.
+    Cameras,
+    /// Parts of the mesh float in front of what the splats show.
+    Debris,
+    /// The mesh lacks surfaces of the splats.
+    Missing,
+}
+
+impl Comparison {
+    /// The findings that are worth a warning.
+    pub fn findings(&self) -> Vec<Finding> {
+        if self.visible.is_some_and(|shares| shares.into_iter().all(|share| share < UNSEEN)) {
+            return vec![Finding::Cameras];
+        }
+        if self.best.is_some() || self.agreement < DISAGREES {
+            return vec![Finding::Elsewhere];
+        }
+        let mut found = Vec::new();
+        if self.debris.share >= DEBRIS {
+            found.push(Finding::Debris);
+        }
+        if self.missing.share >= MISSING {
+            found.push(Finding::Missing);
+        }
+        found
+    }
+}
+
+/// Three of the cameras: the first, the middle and the last.
+fn chosen(cameras: &[Camera]) -> Vec<Camera> {
+    let count = cameras.len();
+    if count <= WANTED {
+        return cameras.to_vec();
+    }
+    [0, count / 2, count - 1].map(|i| cameras[i].clone()).to_vec()
+}
+
+/// Compares splats and mesh. `None` if there is nothing to compare: the mesh has no area, or neither the splats nor the
+/// mesh show a surface.
+pub fn compare(place: &Place<'_>, cx: &Context) -> Result<Option<Comparison>, NodeError> {
+    let around = &place.around[..place.around.len().min(AROUND)];
+    let frame = (place.axes, place.metre);
+    let sights = Sight::all(place.splats, &chosen(place.cameras), around, frame, cx)?;
+    let Some(cloud) = Cloud::of(place.mesh) else { return Ok(None) };
+    cx.check()?;
+    match Spots::of(place.splats, &sights) {
+        Some(spots) => by_views(place, &sights, &spots, &cloud, cx).map(Some),
+        None => Ok(by_centres(place, &sights, &cloud)),
+    }
+}
+
+/// Compares by the depths in the views.
+fn by_views(
+    place: &Place<'_>,
+    sights: &[Sight],
+    spots: &Spots,
+    cloud: &Cloud,
+    cx: &Context,
+) -> Result<Comparison, NodeError> {
+    let depths = spots.depths(sights, place.mesh, &DMat4::IDENTITY);
+    let here = spots.agreement(sights, &depths, &depths);
+    let confirmed = |at: Similarity| spots.confirmed(sights, &Placed { cloud, at });
+    let here_confirmed = confirmed(Similarity::IDENTITY);
+    // A mesh of a part of the place, such as the ground near the object, agrees where it is, and fits larger parts.
+    let is_part = here.share >= PART && here.known.min(here_confirmed) >= PART_AGREES;
+    let measured = |by: Similarity| {
+        let moved = spots.depths(sights, place.mesh, &matrix(&by));
+        let there = spots.agreement(sights, &moved, &depths);
+        let gains =
+            here.share < PART || there.known >= here.known + GAIN || confirmed(by) >= here_confirmed + GAIN;
+        (Moved::of(by, there.all, spots), gains)
+    };
+    let mut tried = Vec::new();
+    if here.all < AGREES && !is_part {
+        tried.push(measured(search::nearby(cloud, spots)));
+        if tried[0].0.agreement < AGREES {
+            cx.check()?;
+            tried.extend(search::anywhere(cloud, spots).into_iter().map(measured));
+        }
+    }
+    let is_better = |(found, gains): &(Moved, bool)| *gains && found.is_found(here.all, spots);
+    let better = tried.into_iter().filter(is_better).map(|(found, _)| found);
+    let best = better.reduce(|best, other| if other.agreement > best.agreement { other } else { best });
+    let visible = visible(sights, &depths);
+    Ok(Comparison {
+        points: spots.list.len(),
+        agreement: here.all,
+        best: best.map(|found| Moved { likely: likely(place, found.turn_deg, visible), ..found }),
+        debris: regions::debris(sights, &depths, spots, TOLERANCE),
+        missing: regions::missing(sights, &depths, spots, cloud.extents(), TOLERANCE),
+        visible,
+    })
+}
+
+/// Compares by the centres of the splats, if the views show the mesh and hardly any splats.
+fn by_centres(place: &Place<'_>, sights: &[Sight], cloud: &Cloud) -> Option<Comparison> {
+    let spots = Spots::of_centres(place.splats)?;
+    let depths = spots.depths(sights, place.mesh, &DMat4::IDENTITY);
+    let visible = visible(sights, &depths);
+    let fits = |at: Similarity| Placed { cloud, at }.agreement(&spots, 1, 1.0);
+    let agreement = fits(Similarity::IDENTITY);
+    let tried = search::anywhere(cloud, &spots).into_iter().map(|by| Moved::of(by, fits(by), &spots));
+    let better = tried.filter(|found| found.is_found(agreement, &spots));
+    let best = better.reduce(|best, other| if other.agreement > best.agreement { other } else { best });
+    let best = best.map(|found| Moved { likely: likely(place, found.turn_deg, visible), ..found });
+    let (debris, missing) = (Regions::default(), Regions::default());
+    Some(Comparison { points: spots.list.len(), agreement, best, debris, missing, visible })
+}
+
+/// Shares of the wanted views in which splats and mesh are visible.
+fn visible(sights: &[Sight], depths: &[Vec<f64>]) -> Option<[f64; 2]> {
+    let wanted = || sights.iter().zip(depths).filter(|(sight, _)| sight.wanted);
+    let all: usize = wanted().map(|(sight, _)| sight.depth.len()).sum();
+    let splats: usize = wanted().map(|(sight, _)| sight.empty.iter().filter(|empty| !**empty).count()).sum();
+    let mesh: usize = wanted().map(|(_, mesh)| mesh.iter().filter(|depth| depth.is_finite()).count()).sum();
+    (all > 0).then(|| [splats, mesh].map(|count| count as f64 / all as f64))
+}
+
+impl Moved {
+    /// A transform with its measures.
+    fn of(by: Similarity, agreement: f64, spots: &Spots) -> Self {
+        let turn = by.rotation;
+        let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
+        let turn_deg = num::f64::acos(cosine.clamp(-1.0, 1.0)).to_degrees();
+        let shift = (by.point(spots.middle) - spots.middle).length();
+        Self { by, agreement, turn_deg, shift, likely: Likely::Mesh }
+    }
+
+    /// True if this is another place than that of the mesh, at which it agrees better than `here`.
+    fn is_found(&self, here: f64, spots: &Spots) -> bool {
+        let far = self.shift >= SHIFTED * spots.distance
+            || (self.by.scale - 1.0).abs() >= SCALED
+            || self.turn_deg >= TURNED_DEG;
+        far && self.agreement >= FOUND && self.agreement >= here + GAIN
+    }
+}
+
+/// What is likely in a wrong frame, given the shares of the wanted views that show splats and mesh.
+fn likely(place: &Place<'_>, turn_deg: f64, visible: Option<[f64; 2]>) -> Likely {
+    if visible.is_some_and(|[splats, mesh]| splats < UNSEEN && mesh >= 10.0 * UNSEEN) {
+        return Likely::Splats;
+    }
+    if turn_deg < 45.0 {
+        return Likely::Mesh;
+    }
+    let stands = |found: Option<LevelEstimate>| {
+        let found = found.filter(LevelEstimate::is_sure)?;
+        Some(DVec3::from_array(found.up).dot(place.axes[2]) > UPRIGHT)
+    };
+    let mesh = stands(level::of_mesh(place.mesh, None));
+    let splats = stands(level::of_splats(place.splats, None));
+    if mesh == Some(true) && splats == Some(false) { Likely::Splats } else { Likely::Mesh }
+}
+
+fn matrix(by: &Similarity) -> DMat4 {
+    DMat4::from_cols_array(&by.rows()).transpose()
+}

@@ -1,0 +1,182 @@
+//! Search for the transform that brings a mesh to the splats: turns by quarters, factors, and shifts, each refined.
+
+use glam::{DMat3, DVec3};
+
+use super::cloud::{Cloud, Placed};
+use super::spots::Spots;
+use crate::types::frame::Similarity;
+
+/// Ratio of one factor that is tried to the next, the cube root of 2, and their number.
+const RATIO: f64 = 1.259_921_049_894_873_2;
+const FACTORS: i32 = 21;
+/// Number of points by which transforms are compared: at first, in fits, and at the end.
+const COARSE: usize = 240;
+const FITTED: usize = 700;
+const FINE: usize = 2000;
+/// Tolerances of the first comparison, in ordinary ones.
+const SLACK: f64 = 2.2;
+/// Steps of shifts, as a share of the median distance, and their number along each axis.
+const SHIFT: f64 = 0.125;
+const SHIFTS: u32 = 9;
+/// Number of shifts that are refined.
+const STARTS: usize = 5;
+/// Shift from a fit that is tried, as a share of the median distance, and number of times that.
+const ASIDE: f64 = 0.07;
+const CLIMBS: usize = 4;
+/// Number of transforms that are refined, and that are returned.
+const REFINED: usize = 8;
+const BEST: usize = 3;
+/// Share of the agreement that a simpler transform must keep.
+const SIMPLER: f64 = 0.96;
+/// Factors between units, and frequent ones.
+const UNITS: [f64; 13] =
+    [1.0, 0.001, 0.01, 0.1, 0.5, 2.0, 10.0, 100.0, 1000.0, 0.3048, 1.0 / 0.3048, 0.0254, 1.0 / 0.0254];
+/// Relative deviation of a factor, and deviation of an axis in radians, that count as none.
+const SAME_FACTOR: f64 = 0.03;
+const SAME_TURN: f64 = 0.04;
+
+/// The 24 rotations that map axes to axes; the first is the identity.
+fn turns() -> Vec<DMat3> {
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z, DVec3::NEG_X, DVec3::NEG_Y, DVec3::NEG_Z];
+    let across = |x: DVec3| axes.into_iter().filter(move |y| x.dot(*y) == 0.0);
+    let mut all: Vec<DMat3> =
+        axes.into_iter().flat_map(|x| across(x).map(move |y| DMat3::from_cols(x, y, x.cross(y)))).collect();
+    all.sort_by_key(|turn| *turn != DMat3::IDENTITY);
+    all
+}
+
+fn step(spots: &Spots, count: usize) -> usize {
+    // Odd, so that it is not a divisor of the width of a view.
+    (spots.list.len() / count) | 1
+}
+
+/// Fits the mesh to the splats from where it is, and from shifts around that.
+pub(super) fn nearby(cloud: &Cloud, spots: &Spots) -> Similarity {
+    let coarse = |at: Similarity| Placed { cloud, at }.agreement(spots, step(spots, COARSE), SLACK);
+    let mut starts: Vec<(f64, Similarity)> = Vec::new();
+    for i in 0..SHIFTS * SHIFTS * SHIFTS {
+        let steps = [i % SHIFTS, i / SHIFTS % SHIFTS, i / (SHIFTS * SHIFTS)];
+        let steps = steps.map(|k| f64::from(k) - f64::from(SHIFTS / 2));
+        let offset = DVec3::from_array(steps) * (SHIFT * spots.distance);
+        let at = Similarity { offset, ..Similarity::IDENTITY };
+        starts.push((coarse(at), at));
+    }
+    starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+    starts.truncate(STARTS);
+    starts.push((0.0, Similarity::IDENTITY));
+    let fitted = starts.into_iter().map(|(_, at)| climbed(cloud, spots, at));
+    let best = fitted.reduce(|best, other| if other.0 > best.0 { other } else { best });
+    best.map_or(Similarity::IDENTITY, |(_, at)| simplest(cloud, spots, at))
+}
+
+/// The transforms, from any turn, factor and shift, at which the mesh fits the splats best, best first.
+pub(super) fn anywhere(cloud: &Cloud, spots: &Spots) -> Vec<Similarity> {
+    let mut tried: Vec<(f64, Similarity)> = Vec::new();
+    let about = spots.radius / cloud.radius;
+    let (mut factors, mut up, mut down) = (vec![1.0, about], about, about);
+    for _ in 0..FACTORS / 2 {
+        (up, down) = (up * RATIO, down / RATIO);
+        factors.extend([up, down]);
+    }
+    factors.extend(UNITS.into_iter().filter(|unit| *unit < up && *unit > down));
+    factors.retain(|factor| factor.is_finite() && *factor > 0.0);
+    for rotation in turns() {
+        let mut best: Option<(f64, Similarity)> = None;
+        for &scale in &factors {
+            let aligned = spots.middle - rotation * cloud.middle * scale;
+            for offset in [DVec3::ZERO, aligned] {
+                let at = Similarity { rotation, scale, offset };
+                let fits = Placed { cloud, at }.agreement(spots, step(spots, COARSE), SLACK);
+                if best.is_none_or(|(known, _)| fits > known) {
+                    best = Some((fits, at));
+                }
+            }
+        }
+        tried.extend(best);
+    }
+    tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+    tried.truncate(REFINED);
+    let mut refined: Vec<(f64, Similarity)> =
+        tried.into_iter().map(|(_, at)| climbed(cloud, spots, at)).collect();
+    refined.sort_by(|a, b| b.0.total_cmp(&a.0));
+    refined.truncate(BEST);
+    refined.into_iter().map(|(_, at)| simplest(cloud, spots, at)).collect()
+}
+
+/// Fits the mesh from a start, then again from changes of the result that fit better, and returns the agreement and
+/// the transform. A fit alone stops where a wall is nearest to another wall.
+fn climbed(cloud: &Cloud, spots: &Spots, start: Similarity) -> (f64, Similarity) {
+    let fits = |at: Similarity, slack: f64| Placed { cloud, at }.agreement(spots, step(spots, FITTED), slack);
+    let fitted = |at: Similarity, near: bool| Placed { cloud, at }.fitted(spots, step(spots, FITTED), near);
+    let first = [start, fitted(start, true), fitted(start, false)].map(|at| (fits(at, 1.0), at));
+    let mut best =
+        first.into_iter().fold((0.0, start), |best, other| if other.0 > best.0 { other } else { best });
+    for _ in 0..CLIMBS {
+        let mut changes = Vec::new();
+        for factor in [0.85, 0.92, 1.0 / 0.92, 1.0 / 0.85] {
+            let grown = Similarity { scale: factor, ..Similarity::IDENTITY };
+            changes.push(grown);
+            changes.push(Similarity { offset: spots.middle * (1.0 - factor), ..grown });
+        }
+        for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+            for side in [-1.0, 1.0] {
+                let offset = axis * (side * ASIDE * spots.distance);
+                changes.push(Similarity { offset, ..Similarity::IDENTITY });
+            }
+        }
+        let change = |change: Similarity| {
+            let at = change.after(&best.1);
+            (fits(at, SLACK), at)
+        };
+        let other = changes.into_iter().map(change).reduce(|a, b| if b.0 > a.0 { b } else { a });
+        let Some((_, other)) = other.filter(|(other, _)| *other > 0.9 * fits(best.1, SLACK)) else { break };
+        let other = fitted(other, true);
+        let found = fits(other, 1.0);
+        if found <= best.0 * 1.01 {
+            break;
+        }
+        best = (found, other);
+    }
+    best
+}
+
+/// A transform with as few parts as possible that fits about as well: the rotation is an axis rotation, the factor one
+/// between units, the shift 0.
+fn simplest(cloud: &Cloud, spots: &Spots, found: Similarity) -> Similarity {
+    let fits = |at: Similarity| Placed { cloud, at }.agreement(spots, step(spots, FINE), 1.0);
+    let least = SIMPLER * fits(found);
+    let deviation = |a: &DMat3, b: &DMat3| {
+        let off = *a - *b;
+        off.x_axis.length().max(off.y_axis.length()).max(off.z_axis.length())
+    };
+    let straight = turns().into_iter().find(|turn| deviation(turn, &found.rotation) < SAME_TURN);
+    let unit = UNITS.into_iter().find(|unit| (found.scale / unit - 1.0).abs() < SAME_FACTOR);
+    // The middle of the splats stays where it is.
+    let centre = found.rotation.transpose() * (spots.middle - found.offset) / found.scale;
+    let with = |rotation: DMat3, scale: f64| Similarity {
+        rotation,
+        scale,
+        offset: spots.middle - rotation * centre * scale,
+    };
+    let mut simpler = Vec::new();
+    if let (Some(rotation), Some(scale)) = (straight, unit) {
+        simpler.push(Similarity { rotation, scale, offset: DVec3::ZERO });
+        simpler.push(with(rotation, scale));
+    }
+    simpler.extend(straight.map(|rotation| Similarity { rotation, scale: found.scale, offset: DVec3::ZERO }));
+    simpler.extend(straight.map(|rotation| with(rotation, found.scale)));
+    simpler.extend(unit.map(|scale| with(found.rotation, scale)));
+    simpler.into_iter().find(|at| fits(*at) >= least).unwrap_or(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn there_are_24_turns() {
+        let all = turns();
+        assert!(all.len() == 24 && all[0] == DMat3::IDENTITY);
+        assert!(all.iter().all(|turn| turn.determinant() == 1.0));
+    }
+}

@@ -1,0 +1,182 @@
+//! Views in which splats and mesh are compared: small pictures of the splats' depth.
+
+use engine::{Context, NodeError};
+use glam::DVec3;
+
+use crate::geometry::support::median;
+use crate::render::splat::{Blocks, DepthMode, Settings, render_with};
+use crate::types::{Camera, Splats};
+
+/// Longest side of a wanted view, in pixels.
+const WANTED_PX: f64 = 128.0;
+/// Side of a face of the cube around a point, in pixels.
+const FACE_PX: u32 = 72;
+/// Coverage from which splats count as a surface, and below which they count as empty space.
+const SOLID: f32 = 0.9;
+const EMPTY: f32 = 0.1;
+/// Largest relative difference between the mean depth of a pixel and its median depth at which the pixel shows one
+/// surface.
+const SPREAD: f32 = 0.06;
+/// Largest relative difference of the depths of two neighbours that show one surface.
+pub(super) const STEP: f64 = 0.12;
+/// Near plane: share of the median distance of the splats, and metres.
+const NEAR_SHARE: f64 = 0.02;
+const NEAR_METRES: f64 = 0.2;
+
+/// The splats in one view.
+pub(super) struct Sight {
+    /// Camera of the small picture.
+    pub camera: Camera,
+    /// True for a view that the graph renders, false for one around the object.
+    pub wanted: bool,
+    /// Planar depth of the splats' surface in world units; +inf where there is none.
+    pub depth: Vec<f64>,
+    /// True where the splats show one surface and nothing semi-transparent in front of it.
+    pub clear: Vec<bool>,
+    /// True where the splats are empty.
+    pub empty: Vec<bool>,
+}
+
+/// A camera with the same view in a picture whose longest side has at most [`WANTED_PX`] pixels.
+fn smaller(camera: &Camera) -> Camera {
+    let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
+    let factor = (WANTED_PX / width.max(height)).min(1.0);
+    let [new_width, new_height] = [width, height].map(|side| (side * factor).round().max(1.0));
+    let (x, y) = (new_width / width, new_height / height);
+    Camera {
+        width_px: new_width as u32,
+        height_px: new_height as u32,
+        fx: camera.fx * x,
+        fy: camera.fy * y,
+        cx: camera.cx * x,
+        cy: camera.cy * y,
+        ..camera.clone()
+    }
+}
+
+/// The six faces of a cube around a point. They are turned off the axes, along which walls lie.
+fn faces(eye: DVec3, [right, forward, up]: [DVec3; 3]) -> Vec<Camera> {
+    // Sine and cosine of 0.4 and of 0.25 radians.
+    let (right, forward) = (right * 0.921_061 + forward * 0.389_418, forward * 0.921_061 - right * 0.389_418);
+    let (forward, up) = (forward * 0.968_912 + up * 0.247_404, up * 0.968_912 - forward * 0.247_404);
+    let focal = 0.5 * f64::from(FACE_PX);
+    let ways = [
+        (right, forward),
+        (-forward, right),
+        (-right, -forward),
+        (forward, -right),
+        (right, up),
+        (right, -up),
+    ];
+    let face = |(x, z): (DVec3, DVec3)| {
+        Camera::centred("around the object", [FACE_PX; 2], focal, [x, z.cross(x), z], eye)
+    };
+    ways.into_iter().map(face).collect()
+}
+
+impl Sight {
+    /// Renders the splats in the wanted views and around each of the points. `metre` is in world units, `axes` point
+    /// right, forward and up.
+    pub fn all(
+        splats: &Splats,
+        wanted: &[Camera],
+        around: &[DVec3],
+        (axes, metre): ([DVec3; 3], f64),
+        cx: &Context,
+    ) -> Result<Vec<Self>, NodeError> {
+        let blocks = Blocks::of(splats, cx)?;
+        let own = wanted.iter().map(|camera| (smaller(camera), true));
+        let others = around.iter().flat_map(|eye| faces(*eye, axes)).map(|camera| (camera, false));
+        own.chain(others)
+            .map(|(camera, wanted)| Self::of(splats, &blocks, camera, wanted, metre, cx))
+            .collect()
+    }
+
+    fn of(
+        splats: &Splats,
+        blocks: &Blocks,
+        camera: Camera,
+        wanted: bool,
+        metre: f64,
+        cx: &Context,
+    ) -> Result<Self, NodeError> {
+        let eye = camera.eye();
+        let step = (splats.len() / 1000).max(1);
+        let far = (0..splats.len()).step_by(step).map(|i| (splats.mean(i) - eye).length());
+        let near =
+            (NEAR_SHARE * median(far.collect()).unwrap_or_default()).min(NEAR_METRES * metre).max(1e-12);
+        let settings = Settings {
+            near,
+            depth: DepthMode::RayMedian,
+            sh_degree: 0,
+            compensate: splats.antialiased,
+            ..Settings::default()
+        };
+        let seen = render_with(splats, Some(blocks), &camera, None, &settings, cx)?;
+        let alphas = || seen.rgba.as_chunks::<4>().0.iter().map(|pixel| pixel[3]);
+        let surface = |(depth, alpha): (&f32, f32)| {
+            if alpha >= SOLID && *depth > 0.0 { f64::from(*depth) } else { f64::INFINITY }
+        };
+        let depth: Vec<f64> = seen.depth.iter().zip(alphas()).map(surface).collect();
+        let clear =
+            depth.iter().zip(&seen.spread).map(|(depth, spread)| depth.is_finite() && spread.abs() <= SPREAD);
+        Ok(Self {
+            clear: clear.collect(),
+            empty: alphas().map(|alpha| alpha <= EMPTY).collect(),
+            depth,
+            camera,
+            wanted,
+        })
+    }
+
+    /// Columns and rows.
+    pub fn size(&self) -> (usize, usize) {
+        (self.camera.width_px as usize, self.camera.height_px as usize)
+    }
+
+    /// The direction through the centre of a pixel, of planar depth 1, in the world.
+    pub fn ray(&self, pixel: usize) -> DVec3 {
+        let (width, _) = self.size();
+        let camera = &self.camera;
+        let x = ((pixel % width) as f64 + 0.5 - camera.cx) / camera.fx;
+        let y = ((pixel / width) as f64 + 0.5 - camera.cy) / camera.fy;
+        camera.world_from_camera().transform_vector3(DVec3::new(x, y, 1.0))
+    }
+
+    /// Point at a planar depth of a pixel.
+    pub fn point(&self, pixel: usize, depth: f64) -> DVec3 {
+        self.camera.eye() + self.ray(pixel) * depth
+    }
+
+    /// The pixel that shows a point in the frame of the camera, if the splats have a surface there.
+    pub fn pixel(&self, local: DVec3) -> Option<usize> {
+        let (width, height) = self.size();
+        if local.z <= 0.0 {
+            return None;
+        }
+        let x = self.camera.fx * local.x / local.z + self.camera.cx;
+        let y = self.camera.fy * local.y / local.z + self.camera.cy;
+        let inside = x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64;
+        let pixel = inside.then(|| y as usize * width + x as usize)?;
+        self.depth[pixel].is_finite().then_some(pixel)
+    }
+
+    /// Unit normal of the splats' surface at a pixel, by its four neighbours; `None` at edges.
+    pub fn normal(&self, pixel: usize) -> Option<DVec3> {
+        let (width, height) = self.size();
+        let (x, y) = (pixel % width, pixel / width);
+        if x == 0 || y == 0 || x + 1 >= width || y + 1 >= height {
+            return None;
+        }
+        let own = self.depth[pixel];
+        let at = |pixel: usize| {
+            let depth = self.depth[pixel];
+            ((depth - own).abs() <= STEP * own).then(|| self.point(pixel, depth))
+        };
+        let across = at(pixel + 1)? - at(pixel - 1)?;
+        let along = at(pixel + width)? - at(pixel - width)?;
+        let normal = across.cross(along);
+        let length = normal.length();
+        (length > 0.0).then(|| normal / length)
+    }
+}

@@ -1,0 +1,237 @@
+//! Points of the splats' surface in the views, and how well the depths of a mesh agree with them.
+
+use glam::{DMat4, DVec3};
+
+use super::cloud::Placed;
+use super::raster;
+use super::sight::Sight;
+use crate::geometry::level;
+use crate::geometry::support::median;
+use crate::types::{Mesh, Splats};
+
+/// Distance of a plane from the splats' surface at which the agreement is 0, as a share of the distance from the eye
+/// or, if that is smaller, of the median distance. The mesh of a capture lies several hundredths off its splats.
+const TOLERANCE: f64 = 0.07;
+/// Farther points are backdrop, which meshes leave out: multiple of the distance that a quarter of the points are
+/// nearer than.
+const BACKDROP: f64 = 10.0;
+/// Distance by which the surface may be off, in standard deviations of the splats along their middle axis: seen from
+/// close by, a splat is drawn as an ellipse that is too large.
+const GRAIN: f64 = 2.0;
+/// Number of splats whose size is measured, and minimum opacity.
+const MEASURED: usize = 4000;
+const OPAQUE: f32 = 0.3;
+/// Distance up to which a point lies on the surface, as a share of its distance, and step through the points of a mesh.
+const ON: f64 = 0.03;
+const CONFIRMED: usize = 8;
+/// Minimum number of points.
+const LEAST: usize = 200;
+/// Weight of points at edges, whose normal is not known.
+const AT_EDGE: f64 = 0.3;
+/// Near plane of the mesh, as a share of the median distance.
+const NEAR: f64 = 0.005;
+
+/// A point of the splats' surface in a view.
+pub(super) struct Spot {
+    /// Position in the world.
+    pub point: DVec3,
+    /// Unit normal of the surface; `None` at edges.
+    pub normal: Option<DVec3>,
+    /// Distance from the surface at which a mesh does not agree any more, in world units.
+    pub tolerance: f64,
+    /// Weight: large surfaces, such as the ground, do not outweigh the directions in which fewer points face.
+    pub weight: f64,
+    /// View and pixel.
+    pub sight: usize,
+    pub pixel: usize,
+}
+
+/// Points of the splats' surface in all views.
+pub(super) struct Spots {
+    pub list: Vec<Spot>,
+    /// Median distance of the points from the eye, in world units.
+    pub distance: f64,
+    /// Median of the points along each axis, and the median distance from it.
+    pub middle: DVec3,
+    pub radius: f64,
+    /// Distance by which large splats may show their surface too near, in world units.
+    pub grain: f64,
+}
+
+/// One of 13 axes that a normal is nearest to.
+fn facing(normal: DVec3) -> usize {
+    let mut best = (0, -1.0);
+    let mut index = 0;
+    for x in -1_i32..=1 {
+        for y in -1_i32..=1 {
+            for z in -1_i32..=1 {
+                // One of each pair of opposite directions.
+                if (x, y, z) > (0, 0, 0) {
+                    let axis = DVec3::new(x.into(), y.into(), z.into()).normalize();
+                    let cosine = axis.dot(normal).abs();
+                    if cosine > best.1 {
+                        best = (index, cosine);
+                    }
+                    index += 1;
+                }
+            }
+        }
+    }
+    best.0
+}
+
+impl Spots {
+    /// The points of all views; `None` if the splats show too few surfaces to compare anything with.
+    pub fn of(splats: &Splats, sights: &[Sight]) -> Option<Self> {
+        let mut list = Vec::new();
+        for (index, sight) in sights.iter().enumerate() {
+            for pixel in (0..sight.depth.len()).filter(|&pixel| sight.clear[pixel]) {
+                let (point, normal) = (sight.point(pixel, sight.depth[pixel]), sight.normal(pixel));
+                let distance = (point - sight.camera.eye()).length();
+                list.push(Spot { point, normal, tolerance: distance, weight: AT_EDGE, sight: index, pixel });
+            }
+        }
+        let mut far: Vec<f64> = list.iter().map(|spot| spot.tolerance).collect();
+        far.sort_unstable_by(f64::total_cmp);
+        let limit = BACKDROP * far.get(far.len() / 4)?;
+        list.retain(|spot| spot.tolerance <= limit);
+        if list.len() < LEAST {
+            return None;
+        }
+        let distance = median(list.iter().map(|spot| spot.tolerance).collect())?;
+        let grain = GRAIN * size(splats, sights, limit);
+        for spot in &mut list {
+            spot.tolerance = (TOLERANCE * spot.tolerance.max(distance)).max(grain);
+        }
+        balance(&mut list);
+        let (middle, radius) = extent(&list)?;
+        Some(Self { list, distance, middle, radius, grain })
+    }
+
+    /// Near plane of the mesh, in world units.
+    pub fn near(&self) -> f64 {
+        NEAR * self.distance
+    }
+
+    /// Depths of a placed mesh in each of the views.
+    pub fn depths(&self, sights: &[Sight], mesh: &Mesh, world_from_mesh: &DMat4) -> Vec<Vec<f64>> {
+        sights.iter().map(|sight| raster::depths(mesh, world_from_mesh, &sight.camera, self.near())).collect()
+    }
+
+    /// Agreement of the depths of a mesh with the points: of all, and of those where `known` depths of the mesh are
+    /// finite, with the share of these.
+    pub fn agreement(&self, sights: &[Sight], depths: &[Vec<f64>], known: &[Vec<f64>]) -> Agreement {
+        let (mut sums, mut totals) = ([0.0; 2], [0.0; 2]);
+        for spot in &self.list {
+            let sight = &sights[spot.sight];
+            let (splats, mesh) = (sight.depth[spot.pixel], depths[spot.sight][spot.pixel]);
+            let mut fits = 0.0;
+            if mesh.is_finite() {
+                let along = sight.ray(spot.pixel) * (mesh - splats);
+                let off = spot.normal.map_or(0.5 * along.length(), |normal| along.dot(normal).abs());
+                fits = spot.weight * kernel(off / spot.tolerance);
+            }
+            let kinds = if known[spot.sight][spot.pixel].is_finite() { 2 } else { 1 };
+            for kind in 0..kinds {
+                sums[kind] += fits;
+                totals[kind] += spot.weight;
+            }
+        }
+        let share = totals[1] / totals[0];
+        Agreement {
+            all: sums[0] / totals[0],
+            known: if totals[1] > 0.0 { sums[1] / totals[1] } else { 0.0 },
+            share,
+        }
+    }
+
+    /// Share of the points of a placed cloud within the views that lie on the surface of the splats in one of them.
+    pub fn confirmed(&self, sights: &[Sight], Placed { cloud, at }: &Placed<'_>) -> f64 {
+        let (mut seen, mut confirmed) = (0.0, 0.0);
+        let cameras: Vec<DMat4> = sights.iter().map(|sight| sight.camera.camera_from_world()).collect();
+        for (point, _) in cloud.points.iter().step_by(CONFIRMED) {
+            let point = at.point(*point);
+            let mut best: Option<bool> = None;
+            for (sight, camera) in sights.iter().zip(&cameras) {
+                let local = camera.transform_point3(point);
+                let Some(pixel) = sight.pixel(local) else { continue };
+                let off = (local.z - sight.depth[pixel]).abs() * local.length() / local.z;
+                let near = off <= (ON * local.length().max(self.distance)).max(self.grain);
+                best = Some(best.unwrap_or(false) || near);
+            }
+            seen += f64::from(u8::from(best.is_some()));
+            confirmed += f64::from(u8::from(best == Some(true)));
+        }
+        if seen > 0.0 { confirmed / seen } else { 0.0 }
+    }
+
+    /// Centres of the opaque splats as points, where the views show too few surfaces, as for splats in another unit.
+    /// They belong to none of the views. `None` for an empty scene.
+    pub fn of_centres(splats: &Splats) -> Option<Self> {
+        let step = (splats.len() / MEASURED).max(1);
+        let seen = (0..splats.len()).step_by(step).filter(|&i| splats.opacities[i] >= OPAQUE);
+        let mut list: Vec<Spot> = seen
+            .map(|i| {
+                let scale = splats.scales[i];
+                let thin = (1..3).fold(0, |best, k| if scale[k] < scale[best] { k } else { best });
+                let flat = 2.5 * scale[thin] < scale[(thin + 1) % 3].min(scale[(thin + 2) % 3]);
+                let normal = flat.then(|| level::rotation(splats.quats[i]).col(thin));
+                let (point, sight) = (splats.mean(i), usize::MAX);
+                Spot { point, normal, tolerance: 0.0, weight: AT_EDGE, sight, pixel: 0 }
+            })
+            .collect();
+        let (middle, radius) = extent(&list)?;
+        list.retain(|spot| (spot.point - middle).length() <= 0.5 * BACKDROP * radius);
+        let (middle, radius) = extent(&list)?;
+        list.iter_mut().for_each(|spot| spot.tolerance = TOLERANCE * radius);
+        balance(&mut list);
+        (radius > 0.0).then_some(Self { list, distance: radius, middle, radius, grain: 0.0 })
+    }
+}
+
+/// Agreement of the depths of a mesh with the points, 0 to 1: 1 where both are the same, 0 where they are farther
+/// apart than the tolerance or there is not any mesh.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Agreement {
+    /// Mean over all points by their weights.
+    pub all: f64,
+    /// Mean over the points at which the mesh is known, and their share.
+    pub known: f64,
+    pub share: f64,
+}
+
+/// Median of points along each axis, and the median distance from it.
+fn extent(list: &[Spot]) -> Option<(DVec3, f64)> {
+    let along = |axis: usize| median(list.iter().map(|spot| spot.point[axis]).collect());
+    let middle = DVec3::new(along(0)?, along(1)?, along(2)?);
+    Some((middle, median(list.iter().map(|spot| (spot.point - middle).length()).collect())?))
+}
+
+/// Sets weights by the directions that surfaces face.
+fn balance(list: &mut [Spot]) {
+    let mut counts = [0.0; 13];
+    list.iter().filter_map(|spot| spot.normal.map(facing)).for_each(|axis| counts[axis] += 1.0);
+    let all: f64 = counts.iter().sum();
+    for spot in list {
+        if let Some(axis) = spot.normal.map(facing) {
+            spot.weight = (all / (13.0 * counts[axis])).sqrt().min(3.0);
+        }
+    }
+}
+
+/// Median standard deviation along the middle axis of the opaque splats within a distance of an eye.
+fn size(splats: &Splats, sights: &[Sight], limit: f64) -> f64 {
+    let step = (splats.len() / MEASURED).max(1);
+    let near = |i: usize| sights.iter().any(|sight| (splats.mean(i) - sight.camera.eye()).length() < limit);
+    let seen = (0..splats.len()).step_by(step).filter(|&i| splats.opacities[i] >= OPAQUE && near(i));
+    let middle = |i: usize| {
+        let [a, b, c] = splats.scales[i].map(f64::from);
+        a.max(b).min(a.min(b).max(c))
+    };
+    median(seen.map(middle).collect()).unwrap_or_default()
+}
+
+/// Agreement at a distance in tolerances.
+pub(super) fn kernel(off: f64) -> f64 {
+    if off < 1.0 { (1.0 - off * off) * (1.0 - off * off) } else { 0.0 }
+}

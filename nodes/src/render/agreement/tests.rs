@@ -1,0 +1,190 @@
+//! Tests on a made place: a floor, three walls and two boxes.
+
+use engine::Up;
+use glam::{DMat3, DVec3};
+
+use super::{Comparison, Finding, Likely, Place, compare};
+use crate::math::equirect::axes;
+use crate::testing::context;
+use crate::types::frame::Similarity;
+use crate::types::{Camera, Mesh, SplatEncoding, Splats};
+
+/// A rectangle: a corner and two sides.
+type Face = [DVec3; 3];
+
+/// The number of the back wall among the faces.
+const BACK: usize = 1;
+
+fn faces() -> Vec<Face> {
+    let at = DVec3::new;
+    let mut faces = vec![
+        [at(-3.0, -3.0, 0.0), at(6.0, 0.0, 0.0), at(0.0, 5.0, 0.0)],
+        [at(-3.0, 2.0, 0.0), at(6.0, 0.0, 0.0), at(0.0, 0.0, 2.5)],
+        [at(-3.0, -3.0, 0.0), at(0.0, 5.0, 0.0), at(0.0, 0.0, 2.0)],
+        [at(3.0, -3.0, 0.0), at(0.0, 5.0, 0.0), at(0.0, 0.0, 1.0)],
+    ];
+    for (low, size) in [(at(-2.0, 0.7, 0.0), at(1.0, 0.6, 0.8)), (at(1.2, -0.4, 0.0), at(0.7, 0.7, 1.3))] {
+        let [x, y, z] = [DVec3::X * size.x, DVec3::Y * size.y, DVec3::Z * size.z];
+        faces.extend([[low, x, z], [low + y, x, z], [low, y, z], [low + x, y, z], [low + z, x, y]]);
+    }
+    faces
+}
+
+/// Flat splats on all faces, 6 cm apart.
+fn splats() -> Splats {
+    let mut splats = Splats::empty();
+    for [corner, a, b] in faces() {
+        let (long, wide) = (a.length(), b.length());
+        let normal = a.cross(b).normalize();
+        // A turn by 180 degrees about the middle of z and the normal brings z to the normal.
+        let half = (normal + DVec3::Z).normalize();
+        let (columns, rows) = ((long / 0.06).ceil(), (wide / 0.06).ceil());
+        for i in 0..(columns * rows) as usize {
+            let (u, v) = ((i % columns as usize) as f64 + 0.5, (i / columns as usize) as f64 + 0.5);
+            let point = corner + a * (u / columns) + b * (v / rows);
+            splats.means.push(point.as_vec3().to_array());
+            splats.quats.push([0.0, half.x as f32, half.y as f32, half.z as f32]);
+            splats.scales.push([0.035, 0.035, 0.003]);
+            splats.opacities.push(0.95);
+            splats.sh.push([0.5; 3]);
+        }
+    }
+    splats.encoding = SplatEncoding::Srgb;
+    splats
+}
+
+/// Triangles of the faces, without one of them.
+fn mesh(without: Option<usize>) -> Mesh {
+    let mut mesh = Mesh::default();
+    for (_, [corner, a, b]) in faces().into_iter().enumerate().filter(|(i, _)| Some(*i) != without) {
+        add(&mut mesh, corner, a, b);
+    }
+    mesh
+}
+
+fn add(mesh: &mut Mesh, corner: DVec3, a: DVec3, b: DVec3) {
+    let first = mesh.positions.len() as u32;
+    mesh.positions.extend([corner, corner + a, corner + a + b, corner + b].map(|p| p.as_vec3().to_array()));
+    mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+}
+
+fn placed(mesh: &Mesh, by: &Similarity) -> Mesh {
+    let at = |i: usize| by.point(mesh.position(i as u32)).as_vec3().to_array();
+    Mesh { positions: (0..mesh.positions.len()).map(at).collect(), ..mesh.clone() }
+}
+
+fn camera(eye: DVec3, target: DVec3) -> Camera {
+    let z = (target - eye).normalize();
+    let x = z.cross(DVec3::Z).normalize();
+    Camera::centred("view", [200, 150], 180.0, [x, z.cross(x), z], eye)
+}
+
+fn compared(splats: &Splats, mesh: &Mesh, camera: Camera) -> Comparison {
+    let place = Place {
+        splats,
+        mesh,
+        cameras: &[camera],
+        around: &[DVec3::new(0.0, 0.0, 0.5)],
+        axes: axes(Up::PlusZ),
+        metre: 1.0,
+    };
+    compare(&place, &context()).expect("runs").expect("surfaces")
+}
+
+fn good_camera() -> Camera {
+    camera(DVec3::new(0.6, -2.8, 1.5), DVec3::new(0.0, 0.3, 0.6))
+}
+
+fn found(mesh: &Mesh) -> Comparison {
+    compared(&splats(), mesh, good_camera())
+}
+
+/// Mutation: `GAIN` and `FOUND` of 0 with `SHIFTED` of 0, seen red.
+#[test]
+fn what_agrees_raises_no_alarm() {
+    let whole = found(&mesh(None));
+    assert_eq!(whole.findings(), [], "{whole:?}");
+    assert!(whole.agreement > 0.9, "{whole:?}");
+    // A mesh of the floor near the object only is a usual receiver.
+    let mut floor = Mesh::default();
+    add(&mut floor, DVec3::new(-1.0, -1.0, 0.0), DVec3::X * 2.0, DVec3::Y * 2.0);
+    let part = found(&floor);
+    assert_eq!(part.findings(), [], "{part:?}");
+    // A few centimetres off, as proxies are.
+    let low = Similarity { offset: DVec3::new(0.02, 0.0, -0.06), ..Similarity::IDENTITY };
+    assert_eq!(found(&placed(&mesh(None), &low)).findings(), []);
+}
+
+/// Checks that a fault is found, and that the transform that undoes it is.
+fn undone(fault: Similarity) {
+    let result = found(&placed(&mesh(None), &fault));
+    assert_eq!(result.findings(), [Finding::Elsewhere], "{fault:?}: {result:?}");
+    let best = result.best.unwrap_or_else(|| panic!("{fault:?}: {result:?}"));
+    let rest = best.by.after(&fault);
+    let middle = DVec3::new(0.0, 0.3, 0.5);
+    assert!(
+        (rest.scale - 1.0).abs() < 0.04 && (rest.point(middle) - middle).length() < 0.12,
+        "{fault:?}: {best:?}"
+    );
+    assert_eq!(best.likely, Likely::Mesh, "{fault:?}");
+}
+
+/// Mutation: `factors` without the units and `FACTORS` of 3, seen red.
+#[test]
+fn factors_are_found() {
+    [0.01, 0.1, 0.5, 2.0, 100.0, 0.37].map(|scale| undone(Similarity { scale, ..Similarity::IDENTITY }));
+}
+
+#[test]
+fn quarter_turns_are_found() {
+    let turns = [
+        DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y),
+        DMat3::from_cols(DVec3::NEG_Z, DVec3::Y, DVec3::X),
+        DMat3::from_cols(DVec3::Y, DVec3::NEG_X, DVec3::Z),
+    ];
+    for turn in turns {
+        for rotation in [turn, turn * turn, turn * turn * turn] {
+            undone(Similarity { rotation, ..Similarity::IDENTITY });
+        }
+    }
+}
+
+#[test]
+fn shifts_of_half_a_metre_are_found() {
+    for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+        [-0.5, 0.5].map(|by| undone(Similarity { offset: axis * by, ..Similarity::IDENTITY }));
+    }
+}
+
+#[test]
+fn debris_and_missing_walls_are_found() {
+    let mut debris = mesh(None);
+    for i in 0..6 {
+        let corner = DVec3::new(
+            -1.2 + 0.4 * f64::from(i),
+            -0.9 + 0.2 * f64::from(i % 3),
+            0.9 + 0.1 * f64::from(i % 2),
+        );
+        add(&mut debris, corner, DVec3::X * 0.15, DVec3::new(0.0, 0.05, 0.15));
+    }
+    let result = found(&debris);
+    assert_eq!(result.findings(), [Finding::Debris], "{result:?}");
+    let result = found(&mesh(Some(BACK)));
+    assert_eq!(result.findings(), [Finding::Missing], "{result:?}");
+    assert!((result.missing.at.y - 2.0).abs() < 0.1, "{result:?}");
+}
+
+#[test]
+fn cameras_and_splats_that_are_elsewhere_are_named() {
+    let away = camera(DVec3::new(0.6, -28.0, 15.0), DVec3::new(0.0, -60.0, 40.0));
+    let result = compared(&splats(), &mesh(None), away);
+    assert_eq!(result.findings(), [Finding::Cameras], "{result:?}");
+    // Splats in another unit: the wanted view shows the mesh only.
+    let mut small = splats();
+    small.means.iter_mut().flatten().for_each(|v| *v *= 0.02);
+    small.scales.iter_mut().flatten().for_each(|v| *v *= 0.02);
+    let result = compared(&small, &mesh(None), good_camera());
+    assert_eq!(result.findings(), [Finding::Elsewhere], "{result:?}");
+    let best = result.best.unwrap_or_else(|| panic!("{result:?}"));
+    assert!(best.likely == Likely::Splats && (best.by.scale / 0.02 - 1.0).abs() < 0.04, "{best:?}");
+}

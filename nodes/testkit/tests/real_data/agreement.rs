@@ -1,0 +1,258 @@
+//! Tests of the comparison of splats and meshes: real and synthetic places, as they are and with faults. A run with
+//! `--nocapture` prints the rows of the table in docs/formats.md.
+
+use std::sync::Arc;
+
+use engine::{Context, Kind, Scene as World, Up};
+use glam::{DMat3, DMat4, DVec3};
+use nodes::geometry::sampling::{fraction, hash};
+use nodes::kinds::demo_scene::{self, DemoScene, Setting};
+use nodes::kinds::extract_mesh::{self, ExtractMesh};
+use nodes::kinds::load_mesh::ColourEncoding;
+use nodes::math::equirect::axes;
+use nodes::math::num;
+use nodes::render::agreement::{Comparison, Finding, Likely, Place, compare};
+use nodes::types::frame::Similarity;
+use nodes::types::{Camera, Mesh, Pose, Rig, Splats};
+
+use super::data;
+
+/// A place with its mesh, wanted cameras and the middle of an object.
+struct Scene {
+    name: &'static str,
+    splats: Arc<Splats>,
+    mesh: Arc<Mesh>,
+    cameras: Vec<Camera>,
+    around: DVec3,
+    up: Up,
+    /// World units per metre.
+    metre: f64,
+}
+
+fn bench() -> Scene {
+    Scene {
+        name: "bench case",
+        splats: data().splats("bench-case/point_cloud.ply", &[], false),
+        mesh: data().mesh("bench-case/mesh_proxy.ply", ColourEncoding::Auto).0,
+        cameras: data().cameras("bench-case/case.json", "views", &[]).cameras.clone(),
+        around: DVec3::new(0.4, 0.3, 0.45),
+        up: Up::PlusZ,
+        metre: 1.0,
+    }
+}
+
+/// A demo place with the size of `graphs/starter.ron`.
+fn demo(name: &'static str, place: Setting, height: f64) -> Scene {
+    let params = DemoScene {
+        place,
+        splats: 60_000,
+        width_px: 320,
+        height_px: 240,
+        truth_width_px: 16,
+        ..DemoScene::default()
+    };
+    let made = DemoScene::run(&params, demo_scene::In {}, &data().context()).unwrap().0;
+    Scene {
+        name,
+        splats: made.splats,
+        mesh: made.proxy,
+        cameras: made.rig.cameras.clone(),
+        around: DVec3::new(0.0, 0.0, height),
+        up: Up::PlusZ,
+        metre: 1.0,
+    }
+}
+
+/// A capture with a view and a place for an object, as `init` chooses them.
+fn capture(
+    name: &'static str,
+    path: &str,
+    (up, metre): (Up, f64),
+    [foot, eye, target]: [[f64; 3]; 3],
+    mesh: Option<&str>,
+) -> Scene {
+    let files = testkit::Data::shared(up, 7);
+    let splats = files.splats(path, &[], false);
+    let [foot, eye, target] = [foot, eye, target].map(DVec3::from_array);
+    let above = axes(up)[2];
+    let z = (target - eye).normalize();
+    let x = z.cross(above).normalize();
+    let focal = 270.0 / num::f64::tan(22.5_f64.to_radians());
+    let camera = Camera::centred("view", [960, 540], focal, [x, z.cross(x), z], eye);
+    let mesh = match mesh {
+        Some(mesh) => files.mesh(mesh, ColourEncoding::Auto).0,
+        None => {
+            let inputs = extract_mesh::In {
+                splats: splats.clone(),
+                cameras: Some(Arc::new(Rig { cameras: vec![camera.clone()] })),
+                around: Some(Arc::new(Pose { world_from_local: DMat4::from_translation(foot) })),
+            };
+            let scene = World { up, metres_per_unit: 1.0 / metre, seed: 7, exhaustive: false };
+            ExtractMesh::run(&ExtractMesh::default(), inputs, &Context::detached(scene, "")).unwrap().0.mesh
+        }
+    };
+    Scene { name, splats, mesh, cameras: vec![camera], around: foot + above * (0.5 * metre), up, metre }
+}
+
+fn compared(scene: &Scene, fault: &str, splats: &Splats, mesh: &Mesh) -> Comparison {
+    let place = Place {
+        splats,
+        mesh,
+        cameras: &scene.cameras,
+        around: &[scene.around],
+        axes: axes(scene.up),
+        metre: scene.metre,
+    };
+    let found = compare(&place, &data().context()).unwrap().unwrap();
+    let best = found.best.map_or_else(String::new, |best| {
+        let Similarity { scale, offset, .. } = best.by;
+        let (turn, shift) = (best.turn_deg, offset.length());
+        format!("{:.0} % with x{scale:.3}, {turn:.0} degrees, {shift:.2} m", 100.0 * best.agreement)
+    });
+    println!(
+        "| {} | {fault} | {:.0} % | {best} | {:.1} % | {:.1} % | {:?} |",
+        scene.name,
+        100.0 * found.agreement,
+        100.0 * found.debris.share,
+        100.0 * found.missing.share,
+        found.findings()
+    );
+    found
+}
+
+/// Mutation: `SHIFTED` and `SCALED` of 0.03, seen red for the garden.
+#[test]
+fn captures_that_agree_raise_no_alarm() {
+    let (z, y) = (Up::PlusZ, Up::MinusY);
+    let garden = "splats/garden_sog";
+    let proxy = Some("splats/garden_mesh/garden_proxy.glb");
+    let near = [[5.65, -31.35, -0.86], [7.48, -34.56, 0.6], [5.63, -31.37, -0.39]];
+    let along = [[4.02, -26.3, -0.86], [4.02, -31.3, 0.2], [4.0, -20.0, 0.2]];
+    let robot = [[0.2941, -0.0434, -0.3237], [0.8717, -0.4168, -0.6619], [0.2933, -0.1334, -0.328]];
+    let phone = [[1.7627, 1.4805, -5.8746], [2.1192, 1.3343, -5.9724], [1.7629, 1.4331, -5.8769]];
+    let rider = [[0.5129, 0.0237, 0.0664], [0.6732, -0.5898, 0.4202], [0.5095, 0.0214, 0.1516]];
+    let floor = [[0.0, 0.0, 0.0], [0.6, -3.2, 1.6], [0.0, 0.0, 0.45]];
+    let scenes = [
+        capture("garden, given mesh", garden, (z, 1.0), near, proxy),
+        capture("garden, to the end of the given mesh", garden, (z, 1.0), along, proxy),
+        capture("garden, extracted", garden, (z, 1.0), near, None),
+        capture("playbot, extracted", "splats/playbot_sog/2_0", (y, 1.0 / 5.26), robot, None),
+        capture("arkit-room, extracted", "splats/arkit-room.splat", (y, 0.1), phone, None),
+        capture("biker, extracted", "splats/biker.spz", (z, 1.0 / 5.56), rider, None),
+        capture("trials/place", "trials/place.ply", (z, 1.0), floor, Some("trials/mesh.ply")),
+    ];
+    for scene in scenes {
+        let found = compared(&scene, "-", &scene.splats, &scene.mesh);
+        assert_eq!(found.findings(), [], "{}: {found:?}", scene.name);
+    }
+}
+
+fn placed(mesh: &Mesh, by: &Similarity) -> Mesh {
+    let at = |i: usize| by.point(mesh.position(i as u32)).as_vec3().to_array();
+    let positions = (0..mesh.positions.len()).map(at).collect();
+    Mesh { positions, positions_low: Vec::new(), ..mesh.clone() }
+}
+
+/// Similarities that tools leave out: units, axes, shifts.
+fn faults() -> Vec<(String, Similarity)> {
+    let one = Similarity::IDENTITY;
+    let scales = [0.01, 0.1, 0.5, 2.0, 100.0].map(|scale| (format!("x{scale}"), Similarity { scale, ..one }));
+    let turns = [
+        ("x", DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y)),
+        ("y", DMat3::from_cols(DVec3::NEG_Z, DVec3::Y, DVec3::X)),
+        ("z", DMat3::from_cols(DVec3::Y, DVec3::NEG_X, DVec3::Z)),
+    ];
+    let turned = turns.into_iter().flat_map(|(axis, turn)| {
+        let all = [(90, turn), (180, turn * turn), (270, turn * turn * turn)];
+        all.map(|(angle, rotation)| (format!("{angle} degrees about {axis}"), Similarity { rotation, ..one }))
+    });
+    let shifted = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|axis| {
+        [0.5, -0.5].map(|by| {
+            (format!("shifted by {}", axis * by), Similarity { offset: axis * by, ..Similarity::IDENTITY })
+        })
+    });
+    scales.into_iter().chain(turned).chain(shifted).collect()
+}
+
+/// Every fault of the mesh is found, with the transform that undoes it.
+fn faults_are_found(scene: &Scene) {
+    for (name, fault) in faults() {
+        let found = compared(scene, &name, &scene.splats, &placed(&scene.mesh, &fault));
+        assert_eq!(found.findings(), [Finding::Elsewhere], "{} {name}: {found:?}", scene.name);
+        let best = found.best.unwrap_or_else(|| panic!("{} {name}: {found:?}", scene.name));
+        let rest = best.by.after(&fault);
+        let off = (rest.point(scene.around) - scene.around).length();
+        assert!((rest.scale - 1.0).abs() < 0.04 && off < 0.12, "{} {name}: {best:?}", scene.name);
+        assert_eq!(best.likely, Likely::Mesh, "{} {name}", scene.name);
+    }
+}
+
+/// Mesh with cubes in the air within `reach`, whose triangles are 5 % of all.
+fn with_debris(scene: &Scene, side: f64, reach: f64) -> Mesh {
+    let mut mesh = (*scene.mesh).clone();
+    let random = |i: u32, k: u32| fraction(hash(i, k));
+    for i in 0..(0.05 * mesh.triangles.len() as f64 / 12.0) as u32 {
+        let spread = DVec3::new(random(i, 0) - 0.5, random(i, 1) - 0.5, 0.5 * random(i, 2)) * (2.0 * reach);
+        let first = mesh.positions.len() as u32;
+        for corner in 0..8 {
+            let sign = [0, 1, 2].map(|axis| if corner >> axis & 1 == 1 { 0.5 } else { -0.5 });
+            let point = scene.around + spread + DVec3::from_array(sign) * side;
+            mesh.positions.push(point.as_vec3().to_array());
+            mesh.colours.push([0.5; 3]);
+        }
+        for [a, b, c, d] in
+            [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+        {
+            mesh.triangles.extend([[a, b, c], [a, c, d]].map(|t| t.map(|v| first + v)));
+        }
+    }
+    mesh
+}
+
+/// Mesh without what is beyond a plane and faces along its normal: floors and other walls stay.
+fn without_wall(mesh: &Mesh, axis: DVec3, beyond: f64) -> Mesh {
+    let is_wall = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|i| mesh.position(i));
+        let facing = (b - a).cross(c - a).normalize_or_zero().dot(axis).abs() > 0.5;
+        facing && (a + b + c).dot(axis) > 3.0 * beyond
+    };
+    Mesh { triangles: mesh.triangles.iter().filter(|t| !is_wall(t)).copied().collect(), ..mesh.clone() }
+}
+
+fn everything_is_found(scene: &Scene, walls: &[(DVec3, f64)]) {
+    let found = compared(scene, "-", &scene.splats, &scene.mesh);
+    assert_eq!(found.findings(), [], "{}: {found:?}", scene.name);
+    faults_are_found(scene);
+    for (side, reach) in [(0.1, 2.0), (0.3, 2.0), (0.3, 4.0)] {
+        let name = format!("5 % debris of {side} m within {reach} m");
+        let found = compared(scene, &name, &scene.splats, &with_debris(scene, side, reach));
+        assert_eq!(found.findings(), [Finding::Debris], "{} {name}: {found:?}", scene.name);
+    }
+    for (axis, beyond) in walls {
+        let found = compared(
+            scene,
+            &format!("without the wall at {axis}"),
+            &scene.splats,
+            &without_wall(&scene.mesh, *axis, *beyond),
+        );
+        assert_eq!(found.findings(), [Finding::Missing], "{} {axis}: {found:?}", scene.name);
+        assert!(found.missing.at.dot(*axis) > *beyond - 0.3, "{} {axis}: {found:?}", scene.name);
+    }
+}
+
+#[test]
+fn every_fault_of_the_bench_case_is_found() {
+    everything_is_found(&bench(), &[(DVec3::Y, 4.9), (DVec3::NEG_X, 5.5)]);
+}
+
+#[test]
+fn every_fault_of_the_demo_courtyard_is_found() {
+    let scene = demo("demo courtyard", Setting::Courtyard, 0.3);
+    everything_is_found(&scene, &[(DVec3::Y, 4.6)]);
+}
+
+#[test]
+fn every_fault_of_the_demo_room_is_found() {
+    let scene = demo("demo room", Setting::Room, 0.7);
+    everything_is_found(&scene, &[(DVec3::Y, 1.9)]);
+}

@@ -1,0 +1,178 @@
+//! Texts of what a comparison found: what was measured, what is likely off, and what to write.
+
+use engine::Graph;
+use glam::DVec3;
+use nodes::kinds::load_mesh::{LoadMesh, MeshFrame};
+use nodes::kinds::load_splats::LoadSplats;
+use nodes::render::agreement::{Comparison, Finding, Likely, Moved, Regions};
+use nodes::types::frame::{Similarity, world_from_gltf};
+
+use super::{Pair, above};
+
+/// The texts of a pair of splats and mesh.
+pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<super::Finding> {
+    let name = |node: usize| graph.nodes[node].id.as_str();
+    let (splats, mesh) = (name(pair.splats.node), name(pair.mesh.node));
+    let percent = 100.0 * found.agreement;
+    let text = |finding: Finding| match finding {
+        Finding::Elsewhere => {
+            let measured = format!(
+                "the depths of the splats `{splats}` and of the mesh `{mesh}` agree to {percent:.0} % (at {} points in the \
+                 views and around the object)",
+                found.points
+            );
+            let text = match &found.best {
+                Some(best) => format!("{measured}; {}", moved(graph, pair, best)),
+                None => format!(
+                    "{measured}, and no factor, turn and shift of the mesh was found at which they do: check that both \
+                     are of the same place, or wire `ExtractMesh` in place of the mesh"
+                ),
+            };
+            ("mesh-elsewhere", text)
+        }
+        Finding::Cameras => {
+            let [shown, known] = found.visible.unwrap_or_default().map(|share| 100.0 * share);
+            let cameras: Vec<String> = pair.rigs.iter().map(|rig| format!("`{}`", name(rig.node))).collect();
+            let text = format!(
+                "the views of {} show splats at {shown:.1} % and the mesh at {known:.1} % of their pixels, and both agree to \
+                 {percent:.0} % around the object: likely the cameras are off; `matrix` or `dataparser` of `LoadCameras` \
+                 transforms them to the frame of the splats",
+                cameras.join(", ")
+            );
+            ("cameras-elsewhere", text)
+        }
+        Finding::Debris => {
+            let text = format!(
+                "parts of the mesh `{mesh}` float in front of what the splats `{splats}` show, at {}: they throw shadows and \
+                 hide the object; remove them from the mesh, or wire `ExtractMesh` in its place",
+                place(&found.debris)
+            );
+            ("mesh-debris", text)
+        }
+        Finding::Missing => {
+            let text = format!(
+                "the mesh `{mesh}` lacks surfaces that the splats `{splats}` show, at {}: they receive no shadow and reflect \
+                 no light; use a mesh that has them, or wire `ExtractMesh` in its place",
+                place(&found.missing)
+            );
+            ("mesh-incomplete", text)
+        }
+    };
+    found.findings().into_iter().map(text).collect()
+}
+
+/// Where parts are and how large they are.
+fn place(regions: &Regions) -> String {
+    let views = if regions.view.is_empty() {
+        "the views around the object".to_owned()
+    } else {
+        format!("the view `{}`", regions.view)
+    };
+    let percent = 100.0 * regions.share;
+    format!("{percent:.1} % of the pixels of {views}, the largest near {}", vector(regions.at))
+}
+
+/// The transform at which splats and mesh agree, and the parameter that applies it.
+fn moved(graph: &Graph, pair: &Pair, best: &Moved) -> String {
+    let (by, wire, input, kind, what) = match best.likely {
+        Likely::Mesh => (best.by, pair.mesh, "mesh", "load-mesh", "mesh"),
+        Likely::Splats => (best.by.inverse(), pair.splats, "splats", "load-splats", "splats"),
+    };
+    let loader = above(graph, wire.node, input).find(|&node| graph.nodes[node].kind.name == kind);
+    let percent = 100.0 * best.agreement;
+    let known = match loader {
+        Some(node) if kind == "load-mesh" => {
+            graph.nodes[node].params::<LoadMesh>().map(|p| (p.matrix, p.frame))
+        }
+        Some(node) => graph.nodes[node].params::<LoadSplats>().map(|p| (p.matrix, MeshFrame::Gltf)),
+        None => None,
+    };
+    let scene = graph.scene;
+    let of_gltf =
+        Similarity::of_rows(&world_from_gltf(scene.up, scene.metres_per_unit).transpose().to_cols_array());
+    let advice = match (loader, known) {
+        (Some(node), Some((None, MeshFrame::World))) if of_gltf.as_ref().is_ok_and(|m| near(m, &by)) => {
+            format!("set `frame: Gltf` on `{}`", graph.nodes[node].id)
+        }
+        (Some(node), Some((matrix, _))) => {
+            let before = Similarity::of_parameter(matrix.as_ref()).unwrap_or(Similarity::IDENTITY);
+            format!("set `matrix: {}` on `{}`", rows(&by.after(&before)), graph.nodes[node].id)
+        }
+        _ => format!("transform the {what} by the matrix {}", rows(&by)),
+    };
+    format!("{} they agree to {percent:.0} %: likely the {what} is off; {advice}", change(&by, what, best))
+}
+
+/// True if two transforms are the same to the accuracy of the search.
+fn near(a: &Similarity, b: &Similarity) -> bool {
+    let off = a.rotation - b.rotation;
+    let turned = off.x_axis.length().max(off.y_axis.length()).max(off.z_axis.length());
+    turned < 1e-6 && (a.scale / b.scale - 1.0).abs() < 0.03 && b.offset.length() < 1e-9
+}
+
+/// A transform in words.
+fn change(by: &Similarity, what: &str, best: &Moved) -> String {
+    let mut parts = Vec::new();
+    if (by.scale - 1.0).abs() > 1e-9 {
+        parts.push(format!("scaled by {}", digits(by.scale, 4)));
+    }
+    if best.turn_deg > 0.5 {
+        let r = by.rotation;
+        let axis = DVec3::new(r.y_axis.z - r.z_axis.y, r.z_axis.x - r.x_axis.z, r.x_axis.y - r.y_axis.x);
+        let about =
+            if axis.length() > 1e-6 { format!(" about {}", vector(axis.normalize())) } else { String::new() };
+        parts.push(format!("turned by {:.0} degrees{about}", best.turn_deg));
+    }
+    if by.offset != DVec3::ZERO {
+        parts.push(format!("shifted by {}", vector(by.offset)));
+    }
+    format!("with the {what} {}", parts.join(" and "))
+}
+
+/// The numbers of a matrix as a graph writes them.
+fn rows(by: &Similarity) -> String {
+    let smallest = 1e-9 * by.scale.max(by.offset.length());
+    let one = |value: &f64| if value.abs() < smallest { "0.0".to_owned() } else { digits(*value, 6) };
+    format!("Some(({}))", by.rows().iter().map(one).collect::<Vec<_>>().join(", "))
+}
+
+fn vector(v: DVec3) -> String {
+    let [x, y, z] =
+        v.to_array().map(|c| if c.abs() < 1e-6 * v.length() { "0.0".to_owned() } else { digits(c, 3) });
+    format!("({x}, {y}, {z})")
+}
+
+/// A number with this many significant digits, and a decimal point.
+fn digits(value: f64, count: usize) -> String {
+    let mut decimals = count;
+    let mut size = value.abs();
+    while size >= 1.0 && decimals > 0 {
+        (size, decimals) = (size / 10.0, decimals - 1);
+    }
+    let mut size = value.abs();
+    while size > 0.0 && size < 0.1 && decimals < 12 {
+        (size, decimals) = (size * 10.0, decimals + 1);
+    }
+    let text = format!("{value:.decimals$}");
+    let text = if text.contains('.') { text.trim_end_matches('0') } else { &text };
+    if text.ends_with('.') || !text.contains('.') {
+        format!("{}.0", text.trim_end_matches('.'))
+    } else {
+        text.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_those_of_graphs() {
+        assert_eq!(
+            [1.0, 0.01, -39.3701, 1234.5678].map(|v| digits(v, 4)),
+            ["1.0", "0.01", "-39.37", "1235.0"]
+        );
+        let half = Similarity { scale: 0.5, ..Similarity::IDENTITY };
+        assert!(rows(&half).starts_with("Some((0.5, 0.0, 0.0, 0.0, 0.0, 0.5,"), "{}", rows(&half));
+    }
+}

@@ -1,0 +1,123 @@
+//! A check after a run: whether the splats, the mesh and the cameras of a place agree.
+
+mod advice;
+mod before_object;
+
+use std::collections::BTreeSet;
+
+use engine::{Engine, Graph, Scene, Wire};
+use glam::DVec3;
+use nodes::geometry::support::corners;
+use nodes::math::equirect::axes;
+use nodes::render::agreement::{Comparison, Place, compare};
+use nodes::types::{Mesh, Placed, Rig, Splats};
+
+use super::wires;
+
+/// Maximum number of compared places, and of pairs of pictures, which bounds the time of the check.
+const MOST_PLACES: usize = 2;
+/// Maximum number of rigs and of objects of a place.
+const MOST_INPUTS: usize = 3;
+/// Kinds that make the mesh of a place from its splats, so that it cannot be elsewhere.
+const MADE_OF_SPLATS: [&str; 2] = ["extract-mesh", "plane"];
+
+/// Finding: its id, and its text with the names of the nodes.
+pub type Finding = (&'static str, String);
+
+/// Splats and a mesh that are rendered together.
+#[derive(Debug, PartialEq)]
+struct Pair {
+    splats: Wire,
+    mesh: Wire,
+    rigs: Vec<Wire>,
+    objects: Vec<Wire>,
+}
+
+/// Checks the places of a graph whose splats, mesh or cameras this run computed: `ran` holds the names of the nodes
+/// that ran. Findings about cached results were reported by the run that computed them. Values that are not in the
+/// cache are left out.
+pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<Finding> {
+    let is_new = |wire: &Wire| ran.contains(graph.nodes[wire.node].id.as_str());
+    let mut found = Vec::new();
+    let changed = |pair: &Pair| is_new(&pair.splats) || is_new(&pair.mesh) || pair.rigs.iter().any(is_new);
+    let compared = pairs(graph).into_iter().filter(changed).take(MOST_PLACES);
+    for pair in compared.filter(|pair| !is_made_of_splats(graph, pair.mesh.node)) {
+        if let Some(comparison) = of_pair(engine, graph, &pair) {
+            found.extend(advice::texts(graph, &pair, &comparison));
+        }
+    }
+    if found.is_empty() {
+        found = before_object::findings(engine, graph, ran);
+    }
+    found
+}
+
+/// True if a mesh is made from splats.
+fn is_made_of_splats(graph: &Graph, mesh: usize) -> bool {
+    above(graph, mesh, "mesh").any(|node| MADE_OF_SPLATS.contains(&graph.nodes[node].kind.name))
+}
+
+/// A node and those above it along the first wire of an input.
+fn above<'a>(graph: &'a Graph, node: usize, input: &'a str) -> impl Iterator<Item = usize> + 'a {
+    std::iter::successors(Some(node), move |&node| wires(graph, node, input).first().map(|wire| wire.node))
+}
+
+/// Nodes of a kind.
+fn of_kind<'a>(graph: &'a Graph, kind: &'a str) -> impl Iterator<Item = usize> + 'a {
+    (0..graph.nodes.len()).filter(move |&node| graph.nodes[node].kind.name == kind)
+}
+
+/// The splats and receivers that are rendered by the same cameras, each pair once.
+fn pairs(graph: &Graph) -> Vec<Pair> {
+    let mut pairs: Vec<Pair> = Vec::new();
+    for trace in of_kind(graph, "path-trace") {
+        let rig = wires(graph, trace, "rig");
+        let (Some(&mesh), Some(&camera)) = (wires(graph, trace, "receiver").first(), rig.first()) else {
+            continue;
+        };
+        for render in of_kind(graph, "splat-render").filter(|&node| wires(graph, node, "rig") == rig) {
+            let Some(&splats) = wires(graph, render, "splats").first() else { continue };
+            let known = pairs.iter().position(|pair| pair.splats == splats && pair.mesh == mesh);
+            let index = known.unwrap_or_else(|| {
+                pairs.push(Pair { splats, mesh, rigs: Vec::new(), objects: Vec::new() });
+                pairs.len() - 1
+            });
+            let pair = &mut pairs[index];
+            let mut add = |to: fn(&mut Pair) -> &mut Vec<Wire>, wire: Wire| {
+                let list = to(pair);
+                if list.len() < MOST_INPUTS && !list.contains(&wire) {
+                    list.push(wire);
+                }
+            };
+            add(|pair| &mut pair.rigs, camera);
+            wires(graph, trace, "objects").iter().for_each(|&object| add(|pair| &mut pair.objects, object));
+        }
+    }
+    pairs
+}
+
+/// Compares splats and mesh in the views of the cameras and around the objects.
+fn of_pair(engine: &Engine, graph: &Graph, pair: &Pair) -> Option<Comparison> {
+    let splats = engine.value::<Splats>(graph, pair.splats)?;
+    let mesh = engine.value::<Mesh>(graph, pair.mesh)?;
+    let rigs = pair.rigs.iter().filter_map(|&wire| engine.value::<Rig>(graph, wire));
+    let cameras: Vec<_> = rigs.flat_map(|rig| rig.cameras).collect();
+    let objects = pair.objects.iter().filter_map(|&wire| engine.value::<Placed>(graph, wire));
+    let around: Vec<DVec3> = objects.filter_map(|placed| middle(&placed)).collect();
+    let Scene { up, metres_per_unit, .. } = graph.scene;
+    let place = Place {
+        splats: &splats,
+        mesh: &mesh,
+        cameras: &cameras,
+        around: &around,
+        axes: axes(up),
+        metre: 1.0 / metres_per_unit,
+    };
+    compare(&place, &super::splats::context(up)).ok()?
+}
+
+/// Middle of the box around an object in the world.
+fn middle(placed: &Placed) -> Option<DVec3> {
+    let all = corners(placed).map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)));
+    all.map(|(low, high)| (low + high) * 0.5)
+}
