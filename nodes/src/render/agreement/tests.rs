@@ -132,7 +132,9 @@ fn undone(fault: Similarity) {
 /// Mutation: `factors` without the units and `FACTORS` of 3, seen red.
 #[test]
 fn factors_are_found() {
-    [0.01, 0.1, 0.5, 2.0, 100.0, 0.37].map(|scale| undone(Similarity { scale, ..Similarity::IDENTITY }));
+    for scale in [0.01, 0.1, 0.5, 2.0, 100.0, 0.37] {
+        undone(Similarity { scale, ..Similarity::IDENTITY });
+    }
 }
 
 #[test]
@@ -152,7 +154,9 @@ fn quarter_turns_are_found() {
 #[test]
 fn shifts_of_half_a_metre_are_found() {
     for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
-        [-0.5, 0.5].map(|by| undone(Similarity { offset: axis * by, ..Similarity::IDENTITY }));
+        for by in [-0.5, 0.5] {
+            undone(Similarity { offset: axis * by, ..Similarity::IDENTITY });
+        }
     }
 }
 
