@@ -123,7 +123,7 @@ impl Kind for LoadSplats {
 }
 
 impl LoadSplats {
-    /// Reads the files; with `plain`, only the mean of each colour over all directions.
+    /// Reads the files. If `plain` is true, only the mean of each colour over all directions is read.
     fn read(&self, plain: bool, cx: &Context) -> Result<(Vec<Loaded>, Notes), NodeError> {
         let mut notes = Notes::none();
         let matrix = Similarity::of_parameter(self.matrix.as_ref())?;
@@ -174,11 +174,11 @@ impl LoadSplats {
         Ok((files, notes))
     }
 
-    /// Reads the scene without the harmonics above degree 0, in a third of the memory. Also returns the degree of the
-    /// files. The remarks are those of [`run`](Kind::run) about the files.
+    /// Reads the scene without the harmonics above degree 0, which saves memory. Also returns the degree of the
+    /// harmonics in the files. The notes are those of [`run`](Kind::run) about the files.
     ///
     /// # Errors
-    /// Those of [`run`](Kind::run).
+    /// If [`run`](Kind::run) would fail.
     pub fn plain(&self, cx: &Context) -> Result<(Splats, u32, Notes), NodeError> {
         let (files, notes) = self.read(true, cx)?;
         let degree = files.iter().map(|file| file.stored_degree).max().unwrap_or(0);
@@ -264,8 +264,9 @@ mod tests {
         assert_eq!(of(engine::Up::PlusZ).is_some_and(|text| text.contains("is -y, but")), sure);
     }
 
-    /// A scene read without its harmonics has the same splats otherwise, also with a matrix and among several files.
-    /// Mutation: `part.sh.truncate(start + 1)` to `start + 2`, and `stored_degree` left out of `join`.
+    /// Apart from its harmonics, a scene that is read without them is the same, also with a matrix and from several
+    /// files. This test fails if `part.sh.truncate(start + 1)` is replaced by `part.sh.truncate(start + 2)`, or if
+    /// the result has the wrong degree.
     #[test]
     fn a_plain_scene_has_all_but_the_harmonics() {
         let mut scene = Splats::empty();
@@ -309,8 +310,8 @@ mod tests {
         assert_eq!((dropped(&notes), dropped(&remarks)), (2, 2));
     }
 
-    /// A scene of degree 3 loaded with a matrix gives the same picture to a camera that was transformed by
-    /// the same matrix. Mutation: `self.sh.apply(sh)` left out of `Turn::apply`, seen red.
+    /// A scene of degree 3 that is loaded with a matrix gives the same picture for a camera that is transformed by
+    /// the same matrix. This test fails without `self.sh.apply(sh)` in `Turn::apply`.
     #[test]
     fn turned_scene_and_turned_camera_give_the_same_picture() {
         let mut scene = Splats::empty();

@@ -9,13 +9,13 @@ use glam::DVec3;
 use super::image::{Image, Images, Linear, Picture, samples_difference};
 use super::panorama::{decode_point, decode_up, encode_point, encode_up};
 
-/// A linear picture that an environment can share with an output of type `image`, so that a large panorama is in memory
-/// once.
+/// Linear picture that an environment can share with an output of type `image`, so that a large panorama is in
+/// memory only once.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Light(Arc<Images>);
 
 impl Light {
-    /// The picture as a set of one, named `env`.
+    /// The picture as a set of one picture, named `env`.
     pub fn pictures(&self) -> Arc<Images> {
         self.0.clone()
     }
