@@ -264,9 +264,8 @@ mod tests {
         assert_eq!(of(engine::Up::PlusZ).is_some_and(|text| text.contains("is -y, but")), sure);
     }
 
-    /// Apart from its harmonics, a scene that is read without them is the same, also with a matrix and from several
-    /// files. This test fails if `part.sh.truncate(start + 1)` is replaced by `part.sh.truncate(start + 2)`, or if
-    /// the result has the wrong degree.
+    /// A scene that is read without its harmonics is otherwise the same, also with a matrix and from several files.
+    /// This test fails if `part.sh.truncate(start + 1)` is replaced by `part.sh.truncate(start + 2)`.
     #[test]
     fn a_plain_scene_has_all_but_the_harmonics() {
         let mut scene = Splats::empty();

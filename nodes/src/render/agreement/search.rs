@@ -19,7 +19,8 @@ const FITTED: usize = 700;
 const FINE: usize = 2000;
 /// Factor on the tolerances in the first comparison.
 const SLACK: f64 = 2.2;
-/// Distance between consecutive shifts that are tried, as a share of the median distance of the points from the eye.
+/// Distance between consecutive shifts that are tried, as a share of the median distance of the points from the
+/// eye.
 const SHIFT: f64 = 0.125;
 /// Number of shifts that are tried along each axis.
 const SHIFTS: u32 = 9;

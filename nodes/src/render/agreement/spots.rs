@@ -23,9 +23,10 @@ const GRAIN: f64 = 2.0;
 const MEASURED: usize = 4000;
 /// Minimum opacity of these splats.
 const OPAQUE: f32 = 0.3;
-/// Maximum distance of a point of the mesh that lies on the surface of the splats, as a share of its distance from the eye.
+/// Maximum distance of a point of the mesh from the surface of the splats at which it counts as on the surface, as a
+/// share of its distance from the eye.
 const ON: f64 = 0.03;
-/// Every how many points of the mesh one is tested.
+/// Step through the points of the mesh: one point out of this many is tested.
 const CONFIRMED: usize = 8;
 /// Minimum number of points for a comparison.
 const LEAST: usize = 200;
