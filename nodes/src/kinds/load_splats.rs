@@ -275,10 +275,10 @@ mod tests {
             scene.means.push([unit(0), unit(1), unit(2)]);
             scene.scales.push([0.01, 0.02, 0.03]);
             scene.quats.push([1.0, 0.0, 0.0, 0.0]);
-            // The scene has rows that are dropped.
             scene.opacities.push(0.5);
             scene.sh.extend((0..9).map(|k| [unit(3), unit(4 + k), unit(5)]));
         }
+        // This row is dropped.
         scene.means[7] = [f32::NAN; 3];
         let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
         let block = engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };

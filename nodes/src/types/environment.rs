@@ -39,7 +39,7 @@ impl Deref for Light {
     fn deref(&self) -> &Image<Linear> {
         match self.0.0.first().map(|image| &image.picture) {
             Some(Picture::Linear(image)) => image,
-            _ => unreachable!("it is made of one linear picture"),
+            _ => unreachable!("a `Light` holds one linear picture"),
         }
     }
 }
@@ -48,7 +48,7 @@ impl DerefMut for Light {
     fn deref_mut(&mut self) -> &mut Image<Linear> {
         match Arc::make_mut(&mut self.0).0.first_mut().map(|image| &mut image.picture) {
             Some(Picture::Linear(image)) => image,
-            _ => unreachable!("it is made of one linear picture"),
+            _ => unreachable!("a `Light` holds one linear picture"),
         }
     }
 }

@@ -205,7 +205,8 @@ impl Spots {
 pub(super) struct Agreement {
     /// Weighted mean over all points.
     pub all: f64,
-    /// Weighted mean over the points at which `known` is finite; 0 if there are no such points.
+    /// Weighted mean over the points at which the argument `known` of [`Spots::agreement`] is finite; 0 if there are
+    /// no such points.
     pub known: f64,
     /// Share of these points, by weight.
     pub share: f64,
