@@ -5,8 +5,8 @@
 //! the same views. The agreement is a number from 0 to 1 that states how near the mesh is to these points.
 //!
 //! If the mesh does not agree with the splats, a search finds out whether a rotation, a scale and a shift explain
-//! the difference. If it does, the comparison still finds parts of the mesh that the splats do not show, and
-//! surfaces of the splats that the mesh lacks.
+//! the difference. The comparison also finds parts of the mesh that the splats do not show, and surfaces of the
+//! splats that the mesh lacks.
 
 mod cloud;
 mod fit;
@@ -34,8 +34,7 @@ use spots::Spots;
 const WANTED: usize = 3;
 /// Maximum number of points around which views are compared.
 const AROUND: usize = 2;
-/// Minimum agreement at which the mesh counts as being in the frame of the splats, so that no transform is
-/// searched.
+/// Minimum agreement at which the mesh counts as being in the frame of the splats. No search is made then.
 const AGREES: f64 = 0.8;
 /// Minimum agreement of a transformed mesh for the transform to be reported.
 const FOUND: f64 = 0.4;
@@ -115,7 +114,8 @@ pub struct Comparison {
     /// Mean agreement of the depths, 0 to 1. It is weighted so that all directions in which surfaces face count
     /// about the same.
     pub agreement: f64,
-    /// The transform of the mesh with the best agreement; `None` if no transform is much better than none.
+    /// The transform of the mesh with the best agreement; `None` if no transform is much
+    /// better than the identity.
     pub best: Option<Moved>,
     /// Parts of the mesh that float in front of the surfaces that the splats show.
     pub debris: Regions,
@@ -159,7 +159,7 @@ impl Comparison {
     }
 }
 
-/// Three of the cameras: the first, the middle and the last.
+/// Up to three of the cameras: the first, the middle and the last.
 fn chosen(cameras: &[Camera]) -> Vec<Camera> {
     let count = cameras.len();
     if count <= WANTED {
