@@ -316,7 +316,7 @@ fn a_scene_far_from_the_origin_keeps_its_digits() {
 fn nothing_to_start_from_is_an_error_and_nothing_to_see_is_degraded() {
     let none = In { splats: Arc::new(Scene::room().splats), cameras: None, around: None };
     let error = ExtractMesh::run(&coarse(), none, &context()).err().expect("is refused");
-    assert!(error.to_string().contains("nothing says"), "{error}");
+    assert!(error.to_string().contains("neither `around` nor `cameras` is wired"), "{error}");
     let (out, notes) = Scene::new().mesh(&coarse());
     assert!(out.mesh.triangles.is_empty() && notes.iter().any(|note| note.id == "empty"));
 }
