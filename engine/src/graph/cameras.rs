@@ -10,11 +10,11 @@ use crate::text::document::{Document, RawField, RawNode};
 use crate::text::source::Source;
 use crate::value::root::SourceRoot;
 
-/// Maximum number of nodes that are followed upwards to one whose number of cameras is known.
+/// Maximum number of nodes visited on the way up to a node whose number of cameras is known.
 const MOST_STEPS: usize = 1000;
 
-/// The number of cameras of the node `name`, which an axis with the text `axis` refers to. `None` if that node has a
-/// mistake, which the check of the nodes reports.
+/// The number of cameras of the node `name`, which the axis defined by the field `axis` refers to. `None` if that
+/// node has a mistake, which the check of the nodes reports.
 ///
 /// # Errors
 /// If there is no such node, if it varies along an axis, or if its number of cameras is not known before it runs.
@@ -74,13 +74,13 @@ pub(crate) fn cameras_of<'t>(
     ))
 }
 
-/// The node with a name, or with a name and an output.
+/// Finds the node that a wire refers to. `name` is the name of a node, with or without an output.
 fn node_of<'d, 't>(name: &str, document: &'d Document<'t>) -> Option<&'d RawNode<'t>> {
     let find = |name: &str| document.nodes.iter().find(|node| node.id == name);
     find(name).or_else(|| find(name.rsplit_once('.')?.0))
 }
 
-/// The full name of what the first wire of an input leads to.
+/// The full name of the node or output from which the first wire of an input comes.
 fn above(node: &RawNode<'_>, input: &str, document: &Document<'_>) -> Option<String> {
     let field = node.fields.iter().find(|field| field.name == input)?;
     let named = wire_names(field, &document.scopes).ok()?.into_iter().next()?;

@@ -104,7 +104,7 @@ impl<'a> Workers<'a> {
         }
     }
 
-    /// Returns a guard that, when it is dropped, ends the threads after all work is done.
+    /// Returns a guard. When it is dropped, the threads end after all work is done.
     pub fn closing(&self) -> Closing<'_, 'a> {
         Closing(self)
     }

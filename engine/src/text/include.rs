@@ -196,8 +196,8 @@ pub(crate) fn outside(name: &str, place: Range<usize>) -> Diagnostic {
         .hint("a graph from a bundle or a picture may read only files in the bundle and in the folders of `--inputs`")
 }
 
-/// A document merged with the files that it includes, directly or through other files. Its own scene takes
-/// precedence, then the scene of the first included file that has one.
+/// Merges a document with the files that it includes, directly or through other files. The document's own scene
+/// takes precedence, then the scene of the first included file that has one.
 fn with_includes<'t>(
     at: usize,
     pieces: &[Piece],

@@ -34,7 +34,7 @@ impl<'a> FileHead<'a> {
         Self { name: &file.name, bytes, path: &file.path }
     }
 
-    /// Opens the file for reading; `None` if it is not a readable regular file.
+    /// Opens the file for reading; `None` if it is not a regular file or cannot be read.
     pub fn open(&self) -> Option<BufReader<File>> {
         let file = File::open(self.path).ok()?;
         file.metadata().ok()?.is_file().then(|| BufReader::new(file))
@@ -120,7 +120,7 @@ impl SourceRoot {
         !self.is_confined() && folder().is_some()
     }
 
-    /// True if [`SourceRoot::file`] returned this path as a replacement for a path that may not be read.
+    /// True if this path is the replacement that [`SourceRoot::file`] returns for a path that may not be read.
     pub fn is_outside(&self, file: &SourceFile) -> bool {
         file.path.starts_with(OUTSIDE)
     }

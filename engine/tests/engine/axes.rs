@@ -186,8 +186,9 @@ fn mistakes_of_axes_have_their_place() {
     }
 }
 
-/// The values of `Cameras` are the indices of the cameras of a node, as its files say now; a node that takes its
-/// cameras from another one has as many. Mutation: the number of the first parse kept in `cameras_of`.
+/// The values of `Cameras` are the indices of the cameras that a node has according to the current content of its
+/// files. A node that takes its cameras from another node has the same number. This test fails if `cameras_of`
+/// keeps the number from the first parse.
 #[test]
 fn the_cameras_of_a_node_are_an_axis() {
     let lab = Lab::on_disk();

@@ -16,13 +16,13 @@ use crate::value::error::NodeError;
 use crate::value::root::FileHead;
 use crate::value::units::bytes_text;
 
-/// First pause before the scheduler checks again whether a result is still being computed elsewhere.
+/// First pause between two checks whether a result is still being computed elsewhere.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
-/// Maximum pause between two of these checks.
+/// Maximum pause between two such checks.
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
-/// Forecast in seconds below which a node is short, so that it does not wait for other nodes to end.
+/// A node is short if its forecast in seconds is below this. Short nodes do not wait for other nodes to end.
 const SHORT: f64 = 1.0;
-/// Time after which waiting for another process is reported.
+/// Time after which the user is informed that a node waits for another process.
 const REPORT_AFTER: Duration = Duration::from_secs(2);
 
 impl<'a> Run<'a> {
@@ -93,7 +93,7 @@ impl<'a> Run<'a> {
         Ok(bytes)
     }
 
-    /// Bytes of the values that a node reads, each counted once.
+    /// Total size of the values that a node reads, in bytes. Each value is counted once.
     fn input_bytes(&self, index: usize) -> u64 {
         let mut wires: Vec<Wire> = self.graph.nodes[index].inputs.iter().flatten().copied().collect();
         wires.sort_unstable_by_key(|wire| (wire.node, wire.port));

@@ -18,8 +18,8 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
 
 impl<'a> Run<'a> {
-    /// Requests the inputs of ready nodes, for at most as many nodes at once as there are threads, and for no node
-    /// while memory is full. So the values of a wide graph are not all loaded at once.
+    /// Requests the input values of ready nodes. At most as many nodes as there are threads are supplied at once,
+    /// and none while memory is full, so that the values of a wide graph are not all loaded at once.
     pub fn supply(&mut self) {
         while let Some(index) = self.queue.next_ready()
             && (self.memory.has_room() || self.queue.is_idle())
@@ -154,7 +154,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Keeps the values computed by a node.
+    /// Keeps the values that a node computed in memory while they may be read.
     pub fn hold(&mut self, index: usize, values: &[AnyArtifact]) {
         for (port, value) in values.iter().enumerate() {
             self.take_in(index, port, value.clone());

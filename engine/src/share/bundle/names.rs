@@ -14,7 +14,7 @@ pub(crate) const LOCK: &str = "graph.lock";
 const LONGEST: usize = 1024;
 /// Maximum length of a path component in bytes, as permitted by file systems.
 const LONGEST_PART: usize = 240;
-/// Names that some systems reserve for devices.
+/// Names that some systems reserve for devices, in lower case.
 const DEVICES: [&str; 4] = ["con", "prn", "aux", "nul"];
 
 /// The reason why a name is not valid in a bundle; `None` if it is valid.
