@@ -4,7 +4,8 @@ use std::ops::Range;
 
 use crate::value::files::plain_name;
 
-/// Numbers of digits to which the values of an axis are padded, so that file names sort in the order of the values.
+/// Number of digits to which the values of an axis are padded in file names, so that the names sort in the order of
+/// the values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Padding {
     /// Digits before the decimal point.

@@ -41,7 +41,7 @@ pub(crate) fn cameras_of<'t>(
         };
         let unknown = |why: &str| {
             wrong(Code::WrongValue, format!("the number of cameras of `{}` {why}", shown(&node.id)))
-                .hint(format!("write their number: `{}: Range(0, 300)`", axis.name))
+                .hint(format!("state the number of cameras: `{}: Range(0, 300)`", axis.name))
         };
         let Some(kind) = registry.get(node.kind) else {
             // An unknown kind is reported by the check of the nodes.

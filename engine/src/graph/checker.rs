@@ -69,7 +69,7 @@ impl<'t, 'a> Check<'t, 'a> {
         self.diagnostics.len()
     }
 
-    /// True if the graph has axes or gathers, so that a node of the file may become several nodes or none.
+    /// True if the graph has axes or gathers, so that a node of the file may become several nodes or no node.
     pub fn is_multiple(&self) -> bool {
         !self.axes.is_empty() || !self.gathers.is_empty()
     }

@@ -151,7 +151,7 @@ impl Graph {
         if mistakes.is_empty() { Ok(()) } else { Err(Diagnostics::new(self.source.clone(), mistakes)) }
     }
 
-    /// All nodes in topological order.
+    /// All nodes in topological order: each node comes after the nodes that it reads.
     pub fn order(&self) -> &[usize] {
         &self.links.order
     }

@@ -88,7 +88,7 @@ impl Graph {
 
 /// The message for a sink that would overwrite `path`.
 pub(crate) fn over_text(path: &Path) -> String {
-    format!("would write over {}, which the graph reads", path.display())
+    format!("would overwrite {}, which the graph reads", path.display())
 }
 
 /// The hint for a sink that would overwrite a file of the graph.

@@ -2,8 +2,8 @@
 //!
 //! The edit may change parameters of one node, or comments and white space between nodes. For any other edit, and
 //! for any mistake, the caller uses [`Graph::parse`](crate::Graph::parse), which gives the same graph. The scanner
-//! reads forwards, and where a value that ends in `)` ends does not depend on the text after it. So if the text of
-//! a node is still one node, or the text between nodes differs only in comments and white space, the rest of the
+//! reads forwards, and the extent of a value that ends in `)` does not depend on the text after it. So if the text
+//! of a node is still one node, or the text between nodes differs only in comments and white space, the rest of the
 //! file is unaffected.
 
 use std::ops::Range;

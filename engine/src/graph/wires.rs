@@ -15,7 +15,8 @@ use crate::text::scan::Scanner;
 use crate::text::subgraph::value_of;
 use crate::text::values::{form_of, parse_value};
 
-/// Maximum number of wires to missing nodes for which a similar name is suggested.
+/// Maximum number of wires to missing nodes for which a similar name is suggested. Further such wires are reported
+/// without a suggestion.
 const MOST_SUGGESTIONS: usize = 20;
 /// Maximum number of wires of an input.
 const MOST_WIRES: usize = 1_000_000;

@@ -143,8 +143,8 @@ impl Context {
         self.recipe.as_deref()
     }
 
-    /// For each wire of an input, the name of the output that it comes from: `["colour", "depth"]`. The kind must
-    /// declare [`ContextField::Wired`]. Empty in a detached context.
+    /// For each wire of an input, the name of the output that the wire comes from: `["colour", "depth"]`. The kind
+    /// must declare [`ContextField::Wired`]. Empty in a detached context.
     pub fn wired(&self, input: &str) -> &[&'static str] {
         self.declared(ContextField::Wired);
         self.wired.of(input)

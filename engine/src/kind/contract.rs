@@ -162,8 +162,8 @@ pub trait Kind: 'static {
         Ok(Vec::new())
     }
 
-    /// The replacement for the field `name`, if a former version of the kind had it. `fields` are the names and
-    /// texts of all fields of the node.
+    /// What replaces the field `name`, if a former version of the kind had a parameter of this name. `fields`
+    /// contains the names and texts of all fields of the node.
     fn former(_name: &str, _fields: &[(&str, &str)]) -> Option<Former> {
         None
     }

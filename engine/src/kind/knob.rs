@@ -48,7 +48,8 @@ pub struct Knob {
 
 impl Knob {
     /// The values to try, from the least work to the smallest error. These are the distinct steps of the ladder.
-    /// Between two steps a < b that are positive integers, 2a, 4a, 8a and so on are also tried.
+    /// Between a step a and the next step b, if both are positive integers, the values 2a, 4a, 8a and so on below b
+    /// are also tried.
     pub fn values(&self) -> Vec<String> {
         let mut values: Vec<String> = Vec::new();
         for level in self.ladder.iter().filter(|level| !level.is_empty()) {

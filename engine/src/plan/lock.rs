@@ -122,7 +122,7 @@ impl Lock {
             match self.kinds.get(kind) {
                 None => found.before.push(format!("the lock has no kind `{kind}`")),
                 Some(known) if *known != (*version, profile.clone()) => found.before.push(format!(
-                    "`{kind}` is version {version} ({profile}), but the lock has {} ({})",
+                    "`{kind}` is version {version} ({profile}), but the lock has version {} ({})",
                     known.0, known.1
                 )),
                 _ => {}
@@ -132,7 +132,7 @@ impl Lock {
             match self.inputs.get(name) {
                 None => found.before.push(format!("the lock has no input `{name}`")),
                 Some(known) if known != digest => found.before.push(format!(
-                    "`{name}` has the digest {}, but the lock has {}",
+                    "`{name}` has the digest {}, but the lock has the digest {}",
                     short(digest),
                     short(known)
                 )),
@@ -145,7 +145,7 @@ impl Lock {
                 if let Some(known) = known.get(port).filter(|known| *known != digest) {
                     let (now, then) = (short(digest), short(known));
                     found.results.push(format!(
-                        "the result of `{node}.{port}` has the digest {now}, but the lock has {then}"
+                        "the result of `{node}.{port}` has the digest {now}, but the lock has the digest {then}"
                     ));
                 }
             }

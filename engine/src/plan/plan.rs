@@ -34,7 +34,7 @@ pub enum Fate {
     Lost,
     /// The code would run, for this reason.
     Runs(Why),
-    /// The node depends on the result of another node that would run, and which has this name.
+    /// The node depends on the result of the node with this name, which would run.
     Follows(String),
     /// The source files of the node cannot be read.
     Fails(String),

@@ -214,8 +214,8 @@ pub(crate) fn encode(node: &Node, values: &[AnyArtifact]) -> (Vec<Output>, Vec<V
     node.kind.outputs.iter().zip(values).map(one).unzip()
 }
 
-/// Storage of the parts of a node: in the store, where the record of a part names the blob with its value, and in
-/// memory.
+/// Storage for the parts of a node. In the store, the record of a part names the blob that holds its value. Parts
+/// that are never stored are kept in memory.
 struct StoredParts {
     store: Arc<Store>,
     prepared: Arc<ValueCache>,

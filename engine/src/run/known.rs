@@ -42,7 +42,8 @@ impl Known {
         self.made.insert(key, index);
     }
 
-    /// Makes a node wait for the result of its key. Returns false if the result is not being computed.
+    /// Makes a node wait for the result of `key`, which is its own key. Returns false if the result is not being
+    /// computed.
     pub fn follow(&mut self, key: &Digest, index: usize) -> bool {
         let followers = self.in_flight.get_mut(key);
         followers.map(|followers| followers.push(index)).is_some()

@@ -57,7 +57,7 @@ impl Memory {
         }
     }
 
-    /// Counts one reader of a node less, and drops the node's values if no reader is left.
+    /// Removes one reader of a node, and drops the node's values if it has no readers left.
     pub fn remove_reader(&mut self, slot: &mut Slot) {
         slot.readers -= 1;
         self.drop_unread(slot);

@@ -28,7 +28,7 @@ pub(crate) enum Message {
     Busy {
         node: usize,
         key: Digest,
-        /// Time and counts of the work done so far. Parts that were completed are stored.
+        /// Time and counts of the work done so far. Parts that were completed are in the store.
         spent: Effort,
     },
     /// The code ended. `Stored` follows.

@@ -66,8 +66,8 @@ impl Line {
         self.short.remove(&place);
     }
 
-    /// The node that may leave the line next. `count` is the number of nodes that are at the following stage, and
-    /// `jobs` the maximum there, not counting one short node. `None` if the line is empty or no node may leave it.
+    /// The next node that may leave the line. `count` is the number of nodes at the following stage, and `jobs` is
+    /// the maximum number there, not counting one short node. `None` if the line is empty or no node may leave it.
     fn next(&self, count: Count, jobs: usize) -> Option<usize> {
         let line = match count {
             Count { all, .. } if all < jobs => &self.all,

@@ -64,7 +64,7 @@ pub(crate) struct Slot {
     /// The values of the outputs. Empty if no value was kept.
     values: Vec<Value>,
     pub waiters: Vec<(usize, Waiter)>,
-    /// Set while the code runs again because its values are needed: the stage to which the node returns afterwards.
+    /// The stage to which the node returns after it has run again for its values. `None` if it is not to run again.
     pub remaking: Option<Life>,
     /// True if its values are lost because the rerun failed.
     pub lost: bool,
@@ -85,8 +85,8 @@ pub(crate) struct Slot {
     pub cost: Option<u64>,
     /// State in which the node ended; reported once its files are up to date.
     pub end: Option<State>,
-    /// Time and counts of the work done for the result. If the node was parked, this is the work done before that,
-    /// until the result is available.
+    /// Time and counts of the work for the result. Until the result is available, these are the time and counts of
+    /// the work that was done before the node was parked.
     pub effort: Effort,
 }
 
@@ -124,8 +124,7 @@ impl Slot {
         }
     }
 
-    /// True if the node is the one that obtains the result for its key, for which other nodes with the same key
-    /// wait.
+    /// True if the node computes the result for its key. Other nodes with the same key wait for it.
     pub fn leads(&self) -> bool {
         use Life::{Gathering, Parked, Queued, Ready, Running};
         self.remaking.is_none() && matches!(self.life, Ready | Gathering | Queued | Parked | Running)

@@ -69,7 +69,7 @@ impl Recipe {
         let other = |(name, version, profile): &(String, u32, String)| match registry.get(name) {
             None => Some(format!("this version of lightharmony has no kind `{name}`")),
             Some(kind) if kind.version != *version || kind.profile != profile => Some(format!(
-                "the picture was made with version {version} of `{name}` ({profile}), but this is version {} ({})",
+                "the picture was made with version {version} of `{name}` ({profile}), but this version of lightharmony has version {} ({})",
                 kind.version, kind.profile
             )),
             Some(_) => None,
@@ -123,9 +123,9 @@ impl Recipe {
         Err(Diagnostics::new(Source::new(name, self.text.as_str()), diagnostics).into())
     }
 
-    /// The graph, with each source file replaced by its path in one of `folders`. If a node reads several files of
-    /// the same name, they are matched in order. `file` becomes the output path, unless the sink writes one file
-    /// per view. `store` remembers digests.
+    /// The graph of the recipe, in which the name of each source file is replaced by the path of that file in one
+    /// of `folders`. If a node reads several files of the same name, they are matched in order. `file` becomes the
+    /// output path, unless the sink writes one file per view. `store` remembers digests.
     ///
     /// # Errors
     /// If the graph cannot be parsed, or if files are missing or ambiguous. All such files are reported.

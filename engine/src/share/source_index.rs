@@ -15,7 +15,7 @@ const MOST_FILES: usize = 200_000;
 /// Name and digest of a source file.
 type Read = (String, Digest);
 
-/// The folders given by the user, and all files in them by file name.
+/// The folders given by the user, and all files in them. The files can be looked up by file name.
 #[derive(Default)]
 pub(crate) struct SourceIndex {
     roots: Vec<PathBuf>,
@@ -218,12 +218,12 @@ fn absent(name: &str, digest: Option<&Digest>) -> String {
     }
 }
 
-/// The error message for a name in a recipe that does not determine which of the files it means.
+/// The error message for a name in a recipe that could refer to several of the files that the node read.
 fn ambiguous(name: &str, wanted: &[String], sources: &[Read]) -> String {
     let times = wanted.iter().filter(|other| *other == name).count();
     let read = sources.iter().filter(|(source, _)| source == name).count();
     format!(
-        "the recipe does not identify the file `{name}`: the fields of the node name it {times} times, and of the {} files that the node read, {read} have that name; use the graph itself, or a bundle of it",
+        "the recipe does not identify the file `{name}` (fields of the node that name it: {times}; files with this name that the node read: {read}, of {} in total); use the graph itself, or a bundle of it",
         sources.len()
     )
 }

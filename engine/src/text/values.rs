@@ -16,7 +16,7 @@ pub(crate) fn parse_value<'t, T: serde::Deserialize<'t>>(text: &'t str) -> Resul
     options().from_str(text).map_err(|error| error.code)
 }
 
-/// The ordinary name of the form of a value, such as "a list".
+/// The form of a value in plain words, such as "a list".
 pub(crate) fn form_of(text: &str) -> &'static str {
     match text.bytes().next().unwrap_or_default() {
         b'"' => "text",

@@ -171,8 +171,8 @@ impl<'a> Decoder<'a> {
         Ok(head)
     }
 
-    /// Reads the number of elements of a list. Returns an error if fewer bytes remain than that many elements of
-    /// `size` bytes need.
+    /// Reads the number of elements of a list. Returns an error if the remaining bytes cannot hold that many
+    /// elements of `size` bytes each.
     pub fn length(&mut self, size: usize) -> Result<usize, Corrupt> {
         let count = self.u64()?;
         match usize::try_from(count) {
@@ -184,8 +184,8 @@ impl<'a> Decoder<'a> {
         }
     }
 
-    /// Reads the number of elements of a list as 32 bits. Returns an error if fewer bytes remain than that many
-    /// elements of at least `size` bytes need.
+    /// Reads the number of elements of a list, stored in 32 bits. Returns an error if the remaining bytes cannot
+    /// hold that many elements of at least `size` bytes each.
     pub(crate) fn count(&mut self, size: usize) -> Result<usize, Corrupt> {
         let count = self.u32()? as usize;
         match count.checked_mul(size) {

@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::time::Duration;
 
 thread_local! {
-    /// CPU time that measurements nested in the current measurement of this thread have counted.
+    /// Total CPU time of the measurements on this thread that are nested in the current measurement.
     static INSIDE: Cell<Duration> = const { Cell::new(Duration::ZERO) };
 }
 

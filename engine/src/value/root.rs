@@ -112,8 +112,8 @@ impl SourceRoot {
         }
     }
 
-    /// True if a file belongs to an unpacked bundle while the graph does not. If such a file were included, it
-    /// could read all files that the graph may read.
+    /// True if a file belongs to an unpacked bundle but the graph does not. If the graph included such a file, the
+    /// file could make it read anything that the graph may read.
     pub fn is_strange(&self, path: &Path) -> bool {
         // Links are followed to the folder that contains the text.
         let folder = || path.canonicalize().ok()?.parent().and_then(bundle_around);

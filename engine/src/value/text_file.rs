@@ -20,7 +20,7 @@ pub fn read_text(path: &Path, limit: u64) -> Result<String> {
         return Err(Error::new(ErrorKind::InvalidInput, what));
     }
     let too_long = || {
-        let what = format!("it is longer than {} MiB, the limit of a graph file", limit >> 20);
+        let what = format!("it is longer than {} MiB, the limit for a graph file", limit >> 20);
         Error::new(ErrorKind::FileTooLarge, what)
     };
     if metadata.len() > limit {
@@ -72,7 +72,7 @@ mod tests {
         File::create(&path).expect("works").set_len(1 << 40).expect("works");
         assert_eq!(
             read_text(&path, MAX_GRAPH_BYTES).expect_err("is refused").to_string(),
-            "it is longer than 64 MiB, the limit of a graph file"
+            "it is longer than 64 MiB, the limit for a graph file"
         );
     }
 }

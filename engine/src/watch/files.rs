@@ -176,8 +176,9 @@ fn identity(folder: &Path) -> Option<Identity> {
 /// Maximum number of links on the way to a file; a longer chain counts as a cycle.
 const MOST_LINKS: usize = 40;
 
-/// The paths that determine which file an absolute path refers to: each link on the way, and at the end the file
-/// itself or the first missing name. All links in the folders of these paths are resolved.
+/// The paths that determine which file an absolute path refers to. These are each link on the way, and at the end
+/// either the file itself or the first part of the path that does not exist. Links in the folders of these paths
+/// are resolved.
 fn names_to(path: &Path) -> Vec<PathBuf> {
     let mut names = Vec::new();
     let mut at = PathBuf::new();

@@ -1,9 +1,10 @@
 //! The previews that precede a long run.
 
-/// Forecast in seconds below which a run has no previews.
+/// A preview is left out if the step after it is forecast to take at most this many seconds.
 const SOON: f64 = 0.5;
 
-/// Forecast in seconds below which the first preview computes all pixels.
+/// A preview that computes only a subset of the pixels is made only if the preview with the limit 1 is forecast to
+/// take more than this many seconds.
 const AT_ONCE: f64 = 0.3;
 
 /// The ways in which a preview is reduced.
@@ -16,9 +17,8 @@ pub(crate) struct Reduction {
 }
 
 /// The previews of a run in which the parameter is at most `most` and the forecast is `seconds`, if known. They
-/// limit the parameter to 1, 4, 16 and so on; these are ends of the chunks in which nodes cache their work. If even
-/// the preview with the limit 1 takes long and a node supports it (`coarse`), the first preview also computes only
-/// a subset of the pixels.
+/// limit the parameter to 1, 4, 16 and so on, where chunks of cached work end. If even the preview with the limit 1
+/// takes long and a node supports it (`coarse`), an additional first preview computes only a subset of the pixels.
 pub(crate) fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Reduction> {
     let takes = |level: u64| seconds.map_or(f64::INFINITY, |all| all * level as f64 / most.max(1) as f64);
     let block = match takes(1) {

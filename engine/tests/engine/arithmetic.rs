@@ -324,7 +324,7 @@ simple!(
 );
 
 engine::params! {
-    /// Computes the mean of `samples` numbers near the input, in parts of 16.
+    /// Computes the mean of `samples` numbers that are close to the input, in parts of 16 numbers.
     pub struct Series {
         /// The number of samples.
         samples: u32 = 32, range(1, 4096), other("48");

@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use crate::lab::{Lab, graph_text};
 
-/// CPU time of this thread, which is the scheduling thread; wall time since `start` if the system does not report
-/// CPU time.
+/// CPU time of this thread, on which the scheduler runs. If the system does not report CPU time, the wall time
+/// since `start`.
 pub fn spent(start: Instant) -> Duration {
     let reported = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanos = reported.and_then(|text| text.split(' ').next()?.parse().ok());

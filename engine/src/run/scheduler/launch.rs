@@ -22,7 +22,7 @@ const FIRST_PAUSE: Duration = Duration::from_millis(5);
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
 /// A node is short if its forecast in seconds is below this. Short nodes do not wait for other nodes to end.
 const SHORT: f64 = 1.0;
-/// Time after which the user is informed that a node waits for another process.
+/// Time after which a warning reports that a node waits for another process.
 const REPORT_AFTER: Duration = Duration::from_secs(2);
 
 impl<'a> Run<'a> {
@@ -87,7 +87,7 @@ impl<'a> Run<'a> {
             return Err(NodeError::new(format!(
                 "needs about {needs} of memory{inputs}, but the budget is {budget}"
             ))
-            .hint("reduce the size or the number of views, or raise `--memory`"));
+            .hint("reduce the resolution or the number of views, or raise `--memory`"));
         }
         self.slots[index].cost = Some(bytes);
         Ok(bytes)

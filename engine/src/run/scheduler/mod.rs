@@ -39,7 +39,7 @@ use crate::value::error::NodeError;
 /// Interval at which leases are renewed. This shows other processes that this process is still working.
 const RENEW_EVERY: Duration = Duration::from_secs(1);
 
-/// Minimum number of nodes in the history of a graph; fewer are never left when it is trimmed.
+/// Number of nodes up to which the history of a graph is not trimmed.
 const MIN_HISTORY: usize = 1024;
 
 /// A pending step of the scheduler.
@@ -290,7 +290,7 @@ impl<'a> Run<'a> {
         let names = names.collect::<Vec<_>>().join(", ");
         let more = match self.gone.len().saturating_sub(NAMED) {
             0 => String::new(),
-            more => format!(" and {more} more nodes"),
+            more => format!(" and {more} more"),
         };
         Some(format!("stored values of {names}{more} were missing from the cache and were computed again"))
     }

@@ -139,7 +139,7 @@ impl<'a> Run<'a> {
         let digests = |outputs: &[Output]| -> Vec<Digest> { outputs.iter().map(|o| o.digest).collect() };
         let known = self.slots[index].record.as_ref().map(|record| digests(&record.outputs));
         if known != Some(digests(&finished.record.outputs)) {
-            let error = NodeError::new("a rerun gave another result for the same inputs").hint(
+            let error = NodeError::new("a rerun gave a different result for the same inputs").hint(
                 "a file changed while the graph was running, or the kind is not deterministic, which is a bug to report",
             );
             return self.lose(index, Some(&error));
@@ -205,7 +205,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Handles a result that could not be stored.
+    /// Handles the failure to store a result.
     pub fn unstored(&mut self, index: usize, error: String) {
         if let Some(record) = &mut self.slots[index].record {
             record.outputs.iter_mut().for_each(|output| output.stored = false);

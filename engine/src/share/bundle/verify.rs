@@ -174,7 +174,8 @@ pub fn verify<R: Read + Seek>(
     Ok(Verified { nodes, known: known.len(), differences, failures: outcome.failures })
 }
 
-/// Compares two results of a node with the same key. Each is given with the engine whose store has its values.
+/// Compares two results of a node for the same key: the one in the bundle and the recomputed one. Each is given
+/// with the engine whose store has its values.
 fn verdict(ports: &[PortSpec], [claimed, made]: [(&Engine, &Record); 2]) -> Verdict {
     let mut pairs = ports.iter().zip(claimed.1.outputs.iter().zip(&made.1.outputs));
     let Some((port, (then, now))) = pairs.find(|(_, (then, now))| then.digest != now.digest) else {
