@@ -8,9 +8,9 @@ use crate::value::files::plain_name;
 /// the values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Padding {
-    /// Digits before the decimal point.
+    /// Number of digits before the decimal point.
     whole: usize,
-    /// Digits after the decimal point.
+    /// Number of digits after the decimal point.
     fraction: usize,
 }
 

@@ -98,7 +98,7 @@ pub(crate) fn at_each<'f>(
     fields.iter().map(here).collect()
 }
 
-/// A node of the file before it is expanded along axes, read at the first value of each axis.
+/// A node of the file before its expansion along axes. Its parameters are read at the first value of each axis.
 pub(crate) struct Template<'r, 't> {
     /// The node. Its wires refer to templates by index.
     pub node: Node,

@@ -1,4 +1,4 @@
-//! The knobs of a graph, and presets, which set them together.
+//! The knobs of a graph, and the presets that set many knobs at once.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -33,7 +33,7 @@ pub struct GraphKnob {
     pub varies: bool,
 }
 
-/// The name that a node or an instance has in the file.
+/// The name in the file of the node `id`. If the node is an instance, its axis values are removed from `id`.
 fn name_in_file(id: &str, instance: bool) -> &str {
     if instance { id.split('/').next().unwrap_or(id) } else { id }
 }

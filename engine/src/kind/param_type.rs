@@ -42,7 +42,7 @@ pub enum Role {
     Output,
 }
 
-/// A number that cannot be part of a key.
+/// Error for a number that is not finite and therefore cannot be part of a key.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is not a finite number")]
 pub struct NotCanonical(pub String);

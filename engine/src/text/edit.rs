@@ -1,4 +1,4 @@
-//! Settings of the command line (`--set`), which are overlays of one field.
+//! Settings of the command line (`--set`). Each of them is an overlay of one field.
 
 use crate::text::source::Source;
 use crate::text::values::parse_value;

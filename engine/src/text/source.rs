@@ -43,7 +43,7 @@ pub(crate) struct Piece {
 }
 
 impl PieceRole {
-    /// The roles that a piece after the first may have, with their names in marks.
+    /// The roles that a piece after the first may have. For each: its name in the mark of the piece.
     const NAMED: [(&'static str, Self); 5] = [
         ("include", Self::Include),
         ("subgraph", Self::Subgraph),
@@ -57,7 +57,7 @@ impl PieceRole {
     }
 }
 
-/// Start of a mark. The role and the name of the piece follow.
+/// Start of a mark, which is the line before a piece. The role and the name of the piece follow.
 const MARK: &str = "\n//@@ ";
 /// First line of a text whose marks separate pieces. In any other text, marks are ordinary comments.
 const PACKED: &str = "//@@ packed\n";

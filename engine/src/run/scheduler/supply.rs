@@ -86,7 +86,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Handles a value that is missing in the store although its record exists.
+    /// Handles a value that is missing from the store although the record of its node exists.
     pub fn missing(&mut self, index: usize, port: usize) {
         let node = &self.graph.nodes[index];
         let slot = &mut self.slots[index];
