@@ -1,8 +1,8 @@
 //! Axes: one node in the file becomes several nodes, one for each value of an axis.
 //!
-//! `axes: (yaw: List([0.0, 15.0]))` defines the values and `yaw_deg: Axis("yaw")` reads them. Each such call in a
-//! field is replaced by the text of a value. The field is read once for each combination of axis values, which is
-//! called a *point*; see `expand`.
+//! `axes: (yaw: List([0.0, 15.0]))` defines an axis and its values, and a field such as `yaw_deg: Axis("yaw")`
+//! reads it. Each such call in a field is replaced by the text of a value. The fields are read once for each
+//! combination of axis values, which is called a *point*; see `expand`.
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -128,8 +128,8 @@ fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
 enum Call<'t> {
     /// The value of an axis.
     Axis(#[serde(borrow)] Cow<'t, str>),
-    /// Interpolates between keys in ascending order. A key pairs an axis value with a number, or with several
-    /// numbers in parentheses.
+    /// Interpolates between keys in ascending order. Each key is a pair of an axis value and either one number or
+    /// several numbers in parentheses.
     Track(Cow<'t, str>, #[serde(borrow)] Vec<(f64, &'t RawValue)>),
 }
 
@@ -178,8 +178,8 @@ pub(crate) fn axes_read(
     Ok(read)
 }
 
-/// Replaces the calls in a field by their values at a point. `at` returns, for each axis, the index of its value at
-/// that point.
+/// Replaces each call in a field with its value at a point. `at` maps the index of an axis to the index of the
+/// value that this axis has at the point.
 pub(crate) fn at_point<'t>(text: &'t str, axes: &[Axis<'_>], at: impl Fn(usize) -> usize) -> Cow<'t, str> {
     let calls = calls(text, &CALLS);
     if calls.is_empty() {
@@ -206,7 +206,8 @@ pub(crate) fn at_point<'t>(text: &'t str, axes: &[Axis<'_>], at: impl Fn(usize) 
     Cow::Owned(out)
 }
 
-/// The value of a track: linear between keys, constant before the first and after the last.
+/// The value of a track at the axis value `place`, as text. It is interpolated linearly between the keys, and
+/// constant before the first and after the last key.
 fn track(keys: &[(f64, &RawValue)], place: &str) -> Result<String, String> {
     let place: f64 = place
         .parse()
@@ -239,7 +240,7 @@ fn track(keys: &[(f64, &RawValue)], place: &str) -> Result<String, String> {
     Ok(if texts.len() == 1 { texts.concat() } else { format!("({})", texts.join(", ")) })
 }
 
-/// Parses a number, or several in parentheses.
+/// Parses one number, or several numbers in parentheses.
 fn numbers(text: &str) -> Option<Vec<f64>> {
     let text = text.trim();
     let finite = |numbers: &Vec<f64>| !numbers.is_empty() && numbers.iter().all(|number| number.is_finite());

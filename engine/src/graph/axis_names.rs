@@ -4,12 +4,13 @@ use std::ops::Range;
 
 use crate::value::files::plain_name;
 
-/// Numbers of digits to which the values of an axis are padded, so that file names sort in the order of the values.
+/// Number of digits to which the values of an axis are padded in file names, so that the names sort in the order of
+/// the values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Padding {
-    /// Digits before the decimal point.
+    /// Number of digits before the decimal point.
     whole: usize,
-    /// Digits after the decimal point.
+    /// Number of digits after the decimal point.
     fraction: usize,
 }
 
@@ -42,7 +43,7 @@ fn digits(value: &str) -> Option<(&str, &str)> {
     (!whole.is_empty() && all(whole) && all(fraction)).then_some((whole, fraction))
 }
 
-/// The value of an axis as part of a file name. `width` is the number of digits given in the path.
+/// The value of an axis as part of a file name. `width` is the number of digits that the path requests, if any.
 pub(crate) fn file_text(value: &str, padding: Option<Padding>, width: Option<usize>) -> String {
     let text = value.trim_matches('"');
     let plain = || plain_name(text.strip_suffix(".0").unwrap_or(text));
@@ -61,7 +62,7 @@ pub(crate) fn file_text(value: &str, padding: Option<Padding>, width: Option<usi
 }
 
 /// The placeholders of an axis in a path, such as `{frame}` or `{frame:4}`. For each: its range in the path, and
-/// the number of digits if it has one.
+/// the number of digits if the placeholder gives one.
 fn holders<'p>(path: &'p str, axis: &str) -> impl Iterator<Item = (Range<usize>, Option<usize>)> + 'p {
     let open = format!("{{{axis}");
     let length = open.len();
@@ -77,12 +78,13 @@ fn holders<'p>(path: &'p str, axis: &str) -> impl Iterator<Item = (Range<usize>,
     })
 }
 
-/// True if a path has a placeholder of the axis.
+/// True if the path contains a placeholder for the axis.
 pub(crate) fn is_held(path: &str, axis: &str) -> bool {
     holders(path, axis).next().is_some()
 }
 
-/// A path with the placeholders of an axis replaced by its value.
+/// The path with each placeholder of an axis replaced by `text(digits)`, where `digits` is the number of digits
+/// that the placeholder gives, if any.
 pub(crate) fn with_value(path: &str, axis: &str, text: impl Fn(Option<usize>) -> String) -> String {
     let (mut out, mut end) = (String::new(), 0);
     for (place, width) in holders(path, axis) {
@@ -93,8 +95,8 @@ pub(crate) fn with_value(path: &str, axis: &str, text: impl Fn(Option<usize>) ->
     out + &path[end..]
 }
 
-/// True if an axis value matches `asked`, the value in a node name on the command line. This may be written `5`,
-/// `005`, or as the inclusive range `5..7`.
+/// True if an axis value matches `asked`, the value written in a node name on the command line. `asked` is a number
+/// such as `5` or `005`, an inclusive range such as `5..7`, or any other text equal to the value.
 pub(crate) fn is_asked_for(value: &str, asked: &str) -> bool {
     if value == asked {
         return true;

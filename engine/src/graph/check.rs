@@ -246,8 +246,9 @@ impl<'t, 'a> Check<'t, 'a> {
         (self.mistakes() == before).then_some(Template { node, raw, fields, own, gathers })
     }
 
-    /// Adds related places to the mistakes found since `before`. A mistake inside a subgraph gets the place where
-    /// the subgraph is used; a mistake in a value given to the subgraph gets the place where the value is read.
+    /// Adds related places to the mistakes found since there were `before` of them. A mistake inside a subgraph
+    /// gets the place where the subgraph is used; a mistake in a value given to the subgraph gets the place where
+    /// the value is read.
     fn add_use(&mut self, node: &RawNode<'t>, before: usize) {
         let scope = &self.scopes[node.scope];
         let Some((used, _)) = &scope.used else { return };
@@ -304,8 +305,8 @@ impl Graph {
     }
 }
 
-/// Finds the fields of a node that were parameters in a former version of its kind. Each group of such fields comes
-/// with a diagnostic that says what to write instead.
+/// Finds the fields of a node that were parameters in a former version of its kind. Fields that are replaced
+/// together form a group, with one diagnostic that says what to write instead.
 fn former_fields(raw: &RawNode<'_>, kind: &KindEntry) -> Vec<(&'static [&'static str], Diagnostic)> {
     let texts: Vec<(&str, &str)> = raw.fields.iter().map(|field| (field.name, field.text)).collect();
     let mut found: Vec<(&'static [&'static str], Diagnostic)> = Vec::new();

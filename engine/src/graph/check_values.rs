@@ -36,7 +36,8 @@ impl<'t, 'a> Check<'t, 'a> {
         Some((step, sink_path, places(raw, kind, &fields)))
     }
 
-    /// A field with each `Param` call replaced by its value, and the axes that the field reads.
+    /// Returns a field with each `Param` call replaced by its value, and the indices of the axes that the field
+    /// reads.
     pub(super) fn field(
         &self,
         raw: &RawField<'t>,
@@ -50,7 +51,8 @@ impl<'t, 'a> Check<'t, 'a> {
         Ok((Field { name: raw.name, text, span }, axes))
     }
 
-    /// Reads the parameters of a node after axis values were inserted. Returns the parameters and the output path.
+    /// Reads the parameters of a node from fields in which axis calls are already replaced by values. Returns the
+    /// parameters and the output path.
     pub fn step(
         &mut self,
         raw: &RawNode<'t>,
@@ -103,8 +105,8 @@ impl<'t, 'a> Check<'t, 'a> {
         Some((step, sink_path))
     }
 
-    /// Checks that a source file exists and is a file. If it is missing, `supplied` is the hint on where to
-    /// download it.
+    /// Checks that a source file exists and is not a folder, unless the kind reads folders. If the file is missing,
+    /// `supplied` is taken as a hint on where to download it.
     fn source(&mut self, kind: &KindEntry, field: &Field<'_>, path: String, supplied: &mut Option<&str>) {
         let file = self.root.file(&InputFile(path.clone()));
         let place = field.span.clone();
@@ -154,7 +156,8 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 }
 
-/// The places of the fields of a node. If a parameter is a single `Param` call, its place is that of the value.
+/// The places of the fields of a node. If a field is a single `Param` call, its place is the place of the
+/// parameter's value.
 pub(crate) fn places(raw: &RawNode<'_>, kind: &KindEntry, fields: &[Field<'_>]) -> FieldPlaces {
     let place = |name: &'static str| {
         let param = fields.iter().find(|field| field.name == name).map(|field| field.span.clone());

@@ -25,12 +25,12 @@ pub(crate) struct Check<'t, 'a> {
     pub ids: HashMap<&'a str, usize>,
     pub names: Vec<&'a str>,
     pub broken: HashSet<&'a str>,
-    /// The files that nodes name.
+    /// The source files that nodes name.
     pub files: Vec<PathBuf>,
     /// The axes of the graph.
     pub axes: Arc<[Axis<'t>]>,
     pub gathers: HashMap<usize, Gather>,
-    /// Number of wires so far that lead to missing nodes.
+    /// Number of wires to missing nodes found so far.
     pub missing_nodes: usize,
 }
 
@@ -69,7 +69,7 @@ impl<'t, 'a> Check<'t, 'a> {
         self.diagnostics.len()
     }
 
-    /// True if the graph has axes or gathers, so that a node of the file may become several nodes or none.
+    /// True if the graph has axes or gathers, so that a node of the file may become several nodes or no node.
     pub fn is_multiple(&self) -> bool {
         !self.axes.is_empty() || !self.gathers.is_empty()
     }
@@ -84,8 +84,8 @@ pub(crate) struct Field<'t> {
     pub span: Range<usize>,
 }
 
-/// Replaces the axis calls in the fields of a node by their values at a point. `at` returns, for each axis, the
-/// index of its value at that point.
+/// Replaces the axis calls in the fields of a node with their values at a point. `at` maps the index of an axis to
+/// the index of the value that this axis has at the point.
 pub(crate) fn at_each<'f>(
     fields: &'f [Field<'_>],
     axes: &[Axis<'_>],
@@ -98,17 +98,17 @@ pub(crate) fn at_each<'f>(
     fields.iter().map(here).collect()
 }
 
-/// A node of the file before it is expanded along axes, read at the first value of each axis.
+/// A node of the file before its expansion along axes. Its parameters are read at the first value of each axis.
 pub(crate) struct Template<'r, 't> {
     /// The node. Its wires refer to templates by index.
     pub node: Node,
     pub raw: &'r RawNode<'t>,
-    /// Fields of the node, before axis calls are replaced by values.
+    /// Fields of the node, in which axis calls are not yet replaced by values.
     pub fields: Vec<Field<'t>>,
-    /// The axes that the fields read.
+    /// Indices of the axes that the node's own fields read.
     pub own: Vec<usize>,
-    /// The axes that each wire to a `Gather` gathers. The key is the index of the input port and the position of
-    /// the wire in it.
+    /// For each wire to a `Gather`, the indices of the axes that it gathers. The key is the index of the input port
+    /// and the position of the wire in the port.
     pub gathers: BTreeMap<(usize, usize), Vec<usize>>,
 }
 
@@ -117,7 +117,7 @@ pub(crate) struct Gather {
     /// Index of the gathered node in the file.
     pub node: usize,
     pub output: Option<String>,
-    /// The gathered axes; the last one varies fastest.
+    /// Indices of the gathered axes. In the order of the wires, the last axis varies fastest.
     pub over: Vec<usize>,
 }
 

@@ -22,7 +22,7 @@ use crate::value::root::SourceRoot;
 /// Maximum total number of instances in a graph.
 const MOST_INSTANCES: usize = 1_000_000;
 
-/// The points of some axes. The last axis varies fastest.
+/// All combinations of the values of a set of axes. In the order of the points, the last axis varies fastest.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Grid {
     /// Pairs of axis index and number of values, in ascending order.
@@ -45,7 +45,7 @@ impl Grid {
         self.axes.iter().try_fold(1_usize, |product, (_, size)| product.checked_mul(*size))
     }
 
-    /// The point with this index, as pairs of axis index and value index.
+    /// The point with this index, as pairs of axis index and index of the value.
     fn point(&self, mut index: usize) -> Vec<(usize, usize)> {
         let mut point: Vec<(usize, usize)> = self.axes.clone();
         for (_, value) in point.iter_mut().rev() {
@@ -137,8 +137,8 @@ impl<'t> Check<'t, '_> {
         (self.mistakes() == before).then(|| Gather { node, output: output.map(str::to_owned), over })
     }
 
-    /// The instances of all nodes in the order of the file, or an empty list after a mistake. `order` is a
-    /// topological order of the templates.
+    /// The instances of all nodes, or an empty list after a mistake. The nodes are in the order of the file;
+    /// `order` is a topological order of the templates.
     pub fn instances(&mut self, templates: &[Option<Template<'_, 't>>], order: &[usize]) -> Vec<Node> {
         let before = self.mistakes();
         let grids = self.grids(templates, order);
@@ -178,7 +178,7 @@ impl<'t> Check<'t, '_> {
         if self.mistakes() > before { Vec::new() } else { nodes }
     }
 
-    /// The axes of each node: its own axes and the axes of its inputs, except the gathered axes.
+    /// For each node, the grid of its own axes and the axes of its inputs, except the axes that its wires gather.
     fn grids(&mut self, templates: &[Option<Template<'_, 't>>], order: &[usize]) -> Vec<Grid> {
         let mut grids: Vec<Grid> = vec![Grid::default(); templates.len()];
         for &index in order {
@@ -229,7 +229,7 @@ impl<'t> Check<'t, '_> {
         }
     }
 
-    /// Reports values that give equal file names.
+    /// Reports two values of an axis that give the same file name.
     fn file_names(&mut self, axis: &Axis<'_>, span: &Range<usize>) {
         let mut seen: BTreeMap<String, usize> = BTreeMap::new();
         for value in 0..axis.values.len() {
@@ -264,7 +264,8 @@ impl<'t> Check<'t, '_> {
     }
 }
 
-/// The wires of a node at a point: to the same point of each input, or to all points along gathered axes.
+/// The wires of a node at a point. Each wire of the template leads to the instance of its input at the same point
+/// or, if it gathers axes, to all instances along these axes.
 fn wires(
     template: &Template<'_, '_>,
     point: &[(usize, usize)],

@@ -39,7 +39,7 @@ struct Links {
     consumers: Lists,
 }
 
-/// Lists of indices in one allocation.
+/// Lists of indices, stored in one allocation.
 #[derive(Default)]
 pub(crate) struct Lists {
     ends: Vec<usize>,
@@ -57,7 +57,8 @@ impl Lists {
         &self.items[start..self.ends[index]]
     }
 
-    /// The reverse relation: for each of `count` items, the lists that contain it, in order.
+    /// The reverse relation. For each of `count` items, the result has a list of the indices of the lists that
+    /// contain it, in ascending order.
     fn reversed(&self, count: usize) -> Self {
         let mut ends = vec![0; count];
         self.items.iter().for_each(|&item| ends[item] += 1);
@@ -113,7 +114,7 @@ impl Graph {
         self.starts.partition_point(|start| *start < place)
     }
 
-    /// Changes the offsets of the nodes from `first` on.
+    /// Replaces the offset of each node from index `first` on with `moved(offset)`.
     pub(crate) fn move_starts(&mut self, first: usize, moved: &impl Fn(usize) -> usize) {
         self.starts[first..].iter_mut().for_each(|start| *start = moved(*start));
     }
@@ -150,7 +151,7 @@ impl Graph {
         if mistakes.is_empty() { Ok(()) } else { Err(Diagnostics::new(self.source.clone(), mistakes)) }
     }
 
-    /// All nodes in topological order.
+    /// All nodes in topological order: each node comes after the nodes that it reads.
     pub fn order(&self) -> &[usize] {
         &self.links.order
     }
@@ -174,7 +175,7 @@ impl Graph {
     }
 
     /// Checks that concern several nodes. Rejects invalid combinations of wires, and sinks that would write several
-    /// views to one path; the latter are found only if the number of views is known before the run.
+    /// views to one path. Such a sink is found only if its number of views is known before the run.
     pub(crate) fn check_between(&self) -> Vec<Diagnostic> {
         let mut mistakes = Vec::new();
         for (index, node) in self.nodes.iter().enumerate() {
@@ -242,7 +243,7 @@ impl Graph {
         files
     }
 
-    /// The files named by parameters, without further files that those files refer to.
+    /// The files named by parameters. Files that these files refer to are not included.
     pub(crate) fn named_files(&self) -> impl Iterator<Item = PathBuf> {
         let readers = self.nodes.iter().filter(|node| node.kind.reads_files);
         readers.flat_map(|node| node.named_files(&self.root))
@@ -298,12 +299,13 @@ impl Graph {
         if sinks.is_empty() { all.filter(|&n| self.consumers(n).is_empty()).collect() } else { sinks }
     }
 
-    /// Marks the nodes that a run with these targets needs. An empty list stands for [`targets`](Self::targets).
+    /// For each node, true if a run with the targets `only` needs it. An empty list stands for
+    /// [`targets`](Self::targets).
     pub(crate) fn wanted(&self, only: &[usize]) -> Vec<bool> {
         self.above(&if only.is_empty() { self.targets() } else { only.to_vec() })
     }
 
-    /// Marks the given nodes and all nodes above them.
+    /// For each node, true if it is one of the targets or above one.
     pub fn above(&self, targets: &[usize]) -> Vec<bool> {
         let mut wanted = vec![false; self.nodes.len()];
         for &target in targets {
@@ -325,7 +327,8 @@ fn segment((axis, value): &(String, String)) -> String {
     format!("/{axis}={}", value.trim_matches('"'))
 }
 
-/// True if `values`, such as `x=1/y=2`, is a subsequence of the axis values of a node; `x=1..3` matches a range.
+/// True if `values`, such as `x=1/y=2`, is a subsequence of the axis values of a node. In `values`, `x=1..3`
+/// matches every value in the range.
 fn stands_at(point: &[(String, String)], values: &str) -> bool {
     let mut left = values;
     for (axis, value) in point {
@@ -338,7 +341,7 @@ fn stands_at(point: &[(String, String)], values: &str) -> bool {
     false
 }
 
-/// Inserts `{view}`: `out/final.png` becomes `out/final_{view}.png`.
+/// Inserts `{view}` into an output path: `out/final.png` becomes `out/final_{view}.png`.
 fn with_view(path: &str) -> String {
     let name = path.rfind('/').map_or(0, |slash| slash + 1);
     let end = path[name..].rfind('.').map_or(path.len(), |dot| name + dot);

@@ -1,4 +1,4 @@
-//! The knobs of a graph, and presets, which set them together.
+//! The knobs of a graph, and the presets that set many knobs at once.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -29,11 +29,11 @@ pub struct GraphKnob {
     pub value: String,
     /// Names of the targets that depend on the knob.
     pub reaches: Vec<String>,
-    /// True if instances of the node have different values.
+    /// True if the knob has different values in different instances of the node.
     pub varies: bool,
 }
 
-/// The name that a node or an instance has in the file.
+/// The name in the file of the node `id`. If the node is an instance, its axis values are removed from `id`.
 fn name_in_file(id: &str, instance: bool) -> &str {
     if instance { id.split('/').next().unwrap_or(id) } else { id }
 }
@@ -82,8 +82,8 @@ impl Graph {
         knobs
     }
 
-    /// Marks the nodes whose results a target shows: the target and the nodes above it. [`Preview::looks`] inputs
-    /// are not followed.
+    /// For each node, true if the target shows its result. This holds for the target and for the nodes above it,
+    /// except those that are reached only through [`Preview::looks`] inputs.
     ///
     /// [`Preview::looks`]: crate::Preview::looks
     fn shown_by(&self, target: usize) -> Vec<bool> {
@@ -99,9 +99,10 @@ impl Graph {
         shown
     }
 
-    /// Parameters of nodes above the given targets whose values differ in another version of this graph, for
-    /// example under a preset. For each: the node, the parameter, and the canonical values in this graph and in the
-    /// other. Knobs that [`Graph::knobs`] lists and instances along axes are left out.
+    /// Compares the parameters of the nodes above the given targets with `other`, another version of this graph
+    /// (for example, this graph with a preset). For each parameter that differs: the node, the parameter, and its
+    /// canonical values in this graph and in `other`. Knobs that [`Graph::knobs`] lists and instances along axes
+    /// are left out.
     pub fn fields_otherwise(
         &self,
         other: &Self,
@@ -132,7 +133,7 @@ fn varies(field: &RawField<'_>) -> bool {
     ["Axis(", "Track("].iter().any(|call| field.text.contains(call))
 }
 
-/// Marks the nodes that affect results only through [`Preview::looks`] inputs.
+/// For each node, true if it affects results only through [`Preview::looks`] inputs.
 ///
 /// [`Preview::looks`]: crate::Preview::looks
 fn looked_at(document: &Document<'_>, registry: &Registry) -> Vec<bool> {

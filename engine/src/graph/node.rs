@@ -15,7 +15,7 @@ use crate::text::document::RawField;
 use crate::value::artifact::{Decoder, Encoder};
 use crate::value::root::{InputFile, SourceRoot};
 
-/// The start of a wire: an output of a node.
+/// The start of a wire: an output of another node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Wire {
     /// Index into [`Graph::nodes`](crate::Graph::nodes).
@@ -38,7 +38,8 @@ pub struct Node {
     pub inputs: Vec<Vec<Wire>>,
     /// The output path of a sink, with placeholders.
     pub sink_path: Option<String>,
-    /// The values of the axes that the node or its inputs read, in the order of the axes: `("yaw", "15.0")`.
+    /// The values of the axes that the node or its inputs read, such as `("yaw", "15.0")`, in the order of the
+    /// axes.
     pub point: Point,
     /// Place in the text that the node was parsed from. [`Graph::place`](crate::Graph) returns the current place.
     pub(crate) span: Range<usize>,
@@ -63,7 +64,7 @@ impl Node {
         field.and_then(|name| self.field_place(name)).unwrap_or(self.span.clone())
     }
 
-    /// The place of a field, if it is written.
+    /// The place of a field; `None` if the node does not set the field.
     pub(crate) fn field_place(&self, field: &str) -> Option<Range<usize>> {
         self.places.iter().find(|(name, _)| *name == field).map(|(_, place)| place.clone())
     }
@@ -88,7 +89,7 @@ impl Node {
         read(self.kind.name, &values, |fields| (self.kind.read)(fields)).filter(|step| step.check().is_ok())
     }
 
-    /// The source files that parameters name.
+    /// The source files that the node's parameters name.
     pub(crate) fn named_files(&self, root: &SourceRoot) -> Vec<PathBuf> {
         let mut files = Vec::new();
         let is_file = |name| self.kind.params.iter().any(|p| p.name == name && p.role == Role::Input);
@@ -104,7 +105,7 @@ impl Node {
 }
 
 impl Node {
-    /// Visits the index and canonical text of each parameter.
+    /// Calls `visit` with the index and the canonical text of each parameter.
     pub(crate) fn visit_texts(&self, mut visit: impl FnMut(usize, &str)) {
         let mut params = self.kind.params.iter().enumerate();
         self.step.visit(&mut |_, value| {

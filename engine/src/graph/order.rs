@@ -11,7 +11,7 @@ use petgraph::graph::{DiGraph, NodeIndex};
 use crate::text::diag::{Code, Diagnostic};
 use crate::text::document::RawNode;
 
-/// For each node, the nodes that it reads, with the place of the wire.
+/// For each node, the nodes that it reads, each with the place of the wire in the text.
 pub(crate) type Wiring = Vec<Vec<(usize, Range<usize>)>>;
 
 /// A topological order, or the cycles.

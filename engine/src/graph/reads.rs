@@ -42,7 +42,8 @@ fn places_of(path: &Path, folders: &mut HashMap<PathBuf, PathBuf>) -> impl Itera
     [Some(place), end].into_iter().flatten()
 }
 
-/// Resolves the links in the existing part of the path of a folder that does not exist.
+/// Resolves the links in the path of a folder that may not exist. Parts of the path that do not exist are kept as
+/// they are.
 fn in_steps(folder: &Path) -> PathBuf {
     let mut at = PathBuf::new();
     for part in std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned()).components() {
@@ -57,9 +58,9 @@ fn in_steps(folder: &Path) -> PathBuf {
 }
 
 impl Graph {
-    /// Rejects sinks that would overwrite one of `texts`, which are the files of the graph itself, or a file that a
-    /// parameter names. `only` contains the targets of the run. Other conflicts, such as with a file that a source
-    /// file refers to, are found during the run.
+    /// Rejects sinks that would overwrite a file of the graph itself (one of `texts`) or a file that a parameter
+    /// names. `only` contains the targets of the run. Other conflicts, such as with a file that a source file
+    /// refers to, are found during the run.
     ///
     /// # Errors
     /// All such sinks.
@@ -87,7 +88,7 @@ impl Graph {
 
 /// The message for a sink that would overwrite `path`.
 pub(crate) fn over_text(path: &Path) -> String {
-    format!("would write over {}, which the graph reads", path.display())
+    format!("would overwrite {}, which the graph reads", path.display())
 }
 
 /// The hint for a sink that would overwrite a file of the graph.

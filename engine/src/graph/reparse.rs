@@ -2,8 +2,9 @@
 //!
 //! The edit may change parameters of one node, or comments and white space between nodes. For any other edit, and
 //! for any mistake, the caller uses [`Graph::parse`](crate::Graph::parse), which gives the same graph. The scanner
-//! reads forwards, and nothing that ends in `)` depends on the text after it. So if the text of a node is still one
-//! node, or the text between nodes differs only in comments and white space, the rest of the file is unaffected.
+//! reads forwards, and the extent of a value that ends in `)` does not depend on the text after it. So if the text
+//! of a node is still one node, or the text between nodes differs only in comments and white space, the rest of the
+//! file is unaffected.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -18,8 +19,8 @@ use crate::text::source::Source;
 use crate::text::syntax::parse_node;
 
 impl Graph {
-    /// The graph of an edited text; `None` if the whole text must be parsed. `registry` is called only if a node
-    /// changed.
+    /// The graph of the edited text `text`; `None` if the whole text must be parsed. `registry` is called only if a
+    /// node changed.
     pub fn reparse(self: &Arc<Self>, text: String, registry: impl Fn() -> Registry) -> Option<Arc<Self>> {
         if !self.plain || *self.source.text == *text {
             return self.plain.then(|| self.clone());
@@ -102,7 +103,7 @@ fn is_field(kind: &KindEntry, name: &str) -> bool {
     kind.params.iter().any(|param| param.name == name) || kind.inputs.iter().any(|port| port.name == name)
 }
 
-/// Returns the ranges in which two texts differ; the text around them is equal.
+/// Returns the range of `old` and the range of `new` outside which the two texts are equal.
 fn difference(old: &str, new: &str) -> (Range<usize>, Range<usize>) {
     const AT_ONCE: usize = 64;
     let (a, b) = (old.as_bytes(), new.as_bytes());

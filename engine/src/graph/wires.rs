@@ -1,4 +1,4 @@
-//! Resolves the names in an input to outputs of nodes.
+//! Resolves the names in the inputs of nodes to outputs of other nodes.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -15,7 +15,8 @@ use crate::text::scan::Scanner;
 use crate::text::subgraph::value_of;
 use crate::text::values::{form_of, parse_value};
 
-/// Maximum number of wires to missing nodes for which a similar name is suggested.
+/// Maximum number of wires to missing nodes for which a similar name is suggested. Further such wires are reported
+/// without a suggestion.
 const MOST_SUGGESTIONS: usize = 20;
 /// Maximum number of wires of an input.
 const MOST_WIRES: usize = 1_000_000;
@@ -35,7 +36,8 @@ pub(crate) struct End<'n> {
 }
 
 impl<'t, 'a> Check<'t, 'a> {
-    /// Resolves the wires of one input of a node. Adds the nodes to `reads`, and gathered axes to `gathers`.
+    /// Resolves the wires of one input of a node. Adds the nodes that the wires come from to `reads`, and the axes
+    /// that each wire gathers to `gathers`.
     pub fn wires(
         &mut self,
         raw: &RawNode<'t>,
@@ -217,12 +219,13 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 }
 
-/// Maximum number of kinds proposed to convert a type; with more candidates, none is proposed.
+/// Maximum number of kinds to propose for the conversion of a type. If more kinds are suitable, none is proposed.
 const MOST_MAKERS: usize = 2;
 
 impl Check<'_, '_> {
-    /// Kinds that could convert `given` to `wanted`: their first output is of type `wanted`, and they take `given`
-    /// but not `wanted`. Each is written as a call with its first required input.
+    /// Names the kinds that could convert `given` to `wanted`: their first output is of type `wanted`, and they
+    /// have an input of type `given` but none of type `wanted`. Each is written as a call with its first required
+    /// input.
     fn makers(&self, given: &str, wanted: &str) -> Option<String> {
         let takes = |kind: &KindEntry, name: &str| kind.inputs.iter().any(|port| port.artifact.name == name);
         let makes = |kind: &&Arc<KindEntry>| {

@@ -79,13 +79,13 @@ pub struct Context {
     pub(crate) counts: Mutex<BTreeMap<&'static str, u64>>,
     /// CPU time of the node in nanoseconds, on all threads.
     pub(crate) cpu: AtomicU64,
-    /// Time and counts of parts that came from the cache.
+    /// Time and counts of the parts that were taken from the cache.
     pub(crate) known: Mutex<Effort>,
 }
 
 impl Context {
     /// A context that belongs to no run, for tests and benchmarks of kinds. It has no cache and no cancellation,
-    /// and every field can be read. Tiles run on the rayon pool of the caller.
+    /// and all fields can be read. Tiles run on the rayon pool of the caller.
     pub fn detached(scene: Scene, folder: impl Into<PathBuf>) -> Self {
         Self {
             scene,
@@ -143,8 +143,8 @@ impl Context {
         self.recipe.as_deref()
     }
 
-    /// For each wire of an input, the name of the output that it comes from: `["colour", "depth"]`. The kind must
-    /// declare [`ContextField::Wired`]. Empty in a detached context.
+    /// For each wire of an input, the name of the output that the wire comes from: `["colour", "depth"]`. The kind
+    /// must declare [`ContextField::Wired`]. Empty in a detached context.
     pub fn wired(&self, input: &str) -> &[&'static str] {
         self.declared(ContextField::Wired);
         self.wired.of(input)
@@ -322,9 +322,9 @@ impl Context {
         self.root.file(file)
     }
 
-    /// Returns an error, with the hint to run again, if these files differ from the files that `sources` listed.
-    /// For kinds that list a folder in `sources` and again in `run`. In a detached context every file is accepted,
-    /// since no list exists.
+    /// Returns an error that advises to run again if these files differ from the files that `sources` listed. For
+    /// kinds that list a folder in `sources` and again in `run`. In a detached context any files are accepted,
+    /// since there is no earlier list.
     pub fn check_listed(&self, files: &[SourceFile]) -> Result<(), NodeError> {
         if self.parts.is_none() && self.sources.is_empty() {
             return Ok(());

@@ -15,8 +15,8 @@ pub struct Cost {
 }
 
 impl Cost {
-    /// The sum of count times bytes over all items. It saturates: if it wrapped around, a node that needs too much
-    /// memory would appear to need little.
+    /// The memory for `items`, given as pairs of count and bytes per item. The sum saturates: if it wrapped around,
+    /// a node that needs too much memory would appear to need little.
     pub fn of(items: impl IntoIterator<Item = (u64, u64)>) -> Self {
         let add = |sum: u64, (count, each): (u64, u64)| sum.saturating_add(count.saturating_mul(each));
         Self { bytes: items.into_iter().fold(0, add) }
@@ -43,7 +43,7 @@ impl Sizes {
     }
 }
 
-/// Storage policy for the outputs of a kind.
+/// Policy for storing the outputs of a kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Keep {
     /// Outputs are stored.
@@ -53,20 +53,20 @@ pub enum Keep {
     Cheap,
 }
 
-/// The replacement for parameters of a former version of a kind.
+/// Parameters that only former versions of a kind had, and what replaces them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Former {
-    /// The former parameters. They are reported as one mistake.
+    /// The former parameters. If a node has several of them, they are reported as one mistake.
     pub fields: &'static [&'static str],
     /// The last version of the kind that had these parameters.
     pub last: u32,
-    /// The remedy, as in ``write `surroundings: Open` ``.
+    /// Advice for the user, such as ``write `surroundings: Open` ``.
     pub instead: String,
 }
 
 impl Former {
-    /// The replacement for parameters that forced work without an effect on the output. The option `--exhaustive`
-    /// now forces such work in a whole run.
+    /// Names, for the user, what replaces removed parameters that forced optional work, which never changes the
+    /// output: the option `--exhaustive`, which forces all such work in a run.
     pub fn exhaustive(fields: &'static [&'static str], last: u32) -> Self {
         let instead = "remove it; `--exhaustive` forces all such work in a run".to_owned();
         Self { fields, last, instead }
@@ -80,28 +80,28 @@ pub enum ViewCount {
     Unknown,
     /// Fixed number of views.
     Known(usize),
-    /// Same as the number of views of the first of these inputs that is connected and whose number is known.
+    /// As many views as the first of these inputs that is connected and whose number of views is known.
     As(&'static [&'static str]),
 }
 
 /// Ways to reduce the work of a kind, for previews in `watch`, for presets and for forecasts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Preview {
-    /// A parameter (such as `samples`) whose work is cached in chunks: raising it computes only the added chunks,
-    /// and forecasts count only these.
+    /// A parameter (such as `samples`) whose work is cached in chunks. If it is raised, only the added chunks are
+    /// computed, and forecasts count only these.
     pub refines: Option<&'static str>,
-    /// A parameter whose value n makes a node compute one pixel per block of n by n pixels; 1 means every pixel. It
-    /// is used for the first preview.
+    /// A parameter that reduces the resolution: if its value is n, the node computes one pixel in each block of n
+    /// by n pixels. It is raised above 1 for the first preview.
     pub coarse: Option<&'static str>,
-    /// Parameters that previews reduce, each with its value for previews. A whole number is an upper limit; any
-    /// other value replaces the parameter's value.
+    /// Parameters that previews reduce, each with its value for previews. If this value is a whole number, it is an
+    /// upper limit; otherwise it replaces the parameter's value.
     pub rough: &'static [(&'static str, &'static str)],
     /// Inputs used only to choose a resolution; presets do not raise knobs that affect only such inputs.
     pub looks: &'static [&'static str],
 }
 
 impl Preview {
-    /// No work can be reduced.
+    /// The preview of a kind whose work cannot be reduced.
     pub const NONE: Self = Self { refines: None, coarse: None, rough: &[], looks: &[] };
 }
 
@@ -109,7 +109,7 @@ impl Preview {
 pub trait Kind: 'static {
     /// Kebab-case name: `splat-render` is written `SplatRender` in graph files.
     const NAME: &'static str;
-    /// Version of the code; raised whenever outputs change for the same inputs.
+    /// Version of the code. It is raised whenever outputs change for the same inputs.
     const VERSION: u32;
     /// The context fields that `run` reads; only these enter the key.
     const READS: &'static [ContextField] = &[];
@@ -117,10 +117,11 @@ pub trait Kind: 'static {
     const STORE: Keep = Keep::Always;
     /// True if source paths may be folders.
     const FOLDERS: bool = false;
-    /// Hint on where to download required files; shown when one is missing.
+    /// Hint on where to download the source files, for kinds that need files from elsewhere. It is shown if a file
+    /// is missing.
     const SUPPLIED: Option<&'static str> = None;
-    /// Profile of the arithmetic: `portable`, or the name of a library whose results may differ slightly between
-    /// machines.
+    /// Profile of the arithmetic: `portable` if results are equal on all machines, or else the name of a library
+    /// whose results may differ slightly between machines.
     const PROFILE: &'static str = "portable";
 
     /// Compiled-in data that may change without a new version, such as weights. Its digest enters the key.
@@ -150,8 +151,8 @@ pub trait Kind: 'static {
         Cost { bytes: files.iter().fold(0, |sum, file| sum.saturating_add(file.bytes)) }
     }
 
-    /// Work of a run in arbitrary units proportional to its time. Seconds per unit are learnt from earlier runs of
-    /// the kind, so that forecasts take sample counts and sizes into account.
+    /// Amount of work in a run, in arbitrary units proportional to its time. The seconds per unit are learnt from
+    /// earlier runs of the kind, so that forecasts take sample counts and sizes into account.
     fn work(_params: &Self::Params, sizes: &Sizes) -> f64 {
         sizes.total()
     }
@@ -161,8 +162,8 @@ pub trait Kind: 'static {
         Ok(Vec::new())
     }
 
-    /// The replacement for the field `name`, if a former version of the kind had it. `fields` are the names and
-    /// texts of all fields of the node.
+    /// What replaces the field `name`, if a former version of the kind had a parameter of this name. `fields`
+    /// contains the names and texts of all fields of the node.
     fn former(_name: &str, _fields: &[(&str, &str)]) -> Option<Former> {
         None
     }

@@ -6,7 +6,7 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum KnobKind {
-    /// Number of random samples: the error is noise and falls with the square root of the work.
+    /// Number of random samples. The error is noise, which falls with the square root of the work.
     Samples,
     /// Resolution of an intermediate image, not of the final picture.
     Resolution,
@@ -37,7 +37,7 @@ impl KnobKind {
     }
 }
 
-/// Declaration of a parameter as a knob. Each step of its ladder is at least as exact as the step before.
+/// Declaration that a parameter is a knob. Each step of its ladder is at least as exact as the step before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Knob {
     /// Type of the knob.
@@ -47,8 +47,9 @@ pub struct Knob {
 }
 
 impl Knob {
-    /// The values to try, from the least work to the smallest error. These are the steps of the ladder; between two
-    /// steps that are whole numbers, the lower number is also doubled repeatedly.
+    /// The values to try, from the least work to the smallest error. These are the distinct steps of the ladder.
+    /// Between a step a and the next step b, if both are positive integers, the values 2a, 4a, 8a and so on below b
+    /// are also tried.
     pub fn values(&self) -> Vec<String> {
         let mut values: Vec<String> = Vec::new();
         for level in self.ladder.iter().filter(|level| !level.is_empty()) {

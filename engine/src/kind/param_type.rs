@@ -17,11 +17,11 @@ pub trait ParamType:
     }
     /// The role of the parameter.
     const ROLE: Role = Role::Value;
-    /// True if every number in the value lies in the closed range.
+    /// True if every number in the value lies between `low` and `high`, both inclusive.
     fn within(&self, _low: f64, _high: f64) -> bool {
         true
     }
-    /// The text that enters the key; `None` if the digest of a file enters the key instead.
+    /// The text that enters the key; `None` if the key contains the digest of a file instead.
     fn key_text(&self) -> Result<Option<String>, NotCanonical> {
         canonical(self).map(Some)
     }
@@ -42,7 +42,7 @@ pub enum Role {
     Output,
 }
 
-/// A number that cannot be part of a key.
+/// Error for a number that is not finite and therefore cannot be part of a key.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is not a finite number")]
 pub struct NotCanonical(pub String);

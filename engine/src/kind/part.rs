@@ -11,7 +11,7 @@ use crate::value::error::NodeError;
 pub struct Part<'a> {
     /// Name in events, such as `r0`.
     pub name: &'a str,
-    /// Version of the part's code; raised whenever its output changes.
+    /// Version of the part's code. It is raised whenever the value of the part changes.
     pub version: u32,
     /// The input ports whose content the part depends on.
     pub inputs: &'a [&'static str],
@@ -21,12 +21,13 @@ pub struct Part<'a> {
 pub(crate) trait PartStore: Send + Sync {
     /// The stored bytes of a part, and the time and counts of its computation.
     fn load(&self, part: Part<'_>, extra: &str) -> Option<(Vec<u8>, Effort)>;
-    /// Acquires the lease of a part, or returns an error that makes the engine try the node again once the lease is
-    /// free. Never waits, since a caller on the same thread may hold the lease.
+    /// Acquires the lease of a part. If the lease is held by another node or process, returns an error that makes
+    /// the engine try the node again once the lease is free. Never waits, since a caller on the same thread may
+    /// hold the lease.
     fn claim(&self, part: Part<'_>, extra: &str) -> Result<Option<Lease>, NodeError>;
     fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], spent: Effort) -> Result<(), NodeError>;
-    /// Returns a part that is still in memory.
+    /// Returns the value of a part if it is still in memory.
     fn recall(&self, part: Part<'_>, extra: &str) -> Option<AnyArtifact>;
-    /// Keeps a part of the given size in memory.
+    /// Keeps the value of a part in memory. `bytes` is its size.
     fn keep(&self, part: Part<'_>, extra: &str, value: AnyArtifact, bytes: u64);
 }

@@ -45,7 +45,8 @@ pub trait InPort: Sized {
     const ARITY: Arity;
     /// Type of the values.
     fn artifact() -> ArtifactType;
-    /// Converts the values of the wires. The check of the graph has verified their number and types.
+    /// Converts the values of the wires to the type of the field. Their number and types must have been checked, as
+    /// the graph check does.
     fn take(values: Vec<AnyArtifact>) -> Self;
 }
 

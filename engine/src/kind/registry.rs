@@ -15,7 +15,7 @@ use crate::value::note::Notes;
 use crate::value::root::{FileHead, SourceFile, SourceRoot};
 
 /// The parameters and code of a kind whose type is known only at run time. Every method turns a panic in the code
-/// of the kind into an error, so that callers need not catch it.
+/// of the kind into an error, so that callers need not catch panics.
 pub(crate) trait Step: Send + Sync {
     fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
     fn check(&self) -> Result<(), NodeError>;

@@ -12,10 +12,10 @@ use std::time::{Duration, Instant};
 
 use crate::value::error::NodeError;
 
-/// Time after which a helper looks for other work.
+/// Time after which a helper ends its turn, so that its thread can do other work.
 const TURN: Duration = Duration::from_millis(1);
 
-/// The number of threads that may compute at once, and the threads that help with tiles.
+/// The limit on the number of threads that compute at once, and the threads that help with tiles.
 pub(crate) struct Threads {
     limit: usize,
     busy: AtomicUsize,
@@ -32,12 +32,14 @@ impl Drop for Busy<'_> {
 }
 
 impl Threads {
-    /// A set of threads of which at most `limit` compute at once. More may do so for the time of one tile.
+    /// A set of threads of which at most `limit` compute at once. This number may be exceeded for the time of one
+    /// tile.
     pub fn new(limit: usize) -> Self {
         Self { limit: limit.max(1), busy: AtomicUsize::new(0), helpers: OnceLock::new() }
     }
 
-    /// Runs code at once, and counts the thread as busy so that a helper stops after its current tile.
+    /// Runs code at once, even if the limit is reached. Meanwhile the calling thread counts as busy, so that a
+    /// helper stops after its current tile.
     pub fn occupied<T>(&self, code: impl FnOnce() -> T) -> T {
         self.busy.fetch_add(1, Ordering::Relaxed);
         let _busy = Busy(&self.busy);
@@ -48,13 +50,13 @@ impl Threads {
         self.busy.load(Ordering::Relaxed) < self.limit
     }
 
-    /// Counts the calling thread as busy, unless the limit is reached.
+    /// Counts the calling thread as busy until the result is dropped. `None` if the limit is reached.
     fn join(&self) -> Option<Busy<'_>> {
         let free = |busy| (busy < self.limit).then_some(busy + 1);
         self.busy.fetch_update(Ordering::Relaxed, Ordering::Relaxed, free).ok().map(|_| Busy(&self.busy))
     }
 
-    /// The helpers; `None` if the limit is one thread.
+    /// The pool of helpers; `None` if the limit is one thread, so that there are no helpers.
     fn helpers(&self) -> Result<Option<&rayon::ThreadPool>, NodeError> {
         if self.limit == 1 {
             return Ok(None);
@@ -127,7 +129,7 @@ impl<'t> Tiles<'t> {
         }
     }
 
-    /// Starts another helper if a thread is free.
+    /// Starts another helper if fewer threads are busy than permitted.
     fn call_helper<'s>(&'s self, scope: &rayon::Scope<'s>) {
         let wanted = |helping| (helping < self.most).then_some(helping + 1);
         if self.next.load(Ordering::Relaxed) < self.count

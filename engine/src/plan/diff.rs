@@ -94,25 +94,26 @@ pub(crate) fn changes(old: Vec<(String, String)>, new: Vec<(String, String)>) ->
 pub struct ResultDifference {
     /// Name of the node.
     pub id: String,
-    /// Names of the outputs that differ, with the difference between their values if both are stored.
+    /// Names of the outputs that differ. For each, the difference between the two values if both are stored.
     pub outputs: Vec<(String, Option<Difference>)>,
-    /// True if none of its inputs differ, so that the difference originates in this node.
+    /// True if no input of the node differs, so that the difference originates in the node itself.
     pub first: bool,
 }
 
-/// Comparison of the results of two graphs. Nodes with the same name and kind are compared, in topological order.
+/// Comparison of the results of two graphs. Nodes that have the same name and kind in both graphs are compared, in
+/// topological order.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ResultDifferences {
-    /// Number of nodes with results in both graphs.
+    /// Number of nodes that have a result in both graphs.
     pub compared: usize,
     /// Nodes whose results differ.
     pub unequal: Vec<ResultDifference>,
-    /// Names of the nodes without a result: in the first graph, and in the second graph.
+    /// Names of the nodes that have no result in the first graph, and of those that have none in the second graph.
     pub unknown: [Vec<String>; 2],
 }
 
 /// Compares the stored results of two graphs, each in the store of its engine. `of_files` describes the difference
-/// between files of sinks, which the engine treats as bytes.
+/// between two outputs of sinks, since the engine itself can only compare their bytes.
 pub fn result_differences(
     a: (&Engine, &Graph),
     b: (&Engine, &Graph),

@@ -22,9 +22,10 @@ pub struct Lock {
     pub format: u32,
     /// Version and numeric profile of each kind in the graph.
     pub kinds: BTreeMap<String, (u32, String)>,
-    /// Digest of each source file, by its name in the graph.
+    /// Digest of each source file. The key is the name of the file in the graph.
     pub inputs: BTreeMap<String, String>,
-    /// Digests of the outputs of each node with a result, by node and output.
+    /// Digests of outputs, for each node that has a result. The keys are the name of the node and the name of the
+    /// output.
     pub results: BTreeMap<String, BTreeMap<String, String>>,
 }
 
@@ -39,12 +40,12 @@ pub enum LockError {
         /// Reason for the error.
         why: String,
     },
-    /// The lock has another format.
+    /// The format of the lock is not the format that this version of lightharmony reads.
     #[error("{name}: the lock has format {format}, but this version of lightharmony reads format {FORMAT}")]
     Format {
         /// Name of the file.
         name: String,
-        /// Format of the lock.
+        /// Format number in the lock.
         format: u32,
     },
 }
@@ -52,9 +53,9 @@ pub enum LockError {
 /// Differences between a lock and the current state, one line each.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct LockDifferences {
-    /// Differences in kinds and inputs, which mean that a new run would give different results.
+    /// Differences in kinds and inputs. Because of these, a new run may give other results than those in the lock.
     pub before: Vec<String>,
-    /// Differences in results, which mean that the earlier runs gave different results.
+    /// Differences between the results in the lock and the current results.
     pub results: Vec<String>,
 }
 
@@ -112,8 +113,8 @@ impl Lock {
         if lock.format == FORMAT { Ok(lock) } else { Err(LockError::Format { name, format: lock.format }) }
     }
 
-    /// Lists the differences between this lock and `now`, the current one. A result is compared only if both locks
-    /// have it.
+    /// Lists the differences between this lock and `now`, a lock of the current state. Only results that both locks
+    /// contain are compared.
     pub fn differences(&self, now: &Lock) -> LockDifferences {
         let short = |digest: &str| digest.chars().take(12).collect::<String>();
         let mut found = LockDifferences::default();
@@ -121,7 +122,7 @@ impl Lock {
             match self.kinds.get(kind) {
                 None => found.before.push(format!("the lock has no kind `{kind}`")),
                 Some(known) if *known != (*version, profile.clone()) => found.before.push(format!(
-                    "`{kind}` is version {version} ({profile}), but the lock has {} ({})",
+                    "`{kind}` is version {version} ({profile}), but the lock has version {} ({})",
                     known.0, known.1
                 )),
                 _ => {}
@@ -131,7 +132,7 @@ impl Lock {
             match self.inputs.get(name) {
                 None => found.before.push(format!("the lock has no input `{name}`")),
                 Some(known) if known != digest => found.before.push(format!(
-                    "`{name}` has the digest {}, but the lock has {}",
+                    "`{name}` has the digest {}, but the lock has the digest {}",
                     short(digest),
                     short(known)
                 )),
@@ -144,7 +145,7 @@ impl Lock {
                 if let Some(known) = known.get(port).filter(|known| *known != digest) {
                     let (now, then) = (short(digest), short(known));
                     found.results.push(format!(
-                        "the result of `{node}.{port}` has the digest {now}, but the lock has {then}"
+                        "the result of `{node}.{port}` has the digest {now}, but the lock has the digest {then}"
                     ));
                 }
             }

@@ -30,22 +30,22 @@ pub enum Fate {
     Unwanted,
     /// The result is in the cache.
     Known,
-    /// The record is in the cache but the values are gone. The code runs again if a reader needs them.
+    /// The record is in the cache but the values are gone. The code runs again if another node needs the values.
     Lost,
     /// The code would run, for this reason.
     Runs(Why),
-    /// The node depends on the result of another node that would run. The name is that of the other node.
+    /// The node depends on the result of the node with this name, which would run.
     Follows(String),
     /// The source files of the node cannot be read.
     Fails(String),
 }
 
-/// The reason for which a node would run.
+/// The reason why a node would run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Why {
-    /// No node of this name ran in this graph file, or its record is gone.
+    /// There is no record of an earlier run of a node with this name in this graph file.
     New,
-    /// The key differs from that of the last run; the changes are listed.
+    /// The key of the node differs from its key in the last run. The list contains the differences.
     Changed(Vec<Change>),
 }
 
@@ -59,7 +59,7 @@ pub struct Planned {
     /// Planned treatment of the node.
     pub fate: Fate,
     /// Forecast of the node's time in seconds, from earlier runs of its kind. `None` if there were no such runs or
-    /// if the node would not run. With cached parts, the node takes less time than forecast.
+    /// if the node would not run. Cached parts are not considered, so with them the node takes less time.
     pub forecast: Option<f64>,
     /// The manifest of its key, if the key is known.
     pub manifest: Option<Manifest>,
@@ -138,7 +138,7 @@ impl Engine {
         planned.into_iter().flatten().collect()
     }
 
-    /// The history of a planned node.
+    /// The history of a node with the plan `planned`.
     pub fn past(&self, graph: &Graph, node: usize, planned: &Planned) -> Past {
         let (store, node) = (self.store(), &graph.nodes[node]);
         let spent = last_run(store, graph, node).map(|(spent, _)| spent);
@@ -150,8 +150,8 @@ impl Engine {
         Past { spent, changes: planned.manifest.as_ref().and_then(change).unwrap_or_default() }
     }
 
-    /// Time, memory and counts that a node's code takes without a cache, from the last run of the node with this
-    /// name in this graph file.
+    /// Time, memory and counts of work that the code of a node would take without a cache. They come from the last
+    /// run of the node with this name in this graph file.
     pub fn spent(&self, graph: &Graph, node: usize) -> Option<Spent> {
         last_outputs(self.store(), graph, &graph.nodes[node]).map(|record| record.spent)
     }
@@ -167,7 +167,8 @@ impl Engine {
 pub(crate) struct Outlook<'a> {
     engine: &'a Engine,
     graph: &'a Graph,
-    /// Records of nodes whose outputs are known by digest, from the store or by running instant nodes.
+    /// Records of the nodes whose output digests are known. A record comes from the store, or from running an
+    /// instant node.
     pub records: Vec<Option<Record>>,
     pub actions: Vec<Action>,
     /// Values of instant nodes that the plan ran.
@@ -230,7 +231,8 @@ impl<'a> Outlook<'a> {
         Planned { id: node.id.clone(), kind: node.kind.name, fate, forecast, manifest }
     }
 
-    /// The work of a node, from the sizes of its inputs now or in the last run.
+    /// The work of a node, computed from the sizes of its inputs. If the current size of an input is unknown, its
+    /// size in the last run is used.
     fn work(&self, index: usize) -> Option<f64> {
         let node = &self.graph.nodes[index];
         let reads = self.graph.reads(index).iter();
@@ -314,8 +316,8 @@ impl<'a> Outlook<'a> {
     }
 }
 
-/// Fraction of a node's work that is new, from 0 to 1. It is less than 1 only if no parameter except `refines`
-/// changed.
+/// Fraction of a node's work that is new, from 0 to 1. It can be less than 1 only if the value of `refines` is the
+/// only change.
 fn new_share(fate: &Fate, refines: Option<&str>) -> f64 {
     let Fate::Runs(Why::Changed(changes)) = fate else { return 1.0 };
     let ([Change { path, old: Some(old), new: Some(new) }], Some(refines)) = (changes.as_slice(), refines)
@@ -328,12 +330,12 @@ fn new_share(fate: &Fate, refines: Option<&str>) -> f64 {
     }
 }
 
-/// The changes between two manifests in the notation of graph files.
+/// The differences between two manifests, in the notation of graph files.
 fn written(old: &Manifest, new: &Manifest) -> Vec<Change> {
     Manifest::difference(old, new).into_iter().map(as_written).collect()
 }
 
-/// Removes the outer quotes of parameters, which keys contain as RON strings.
+/// Removes the outer quotes from string parameters. Manifests contain them as RON strings.
 fn as_written(change: Change) -> Change {
     let plain = |value: String| parse_value::<String>(&value).unwrap_or(value);
     Change { path: change.path, old: change.old.map(plain), new: change.new.map(plain) }

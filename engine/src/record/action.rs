@@ -50,7 +50,8 @@ pub(crate) fn digest_sources(
     files.into_iter().map(|file| digest_source(store, node, file)).collect()
 }
 
-/// Digests of source files without reading them; `None` unless the store remembers all of them.
+/// Returns the remembered digests of source files, without reading the files. `None` unless the store remembers the
+/// digests of all of them.
 pub(crate) fn known_sources(files: &[SourceFile], store: &Store) -> Option<Vec<ReadSource>> {
     let known = |file: &SourceFile| {
         let (digest, bytes) = store.known_digest(&file.path)?;
@@ -59,8 +60,8 @@ pub(crate) fn known_sources(files: &[SourceFile], store: &Store) -> Option<Vec<R
     files.iter().map(known).collect()
 }
 
-/// Makes the key of a node, using `memory` as a buffer. `output` returns the output at the start of a wire,
-/// `sources_above` the source files of a node above.
+/// Makes the key of a node, using `memory` as a buffer. `output` returns the output from which a wire comes, and
+/// `sources_above` returns the source files of a node above.
 pub(crate) fn prepare<'s>(
     graph: &Graph,
     index: usize,
@@ -109,7 +110,7 @@ pub(crate) fn history_name(source: &Source, root: &SourceRoot) -> String {
     format!("last key\n{}\n{file}\n", root.folder().display())
 }
 
-/// The sizes of the inputs of a node. `output` returns the output at the start of a wire.
+/// The sizes of the inputs of a node. `output` returns the output from which a wire comes.
 pub(crate) fn sizes<'s>(node: &Node, sources: &[ReadSource], output: impl Fn(Wire) -> &'s Output) -> Sizes {
     let ports = node.kind.inputs.iter().zip(&node.inputs);
     let size = |wires: &[Wire]| wires.iter().fold(0, |sum: u64, wire| sum.saturating_add(output(*wire).size));
@@ -119,7 +120,7 @@ pub(crate) fn sizes<'s>(node: &Node, sources: &[ReadSource], output: impl Fn(Wir
     }
 }
 
-/// The last two keys of the node with this name in the graph file with this name, newest first.
+/// The last two keys of the node that has this name in the graph file with this name, newest first.
 fn keys_of(store: &Store, graph: &Graph, node: &Node) -> Vec<Digest> {
     let bytes = store.history_get(&history_of(graph), &node.id).unwrap_or_default();
     bytes.as_chunks::<32>().0.iter().map(|key| Digest::from_bytes(*key)).collect()

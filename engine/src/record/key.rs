@@ -10,12 +10,12 @@ use crate::graph::node::Wire;
 use crate::kind::context::{ContextField, ReadSource};
 use crate::record::record::Output;
 
-/// Part of every key; changed when the encoding of keys or records changes.
+/// Text that is part of every key. It is changed when the encoding of keys or records changes.
 pub(crate) const FORMAT: &str = "lightharmony action 1";
 const PART_FORMAT: &str = "lightharmony part 1";
 
-/// The key of a node with known inputs, using `memory` as a buffer. `output` returns the output at the start of a
-/// wire.
+/// The key of a node with known inputs, using `memory` as a buffer. `output` returns the output from which a wire
+/// comes.
 pub(crate) fn node_key<'s>(
     graph: &Graph,
     index: usize,

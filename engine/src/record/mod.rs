@@ -1,4 +1,4 @@
-//! Identity and stored form of results: keys, records, recipes, timings.
+//! Keys, records, recipes and timings: the identity of results, and the form in which they are stored.
 
 pub(crate) mod action;
 pub(crate) mod key;

@@ -11,14 +11,14 @@ use crate::kind::registry::KindEntry;
 const HISTORY: &str = "pace";
 /// Number of runs kept for each kind.
 const KEPT: usize = 16;
-/// Length of the record of a run in bytes.
+/// Length in bytes of the stored entry for one run.
 const RUN: usize = 16;
 
-/// (work, seconds) of the last runs of a kind, newest first.
+/// Pairs (work, seconds) of the last runs of a kind, newest first.
 pub(crate) struct Pace(Vec<(f64, f64)>);
 
 impl Pace {
-    /// The runs of this version of a kind in the store.
+    /// The stored runs of this version of a kind.
     pub fn of(store: &Store, kind: &KindEntry) -> Self {
         let bytes = store.history_get(HISTORY, &name(kind)).unwrap_or_default();
         let number = |bytes: &[u8]| bytes.first_chunk().map_or(0.0, |raw| f64::from_le_bytes(*raw));
@@ -40,8 +40,8 @@ impl Pace {
         store.history_put(HISTORY, &name(kind), &bytes);
     }
 
-    /// Forecast in seconds for this work. The time of the run whose work is nearest by ratio is scaled in
-    /// proportion; of equally near runs, the newest counts. `None` if the kind has never run.
+    /// Forecast in seconds for this work. The time of the earlier run with the nearest work (by ratio) is scaled in
+    /// proportion to the work; of equally near runs, the newest is used. `None` if the kind has never run.
     pub fn seconds(&self, work: f64) -> Option<f64> {
         let work = work.max(1.0);
         // The larger of both ratios orders like the distance of logarithms.

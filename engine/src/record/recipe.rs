@@ -15,7 +15,7 @@ use crate::kind::registry::KindEntry;
 use crate::kind::scene::Scene;
 use crate::text::edit::replace_strings;
 
-/// Start of a recipe; the kinds follow.
+/// Start of a recipe. The list of kinds follows on the same line.
 pub(crate) const HEAD: &str = "// lightharmony recipe 2: ";
 /// Separator between a node and a file that it reads.
 pub(crate) const READS: &str = " reads ";

@@ -35,9 +35,9 @@ pub struct Spent {
     pub cpu_seconds: f64,
     /// [`crate::Kind::work`].
     pub work: f64,
-    /// Memory in bytes: the estimate, or the size of the outputs if that is larger. Inputs are not included.
+    /// Memory in bytes, not including the inputs: the estimate, or the size of the outputs if that is larger.
     pub memory: u64,
-    /// Counts of work such as rays and blends, including those of parts from the cache, so that they do not depend
+    /// Counts of work such as rays and blends. Parts from the cache are included, so that the counts do not depend
     /// on the cache.
     pub counts: Counts,
 }
@@ -129,7 +129,8 @@ impl Record {
         to.finish()
     }
 
-    /// Decodes a record of this node. Returns an error if its outputs are not those of the node's kind.
+    /// Decodes a record of this node. Returns an error if its outputs do not have the types that the node's kind
+    /// declares.
     pub fn decode(bytes: &[u8], node: &Node) -> Result<Self, Corrupt> {
         Self::decode_body(Decoder::new(bytes).raw()?, node)
     }
@@ -139,7 +140,7 @@ impl Record {
         let mut from = Decoder::new(body);
         let ports = &node.kind.outputs;
         if from.length(53)? != ports.len() {
-            return Err(Corrupt("the number of outputs differs".to_owned()));
+            return Err(Corrupt("the record does not have as many outputs as the kind".to_owned()));
         }
         let mut outputs = Vec::with_capacity(ports.len());
         for ArtifactType { name, format, .. } in ports.iter().map(|port| port.artifact) {
@@ -160,7 +161,7 @@ impl Record {
         Ok(Self { outputs, files, notes, spent: Spent { seconds, cpu_seconds, work, memory, counts } })
     }
 
-    /// The stored blobs named by the record of any kind of node.
+    /// Digests of the stored values that a record names. The record may belong to a node of any kind.
     fn stored_blobs(bytes: &[u8]) -> Result<Vec<Digest>, Corrupt> {
         let mut from = Decoder::new(Decoder::new(bytes).raw()?);
         let mut blobs = Vec::new();
@@ -173,7 +174,7 @@ impl Record {
         Ok(blobs)
     }
 
-    /// A copy of a stored record in which only values accepted by `kept` count as stored.
+    /// A copy of a stored record in which only values accepted by `kept` are marked as stored.
     ///
     /// # Errors
     /// If the bytes are not a record of a node.
@@ -190,7 +191,7 @@ impl Record {
         Ok(whole)
     }
 
-    /// The manifest of a stored record, which most readers do not need.
+    /// The manifest at the end of a stored record. It is decoded separately, since most readers do not need it.
     pub fn manifest(bytes: &[u8]) -> Option<Manifest> {
         let mut from = Decoder::new(bytes);
         from.raw().ok()?;
@@ -214,8 +215,8 @@ impl<'a> StoredOutput<'a> {
     }
 }
 
-/// The blobs named by a record in the store. The record may belong to a node, to a part, or to a compiled graph of
-/// an earlier version. Empty for any other bytes.
+/// Digests of the blobs that a stored record names. The record may belong to a node, to a part, or to a compiled
+/// graph of an earlier version of lightharmony. Empty for any other bytes.
 pub fn blobs_of(payload: &[u8]) -> Vec<Digest> {
     match payload.try_into() {
         Ok(digest) => vec![Digest::from_bytes(digest)],

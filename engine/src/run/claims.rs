@@ -25,7 +25,7 @@ impl Claims {
         Some([first, second])
     }
 
-    /// Files that no sink may overwrite. `files` is called only once, since it inspects every file.
+    /// Files that no sink may overwrite. `files`, which inspects every file, is called only the first time.
     pub fn read(&self, files: impl FnOnce() -> ReadFiles) -> &ReadFiles {
         self.read.get_or_init(files)
     }

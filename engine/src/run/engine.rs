@@ -26,7 +26,7 @@ pub struct Engine {
 pub(crate) struct Limits {
     /// Number of threads.
     pub jobs: usize,
-    /// Maximum number of bytes of values in memory, plus the estimates for running code.
+    /// Memory budget in bytes, for values in memory and the estimated needs of running code.
     pub memory: u64,
 }
 
@@ -61,9 +61,9 @@ impl Engine {
         self.threads.get_or_init(|| Arc::new(Threads::new(self.limits().jobs)))
     }
 
-    /// Keeps values from one run to the next, in a third of the memory budget, and the end state of the last run.
-    /// For processes that run a graph repeatedly: the next run inspects only nodes that changed and the nodes below
-    /// them, and reports only these nodes and the files of sinks.
+    /// Makes the engine keep values and the end state of each run for the next run. The values take up to a third
+    /// of the memory budget. For processes that run a graph repeatedly: the next run inspects only nodes that
+    /// changed and the nodes below them, and reports only these nodes and the files of sinks.
     pub fn keeping(self) -> Self {
         let Limits { jobs, memory } = self.limits();
         let limits = OnceLock::from(Limits { jobs, memory: memory / 3 * 2 });

@@ -33,7 +33,8 @@ pub enum Event {
         id: String,
         /// Kind of the node.
         kind: &'static str,
-        /// Forecast of its time in seconds, from earlier runs of the kind; absent if there were none.
+        /// Forecast of the time in seconds that the code takes, from earlier runs of the kind; absent if there were
+        /// none.
         #[serde(skip_serializing_if = "Option::is_none")]
         forecast: Option<f64>,
     },
@@ -50,7 +51,7 @@ pub enum Event {
         id: String,
         /// Name of the part.
         part: String,
-        /// State in which the part ended: ran or cached.
+        /// State in which the part ended: `Ran` or `Cached`.
         state: State,
         /// Key of the part.
         #[serde(serialize_with = "hex")]
@@ -64,7 +65,7 @@ pub enum Event {
         id: String,
         /// Kind of work: `code`, `sources`, `load`, `store`, `files`, or the name of a part.
         what: String,
-        /// Number of the thread.
+        /// Number of the thread within the run.
         thread: usize,
         /// Start in seconds since the start of the run.
         start: f64,
@@ -89,17 +90,17 @@ pub enum Event {
         /// Key of the node; absent if a node that it depends on failed.
         #[serde(serialize_with = "hex_option")]
         key: Option<Digest>,
-        /// Wall time of its code in seconds.
+        /// Wall time of the node's code in seconds.
         seconds: f64,
-        /// CPU time of its code in seconds, on all threads.
+        /// CPU time of the node's code in seconds, on all threads.
         cpu_seconds: f64,
-        /// Work done in this run.
+        /// Counts of the work that the node did in this run.
         counts: Counts,
         /// Notes of the node, whether it ran or was cached.
         notes: Vec<Note>,
         /// True if the result of this node, or of a node above it, is worse than what the graph asks for.
         degraded: bool,
-        /// The error, if it failed.
+        /// The error, if the node failed.
         #[serde(skip_serializing_if = "Option::is_none")]
         error: Option<String>,
     },
@@ -111,7 +112,7 @@ pub enum Event {
         path: PathBuf,
         /// False if an equal file existed already.
         written: bool,
-        /// True if it is a preview, which a later run replaces.
+        /// True if the file shows a preview, which a later run replaces.
         #[serde(skip_serializing_if = "std::ops::Not::not")]
         preview: bool,
     },
@@ -124,7 +125,7 @@ pub enum Event {
     },
     /// The run ended.
     Done(Totals),
-    /// Watching: the graph was saved, with the same meaning as before.
+    /// Watching: the graph was saved, but its meaning is unchanged.
     Same,
     /// Watching: the plan of the run that starts.
     Plan(Forecast),
@@ -132,11 +133,11 @@ pub enum Event {
     Pass {
         /// The parameter that the preview limits.
         parameter: String,
-        /// The limit.
+        /// The limit in this preview.
         level: u64,
-        /// The value in the graph.
+        /// The value of the parameter in the graph.
         of: u64,
-        /// Side length of the blocks of pixels in which only one pixel is computed; 1 if all pixels are computed.
+        /// Side length in pixels of the blocks in which only one pixel is computed; 1 if all pixels are computed.
         coarse: u64,
     },
     /// The graph has mistakes, or nodes failed.
@@ -162,17 +163,18 @@ pub enum Event {
 /// Totals of a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Totals {
-    /// Nodes whose code ran.
+    /// Number of nodes whose code ran.
     pub ran: usize,
-    /// Nodes whose result came from the cache.
+    /// Number of nodes whose result came from the cache.
     pub cached: usize,
-    /// Cached nodes whose code ran again, since a reader needed values that were damaged or had not been stored.
+    /// Number of nodes whose result was cached but whose code ran again, since a reader needed values that were
+    /// damaged or had not been stored.
     pub remade: usize,
-    /// Nodes whose code failed.
+    /// Number of nodes whose code failed.
     pub failed: usize,
-    /// Nodes that were skipped.
+    /// Number of nodes that were skipped.
     pub skipped: usize,
-    /// Nodes with a degraded result.
+    /// Number of nodes whose result is degraded.
     pub degraded: usize,
     /// True if the run was cancelled.
     pub stopped: bool,
@@ -180,9 +182,9 @@ pub struct Totals {
     pub seconds: f64,
     /// CPU time of this process during the run in seconds, including the storing of results.
     pub cpu_seconds: f64,
-    /// Maximum number of bytes of values in memory, by the estimates of their types.
+    /// Peak memory of values in bytes, by the estimates of their types.
     pub peak_bytes: u64,
-    /// Sums of the counts of work of all nodes that ran.
+    /// Counts of work, summed over all nodes that ran.
     pub counts: Counts,
 }
 
@@ -229,12 +231,12 @@ fn hex_option<S: Serializer>(digest: &Option<Digest>, to: S) -> Result<S::Ok, S:
 /// Summary of a plan.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Forecast {
-    /// Number of nodes that may run. Fewer nodes may actually run, since a node is skipped if its recomputed inputs
-    /// equal those of its last run.
+    /// Number of nodes that may run. Fewer may actually run, since a node is skipped if its inputs, once
+    /// recomputed, equal those of its last run.
     pub open: usize,
-    /// Nodes that the targets need.
+    /// Number of nodes that the targets need.
     pub wanted: usize,
-    /// Forecast of the total time in seconds of the nodes that may run.
+    /// Forecast of the total time in seconds of the nodes that may run. Nodes without a forecast are not included.
     pub seconds: f64,
     /// Number of nodes that may run and have no forecast.
     pub untimed: usize,

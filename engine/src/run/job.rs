@@ -27,9 +27,9 @@ use crate::value::counts::Effort;
 use crate::value::error::{NodeError, NodeErrorKind, guarded};
 use crate::value::files::Files;
 
-/// Name of a count: the bytes that a node's inputs and source files take in memory.
+/// Name of the count of bytes that a node's inputs and source files take in memory.
 const BYTES_READ: &str = "bytes_read";
-/// Name of a count: the bytes that a node's outputs take in memory.
+/// Name of the count of bytes that a node's outputs take in memory.
 const BYTES_MADE: &str = "bytes_made";
 
 /// A node whose code runs on a thread.
@@ -42,12 +42,13 @@ pub(crate) struct Job<'a> {
     pub inputs: Vec<Vec<AnyArtifact>>,
     pub input_digests: Vec<(&'static str, Vec<Digest>)>,
     pub key: Digest,
-    /// The action. It has no key if only values are needed, since the record exists in that case.
+    /// Source files, recipe and full key of the node. `action.key` is `None` when the node is rerun only for its
+    /// output values, since its record is already stored.
     pub action: Action,
-    /// True if the node runs only because its values are needed; its record exists.
+    /// True if the node is rerun only for its output values. Its record is already stored.
     pub remake: bool,
     pub work: f64,
-    /// Memory in bytes that was reserved for it.
+    /// Memory in bytes that is reserved for the code.
     pub memory: u64,
     pub tracer: Tracer,
     pub cancel: Arc<AtomicBool>,
@@ -59,7 +60,7 @@ impl Job<'_> {
         &self.graph.nodes[self.node]
     }
 
-    /// Runs the code, reports the values and then stores them.
+    /// Runs the code, sends the output values to the scheduler, and then stores them.
     pub fn run(self) {
         let (index, sender, store, key) = (self.node, self.sender.clone(), self.store, self.key);
         // The variable declared last is dropped first, so that `Finished` is sent before `Stored` after a panic.
@@ -123,7 +124,7 @@ impl Job<'_> {
         stored.send(Message::Stored { node: index, error });
     }
 
-    /// Runs the code and encodes its outputs. `spent` is set even if the code fails.
+    /// Runs the code and encodes its outputs. `spent` receives the time and counts even if the code fails.
     fn compute(self, spent: &mut Effort) -> Result<(Finished, Vec<Vec<u8>>), NodeError> {
         let graph = self.graph;
         let node = &graph.nodes[self.node];
@@ -190,7 +191,7 @@ impl Job<'_> {
     }
 }
 
-/// Number of bytes that values take in memory.
+/// Total size of the values in memory, in bytes.
 fn bytes_of<'v>(values: impl Iterator<Item = (ArtifactType, &'v AnyArtifact)>) -> u64 {
     values.fold(0, |sum, (artifact, value)| sum + (artifact.bytes)(value) as u64)
 }
@@ -213,7 +214,8 @@ pub(crate) fn encode(node: &Node, values: &[AnyArtifact]) -> (Vec<Output>, Vec<V
     node.kind.outputs.iter().zip(values).map(one).unzip()
 }
 
-/// Parts in the store (a record with the digest of a blob) and in memory.
+/// Storage for the parts of a node. In the store, the record of a part names the blob that holds its value. Parts
+/// that are never stored are kept in memory.
 struct StoredParts {
     store: Arc<Store>,
     prepared: Arc<ValueCache>,

@@ -1,4 +1,4 @@
-//! Keys of a run, both finished and in progress, and the times of earlier runs of each kind.
+//! The keys of the nodes that ran or are running, and the times of earlier runs of each kind.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -12,7 +12,8 @@ use crate::run::slot::{Life, Slot};
 pub(crate) struct Known {
     /// Name of the history that holds the keys of the graph's nodes.
     history: String,
-    /// Nodes that ran, by key. This table is searched before the store, which may lack some results.
+    /// For each key whose result was computed in this run, the node that computed it. This table is searched before
+    /// the store, which may lack some results.
     made: HashMap<Digest, usize>,
     /// Keys whose results are being computed, with the nodes that wait for each.
     in_flight: HashMap<Digest, Vec<usize>>,
@@ -41,7 +42,8 @@ impl Known {
         self.made.insert(key, index);
     }
 
-    /// Makes a node wait for the result of its key. Returns false if the result is not being computed.
+    /// Makes a node wait for the result of `key`, which is its own key. Returns false if the result is not being
+    /// computed.
     pub fn follow(&mut self, key: &Digest, index: usize) -> bool {
         let followers = self.in_flight.get_mut(key);
         followers.map(|followers| followers.push(index)).is_some()
@@ -57,7 +59,7 @@ impl Known {
         self.in_flight.remove(key).unwrap_or_default()
     }
 
-    /// Forecast of the time in seconds that a node of this kind takes for `work`.
+    /// Forecast of the time in seconds that a node of this kind takes for `work`. `None` if the kind has never run.
     pub fn seconds(&mut self, store: &Store, kind: &KindEntry, work: f64) -> Option<f64> {
         self.paces.entry(kind.name).or_insert_with(|| Pace::of(store, kind)).seconds(work)
     }

@@ -23,7 +23,7 @@ impl Memory {
         self.limit
     }
 
-    /// Maximum number of bytes of values so far.
+    /// Peak memory of values so far, in bytes.
     pub fn peak(&self) -> u64 {
         self.peak
     }
@@ -57,7 +57,7 @@ impl Memory {
         }
     }
 
-    /// Removes a reader and drops the values if it was the last.
+    /// Removes one reader of a node, and drops the node's values if it has no readers left.
     pub fn remove_reader(&mut self, slot: &mut Slot) {
         slot.readers -= 1;
         self.drop_unread(slot);

@@ -28,7 +28,7 @@ pub(crate) enum Message {
     Busy {
         node: usize,
         key: Digest,
-        /// Work done so far; its parts are stored.
+        /// Time and counts of the work done so far. Parts that were completed are in the store.
         spent: Effort,
     },
     /// The code ended. `Stored` follows.
@@ -46,9 +46,9 @@ pub(crate) enum Message {
     },
 }
 
-/// A message that a thread must send, since the scheduler waits for it. If the thread panics first, `otherwise`
-/// makes the message from an error. Must be created by the thread itself, so that work that never starts owes no
-/// message.
+/// A message that a thread must send, since the scheduler waits for it. If the thread panics first, the message
+/// that `otherwise` makes from an error is sent instead. The thread itself must create this value, so that work
+/// that never starts owes no message.
 pub(crate) struct Owed<'s, F: FnOnce(NodeError) -> Message> {
     sender: &'s Sender<Message>,
     otherwise: Option<F>,
@@ -81,7 +81,7 @@ impl<F: FnOnce(NodeError) -> Message> Drop for Owed<'_, F> {
     }
 }
 
-/// The result of a node, from its code or from another process.
+/// The result of a node, computed by its code or by another process.
 pub(crate) struct Finished {
     pub record: Record,
     /// One value per output; empty if another process computed them.
@@ -92,7 +92,7 @@ pub(crate) struct Finished {
     pub ran: bool,
 }
 
-/// Output files, and whether each was written.
+/// The output files of a sink, each with true if it was written and false if it was up to date already.
 pub(crate) type Placed = Vec<(PathBuf, bool)>;
 
 #[cfg(test)]

@@ -18,8 +18,8 @@ pub struct RunOptions {
     pub only: Vec<usize>,
     /// Flag that the caller sets to cancel the run. The results of finished nodes are kept.
     pub cancel: Arc<AtomicBool>,
-    /// Nodes reduced for a preview. Neither they nor the nodes below them are recorded as the last run, and their
-    /// files are marked as previews.
+    /// Nodes that are reduced for a preview. The results of these nodes and of the nodes below them are not
+    /// recorded as the last run, and their files are marked as previews.
     pub rough: Vec<usize>,
     /// True to report the work of each thread as [`Event::Span`](crate::Event::Span)s.
     pub trace: bool,

@@ -1,5 +1,5 @@
 //! The end state of the previous run in the same process. If few nodes of the graph changed, the next run inspects
-//! only these and the nodes below them.
+//! only the changed nodes and the nodes below them.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -25,9 +25,9 @@ pub(crate) struct PreviousRun {
 
 /// The nodes whose results may differ from those of the previous run.
 pub(crate) struct Cone {
-    /// For each node, true if it is included; also true for nodes that no target needs.
+    /// For each node, true if its result may differ, or if no target needs the node.
     pub of: Vec<bool>,
-    /// The files of sinks that are not included. All of them are up to date.
+    /// The files of the other sinks, each with the index of its sink. All of these files are up to date.
     pub kept: Vec<(usize, PathBuf)>,
 }
 
@@ -42,7 +42,7 @@ impl PreviousRun {
 
     /// The nodes that the run must inspect. These are the needed nodes that changed, whose source files changed,
     /// that did not succeed, or whose output files are not up to date, and all nodes below them. `None` if the two
-    /// graphs differ in more than single nodes.
+    /// graphs differ in anything other than individual nodes, such as the scene or the number of nodes.
     pub fn cone(
         &self,
         graph: &Graph,
@@ -69,7 +69,7 @@ impl PreviousRun {
         Some(Cone { of, kept })
     }
 
-    /// True if the result of an unchanged node is still up to date.
+    /// True if the result of an unchanged node is still up to date. Adds the files of a sink to `kept`.
     fn stands(
         &self,
         graph: &Graph,

@@ -25,9 +25,9 @@ pub(crate) struct Parked {
 
 /// The nodes that wait for their turn, and the nodes that run.
 pub(crate) struct Queue {
-    /// Maximum number of running nodes, not counting one short node.
+    /// Maximum number of running nodes. One short node may run in addition.
     jobs: usize,
-    /// Topological position of each node.
+    /// Position of each node in topological order.
     rank: Vec<usize>,
     ready: Line,
     /// Nodes that wait for a thread, including nodes that run again because their values are needed.
@@ -39,7 +39,7 @@ pub(crate) struct Queue {
     running: Count,
 }
 
-/// Nodes by position, and the short nodes among them.
+/// Nodes at the same stage, in topological order, and the subset of short nodes.
 #[derive(Default)]
 struct Line {
     all: BTreeSet<(usize, usize)>,
@@ -66,8 +66,8 @@ impl Line {
         self.short.remove(&place);
     }
 
-    /// The next node in the line. `None` if the line is empty, or if `jobs` permits no more than the `count` nodes
-    /// that have left it.
+    /// The next node that may leave the line. `count` is the number of nodes at the following stage, and `jobs` is
+    /// the maximum number there, not counting one short node. `None` if the line is empty or no node may leave it.
     fn next(&self, count: Count, jobs: usize) -> Option<usize> {
         let line = match count {
             Count { all, .. } if all < jobs => &self.all,

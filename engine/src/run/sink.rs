@@ -11,7 +11,7 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
 use crate::value::files::{Files, plain_name};
 
-/// The output paths of a sink with the digests of the files.
+/// The output paths of a sink, each with the digest of its file.
 pub(crate) fn targets(
     out: &Path,
     template: &str,
@@ -34,8 +34,8 @@ pub(crate) fn targets(
     Ok(files.iter().map(|file| (path(file), file.digest)).collect())
 }
 
-/// Returns the result of [`place`] without reading any file if all files are known to be up to date; `None`
-/// otherwise.
+/// Returns what [`place`] would return if all files are known to be up to date, without reading any file. `None` if
+/// this is not known.
 pub(crate) fn in_place(
     store: &Store,
     targets: &[(PathBuf, Digest)],
@@ -49,8 +49,8 @@ pub(crate) fn in_place(
     targets.iter().map(one).collect()
 }
 
-/// Writes files that are missing or differ. Returns `None` if a file must be written but its bytes are not in
-/// memory. A link below the folder `confined` is an error.
+/// Writes the files that are missing or differ. Returns `None` if a file must be written but its bytes are not in
+/// memory. If `confined` is given, a link below that folder is an error.
 pub(crate) fn place(
     store: &Store,
     targets: Vec<(PathBuf, Digest)>,

@@ -13,7 +13,7 @@ use crate::value::counts::Effort;
 pub(crate) enum Life {
     /// No target needs the node.
     Unwanted,
-    /// An input is not known by digest yet.
+    /// The digests of some inputs are not known yet.
     Waiting,
     /// The source files of the node are being digested.
     Reading,
@@ -31,7 +31,7 @@ pub(crate) enum Life {
     Following,
     /// A sink whose files are being written.
     Placing,
-    /// The outputs are known by digest, and the event was sent.
+    /// The digests of the outputs are known, and the event was sent.
     Done,
     /// The code, a source file or an output file failed.
     Failed,
@@ -51,9 +51,9 @@ pub(crate) enum Waiter {
 /// The state of a node.
 pub(crate) struct Slot {
     pub life: Life,
-    /// Number of nodes above that are not known by digest.
+    /// Number of nodes that this node reads and whose output digests are not known yet.
     pub unresolved: usize,
-    /// Number of input values that are not in memory.
+    /// Number of input values that are needed but not in memory.
     pub missing: usize,
     /// Number of consumers that may need the values: unfinished nodes below, reruns of nodes below, and the node's
     /// own files.
@@ -64,7 +64,7 @@ pub(crate) struct Slot {
     /// The values of the outputs. Empty if no value was kept.
     values: Vec<Value>,
     pub waiters: Vec<(usize, Waiter)>,
-    /// Set while the code runs again because its values are needed: the stage to which the node returns afterwards.
+    /// The stage to which the node returns after it has run again for its values. `None` if it is not to run again.
     pub remaking: Option<Life>,
     /// True if its values are lost because the rerun failed.
     pub lost: bool,
@@ -81,11 +81,12 @@ pub(crate) struct Slot {
     pub short: bool,
     /// Memory reserved for its code, in bytes.
     pub reserved: u64,
-    /// Estimated memory in bytes; `None` before the first estimate.
+    /// Estimate of the memory that its code needs, in bytes; `None` before the first estimate.
     pub cost: Option<u64>,
     /// State in which the node ended; reported once its files are up to date.
     pub end: Option<State>,
-    /// Work done for its result. While there is no result, the work done before the node was parked.
+    /// Time and counts of the work for the result. Until the result is available, these are the time and counts of
+    /// the work that was done before the node was parked.
     pub effort: Effort,
 }
 
@@ -123,7 +124,7 @@ impl Slot {
         }
     }
 
-    /// True if the node is responsible for its key: other nodes with the same key wait for it.
+    /// True if the node computes the result for its key. Other nodes with the same key wait for it.
     pub fn leads(&self) -> bool {
         use Life::{Gathering, Parked, Queued, Ready, Running};
         self.remaking.is_none() && matches!(self.life, Ready | Gathering | Queued | Parked | Running)

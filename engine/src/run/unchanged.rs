@@ -2,9 +2,9 @@
 //! reports the same without parsing the graph or making keys.
 //!
 //! A run depends on the program, the text of the graph, the kinds in it, the source files, and the output files.
-//! The text and the kinds are compared by digest. The list of source files is made again. The program and all files
-//! are compared by a stamp that any later change affects. If anything differs or is uncertain, an ordinary run
-//! takes place.
+//! The text and the kinds are compared by digest, and the source files are listed again. The program and all files
+//! are compared by stamps: any change to a file changes its stamp. If anything differs or is uncertain, an ordinary
+//! run takes place.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! The threads of a run. They start when there is work for them and end with the run.
 //!
 //! The number of nodes that run code at once exceeds the permitted number of threads by at most one. Files are
-//! digested, loaded and written on further threads, so that small tasks never wait for large tasks.
+//! digested, loaded and written on additional threads, so that these small tasks never wait for large tasks.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -104,7 +104,7 @@ impl<'a> Workers<'a> {
         }
     }
 
-    /// Returns a guard that, when it is dropped, ends the threads after all work is done.
+    /// Returns a guard. When it is dropped, the threads end after all work is done.
     pub fn closing(&self) -> Closing<'_, 'a> {
         Closing(self)
     }

@@ -18,7 +18,7 @@ pub(crate) struct Described {
     pub id: String,
     /// Name of the kind without its version; empty for the scene.
     pub kind: String,
-    /// Kind with version, parameters, wires and digests of files, as (name, text).
+    /// Kind with version, parameters, wires and digests of files, as pairs of name and text.
     pub fields: Vec<(String, String)>,
 }
 
@@ -31,9 +31,9 @@ impl Described {
 /// A node of a recipe and its inputs.
 struct Node<'s> {
     said: &'s Described,
-    /// Pairs of node and output, by field.
+    /// For each field that contains wires: its name, and the node index and output name of each wire.
     wires: Vec<(&'s str, Vec<(usize, String)>)>,
-    /// Digest of the node and everything above it, without names.
+    /// Digest of the node and everything above it, except node names.
     digest: Digest,
 }
 
@@ -103,8 +103,9 @@ impl<'s> Pairs<'s> {
         self.open.push_back((a, b));
     }
 
-    /// Compares two nodes that are read at the same place. They are paired if they have the same kind. Otherwise
-    /// one of them may have been inserted; the other is then paired with an input of the inserted node.
+    /// Compares two nodes that are inputs of paired nodes at the same position. They are paired if they have the
+    /// same kind. Otherwise one of them may have been inserted; the other is then paired with an input of the
+    /// inserted node.
     fn meet(&mut self, a: usize, b: usize) {
         let kind = |node: &Node<'s>| node.said.kind.as_str();
         let above = |nodes: &[Node<'s>], node: usize, wanted: &str| {
@@ -123,7 +124,7 @@ impl<'s> Pairs<'s> {
         }
     }
 
-    /// Pairs the inputs of all pairs, starting at the sinks.
+    /// Pairs the inputs of all paired nodes, starting at the sinks.
     fn follow(&mut self) {
         while let Some((a, b)) = self.open.pop_front() {
             let in_b: BTreeMap<&str, Vec<usize>> = inputs(&self.b[b]).into_iter().collect();
@@ -139,8 +140,8 @@ impl<'s> Pairs<'s> {
         }
     }
 
-    /// Pairs the nodes of two lists for which `of` returns equal texts, in order. Returns the unpaired nodes of the
-    /// first list; `b` keeps the unpaired nodes of the second list.
+    /// Pairs nodes of `a` with nodes of `b` for which `of` returns the same text, in order. Returns the unpaired
+    /// nodes of `a`; only the unpaired nodes of `b` remain in `b`.
     fn alike(&mut self, a: Vec<usize>, b: &mut Vec<usize>, of: impl Fn(&Node<'s>) -> String) -> Vec<usize> {
         let mut known: HashMap<String, VecDeque<usize>> = HashMap::new();
         for &b in b.iter().filter(|b| self.of_b[**b].is_none()) {

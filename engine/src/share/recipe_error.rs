@@ -13,7 +13,7 @@ pub enum RecipeError {
     /// The graph of the recipe has mistakes.
     #[error(transparent)]
     Graph(#[from] Diagnostics),
-    /// Source files were not found, or several match.
+    /// Source files were not found, or several files match. Each line describes one file.
     #[error("{}", .0.join("\n"))]
     Missing(Vec<String>),
     /// A folder cannot be read.
@@ -21,7 +21,7 @@ pub enum RecipeError {
     Folder {
         /// Path of the folder.
         folder: PathBuf,
-        /// Error of the system.
+        /// Underlying I/O error.
         source: std::io::Error,
     },
 }

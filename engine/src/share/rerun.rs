@@ -30,7 +30,7 @@ pub struct Recipe {
     text: String,
     /// Name, version and profile of each kind.
     kinds: Vec<(String, u32, String)>,
-    /// Source files by node, as (name, digest).
+    /// Source files of each node, as pairs of name and digest.
     sources: BTreeMap<String, Vec<(String, Digest)>>,
 }
 
@@ -63,13 +63,13 @@ impl Recipe {
         &self.text
     }
 
-    /// Descriptions of the kinds that this version of lightharmony does not have, or has in another version, so
-    /// that the picture would differ.
+    /// Descriptions of the kinds in the recipe that this version of lightharmony does not have, or has in another
+    /// version. Because of these, a new picture would differ.
     pub fn other_kinds(&self, registry: &Registry) -> Vec<String> {
         let other = |(name, version, profile): &(String, u32, String)| match registry.get(name) {
             None => Some(format!("this version of lightharmony has no kind `{name}`")),
             Some(kind) if kind.version != *version || kind.profile != profile => Some(format!(
-                "the picture was made with version {version} of `{name}` ({profile}), but this is version {} ({})",
+                "the picture was made with version {version} of `{name}` ({profile}), but this version of lightharmony has version {} ({})",
                 kind.version, kind.profile
             )),
             Some(_) => None,
@@ -123,9 +123,9 @@ impl Recipe {
         Err(Diagnostics::new(Source::new(name, self.text.as_str()), diagnostics).into())
     }
 
-    /// The graph, with each source file replaced by its path in one of `folders`. If a node reads several files of
-    /// the same name, they are matched in order. `file` becomes the output path, unless the sink writes one file
-    /// per view. `store` remembers digests.
+    /// The graph of the recipe, in which the name of each source file is replaced by the path of that file in one
+    /// of `folders`. If a node reads several files of the same name, they are matched in order. `file` becomes the
+    /// output path, unless the sink writes one file per view. `store` remembers digests.
     ///
     /// # Errors
     /// If the graph cannot be parsed, or if files are missing or ambiguous. All such files are reported.
@@ -181,8 +181,8 @@ impl Recipe {
         Ok(Source::new(name, text))
     }
 
-    /// Descriptions of differences between the source files of a graph made from this recipe and those in the
-    /// recipe. These are files with other contents, such as a texture next to a model, and nodes that read more
+    /// Compares the source files of a graph made from this recipe with those in the recipe, and describes the
+    /// differences. A file may have other content, such as a texture next to a model, and a node may read more
     /// files, fewer files, or files in another order.
     ///
     /// # Errors
@@ -216,5 +216,5 @@ impl Recipe {
     }
 }
 
-/// Addition to an error message if not all files could be inspected.
+/// Addition to an error message if there were too many files to inspect.
 const CUT: &str = "(the folders of `--inputs` contain too many files to search; name smaller folders)";

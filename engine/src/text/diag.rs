@@ -118,12 +118,12 @@ pub struct Diagnostics {
     pub source: Source,
     /// The mistakes; there is at least one.
     pub list: Vec<Diagnostic>,
-    /// The files that the text names; a mistake may be caused by one of them.
+    /// The files that the text names. If one of them causes a mistake, a change to it may resolve the mistake.
     pub files: Vec<PathBuf>,
 }
 
 impl Diagnostics {
-    /// Sorts mistakes by place and removes those that several uses of a subgraph repeat.
+    /// Sorts mistakes by place and removes duplicates, which occur if a subgraph is used several times.
     pub fn new(source: Source, mut list: Vec<Diagnostic>) -> Self {
         list.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
         let mut seen = BTreeSet::new();
@@ -190,7 +190,7 @@ impl Diagnostics {
     }
 }
 
-/// Returns a span relative to its piece of the text, cut to its first line.
+/// Converts `span` to offsets relative to `piece`, and shortens it to its first line.
 fn place(text: &str, piece: &Range<usize>, span: &Range<usize>) -> Range<usize> {
     let start = text.floor_char_boundary(span.start.clamp(piece.start, piece.end));
     let end = text.ceil_char_boundary(span.end.clamp(start, piece.end));
@@ -224,10 +224,10 @@ fn bounded(mut text: String) -> String {
     text
 }
 
-/// The candidate most similar to `found`, if the number of edits between them is at most a third of the letters of
-/// `found` (but at least 1 and at most 3). An edit inserts, deletes or replaces a letter, or swaps two adjacent
-/// letters. If no candidate is similar, returns the only one that contains `found` as a word, such as `yaw_deg` for
-/// `yaw`.
+/// The name in `known` that is most similar to `found`. The number of edits between the two must be at most a third
+/// of the number of letters in `found`, where this limit is at least 1 and at most 3. An edit inserts, deletes or
+/// replaces a letter, or swaps two adjacent letters. If no name is similar, but exactly one contains `found` as a
+/// word, returns that name (such as `yaw_deg` for `yaw`).
 pub fn nearest<'k>(found: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
     // Only the first letters of long names are compared, since the time grows with the square of the length.
     let folded = |text: &str| -> String { text.to_lowercase().chars().take(64).collect() };
@@ -252,7 +252,7 @@ pub struct Mistake {
     pub column: usize,
     /// Length of the underline in characters.
     pub length: usize,
-    /// First byte, and the byte after the last.
+    /// Byte range of the underline: the first byte, and the byte after the last.
     pub span: [usize; 2],
     /// Category.
     pub code: Code,

@@ -48,7 +48,7 @@ pub(crate) struct RawScene<'t> {
 pub(crate) struct Document<'t> {
     pub version: Option<RawField<'t>>,
     pub scene: Option<RawScene<'t>>,
-    /// Version and scene of the other files of the graph. They are checked but not used.
+    /// Version and scene of each other file of the graph. They are checked but not used.
     pub others: Vec<(Option<RawField<'t>>, Option<RawScene<'t>>)>,
     /// The fields of `axes`.
     pub axes: Vec<RawField<'t>>,
@@ -56,14 +56,14 @@ pub(crate) struct Document<'t> {
     pub parameters: Vec<RawField<'t>>,
     /// Included files.
     pub include: Option<RawField<'t>>,
-    /// Presets: named overlays, which are not parsed yet.
+    /// Presets: named overlays. Their values are not parsed yet.
     pub presets: Vec<RawField<'t>>,
     pub nodes: Vec<RawNode<'t>>,
     /// Scopes in which names are resolved: the graph itself, then each use of a subgraph.
     pub scopes: Vec<Scope<'t>>,
     /// Names of nodes that could not be parsed, so that wires to them are not reported as well.
     pub broken: Vec<Cow<'t, str>>,
-    /// False if a name may seem missing only because its definition could not be parsed.
+    /// False if some definitions could not be parsed, so that a name may only seem to be missing.
     pub whole: bool,
 }
 
@@ -74,7 +74,7 @@ pub(crate) struct Scope<'t> {
     pub prefix: String,
     /// Name of the file of the subgraph; empty for the graph itself.
     pub file: &'t str,
-    /// Values of the parameters: the given values, and defaults for the rest.
+    /// Values of the parameters: the values that the use gives, and defaults for the others.
     pub values: Vec<RawField<'t>>,
     /// Place and scope of the node that uses the subgraph; `None` for the graph itself.
     pub used: Option<(Range<usize>, usize)>,

@@ -1,4 +1,4 @@
-//! Settings of the command line (`--set`), which are overlays of one field.
+//! Settings of the command line (`--set`). Each of them is an overlay of one field.
 
 use crate::text::source::Source;
 use crate::text::values::parse_value;
@@ -65,7 +65,7 @@ fn ron_text(value: &str) -> String {
     }
 }
 
-/// Returns RON text with the content of every string replaced.
+/// Returns RON text in which `with` has replaced the content of every string.
 pub(crate) fn replace_strings(text: &str, mut with: impl FnMut(&str) -> String) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;

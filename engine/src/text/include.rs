@@ -21,9 +21,9 @@ const MOST_BYTES: u64 = 256 << 20;
 
 impl Source {
     /// Reads all files that the graph includes or uses as subgraphs, directly or through other files, and appends
-    /// each of them once to the text. Files that a bundle already contains are not read again. A file that cannot
-    /// or may not be read is reported when the graph is parsed. Also returns the paths of all files, whether they
-    /// exist or not.
+    /// each of them once to the text. If the graph comes from a bundle, the files in its text are not read again. A
+    /// file that cannot or may not be read is reported when the graph is parsed. Also returns the paths of all
+    /// files, whether they exist or not.
     pub fn including(mut self, root: &SourceRoot) -> (Self, Vec<PathBuf>) {
         let mut paths = Vec::new();
         let known = |piece: &Piece| {
@@ -196,8 +196,8 @@ pub(crate) fn outside(name: &str, place: Range<usize>) -> Diagnostic {
         .hint("a graph from a bundle or a picture may read only files in the bundle and in the folders of `--inputs`")
 }
 
-/// A document merged with the files that it includes, directly or through other files. Its own scene takes
-/// precedence, then the scene of the first included file that has one.
+/// Merges a document with the files that it includes, directly or through other files. The document's own scene
+/// takes precedence, then the scene of the first included file that has one.
 fn with_includes<'t>(
     at: usize,
     pieces: &[Piece],

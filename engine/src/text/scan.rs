@@ -7,13 +7,13 @@ use std::ops::Range;
 
 use crate::text::diag::Diagnostic;
 
-/// A position in a text.
+/// A position in a text, from which names and values are read.
 pub(crate) struct Scanner<'t> {
     pub text: &'t str,
     pub at: usize,
     pub diagnostics: Vec<Diagnostic>,
-    /// True after an unterminated string, comment or bracket was reported. Brackets that seem unclosed as a
-    /// consequence are not reported.
+    /// True after an unterminated string, comment or bracket was reported. Brackets that seem unclosed because of
+    /// it are not reported.
     endless: bool,
 }
 

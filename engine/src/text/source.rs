@@ -1,8 +1,8 @@
-//! The text of a graph: a list of pieces, one per file, overlay and setting.
+//! The text of a graph: a list of pieces, one for each file, overlay and setting.
 //!
 //! The pieces are joined into one text, so that a single byte offset identifies a place in any of them.
 //! Diagnostics, digests and bundles use this text. Each piece after the first is preceded by a line `//@@ role
-//! name`, which is a comment in RON. The list is restored from these lines when a bundle is read.
+//! name`, which is a comment in RON. When a bundle is read, the list of pieces is restored from these lines.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -43,7 +43,7 @@ pub(crate) struct Piece {
 }
 
 impl PieceRole {
-    /// The roles that a piece after the first may have, with their names in marks.
+    /// The roles that a piece after the first may have. For each: its name in the mark of the piece.
     const NAMED: [(&'static str, Self); 5] = [
         ("include", Self::Include),
         ("subgraph", Self::Subgraph),
@@ -57,7 +57,7 @@ impl PieceRole {
     }
 }
 
-/// Start of a mark. The role and the name of the piece follow.
+/// Start of a mark, which is the line before a piece. The role and the name of the piece follow.
 const MARK: &str = "\n//@@ ";
 /// First line of a text whose marks separate pieces. In any other text, marks are ordinary comments.
 const PACKED: &str = "//@@ packed\n";
@@ -68,7 +68,7 @@ fn parse_mark(line: &str) -> Option<(PieceRole, &str)> {
     PieceRole::NAMED.iter().find(|(known, _)| *known == role).map(|(_, role)| (*role, name))
 }
 
-/// Prefix of the name of an overlay that is a built-in preset.
+/// Prefix of the name of an overlay that comes from a built-in preset.
 const BUILT_IN_PRESET: &str = "--preset ";
 
 impl Source {
@@ -138,7 +138,7 @@ impl Source {
         (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
     }
 
-    /// Adds an overlay, `Overlay(nodes: (trace: (samples: 16)))`, which overrides earlier ones.
+    /// Adds an overlay such as `Overlay(nodes: (trace: (samples: 16)))`. It overrides earlier overlays.
     pub fn overlaid(self, name: &str, text: &str) -> Self {
         self.joined(PieceRole::Overlay, name, text)
     }
@@ -208,7 +208,7 @@ pub(crate) fn folder_of(piece: &Piece) -> &str {
     }
 }
 
-/// Joins a folder and a relative path, and removes `.` and `..` where possible, so that every file has only one
+/// Joins a folder and a relative path, and removes `.` and `..` where possible, so that a file always has the same
 /// name.
 pub(crate) fn plain(folder: &str, path: &str) -> String {
     if path.starts_with('/') {

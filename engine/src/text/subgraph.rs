@@ -39,8 +39,8 @@ pub(crate) type SubgraphFiles<'t> = BTreeMap<&'t str, Document<'t>>;
 /// Function that makes the diagnostic for a named file that was not read.
 type Lost<'l> = dyn Fn(&str, Range<usize>) -> Diagnostic + 'l;
 
-/// Replaces each `Subgraph` by the nodes of its file and applies overlays to all nodes. `folder_at` returns the
-/// folder of the file that contains an offset of the text.
+/// Replaces each `Subgraph` node with the nodes of its file, and applies overlays to all nodes. `folder_at` maps an
+/// offset in the source text to the folder of the file that the text at that offset came from.
 pub(crate) fn expand<'t>(
     document: &mut Document<'t>,
     files: &SubgraphFiles<'t>,
@@ -145,7 +145,7 @@ fn use_of<'f, 't>(
     Err(Diagnostic::of(Code::Cycle, field.span.clone(), format!("`{}` uses itself", shown(file))).into())
 }
 
-/// The parameter values of a use: the given values, and defaults for the rest.
+/// The parameter values of a use: the values given in `node`, and defaults for the others.
 fn fill<'f, 't>(node: &RawNode<'t>, file: &'t str, document: &'f Document<'t>, depth: usize) -> Used<'f, 't> {
     let mut mistakes = Vec::new();
     let known = || document.parameters.iter().map(|parameter| parameter.name);

@@ -258,7 +258,8 @@ impl<'t> Parser<'t> {
         self.scan.text.get(start..self.scan.at).unwrap_or(name)
     }
 
-    /// Skips to the probable start of the next field: an identifier with a colon, or text after a comma.
+    /// Skips to the probable start of the next field. This is an identifier with a colon, or any text after a
+    /// comma.
     fn after_mistake(&mut self) {
         loop {
             self.scan.skip_space();

@@ -16,7 +16,7 @@ pub(crate) fn parse_value<'t, T: serde::Deserialize<'t>>(text: &'t str) -> Resul
     options().from_str(text).map_err(|error| error.code)
 }
 
-/// The ordinary name of the form of a value, such as "a list".
+/// The form of a value in plain words, such as "a list".
 pub(crate) fn form_of(text: &str) -> &'static str {
     match text.bytes().next().unwrap_or_default() {
         b'"' => "text",
@@ -40,7 +40,8 @@ pub(crate) fn with_article(described: &str) -> String {
     format!("{article}{described}")
 }
 
-/// Adds the missing brackets to numbers separated by commas.
+/// Encloses numbers separated by commas in the brackets that the described type needs. `None` if `text` is anything
+/// else.
 fn numbers_without_brackets(described: &str, text: &str) -> Option<String> {
     let numbers: Vec<&str> = text.split(',').map(str::trim).collect();
     let all =
@@ -53,7 +54,7 @@ fn numbers_without_brackets(described: &str, text: &str) -> Option<String> {
     }
 }
 
-/// Describes a mistake inside a group or list of numbers: a wrong count, or an item that is not a number.
+/// Describes a mistake inside a group or list of numbers: a wrong number of items, or an item that is not a number.
 fn wrong_items(described: &str, text: &str) -> Option<String> {
     let (numbers, sort) = (described.contains("number"), form_of(text));
     let wanted: Option<usize> =

@@ -15,7 +15,7 @@ use crate::value::error::guarded;
 pub trait Artifact: Send + Sync + Sized + 'static {
     /// Name of the type in kebab-case; ports can be connected if their names are equal.
     const TYPE: &'static str;
-    /// Version of the byte layout; raised whenever `encode` changes.
+    /// Version of the byte layout. It is raised whenever the bytes that `encode` writes change.
     const FORMAT: u32;
 
     /// Writes the canonical bytes.
@@ -24,7 +24,8 @@ pub trait Artifact: Send + Sync + Sized + 'static {
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt>;
     /// Memory of the value in bytes, which counts against the memory budget. An estimate is enough.
     fn bytes(&self) -> usize;
-    /// Size in units that the work of readers is proportional to, such as pixels, splats or triangles.
+    /// Size of the value in units to which the work of its readers is proportional, such as pixels, splats or
+    /// triangles.
     fn size(&self) -> u64 {
         self.bytes() as u64
     }
@@ -35,7 +36,7 @@ pub trait Artifact: Send + Sync + Sized + 'static {
 /// The difference between two artifacts of the same type.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Difference {
-    /// True when the two encode to the same bytes.
+    /// True if both artifacts are encoded as the same bytes.
     pub equal: bool,
     /// Description in one line: `PSNR 41.2 dB, largest 0.031 at (12, 80) of view_0`.
     pub summary: String,
@@ -170,7 +171,8 @@ impl<'a> Decoder<'a> {
         Ok(head)
     }
 
-    /// Reads a count of elements of `size` bytes each. Returns an error if fewer bytes remain.
+    /// Reads the number of elements of a list. Returns an error if the remaining bytes cannot hold that many
+    /// elements of `size` bytes each.
     pub fn length(&mut self, size: usize) -> Result<usize, Corrupt> {
         let count = self.u64()?;
         match usize::try_from(count) {
@@ -182,7 +184,8 @@ impl<'a> Decoder<'a> {
         }
     }
 
-    /// Reads a 32-bit count of elements of at least `size` bytes each. Returns an error if fewer bytes remain.
+    /// Reads the number of elements of a list, stored in 32 bits. Returns an error if the remaining bytes cannot
+    /// hold that many elements of at least `size` bytes each.
     pub(crate) fn count(&mut self, size: usize) -> Result<usize, Corrupt> {
         let count = self.u32()? as usize;
         match count.checked_mul(size) {
@@ -199,7 +202,7 @@ impl<'a> Decoder<'a> {
         self.rest.len()
     }
 
-    /// Reads a slice or text and returns its range within `whole`, the bytes that this decoder began with.
+    /// Reads a slice or a text and returns its range within `whole`, the bytes with which this decoder was created.
     pub(crate) fn raw_range(&mut self, whole: &[u8]) -> Result<std::ops::Range<usize>, Corrupt> {
         let length = self.raw()?.len();
         let end = whole.len() - self.rest.len();

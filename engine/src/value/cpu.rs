@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::time::Duration;
 
 thread_local! {
-    /// CPU time of nested measurements within the code that this thread is measuring.
+    /// Total CPU time of the measurements on this thread that are nested in the current measurement.
     static INSIDE: Cell<Duration> = const { Cell::new(Duration::ZERO) };
 }
 
@@ -41,7 +41,7 @@ mod clock {
     }
 }
 
-/// Replacement for systems without such clocks: all CPU times are 0.
+/// Replacement for systems that do not report CPU time: all times are 0.
 #[cfg(not(unix))]
 mod clock {
     use std::time::Duration;

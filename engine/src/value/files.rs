@@ -12,7 +12,7 @@ pub struct FileBytes {
     pub bytes: Vec<u8>,
 }
 
-/// The output of a sink: one file per view. The engine writes them to the path of the node.
+/// The output of a sink: one file per view. The engine writes the files to the sink's output path.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Files(pub Vec<FileBytes>);
 

@@ -34,7 +34,7 @@ impl<'a> FileHead<'a> {
         Self { name: &file.name, bytes, path: &file.path }
     }
 
-    /// Opens the file for reading; `None` if it is not a readable regular file.
+    /// Opens the file for reading; `None` if it is not a regular file or cannot be read.
     pub fn open(&self) -> Option<BufReader<File>> {
         let file = File::open(self.path).ok()?;
         file.metadata().ok()?.is_file().then(|| BufReader::new(file))
@@ -112,15 +112,15 @@ impl SourceRoot {
         }
     }
 
-    /// True if a file belongs to an unpacked bundle while the graph does not. If such a file were included, it
-    /// could read all files that the graph may read.
+    /// True if a file belongs to an unpacked bundle but the graph does not. If the graph included such a file, the
+    /// file could make it read anything that the graph may read.
     pub fn is_strange(&self, path: &Path) -> bool {
         // Links are followed to the folder that contains the text.
         let folder = || path.canonicalize().ok()?.parent().and_then(bundle_around);
         !self.is_confined() && folder().is_some()
     }
 
-    /// True if [`SourceRoot::file`] returned this path as a replacement for a path that may not be read.
+    /// True if this path is the replacement that [`SourceRoot::file`] returns for a path that may not be read.
     pub fn is_outside(&self, file: &SourceFile) -> bool {
         file.path.starts_with(OUTSIDE)
     }

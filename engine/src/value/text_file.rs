@@ -7,11 +7,11 @@ use std::path::Path;
 /// The maximum length in bytes of a graph file, of a file that it includes or uses as a subgraph, and of an overlay.
 pub const MAX_GRAPH_BYTES: u64 = 64 << 20;
 
-/// Reads a regular file of at most `limit` bytes of UTF-8. Pipes and devices, which may block forever or have no
-/// end, are not opened.
+/// Reads a regular file of at most `limit` bytes of UTF-8. Pipes and devices are not opened, since they may block
+/// forever or have no end.
 ///
 /// # Errors
-/// Errors of the system, [`ErrorKind::InvalidInput`] with the type of the file if it is not a regular file,
+/// Any I/O error, [`ErrorKind::InvalidInput`] with the type of the file if it is not a regular file,
 /// [`ErrorKind::FileTooLarge`] above the limit, and [`ErrorKind::InvalidData`] if the file is not UTF-8.
 pub fn read_text(path: &Path, limit: u64) -> Result<String> {
     let metadata = std::fs::metadata(path)?;
@@ -20,7 +20,7 @@ pub fn read_text(path: &Path, limit: u64) -> Result<String> {
         return Err(Error::new(ErrorKind::InvalidInput, what));
     }
     let too_long = || {
-        let what = format!("it is longer than {} MiB, the limit of a graph file", limit >> 20);
+        let what = format!("it is longer than {} MiB, the limit for a graph file", limit >> 20);
         Error::new(ErrorKind::FileTooLarge, what)
     };
     if metadata.len() > limit {
@@ -72,7 +72,7 @@ mod tests {
         File::create(&path).expect("works").set_len(1 << 40).expect("works");
         assert_eq!(
             read_text(&path, MAX_GRAPH_BYTES).expect_err("is refused").to_string(),
-            "it is longer than 64 MiB, the limit of a graph file"
+            "it is longer than 64 MiB, the limit for a graph file"
         );
     }
 }

@@ -1,7 +1,7 @@
 //! The watched files, and detection of changes.
 //!
-//! Notifications of the system are only hints: they may be late, repeated or lost. Whether a file changed is
-//! decided by its stamp, or by a notification that names it.
+//! Notifications of the system are only hints: they may be late, repeated or lost. A file counts as changed if its
+//! stamp differs, or if a notification names it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
@@ -19,25 +19,25 @@ pub(crate) trait Notifier: Send {
 /// The watched files.
 pub(crate) struct WatchedFiles {
     notifier: Option<Box<dyn Notifier>>,
-    /// Reason why there are no notifications. `None` if there are notifications, or once the reason has been
-    /// reported.
+    /// Reason why there are no notifications. `None` if there are notifications, or if the reason has been reported
+    /// already.
     failure: Option<String>,
-    /// Stamp of each file when it was last inspected; `None` if it is missing.
+    /// Stamp of each file when it was last inspected; `None` if the file was missing.
     stamps: BTreeMap<PathBuf, Option<FileStamp>>,
-    /// For each path that determines a watched file, that file. Such a path is a link on the way to the file, or
-    /// the file itself.
+    /// The paths that lead to the watched files. The key is the path of a link on the way to a file, or of the file
+    /// itself; the value is the watched file.
     names: BTreeMap<PathBuf, PathBuf>,
-    /// Folders with notifications, and the identity of each when its notifications started.
+    /// Folders for which notifications were started, each with its identity at that time.
     folders: BTreeMap<PathBuf, Option<Identity>>,
     /// Watched files named by notifications since the last inspection.
     touched: BTreeSet<PathBuf>,
 }
 
-/// Identity of a folder: device and inode.
+/// Identity of a folder: its device and inode numbers.
 type Identity = (u64, u64);
 
 impl WatchedFiles {
-    /// Watches no files yet. Without notifications, only [`look`](Self::look) finds changes.
+    /// An empty set of watched files. Without a notifier, only [`look`](Self::look) finds changes.
     pub fn new(notifier: Result<Box<dyn Notifier>, String>) -> Self {
         let (notifier, failure) = match notifier {
             Ok(notifier) => (Some(notifier), None),
@@ -63,8 +63,8 @@ impl WatchedFiles {
         self.failure.take()
     }
 
-    /// Watches exactly these files. Returns true if one of them was not watched before, so that an earlier change
-    /// to it may have been missed.
+    /// Watches exactly these files. Returns true if one of them was not watched before: it may have changed
+    /// unnoticed in the meantime.
     pub fn follow(&mut self, paths: &[PathBuf]) -> bool {
         let mut stamps = BTreeMap::new();
         let mut new = false;
@@ -117,7 +117,7 @@ impl WatchedFiles {
         }
     }
 
-    /// Handles a notification. Returns true if the files should be inspected soon.
+    /// Handles a notification about changes at `paths`. Returns true if the files should be inspected soon.
     pub fn notified(&mut self, paths: &[PathBuf]) -> bool {
         let mut ours = paths.is_empty();
         for path in paths {
@@ -176,8 +176,9 @@ fn identity(folder: &Path) -> Option<Identity> {
 /// Maximum number of links on the way to a file; a longer chain counts as a cycle.
 const MOST_LINKS: usize = 40;
 
-/// The paths that determine which file an absolute path refers to: each link on the way, and at the end the file
-/// itself or the first missing name. All links in the folders of these paths are resolved.
+/// The paths that determine which file an absolute path refers to. These are each link on the way, and at the end
+/// either the file itself or the first part of the path that does not exist. Links in the folders of these paths
+/// are resolved.
 fn names_to(path: &Path) -> Vec<PathBuf> {
     let mut names = Vec::new();
     let mut at = PathBuf::new();
@@ -260,7 +261,7 @@ mod tests {
             std::fs::write(self.path(name), text).unwrap();
         }
 
-        /// True if the file counts as changed. Checks that a change is reported only once.
+        /// True if the file counts as changed. Also checks that the change is not reported a second time.
         fn changed(&mut self) -> bool {
             let changed = !self.files.look().is_empty();
             assert!(self.files.look().is_empty(), "reported once");

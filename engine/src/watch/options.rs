@@ -9,7 +9,8 @@ use crate::text::diag::{Diagnostics, Mistake};
 
 /// The watched graph as it was read at one time.
 pub struct Load {
-    /// The graph and its targets, or its mistakes. An empty list stands for the default targets.
+    /// The graph and the indices of its targets, or its mistakes. An empty list of targets stands for the default
+    /// targets.
     pub graph: Result<(Arc<Graph>, Vec<usize>), Refusal>,
     /// The files of the graph itself, whether they exist or not.
     pub texts: Vec<PathBuf>,
@@ -22,12 +23,12 @@ pub struct Refusal {
     pub list: Vec<Mistake>,
     /// The mistakes as formatted text.
     pub text: String,
-    /// Files that the graph names; a change to one may resolve the mistakes.
+    /// Files that the graph names. A change to one of them may resolve the mistakes.
     pub files: Vec<PathBuf>,
 }
 
 impl Refusal {
-    /// The mistakes of a graph; `colour` for terminals.
+    /// The refusal of a graph with these mistakes. The text has colours for terminals if `colour` is true.
     pub fn mistakes(diagnostics: &Diagnostics, colour: bool) -> Self {
         let (list, files) = (diagnostics.mistakes(), diagnostics.files.clone());
         Self { list, text: diagnostics.render(colour), files }
@@ -48,9 +49,9 @@ pub struct WatchOptions {
     pub refine: Option<&'static str>,
     /// True to inspect the files every half second instead of using notifications.
     pub poll: bool,
-    /// Time without further changes before a change is handled.
+    /// Time that must pass without further changes before a change is handled.
     pub settle: Duration,
-    /// Time before mistakes are reported, since a graph may be only partly written.
+    /// Time to wait before mistakes are reported, since a file of the graph may be only partly written.
     pub patience: Duration,
 }
 

@@ -1,23 +1,24 @@
 //! The previews that precede a long run.
 
-/// Time in seconds below which no preview is needed.
+/// A preview is left out if the step after it is forecast to take at most this many seconds.
 const SOON: f64 = 0.5;
 
-/// Time in seconds below which the first preview computes all pixels.
+/// A preview that computes only a subset of the pixels is made only if the preview with the limit 1 is forecast to
+/// take more than this many seconds.
 const AT_ONCE: f64 = 0.3;
 
-/// The reduction of a preview.
+/// The ways in which a preview is reduced.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Reduction {
     /// Limit of the parameter.
     pub level: u64,
-    /// Side length of the blocks of pixels in which only one pixel is computed.
+    /// Side length in pixels of the blocks in which only one pixel is computed.
     pub coarse: u64,
 }
 
 /// The previews of a run in which the parameter is at most `most` and the forecast is `seconds`, if known. They
-/// limit the parameter to 1, 4, 16 and so on, where nodes that work in chunks end a chunk. If even the limit 1
-/// takes long and a node supports it (`coarse`), the first preview also computes only a subset of the pixels.
+/// limit the parameter to 1, 4, 16 and so on, where chunks of cached work end. If even the preview with the limit 1
+/// takes long and a node supports it (`coarse`), an additional first preview computes only a subset of the pixels.
 pub(crate) fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Reduction> {
     let takes = |level: u64| seconds.map_or(f64::INFINITY, |all| all * level as f64 / most.max(1) as f64);
     let block = match takes(1) {

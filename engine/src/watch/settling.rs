@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 pub(crate) struct Settling {
     settle: Duration,
     longest: Duration,
-    /// Time of the first notification, and the time of the inspection if no further notifications follow.
+    /// Time of the first notification, and the time at which the files are to be inspected if no further
+    /// notifications follow.
     pending: Option<(Instant, Instant)>,
 }
 
@@ -36,7 +37,7 @@ impl Settling {
         self.pending.map(|(_, due)| due)
     }
 
-    /// Returns true when the time of the inspection has come, but only once.
+    /// Returns true once when the time of the inspection has come. Afterwards no inspection is pending.
     pub fn take(&mut self, now: Instant) -> bool {
         let come = self.due().is_some_and(|due| due <= now);
         if come {

@@ -28,8 +28,8 @@ use crate::watch::settling::Settling;
 const LONGEST: Duration = Duration::from_millis(300);
 /// Interval between inspections if there are no notifications.
 const POLL: Duration = Duration::from_millis(500);
-/// Interval between inspections if there are notifications. It is needed since network drives send no notifications
-/// and systems may lose them.
+/// Interval between inspections even if there are notifications, since network drives send none and systems may
+/// lose them.
 const CHECK: Duration = Duration::from_secs(2);
 /// The result of waiting.
 enum Next {
@@ -49,7 +49,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// A watch with notifications, if the system provides them.
+    /// A watch that uses notifications if the system provides them.
     pub fn new(options: WatchOptions) -> Self {
         let (sender, inputs) = channel();
         let handle = Handle(sender);
@@ -60,14 +60,14 @@ impl Watch {
         Self { options, inputs, handle, files: WatchedFiles::new(notifier) }
     }
 
-    /// A handle to end the watch from outside.
+    /// A handle that controls the watch from outside.
     pub fn handle(&self) -> Handle {
         self.handle.clone()
     }
 
-    /// Watches until [`Handle::quit`] is called. `load` reads the graph at the start and after every change; its
-    /// argument is true if no source file of a node changed, so that a graph with the same text need not be checked
-    /// again. Returns the files that do not show the current graph.
+    /// Watches until [`Handle::quit`] is called. `load` reads the graph at the start and after every change. Its
+    /// argument is true if no source file of a node has changed; a graph with the same text then need not be
+    /// checked again. Returns the files that do not show the current graph.
     pub fn run(
         self,
         engine: &Engine,
@@ -206,7 +206,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
     }
 
     /// Waits for the end of a cancelled run and returns whether the watch is to quit. The remaining events are
-    /// handled in any case, so that the list of files that do not show the graph is correct.
+    /// handled in any case, so that the list of files that do not show the current graph is correct.
     fn drain(&mut self) -> bool {
         let mut quit = false;
         while let Ok(input) = self.inputs.recv() {
@@ -258,7 +258,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    /// True if a file of a successful run has been deleted since.
+    /// True if a file that a successful run wrote has been deleted since.
     fn is_file_gone(&self) -> bool {
         let gone = |(path, file): (&PathBuf, &SinkFile)| file.shown == Shown::Right && !path.exists();
         self.good && self.shown.iter().any(gone)
@@ -327,7 +327,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    /// Forwards an event and records the state of files.
+    /// Forwards an event to the caller and updates the state of files.
     fn pass_on(&mut self, event: Event) {
         let mut stale = None;
         match &event {

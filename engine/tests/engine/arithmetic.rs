@@ -324,7 +324,7 @@ simple!(
 );
 
 engine::params! {
-    /// Computes the mean of `samples` numbers near the input, in parts of 16.
+    /// Computes the mean of `samples` numbers that are close to the input, in parts of 16 numbers.
     pub struct Series {
         /// The number of samples.
         samples: u32 = 32, range(1, 4096), other("48");
@@ -332,7 +332,7 @@ engine::params! {
         coarse: u32 = 1, range(1, 64), other("2");
         /// Factor applied to the mean; no part depends on it.
         gain: f64 = 1.0, other("2.0");
-        /// Duration of a part; no part depends on it.
+        /// Duration of the computation of a part; no part depends on it.
         millis: u64 = 0, inert("time is not part of the result");
     }
 }
@@ -459,7 +459,7 @@ impl Kind for Remark {
 }
 
 engine::params! {
-    /// Passes a number on after a time, unless it is cancelled.
+    /// Waits for a given time and then passes a number on, unless it is cancelled.
     pub struct Slow {
         /// Duration.
         millis: u32 = 50, unit("ms"), inert("only the time differs"), other("1");
@@ -482,7 +482,7 @@ simple!(
 );
 
 engine::params! {
-    /// Passes a number on after running tiles that only sleep.
+    /// Runs tiles that only sleep, and then passes a number on.
     pub struct Tiled {
         /// Number of tiles.
         tiles: u32 = 4, range(1, 100000), inert("only the time differs");
@@ -503,7 +503,7 @@ simple!(
     }
 );
 
-/// Number of [`Heavy`] nodes that are running, and the maximum so far.
+/// Number of [`Heavy`] nodes that are running at the moment, and the maximum of this number so far.
 pub static HEAVY: (AtomicUsize, AtomicUsize) = (AtomicUsize::new(0), AtomicUsize::new(0));
 
 engine::params! {
@@ -531,7 +531,7 @@ simple!(
 engine::params! {
     /// Panics unless its number is zero.
     pub struct Panic {
-        /// True to panic already in the estimate.
+        /// True to panic in the estimate, before the code runs.
         early: bool = false, other("true");
     }
 }

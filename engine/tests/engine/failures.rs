@@ -125,7 +125,7 @@ fn a_kind_that_gives_another_result_each_time_is_found_out() {
     assert_eq!(lab.run(nodes).ran(), "a d s");
     let log = lab.run(&nodes.replace("Scale(", "Scale(by: 3.0, "));
     assert_eq!((log.failed().as_str(), log.skipped().as_str(), log.exit_code()), ("d", "s", 1));
-    assert!(log.failures().contains("gave another result for the same inputs"), "{}", log.failures());
+    assert!(log.failures().contains("gave a different result for the same inputs"), "{}", log.failures());
 }
 
 #[test]

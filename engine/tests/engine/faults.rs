@@ -6,8 +6,8 @@ use std::path::Path;
 
 use crate::lab::{Lab, Log, graph_text};
 
-/// A graph with two lists stored as files, small results, parts and a cheap loader. Its second half is computed
-/// from the result of its first half.
+/// A graph with two lists that are stored as separate files, small results, parts, and a loader whose outputs are
+/// not stored. Its second half is computed from the result of its first half.
 const GRAPH: &str = r#"
     a: LoadNumber(path: "a.txt"),
     first: Ramp(value: "a", count: 3000),
@@ -19,7 +19,7 @@ const GRAPH: &str = r#"
     save: WriteNumber(number: ["twice", "mean"], path: "save.txt"),
 "#;
 
-/// The graph with changed last steps, so that all nodes below `second` need values from the store.
+/// The graph with different last steps, so that all nodes below `second` need values from the store.
 fn edited() -> String {
     let third =
         "third: Sum(numbers: \"first\", times: 2), more: WriteNumber(number: \"third\", path: \"more.txt\"),";

@@ -27,7 +27,7 @@ impl Random {
     }
 }
 
-/// The source of random numbers for each round.
+/// One source of random numbers for each round. There are `usual` rounds unless `LIGHTHARMONY_FUZZ_SECONDS` is set.
 fn rounds(usual: u64) -> impl Iterator<Item = Random> {
     let seconds = std::env::var("LIGHTHARMONY_FUZZ_SECONDS").ok().and_then(|text| text.parse().ok());
     let end = seconds.map(|seconds| Instant::now() + Duration::from_secs(seconds));

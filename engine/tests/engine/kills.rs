@@ -15,7 +15,7 @@ use crate::lab::{Lab, graph_text};
 const FOLDER: &str = "ENGINE_TEST_FOLDER";
 const FAILPOINT: &str = "LIGHTHARMONY_FAILPOINT";
 
-/// A graph with large and small results, parts, a loader and several files. A run takes some tens of milliseconds.
+/// A graph with large and small results, parts, a loader and several files. A run takes a few tens of milliseconds.
 fn graph() -> String {
     let lists: String = (0..4)
         .map(|n| {
@@ -78,7 +78,7 @@ fn assert_recovers(lab: &Lab, expected: &[String], what: &str) {
     assert_eq!((again.ran().as_str(), again.warnings()), ("", vec![]), "{what}");
 }
 
-/// Number of attempts; `LIGHTHARMONY_KILLS` sets another number for a long run.
+/// Number of attempts: `usual`, or the value of `LIGHTHARMONY_KILLS` for a longer run.
 fn rounds(usual: u64) -> u64 {
     std::env::var("LIGHTHARMONY_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(usual)
 }

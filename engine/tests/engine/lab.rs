@@ -71,7 +71,7 @@ impl Lab {
         found
     }
 
-    /// The files of the large blobs.
+    /// The files that each contain one large blob.
     pub fn blob_files(&self) -> Vec<PathBuf> {
         let blobs = self.cache().join("v1/blobs");
         self.cache_files().into_iter().filter(|path| path.starts_with(&blobs)).collect()
@@ -223,7 +223,7 @@ impl Log {
         ids.join(" ")
     }
 
-    /// Names of the files. A star marks the files that were written.
+    /// Names of the output files. A star marks the files that were written.
     pub fn files(&self) -> String {
         let mut names: Vec<String> = self
             .events
@@ -251,7 +251,7 @@ impl Log {
             .collect()
     }
 
-    /// Number of parts that ran, and number of parts from the cache.
+    /// Number of parts that ran, and number of parts that came from the cache.
     pub fn parts(&self) -> (usize, usize) {
         let count = |wanted: State| {
             self.events

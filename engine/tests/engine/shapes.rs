@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use crate::lab::{Lab, graph_text};
 
-/// CPU time of this thread, which is the scheduling thread; wall time since `start` if the system does not report
-/// CPU time.
+/// CPU time of this thread, on which the scheduler runs. If the system does not report CPU time, the wall time
+/// since `start`.
 pub fn spent(start: Instant) -> Duration {
     let reported = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanos = reported.and_then(|text| text.split(' ').next()?.parse().ok());
@@ -34,8 +34,8 @@ fn times(nodes: &str, count: usize) -> [Duration; 3] {
 }
 
 /// Checks that ten times as many nodes take about ten times as long, not a hundred times. Other load on the machine
-/// can only lengthen a measurement, so the smallest of several is used. Work that grows faster than linearly is
-/// slow in every measurement.
+/// can only lengthen a measurement, so the smallest of several measurements is used. Work that grows faster than
+/// linearly is slow in every measurement.
 fn assert_linear(times: impl Fn(usize) -> [Duration; 3], count: usize) {
     let small = times(count);
     let allowed = small.map(|small| small.max(Duration::from_millis(2)) * 40);
@@ -73,7 +73,7 @@ fn diamonds(count: usize) -> String {
     std::iter::once("n0: Number(),\n".to_owned()).chain(below).collect()
 }
 
-/// An empty graph is a reported mistake, so no run has zero nodes.
+/// An empty graph is reported as a mistake, so every run has at least one node.
 #[test]
 fn no_nodes_is_a_mistake() {
     assert!(Lab::in_memory().mistakes(&graph_text("")).contains("the graph has no nodes"));

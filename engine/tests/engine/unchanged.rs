@@ -27,7 +27,7 @@ fn settle(lab: &Lab, names: &[&str]) {
     engine.store().flush().unwrap();
 }
 
-/// A lab with a graph that was run twice, the second time with nothing to do.
+/// A lab with a graph that has run twice. In the second run, no node had to run.
 fn ready() -> (Lab, Log) {
     let lab = Lab::on_disk();
     lab.write("a.txt", "3");

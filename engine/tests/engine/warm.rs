@@ -93,7 +93,7 @@ fn only_what_an_edit_reaches_is_reported_of() {
     assert_eq!(names(&run(&engine, &graph, &other).0), "v w x", "another folder");
 }
 
-/// After each of many random edits, a run with kept state gives the same results as a run with an empty cache.
+/// After each of many random edits, a run that keeps state gives the same results as a run with an empty cache.
 #[test]
 fn whatever_happens_it_is_what_a_whole_run_gives() {
     const EDITS: [(&str, [&str; 3]); 7] = [

@@ -68,7 +68,7 @@ impl Session {
         }
     }
 
-    /// Returns all events until the watch is idle.
+    /// Returns all events until the watch is idle, including the event that reports this.
     fn rest(&self) -> Vec<Event> {
         self.until(|event| matches!(event, Event::Idle { .. }))
     }

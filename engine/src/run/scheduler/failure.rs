@@ -21,7 +21,8 @@ impl Run<'_> {
         self.give_up(index, Life::Failed);
     }
 
-    /// Skips a node. Waiting nodes with the same key are tried instead, since their inputs may be in memory.
+    /// Skips a node. Other nodes that wait for it because they have the same key are tried instead, since their
+    /// inputs may be in memory.
     pub fn skip(&mut self, index: usize) {
         for follower in self.take_followers(index) {
             self.slots[follower].life = Life::Waiting;
@@ -135,7 +136,7 @@ impl Run<'_> {
     }
 
     /// Handles the failure of a node that runs or is about to run. The node is marked as failed. If it runs again
-    /// only for its values, these are given up instead.
+    /// only because its values are needed, the values are given up instead.
     pub fn fail_or_lose(&mut self, index: usize, error: &NodeError) {
         if self.slots[index].remaking.is_some() {
             self.lose(index, Some(error));

@@ -16,13 +16,13 @@ use crate::value::error::NodeError;
 use crate::value::root::FileHead;
 use crate::value::units::bytes_text;
 
-/// First pause before the scheduler checks again whether a result is still being computed elsewhere.
+/// First pause between two checks whether a result is still being computed elsewhere.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
-/// Maximum pause between two of these checks.
+/// Maximum pause between two such checks.
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
-/// Forecast in seconds below which a node is short, so that it does not wait for other nodes to end.
+/// A node is short if its forecast in seconds is below this. Short nodes do not wait for other nodes to end.
 const SHORT: f64 = 1.0;
-/// Time after which waiting for another process is reported.
+/// Time after which a warning reports that a node waits for another process.
 const REPORT_AFTER: Duration = Duration::from_secs(2);
 
 impl<'a> Run<'a> {
@@ -87,13 +87,13 @@ impl<'a> Run<'a> {
             return Err(NodeError::new(format!(
                 "needs about {needs} of memory{inputs}, but the budget is {budget}"
             ))
-            .hint("reduce the size or the number of views, or raise `--memory`"));
+            .hint("reduce the resolution or the number of views, or raise `--memory`"));
         }
         self.slots[index].cost = Some(bytes);
         Ok(bytes)
     }
 
-    /// Bytes of the values that a node reads, each counted once.
+    /// Total size of the values that a node reads, in bytes. Each value is counted once.
     fn input_bytes(&self, index: usize) -> u64 {
         let mut wires: Vec<Wire> = self.graph.nodes[index].inputs.iter().flatten().copied().collect();
         wires.sort_unstable_by_key(|wire| (wire.node, wire.port));

@@ -39,7 +39,7 @@ use crate::value::error::NodeError;
 /// Interval at which leases are renewed. This shows other processes that this process is still working.
 const RENEW_EVERY: Duration = Duration::from_secs(1);
 
-/// Minimum number of nodes that trimming leaves in the history of a graph.
+/// Number of nodes up to which the history of a graph is not trimmed.
 const MIN_HISTORY: usize = 1024;
 
 /// A pending step of the scheduler.
@@ -51,7 +51,7 @@ enum Task {
     Files(usize),
 }
 
-/// Work for a node that was not passed to a thread yet.
+/// Work for a node that has not been passed to a thread yet.
 struct Unstarted<'a> {
     node: usize,
     is_code: bool,
@@ -68,7 +68,7 @@ pub(crate) struct Run<'a> {
     emit: &'a mut dyn FnMut(Event),
     slots: Vec<Slot>,
     todo: VecDeque<Task>,
-    /// Work that was not passed to a thread yet.
+    /// Work that has not been passed to a thread yet.
     unstarted: Vec<Unstarted<'a>>,
     /// The nodes whose code is to run.
     queue: Queue,
@@ -76,11 +76,11 @@ pub(crate) struct Run<'a> {
     memory: Memory,
     /// Keys of this run.
     known: Known,
-    /// Buffer for keys.
+    /// Buffer for making keys.
     scratch: Vec<u8>,
-    /// The files of sinks.
+    /// The output files that sinks have claimed.
     claims: Claims,
-    /// True if all nodes were inspected and no file was written.
+    /// True as long as all nodes were inspected and no file was written.
     unchanged: bool,
     /// Number of messages that threads still have to send.
     owed: usize,
@@ -273,8 +273,8 @@ impl<'a> Run<'a> {
         self.memory.release(&mut self.slots[index]);
     }
 
-    /// The warning about stored values that were missing. There is one warning for all of them, since they have one
-    /// cause.
+    /// The warning about stored values that were missing. All of them are reported in one warning, since they have
+    /// one cause.
     fn gone_text(&self) -> Option<String> {
         const NAMED: usize = 3;
         if self.gone.is_empty() {
@@ -290,7 +290,7 @@ impl<'a> Run<'a> {
         let names = names.collect::<Vec<_>>().join(", ");
         let more = match self.gone.len().saturating_sub(NAMED) {
             0 => String::new(),
-            more => format!(" and {more} more nodes"),
+            more => format!(" and {more} more"),
         };
         Some(format!("stored values of {names}{more} were missing from the cache and were computed again"))
     }

@@ -155,7 +155,7 @@ impl Run<'_> {
         self.memory.drop_unread(&mut self.slots[index]);
     }
 
-    /// Copies the values of a node to another node with the same key, for the readers of the second node.
+    /// Copies the values of the node `from` to the node `to`, which has the same key, for the readers of `to`.
     pub(super) fn copy_values(&mut self, from: usize, to: usize) {
         let outputs = self.graph.nodes[from].kind.outputs.len();
         let values: Option<Vec<AnyArtifact>> =

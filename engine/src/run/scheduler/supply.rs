@@ -18,8 +18,8 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
 
 impl<'a> Run<'a> {
-    /// Requests the inputs of ready nodes, for at most as many nodes at once as there are threads, and for no node
-    /// while memory is full. So the values of a wide graph are not all loaded at once.
+    /// Requests the input values of ready nodes. At most as many nodes as there are threads are supplied at once,
+    /// and none while memory is full, so that the values of a wide graph are not all loaded at once.
     pub fn supply(&mut self) {
         while let Some(index) = self.queue.next_ready()
             && (self.memory.has_room() || self.queue.is_idle())
@@ -86,7 +86,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Handles a value that is missing in the store although its record exists.
+    /// Handles a value that is missing from the store although the record of its node exists.
     pub fn missing(&mut self, index: usize, port: usize) {
         let node = &self.graph.nodes[index];
         let slot = &mut self.slots[index];
@@ -139,7 +139,7 @@ impl<'a> Run<'a> {
         let digests = |outputs: &[Output]| -> Vec<Digest> { outputs.iter().map(|o| o.digest).collect() };
         let known = self.slots[index].record.as_ref().map(|record| digests(&record.outputs));
         if known != Some(digests(&finished.record.outputs)) {
-            let error = NodeError::new("a rerun gave another result for the same inputs").hint(
+            let error = NodeError::new("a rerun gave a different result for the same inputs").hint(
                 "a file changed while the graph was running, or the kind is not deterministic, which is a bug to report",
             );
             return self.lose(index, Some(&error));
@@ -154,7 +154,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Keeps the values computed by a node.
+    /// Keeps the values that a node computed in memory while they may be read.
     pub fn hold(&mut self, index: usize, values: &[AnyArtifact]) {
         for (port, value) in values.iter().enumerate() {
             self.take_in(index, port, value.clone());
@@ -205,7 +205,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Handles a result that could not be stored.
+    /// Handles the failure to store a result.
     pub fn unstored(&mut self, index: usize, error: String) {
         if let Some(record) = &mut self.slots[index].record {
             record.outputs.iter_mut().for_each(|output| output.stored = false);

@@ -37,7 +37,7 @@ pub enum BundleError {
     /// The file is not a bundle.
     #[error("not a lightharmony bundle")]
     NoBundle,
-    /// The bundle has another format.
+    /// The format of the bundle is not the format that this version of lightharmony reads.
     #[error("the bundle has format {0}, but this version of lightharmony reads format {FORMAT}")]
     Format(u32),
     /// The bundle is inconsistent.
@@ -56,7 +56,7 @@ pub enum BundleError {
     Io {
         /// The operation, with the path.
         what: String,
-        /// Error of the system.
+        /// Underlying I/O error.
         source: io::Error,
     },
     /// Any other reason why a bundle cannot be packed, unpacked or verified.
@@ -70,13 +70,13 @@ impl From<Corrupt> for BundleError {
     }
 }
 
-/// Source of the bytes of a blob.
+/// The bytes of a blob, or the file that contains them.
 pub(crate) enum Bytes {
     Memory(Vec<u8>),
     File(std::path::PathBuf),
 }
 
-/// The parts of a bundle to be written.
+/// The parts of a bundle that is being written.
 #[derive(Default)]
 pub(crate) struct BundleParts {
     contents: BTreeMap<[u8; 32], (u64, Bytes)>,
@@ -104,13 +104,13 @@ impl BundleParts {
         self.files.insert(name.to_owned(), digest);
     }
 
-    /// Adds the record of a key.
+    /// Adds the record with this key.
     pub fn record(&mut self, key: Digest, bytes: Vec<u8>) {
         let digest = self.add(bytes);
         self.records.insert(*key.as_bytes(), digest);
     }
 
-    /// Adds a value that a record names.
+    /// Adds a value to which a record refers.
     pub fn value(&mut self, bytes: Vec<u8>) {
         let digest = self.add(bytes);
         self.values.insert(*digest.as_bytes(), ());
@@ -340,7 +340,7 @@ impl<R: Read + Seek> Bundle<R> {
         self.files.iter().find(|(name, _)| name == file).map(|(_, content)| *content)
     }
 
-    /// Copies a blob. Returns an error if its digest is wrong.
+    /// Writes a blob to `to`. Returns an error if the blob does not match its digest.
     pub(crate) fn copy(&mut self, content: usize, to: &mut impl Write) -> Result<(), BundleError> {
         let (offset, length, digest) = self.contents[content];
         let failed = |source| BundleError::Io { what: "cannot copy from the bundle".to_owned(), source };
@@ -352,7 +352,8 @@ impl<R: Read + Seek> Bundle<R> {
         Ok(())
     }
 
-    /// Reads a blob into memory. It is at most as long as the bundle.
+    /// Reads a blob into memory. A blob is never longer than the bundle, so that a small bundle cannot exhaust
+    /// memory.
     pub(crate) fn read(&mut self, content: usize) -> Result<Vec<u8>, BundleError> {
         let mut bytes = Vec::new();
         self.copy(content, &mut bytes)?;

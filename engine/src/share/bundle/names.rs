@@ -14,7 +14,7 @@ pub(crate) const LOCK: &str = "graph.lock";
 const LONGEST: usize = 1024;
 /// Maximum length of a path component in bytes, as permitted by file systems.
 const LONGEST_PART: usize = 240;
-/// Names that some systems reserve for devices.
+/// Names that some systems reserve for devices, in lower case.
 const DEVICES: [&str; 4] = ["con", "prn", "aux", "nul"];
 
 /// The reason why a name is not valid in a bundle; `None` if it is valid.
@@ -43,8 +43,8 @@ pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
     })
 }
 
-/// The first name that conflicts with an earlier name: both are equal except for case, or one is a folder that
-/// contains the other.
+/// The first name that conflicts with an earlier name. Two names conflict if they are equal except for case, or if
+/// one is a folder that contains the other.
 pub(crate) fn clash<'n>(names: impl Iterator<Item = &'n str>) -> Option<String> {
     let (mut files, mut folders) = (BTreeSet::new(), BTreeSet::new());
     for name in names {

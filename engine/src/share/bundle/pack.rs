@@ -32,13 +32,13 @@ pub enum Results {
 pub struct Packed {
     /// Number of source files.
     pub inputs: usize,
-    /// Number of nodes with a result.
+    /// Number of nodes that have a result.
     pub known: usize,
-    /// Number of nodes with values in the bundle.
+    /// Number of nodes whose values are in the bundle.
     pub values: usize,
-    /// Nodes without a result.
+    /// Names of the nodes that have no result.
     pub unknown: Vec<String>,
-    /// Nodes whose values were requested but are not stored.
+    /// Names of the nodes whose values were requested but are not stored.
     pub gone: Vec<String>,
 }
 
@@ -132,7 +132,8 @@ impl Engine {
 /// The paths of source files in the bundle. Files in the folder of the graph keep their paths. Other files are
 /// placed in folders `inputs/N/`, one for each folder that the graph names.
 struct Places {
-    /// For each node, the folders that are renamed, with their old and new paths.
+    /// For each node, the folders that get another name: a map from the path in the graph to the path in the
+    /// bundle.
     moved: Vec<BTreeMap<String, String>>,
 }
 
@@ -226,8 +227,8 @@ fn is_dots(path: &str) -> bool {
     matches!(path.trim_end_matches('/').rsplit('/').next(), Some("." | ".."))
 }
 
-/// The parent folder of a path as written, without a trailing slash; `/` for a file in the root. A path that ends
-/// in `.` or `..` is returned unchanged, since the folder's real name is unknown.
+/// The parent folder of a path, as written but without a trailing slash; `/` for a file in the root. A path that
+/// ends in `.` or `..` is returned unchanged, since the folder's real name is unknown.
 fn folder(path: &str) -> &str {
     let path = path.trim_end_matches('/');
     match path.rsplit_once('/') {

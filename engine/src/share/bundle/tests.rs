@@ -3,7 +3,7 @@ use std::time::{Duration, Instant};
 
 use super::*;
 
-/// A bundle with all types of parts.
+/// A bundle that contains every type of part.
 fn bundle() -> Vec<u8> {
     let mut parts = BundleParts::default();
     parts.file("graph.ron", b"Graph()".to_vec());
@@ -18,7 +18,8 @@ fn bundle() -> Vec<u8> {
     bytes
 }
 
-/// Opens and unpacks a bundle and returns the files. No other file may remain, even after an error.
+/// Opens and unpacks a bundle. Returns the names of the unpacked files. Fails if any other file remains, even after
+/// an error.
 fn unpack(bytes: &[u8]) -> Result<Vec<String>, BundleError> {
     let place = tempfile::tempdir().expect("a folder");
     let target = place.path().join("target");

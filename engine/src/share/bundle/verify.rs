@@ -51,10 +51,11 @@ pub enum Verdict {
     Differs {
         /// Name of the output.
         output: String,
-        /// Difference between the two values, in terms that suit their type, if the bundle contains the value.
+        /// Difference between the two values, in terms that suit their type. `None` if the bundle does not contain
+        /// the value.
         difference: Option<Difference>,
     },
-    /// The inputs of the node differ, so it cannot be compared.
+    /// The inputs of the node differ from those in the bundle, so its outputs cannot be compared.
     OtherInputs,
     /// The node did not run.
     Failed,
@@ -74,7 +75,7 @@ pub struct Verified {
 }
 
 impl Verified {
-    /// True if everything that was compared is equal.
+    /// True if all compared outputs are equal.
     pub fn is_good(&self) -> bool {
         self.differences.is_empty() && self.nodes.iter().all(|(_, verdict)| *verdict == Verdict::Equal)
     }
@@ -173,7 +174,8 @@ pub fn verify<R: Read + Seek>(
     Ok(Verified { nodes, known: known.len(), differences, failures: outcome.failures })
 }
 
-/// Compares two results of a node with the same key. Each is given with the engine whose store has its values.
+/// Compares two results of a node for the same key: the one in the bundle and the recomputed one. Each is given
+/// with the engine whose store has its values.
 fn verdict(ports: &[PortSpec], [claimed, made]: [(&Engine, &Record); 2]) -> Verdict {
     let mut pairs = ports.iter().zip(claimed.1.outputs.iter().zip(&made.1.outputs));
     let Some((port, (then, now))) = pairs.find(|(_, (then, now))| then.digest != now.digest) else {
@@ -185,7 +187,7 @@ fn verdict(ports: &[PortSpec], [claimed, made]: [(&Engine, &Record); 2]) -> Verd
     Verdict::Differs { output: port.name.to_owned(), difference }
 }
 
-/// The nodes to recompute: the nodes with the lowest hashes of seed and name.
+/// The nodes to recompute: those for which the hash of seed and node name is lowest.
 fn chosen(graph: &Graph, known: impl Iterator<Item = usize>, options: &VerifyOptions<'_>) -> BTreeSet<usize> {
     let rank = |index: usize| {
         *Digest::of(format!("{} {}", options.seed, graph.nodes[index].id).as_bytes()).as_bytes()
