@@ -22,7 +22,7 @@ engine::params! {
 engine::inputs! {
     /// Pictures to show.
     pub struct In {
-        /// Pictures of one encoding. A wire with several views contributes each of them.
+        /// Pictures, all of the same encoding. If a wire has several views, the sheet shows each of them.
         images: Vec<Arc<Images>>,
     }
 }

@@ -26,9 +26,9 @@ engine::params! {
         rotation_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("90.0");
         /// Factor applied to the radiance.
         scale: f64 = 1.0, range(0, 1e9), other("2.0");
-        /// Point where the light was captured. `path-trace` uses it to find which surfaces lie behind the
-        /// light source and let its light pass. Without it, `path-trace` uses the position of the first
-        /// camera and reports that.
+        /// Point where the light was captured. `path-trace` uses it to find the surfaces that lie beyond a light
+        /// source; these surfaces let the light of the source pass. Without `origin`, `path-trace` uses the
+        /// position of the first camera and adds a note.
         origin: Option<[f64; 3]> = None, other("(0.5, 0.0, 1.0)"), unit("world units");
     }
 }

@@ -123,7 +123,7 @@ impl Kind for LoadSplats {
 }
 
 impl LoadSplats {
-    /// Reads the files; with `plain`, only the mean of each colour over all directions.
+    /// Reads the files. If `plain` is true, reads only the mean of each colour over all directions.
     fn read(&self, plain: bool, cx: &Context) -> Result<(Vec<Loaded>, Notes), NodeError> {
         let mut notes = Notes::none();
         let matrix = Similarity::of_parameter(self.matrix.as_ref())?;
@@ -174,8 +174,8 @@ impl LoadSplats {
         Ok((files, notes))
     }
 
-    /// Reads the scene without the harmonics above degree 0, in a third of the memory. Also returns the degree of the
-    /// files. The remarks are those of [`run`](Kind::run) about the files.
+    /// Reads the scene without the harmonics above degree 0, which takes a third of the memory. Also returns the
+    /// largest degree stored in the files, and the notes that [`run`](Kind::run) would add about the files.
     ///
     /// # Errors
     /// Those of [`run`](Kind::run).
@@ -264,8 +264,9 @@ mod tests {
         assert_eq!(of(engine::Up::PlusZ).is_some_and(|text| text.contains("is -y, but")), sure);
     }
 
-    /// A scene read without its harmonics has the same splats otherwise, also with a matrix and among several files.
-    /// Mutation: `part.sh.truncate(start + 1)` to `start + 2`, and `stored_degree` left out of `join`.
+    /// A scene that is read without its harmonics has otherwise the same splats, even if there are a matrix and
+    /// several files. This test fails if `part.sh` is truncated to `start + 2` instead of `start + 1`, or if `join`
+    /// leaves out `stored_degree`.
     #[test]
     fn a_plain_scene_has_all_but_the_harmonics() {
         let mut scene = Splats::empty();
@@ -309,8 +310,8 @@ mod tests {
         assert_eq!((dropped(&notes), dropped(&remarks)), (2, 2));
     }
 
-    /// A scene of degree 3 loaded with a matrix gives the same picture to a camera that was transformed by
-    /// the same matrix. Mutation: `self.sh.apply(sh)` left out of `Turn::apply`, seen red.
+    /// If a scene of degree 3 is loaded with a matrix, a camera that was transformed by the same matrix sees the
+    /// same picture as before. This test fails if `Turn::apply` does not call `self.sh.apply(sh)`.
     #[test]
     fn turned_scene_and_turned_camera_give_the_same_picture() {
         let mut scene = Splats::empty();

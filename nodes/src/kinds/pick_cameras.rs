@@ -10,12 +10,12 @@ use crate::types::Rig;
 engine::params! {
     /// Picks cameras of a rig, for example one for each value of an axis over all of them.
     ///
-    /// With `axes: (frame: Cameras("rig"))` and `pick: [Axis("frame")]`, each camera is a value of the axis: what
-    /// reads the picked camera runs for one camera after the other, in the memory of one, and is kept in the cache by
-    /// camera. The file of cameras is read once.
+    /// With `axes: (frame: Cameras("rig"))` and `pick: [Axis("frame")]`, each camera is a value of the axis. The
+    /// nodes that use the picked camera then run for one camera after the other, so that only one needs memory at a
+    /// time, and their results are cached per camera. The cameras file is read once.
     pub struct PickCameras {
-        /// Cameras to pick, in this order: names, with wildcards `*` and `?`, or ranges of indices from 0 such as
-        /// `2..5`, or `0..400..8` for every eighth, or an index. The default is all cameras.
+        /// Cameras to pick, in this order. Each entry is a name (`*` and `?` are wildcards), an index from 0, or a
+        /// range of indices such as `2..5`, or `0..400..8` for every eighth. The default is all cameras.
         pick: Vec<Pick> = Vec::new(), other("[1]");
     }
 }
@@ -93,7 +93,9 @@ mod tests {
         assert!(picked(&["5..6"]).unwrap_err().contains("picks none of the 5 cameras"));
     }
 
-    /// Mutation: `INSTANT` and `views` for an index as for a range (`Unknown`): seen red.
+    /// The number of picked cameras is known before a run if all are picked by index, or if all cameras of the rig
+    /// are picked. This test fails if `views` returns `Unknown` for an index, as it does for a range of several
+    /// cameras.
     #[test]
     fn the_number_of_cameras_is_known_before_a_run_where_it_can_be() {
         let views = |pick: &[&str]| {

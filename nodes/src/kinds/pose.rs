@@ -28,7 +28,7 @@ engine::params! {
         /// an object that stands upright, give a `matrix`.
         scale: f64 = 1.0, range(-1e9, 1e9), other("2.0");
         /// Affine transform from the object's frame (axes of the world) to the world: 16 numbers in row-major
-        /// order. Replaces the three parameters above.
+        /// order. Replaces `translation`, `yaw_deg` and `scale`.
         matrix: Option<[f64; 16]> = None, other("Some((1.0, 0.0, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
         /// A pixel of the view `rig`, counted from the upper left, that shows the ground on `mesh` or
         /// `splats`. `translation` is added to that point of the ground. A pixel that shows no ground, or

@@ -98,7 +98,7 @@ impl Kind for ScoreEnv {
     }
 }
 
-/// Name, unit, and value of a score if it can be computed.
+/// Name and unit of a score, and its value; `None` if it cannot be computed.
 type Score = (&'static str, &'static str, Option<f64>);
 
 /// Computes the scores.
@@ -194,9 +194,9 @@ const SPHERES: [(Sphere, [&str; 2]); 3] = [
     ),
 ];
 
-/// Mean absolute difference of radiance over channels and solid angle, relative to the mean of the truth, and
-/// log2 of the ratio of the energies. Computed per texel; panoramas of different sizes are compared on the finest
-/// grid that both fill. `None` if a panorama is black.
+/// Two scores of the panoramas: the mean absolute difference of radiance over channels and solid angle, divided by
+/// the mean radiance of the truth; and log2 of the ratio of the energies. They are computed per texel. Panoramas of
+/// different sizes are compared on the finest grid that both fill. `None` if a panorama is black.
 fn weighed(env: &Environment, truth: &Environment) -> (Option<f64>, Option<f64>) {
     let (mut off, mut found, mut want) = (0.0, 0.0, 0.0);
     let mut add = |[a, b]: [[f64; 3]; 2], solid_angle: f64| {

@@ -41,7 +41,7 @@ engine::inputs! {
         splats: Arc<Splats>,
         /// Pose of the object; only its translation is used.
         at: Arc<Pose>,
-        /// Mesh that hides splats: splats at or behind its surface are left out of a sample.
+        /// Mesh that hides splats: a sample shows only the splats in front of the mesh.
         limit: Option<Arc<Mesh>>,
     }
 }

@@ -14,7 +14,7 @@ use crate::types::{Encoding, Images, Linear, Picture};
 engine::choices! {
     /// Encoding of the written colours.
     pub enum WrittenEncoding {
-        /// The encoding of each picture: a splat render stays display-encoded.
+        /// Keeps the encoding of each picture, so a splat render stays display-encoded.
         Keep,
         /// Linear light, which other programs expect in OpenEXR files.
         Linear,
@@ -35,8 +35,8 @@ engine::params! {
         /// Names of the layers, in the order of the wires: B, R0, R1, S, O, M, Z, N, variance, or others. The
         /// default is the names of the outputs that the wires come from.
         names: Vec<String> = Vec::new(), other("[\"B\"]");
-        /// True to write colours as 16-bit floats, which take half the space and have about three digits. Samples
-        /// that overflow are counted. Data (depth, masks, variance) stays in 32 bits.
+        /// True to write colours as 16-bit floats, which take half the space and have about three significant
+        /// digits. Samples that overflow are counted. Data (depth, masks, variance) stays in 32 bits.
         half: bool = false, other("true");
         /// Encoding of the written colours. `Linear` un-premultiplies display-encoded colours, decodes them and
         /// premultiplies them again; alpha, linear light and data are unchanged.

@@ -15,8 +15,8 @@ use crate::types::{Image, Linear};
 const REACH: usize = 4;
 /// Minimum contrast of an edge, in display values.
 const CONTRAST: f32 = 0.12;
-/// Quantile of the blurs of all edges, sharpest first, that is taken as the blur of a background. Softer edges,
-/// such as those of penumbras and round shapes, are soft in the scene itself.
+/// Quantile of the blurs of all edges, from the smallest blur, that is taken as the blur of a background. Softer
+/// edges, such as the edges of penumbras and round shapes, are soft in the scene itself.
 const SHARPEST: f64 = 0.1;
 /// Minimum number of edges for a measurement.
 const FEWEST: usize = 64;

@@ -76,7 +76,7 @@ const STRENGTHS: [f64; 2] = [0.7, 0.5];
 /// Allowed differences of normals for the ratio and the object, as 1 - cosine. The receiver's mesh is rough and its
 /// normals affect only the ratio; the normals of the object affect the shading that is filtered.
 const BENDS: [f32; 2] = [0.5, 0.05];
-/// Divisor of the search radius for objects, which is smaller because of their textures and highlights.
+/// Number by which the search radius is divided for objects. Their textures and highlights need a smaller radius.
 const OBJECT_RADIUS: usize = 2;
 impl Denoise {
     fn reach(&self, layer: usize) -> Reach {

@@ -77,11 +77,11 @@ const EYE_METRES: f64 = 0.45;
 /// Near plane of the views that are fused, in metres. A larger value would cut away the ground below a place, which
 /// would then count as empty space.
 const NEAR_METRES: f64 = 0.2;
-/// Depth at which a view has half the weight, in metres.
+/// Depth at which a surface seen in a view has half the weight of a very near surface, in metres.
 const HALF_METRES: f64 = 2.0;
 /// Maximum length of an edge of the mesh, in cells.
 const LONGEST_CELLS: f64 = 16.0;
-/// Maximum number of cubes that are kept.
+/// Maximum number of cubes of cells that are fused.
 const MOST_CUBES: usize = 1 << 16;
 
 impl Kind for ExtractMesh {

@@ -1,4 +1,4 @@
-//! Light that points receive in addition to the sun.
+//! Light that surface points receive from everything except the sun.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};

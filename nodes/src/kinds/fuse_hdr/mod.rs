@@ -59,7 +59,7 @@ engine::params! {
     /// everywhere else it is kept exactly. The report lists each recovered light: its position and amount, the
     /// source of that energy, and the effect of each step of the fusion.
     pub struct FuseHdr {
-        /// Threshold above which light counts as clipped, in linear light with white at 1.
+        /// Linear light above which a channel counts as clipped, where white is 1.
         threshold: f32 = 0.9, range(0.05, 0.999), other("0.6");
         /// Transition from the light of the panorama to the predicted light.
         blend: Blend = Blend::Ramp, other("Hard");
@@ -95,7 +95,7 @@ engine::outputs! {
     pub struct Out {
         /// Linear light from every direction, at the point of the panorama.
         env: Arc<Environment>,
-        /// Each recovered light, and the energy before and after.
+        /// Each recovered light, and the energy before and after fusion.
         report: Arc<Report>,
         /// The light as a picture, for `write-exr`.
         image: Arc<Images>,

@@ -101,7 +101,7 @@ fn camera(
 }
 
 /// Sorts cameras by name, as the INRIA code and most other readers do, so that picking every eighth camera picks
-/// the same cameras as there.
+/// the same cameras as in those programs.
 fn sorted(mut cameras: Vec<Raw>) -> Vec<Raw> {
     cameras.sort_by(|a, b| a.picture.cmp(&b.picture));
     cameras

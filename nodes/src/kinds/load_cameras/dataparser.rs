@@ -31,7 +31,7 @@ fn rows(file: &str, value: &Value, key: &str) -> Result<DMat4, Error> {
 }
 
 impl Dataparser {
-    /// Reads `transform` and `scale`.
+    /// Reads `transform` and `scale` from the file.
     pub fn read(file: &str, bytes: &[u8]) -> Result<Self, Error> {
         refuse_foreign(file, bytes)?;
         let json: Value = serde_json::from_slice(json_text(bytes))

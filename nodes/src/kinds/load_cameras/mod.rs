@@ -60,9 +60,10 @@ engine::params! {
     pub struct LoadCameras {
         /// The file, or the folder of a COLMAP model.
         path: InputFile, other("\"b.json\"");
-        /// Cameras to load, in this order: names or paths of pictures, with wildcards `*` and `?`, or ranges of
-        /// indices from 0 such as `2..5`, or `0..400..8` for every eighth, or an index. The default is all cameras. For one
-        /// camera after the other, in the memory of one, load all of them and pick one in a node of `pick-cameras`.
+        /// Cameras to load, in this order. Each entry is the name or path of a picture (`*` and `?` are wildcards),
+        /// an index from 0, or a range of indices such as `2..5`, or `0..400..8` for every eighth. The default is
+        /// all cameras. To process one camera after the other, so that only one needs memory at a time, load all
+        /// cameras and pick one with `pick-cameras`.
         pick: Vec<Pick> = Vec::new(), other("[\"0..1\"]");
         /// Name of the list in lightharmony's own JSON format.
         list: String = "views".to_owned(), other("\"cube_faces\""), inert("only lightharmony's own JSON has lists");
@@ -237,8 +238,8 @@ fn is_gltf(path: &InputFile) -> bool {
     lower.ends_with(".glb") || lower.ends_with(".gltf")
 }
 
-/// Number of images of a binary COLMAP model, from its first bytes; `None` for other files and for a number beyond
-/// the limit of cameras.
+/// Number of images of a binary COLMAP model, from its first bytes. `None` for other files, and if the number is 0
+/// or exceeds [`CAMERA_LIMIT`].
 fn images_of(p: &LoadCameras, root: &SourceRoot) -> Option<usize> {
     if is_json(&p.path) || is_gltf(&p.path) {
         return None;
@@ -384,7 +385,8 @@ fn view_name(picture: &str, folders: usize) -> String {
     if name.is_empty() || name == ".." { "camera".to_owned() } else { name }
 }
 
-/// Number of chosen cameras, if all are chosen by index, so that it does not depend on the file.
+/// Number of chosen cameras. `None` unless each is chosen by a different index, since the number otherwise depends
+/// on the file.
 pub(super) fn count_of(wishes: &[Pick]) -> Option<usize> {
     let index = |Pick(wish): &Pick| range(wish).filter(|(start, end, _)| start.checked_add(1) == Some(*end));
     let indices: BTreeSet<usize> = wishes.iter().map(|wish| Some(index(wish)?.0)).collect::<Option<_>>()?;

@@ -77,7 +77,7 @@ engine::outputs! {
         brackets: Arc<Brackets>,
         /// The exposures as pictures, one view each, with names such as `ev_-6`.
         exposures: Arc<Images>,
-        /// The regions, and the light of the panorama before and after: in total and for each light.
+        /// The regions, and the light of the panorama before and after the prediction: in total and for each light.
         report: Arc<Report>,
     }
 }
@@ -87,7 +87,7 @@ engine::outputs! {
 pub const CLIPPED: f32 = 0.95;
 /// Maximum number of exposures. They take memory, and more than a few add no information.
 const MOST_EXPOSURES: usize = 64;
-/// Maximum angle over which a light is spread, in radians: two cells of the grid.
+/// Maximum angle over which averaging onto the grid spreads a light, in radians: the width of two cells.
 const SPREAD: f64 = 0.05;
 /// Minimum alpha of a pixel that may count as clipped. Pixels with a smaller alpha were filled, so their
 /// colours were not captured.

@@ -148,7 +148,7 @@ fn rolling_the_panorama_rolls_the_gain() {
     }
 }
 
-/// The gain rotates with a panorama finer than the grid, even by less than a cell.
+/// If a panorama finer than the grid is rotated, its gain rotates with it, even by less than the width of a cell.
 #[test]
 fn turning_by_part_of_a_cell_turns_the_gain() {
     let width = 300;

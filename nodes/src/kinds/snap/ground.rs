@@ -158,7 +158,7 @@ impl Ground {
     }
 }
 
-/// Half the width of the region of all rays: that of the foot, and of the object however it is rotated about the
+/// Half the width of a region that contains all rays: it covers the foot, and the object for any rotation about the
 /// middle of its foot, with a margin for rounding.
 fn widest(foot: &Foot, around: DVec3) -> f64 {
     let [low, high] = [foot.low - around, foot.high - around];
@@ -207,8 +207,8 @@ mod tests {
         mesh
     }
 
-    /// The triangles near an object give the same columns as all triangles, and are few. Mutation: `1.001` to `0.5`
-    /// in `widest`, and `half` to `0.9 * half` in `within`: seen red.
+    /// The triangles near an object give the same columns as all triangles, and are few. This test fails if `1.001`
+    /// is changed to `0.5` in `widest`, or if `within` uses `0.9 * half`.
     #[test]
     fn triangles_that_no_ray_can_hit_are_left_out() {
         let (mesh, cx, up) = (ground(), context(), DVec3::Z);

@@ -164,7 +164,7 @@ impl Source {
     }
 }
 
-/// Mean over each pixel of the panorama, linear and premultiplied, row by row.
+/// Mean of the views over each pixel of the panorama, linear and premultiplied, row by row.
 fn resample(sources: &[Source], up: Up, width: usize, cx: &Context) -> Result<Vec<[f32; 4]>, NodeError> {
     let height = width / 2;
     let [right, forward, above] = equirect::axes(up);

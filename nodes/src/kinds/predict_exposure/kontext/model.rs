@@ -117,8 +117,8 @@ impl Kontext<'_> {
     }
 }
 
-/// Records the light of the picture `small`, which was given to the model, and its light after the gains. A gain
-/// acts on the part of a pixel of `small` that is clipped in the panorama.
+/// Records two steps: the light of `small`, which is the picture given to the model, and the light of `small` after
+/// the gains are applied. Each gain is applied to the fraction of the pixel that is clipped in the panorama.
 fn record(
     books: &mut EnergyTable,
     (width, height): (usize, usize),

@@ -1,9 +1,10 @@
-//! Means over neighbourhoods of a panorama whose width in degrees is about the same at every latitude.
+//! Means over a neighbourhood of each cell of a panorama. The neighbourhoods have about the same width in degrees
+//! at every latitude.
 
 /// Number of fields averaged together.
 pub(super) const FIELDS: usize = 7;
 
-/// Fields over a panorama, row by row.
+/// Values of the fields in each cell of a panorama, row by row.
 #[derive(Clone)]
 pub(super) struct Fields {
     pub width: usize,

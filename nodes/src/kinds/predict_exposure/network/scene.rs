@@ -62,7 +62,7 @@ struct Region {
     radius: f64,
     deepest: f64,
     white: f64,
-    /// Mean brightness of the near and of the wider surroundings.
+    /// Mean brightness of the near surroundings and of the wider surroundings.
     around: [f64; 2],
 }
 
@@ -134,8 +134,9 @@ impl<'a> View<'a> {
         self.solid_angle[cell / self.grid.width]
     }
 
-    /// Four values of every cell for its neighbourhood at each radius: clipped share, log2 mean of the
-    /// unclipped part, ratio of blue to red of that part in stops, and share clipped in all channels.
+    /// Four values for each of [`RADII`] and each cell, which describe the neighbourhood of the cell: the clipped
+    /// share, log2 of the mean luminance of the unclipped part, the ratio of blue to red of the unclipped part in
+    /// stops, and the share that is clipped in all channels.
     fn neighbourhoods(&self) -> Vec<Vec<[f64; 4]>> {
         let field = |c: usize| {
             let (all, open, [r, _, b]) = (self.solid_angle(c), self.open[c], self.open_rgb[c]);

@@ -65,12 +65,12 @@ pub struct Example {
     pub scene: Scene,
     /// Light hidden in each clipped cell: true minus visible luminance, times solid angle.
     pub hidden: Vec<f64>,
-    /// Cosine of the angle between each clipped cell and the normal of the plane on which contrast is measured. It
-    /// is the first entry if the cell is within 15 degrees of the dominant light, and the second entry otherwise.
-    /// The other entry is 0.
+    /// For each clipped cell, the cosine of the angle between its direction and the normal of the plane on which
+    /// contrast is measured. If the cell is within 15 degrees of the dominant light, the first entry holds the
+    /// cosine, and otherwise the second entry. The other entry is 0.
     pub toward: Vec<[f64; 2]>,
-    /// Flux of the visible panorama: in total, on the plane of `toward` from within 15 degrees of the dominant
-    /// light, and on this plane from all other directions.
+    /// Flux of the visible panorama, as three numbers: the total, the flux on the plane of `toward` from directions
+    /// within 15 degrees of the dominant light, and the flux on this plane from all other directions.
     pub visible: [f64; 3],
     /// Flux of the ground truth, split like `visible`.
     pub truth: [f64; 3],
@@ -96,7 +96,7 @@ pub fn shrink((width, height): (usize, usize), rgb: &[f32], columns: usize) -> I
 }
 
 impl Truth {
-    /// Scales a panorama to EV 0. `None` for a panorama without light.
+    /// Scales a panorama to EV 0. `None` if the panorama contains no light.
     pub fn new(panorama: Image<Linear>) -> Option<Self> {
         let size = (panorama.width, panorama.height);
         let fine = (size.0 > WIDTH).then_some(&panorama);
@@ -204,8 +204,8 @@ fn glints(shot: Shot, (width, height): (usize, usize)) -> BTreeMap<usize, f64> {
     (0..shot.glints).map(glint).collect()
 }
 
-/// Smooths samples by a kernel of 3x3 with weights 1, 2, 1 across and down. Rows wrap around, and the rows at
-/// the poles are repeated.
+/// Smooths samples with a 3x3 kernel, whose weights are 1, 2, 1 in both directions. Rows wrap around, and the rows
+/// at the poles are repeated.
 fn soften(samples: &[f32], width: usize) -> Vec<f32> {
     let height = samples.len() / (3 * width);
     let sample = |x: usize, y: usize, c: usize| samples[(y * width + x % width) * 3 + c];
