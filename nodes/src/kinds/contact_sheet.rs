@@ -81,7 +81,7 @@ impl Kind for ContactSheet {
         if let Some(other) = views.iter().find(|view| like(&view.picture) != like(&first.picture)) {
             let text = |view: &NamedImage| {
                 let (encoding, channels) = like(&view.picture);
-                format!("`{}` is {encoding} of {channels} channels", view.name)
+                format!("`{}` has {encoding} values and {channels} channels", view.name)
             };
             return Err(NodeError::new(format!("{}, {}", text(first), text(other)))
                 .at("images")

@@ -179,7 +179,7 @@ fn fill_holes(
     let share = open.iter().map(|at| pixel_solid_angle(width, height, at / width)).sum::<f64>() / (4.0 * PI);
     notes.decision(
         "holes",
-        format!("{:.2} % of the sphere is transparent; filled from the surroundings", 100.0 * share),
+        format!("{:.2} % of the sphere is transparent and was filled from its surroundings", 100.0 * share),
     );
     // Pixels of additive light, as renderers write glows. Their content is lost here, which is reported.
     let lost = open.iter().filter(|at| pixels[**at][..3].iter().any(|v| *v > 0.0)).count();

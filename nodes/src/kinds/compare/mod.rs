@@ -225,7 +225,7 @@ fn check_names(p: &Compare, regions: usize) -> Result<(), NodeError> {
     if p.names.is_empty() || p.names.len() == regions {
         return Ok(());
     }
-    let what = format!("{regions} regions but {} names", p.names.len());
+    let what = format!("there are {regions} regions, but {} names", p.names.len());
     Err(NodeError::new(what).at("names").hint("name every region, in the order of the wires"))
 }
 

@@ -197,7 +197,7 @@ impl Kind for Denoise {
             let (images, found, blind) = params.view(&layers, cx)?;
             fireflies += found;
             if blind {
-                let text = "`variance` is 0 everywhere, as after 1 sample, so nothing is filtered";
+                let text = "`variance` is 0 everywhere, which happens if each pixel has 1 sample, so nothing is filtered";
                 notes
                     .warning("no-variance", format!("`{name}`: {text}; give `path-trace` 2 samples or more"));
             }

@@ -187,8 +187,8 @@ impl Lights {
             "azimuth (deg, clockwise from forward)",
             "elevation (deg)",
             "solid angle (sr)",
-            "irradiance before (facing it)",
-            "irradiance after (facing it)",
+            "irradiance on a plane facing the light, before fusion",
+            "irradiance on a plane facing the light, after fusion",
             "peak luminance",
             "share from EV 0",
         ]
@@ -233,11 +233,9 @@ impl Lights {
             each("peak luminance", |energy| energy.peak),
         ];
         let listed = lights.iter().take(LISTED).enumerate();
-        rows.extend(
-            listed.map(|(i, light)| {
-                row(format!("irradiance facing light {}", i + 1), light.irradiance.clone())
-            }),
-        );
+        rows.extend(listed.map(|(i, light)| {
+            row(format!("irradiance from light {} on a plane that faces it", i + 1), light.irradiance.clone())
+        }));
         if let Some(rest) = lights.get(LISTED..).filter(|rest| !rest.is_empty()) {
             let power = |step: usize| rest.iter().map(|light| light.power[step]).sum();
             let name = format!("power of the {} lights not listed (sr)", rest.len());

@@ -99,7 +99,7 @@ impl Balance {
         let Some(albedo) = self.albedo().filter(|albedo| *albedo > MOST_ALBEDO) else { return };
         if self.share > LEAST_OPEN {
             let text = format!(
-                "the ground is too bright for the light that falls on it: its albedo would be {albedo:.2}. Light is missing from the {:.1} % of the upper half that were not seen; set `ground_albedo` to add it (grass 0.2, stone or sand 0.3, concrete 0.4)",
+                "the ground is too bright for the light that falls on it: its albedo would be {albedo:.2}. Light is missing from the {:.1} % of the upper half that was not seen; set `ground_albedo` to add it (grass 0.2, stone or sand 0.3, concrete 0.4)",
                 100.0 * self.share
             );
             notes.warning("sky-missing", text);
@@ -117,7 +117,7 @@ impl Balance {
         };
         if self.share <= LEAST_OPEN {
             let text = format!(
-                "`ground_albedo` has no effect: {:.1} % of the upper half was seen, so there is no place for a sky",
+                "`ground_albedo` has no effect: {:.1} % of the upper half was seen, so no part is left for a sky",
                 100.0 - percent
             );
             notes.warning("ground-albedo-unused", text);
@@ -127,7 +127,7 @@ impl Balance {
         let radiance = ((wanted - self.seen) / self.open).max(0.0);
         if radiance == 0.0 {
             let text = format!(
-                "the visible light gives the ground an irradiance of {:.4}, and an albedo of {albedo} needs only {wanted:.4}, so the unseen {percent:.1} % of the upper half are black; a lower `ground_albedo` turns them into a sky",
+                "the visible light gives the ground an irradiance of {:.4}, and an albedo of {albedo} needs only {wanted:.4}, so the unseen {percent:.1} % of the upper half stays black; a lower `ground_albedo` makes it a sky",
                 self.seen
             );
             notes.warning("sky-black", text);

@@ -334,7 +334,7 @@ fn report_nothing_clipped(
     let brightest = seen.map(|(rgb, _)| max3(*rgb)).fold(0.0, f32::max);
     let why = if pixels.ceiling {
         format!(
-            "no pixel is clipped: the brightest has {brightest:.3} of white, and pixels count as clipped from `white`, {}",
+            "no pixel is clipped: the brightest pixel reaches {brightest:.3} of white, and pixels count as clipped from `white` = {}",
             params.white
         )
     } else {

@@ -62,8 +62,8 @@ impl Tally {
         );
         if self.shone_on as f64 > MANY * self.samples as f64 {
             let text = format!(
-                "the objects light their surroundings, and `s_max` = {s_max} removes that: {:.2} % of the samples \
-                 would be brighter by more than half",
+                "the objects light their surroundings, but `s_max` = {s_max} clips that light: without the limit, \
+                 {:.2} % of the samples would be more than 50 % brighter",
                 share(self.shone_on)
             );
             let hint = match s_max < LARGE {

@@ -135,10 +135,10 @@ pub fn train(
         if chosen.is_empty() {
             let what = match fold {
                 Some(_) => {
-                    "in one part of the cross-validation no panorama to learn from has a clipped pixel: use fewer parts (--folds), more panoramas, or procedural ones (--procedural)"
+                    "in one fold of the cross-validation, none of the training panoramas has a clipped pixel: use fewer folds (`--folds`), more panoramas, or procedural panoramas (`--procedural`)"
                 }
                 None => {
-                    "no panorama has a clipped pixel, so there is nothing to learn from: use more panoramas, or procedural ones (--procedural)"
+                    "no panorama has a clipped pixel, so there is nothing to learn from: use more panoramas, or procedural panoramas (`--procedural`)"
                 }
             };
             return Err(Error::Mismatch(what.to_owned()));
