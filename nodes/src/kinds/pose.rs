@@ -20,7 +20,7 @@ engine::params! {
     /// translated. Give `matrix` instead for any other affine transform, or `pixel` to put the object where a view
     /// shows the ground.
     pub struct PoseNode {
-        /// Position in the world of the origin of the object's file.
+        /// World position of the origin of the object's file.
         translation: [f64; 3] = [0.0; 3], range(-1e12, 1e12), unit("world units"), other("(0.5, 0.0, 0.2)");
         /// Rotation about the up axis, counter-clockwise seen from above.
         yaw_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("30.0");

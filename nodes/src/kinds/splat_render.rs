@@ -42,9 +42,9 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`SplatRender`].
     pub struct Out {
-        /// Colour and depth with their cameras, for `stitch`.
+        /// Colour and depth of each view, with its camera, for `stitch`.
         views: Arc<Views>,
-        /// RGB premultiplied by alpha, over black, and alpha.
+        /// RGB over black, premultiplied by alpha, followed by alpha.
         colour: Arc<Images>,
         /// Coverage, 0 to 1.
         alpha: Arc<Images>,

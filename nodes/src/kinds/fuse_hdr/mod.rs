@@ -326,7 +326,7 @@ fn exposure(params: &FuseHdr, brackets: &Brackets, i: usize, at: usize) -> ([f32
     (linear, Fused { luminance: scaled, source: i, saturated })
 }
 
-/// Degree of clipping of a picture by its brightest channel: 0 at the threshold, 1 at white.
+/// Degree to which a pixel is clipped, from its brightest channel: 0 at the threshold, 1 at white.
 fn ramp(params: &FuseHdr, rgb: [f32; 3]) -> f32 {
     ((max3(rgb) - params.threshold) / (1.0 - params.threshold)).clamp(0.0, 1.0)
 }

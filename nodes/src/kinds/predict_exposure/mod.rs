@@ -230,7 +230,7 @@ impl<'a> Clipped<'a> {
         Self { up, pixels, mask, ceiling, grid, labels, members }
     }
 
-    /// Regions with the predicted gain.
+    /// Regions, with the predicted gain of their pixels.
     fn with_gain(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
         let n = self.labels.count;
         let (mut size, mut before, mut after) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);

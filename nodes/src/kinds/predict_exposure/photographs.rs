@@ -187,8 +187,8 @@ impl Photographs {
         Ok(())
     }
 
-    /// Adds pixels that may be clipped to the mask: those slightly below the white level that are brighter in
-    /// a photograph by more than the rounding of codes.
+    /// Adds to the mask the pixels slightly below the white level that may be clipped too: those that are brighter
+    /// in a photograph by more than the rounding of codes.
     pub fn add_clipped(
         &self,
         pixels: &LinearPixels,

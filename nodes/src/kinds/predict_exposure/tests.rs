@@ -88,8 +88,8 @@ fn the_flux_of_a_region_is_what_the_regression_says() {
     assert!((stops(&lamp) - 2.203).abs() < 1e-3, "{}", stops(&lamp));
 }
 
-/// Each exposure is darker than the next one and than the panorama, only black gives black, extremes stay
-/// finite, and white is the largest value of an exposure.
+/// In a uniform panorama, no pixel is brighter in an exposure than in a brighter exposure or in the panorama. Only
+/// black gives black, extreme values stay finite, and no value of an exposure is above white.
 #[test]
 fn flat_panoramas_stay_monotone_and_finite() {
     for method in METHODS {

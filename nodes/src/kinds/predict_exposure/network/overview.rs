@@ -1,8 +1,8 @@
 //! Features of the whole panorama: visible surfaces compared with the visible light that falls on them.
 //!
-//! A surface of albedo a that reflects L receives pi L / a. If that exceeds the visible light, the rest is
-//! hidden. So the ground is compared with the light from above, and walls with the light from the opposite
-//! side.
+//! A surface of albedo a that reflects the radiance L receives the irradiance pi L / a. If this is more than the
+//! visible light provides, some light is hidden. So the ground is compared with the light from above, and walls
+//! with the light from the opposite side.
 
 use glam::DVec3;
 

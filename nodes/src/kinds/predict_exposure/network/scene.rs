@@ -70,7 +70,7 @@ struct Region {
 pub(super) struct View<'a> {
     pub grid: &'a Grid,
     pub up: Up,
-    /// Solid angle of a cell of each row.
+    /// For each row, the solid angle of one cell.
     solid_angle: Vec<f64>,
     /// Sine of the elevation of each row.
     sine: Vec<f64>,

@@ -38,7 +38,7 @@ pub struct Shot {
     pub balance: [f64; 3],
     /// True if the picture is softened after clipping, as splats trained on it would be.
     pub soft: bool,
-    /// Largest error of samples in 8-bit codes, as after compression.
+    /// Maximum random error added to each sample, in 8-bit codes, to imitate compression.
     pub grain: f64,
     /// Seed of the grain.
     pub seed: u32,
@@ -59,7 +59,7 @@ impl Shot {
 
 /// One photographed panorama.
 pub struct Example {
-    /// Photograph averaged over the grid, linear.
+    /// Linear light of the photograph, averaged over each cell of the grid.
     pub rgb: Vec<[f64; 3]>,
     /// The input of the network.
     pub scene: Scene,
@@ -191,7 +191,7 @@ impl Truth {
     }
 }
 
-/// Luminance of glint pixels, at most three times white.
+/// Luminance of each glint pixel by its index, at most three times white.
 fn glints(shot: Shot, (width, height): (usize, usize)) -> BTreeMap<usize, f64> {
     let key = hash(shot.seed, 1);
     let glint = |k: u32| {
