@@ -28,7 +28,7 @@ engine::inputs! {
         rig: Arc<Rig>,
         /// Objects to be lit.
         objects: Vec<Arc<Placed>>,
-        /// Coarse panorama of the same light. Its pixels widen lights by up to half a pixel, which is subtracted.
+        /// Coarse panorama of the same light. The half pixel by which its pixels can widen a light is subtracted.
         look: Arc<Environment>,
     }
 }

@@ -20,7 +20,7 @@ engine::params! {
     /// Compares the illumination of a scene: the irradiance of planes in every direction and of six planes along
     /// the axes of the world, the direction of the dominant light, its contrast, the panoramas weighted by solid
     /// angle, and renders of a matte, a glossy and a mirror sphere seen along the world's forward axis. Contrast is
-    /// the ratio of the dominant light to all other light, which determines how dark a shadow is. In the recovered
+    /// the ratio of the dominant light to all other light; it determines how dark a shadow is. In the recovered
     /// light, the dominant light is the light from within 15 degrees of the true direction, so a light in any other
     /// direction counts as missing.
     ///

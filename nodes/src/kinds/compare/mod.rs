@@ -45,9 +45,9 @@ engine::params! {
     ///
     /// For a region, SSIM and FLIP are the means of their maps over the region. With `Linear`, FLIP is HDR-FLIP
     /// (`hdr-flip mean` and `hdr-flip p95`); CIEDE2000 and LPIPS are not computed, which is reported. An inserted
-    /// object hardly changes the numbers of a whole picture, so compare them with those of two baselines: wire
-    /// `background` for the row "nothing inserted", and `no_shadow` for the row "no shadow". A baseline without a
-    /// wire is not computed.
+    /// object hardly changes the numbers of a whole picture, so compare them with the numbers of two baselines:
+    /// wire `background` for the row "nothing inserted", and `no_shadow` for the row "no shadow". A baseline
+    /// without a wire is not computed.
     ///
     /// Alpha itself is not compared. Transparent parts are composited on black in the encoding of the picture: in
     /// display values for a splat render, as in the metrics of splat trainers, and in linear light for the output

@@ -28,7 +28,7 @@ engine::params! {
     /// counted.
     ///
     /// The colour of the object is averaged within its alpha, which does not change. A pixel of the object whose
-    /// variance is much larger than that of other pixels keeps its light and does not contribute to them.
+    /// variance is much larger than the variance of other pixels keeps its light and does not contribute to them.
     ///
     /// `Oidn` filters the ratio and the object with Open Image Denoise instead, at the same noisy pixels.
     pub struct Denoise {

@@ -32,7 +32,7 @@ engine::choices! {
 engine::choices! {
     /// The form of the prediction that is fused.
     pub enum Gain {
-        /// The gain map in floats, which has no upper limit.
+        /// The gain map in floats; it has no upper limit.
         Direct,
         /// The exposures, as in the paper; light is limited by the white level of the darkest exposure.
         Brackets,
@@ -55,9 +55,9 @@ engine::choices! {
 engine::params! {
     /// Fuses a panorama and its predicted exposures into an environment of light.
     ///
-    /// Where the panorama is clipped it is replaced by the predicted light, with the hue of the panorama;
-    /// everywhere else it is kept exactly. The report lists each recovered light: its position and amount, the
-    /// source of that energy, and the effect of each step of the fusion.
+    /// Clipped parts of the panorama are replaced with the predicted light, in the hue of the panorama; all other
+    /// parts are kept exactly. The report lists each recovered light: its position and amount, the source of its
+    /// energy, and the effect of each step of the fusion.
     pub struct FuseHdr {
         /// Linear light above which a channel counts as clipped, where white is 1.
         threshold: f32 = 0.9, range(0.05, 0.999), other("0.6");

@@ -9,7 +9,7 @@ use crate::io::gltf::{self, object::local};
 use crate::math::num;
 use crate::types::frame::world_from_gltf;
 
-/// Height of a picture, which glTF does not define, in pixels. It is multiplied by `resolution`.
+/// Height of a picture in pixels, since glTF does not define it. It is multiplied by `resolution`.
 const HEIGHT_PX: u64 = 1080;
 /// Aspect ratio of cameras that do not define one: the default of Blender.
 const ASPECT: f64 = 16.0 / 9.0;

@@ -79,7 +79,7 @@ impl RatioForm {
         if self == Self::Paper || least <= 0.0 { 1.0 } else { (energy / least - 1.0).clamp(0.0, 1.0) }
     }
 
-    /// Light to add to a channel.
+    /// Light to add to a channel, from its light without and with the objects.
     pub(super) fn added(self, without: f64, with: f64) -> f64 {
         let added = match self {
             Self::Difference => with - without,

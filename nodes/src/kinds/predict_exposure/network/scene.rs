@@ -230,8 +230,8 @@ impl<'a> View<'a> {
 }
 
 impl Scene {
-    /// Describes a panorama with the clipped regions `labels` and the white level `ceiling`, which was 1 in
-    /// training. Features are normalised to a white level of 1. Light is in the unit of the panorama.
+    /// Describes a panorama. `labels` are its clipped regions, and `ceiling` is its white level. Features are
+    /// normalised to a white level of 1, as in training; fluxes are in the unit of the panorama.
     pub(in super::super) fn new(grid: &Grid, up: Up, labels: &Regions, ceiling: f64) -> Self {
         let view = View::new(grid, up, ceiling);
         let mut members = vec![Vec::new(); labels.count];
