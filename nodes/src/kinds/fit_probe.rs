@@ -58,7 +58,10 @@ impl Kind for FitProbe {
             return Err(NodeError::new("the rig has no camera").at("rig"));
         };
         if let Some(odd) = rig.cameras.iter().find(|c| [c.width_px, c.height_px] != [side; 2]) {
-            let text = format!("view `{}` is {}x{} pixels", odd.name, odd.width_px, odd.height_px);
+            let text = format!(
+                "view `{}` has {}x{} pixels instead of {side}x{side}",
+                odd.name, odd.width_px, odd.height_px
+            );
             let hint = "all views must be squares of equal size, such as those of `cube-rig`";
             return Err(NodeError::new(text).at("rig").hint(hint));
         }

@@ -99,11 +99,11 @@ impl Kind for PoseNode {
             (true, _, _) => Err(NodeError::new("`pixel` needs a view and the scene that it shows")
                 .at("pixel")
                 .hint("wire `rig`, and either `mesh` or `splats`")),
-            (false, _, _) => {
-                Err(NodeError::new("`rig`, `mesh` and `splats` are for `pixel`, which is not given")
-                    .at("pixel")
-                    .hint("write `pixel: (x, y)`, or leave the wires out"))
-            }
+            (false, _, _) => Err(NodeError::new(
+                "`rig`, `mesh` and `splats` are used only with `pixel`, which is not given",
+            )
+            .at("pixel")
+            .hint("write `pixel: (x, y)`, or leave the wires out")),
         }
     }
 

@@ -187,8 +187,10 @@ impl Kind for Compare {
                             "`{}`: {open} pixels are transparent and are compared on black",
                             view.name
                         );
-                        notes
-                            .decision("alpha-on-black", format!("{text}; `composite(backdrop:)` fills them"));
+                        notes.decision(
+                            "alpha-on-black",
+                            format!("{text}; `backdrop` of `composite` fills them"),
+                        );
                     }
                     differences.push(named(pair.difference(p.gain).into()));
                     flips.extend(pair.flip().map(|map| named(map.into())));
