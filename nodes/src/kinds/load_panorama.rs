@@ -145,7 +145,7 @@ impl Kind for LoadPanorama {
     }
 }
 
-/// Rotation nearest to `degrees` by a whole number of columns, in degrees.
+/// The rotation by a whole number of columns that is nearest to a rotation by `degrees`. It is given in degrees.
 fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
     let column = 360.0 / width as f64;
     let whole = (degrees / column).round() * column;

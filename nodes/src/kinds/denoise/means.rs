@@ -227,7 +227,8 @@ const NORMAL: usize = 5;
 const FACED: usize = 8;
 /// Index of the first of the three planes of nearness and its two slopes.
 const NEARNESS: usize = 9;
-/// Index of the plane of the reciprocal of a threshold: a larger difference of nearness separates two surfaces.
+/// Index of the plane that holds the reciprocal of each pixel's threshold for nearness. Two pixels whose nearness
+/// differs by more than the threshold belong to different surfaces.
 const LEVEL: usize = 12;
 /// Index of the first of the planes of the values to average.
 const AVERAGED: usize = 13;

@@ -65,7 +65,7 @@ struct Edges {
     columns: Vec<Option<u32>>,
     /// Sine and cosine of the polar angle of each row.
     rows: Vec<(f64, f64)>,
-    /// Cosine of the rotation by each number of columns, up to half a turn.
+    /// For each number of columns, up to half a turn, the cosine of the angle that they span.
     turns: Vec<f64>,
 }
 

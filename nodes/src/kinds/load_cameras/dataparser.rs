@@ -1,5 +1,5 @@
-//! `dataparser_transforms.json` of nerfstudio: maps the coordinates of a capture to those in which nerfstudio
-//! trains and exports splats.
+//! `dataparser_transforms.json` of nerfstudio: maps the coordinates of a capture to the coordinates in which
+//! nerfstudio trains and exports splats.
 
 use glam::{DMat3, DMat4, DVec3, DVec4};
 use serde_json::Value;

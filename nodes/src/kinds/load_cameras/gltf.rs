@@ -14,8 +14,8 @@ const HEIGHT_PX: u64 = 1080;
 /// Aspect ratio of cameras that do not define one: the default of Blender.
 const ASPECT: f64 = 16.0 / 9.0;
 
-/// Reads the perspective cameras of the scene, in the order of its nodes, and converts them from metres with
-/// y up to the world of the graph.
+/// Reads the perspective cameras of the scene, in the order of its nodes, and converts them from the frame of glTF
+/// (y up, metres) to the world of the graph.
 pub fn read(file: &str, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, Error> {
     let parsed = gltf::parse(file, bytes)?;
     let document = &parsed.document;

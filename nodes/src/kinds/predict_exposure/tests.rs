@@ -148,7 +148,8 @@ fn rolling_the_panorama_rolls_the_gain() {
     }
 }
 
-/// If a panorama finer than the grid is rotated, its gain rotates with it, even by less than the width of a cell.
+/// If a panorama that is finer than the grid is rotated, its gain rotates with it, even if the rotation is smaller
+/// than the width of a cell.
 #[test]
 fn turning_by_part_of_a_cell_turns_the_gain() {
     let width = 300;

@@ -26,7 +26,7 @@ engine::choices! {
     pub enum Channels {
         /// Each colour channel: shadows have the colour of the remaining light.
         Each,
-        /// Luminance: grey shadows, for comparison and for renders with much colour noise.
+        /// Luminance: shadows are grey. For comparison, and for renders with much colour noise.
         Luminance,
     }
 }

@@ -43,7 +43,7 @@ impl Ground {
         Self::within(mesh, around, Foot::axes(up), widest(foot, around), cx)
     }
 
-    /// The triangles that come within `half` of the vertical line through `around`, along both horizontal axes.
+    /// The triangles that come within `half` of the point `around` along each of the two horizontal `axes`.
     fn within(
         mesh: &Mesh,
         around: DVec3,

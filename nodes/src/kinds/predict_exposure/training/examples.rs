@@ -28,7 +28,7 @@ const FINER: f64 = 0.0;
 /// Share of the photographs that have glints. It is 0 until a cross-validation of a whole training has tested other
 /// values; 0.3 is a candidate.
 const GLINTS: f64 = 0.0;
-/// Weight of a procedural panorama relative to a photograph of a real one.
+/// Weight of a photograph of a procedural panorama, relative to the weight of a photograph of a real panorama.
 const PROCEDURAL: f32 = 0.6;
 
 /// All training examples.
@@ -208,8 +208,8 @@ impl Course {
         place % folds
     }
 
-    /// Indices of the examples for one network: those with hidden light, from all places except those of
-    /// `fold`.
+    /// Indices of the examples for one network: all examples with hidden light, except the examples of the places
+    /// in `fold`.
     pub fn chosen(&self, fold: Option<usize>, folds: usize) -> Vec<usize> {
         let learns = |i: &usize| {
             let ([.., hidden, _], open) = (self.raw.fluxes[*i], self.open[*i]);
