@@ -26,7 +26,7 @@ const RENDERED: f64 = 0.551;
 /// Maximum blur that is matched, in pixels. A background with a larger blur is out of focus rather than soft.
 pub(super) const MOST: f64 = 3.0;
 
-/// Blur of the sharpest edges of a background around an object, in pixels. The edges are searched in the bounding
+/// Blur of the sharpest edges of a background around an object, in pixels. Edges are searched for in the bounding
 /// box of the pixels that the object covers, grown by its own size on each side. `None` if there are too few edges.
 pub(super) fn of_background(
     background: &Image<Linear>,

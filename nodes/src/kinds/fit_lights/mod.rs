@@ -1,4 +1,4 @@
-//! `fit-lights`: the sun of an environment, corrected by the shadows that it casts.
+//! `fit-lights`: finds the sun of an environment from the shadows that it casts.
 
 use std::sync::Arc;
 

@@ -19,13 +19,14 @@ use crate::types::{Data, Image, Linear};
 
 /// Largest albedo of ground, except fresh snow.
 const MOST_ALBEDO: f64 = 0.9;
-/// Minimum share of the upper half that was not seen, weighted by cosine, for a sky to count as missing.
+/// Minimum unseen share of the upper half, weighted by cosine, for a sky to count as missing.
 const LEAST_OPEN: f64 = 0.02;
 /// Sine of 20 degrees: directions that are farther than this below the horizon count as ground.
 const GROUND_SINE: f64 = 0.342_020_143_325_668_7;
 /// Minimum alpha of the ground pixels that are measured.
 const GROUND_ALPHA: f32 = 0.5;
-/// Minimum share of the ground directions that must have been seen, weighted by cosine.
+/// Minimum share of the ground directions, weighted by cosine, that must have been seen for the ground to be
+/// measured.
 const LEAST_GROUND: f64 = 0.05;
 
 /// Light that a level ground reflects and receives, as luminance. Irradiance is for a plane that faces up, as in
@@ -41,7 +42,7 @@ pub(super) struct Balance {
     seen: f64,
     /// Integral of (1 - alpha) times the cosine over the upper half, in steradians.
     open: f64,
-    /// `open` divided by the integral of the cosine, 0 to 1.
+    /// `open` divided by the integral of the cosine over the upper half, 0 to 1.
     share: f64,
 }
 

@@ -531,7 +531,7 @@ fn orthonormal(mut m: DMat3) -> Option<DMat3> {
     Some(m)
 }
 
-/// Camera pose, from the rotation and translation from world to camera as in COLMAP.
+/// Camera pose, from COLMAP's rotation (a quaternion) and translation, which map from world to camera.
 fn from_colmap(q: [f64; 4], t: [f64; 3]) -> Option<DMat4> {
     let [w, x, y, z] = q;
     let length = (w * w + x * x + y * y + z * z).sqrt();

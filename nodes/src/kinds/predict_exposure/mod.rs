@@ -250,7 +250,7 @@ impl<'a> Clipped<'a> {
         (0..n).map(|i| self.found(i, size[i], given(i))).collect()
     }
 
-    /// Region `i`, with the solid angle of its clipped pixels.
+    /// Estimate for region `i`, from the solid angle of its clipped pixels and the light given to it.
     fn found(&self, i: usize, solid_angle: f64, given: Given) -> RegionLight {
         let toward = |&c: &usize| self.grid.direction(self.up, c) * self.grid.clipped_angle(c);
         let centre: DVec3 = self.members[i].iter().map(toward).sum();

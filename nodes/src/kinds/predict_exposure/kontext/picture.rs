@@ -33,7 +33,8 @@ pub fn shrunk(pixels: &LinearPixels, width: usize, height: usize) -> Vec<f32> {
     planes
 }
 
-/// Fraction of pixel `i` in a row of `n` pixels that lies in pixel `j` of a row of `m` pixels of the same length.
+/// Fraction of pixel `i` in a row of `n` pixels that lies within pixel `j` in a row of `m` pixels. Both rows have
+/// the same total length.
 fn overlap(i: usize, n: usize, j: usize, m: usize) -> f64 {
     let (low, high) = ((i * m).max(j * n), ((i + 1) * m).min((j + 1) * n));
     high.saturating_sub(low) as f64 / m as f64
