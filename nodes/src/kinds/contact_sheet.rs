@@ -22,7 +22,7 @@ engine::params! {
 engine::inputs! {
     /// Pictures to show.
     pub struct In {
-        /// Pictures of one encoding. A wire with several views contributes each of them.
+        /// Pictures, all of the same encoding. If a wire has several views, the sheet shows each of them.
         images: Vec<Arc<Images>>,
     }
 }
@@ -81,7 +81,7 @@ impl Kind for ContactSheet {
         if let Some(other) = views.iter().find(|view| like(&view.picture) != like(&first.picture)) {
             let text = |view: &NamedImage| {
                 let (encoding, channels) = like(&view.picture);
-                format!("`{}` is {encoding} of {channels} channels", view.name)
+                format!("`{}` has {encoding} values and {channels} channels", view.name)
             };
             return Err(NodeError::new(format!("{}, {}", text(first), text(other)))
                 .at("images")

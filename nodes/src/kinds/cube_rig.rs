@@ -26,7 +26,7 @@ engine::params! {
     /// Only the translation of the pose is used: rotating or scaling the object does not change the rig. Each face
     /// is wider than 90 degrees, so that `stitch` can blend neighbours.
     pub struct CubeRig {
-        /// Height of the point above the foot of the pose, along up.
+        /// Height of the cameras above the origin of the pose, along the up axis.
         height_metres: f64 = 0.5, range(-1000.0, 1000.0), unit("m"), other("0.75");
         /// Width and height of each face, including the guard band.
         size_px: u32 = 512, range(1, 8192), unit("px"), other("64"),

@@ -28,7 +28,7 @@ engine::inputs! {
         rig: Arc<Rig>,
         /// Objects to be lit.
         objects: Vec<Arc<Placed>>,
-        /// Coarse panorama of the same light. Its pixels widen lights by up to half a pixel, which is subtracted.
+        /// Coarse panorama of the same light. The half pixel by which its pixels can widen a light is subtracted.
         look: Arc<Environment>,
     }
 }
@@ -58,7 +58,10 @@ impl Kind for FitProbe {
             return Err(NodeError::new("the rig has no camera").at("rig"));
         };
         if let Some(odd) = rig.cameras.iter().find(|c| [c.width_px, c.height_px] != [side; 2]) {
-            let text = format!("view `{}` is {}x{} pixels", odd.name, odd.width_px, odd.height_px);
+            let text = format!(
+                "view `{}` has {}x{} pixels instead of {side}x{side}",
+                odd.name, odd.width_px, odd.height_px
+            );
             let hint = "all views must be squares of equal size, such as those of `cube-rig`";
             return Err(NodeError::new(text).at("rig").hint(hint));
         }

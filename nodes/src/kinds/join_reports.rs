@@ -8,7 +8,7 @@ use crate::types::{Cell, Report, Table};
 
 engine::params! {
     /// Concatenates the tables of many reports. If the reports come from a `Gather`, each row starts with the
-    /// values of its axes.
+    /// values of the axes of the `Gather`.
     ///
     /// Tables with the same name must have the same columns.
     pub struct JoinReports {}
@@ -79,7 +79,7 @@ impl Kind for JoinReports {
     }
 }
 
-/// Converts the text to a number if it is one.
+/// Cell with the value of an axis: a number if the text is a number, and the text otherwise.
 fn cell(value: &str) -> Cell {
     match (value.parse::<u64>(), value.parse::<f64>()) {
         (Ok(count), _) => Cell::Count(count),

@@ -21,14 +21,14 @@ engine::params! {
         path: InputFile, other("\"b.hdr\"");
         /// Layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. The default is the unnamed layer.
         layer: String = String::new(), other("\"R\"");
-        /// Rotates the light about the up axis, counter-clockwise seen from above. Fractions of a pixel are
-        /// interpolated, which keeps the energy of each row.
+        /// Rotates the light about the up axis, counter-clockwise seen from above. Rotations by a fraction of a
+        /// pixel interpolate between pixels, and keep the energy of each row.
         rotation_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("90.0");
         /// Factor applied to the radiance.
         scale: f64 = 1.0, range(0, 1e9), other("2.0");
-        /// Point where the light was captured. `path-trace` uses it to find which surfaces lie behind the
-        /// light source and let its light pass. Without it, `path-trace` uses the position of the first
-        /// camera and reports that.
+        /// Point where the light was captured. `path-trace` uses it to find the surfaces that lie beyond a light
+        /// source; these surfaces let the light of the source pass. Without `origin`, `path-trace` uses the
+        /// position of the first camera and adds a note.
         origin: Option<[f64; 3]> = None, other("(0.5, 0.0, 1.0)"), unit("world units");
     }
 }

@@ -19,9 +19,9 @@ engine::params! {
     pub struct LoadImage {
         /// Path of the file.
         path: InputFile, other("\"b.png\"");
-        /// Pictures of further views, such as those of a rig of several cameras.
+        /// Further files, one per view, for example for the other cameras of a rig.
         more: Vec<InputFile> = Vec::new(), other("[\"photo.png\"]");
-        /// Meaning of the numbers.
+        /// Encoding of the numbers in the files.
         encoding: FileEncoding = FileEncoding::Auto, other("Data");
         /// Layer of an OpenEXR file: `R0` reads the channels `R0.R`, `R0.G` and `R0.B`, and `Z` reads the channel
         /// `Z`. The default is the unnamed layer.

@@ -145,7 +145,7 @@ impl Kind for LoadPanorama {
     }
 }
 
-/// Rotation nearest to `degrees` by a whole number of columns, in degrees.
+/// The rotation by a whole number of columns that is nearest to a rotation by `degrees`. It is given in degrees.
 fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
     let column = 360.0 / width as f64;
     let whole = (degrees / column).round() * column;
@@ -179,7 +179,7 @@ fn fill_holes(
     let share = open.iter().map(|at| pixel_solid_angle(width, height, at / width)).sum::<f64>() / (4.0 * PI);
     notes.decision(
         "holes",
-        format!("{:.2} % of the sphere is transparent; filled from the surroundings", 100.0 * share),
+        format!("{:.2} % of the sphere is transparent and was filled from its surroundings", 100.0 * share),
     );
     // Pixels of additive light, as renderers write glows. Their content is lost here, which is reported.
     let lost = open.iter().filter(|at| pixels[**at][..3].iter().any(|v| *v > 0.0)).count();

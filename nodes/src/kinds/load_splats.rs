@@ -191,7 +191,7 @@ const LEVELLED: usize = 1 << 16;
 /// Cosine of 25 degrees, the largest angle between two up directions that count as the same.
 const SAME_UP: f64 = 0.906;
 
-/// Text of a warning if the floor of the scene clearly shows another up axis than that of the graph.
+/// Text of a warning if the floor of the scene clearly shows that its up axis is not the up axis of the graph.
 fn other_up(splats: &Splats, cx: &Context) -> Option<String> {
     let step = splats.len().div_ceil(LEVELLED).max(1);
     let few = || (0..splats.len()).step_by(step);

@@ -20,7 +20,7 @@ engine::params! {
     /// translated. Give `matrix` instead for any other affine transform, or `pixel` to put the object where a view
     /// shows the ground.
     pub struct PoseNode {
-        /// Position in the world of the origin of the object's file.
+        /// World position of the origin of the object's file.
         translation: [f64; 3] = [0.0; 3], range(-1e12, 1e12), unit("world units"), other("(0.5, 0.0, 0.2)");
         /// Rotation about the up axis, counter-clockwise seen from above.
         yaw_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("30.0");
@@ -28,7 +28,7 @@ engine::params! {
         /// an object that stands upright, give a `matrix`.
         scale: f64 = 1.0, range(-1e9, 1e9), other("2.0");
         /// Affine transform from the object's frame (axes of the world) to the world: 16 numbers in row-major
-        /// order. Replaces the three parameters above.
+        /// order. Replaces `translation`, `yaw_deg` and `scale`.
         matrix: Option<[f64; 16]> = None, other("Some((1.0, 0.0, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
         /// A pixel of the view `rig`, counted from the upper left, that shows the ground on `mesh` or
         /// `splats`. `translation` is added to that point of the ground. A pixel that shows no ground, or
@@ -99,11 +99,11 @@ impl Kind for PoseNode {
             (true, _, _) => Err(NodeError::new("`pixel` needs a view and the scene that it shows")
                 .at("pixel")
                 .hint("wire `rig`, and either `mesh` or `splats`")),
-            (false, _, _) => {
-                Err(NodeError::new("`rig`, `mesh` and `splats` are for `pixel`, which is not given")
-                    .at("pixel")
-                    .hint("write `pixel: (x, y)`, or leave the wires out"))
-            }
+            (false, _, _) => Err(NodeError::new(
+                "`rig`, `mesh` and `splats` are used only with `pixel`, which is not given",
+            )
+            .at("pixel")
+            .hint("write `pixel: (x, y)`, or leave the wires out")),
         }
     }
 

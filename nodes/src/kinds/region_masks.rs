@@ -143,7 +143,7 @@ fn check_shadow([shadow, with, without]: [bool; 3]) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Largest difference from 1 of any channel of a factor, per pixel.
+/// For each pixel, the largest difference of a channel of the factor from 1.
 fn from_factor(factor: &Picture) -> Vec<f64> {
     let colours = if factor.size().2 == 4 { 3 } else { factor.size().2.max(1) };
     let largest =
@@ -151,7 +151,7 @@ fn from_factor(factor: &Picture) -> Vec<f64> {
     factor.samples().chunks_exact(factor.size().2.max(1)).map(largest).collect()
 }
 
-/// Largest change of any channel in display values, clamped to 0 to 1, per pixel.
+/// For each pixel, the largest change of a channel, in display values that are clamped to 0 to 1.
 fn from_pair(without: &Picture, with: &Picture) -> Result<Vec<f64>, NodeError> {
     let (a, b) = (shown(without, "without")?, shown(with, "with")?);
     let largest =

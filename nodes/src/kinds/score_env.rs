@@ -20,7 +20,7 @@ engine::params! {
     /// Compares the illumination of a scene: the irradiance of planes in every direction and of six planes along
     /// the axes of the world, the direction of the dominant light, its contrast, the panoramas weighted by solid
     /// angle, and renders of a matte, a glossy and a mirror sphere seen along the world's forward axis. Contrast is
-    /// the ratio of the dominant light to all other light, which determines how dark a shadow is. In the recovered
+    /// the ratio of the dominant light to all other light; it determines how dark a shadow is. In the recovered
     /// light, the dominant light is the light from within 15 degrees of the true direction, so a light in any other
     /// direction counts as missing.
     ///
@@ -98,7 +98,7 @@ impl Kind for ScoreEnv {
     }
 }
 
-/// Name, unit, and value of a score if it can be computed.
+/// Name and unit of a score, and its value; `None` if it cannot be computed.
 type Score = (&'static str, &'static str, Option<f64>);
 
 /// Computes the scores.
@@ -194,9 +194,9 @@ const SPHERES: [(Sphere, [&str; 2]); 3] = [
     ),
 ];
 
-/// Mean absolute difference of radiance over channels and solid angle, relative to the mean of the truth, and
-/// log2 of the ratio of the energies. Computed per texel; panoramas of different sizes are compared on the finest
-/// grid that both fill. `None` if a panorama is black.
+/// Two scores of the panoramas: the mean absolute difference of radiance over channels and solid angle, divided by
+/// the mean radiance of the truth; and log2 of the ratio of the energies. They are computed per texel. Panoramas of
+/// different sizes are compared on the finest grid that both fill. `None` if a panorama is black.
 fn weighed(env: &Environment, truth: &Environment) -> (Option<f64>, Option<f64>) {
     let (mut off, mut found, mut want) = (0.0, 0.0, 0.0);
     let mut add = |[a, b]: [[f64; 3]; 2], solid_angle: f64| {

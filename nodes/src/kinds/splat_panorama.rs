@@ -20,7 +20,7 @@ engine::params! {
     /// stretched, two pinhole cameras are used instead and blended with the layout between 25 and 30 degrees
     /// from the pole. Replaces `cube-rig`, `splat-render` and `stitch`.
     pub struct SplatPanorama {
-        /// Height of the point above the foot of the pose, along up.
+        /// Height of the point of the panorama above the origin of the pose, along the up axis.
         height_metres: f64 = 0.5, range(-1000.0, 1000.0), unit("m"), other("0.75");
         /// Width of the panorama, even; the height is half of it.
         width_px: u32 = 2048, range(16, 16384), unit("px"), other("64"),
@@ -41,7 +41,7 @@ engine::inputs! {
         splats: Arc<Splats>,
         /// Pose of the object; only its translation is used.
         at: Arc<Pose>,
-        /// Mesh that hides splats: splats at or behind its surface are left out of a sample.
+        /// Mesh that hides splats: a sample shows only the splats in front of the mesh.
         limit: Option<Arc<Mesh>>,
     }
 }

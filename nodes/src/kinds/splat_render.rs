@@ -1,4 +1,4 @@
-//! `splat-render`: pictures of a splat scene by the cameras of a rig.
+//! `splat-render`: renders a splat scene with the cameras of a rig.
 
 use std::sync::Arc;
 
@@ -16,13 +16,13 @@ engine::params! {
     /// the encoding in which they were trained, and are not clipped: to get light, un-premultiply and then
     /// linearise them. For the exact sum of all splats, set `bounds: None, precision: F64, alpha_cut: 0, stop: 0`.
     pub struct SplatRender {
-        /// Sort key of the splats of a pixel.
+        /// Key by which the splats of a pixel are sorted.
         sort: Sort = Sort::Depth, other("Distance");
-        /// Distance by which the centre of a splat must lie in front of `limit` to be kept, in standard
-        /// deviations along its middle axis. A splat is visible up to three deviations from its centre, so
-        /// the centres of splats of a slanted surface may lie that far in front of it. Two more deviations
-        /// allow for a mesh that lies below the splats, by a third of a deviation if seen at 20 degrees. Such
-        /// splats are part of the surface and not in front of it. 0 tests the centre alone.
+        /// Minimum distance in front of `limit` at which the centre of a splat must lie for the splat to be kept,
+        /// in standard deviations of the splat along its middle axis. A splat is visible up to three deviations
+        /// from its centre, so the splats of a slanted surface may have their centres up to three deviations in
+        /// front of the surface. Two more deviations allow for a mesh that lies slightly below the splats. At 0, a
+        /// splat is kept if its centre lies in front of `limit`.
         limit_sigmas: f64 = 5.0, range(0.0, 100.0), other("0.0");
     }
 }
@@ -42,9 +42,9 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`SplatRender`].
     pub struct Out {
-        /// Colour and depth with their cameras, for `stitch`.
+        /// Colour and depth of each view, with its camera, for `stitch`.
         views: Arc<Views>,
-        /// RGB premultiplied by alpha, over black, and alpha.
+        /// RGB over black, premultiplied by alpha, followed by alpha.
         colour: Arc<Images>,
         /// Coverage, 0 to 1.
         alpha: Arc<Images>,

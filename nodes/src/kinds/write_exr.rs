@@ -14,7 +14,7 @@ use crate::types::{Encoding, Images, Linear, Picture};
 engine::choices! {
     /// Encoding of the written colours.
     pub enum WrittenEncoding {
-        /// The encoding of each picture: a splat render stays display-encoded.
+        /// Keeps the encoding of each picture, so a splat render stays display-encoded.
         Keep,
         /// Linear light, which other programs expect in OpenEXR files.
         Linear,
@@ -35,8 +35,8 @@ engine::params! {
         /// Names of the layers, in the order of the wires: B, R0, R1, S, O, M, Z, N, variance, or others. The
         /// default is the names of the outputs that the wires come from.
         names: Vec<String> = Vec::new(), other("[\"B\"]");
-        /// True to write colours as 16-bit floats, which take half the space and have about three digits. Samples
-        /// that overflow are counted. Data (depth, masks, variance) stays in 32 bits.
+        /// True to write colours as 16-bit floats, which take half the space and have about three significant
+        /// digits. Samples that overflow are counted. Data (depth, masks, variance) stays in 32 bits.
         half: bool = false, other("true");
         /// Encoding of the written colours. `Linear` un-premultiplies display-encoded colours, decodes them and
         /// premultiplies them again; alpha, linear light and data are unchanged.
@@ -152,7 +152,9 @@ impl Kind for WriteExr {
                 })?;
                 let (w, h, _) = picture.size();
                 if (w, h) != (width, height) {
-                    return Err(other(format!("layer `{name}` is {w}x{h}, another is {width}x{height}")));
+                    return Err(other(format!(
+                        "layer `{name}` has {w}x{h} pixels, but another layer has {width}x{height}"
+                    )));
                 }
                 add_layer(name, picture, p, &mut channels, progress.part(0.0, 0.0))?;
                 let name = if name.is_empty() { "image" } else { name };
@@ -184,7 +186,9 @@ fn layer_names<'a>(
 ) -> Result<Vec<&'a str>, NodeError> {
     let given = || p.names.iter().map(String::as_str).collect();
     match (images, layers, p.names.len()) {
-        (0, 0, _) => Err(NodeError::new("nothing to write").at("image").hint("wire `image` or `layers`")),
+        (0, 0, _) => {
+            Err(NodeError::new("there is no picture to write").at("image").hint("wire `image` or `layers`"))
+        }
         (1, 0, 0) => Ok(vec![""]),
         (1, 0, 1) => Ok(given()),
         (_, 0, _) => Err(NodeError::new("`image` is a single layer and takes one name")
@@ -201,7 +205,7 @@ fn layer_names<'a>(
                 None => Ok(outputs.to_vec()),
             }
         }
-        (0, layers, names) => Err(NodeError::new(format!("{layers} layers but {names} names"))
+        (0, layers, names) => Err(NodeError::new(format!("there are {layers} layers, but {names} names"))
             .at("names")
             .hint("name every layer, in the order of the wires")),
         _ => Err(NodeError::new("`image` and `layers` cannot both be wired").at("layers")),
@@ -248,9 +252,10 @@ fn add_layer(
         (3, _) => &["R", "G", "B"],
         (4, _) => &["R", "G", "B", "A"],
         _ => {
-            return Err(
-                NodeError::new(format!("layer `{name}` has {channels} channels, not 1 to 4")).at("layers")
-            );
+            return Err(NodeError::new(format!(
+                "layer `{name}` has {channels} channels; a layer needs 1 to 4"
+            ))
+            .at("layers"));
         }
     };
     let decodes = p.decodes(picture);

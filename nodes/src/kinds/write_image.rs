@@ -81,12 +81,14 @@ impl Kind for WriteImage {
             return Err(NodeError::new("`bits` must be 8 or 16").at("bits"));
         }
         if jpeg && p.bits == 16 {
-            return Err(NodeError::new("a JPEG has 8 bits per sample")
+            return Err(NodeError::new("`bits` is 16, but a JPEG has 8 bits per sample")
                 .at("bits")
                 .hint("end the path in `.png`"));
         }
         if jpeg && p.alpha == AlphaOutput::Straight {
-            return Err(NodeError::new("a JPEG has no alpha").at("alpha").hint("end the path in `.png`"));
+            return Err(NodeError::new("`alpha` is `Straight`, but a JPEG cannot store alpha")
+                .at("alpha")
+                .hint("end the path in `.png`"));
         }
         Ok(())
     }

@@ -45,9 +45,9 @@ engine::params! {
     ///
     /// For a region, SSIM and FLIP are the means of their maps over the region. With `Linear`, FLIP is HDR-FLIP
     /// (`hdr-flip mean` and `hdr-flip p95`); CIEDE2000 and LPIPS are not computed, which is reported. An inserted
-    /// object hardly changes the numbers of a whole picture, so compare them with those of two baselines: wire
-    /// `background` for the row "nothing inserted", and `no_shadow` for the row "no shadow". A baseline without a
-    /// wire is not computed.
+    /// object hardly changes the numbers of a whole picture, so compare them with the numbers of two baselines:
+    /// wire `background` for the row "nothing inserted", and `no_shadow` for the row "no shadow". A baseline
+    /// without a wire is not computed.
     ///
     /// Alpha itself is not compared. Transparent parts are composited on black in the encoding of the picture: in
     /// display values for a splat render, as in the metrics of splat trainers, and in linear light for the output
@@ -187,8 +187,10 @@ impl Kind for Compare {
                             "`{}`: {open} pixels are transparent and are compared on black",
                             view.name
                         );
-                        notes
-                            .decision("alpha-on-black", format!("{text}; `composite(backdrop:)` fills them"));
+                        notes.decision(
+                            "alpha-on-black",
+                            format!("{text}; `backdrop` of `composite` fills them"),
+                        );
                     }
                     differences.push(named(pair.difference(p.gain).into()));
                     flips.extend(pair.flip().map(|map| named(map.into())));
@@ -225,7 +227,7 @@ fn check_names(p: &Compare, regions: usize) -> Result<(), NodeError> {
     if p.names.is_empty() || p.names.len() == regions {
         return Ok(());
     }
-    let what = format!("{regions} regions but {} names", p.names.len());
+    let what = format!("there are {regions} regions, but {} names", p.names.len());
     Err(NodeError::new(what).at("names").hint("name every region, in the order of the wires"))
 }
 

@@ -227,7 +227,7 @@ impl Pair {
     }
 }
 
-/// Replaces values that are infinite in both pictures, such as the depth of the background, by one finite
+/// Replaces values that are infinite in both pictures, such as the depth of the background, with the same finite
 /// number, so that they do not differ. The number is on the same side of every threshold as the values that it
 /// replaces.
 fn level_infinite(a: &mut Plane, b: &mut Plane) {
@@ -247,7 +247,7 @@ fn plain(picture: &Picture) -> Plane {
     Plane { width, height, channels, samples: picture.samples().iter().map(|v| f64::from(*v)).collect() }
 }
 
-/// The colour channels in linear light, premultiplied, which is the picture composited on black.
+/// The colour channels in linear light, premultiplied by alpha, as if the picture were composited on black.
 fn light(picture: &Picture, port: &'static str) -> Result<Plane, NodeError> {
     let image = linear(picture, port)?;
     let samples = image.samples.chunks_exact(image.channels).flat_map(|p| [p[0], p[1], p[2]]).map(f64::from);

@@ -125,7 +125,7 @@ fn prompt(scores: &[[f64; 2]]) -> Table {
     let mean = (!shares.is_empty()).then(|| shares.iter().sum::<f64>() / count);
     // Scores are not negative, so those without a share add nothing to the sums.
     let sums = scores.iter().fold([0.0; 2], |sum, s| [sum[0] + s[0], sum[1] + s[1]]);
-    rows.push(row("mean of all with a share".to_owned(), sums.map(|s| s / count), mean));
-    rows.push(row("share of the sums".to_owned(), sums, share(sums)));
+    rows.push(row("mean over all pairs that have a share".to_owned(), sums.map(|s| s / count), mean));
+    rows.push(row("share computed from the sums".to_owned(), sums, share(sums)));
     Table::new("prompt", ["score", "positive", "negative", "positive / (positive + negative)"], rows)
 }

@@ -196,7 +196,9 @@ impl Kind for Composite {
             };
             if front.as_ref().is_some_and(|image| image.channels != 4) {
                 let error = NodeError::new("`front` needs an alpha channel").at("front");
-                return Err(error.hint("wire the output of a splat-render with `limit`"));
+                return Err(
+                    error.hint("wire the output `colour` of a `splat-render` node whose `limit` is wired")
+                );
             }
             let variance = match &inputs.variance {
                 Some(images) => Some(matching(images, "variance", &view.name, size)?),
@@ -205,7 +207,7 @@ impl Kind for Composite {
             if let Some((_, _, channels)) = variance.map(Picture::size).filter(|size| size.2 != 4) {
                 let error =
                     NodeError::new(format!("`variance` has {channels} channels, not 4")).at("variance");
-                return Err(error.hint("wire the output `variance` of a path-trace"));
+                return Err(error.hint("wire the output `variance` of a `path-trace` node"));
             }
             let (mut shadow, mut added) = (data(&inputs.shadow, "shadow")?, data(&inputs.added, "added")?);
             if params.sharpness == Sharpness::Match {
@@ -309,7 +311,7 @@ mod tests {
         row(58, "difference of premultiplied and straight", error.fold(0.0, f64::max), 1e-6);
     }
 
-    /// Holes show the backdrop or stay transparent, and the resulting alpha is that of the "over" operator.
+    /// Holes show the backdrop or stay transparent, and alpha is combined as by the "over" operator.
     #[test]
     fn holes_show_the_backdrop_or_stay_open() {
         let half: Picture = Image::<Linear>::from_samples(1, 1, 4, vec![0.2, 0.2, 0.2, 0.5]).into();

@@ -15,8 +15,8 @@ use crate::types::{Image, Linear};
 const REACH: usize = 4;
 /// Minimum contrast of an edge, in display values.
 const CONTRAST: f32 = 0.12;
-/// Quantile of the blurs of all edges, sharpest first, that is taken as the blur of a background. Softer edges,
-/// such as those of penumbras and round shapes, are soft in the scene itself.
+/// Quantile of the blurs of all edges, from the smallest blur, that is taken as the blur of a background. Softer
+/// edges, such as the edges of penumbras and round shapes, are soft in the scene itself.
 const SHARPEST: f64 = 0.1;
 /// Minimum number of edges for a measurement.
 const FEWEST: usize = 64;
@@ -26,7 +26,7 @@ const RENDERED: f64 = 0.551;
 /// Maximum blur that is matched, in pixels. A background with a larger blur is out of focus rather than soft.
 pub(super) const MOST: f64 = 3.0;
 
-/// Blur of the sharpest edges of a background around an object, in pixels. The edges are searched in the bounding
+/// Blur of the sharpest edges of a background around an object, in pixels. Edges are searched for in the bounding
 /// box of the pixels that the object covers, grown by its own size on each side. `None` if there are too few edges.
 pub(super) fn of_background(
     background: &Image<Linear>,

@@ -101,8 +101,8 @@ pub(super) struct Defects {
     pub floaters: u64,
 }
 
-/// Divides the quads into about `count` patches that appear equally large to the camera. Their size is found by
-/// bisection.
+/// Divides the quads into about `count` patches that appear equally large to the camera. The size at which they
+/// appear is found by bisection.
 fn patches(quads: &[Quad], view: &View, count: usize) -> Vec<Patch> {
     let (mut small, mut large) = (0.2_f64, 200.0_f64);
     for _ in 0..22 {

@@ -16,9 +16,9 @@ use crate::types::Mesh;
 
 /// Largest deviation of a vertex from the surface, in metres.
 const JITTER: f64 = 0.005;
-/// Sides of triangles near the object, in metres.
+/// Length of the sides of triangles near the object, in metres.
 const FINE: f64 = 0.06;
-/// Sides of all other triangles, in metres.
+/// Length of the sides of all other triangles, in metres.
 const COARSE: f64 = 0.14;
 /// Distance from the object, in metres, within which triangles are fine.
 const NEAR: f64 = 1.2;

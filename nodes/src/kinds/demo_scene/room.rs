@@ -1,5 +1,5 @@
 //! A furnished living room with a floor lamp and with a window on the left. The sun shines through the window and
-//! lights the place behind the table.
+//! lights the area behind the table.
 
 use std::f64::consts::PI;
 

@@ -14,7 +14,7 @@ const BRIGHTER: f32 = 2.0;
 const LESS_SURE: f32 = 16.0;
 
 impl Field {
-    /// Replaces the light of fireflies, and its variance, by the mean of the pixels around them. `least` is
+    /// Replaces the light of fireflies, and its variance, with the mean of the pixels around them. `least` is
     /// the signal below which a pixel is not a firefly; `relight` sets the values of a pixel from its new
     /// signal. Returns the number of fireflies.
     pub fn quench(&mut self, least: f32, relight: impl Fn(&mut [f32], [f32; 3])) -> u64 {

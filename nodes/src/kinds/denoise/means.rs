@@ -53,7 +53,8 @@ pub struct Pixel {
     pub there: bool,
     /// Normal of the surface; 0 where the surface does not matter.
     pub normal: Vec3,
-    /// Reciprocal of the depth, which is linear over the pixels of a plane, and its change per column and per row.
+    /// Reciprocal of the depth, its change per column, and its change per row. On a plane, the reciprocal is linear
+    /// over the pixels.
     pub nearness: [f32; 3],
 }
 
@@ -89,8 +90,8 @@ impl Pixel {
 }
 
 impl Field {
-    /// Replaces each variance by the mean over the pixels within `radius` that take part, since the variance
-    /// of a few samples is itself noisy. The result is at least a tenth of the pixel's own variance;
+    /// Replaces each variance with the mean variance of the pixels within `radius` that take part, since the
+    /// variance of a few samples is itself noisy. The result is at least a tenth of the pixel's own variance;
     /// otherwise a single pixel of very uneven samples would count as an edge.
     pub fn smooth_variance(&mut self, radius: usize) {
         let mean = |x: usize, y: usize| {
@@ -226,7 +227,8 @@ const NORMAL: usize = 5;
 const FACED: usize = 8;
 /// Index of the first of the three planes of nearness and its two slopes.
 const NEARNESS: usize = 9;
-/// Index of the plane of the reciprocal of a threshold: a larger difference of nearness separates two surfaces.
+/// Index of the plane that holds the reciprocal of each pixel's threshold for nearness. Two pixels whose nearness
+/// differs by more than the threshold belong to different surfaces.
 const LEVEL: usize = 12;
 /// Index of the first of the planes of the values to average.
 const AVERAGED: usize = 13;
@@ -368,8 +370,8 @@ impl Tile {
         (0..TILE * TILE).map(mean).collect()
     }
 
-    /// Compares the pixels of a row that starts at p with those of a row that starts at q, pair by pair. Writes
-    /// their distances, each summed over the columns of a patch.
+    /// Compares the pixels of the row that starts at `p` with the pixels of the row that starts at `q`, pair by
+    /// pair. Writes the distance of each pair to `out`, summed over the columns of a patch.
     #[inline(always)]
     fn compare<S: Simd>(&self, simd: S, [p, q]: [usize; 2], strength: f32, out: &mut [f32; TILE]) {
         let k = strength * strength;

@@ -21,7 +21,8 @@ impl Method {
         self.sources().map(|_| ())
     }
 
-    /// Source files of the method: the file of the library, which identifies its version.
+    /// Source files of the method. For `Oidn` this is the library file, which identifies the version of the
+    /// library.
     pub(super) fn sources(self) -> Result<Vec<SourceFile>, NodeError> {
         match self {
             Self::Means => Ok(Vec::new()),

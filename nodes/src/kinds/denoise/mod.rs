@@ -28,7 +28,7 @@ engine::params! {
     /// counted.
     ///
     /// The colour of the object is averaged within its alpha, which does not change. A pixel of the object whose
-    /// variance is much larger than that of other pixels keeps its light and does not contribute to them.
+    /// variance is much larger than the variance of other pixels keeps its light and does not contribute to them.
     ///
     /// `Oidn` filters the ratio and the object with Open Image Denoise instead, at the same noisy pixels.
     pub struct Denoise {
@@ -76,7 +76,7 @@ const STRENGTHS: [f64; 2] = [0.7, 0.5];
 /// Allowed differences of normals for the ratio and the object, as 1 - cosine. The receiver's mesh is rough and its
 /// normals affect only the ratio; the normals of the object affect the shading that is filtered.
 const BENDS: [f32; 2] = [0.5, 0.05];
-/// Divisor of the search radius for objects, which is smaller because of their textures and highlights.
+/// Number by which the search radius is divided for objects. Their textures and highlights need a smaller radius.
 const OBJECT_RADIUS: usize = 2;
 impl Denoise {
     fn reach(&self, layer: usize) -> Reach {
@@ -197,7 +197,7 @@ impl Kind for Denoise {
             let (images, found, blind) = params.view(&layers, cx)?;
             fireflies += found;
             if blind {
-                let text = "`variance` is 0 everywhere, as after 1 sample, so nothing is filtered";
+                let text = "`variance` is 0 everywhere, which happens if each pixel has 1 sample, so nothing is filtered";
                 notes
                     .warning("no-variance", format!("`{name}`: {text}; give `path-trace` 2 samples or more"));
             }

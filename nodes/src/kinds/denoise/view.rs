@@ -9,8 +9,8 @@ use crate::types::{Image, Linear, Picture};
 
 /// Ratio above which ratios are compared by their logarithm. The light of an inserted lamp may exceed it.
 const BRIGHT: f32 = 8.0;
-/// Limit of ratios, of the light of the object relative to its mean, and of variances, so that squares and sums do
-/// not overflow.
+/// Value to which ratios, variances and the light of the object (divided by its mean) are limited, so that squares
+/// and sums do not overflow.
 pub(super) const BRIGHTEST: f32 = 1e15;
 
 /// Layers of one view.
@@ -130,7 +130,8 @@ fn scale_ratios(pixel: &mut Pixel) {
     }
 }
 
-/// The variance, or 0 if it is unknown: a variance that equals the largest float may have been clamped to it.
+/// Returns the variance, or 0 if the variance is unknown. A variance that equals the largest float is unknown,
+/// since it may have been clamped.
 pub fn known(variance: f32) -> f32 {
     if variance < f32::MAX { variance.max(0.0) } else { 0.0 }
 }

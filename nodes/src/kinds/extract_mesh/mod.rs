@@ -42,8 +42,8 @@ engine::params! {
         places: u32 = 28, range(1, 1000), other("3"), knob(Samples, "8", "14", "28", "56");
         /// Side of each of the six cube faces that are rendered at a place.
         size_px: u32 = 192, range(16, 2048), unit("px"), other("40"), knob(Resolution, "96", "128", "192", "320");
-        /// Maximum root-mean-square error of merging triangles. A value of 0.05 removes 30 of 31 triangles of a
-        /// room, and moves its surfaces by less than the noise.
+        /// Maximum root-mean-square error from merging triangles. In a room, a value of 0.05 removes 30 of 31
+        /// triangles, and moves the surfaces by less than their noise.
         error_cells: f64 = 0.05, range(0.0, 10.0), unit("cells"), other("0.0");
         /// Minimum area of a separate piece of the mesh, as the side of a square. Smaller pieces are removed.
         least_piece_metres: f64 = 0.15, range(0.0, 100.0), unit("m"), other("5.0");
@@ -77,11 +77,11 @@ const EYE_METRES: f64 = 0.45;
 /// Near plane of the views that are fused, in metres. A larger value would cut away the ground below a place, which
 /// would then count as empty space.
 const NEAR_METRES: f64 = 0.2;
-/// Depth at which a view has half the weight, in metres.
+/// Depth at which a surface seen in a view has half the weight of a very near surface, in metres.
 const HALF_METRES: f64 = 2.0;
 /// Maximum length of an edge of the mesh, in cells.
 const LONGEST_CELLS: f64 = 16.0;
-/// Maximum number of cubes that are kept.
+/// Maximum number of cubes of cells that are fused.
 const MOST_CUBES: usize = 1 << 16;
 
 impl Kind for ExtractMesh {

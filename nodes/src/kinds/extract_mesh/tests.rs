@@ -82,7 +82,7 @@ impl Scene {
         self.mesh_in(params, 1.0)
     }
 
-    /// Extracts the mesh of the scene, stored in units of `metres_per_unit` metres.
+    /// Stores the scene in units of `metres_per_unit` metres, and extracts its mesh.
     fn mesh_in(mut self, params: &ExtractMesh, metres_per_unit: f32) -> (Out, Notes) {
         let scene = engine::Scene {
             up: engine::Up::PlusZ,

@@ -1,4 +1,4 @@
-//! Light that points receive in addition to the sun.
+//! Light that surface points receive from everything except the sun.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -22,7 +22,7 @@ pub(super) const WHITE: f32 = 0.95;
 pub(super) struct Incident {
     /// Irradiance from surfaces and sky that are not clipped.
     pub known: Vec3,
-    /// Irradiance from clipped surfaces and sky at their displayed brightness, which is a lower bound.
+    /// Irradiance from clipped surfaces and sky, computed from their displayed brightness. It is a lower bound.
     pub clipped: Vec3,
 }
 

@@ -1,4 +1,4 @@
-//! `fit-lights`: the sun of an environment, corrected by the shadows that it casts.
+//! `fit-lights`: finds the sun of an environment from the shadows that it casts.
 
 use std::sync::Arc;
 
@@ -23,14 +23,13 @@ use self::sun::{Sun, Verdict};
 engine::params! {
     /// Finds the sun of a recovered environment from the shadows that it casts in the captured place.
     ///
-    /// A panorama clips the sun together with the sky around it, so a prediction can only spread the hidden
-    /// light over the clipped region. The captured colours of the place reveal the direction of the sun,
-    /// because they change abruptly where a shadow ends. For each direction of the clipped regions,
-    /// `fit-lights` computes which surface points would be in the sun, since the receiver mesh does not shadow
-    /// them. Then it compares neighbouring points of similar orientation: the ratio of their colours should be the
-    /// ratio of the light that they receive. The light that does not come from the sun is known, because it comes
-    /// from surfaces and sky that are not clipped. The comparison is robust: differences in albedo reduce its
-    /// precision, but do not bias it.
+    /// A panorama clips the sun together with the sky around it, so a prediction can only spread the hidden light
+    /// over the clipped region. The captured colours of the place reveal the direction of the sun, because they
+    /// change abruptly where a shadow ends. For each direction in the clipped regions, `fit-lights` computes which
+    /// surface points would be in the sun, and which the receiver mesh would shadow. Then it compares neighbouring
+    /// points of similar orientation: the ratio of their colours should be the ratio of the light that they
+    /// receive. The light that does not come from the sun is known, because it comes from surfaces and sky that are
+    /// not clipped. The comparison is robust: differences in albedo reduce its precision, but do not bias it.
     ///
     /// If one direction explains the colours clearly better than all others, the sun is placed there with its
     /// fitted irradiance and colour, and the clipped region around it gets the fitted glow in place of the

@@ -1,4 +1,4 @@
-//! Receiver mesh for ray casting: a tree, its colours, and its clipped triangles.
+//! Receiver mesh for ray casting: its triangles in a tree, and their colours.
 
 use glam::{DVec3, Vec3};
 

@@ -13,8 +13,8 @@ const SH0: f32 = 0.282_094_8;
 const OPAQUE: f32 = 0.5;
 /// Minimum linear luminance of a point. Darker points are mostly noise.
 const DARKEST: f32 = 0.002;
-/// Maximum distance of a point, relative to the median distance. Farther points belong to sky shells or to the
-/// distant background.
+/// Maximum distance of a point from the point of capture, relative to the median distance. Farther points belong to
+/// sky shells or to the distant background.
 const FARTHEST: f64 = 3.0;
 /// Number of points per tile.
 const TILE: usize = 256;

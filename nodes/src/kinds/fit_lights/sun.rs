@@ -33,7 +33,7 @@ const RIVAL_DEG: f64 = 8.0;
 const REFINED: usize = 4;
 /// Step sizes of the refinement, in degrees.
 const STEPS_DEG: [f64; 3] = [0.4, 0.15, 0.05];
-/// Assumed radiance of clipped surfaces and sky, relative to their displayed value.
+/// Radiances of clipped surfaces and sky that the search tries, relative to their displayed value.
 const GLOWS: [f64; 6] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 /// Irradiances of a candidate sun that the coarse search tries, relative to the median of all other light.
 const FEW: [f64; 3] = [0.5, 2.0, 8.0];
@@ -54,7 +54,7 @@ pub(super) struct Sun {
     pub glow: f64,
     /// Fraction by which the sun lowers the cost of the best explanation without a sun.
     pub gain: f64,
-    /// Gain of the best direction that is more than [`RIVAL_DEG`] away from this one.
+    /// Gain of the best direction that is more than [`RIVAL_DEG`] away from `direction`.
     pub rival: f64,
 }
 
@@ -65,7 +65,7 @@ impl Sun {
     }
 }
 
-/// Verdict on a candidate.
+/// Whether the best candidate is accepted as the sun, or the reason why it is not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
     Accepted,

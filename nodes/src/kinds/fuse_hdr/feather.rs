@@ -58,14 +58,14 @@ impl Lights {
 /// angle, so one lookup per row within reach is enough.
 struct Edges {
     width: usize,
-    /// Largest angle that is measured, in radians.
+    /// Upper limit of the returned angles, in radians.
     most: f64,
     /// Number of columns from each pixel to the nearest unlit pixel of its row. `None` if the whole row is
     /// lit.
     columns: Vec<Option<u32>>,
     /// Sine and cosine of the polar angle of each row.
     rows: Vec<(f64, f64)>,
-    /// Cosine of the rotation by each number of columns, up to half a turn.
+    /// For each number of columns, up to half a turn, the cosine of the angle that they span.
     turns: Vec<f64>,
 }
 
@@ -98,7 +98,7 @@ impl Edges {
     }
 }
 
-/// Number of columns from each pixel of a row, whose ends are joined, to the nearest unlit pixel.
+/// Number of columns from each pixel of a row to the nearest unlit pixel of the row. The row wraps around.
 fn columns_to_edge(lit: &[bool]) -> Vec<Option<u32>> {
     let width = lit.len();
     let mut nearest = vec![None; width];

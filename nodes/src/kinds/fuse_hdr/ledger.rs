@@ -14,8 +14,8 @@ use crate::types::{Cell, Report, Table};
 
 /// Number of lights listed individually; the others are summed in a last row.
 pub(super) const LISTED: usize = 32;
-/// Share of the predicted light that may be left out without a warning, and share of all light that may be removed
-/// without one.
+/// Maximum share of the predicted light that may be left out, and of all light that may be removed, without a
+/// warning.
 const UNUSED: f64 = 0.01;
 /// Largest factor by which a light is scaled to compensate for the gradual transition of `Blend::Ramp`.
 const LARGEST_COMPENSATION: f64 = 8.0;
@@ -169,7 +169,8 @@ impl Lights {
         self.members.len().saturating_sub(LISTED) as u64
     }
 
-    /// Builds the report: tables of the lights, of the energy before and after, and of both at each step.
+    /// Builds the report. Its tables list the lights, the energy before and after fusion, and the energy and the
+    /// light of each light after each step.
     pub(super) fn report(
         &self,
         up: Up,
@@ -186,8 +187,8 @@ impl Lights {
             "azimuth (deg, clockwise from forward)",
             "elevation (deg)",
             "solid angle (sr)",
-            "irradiance before (facing it)",
-            "irradiance after (facing it)",
+            "irradiance on a plane facing the light, before fusion",
+            "irradiance on a plane facing the light, after fusion",
             "peak luminance",
             "share from EV 0",
         ]
@@ -232,11 +233,9 @@ impl Lights {
             each("peak luminance", |energy| energy.peak),
         ];
         let listed = lights.iter().take(LISTED).enumerate();
-        rows.extend(
-            listed.map(|(i, light)| {
-                row(format!("irradiance facing light {}", i + 1), light.irradiance.clone())
-            }),
-        );
+        rows.extend(listed.map(|(i, light)| {
+            row(format!("irradiance from light {} on a plane that faces it", i + 1), light.irradiance.clone())
+        }));
         if let Some(rest) = lights.get(LISTED..).filter(|rest| !rest.is_empty()) {
             let power = |step: usize| rest.iter().map(|light| light.power[step]).sum();
             let name = format!("power of the {} lights not listed (sr)", rest.len());
@@ -322,7 +321,7 @@ impl Light {
     }
 }
 
-/// Table of the total power and of the irradiance of the ground, before and after.
+/// Table of the total power and of the irradiance of the ground, before and after fusion.
 fn energy(whole: &[Energy], lights: usize, unlisted: &[Light]) -> Table {
     let row = |name: &str, energy: Option<&Energy>, count: Cell| {
         let Energy { power, ground, peak } = energy.copied().unwrap_or_default();

@@ -32,7 +32,7 @@ engine::choices! {
 engine::choices! {
     /// The form of the prediction that is fused.
     pub enum Gain {
-        /// The gain map in floats, which has no upper limit.
+        /// The gain map in floats; it has no upper limit.
         Direct,
         /// The exposures, as in the paper; light is limited by the white level of the darkest exposure.
         Brackets,
@@ -55,11 +55,11 @@ engine::choices! {
 engine::params! {
     /// Fuses a panorama and its predicted exposures into an environment of light.
     ///
-    /// Where the panorama is clipped it is replaced by the predicted light, with the hue of the panorama;
-    /// everywhere else it is kept exactly. The report lists each recovered light: its position and amount, the
-    /// source of that energy, and the effect of each step of the fusion.
+    /// Clipped parts of the panorama are replaced with the predicted light, in the hue of the panorama; all other
+    /// parts are kept exactly. The report lists each recovered light: its position and amount, the source of its
+    /// energy, and the effect of each step of the fusion.
     pub struct FuseHdr {
-        /// Threshold above which light counts as clipped, in linear light with white at 1.
+        /// Linear light above which a channel counts as clipped, where white is 1.
         threshold: f32 = 0.9, range(0.05, 0.999), other("0.6");
         /// Transition from the light of the panorama to the predicted light.
         blend: Blend = Blend::Ramp, other("Hard");
@@ -95,7 +95,7 @@ engine::outputs! {
     pub struct Out {
         /// Linear light from every direction, at the point of the panorama.
         env: Arc<Environment>,
-        /// Each recovered light, and the energy before and after.
+        /// Each recovered light, and the energy before and after fusion.
         report: Arc<Report>,
         /// The light as a picture, for `write-exr`.
         image: Arc<Images>,
@@ -225,7 +225,10 @@ fn check_sizes(base: &Panorama, brackets: &Brackets) -> Result<(), NodeError> {
         && brackets.exposures.len() == brackets.evs.len()
         && brackets.exposures.iter().all(|e| sized(e.width, e.height) && e.channels == 3);
     if !fits {
-        let what = format!("the prediction is {}x{}, the base {width}x{height}", map.width, map.height);
+        let what = format!(
+            "the prediction has {}x{} pixels, but `base` has {width}x{height}",
+            map.width, map.height
+        );
         return Err(NodeError::from(Error::Mismatch(what))
             .at("brackets")
             .hint("wire `base` to the same panorama as the prediction's `pano`"));
@@ -323,7 +326,7 @@ fn exposure(params: &FuseHdr, brackets: &Brackets, i: usize, at: usize) -> ([f32
     (linear, Fused { luminance: scaled, source: i, saturated })
 }
 
-/// Degree of clipping of a picture by its brightest channel: 0 at the threshold, 1 at white.
+/// Degree to which a pixel is clipped, from its brightest channel: 0 at the threshold, 1 at white.
 fn ramp(params: &FuseHdr, rgb: [f32; 3]) -> f32 {
     ((max3(rgb) - params.threshold) / (1.0 - params.threshold)).clamp(0.0, 1.0)
 }

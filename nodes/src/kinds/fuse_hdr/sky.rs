@@ -19,13 +19,14 @@ use crate::types::{Data, Image, Linear};
 
 /// Largest albedo of ground, except fresh snow.
 const MOST_ALBEDO: f64 = 0.9;
-/// Minimum share of the upper half that was not seen, weighted by cosine, for a sky to count as missing.
+/// Minimum unseen share of the upper half, weighted by cosine, for a sky to count as missing.
 const LEAST_OPEN: f64 = 0.02;
 /// Sine of 20 degrees: directions that are farther than this below the horizon count as ground.
 const GROUND_SINE: f64 = 0.342_020_143_325_668_7;
 /// Minimum alpha of the ground pixels that are measured.
 const GROUND_ALPHA: f32 = 0.5;
-/// Minimum share of the ground directions that must have been seen, weighted by cosine.
+/// Minimum share of the ground directions, weighted by cosine, that must have been seen for the ground to be
+/// measured.
 const LEAST_GROUND: f64 = 0.05;
 
 /// Light that a level ground reflects and receives, as luminance. Irradiance is for a plane that faces up, as in
@@ -41,7 +42,7 @@ pub(super) struct Balance {
     seen: f64,
     /// Integral of (1 - alpha) times the cosine over the upper half, in steradians.
     open: f64,
-    /// `open` divided by the integral of the cosine, 0 to 1.
+    /// `open` divided by the integral of the cosine over the upper half, 0 to 1.
     share: f64,
 }
 
@@ -99,7 +100,7 @@ impl Balance {
         let Some(albedo) = self.albedo().filter(|albedo| *albedo > MOST_ALBEDO) else { return };
         if self.share > LEAST_OPEN {
             let text = format!(
-                "the ground is too bright for the light that falls on it: its albedo would be {albedo:.2}. Light is missing from the {:.1} % of the upper half that were not seen; set `ground_albedo` to add it (grass 0.2, stone or sand 0.3, concrete 0.4)",
+                "the ground is too bright for the light that falls on it: its albedo would be {albedo:.2}. Light is missing from the {:.1} % of the upper half that was not seen; set `ground_albedo` to add it (grass 0.2, stone or sand 0.3, concrete 0.4)",
                 100.0 * self.share
             );
             notes.warning("sky-missing", text);
@@ -117,7 +118,7 @@ impl Balance {
         };
         if self.share <= LEAST_OPEN {
             let text = format!(
-                "`ground_albedo` has no effect: {:.1} % of the upper half was seen, so there is no place for a sky",
+                "`ground_albedo` has no effect: {:.1} % of the upper half was seen, so no part is left for a sky",
                 100.0 - percent
             );
             notes.warning("ground-albedo-unused", text);
@@ -127,7 +128,7 @@ impl Balance {
         let radiance = ((wanted - self.seen) / self.open).max(0.0);
         if radiance == 0.0 {
             let text = format!(
-                "the visible light gives the ground an irradiance of {:.4}, and an albedo of {albedo} needs only {wanted:.4}, so the unseen {percent:.1} % of the upper half are black; a lower `ground_albedo` turns them into a sky",
+                "the visible light gives the ground an irradiance of {:.4}, and an albedo of {albedo} needs only {wanted:.4}, so the unseen {percent:.1} % of the upper half stays black; a lower `ground_albedo` makes it a sky",
                 self.seen
             );
             notes.warning("sky-black", text);

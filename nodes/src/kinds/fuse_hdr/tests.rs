@@ -35,8 +35,8 @@ fn encode(transfer: Transfer, linear: f32) -> f32 {
     }
 }
 
-/// Photographs of known light, at EV 0 and at `evs`, by a camera of the given transfer curve with `bits` per
-/// sample.
+/// Photographs of known light, at EV 0 and at `evs`, by a camera with the given transfer curve and with `bits` bits
+/// per sample.
 fn photograph(
     light: &dyn Fn(usize) -> [f32; 3],
     evs: &[f64],

@@ -101,7 +101,7 @@ fn camera(
 }
 
 /// Sorts cameras by name, as the INRIA code and most other readers do, so that picking every eighth camera picks
-/// the same cameras as there.
+/// the same cameras as in those programs.
 fn sorted(mut cameras: Vec<Raw>) -> Vec<Raw> {
     cameras.sort_by(|a, b| a.picture.cmp(&b.picture));
     cameras
@@ -119,7 +119,7 @@ pub fn text(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error
         if line.trim().is_empty() || line.trim_start().starts_with('#') {
             continue;
         }
-        let odd = || Error::format(file, format!("line {} of cameras.txt is not understood", number + 1));
+        let odd = || Error::format(file, format!("line {} of cameras.txt cannot be parsed", number + 1));
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         let [id, model, width, height, params @ ..] = words.as_slice() else { return Err(odd()) };
         let params = params.iter().map(|w| w.parse().ok()).collect::<Option<Vec<f64>>>().ok_or_else(odd)?;
@@ -133,7 +133,7 @@ pub fn text(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error
         if line.trim().is_empty() || line.trim_start().starts_with('#') || is_points(line) {
             continue;
         }
-        let odd = || Error::format(file, format!("line {} of images.txt is not understood", number + 1));
+        let odd = || Error::format(file, format!("line {} of images.txt cannot be parsed", number + 1));
         // The name is last and may contain spaces.
         let (words, name) = first_words::<9>(line).ok_or_else(odd)?;
         let [image, pose @ .., id] = words.as_slice() else { return Err(odd()) };
@@ -176,7 +176,7 @@ struct Reader<'a> {
 impl Reader<'_> {
     fn take<const N: usize>(&mut self) -> Result<[u8; N], Error> {
         let (head, rest) =
-            self.rest.split_first_chunk::<N>().ok_or_else(|| Error::format(self.file, "is cut off"))?;
+            self.rest.split_first_chunk::<N>().ok_or_else(|| Error::format(self.file, "ends too early"))?;
         self.rest = rest;
         Ok(*head)
     }
@@ -197,15 +197,18 @@ impl Reader<'_> {
         Ok(out)
     }
     fn name(&mut self) -> Result<String, Error> {
-        let end =
-            self.rest.iter().position(|b| *b == 0).ok_or_else(|| Error::format(self.file, "is cut off"))?;
+        let end = self
+            .rest
+            .iter()
+            .position(|b| *b == 0)
+            .ok_or_else(|| Error::format(self.file, "ends too early"))?;
         let name = String::from_utf8_lossy(&self.rest[..end]).into_owned();
         self.rest = &self.rest[end + 1..];
         Ok(name)
     }
     fn skip(&mut self, count: u64, size: u64) -> Result<(), Error> {
         let bytes = count.checked_mul(size).filter(|n| *n <= self.rest.len() as u64);
-        let bytes = bytes.ok_or_else(|| Error::format(self.file, "is cut off"))?;
+        let bytes = bytes.ok_or_else(|| Error::format(self.file, "ends too early"))?;
         self.rest = &self.rest[bytes as usize..];
         Ok(())
     }
@@ -230,7 +233,7 @@ pub fn binary(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Err
             .ok_or_else(|| Error::unsupported(file, format!("the camera model number {model}")))?;
         let params = (0..*count).map(|_| from.f64()).collect::<Result<Vec<_>, _>>()?;
         let lens = lens(name, width, height, &params)
-            .ok_or_else(|| Error::format(file, format!("camera {id} is not understood")))?;
+            .ok_or_else(|| Error::format(file, format!("camera {id} has parameters that are not valid")))?;
         lenses.insert(u64::from(id), lens);
     }
     from.end()?;

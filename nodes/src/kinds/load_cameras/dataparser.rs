@@ -1,5 +1,5 @@
-//! `dataparser_transforms.json` of nerfstudio: maps the coordinates of a capture to those in which nerfstudio
-//! trains and exports splats.
+//! `dataparser_transforms.json` of nerfstudio: maps the coordinates of a capture to the coordinates in which
+//! nerfstudio trains and exports splats.
 
 use glam::{DMat3, DMat4, DVec3, DVec4};
 use serde_json::Value;
@@ -31,7 +31,7 @@ fn rows(file: &str, value: &Value, key: &str) -> Result<DMat4, Error> {
 }
 
 impl Dataparser {
-    /// Reads `transform` and `scale`.
+    /// Reads `transform` and `scale` from the file.
     pub fn read(file: &str, bytes: &[u8]) -> Result<Self, Error> {
         refuse_foreign(file, bytes)?;
         let json: Value = serde_json::from_slice(json_text(bytes))

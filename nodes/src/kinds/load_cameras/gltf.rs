@@ -9,13 +9,13 @@ use crate::io::gltf::{self, object::local};
 use crate::math::num;
 use crate::types::frame::world_from_gltf;
 
-/// Height of a picture, which glTF does not define, in pixels. It is multiplied by `resolution`.
+/// Height of a picture in pixels, since glTF does not define it. It is multiplied by `resolution`.
 const HEIGHT_PX: u64 = 1080;
 /// Aspect ratio of cameras that do not define one: the default of Blender.
 const ASPECT: f64 = 16.0 / 9.0;
 
-/// Reads the perspective cameras of the scene, in the order of its nodes, and converts them from metres with
-/// y up to the world of the graph.
+/// Reads the perspective cameras of the scene, in the order of its nodes, and converts them from the frame of glTF
+/// (y up, metres) to the world of the graph.
 pub fn read(file: &str, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, Error> {
     let parsed = gltf::parse(file, bytes)?;
     let document = &parsed.document;

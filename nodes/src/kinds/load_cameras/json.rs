@@ -11,7 +11,8 @@ use crate::error::Error;
 use crate::io::foreign::{json_text, refuse_foreign};
 use crate::math::num;
 
-/// Function that returns the width and height of the picture of a frame, given the path of the picture in the file.
+/// Function that returns the width and height of a frame's picture, given the picture's path as written in the
+/// file.
 pub type Sizes<'a> = &'a dyn Fn(&str) -> Option<[u64; 2]>;
 
 /// Path of a picture with the separators of this system. Exporters on Windows separate folders by backslashes.

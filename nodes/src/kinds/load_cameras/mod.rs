@@ -72,8 +72,9 @@ engine::params! {
         /// Treatment of lens distortion.
         distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have no distortion");
         /// The file `dataparser_transforms.json` of a training run in nerfstudio, for splats exported from this
-        /// run. It converts the cameras from the coordinates of the capture to those of the splats. COLMAP models
-        /// and `transforms.json` need it; `camera_path.json` is already in the coordinates of the splats.
+        /// run. It converts the cameras from the coordinates of the capture to the coordinates of the splats.
+        /// COLMAP models and `transforms.json` need it; `camera_path.json` is already in the coordinates of the
+        /// splats.
         dataparser: Option<InputFile> = None, other("Some(\"dataparser_transforms.json\")");
         /// Rotation, uniform scale and translation of the cameras: a 4x4 matrix in row-major order, as in `load-splats`.
         matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
@@ -530,7 +531,7 @@ fn orthonormal(mut m: DMat3) -> Option<DMat3> {
     Some(m)
 }
 
-/// Camera pose, from the rotation and translation from world to camera as in COLMAP.
+/// Camera pose, from COLMAP's rotation (a quaternion) and translation, which map from world to camera.
 fn from_colmap(q: [f64; 4], t: [f64; 3]) -> Option<DMat4> {
     let [w, x, y, z] = q;
     let length = (w * w + x * x + y * y + z * z).sqrt();

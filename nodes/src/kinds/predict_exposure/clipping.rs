@@ -14,11 +14,11 @@ use crate::light::energy_table::EnergyTable;
 use crate::light::linear::LinearPixels;
 use crate::types::{Panorama, Picture};
 
-/// Gain of a panorama by one of the methods.
+/// Gain that one of the methods predicts for a panorama.
 pub(super) struct Prediction {
     /// log2 of the gain of each pixel; 0 for pixels that are not clipped.
     pub log2_gain: Vec<f32>,
-    /// Regions that the method estimated; empty if it estimates single pixels.
+    /// Regions that the method estimated; empty if the method estimates each pixel separately.
     pub regions: Vec<RegionLight>,
 }
 
@@ -154,7 +154,8 @@ impl<'a> Clipping<'a> {
         Ok(gain.unwrap_or_default())
     }
 
-    /// Adds notes about the prediction. Returns the regions of the panorama, for any method.
+    /// Adds notes about the prediction. Returns `regions`; if the method estimated no regions, returns the clipped
+    /// regions of the panorama with the gain of their pixels.
     pub fn report(
         &self,
         regions: Vec<RegionLight>,

@@ -36,7 +36,8 @@ impl Enlarged {
         })
     }
 
-    /// log2 gain of each original pixel, chosen so that it gets the light of the pixels that repeat it.
+    /// log2 gain of each original pixel, given the log2 gain of each enlarged pixel. It is chosen so that an
+    /// original pixel has the same light as all of its copies together.
     pub fn gathered(&self, log2_gain: &[f32]) -> Vec<f32> {
         let (width, height) = (self.pixels.width / self.times, self.pixels.height / self.times);
         let mut sums = vec![[0.0; 2]; width * height];

@@ -15,8 +15,8 @@ pub(super) struct Grid {
     pub width: usize,
     /// Rows, at most 128.
     pub height: usize,
-    /// Mean linear light of the visible part of each cell, or of the filled part if nothing of the cell is
-    /// visible.
+    /// Mean linear light of the visible pixels of each cell. If none of them is visible, the mean of its filled
+    /// pixels.
     pub rgb: Vec<[f64; 3]>,
     /// Mean linear light of the visible unclipped part of each cell; 0 if that part is empty.
     pub open_rgb: Vec<[f64; 3]>,
@@ -24,13 +24,13 @@ pub(super) struct Grid {
     pub clipped_rgb: Vec<[f64; 3]>,
     /// True if any pixel of the cell is clipped, so that a sun smaller than a cell is found.
     pub clipped: Vec<bool>,
-    /// Fraction of the visible part of each cell that is clipped, by solid angle.
+    /// For each cell, the clipped fraction of its visible part, by solid angle.
     pub share: Vec<f64>,
     /// True if any pixel of the cell is visible.
     pub seen: Vec<bool>,
     /// Index of the cell of each pixel.
     pub cell_of: Vec<u32>,
-    /// Column of pixels where the first cell begins, and the number of columns of pixels.
+    /// Column of pixels where the first cell begins, and the number of columns of pixels of the panorama.
     pub start: (usize, usize),
 }
 
@@ -108,12 +108,12 @@ impl Grid {
         pixel_solid_angle(self.width, self.height, cell / self.width)
     }
 
-    /// Solid angle of the clipped part of a cell.
+    /// Solid angle of a cell multiplied by the clipped fraction of its visible part.
     pub fn clipped_angle(&self, cell: usize) -> f64 {
         self.share[cell] * self.solid_angle(cell)
     }
 
-    /// Solid angle of the unclipped part of a cell, including the part that is not visible.
+    /// Solid angle of a cell multiplied by the unclipped fraction of its visible part; 0 if no part is visible.
     pub fn open_angle(&self, cell: usize) -> f64 {
         if self.seen[cell] { (1.0 - self.share[cell]) * self.solid_angle(cell) } else { 0.0 }
     }

@@ -46,7 +46,8 @@ pub enum LoraProgress {
     Step(u64, u64, f32),
 }
 
-/// Exposures of the brighter picture of a training pair, in stops relative to EV 0.
+/// Exposures from which training pairs are made, in stops relative to EV 0. Each is the exposure of the brighter
+/// picture of a pair.
 const FROM: [f64; 2] = [0.0, -STOPS];
 /// Number of steps between checkpoints.
 const KEPT: u64 = 50;

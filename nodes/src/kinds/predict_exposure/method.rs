@@ -42,7 +42,7 @@ pub enum Method {
     FluxKontext {
         /// Flux.1 Kontext: safetensors in the layout of its authors or of `diffusers` (or its first shard), or GGUF.
         transformer: InputFile,
-        /// Autoencoder: `ae.safetensors`, or that of `diffusers`.
+        /// Autoencoder: `ae.safetensors`, or the autoencoder file of `diffusers`.
         vae: InputFile,
         /// Encoded prompt: tensors `t5` and `clip`.
         prompt: InputFile,
@@ -127,7 +127,7 @@ fn seamless() -> bool {
 }
 
 impl Method {
-    /// The photographs, for `Photographs`.
+    /// The photographs, if the method is `Photographs`.
     pub(super) fn photographs(
         &self,
         evs: &[f64],
@@ -139,7 +139,7 @@ impl Method {
         Photographs::read(files, evs, pano, notes, cx).map(Some)
     }
 
-    /// The diffusion model, for `FluxKontext`.
+    /// The diffusion model, if the method is `FluxKontext`.
     pub(super) fn kontext(&self) -> Option<Kontext<'_>> {
         let Self::FluxKontext {
             transformer,

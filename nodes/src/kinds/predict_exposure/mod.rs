@@ -77,7 +77,7 @@ engine::outputs! {
         brackets: Arc<Brackets>,
         /// The exposures as pictures, one view each, with names such as `ev_-6`.
         exposures: Arc<Images>,
-        /// The regions, and the light of the panorama before and after: in total and for each light.
+        /// The regions, and the light of the panorama before and after the prediction: in total and for each light.
         report: Arc<Report>,
     }
 }
@@ -87,7 +87,7 @@ engine::outputs! {
 pub const CLIPPED: f32 = 0.95;
 /// Maximum number of exposures. They take memory, and more than a few add no information.
 const MOST_EXPOSURES: usize = 64;
-/// Maximum angle over which a light is spread, in radians: two cells of the grid.
+/// Maximum angle over which averaging onto the grid spreads a light, in radians: the width of two cells.
 const SPREAD: f64 = 0.05;
 /// Minimum alpha of a pixel that may count as clipped. Pixels with a smaller alpha were filled, so their
 /// colours were not captured.
@@ -230,7 +230,7 @@ impl<'a> Clipped<'a> {
         Self { up, pixels, mask, ceiling, grid, labels, members }
     }
 
-    /// Regions with the predicted gain.
+    /// Regions, with the predicted gain of their pixels.
     fn with_gain(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
         let n = self.labels.count;
         let (mut size, mut before, mut after) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
@@ -250,7 +250,7 @@ impl<'a> Clipped<'a> {
         (0..n).map(|i| self.found(i, size[i], given(i))).collect()
     }
 
-    /// Region `i`, with the solid angle of its clipped pixels.
+    /// Estimate for region `i`, from the solid angle of its clipped pixels and the light given to it.
     fn found(&self, i: usize, solid_angle: f64, given: Given) -> RegionLight {
         let toward = |&c: &usize| self.grid.direction(self.up, c) * self.grid.clipped_angle(c);
         let centre: DVec3 = self.members[i].iter().map(toward).sum();
@@ -334,7 +334,7 @@ fn report_nothing_clipped(
     let brightest = seen.map(|(rgb, _)| max3(*rgb)).fold(0.0, f32::max);
     let why = if pixels.ceiling {
         format!(
-            "no pixel is clipped: the brightest has {brightest:.3} of white, and pixels count as clipped from `white`, {}",
+            "no pixel is clipped: the brightest pixel reaches {brightest:.3} of white, and pixels count as clipped from `white` = {}",
             params.white
         )
     } else {

@@ -22,11 +22,11 @@ const BRIGHTER: f32 = 0.25;
 const SHOWN: f64 = 1.2e-3;
 /// Minimum number of pixels that are needed to check a photograph.
 const FEWEST: usize = 16;
-/// Limits of the difference between the light of a photograph and that of the other pictures, in stops: of the
-/// median difference, and of the median deviation of the pixels from it.
+/// Limits above which the light of a photograph contradicts the other pictures, in stops: for the median
+/// difference, and for the median deviation of the pixels from this median.
 const APART: [f32; 2] = [0.5, 1.0];
-/// Limit of the share of the pixels white in other pictures that are too dark in the photograph. For the 74
-/// panoramas of hdri-train, this share is 0 with their own photographs. It exceeds the limit for 99 of 100
+/// Of the pixels that are white in the other pictures, the maximum share that may be too dark in a photograph. For
+/// the 74 panoramas of hdri-train, this share is 0 with their own photographs. It exceeds the limit for 99 of 100
 /// photographs that show another place, are mirrored, or are rotated by 56 degrees; for two of three that are
 /// rotated by 4 degrees; and for one of three that are rotated by one degree.
 const SHORT: f64 = 0.1;
@@ -187,8 +187,8 @@ impl Photographs {
         Ok(())
     }
 
-    /// Adds pixels that may be clipped to the mask: those slightly below the white level that are brighter in
-    /// a photograph by more than the rounding of codes.
+    /// Adds to the mask the pixels slightly below the white level that may be clipped too: those that are brighter
+    /// in a photograph by more than the rounding of codes.
     pub fn add_clipped(
         &self,
         pixels: &LinearPixels,

@@ -23,7 +23,7 @@ const STOPS: (f64, f64) = (0.0, 14.0);
 /// regression was fitted with the same profile.
 const PROFILE_POWER: i32 = 4;
 
-/// Predicts the log2 gain of every pixel, which is 0 outside clipped regions, and the light of each region.
+/// Predicts the log2 gain of every pixel (0 outside clipped regions) and the light added to each region.
 pub(super) fn predict(
     clipped: &Clipped<'_>,
     cx: &Context,

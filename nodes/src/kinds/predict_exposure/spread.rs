@@ -29,7 +29,7 @@ pub(super) struct Spread {
 
 /// Light added to a region.
 pub(super) struct Given {
-    /// log2 of the flux of the region with the added light, divided by its flux without.
+    /// log2 of the flux of the region with the added light, divided by its flux without the added light.
     pub mean_log2_gain: f64,
     /// Largest log2 gain of a pixel.
     pub peak_log2_gain: f64,

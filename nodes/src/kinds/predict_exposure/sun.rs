@@ -17,23 +17,23 @@ const LARGEST: f64 = -2.5;
 /// Minimum sine of the elevation of a sun, averaged over its cells. Cells whose sine of elevation is below the
 /// negative of this count as ground.
 const LOWEST: f64 = 0.03;
-/// Minimum share of a sun in the solid angle of all clipped pixels above the horizon. Clipped pixels below the
-/// horizon do not count: they are lit by the sun, such as snow and glints.
+/// Minimum ratio of the solid angle of a sun to the solid angle of all clipped pixels above the horizon. Clipped
+/// pixels below the horizon are left out, since they may be lit by the sun, like snow and glints.
 const SHARE: f64 = 0.35;
-/// Two limits of the blueness (B over R) of the sky around a region, divided by that of the ground. From the first,
-/// the region may be the sun; from the second, it certainly is. The sky around the sun is bluer than the ground,
-/// because the ground is lit by both sun and sky. This holds for any white balance.
+/// Two limits of the blueness (B over R) of the sky around a region, divided by the blueness of the ground. Above
+/// the first limit the region may be the sun, and above the second it certainly is. The sky around the sun is bluer
+/// than the ground, because the ground is lit by both sun and sky. This holds for any white balance.
 const BLUER: [f64; 2] = [1.02, 1.1];
 /// Minimum flux of the sun, relative to the flux of all unclipped parts. A physical sun gives about 1.7 times as
 /// much as all unclipped parts. The constants of this module were chosen with the panoramas of hdri-train
 /// (docs/light.md), so these panoramas cannot be used to test them.
 pub(super) const FLUX: f64 = 0.5;
 
-/// Minimum blueness (B over R) of a clear sky: relative to that of the ground, and absolute. Rooms with brown floors and
-/// captures under clouds satisfy only one of the two conditions.
+/// Minimum blueness (B over R) of a clear sky: divided by the blueness of the ground, and without a division. Rooms
+/// with brown floors and captures under clouds satisfy only one of the two conditions.
 const CLEAR: [f64; 2] = [2.0, 1.1];
-/// Two limits of the share of clear sky in the solid angle above [`HORIZON`]. From the first, the sky may be clear; from
-/// the second, it certainly is. Walls and trees may hide the rest of the sky.
+/// Two limits of the fraction of the solid angle above [`HORIZON`] that is clear sky. Above the first limit the sky
+/// may be clear, and above the second it certainly is. Walls and trees may hide the rest of the sky.
 const SEEN_SKY: [f64; 2] = [0.1, 0.25];
 /// Sine of the elevation above which the sky is searched for.
 const HORIZON: f64 = 0.1;
@@ -42,8 +42,9 @@ const HORIZON: f64 = 0.1;
 /// equally blue.
 const BLUE: f64 = 1.25;
 
-/// Degree from 0 to 1 to which each region, given by its cells, is the sun of a clear sky. It is also the fraction
-/// of [`FLUX`] that the region gets at least. At most one region qualifies: the largest.
+/// Degree, from 0 to 1, to which each region is the sun of a clear sky. `regions` holds the cells of each region.
+/// The predicted flux of a region is raised to at least this fraction of [`FLUX`]. The degree is above 0 for at
+/// most one region: the largest that qualifies.
 pub(super) fn suns(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<f64> {
     let clear = ramp(clear_sky(grid, up), SEEN_SKY);
     let part = |[bluer, _]: [f64; 2]| clear * ramp(bluer, BLUER);
@@ -59,7 +60,7 @@ fn ramp(value: f64, [from, to]: [f64; 2]) -> f64 {
     ((value - from) / (to - from)).clamp(0.0, 1.0)
 }
 
-/// Fraction of the solid angle above the horizon that is clear sky.
+/// Fraction of the solid angle above [`HORIZON`] that is clear sky.
 fn clear_sky(grid: &Grid, up: Up) -> f64 {
     let above = axes(up)[2];
     let height = |cell: usize| grid.direction(up, cell).dot(above);
@@ -85,8 +86,9 @@ pub(super) fn report_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes
     }
 }
 
-/// Blueness of the surroundings of each region: relative to that of the ground, and absolute. `None` for regions
-/// that do not qualify by size, height and share.
+/// Blueness of the surroundings of each region: divided by the blueness of the ground, and without a division.
+/// `None` for regions that are too large ([`LARGEST`]), too low ([`LOWEST`]) or have too small a share ([`SHARE`])
+/// to be a sun.
 fn hues(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<Option<[f64; 2]>> {
     let above = axes(up)[2];
     let height = |cell: usize| grid.direction(up, cell).dot(above);
@@ -107,7 +109,7 @@ fn hues(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<Option<[f64; 2]>> {
     regions.iter().map(hues).collect()
 }
 
-/// Red and blue light of the unclipped parts of cells.
+/// Total red and blue light of the unclipped parts of some cells.
 fn red_blue(grid: &Grid, cells: impl Iterator<Item = usize>) -> [f64; 2] {
     cells.fold([0.0; 2], |[red, blue], c| {
         [red + grid.open_angle(c) * grid.open_rgb[c][0], blue + grid.open_angle(c) * grid.open_rgb[c][2]]

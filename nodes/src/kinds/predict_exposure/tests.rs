@@ -88,8 +88,8 @@ fn the_flux_of_a_region_is_what_the_regression_says() {
     assert!((stops(&lamp) - 2.203).abs() < 1e-3, "{}", stops(&lamp));
 }
 
-/// Each exposure is darker than the next one and than the panorama, only black gives black, extremes stay
-/// finite, and white is the largest value of an exposure.
+/// In a uniform panorama, no pixel is brighter in an exposure than in a brighter exposure or in the panorama. Only
+/// black gives black, extreme values stay finite, and no value of an exposure is above white.
 #[test]
 fn flat_panoramas_stay_monotone_and_finite() {
     for method in METHODS {
@@ -148,7 +148,8 @@ fn rolling_the_panorama_rolls_the_gain() {
     }
 }
 
-/// The gain rotates with a panorama finer than the grid, even by less than a cell.
+/// If a panorama that is finer than the grid is rotated, its gain rotates with it, even if the rotation is smaller
+/// than the width of a cell.
 #[test]
 fn turning_by_part_of_a_cell_turns_the_gain() {
     let width = 300;

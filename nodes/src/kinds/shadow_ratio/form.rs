@@ -26,7 +26,7 @@ engine::choices! {
     pub enum Channels {
         /// Each colour channel: shadows have the colour of the remaining light.
         Each,
-        /// Luminance: grey shadows, for comparison and for renders with much colour noise.
+        /// Luminance: shadows are grey. For comparison, and for renders with much colour noise.
         Luminance,
     }
 }
@@ -79,7 +79,7 @@ impl RatioForm {
         if self == Self::Paper || least <= 0.0 { 1.0 } else { (energy / least - 1.0).clamp(0.0, 1.0) }
     }
 
-    /// Light to add to a channel.
+    /// Light to add to a channel, from its light without and with the objects.
     pub(super) fn added(self, without: f64, with: f64) -> f64 {
         let added = match self {
             Self::Difference => with - without,

@@ -178,7 +178,7 @@ impl Kind for ShadowRatio {
 
     fn check(params: &Self) -> Result<(), NodeError> {
         if params.s_min > params.powered(params.s_max) {
-            let text = "`s_min` exceeds the largest ratio that `s_max` allows, so every pixel would be equal";
+            let text = "`s_min` exceeds the largest ratio that `s_max` allows, so all pixels would have the same factor";
             return Err(NodeError::new(text).at("s_min").hint("set `s_min` below `s_max`"));
         }
         Ok(())

@@ -4,7 +4,8 @@ use engine::Notes;
 
 /// Factor by which a sample must exceed `s_max` to count as clipped. Smaller differences are invisible noise.
 pub(super) const SEEN: f64 = 1.01;
-/// Ratio from which objects add visible light. Matte objects hardly brighten the surfaces next to them.
+/// Ratio from which the light added by objects counts as visible. Matte objects hardly brighten the surfaces next
+/// to them, so their ratios are lower.
 pub(super) const SHONE_ON: f64 = 1.5;
 /// Value of `s_max` that keeps the light of most lamps. Only places that are almost dark without a lamp exceed it.
 const LARGE: f64 = 8.0;
@@ -62,8 +63,8 @@ impl Tally {
         );
         if self.shone_on as f64 > MANY * self.samples as f64 {
             let text = format!(
-                "the objects light their surroundings, and `s_max` = {s_max} removes that: {:.2} % of the samples \
-                 would be brighter by more than half",
+                "the objects light their surroundings, but `s_max` = {s_max} clips that light: without the limit, \
+                 {:.2} % of the samples would be more than 50 % brighter",
                 share(self.shone_on)
             );
             let hint = match s_max < LARGE {

@@ -22,11 +22,12 @@ struct Candidate {
     under: usize,
 }
 
-/// Points of the level that supports a foot. The foot extends `half` along both axes around (0, 0), and its base is
-/// at height 0. A level consists of all points within `near` of a plane. Levels qualify if they have at least half
-/// as many points below the foot as the level with the most. Of these, the level nearest to height 0 is taken, at
-/// the plane that contains the most of its points. If hardly any points lie below the foot, every level qualifies.
-/// Of planes with equally many points, the nearest is taken, and of equally near planes the first that was tried.
+/// Finds the level that supports a foot, and returns its points. The foot extends `half` along both axes around (0,
+/// 0), and its base is at height 0. A level consists of all points within `near` of a plane. A level qualifies if
+/// it has at least half as many points below the foot as the level with the most such points; if hardly any points
+/// lie below the foot, every level qualifies. Of the levels that qualify, the level nearest to height 0 is taken,
+/// at the plane that contains most of its points. Of planes with equally many points, the nearest is taken, and of
+/// equally near planes the first that was tried.
 pub(super) fn bearing(
     points: &[[f64; 3]],
     half: [f64; 2],

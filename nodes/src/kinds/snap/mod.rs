@@ -156,7 +156,7 @@ impl Kind for Snap {
         }
         let millimetres = |v: f64| v * cx.metres_per_unit() * 1e3;
         let text = format!(
-            "moved by {:+.1} mm to ground that is {:.1} mm rough, normal ({:.3}, {:.3}, {:.3})",
+            "moved by {:+.1} mm (positive: up) to ground that is {:.1} mm rough, normal ({:.3}, {:.3}, {:.3})",
             millimetres(height),
             millimetres(level.roughness),
             normal.x,
@@ -165,7 +165,8 @@ impl Kind for Snap {
         );
         notes.decision("snapped", text);
         let row = [height, level.roughness, normal.x, normal.y, normal.z];
-        let columns = ["moved (world units)", "roughness (world units)", "normal x", "normal y", "normal z"];
+        let columns =
+            ["moved up (world units)", "roughness (world units)", "normal x", "normal y", "normal z"];
         let table = Table::new("ground", columns, vec![row.map(Cell::Number).to_vec()]);
         let report = Report { title: "Put on the ground".to_owned(), tables: vec![table] };
         Ok((Out { pose: Arc::new(Pose { world_from_local: moved }), report: Arc::new(report) }, notes))

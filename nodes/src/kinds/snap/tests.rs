@@ -201,7 +201,7 @@ fn nothing_stands_on_what_looks_down() {
 }
 
 /// An object near the edge of a table, or on a stool hardly larger than the object, stays there although the floor
-/// extends below and around it. Beyond the edge it moves to the floor. This test fails with an infinite `reach` in
+/// extends below and around it. Beyond the edge it moves to the floor. This test fails if `reach` is infinite in
 /// `bearing`.
 #[test]
 fn what_stands_at_an_edge_stays() {

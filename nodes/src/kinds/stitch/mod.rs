@@ -27,8 +27,8 @@ engine::params! {
         /// Width of the panorama, even; the height is half of it.
         width_px: u32 = 2048, range(2, 16384), unit("px"), other("64"),
             knob(Resolution, "256", "512", "1024", "2048");
-        /// True to limit the width to twice the side of the largest view in pixels, which is the resolution of the
-        /// views of a cube. Use it for views whose size was chosen by `fit-probe`.
+        /// True to limit the width to twice the side of the largest view in pixels. At this width, a panorama has
+        /// the resolution of the faces of a cube. Use it for views whose size was chosen by `fit-probe`.
         as_views: bool = false, other("true");
         /// Content of pixels where nothing was seen. Alpha marks these pixels, no matter how they are filled.
         holes: Holes = Holes::PushPull, other("Black");
@@ -164,7 +164,7 @@ impl Source {
     }
 }
 
-/// Mean over each pixel of the panorama, linear and premultiplied, row by row.
+/// Mean of the views over each pixel of the panorama, linear and premultiplied, row by row.
 fn resample(sources: &[Source], up: Up, width: usize, cx: &Context) -> Result<Vec<[f32; 4]>, NodeError> {
     let height = width / 2;
     let [right, forward, above] = equirect::axes(up);

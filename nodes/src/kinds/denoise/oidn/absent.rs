@@ -1,4 +1,4 @@
-//! Stand-in for builds without Open Image Denoise: every call is an error that names the feature.
+//! Stand-in for builds without Open Image Denoise. Every call returns an error that names the missing feature.
 
 use engine::{Context, NodeError, Notes, SourceFile};
 

@@ -15,7 +15,7 @@ fn hole(at: usize) -> bool {
     at / W < 9 && at % W < 32
 }
 
-/// Irradiance of the ground by a uniform sky of radiance 1, computed as for the report.
+/// Irradiance of the ground from a uniform sky of radiance 1, computed as for the report.
 fn whole_sky() -> f64 {
     Energy::of(Up::PlusZ, W, &[1.0; W * H]).ground
 }

@@ -15,8 +15,8 @@ pub(super) mod picture;
 pub(super) const WHERE: &str = "you must supply the weights: Flux.1 Kontext [dev] from \
     huggingface.co/black-forest-labs/FLUX.1-Kontext-dev, under its non-commercial licence, which you accept there: \
     `flux1-kontext-dev.safetensors` (23.8 GB; a GGUF of it has 6.7 GB with four bits per weight) and `ae.safetensors` \
-    (0.3 GB); the encoded prompt (4 MB) and a LoRA for exposure (`train-exposure --backend flux-kontext`). It needs \
-    the size of the transformer in memory plus 7 GB. See docs/kontext.md";
+    (0.3 GB); the encoded prompt (4 MB) and a LoRA for exposure (`train-exposure --backend flux-kontext`). The \
+    method needs as much memory as the size of the transformer file plus 7 GB. See docs/kontext.md";
 
 /// Hint about a missing file. A build without the feature reports that the feature is missing instead.
 pub(super) const SUPPLIED: Option<&str> = if cfg!(feature = "learned") { Some(WHERE) } else { None };

@@ -117,8 +117,8 @@ impl Kontext<'_> {
     }
 }
 
-/// Records the light of the picture `small`, which was given to the model, and its light after the gains. A gain
-/// acts on the part of a pixel of `small` that is clipped in the panorama.
+/// Records two steps: the light of `small`, which is the picture given to the model, and the light of `small` after
+/// the gains are applied. Each gain is applied to the fraction of the pixel that is clipped in the panorama.
 fn record(
     books: &mut EnergyTable,
     (width, height): (usize, usize),
@@ -131,7 +131,7 @@ fn record(
     let plane = width * height;
     let shown = |at: usize| f64::from(luminance([0, 1, 2].map(|c| linear_from_srgb(small[c * plane + at]))));
     let mut light: Vec<f64> = (0..plane).map(shown).collect();
-    books.record_panorama("as the model sees it", width, &light, cx)?;
+    books.record_panorama("input of the model", width, &light, cx)?;
     let mut clipped = vec![[0.0; 2]; plane];
     for (at, is) in mask.iter().enumerate() {
         let (x, y) = (at % pixels.width * width / pixels.width, at / pixels.width * height / pixels.height);
@@ -141,7 +141,7 @@ fn record(
     for ((light, (gain, _)), [part, all]) in light.iter_mut().zip(gains).zip(clipped) {
         *light *= 1.0 + part / f64::max(all, 1.0) * (num::f64::exp2(f64::from(*gain)) - 1.0);
     }
-    books.record_panorama("as the model shows it", width, &light, cx)
+    books.record_panorama("output of the model", width, &light, cx)
 }
 
 fn error(error: Error) -> NodeError {

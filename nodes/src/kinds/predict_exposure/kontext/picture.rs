@@ -7,8 +7,8 @@ use crate::math::color::{linear_from_srgb, srgb_from_linear};
 /// Number of stops by which one pass darkens a panorama.
 pub const STOPS: f64 = 3.0;
 
-/// Display-encoded planes of a smaller picture, one per channel. Each pixel is the mean of the light that
-/// falls on it.
+/// Display-encoded planes of a smaller picture, one per channel. Each pixel is the mean of the light in the area
+/// that it covers.
 pub fn shrunk(pixels: &LinearPixels, width: usize, height: usize) -> Vec<f32> {
     let mut planes = vec![0.0; 3 * width * height];
     let span = |i: usize, of: usize, from: usize| (i * from / of)..((i + 1) * from).div_ceil(of);
@@ -33,7 +33,8 @@ pub fn shrunk(pixels: &LinearPixels, width: usize, height: usize) -> Vec<f32> {
     planes
 }
 
-/// Fraction of pixel `i` in a row of `n` pixels that lies in pixel `j` of a row of `m` pixels of the same length.
+/// Fraction of pixel `i` in a row of `n` pixels that lies within pixel `j` in a row of `m` pixels. Both rows have
+/// the same total length.
 fn overlap(i: usize, n: usize, j: usize, m: usize) -> f64 {
     let (low, high) = ((i * m).max(j * n), ((i + 1) * m).min((j + 1) * n));
     high.saturating_sub(low) as f64 / m as f64

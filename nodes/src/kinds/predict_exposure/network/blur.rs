@@ -1,9 +1,10 @@
-//! Means over neighbourhoods of a panorama whose width in degrees is about the same at every latitude.
+//! Means over a neighbourhood of each cell of a panorama. The neighbourhoods have about the same width in degrees
+//! at every latitude.
 
 /// Number of fields averaged together.
 pub(super) const FIELDS: usize = 7;
 
-/// Fields over a panorama, row by row.
+/// Values of the fields in each cell of a panorama, row by row.
 #[derive(Clone)]
 pub(super) struct Fields {
     pub width: usize,
@@ -11,8 +12,9 @@ pub(super) struct Fields {
 }
 
 impl Fields {
-    /// Blurs the fields by two passes of a box. At the horizon each box reaches half of `radius` cells to both
-    /// sides, so the total reach is `radius`. Rows wrap around, and their boxes are widened by 1 / cos(latitude).
+    /// Blurs the fields with two passes of a box filter. At the horizon, each box reaches `radius / 2` cells to
+    /// both sides, so the total reach is `radius`. Rows wrap around, and their boxes are widened by 1 /
+    /// cos(latitude).
     /// Columns continue across a pole on the opposite meridian.
     pub fn blurred(&self, radius: usize) -> Self {
         let half = (radius / 2).max(1);

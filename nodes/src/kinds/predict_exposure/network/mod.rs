@@ -29,14 +29,14 @@ pub(super) fn parse(file: &str, bytes: &[u8]) -> Result<Network, Error> {
     Network::parse(file, bytes, OVERVIEW, CELL)
 }
 
-/// The light hidden in each clipped cell, averaged over the ensemble of networks, and the disagreement of the
-/// networks about each region, in stops.
+/// The light hidden in each clipped cell, as the mean over an ensemble of networks, and the disagreement of the
+/// networks about the light of each region, in stops.
 pub(super) struct Hidden {
     pub cells: Vec<f64>,
     pub disagreement: Vec<f64>,
 }
 
-/// Averages the predictions of the members of `network` for `scene`.
+/// Averages the predictions of the members of `network` for `scene`. `regions` is the number of clipped regions.
 pub(super) fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden {
     let features: Vec<&[f32]> = scene.cells.iter().map(|cell| cell.features.as_slice()).collect();
     let flux: Vec<f64> = scene.cells.iter().map(|cell| cell.flux).collect();
@@ -63,8 +63,8 @@ pub(super) fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden
 }
 
 impl Hidden {
-    /// Raises the sun of a clear sky to at least its lower bound, and limits surfaces that it lights to the
-    /// brightness of white paper.
+    /// Raises the light of the sun in a clear sky to at least its lower bound. Limits the light of clipped surfaces
+    /// that the sun illuminates to the brightness of white paper.
     pub fn with_suns(mut self, scene: &Scene) -> Self {
         for (region, sun) in scene.suns.iter().enumerate().filter(|(_, sun)| **sun > 0.0) {
             let least = sun * sun::FLUX * scene.open_flux;
@@ -101,7 +101,7 @@ impl Hidden {
     }
 }
 
-/// Predicts the log2 gain of every pixel, which is 0 outside clipped regions, and the light of each region.
+/// Predicts the log2 gain of every pixel (0 outside clipped regions) and the light added to each region.
 pub(super) fn predict(
     network: &Network,
     clipped: &Clipped<'_>,

@@ -7,8 +7,8 @@ use crate::math::num;
 
 /// Slope of the activation (leaky ReLU) below 0.
 const LEAK: f32 = 0.1;
-/// Limits of scaled features, in standard deviations: for features of the whole panorama, and for features of a
-/// cell.
+/// Largest absolute values of scaled features, in standard deviations: for features of the whole panorama, and for
+/// features of a cell. Larger values are clamped.
 pub(in super::super) const LIMITS: [f32; 2] = [3.0, 4.0];
 /// Largest absolute value of log2 of hidden over visible light. Larger values are clamped.
 pub(in super::super) const AMOUNT: f64 = 8.0;
@@ -39,7 +39,7 @@ struct Affine {
 pub(in super::super) struct Prediction {
     /// log2 of hidden over visible flux.
     pub amount: f64,
-    /// Share of the hidden light in each cell, by each member.
+    /// For each member, the share of the hidden light in each cell.
     pub shares: Vec<Vec<f64>>,
 }
 
@@ -220,8 +220,9 @@ mod tests {
         }
     }
 
-    /// The forward pass of the shipped networks agrees with one in float64, for features in and beyond the range of
-    /// panoramas. This test fails if `LEAK` is 0, or if the two limits of `LIMITS` are exchanged.
+    /// The forward pass of the built-in networks agrees with the same computation in f64, for features in and
+    /// beyond the range of real panoramas. This test fails if `LEAK` is 0, or if the two limits of `LIMITS` are
+    /// exchanged.
     #[test]
     fn the_forward_pass_is_that_of_float64() {
         let network = Network::parse("w", WEIGHTS, OVERVIEW, CELL).expect("is sound");

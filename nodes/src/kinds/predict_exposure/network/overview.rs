@@ -1,8 +1,8 @@
 //! Features of the whole panorama: visible surfaces compared with the visible light that falls on them.
 //!
-//! A surface of albedo a that reflects L receives pi L / a. If that exceeds the visible light, the rest is
-//! hidden. So the ground is compared with the light from above, and walls with the light from the opposite
-//! side.
+//! A surface of albedo a that reflects the radiance L receives the irradiance pi L / a. If this is more than the
+//! visible light provides, some light is hidden. So the ground is compared with the light from above, and walls
+//! with the light from the opposite side.
 
 use glam::DVec3;
 
@@ -21,7 +21,7 @@ const DARK: f64 = 0.02;
 const HORIZON: f64 = 0.05;
 /// Sine of the elevation below which cells are near ground.
 const NEAR: f64 = -0.3;
-/// Sine of the elevation, above and below the horizon, up to which cells can be walls.
+/// Largest absolute sine of the elevation of cells that can be walls.
 const WALL: f64 = 0.4;
 /// Half width of the windows in which walls are evaluated, in columns of a grid of 256.
 const REACH: usize = 8;
@@ -97,7 +97,7 @@ impl View<'_> {
         std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0) as f32)
     }
 
-    /// Weighted mean of `value`; 0 if there is no weight.
+    /// Weighted mean of `value`; 0 if all weights are 0.
     fn mean(&self, value: impl Fn(usize) -> f64, weight: impl Fn(usize) -> f64) -> f64 {
         let (mut sum, mut total) = (0.0, 0.0);
         for cell in self.cells() {
@@ -108,7 +108,7 @@ impl View<'_> {
         sum / total.max(1e-9)
     }
 
-    /// Weighted quantiles of `values`; 0 if there is no weight. Ties are in the order of the cells.
+    /// Weighted quantiles of `values`; 0 if all weights are 0. Equal values are taken in the order of the cells.
     fn quantiles<const N: usize>(
         &self,
         values: &[f64],

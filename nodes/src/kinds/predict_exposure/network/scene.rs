@@ -62,7 +62,7 @@ struct Region {
     radius: f64,
     deepest: f64,
     white: f64,
-    /// Mean brightness of the near and of the wider surroundings.
+    /// Mean brightness of the near surroundings and of the wider surroundings.
     around: [f64; 2],
 }
 
@@ -70,7 +70,7 @@ struct Region {
 pub(super) struct View<'a> {
     pub grid: &'a Grid,
     pub up: Up,
-    /// Solid angle of a cell of each row.
+    /// For each row, the solid angle of one cell.
     solid_angle: Vec<f64>,
     /// Sine of the elevation of each row.
     sine: Vec<f64>,
@@ -134,8 +134,9 @@ impl<'a> View<'a> {
         self.solid_angle[cell / self.grid.width]
     }
 
-    /// Four values of every cell for its neighbourhood at each radius: clipped share, log2 mean of the
-    /// unclipped part, ratio of blue to red of that part in stops, and share clipped in all channels.
+    /// Four values for each of [`RADII`] and each cell, which describe the neighbourhood of the cell: the clipped
+    /// share, log2 of the mean luminance of the unclipped part, the ratio of blue to red of the unclipped part in
+    /// stops, and the share that is clipped in all channels.
     fn neighbourhoods(&self) -> Vec<Vec<[f64; 4]>> {
         let field = |c: usize| {
             let (all, open, [r, _, b]) = (self.solid_angle(c), self.open[c], self.open_rgb[c]);
@@ -229,8 +230,8 @@ impl<'a> View<'a> {
 }
 
 impl Scene {
-    /// Describes a panorama with the clipped regions `labels` and the white level `ceiling`, which was 1 in
-    /// training. Features are normalised to a white level of 1. Light is in the unit of the panorama.
+    /// Describes a panorama. `labels` are its clipped regions, and `ceiling` is its white level. Features are
+    /// normalised to a white level of 1, as in training; fluxes are in the unit of the panorama.
     pub(in super::super) fn new(grid: &Grid, up: Up, labels: &Regions, ceiling: f64) -> Self {
         let view = View::new(grid, up, ceiling);
         let mut members = vec![Vec::new(); labels.count];

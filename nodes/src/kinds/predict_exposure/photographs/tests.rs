@@ -19,7 +19,7 @@ fn light(x: usize) -> f32 {
     [3.0, 30.0, 900.0, 0.2 + 0.01 * x as f32][x % 4]
 }
 
-/// Folder with photographs of that light.
+/// Folder with photographs of the light that [`light`] defines.
 struct Place(TempDir);
 
 impl Place {
@@ -30,8 +30,8 @@ impl Place {
         place
     }
 
-    /// Writes an 8-bit photograph. `alpha` is the alpha of every pixel, or, if its flag is set, of all but
-    /// column 0, where alpha is 0.
+    /// Writes an 8-bit photograph. `alpha` holds the alpha of the pixels, and a flag: if it is set, the alpha of
+    /// column 0 is 0 instead.
     fn take(&self, name: &str, ev: f32, (width, height): (usize, usize), alpha: Option<(u16, bool)>) {
         let code = |x: usize| u16::from(code8(srgb_from_linear((light(x) * num::f32::exp2(ev)).min(1.0))));
         let pixel = |at: usize| {
@@ -79,7 +79,7 @@ impl Place {
     }
 }
 
-/// Panorama of that light, rotated to the left by some columns.
+/// Panorama of the light that [`light`] defines, rotated to the left by `turned` columns.
 fn pano(turned: usize) -> Panorama {
     let codes = |at: usize| [srgb_from_linear(light((at + turned) % W).min(1.0)); 3];
     Panorama {

@@ -3,7 +3,7 @@
 use super::*;
 
 /// A mirrored panorama gives mirrored light, even if it is finer than the grid. This test fails if `Grid::new` uses
-/// `from_start` for `from_end`, or if edges are read only to the right.
+/// `from_start` in place of `from_end`, or if `first_column` reads the column sums only to the right.
 #[test]
 fn a_mirrored_panorama_gives_mirrored_light() {
     let scene = |width: usize| {

@@ -3,22 +3,23 @@
 /// Penalty of a squared coefficient, per unit of weight of the examples. Features have a standard deviation
 /// of 1.
 const PENALTY: f64 = 0.08;
-/// Smallest amount of hidden light that is distinguished, as log2 relative to the visible light.
+/// Lower bound of the amounts of hidden light in the fit, as log2 of hidden over visible flux. Smaller amounts are
+/// raised to this bound.
 const LEAST: f64 = -10.0;
 
-/// Model of log2 of hidden over visible flux, affine in scaled features.
+/// Model of log2 of hidden over visible flux: an affine function of the scaled features of a panorama.
 pub(super) struct Amount {
     pub weight: Vec<f32>,
     pub bias: f32,
 }
 
-/// One panorama that the model is fitted to.
+/// One of the panoramas to which the model is fitted.
 pub(super) struct Sample<'a> {
     /// Scaled features of the panorama.
     pub numbers: &'a [f32],
     /// log2 of hidden over visible flux.
     pub amount: f64,
-    /// Weight of the panorama.
+    /// Weight of the panorama in the fit.
     pub weight: f64,
 }
 
@@ -53,14 +54,15 @@ impl Amount {
         Self { weight: weight.iter().map(|w| *w as f32).collect(), bias: bias as f32 }
     }
 
-    /// Amount for a panorama with these scaled features.
+    /// log2 of hidden over visible flux that the model predicts for a panorama with these scaled features.
     pub fn of(&self, numbers: &[f32]) -> f64 {
         let sum = numbers.iter().zip(&self.weight).fold(0.0, |sum, (v, w)| sum + v * w);
         f64::from(sum + self.bias)
     }
 }
 
-/// Solves equations by elimination. The matrix is positive definite and has no zero pivot.
+/// Solves linear equations by Gaussian elimination. The last column of `rows` is the right-hand side, and the other
+/// columns are a positive definite matrix, so that no pivot is 0.
 fn solve(mut rows: Vec<Vec<f64>>) -> Vec<f64> {
     let n = rows.len();
     for i in 0..n {

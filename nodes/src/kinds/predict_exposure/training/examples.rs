@@ -20,7 +20,7 @@ const STOPS: f64 = 1.2;
 /// Maximum number of clipped cells that an example keeps. If there are more, it keeps the [`BRIGHTEST`] cells with
 /// the most hidden light, and a random choice of the others.
 const CELLS: usize = 1400;
-/// Number of the kept cells that are chosen by their hidden light.
+/// Number of cells that are chosen by their hidden light if an example has more than [`CELLS`] clipped cells.
 const BRIGHTEST: usize = 250;
 /// Share of the photographs that are taken from the finer panorama. It is 0 until a cross-validation of a whole training
 /// has tested other values; 0.5 is a candidate.
@@ -28,7 +28,7 @@ const FINER: f64 = 0.0;
 /// Share of the photographs that have glints. It is 0 until a cross-validation of a whole training has tested other
 /// values; 0.3 is a candidate.
 const GLINTS: f64 = 0.0;
-/// Weight of a procedural panorama relative to a photograph of a real one.
+/// Weight of a photograph of a procedural panorama, relative to the weight of a photograph of a real panorama.
 const PROCEDURAL: f32 = 0.6;
 
 /// All training examples.
@@ -175,8 +175,8 @@ impl Course {
         raw.weight.push(weight);
     }
 
-    /// Data of each example, one line per example: its place (empty for procedural ones), the index of the
-    /// photograph, its weight, visible flux, unclipped flux, hidden flux, and the features of the whole
+    /// Data of each example, one line per example: its place (empty if the panorama is procedural), the index of
+    /// the photograph, its weight, visible flux, unclipped flux, hidden flux, and the features of the whole
     /// panorama.
     pub fn numbers(&self) -> String {
         let mut text = "place,photograph,weight,visible,open,hidden".to_owned();
@@ -208,8 +208,8 @@ impl Course {
         place % folds
     }
 
-    /// Indices of the examples for one network: those with hidden light, from all places except those of
-    /// `fold`.
+    /// Indices of the examples for one network: all examples with hidden light, except the examples of the places
+    /// in `fold`.
     pub fn chosen(&self, fold: Option<usize>, folds: usize) -> Vec<usize> {
         let learns = |i: &usize| {
             let ([.., hidden, _], open) = (self.raw.fluxes[*i], self.open[*i]);
@@ -222,14 +222,15 @@ impl Course {
         (0..self.raw.count).filter(learns).collect()
     }
 
-    /// Mean and standard deviation of the features of the chosen examples.
+    /// Means and standard deviations of the features over the chosen examples: for the features of a whole
+    /// panorama, and for the features of a cell.
     pub fn scales(&self, chosen: &[usize]) -> [Scale; 2] {
         let among = |i: usize| chosen.binary_search(&i).is_ok();
         let real = |i: usize| among(i / CELLS) && self.raw.log_flux[i] > -1e8;
         [Scale::of(&self.raw.overview, OVERVIEW, among), Scale::of(&self.raw.features, CELL, real)]
     }
 
-    /// Amount fitted to the chosen examples.
+    /// Model of the total hidden light, fitted to the chosen examples.
     pub fn amount(&self, chosen: &[usize], scales: &[Scale; 2]) -> Amount {
         let mut overview = self.raw.overview.clone();
         scales[0].apply(&mut overview, LIMITS[0]);
@@ -241,7 +242,7 @@ impl Course {
         Amount::fit(&chosen.iter().map(sample).collect::<Vec<_>>())
     }
 
-    /// All examples with scaled features and the hidden flux predicted by `amount`.
+    /// All examples, with scaled features, and with the hidden flux that `amount` predicts.
     pub fn scaled(&self, scales: &[Scale; 2], amount: &Amount) -> Examples {
         let raw = &self.raw;
         let mut scaled = Examples {

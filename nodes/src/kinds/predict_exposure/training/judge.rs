@@ -7,9 +7,9 @@ use crate::error::Error;
 use crate::io::exr::{self, Channel, Depth};
 use crate::math::num;
 
-/// Minimum share of the hidden light that a region must have to count for the uncertainty.
+/// Minimum share of the hidden light of its panorama that a region must have to be used in [`residual`].
 const MATTERS: f64 = 0.05;
-/// Limit to which the error of a region is clamped, in stops.
+/// Largest absolute error of a region, in stops. Larger errors are clamped.
 const LARGEST_ERROR: f64 = 4.0;
 
 /// Header of the lines of [`Judged::lines`].
@@ -24,12 +24,12 @@ struct Region {
     predicted: f64,
     /// Hidden flux predicted by the networks, with the rule for suns applied.
     given: f64,
-    /// Disagreement of the networks, in stops.
+    /// Disagreement of the networks about the hidden flux, in stops.
     disagreement: f64,
 }
 
 impl Region {
-    /// Squared error of the networks, in stops, minus the square of their disagreement.
+    /// Square of the error of the predicted flux in stops, minus the square of the disagreement of the networks.
     fn square(&self) -> f64 {
         let error = num::f64::log2(self.predicted.max(1e-12) / self.hidden);
         let error = error.clamp(-LARGEST_ERROR, LARGEST_ERROR);
@@ -71,13 +71,14 @@ impl Judged {
         Ok(Self { score, regions, open: scene.open_flux, recovered: recovered(example, &given)? })
     }
 
-    /// Regions that count for the uncertainty.
+    /// Regions that are used in [`residual`]: those with at least a share [`MATTERS`] of the hidden light.
     fn matter(&self) -> impl Iterator<Item = &Region> {
         let total: f64 = self.regions.iter().map(|region| region.hidden).sum();
         self.regions.iter().filter(move |region| total > 0.0 && region.hidden > MATTERS * total)
     }
 
-    /// Data of the regions, one line per region.
+    /// Data of the regions as comma-separated values, one line per region. `part` is the fold of the
+    /// cross-validation.
     pub fn lines(&self, part: usize) -> String {
         let line = |r: &Region| {
             let (name, open) = (&self.score.name, self.open);
@@ -88,27 +89,30 @@ impl Judged {
     }
 }
 
-/// Errors of the prediction for a photograph, with the rule for suns applied.
+/// Errors for a photograph, without a prediction and with the prediction of `network`. The rule for suns is
+/// applied.
 pub(super) fn judged(name: &str, example: &Example, network: &Forward) -> Score {
     let scene = &example.scene;
     score(name, example, &hidden(network, scene, scene.suns.len()).with_suns(scene).cells)
 }
 
-/// Errors of the photograph itself, and of the photograph with the light `cells` added to its clipped cells.
+/// Errors of the photograph itself, and of the photograph with `cells` added. `cells` holds the flux to add to each
+/// clipped cell.
 fn score(name: &str, example: &Example, cells: &[f64]) -> Score {
     let none = vec![0.0; cells.len()];
     let [before, after] = [none.as_slice(), cells].map(|cells| errors(example, cells));
     Score { name: name.to_owned(), irradiance: [before[0], after[0]], contrast: [before[1], after[1]] }
 }
 
-/// Part of the errors of regions that the disagreement of networks does not explain, in stops.
+/// Root-mean-square error of the predicted hidden flux over the regions, in stops, after subtracting the part that
+/// the disagreement of the networks explains.
 pub(super) fn residual(held: &[Judged]) -> f64 {
     let squares: Vec<f64> = held.iter().flat_map(Judged::matter).map(Region::square).collect();
     (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt()
 }
 
-/// log2 of predicted over true mean irradiance, and of predicted over true contrast, with the light `cells` added
-/// to the clipped cells.
+/// log2 of predicted over true mean irradiance, and log2 of predicted over true contrast, if the fluxes `cells` are
+/// added to the clipped cells.
 fn errors(example: &Example, cells: &[f64]) -> [f64; 2] {
     let mut sums = example.visible;
     for (hidden, toward) in cells.iter().zip(&example.toward) {
@@ -121,7 +125,7 @@ fn errors(example: &Example, cells: &[f64]) -> [f64; 2] {
     [log(sums[0], example.truth[0]), log(contrast(sums), contrast(example.truth))]
 }
 
-/// Encodes the unmodified photograph as EXR, with the light `cells` added to its clipped cells.
+/// Encodes the unmodified photograph as EXR, after adding the fluxes `cells` to its clipped cells.
 fn recovered(example: &Example, cells: &[f64]) -> Result<Vec<u8>, Error> {
     let mut samples: Vec<f32> = example.rgb.iter().flat_map(|rgb| rgb.map(|v| v as f32)).collect();
     for (cell, hidden) in example.scene.cells.iter().zip(cells) {

@@ -66,9 +66,11 @@ pub enum Progress {
 pub struct Score {
     /// Name of the panorama.
     pub name: String,
-    /// log2 of predicted over true mean irradiance: for the unchanged panorama, and for the prediction.
+    /// log2 of the mean irradiance divided by its true value: first for the photograph without a prediction, then
+    /// with the prediction.
     pub irradiance: [f64; 2],
-    /// log2 of predicted over true contrast of the dominant light: for the unchanged panorama, and for the prediction.
+    /// log2 of the contrast of the dominant light divided by its true value: first for the photograph without a
+    /// prediction, then with the prediction.
     pub contrast: [f64; 2],
 }
 
@@ -80,12 +82,13 @@ pub struct Trained {
     pub scores: Vec<Score>,
     /// Scores for photographs of [`FINE`] columns, for the panoramas that have this size.
     pub finer: Vec<Score>,
-    /// Light recovered from each panorama by networks trained without its place, as EXR, with the name of the
-    /// panorama.
+    /// Name of each panorama, and the light recovered from its photograph, as the bytes of an EXR file. The
+    /// networks that recovered the light were trained without the panoramas of the same place.
     pub recovered: Vec<(String, Vec<u8>)>,
     /// Predicted and true fluxes of each clipped region of the panoramas in `recovered`, as comma-separated values.
     pub regions: String,
-    /// Data that the amount was fitted to, as comma-separated values, one line per photograph.
+    /// Data to which the model of the total hidden light was fitted, as comma-separated values, one line per
+    /// photograph.
     pub numbers: String,
 }
 
@@ -132,10 +135,10 @@ pub fn train(
         if chosen.is_empty() {
             let what = match fold {
                 Some(_) => {
-                    "in one part of the cross-validation no panorama to learn from has a clipped pixel: use fewer parts (--folds), more panoramas, or procedural ones (--procedural)"
+                    "in one fold of the cross-validation, none of the training panoramas has a clipped pixel: use fewer folds (`--folds`), more panoramas, or procedural panoramas (`--procedural`)"
                 }
                 None => {
-                    "no panorama has a clipped pixel, so there is nothing to learn from: use more panoramas, or procedural ones (--procedural)"
+                    "no panorama has a clipped pixel, so there is nothing to learn from: use more panoramas, or procedural panoramas (`--procedural`)"
                 }
             };
             return Err(Error::Mismatch(what.to_owned()));

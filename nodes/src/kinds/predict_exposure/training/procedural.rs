@@ -272,7 +272,7 @@ fn indoors(chance: &mut Chance) -> Image<Linear> {
     image
 }
 
-/// Panorama `index` of a seed.
+/// The procedural panorama with number `index` for a given seed.
 pub fn panorama(seed: u64, index: u32) -> Image<Linear> {
     let mut chance = Chance { key: hash(hash(seed as u32, (seed >> 32) as u32), index), count: 0 };
     if index.is_multiple_of(2) { outdoors(&mut chance) } else { indoors(&mut chance) }

@@ -38,7 +38,7 @@ pub struct Shot {
     pub balance: [f64; 3],
     /// True if the picture is softened after clipping, as splats trained on it would be.
     pub soft: bool,
-    /// Largest error of samples in 8-bit codes, as after compression.
+    /// Maximum random error added to each sample, in 8-bit codes, to imitate compression.
     pub grain: f64,
     /// Seed of the grain.
     pub seed: u32,
@@ -59,18 +59,18 @@ impl Shot {
 
 /// One photographed panorama.
 pub struct Example {
-    /// Photograph averaged over the grid, linear.
+    /// Linear light of the photograph, averaged over each cell of the grid.
     pub rgb: Vec<[f64; 3]>,
     /// The input of the network.
     pub scene: Scene,
     /// Light hidden in each clipped cell: true minus visible luminance, times solid angle.
     pub hidden: Vec<f64>,
-    /// Cosine of the angle between each clipped cell and the normal of the plane on which contrast is measured. It
-    /// is the first entry if the cell is within 15 degrees of the dominant light, and the second entry otherwise.
-    /// The other entry is 0.
+    /// For each clipped cell, the cosine of the angle between its direction and the normal of the plane on which
+    /// contrast is measured. If the cell is within 15 degrees of the dominant light, the first entry holds the
+    /// cosine, and otherwise the second entry. The other entry is 0.
     pub toward: Vec<[f64; 2]>,
-    /// Flux of the visible panorama: in total, on the plane of `toward` from within 15 degrees of the dominant
-    /// light, and on this plane from all other directions.
+    /// Flux of the visible panorama, as three numbers: the total, the flux on the plane of `toward` from directions
+    /// within 15 degrees of the dominant light, and the flux on this plane from all other directions.
     pub visible: [f64; 3],
     /// Flux of the ground truth, split like `visible`.
     pub truth: [f64; 3],
@@ -96,7 +96,7 @@ pub fn shrink((width, height): (usize, usize), rgb: &[f32], columns: usize) -> I
 }
 
 impl Truth {
-    /// Scales a panorama to EV 0. `None` for a panorama without light.
+    /// Scales a panorama to EV 0. `None` if the panorama contains no light.
     pub fn new(panorama: Image<Linear>) -> Option<Self> {
         let size = (panorama.width, panorama.height);
         let fine = (size.0 > WIDTH).then_some(&panorama);
@@ -191,7 +191,7 @@ impl Truth {
     }
 }
 
-/// Luminance of glint pixels, at most three times white.
+/// Luminance of each glint pixel by its index, at most three times white.
 fn glints(shot: Shot, (width, height): (usize, usize)) -> BTreeMap<usize, f64> {
     let key = hash(shot.seed, 1);
     let glint = |k: u32| {
@@ -204,8 +204,8 @@ fn glints(shot: Shot, (width, height): (usize, usize)) -> BTreeMap<usize, f64> {
     (0..shot.glints).map(glint).collect()
 }
 
-/// Smooths samples by a kernel of 3x3 with weights 1, 2, 1 across and down. Rows wrap around, and the rows at
-/// the poles are repeated.
+/// Smooths samples with a 3x3 kernel, whose weights are 1, 2, 1 in both directions. Rows wrap around, and the rows
+/// at the poles are repeated.
 fn soften(samples: &[f32], width: usize) -> Vec<f32> {
     let height = samples.len() / (3 * width);
     let sample = |x: usize, y: usize, c: usize| samples[(y * width + x % width) * 3 + c];

@@ -24,7 +24,7 @@ fn write(tensors: &[(String, Vec<usize>, Vec<u8>)], dtype: Dtype) -> Result<Vec<
     serialize(views, None).map_err(fail)
 }
 
-/// Bytes of a weights file with an amount and a set of networks, in f16.
+/// Bytes of a weights file in f16: a model of the total hidden light, and a set of networks.
 pub(super) fn file(
     scales: &[Scale; 2],
     amount: &Amount,
