@@ -85,7 +85,8 @@ fn three_hundred_views_do_not_ask_for_the_memory_of_all() {
     let whole = VIEWS.replace("rig: \"cam\"", "rig: \"rig\"").replace("{frame}_", "");
     place.write(&whole.replace("axes: (frame: Cameras(\"rig\")), ", "").replace("[Axis(\"frame\")]", "[0]"));
     let failed = place.run(&["--memory", "4G"]);
-    assert!(failed.errors.contains("the budget is 4"), "{}", failed.errors);
+    let errors: Vec<&str> = failed.events.iter().filter_map(|event| event["error"].as_str()).collect();
+    assert!(errors.concat().contains("but the budget is 4"), "{errors:?}");
 }
 
 /// A mesh in metres that is read in centimetres is reported; a mesh that agrees with the splats is not.

@@ -105,17 +105,18 @@ fn halved(boxes: &[Box3], items: &[u32]) -> [Vec<u32>; 2] {
             (*around, *count) = (joined(*around, boxes[item as usize]), *count + 1);
         }
         let mut right = [(EMPTY, 0_usize); BINS + 1];
-        for at in (0..BINS).rev() {
-            right[at] = (joined(right[at + 1].0, bins[at].0), right[at + 1].1 + bins[at].1);
+        for (at, (around, count)) in bins.iter().enumerate().rev() {
+            let (beyond, more) = right[at + 1];
+            right[at] = (joined(beyond, *around), more + count);
         }
         let mut left = (EMPTY, 0);
-        for at in 1..BINS {
-            left = (joined(left.0, bins[at - 1].0), left.1 + bins[at - 1].1);
-            let cost = surface(left.0) * left.1 as f32 + surface(right[at].0) * right[at].1 as f32;
+        for (at, (around, count)) in bins.iter().enumerate().take(BINS - 1) {
+            left = (joined(left.0, *around), left.1 + count);
+            let (beyond, more) = right[at + 1];
+            let cost = surface(left.0) * left.1 as f32 + surface(beyond) * more as f32;
             // Of equal costs, the first one counts.
-            let fewest = left.1.min(right[at].1);
-            if fewest * LEAST >= items.len() && best.is_none_or(|(least, ..)| cost < least) {
-                best = Some((cost, axis, at));
+            if left.1.min(more) * LEAST >= items.len() && best.is_none_or(|(least, ..)| cost < least) {
+                best = Some((cost, axis, at + 1));
             }
         }
     }
